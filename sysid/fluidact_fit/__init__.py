@@ -1,0 +1,1 @@
+"""System identification for fluid-powered actuators."""

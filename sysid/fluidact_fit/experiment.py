@@ -1,0 +1,95 @@
+"""Experiments: what a family sees of a log. SI arrays with named roles, nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+Hold = Literal["zoh", "foh"]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One quantity over time, in SI units.
+
+    Attributes
+    ----------
+    role
+        The role it plays, for example ``"force"``.
+    time
+        Instants of the values, shape ``(n,)`` [s]. Usually the log's own instants; a
+        step that was not recorded has one node, the instant of the step.
+    values
+        Shape ``(n,)`` [SI unit of the role].
+    unit
+        The SI unit, for example ``"N"``.
+    hold
+        How the signal moves between its instants: ``"zoh"`` stays, ``"foh"`` moves
+        on a straight line. ``None`` for signals that drive nothing.
+    before
+        Value before the first instant [SI unit]; the first value unless a step said
+        otherwise.
+    resolution
+        Smallest distance between two distinct neighbouring values that the log shows
+        (converter or print resolution) [SI unit]; 0 when the signal is constant.
+    """
+
+    role: str
+    time: FloatArray
+    values: FloatArray
+    unit: str
+    hold: Hold | None = None
+    before: float = 0.0
+    resolution: float = 0.0
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One run of one log: SI arrays with named roles.
+
+    Attributes
+    ----------
+    name
+        File name, with ``#run`` appended when the log holds several runs.
+    log
+        Index of the log this run came from, counted from 0.
+    time
+        Instants of the samples, shape ``(n,)`` [s]; strictly increasing. Empty for
+        static data without a time column.
+    signals
+        Role to signal.
+    sample_time
+        Median distance of the samples [s]; 0 when there is no time.
+    uniform
+        Whether all samples lie on one grid of ``sample_time`` (to one part in a
+        million of it), in which case ``time`` has been snapped to it.
+    attributes
+        Anything a dialect knows of the run, for example a direction.
+    """
+
+    name: str
+    log: int
+    time: FloatArray
+    signals: Mapping[str, Signal]
+    sample_time: float
+    uniform: bool
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, role: str) -> FloatArray:
+        """Return the values of a role, shape ``(n,)`` [SI]."""
+        return self.signals[role].values
+
+    def __contains__(self, role: object) -> bool:
+        return role in self.signals
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        if self.time.size:
+            return int(self.time.size)
+        return max((s.values.size for s in self.signals.values()), default=0)
