@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
-Hold = Literal["zoh", "foh"]
+Hold = Literal["zoh", "foh", "linear", "cubic"]
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,9 @@ class Signal:
         The SI unit, for example ``"N"``.
     hold
         How the signal moves between its instants: ``"zoh"`` stays, ``"foh"`` moves
-        on a straight line. ``None`` for signals that drive nothing.
+        continuously (straight lines, or a cubic where the samples show that the signal
+        is smooth), ``"linear"`` and ``"cubic"`` say which. ``None`` for signals that
+        drive nothing.
     before
         Value before the first instant [SI unit]; the first value unless a step said
         otherwise.

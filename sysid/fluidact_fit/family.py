@@ -28,6 +28,8 @@ class Role:
 
     ``hold`` is the default intersample behaviour of a role that drives the model and
     ``None`` for all others. ``output`` marks the role that is compared with the model.
+    ``alternatives`` are SI units of other dimensions that are accepted as well: a valve
+    may be commanded in volts, amperes or as a number.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Role:
     required: bool = True
     hold: Hold | None = None
     output: bool = False
+    alternatives: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,9 @@ class ParameterSpec:
         The experiment that determines the parameter, a whole sentence.
     optional
         Whether a file may lack it (a ``viscous`` replaced by two one-sided values).
+    any_unit
+        Whether the unit depends on the log (the gain of a valve); its dimension is then
+        not checked.
     """
 
     name: str
@@ -71,6 +77,7 @@ class ParameterSpec:
     length: int | None = None
     remedy: str = ""
     optional: bool = False
+    any_unit: bool = False
 
 
 @dataclass(frozen=True)

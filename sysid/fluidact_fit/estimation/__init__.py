@@ -1,0 +1,1 @@
+"""The estimation core: shared by all families and ignorant of them."""

@@ -1,0 +1,198 @@
+"""Inputs as exact functions of time: piecewise polynomials with kinks.
+
+A sampled signal says nothing about what happens between its samples until a hold is
+chosen. The hold is turned into a piecewise polynomial here, once, and everything after
+this point is exact for that polynomial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..experiment import FloatArray, Signal
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Kinks:
+    """Bends between nodes.
+
+    Each adds ``sum_i bend[i - 1] * (t - node - offset)**i`` (``i = 1..degree``) from
+    ``offset`` after its node until the next node. ``interval`` has shape ``(k,)`` (index
+    of the node before), ``offset`` shape ``(k,)`` [s] and ``bend`` shape ``(k, degree)``
+    [unit/s**i]; the last two may be complex, which is how derivatives travel (see
+    :mod:`.separable`).
+    """
+
+    interval: npt.NDArray[np.intp]
+    offset: Array
+    bend: Array
+
+
+NO_KINKS = Kinks(np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros((0, 1)))
+
+
+@dataclass(frozen=True)
+class PiecewiseInput:
+    """Piecewise polynomial ``u(t) = sum_i coefficients[j, i] (t - nodes[j])**i``.
+
+    ``nodes`` has shape ``(m,)`` [s], increasing; ``coefficients`` has shape
+    ``(m, degree + 1)``. The last piece extends to infinity and the input is zero before
+    the first node: callers subtract the level of rest.
+    """
+
+    nodes: FloatArray
+    coefficients: Array
+    kinks: Kinks = field(default=NO_KINKS)
+
+
+def is_smooth(time: FloatArray, values: FloatArray) -> bool:
+    """Whether a cubic through every second sample predicts the others far better than lines.
+
+    A measured force of a hand is smooth: straight lines between 100 Hz samples clip its
+    peaks, which biases the inertia that is fitted to it. A signal that really moves on
+    straight lines, or that is mostly noise, is not predicted better by a cubic.
+
+    Parameters
+    ----------
+    time, values : (n,)
+    """
+    if values.size < 16:
+        return False
+    if values.size > 20_000:  # the answer does not need a million samples
+        middle = values.size // 2
+        part = slice(middle - 10_000, middle + 10_000)
+        time, values = time[part], values[part]
+    from scipy.interpolate import CubicSpline
+
+    kept, asked = slice(0, None, 2), slice(1, values.size - values.size % 2, 2)
+    asked_time, truth = time[asked][2:-2], values[asked][2:-2]
+    cubic = CubicSpline(time[kept], values[kept])(asked_time) - truth
+    line = np.interp(asked_time, time[kept], values[kept]) - truth
+    return bool(np.sqrt(np.mean(cubic**2)) < 0.4 * np.sqrt(np.mean(line**2)))
+
+
+def piecewise(signal: Signal, *, level: float = 0.0) -> PiecewiseInput:
+    """Turn a signal into the piecewise polynomial that its hold describes.
+
+    Parameters
+    ----------
+    signal
+        Values at instants, with ``hold`` ``"zoh"`` (stays), ``"linear"`` (straight
+        lines), ``"cubic"`` (spline through the samples) or ``"foh"`` (moves
+        continuously: the cubic when :func:`is_smooth`, straight lines otherwise). The
+        last value stays.
+    level
+        Level of rest that is subtracted [unit of the signal].
+    """
+    values = signal.values - level
+    kind = interpolation(signal)
+    if kind == "zoh":
+        return PiecewiseInput(signal.time, values[:, None])
+    if kind == "cubic":
+        from scipy.interpolate import CubicSpline
+
+        pieces = CubicSpline(signal.time, values).c[::-1].T
+        last = np.array([[values[-1], 0.0, 0.0, 0.0]])
+        return PiecewiseInput(signal.time, np.vstack((pieces, last)))
+    slope = np.append(np.diff(values) / np.diff(signal.time), 0.0)
+    return PiecewiseInput(signal.time, np.column_stack((values, slope)))
+
+
+def interpolation(signal: Signal) -> str:
+    """How the signal is taken to move between samples: ``zoh``, ``linear`` or ``cubic``."""
+    if signal.hold in (None, "zoh") or signal.values.size < 4:
+        return "zoh" if signal.hold in (None, "zoh") or signal.values.size < 2 else "linear"
+    if signal.hold == "foh":
+        return "cubic" if is_smooth(signal.time, signal.values) else "linear"
+    return str(signal.hold)
+
+
+def apply_dead_zone(u: PiecewiseInput, negative: complex, positive: complex) -> PiecewiseInput:
+    """Pass an input through a dead zone of slope one; its kinks are located exactly.
+
+    ``w = max(u - positive, 0) + min(u - negative, 0)``.
+
+    Held inputs jump at nodes only. For moving inputs the instant at which an edge is
+    crossed is solved inside the interval, so the response of a linear system to ``w`` is
+    a smooth function of both edges.
+
+    Parameters
+    ----------
+    u
+        Input of any degree.
+    negative, positive
+        Edges [unit of u], ``negative <= 0 <= positive``.
+    """
+    start = u.coefficients[:, 0]
+    above, below = start > np.real(positive), start < np.real(negative)
+    level = np.where(above, start - positive, np.where(below, start - negative, 0.0))
+    if u.coefficients.shape[1] == 1:
+        return PiecewiseInput(u.nodes, level[:, None])
+    end = np.append(start[1:], start[-1])
+    intervals, offsets, bends = [], [], []
+    for edge, inside, sign in ((positive, above, 1.0), (negative, below, -1.0)):
+        after = sign * (end - np.real(edge)) > 0.0
+        crossed = np.flatnonzero(inside[:-1] != after[:-1])
+        offset, bend = _cross(u, crossed, edge)
+        intervals.append(crossed)
+        offsets.append(offset)
+        bends.append(np.where(inside[crossed], -1.0, 1.0)[:, None] * bend)
+    kinks = Kinks(np.concatenate(intervals), np.concatenate(offsets), np.concatenate(bends))
+    active = (above | below)[:, None]
+    coefficients = np.column_stack((level, np.where(active, u.coefficients[:, 1:], 0.0)))
+    return PiecewiseInput(u.nodes, coefficients, kinks)
+
+
+def _cross(
+    u: PiecewiseInput, index: npt.NDArray[np.intp], edge: complex
+) -> tuple[Array, Array]:
+    """Offsets at which pieces cross an edge and their polynomials about that point."""
+    c = u.coefficients[index]
+    step = np.diff(u.nodes)[index]
+    target = float(np.real(edge))
+    low, high = np.zeros(index.size), step.copy()
+    rising = c[:, 0] <= target
+    offset = step * np.clip(
+        (target - c[:, 0])
+        / np.where(_values(c, step) == c[:, 0], 1.0, _values(c, step) - c[:, 0]),
+        0.0,
+        1.0,
+    )
+    for _ in range(1 if c.shape[1] == 2 else 8):  # Newton kept inside a shrinking bracket
+        miss = _values(c, offset) - target
+        left = (miss <= 0.0) == rising
+        low, high = np.where(left, offset, low), np.where(left, high, offset)
+        slope = _values(c[:, 1:] * np.arange(1, c.shape[1]), offset)
+        moved = offset - miss / np.where(slope == 0.0, np.inf, slope)
+        offset = np.where((moved >= low) & (moved <= high), moved, 0.5 * (low + high))
+    bend = _expand(c, offset)[:, 1:]
+    if np.iscomplexobj(edge):
+        slope = bend[:, 0]
+        offset = offset + 1j * np.imag(edge) / np.where(slope == 0.0, np.inf, slope)
+        bend = _expand(c, offset)[:, 1:]
+    return offset, bend
+
+
+def _values(c: Array, offset: Array) -> Array:
+    """Values of polynomials with rising powers, one per row."""
+    total = np.zeros_like(offset)
+    for i in range(c.shape[1] - 1, -1, -1):
+        total = total * offset + c[:, i]
+    return total
+
+
+def _expand(c: Array, offset: Array) -> Array:
+    """Coefficients of the same polynomials about another point."""
+    moved = np.array(np.broadcast_to(c, c.shape), dtype=np.result_type(c, offset))
+    degree = c.shape[1] - 1
+    for k in range(degree):  # repeated synthetic division
+        for i in range(degree - 1, k - 1, -1):
+            moved[:, i] = moved[:, i] + offset * moved[:, i + 1]
+    return moved

@@ -1,0 +1,439 @@
+"""From a model with named physical parameters to estimates with intervals.
+
+Families describe a model by a function of named values; fixing, seeding, bounding,
+refusing what the data cannot determine, and turning the covariance into intervals happen
+here, once, for all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import NotIdentifiedError, Notice, UsageError
+from ..experiment import Experiment, FloatArray, Signal
+from ..family import ParameterSpec, Quantity, Request, Value
+from .separable import Basis, Problem, Search, Slopes, Solution, Unknown, solve_from
+from .uncertainty import Uncertainty, covariance, t_quantile
+
+Array = npt.NDArray[Any]
+Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class NamedModel:
+    """A model as a family writes it down.
+
+    Attributes
+    ----------
+    nonlinear, linear
+        Names of the parameters that enter nonlinearly, and of those that multiply a
+        column each, in the order of the columns of ``Basis.shared``.
+    columns
+        ``columns(index, values) -> Basis``, analytic in every nonlinear value.
+    slopes
+        Optional ``slopes(index, values, names) -> (Basis, Slopes)`` for models that
+        know their own derivatives by the named values.
+    measured
+        Outputs per experiment, shape ``(n_i,)`` [SI].
+    weights
+        As in :class:`.separable.Problem`.
+    """
+
+    nonlinear: tuple[str, ...]
+    linear: tuple[str, ...]
+    columns: Callable[[int, Values], Basis]
+    measured: Sequence[FloatArray]
+    slopes: Callable[[int, Values, Sequence[str]], tuple[Basis, Slopes]] | None = None
+    weights: Sequence[FloatArray | float] = ()
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A parameter that the data cannot determine, and why.
+
+    ``hold`` is the value at which it is held while the others are fitted; the neutral
+    value of its specification when ``None``. That one is written in any case.
+    """
+
+    parameter: str
+    reason: str
+    hold: float | None = None
+
+
+class _Bound:
+    """A `NamedModel` with some values held: the solver's view of it."""
+
+    def __init__(self, model: NamedModel, held: Mapping[str, float]) -> None:
+        self.model, self.held = model, held
+        self.names = [n for n in model.nonlinear if n not in held]
+        self.free = np.array([n not in held for n in model.linear], dtype=bool)
+        self.values = np.array([held.get(n, 0.0) for n in model.linear])
+        if model.slopes is not None:
+            self.slopes = self._slopes
+
+    def _absorb(self, b: Basis) -> Basis:
+        if self.free.all():
+            return b
+        held = ~self.free
+        return Basis(
+            b.known + b.shared[:, held] @ self.values[held], b.shared[:, self.free], b.local
+        )
+
+    def basis(self, index: int, eta: Array) -> Basis:
+        values = {**self.held, **dict(zip(self.names, eta))}
+        return self._absorb(self.model.columns(index, values))
+
+    def _slopes(self, index: int, eta: FloatArray) -> tuple[Basis, Slopes]:
+        assert self.model.slopes is not None
+        values = {**self.held, **dict(zip(self.names, eta))}
+        basis, s = self.model.slopes(index, values, self.names)
+        held = ~self.free
+        if held.any():
+            s = Slopes(
+                s.known + s.shared[:, :, held] @ self.values[held],
+                s.shared[:, :, self.free],
+                s.local,
+            )
+        return self._absorb(basis), s
+
+
+def bind(
+    model: NamedModel,
+    unknowns: Mapping[str, Unknown],
+    held: Mapping[str, float],
+) -> Problem:
+    """Make the solver's problem of a model with some parameters held."""
+    view = _Bound(model, held)
+    return Problem(
+        model=view,
+        measured=model.measured,
+        nonlinear=[unknowns[n] for n in view.names],
+        linear=[unknowns[n] for n in model.linear if n not in held],
+        weights=model.weights,
+    )
+
+
+def make_unknowns(
+    specs: Sequence[ParameterSpec],
+    names: Sequence[str],
+    scales: Mapping[str, float],
+    request: Request,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+) -> dict[str, Unknown]:
+    """Unknowns with the physical range, the search range and the user's bounds applied.
+
+    Raises
+    ------
+    UsageError
+        When a bound, start or fixed value lies outside the physical range.
+    """
+    by_name = {s.name: s for s in specs}
+    out = {}
+    for name in names:
+        spec = by_name[name]
+        low, high = spec.minimum, spec.maximum
+        if limits and name in limits:
+            low, high = max(low, limits[name][0]), min(high, limits[name][1])
+        if name in request.bounds:
+            low, high = request.bounds[name]
+            if low < spec.minimum or high > spec.maximum:
+                raise UsageError(
+                    f"--bounds {name}={low:g}:{high:g} reaches outside the possible range",
+                    expected=f"{name} lies between {spec.minimum:g} and {spec.maximum:g} {spec.unit}",
+                    remedy="Give bounds inside that range.",
+                )
+        start = request.start.get(name, 0.0)
+        out[name] = Unknown(name, start, low, high, abs(scales.get(name, 1.0)) or 1.0)
+    return out
+
+
+def check_request(specs: Sequence[ParameterSpec], request: Request) -> None:
+    """Reject names and values in ``--fix``, ``--start`` and ``--bounds`` that cannot be.
+
+    Raises
+    ------
+    UsageError
+        Naming the option, the parameters there are, and the possible range.
+    """
+    by_name = {s.name: s for s in specs}
+    known = ", ".join(s.name for s in specs if s.rank == 0)
+    for option, given in (
+        ("--fix", request.fixed),
+        ("--start", request.start),
+        ("--bounds", request.bounds),
+    ):
+        for name, value in given.items():
+            if name not in by_name or by_name[name].rank != 0:
+                raise UsageError(
+                    f"{option} {name}: there is no such single-valued parameter",
+                    expected=f"The parameters are: {known}." if known else "",
+                    remedy="Correct the name.",
+                )
+            spec = by_name[name]
+            pair = value if isinstance(value, tuple) else (value, value)
+            if pair[0] > pair[1]:
+                raise UsageError(
+                    f"{option} {name}: the lower end {pair[0]:g} is above the upper {pair[1]:g}",
+                    remedy="Give LOW:HIGH.",
+                )
+            if not (spec.minimum <= pair[0] and pair[1] <= spec.maximum):
+                raise UsageError(
+                    f"{option} {name}: {pair[0]:g} is outside the possible range",
+                    expected=f"{spec.minimum:g} to {spec.maximum:g} {spec.unit}",
+                    remedy="Give a value inside it (SI units).",
+                )
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A finished fit: values by name, covariance, and what is known of its quality.
+
+    ``names`` is the order of ``uncertainty.covariance``. ``status`` holds a word for
+    every parameter.
+    """
+
+    values: dict[str, float]
+    names: tuple[str, ...]
+    uncertainty: Uncertainty
+    status: dict[str, str]
+    search: Search
+    solution: Solution
+    notices: list[Notice] = field(default_factory=list)
+    unknowns: Mapping[str, Unknown] = field(default_factory=dict)
+
+    def details(self) -> dict[str, Any]:
+        """What the search did, for the file."""
+        return {
+            "method": "output error",
+            "starts": {
+                "tried": self.search.tried,
+                "agreeing": self.search.agreeing,
+                "rivals": len(self.search.rivals),
+            },
+            "iterations": self.solution.iterations,
+            "converged": self.solution.converged,
+            "covariance": "white"
+            if self.uncertainty.order == 0
+            else f"autoregressive residuals of order {self.uncertainty.order}",
+        }
+
+    def std_error(self, name: str) -> float:
+        """Standard error of an estimated parameter."""
+        k = self.names.index(name)
+        return float(np.sqrt(self.uncertainty.covariance[k, k]))
+
+
+def refuse(spec: ParameterSpec, reason: str) -> Notice:
+    """Make the warning for a parameter that is written without having been measured.
+
+    Raises
+    ------
+    NotIdentifiedError
+        When the parameter has no neutral value to write.
+    """
+    if spec.neutral is None:
+        raise NotIdentifiedError(
+            f"the data cannot determine {spec.name}: {reason}",
+            expected="Nothing was written.",
+            remedy=spec.remedy,
+        )
+    return Notice(
+        "not-identified",
+        f"{spec.name} cannot be determined from these data: {reason} "
+        f"It is written as {spec.neutral:g} {spec.unit}, status not_identified. {spec.remedy}",
+    )
+
+
+def fit_named(
+    model: NamedModel,
+    specs: Sequence[ParameterSpec],
+    request: Request,
+    unknowns: Mapping[str, Unknown],
+    starts: Sequence[Mapping[str, float]],
+    *,
+    refusals: Sequence[Refusal] = (),
+    sensible: Mapping[str, float] | None = None,
+    robust: bool = True,
+    sigma_floor: float = 0.0,
+    neutral: Mapping[str, float] | None = None,
+) -> Fitted:
+    """Fit a named model and refuse what the data do not determine.
+
+    Parameters
+    ----------
+    model, unknowns
+        The model and its unknowns.
+    starts
+        Start values of the nonlinear parameters; the user's ``--start`` wins.
+    refusals
+        What is known beforehand to be out of reach.
+    sensible
+        Per parameter the width that its 95 % interval may have before it says nothing
+        (default: its own value).
+    neutral
+        Neutral values that depend on the other data, instead of the specification's.
+    """
+    by_name = {s.name: s for s in specs}
+    every = (*model.nonlinear, *model.linear)
+    fixed = {n: float(request.fixed[n]) for n in every if n in request.fixed}
+    refused = {r.parameter: r for r in refusals if r.parameter not in fixed}
+    notices = [refuse(by_name[r.parameter], r.reason) for r in refused.values()]
+    for _ in range(len(every) + 1):
+        held = dict(fixed)
+        for name, r in refused.items():
+            hold = r.hold if r.hold is not None else by_name[name].neutral
+            held[name] = float(hold if hold is not None else 0.0)
+        problem = bind(model, unknowns, held)
+        begin = [
+            np.array([s[u.name] for u in problem.nonlinear]) for s in starts
+        ]
+        search = solve_from(problem, begin)
+        best = search.best
+        names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
+        uncertainty = covariance(
+            best.jacobian,
+            best.residuals,
+            local_unknowns=sum(best.local_counts),
+            robust=robust,
+            sigma_floor=sigma_floor,
+        )
+        values = dict(zip(names, (*best.eta, *best.linear)))
+        worst = _least_determined(values, names, uncertainty, best, sensible or {}, unknowns)
+        if worst is None:
+            break
+        spec = by_name[worst[0]]
+        notices.append(refuse(spec, worst[1]))
+        refused[spec.name] = Refusal(spec.name, worst[1])
+    status = dict.fromkeys(names, "estimated")
+    final = {n: float(v) for n, v in values.items()}
+    for name, value in fixed.items():
+        final[name], status[name] = value, "fixed"
+    for name in refused:
+        neutral_value = (neutral or {}).get(name, by_name[name].neutral)
+        final[name] = float(neutral_value if neutral_value is not None else 0.0)
+        status[name] = "not_identified"
+    return Fitted(final, names, uncertainty, status, search, best, notices, unknowns)
+
+
+def _least_determined(
+    values: Mapping[str, float],
+    names: Sequence[str],
+    uncertainty: Uncertainty,
+    solution: Solution,
+    sensible: Mapping[str, float],
+    unknowns: Mapping[str, Unknown],
+) -> tuple[str, str] | None:
+    """The parameter whose interval says least, if it says nothing at all."""
+    variance = np.diag(uncertainty.covariance)
+    quantile = t_quantile(0.975, uncertainty.degrees)
+    worst, name_worst, excess = None, "", 1.0
+    for k, name in enumerate(names):
+        width = sensible.get(name, max(abs(values[name]), 1e-300))
+        if not np.isfinite(width):
+            continue
+        half = quantile * float(np.sqrt(variance[k]))
+        if not np.isfinite(half):
+            return name, "the output does not depend on it anywhere in the logs."
+        if half > width * excess:
+            excess, name_worst = half / width, name
+            worst = half
+    if worst is None:
+        return None
+    unit_free = f"its 95 % interval would be {values[name_worst]:.3g} ± {worst:.2g}, "
+    return name_worst, unit_free + "wide enough to hold every sensible value."
+
+
+def quantities(
+    fitted: Fitted, specs: Sequence[ParameterSpec]
+) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray]:
+    """Parameters with standard errors and intervals, and the covariance with its order.
+
+    Intervals are cut at the physical range: a friction level of ``[-1, 5]`` N says the
+    same as ``[0, 5]`` N.
+    """
+    quantile = t_quantile(0.975, fitted.uncertainty.degrees)
+    out: dict[str, Quantity] = {}
+    for spec in specs:
+        if spec.name not in fitted.values:
+            continue
+        value = fitted.values[spec.name]
+        status = fitted.status[spec.name]
+        if status != "estimated":
+            out[spec.name] = Quantity(value, spec.unit, status)  # type: ignore[arg-type]
+            continue
+        se = fitted.std_error(spec.name)
+        low = max(value - quantile * se, spec.minimum)
+        high = min(value + quantile * se, spec.maximum)
+        out[spec.name] = Quantity(value, spec.unit, "estimated", se, [low, high], "wald")
+    return out, fitted.names, fitted.uncertainty.covariance
+
+
+def derive(
+    fitted: Fitted,
+    units: Mapping[str, str],
+    function: Callable[[Values], Mapping[str, Any]],
+) -> dict[str, Quantity]:
+    """Numbers computed from the parameters, with standard errors by the delta method.
+
+    ``function`` is analytic in its values; its gradient is taken by complex steps.
+    """
+    base = function(fitted.values)
+    step = 1e-30
+    rows = {}
+    for name in fitted.names:
+        moved = {**fitted.values, name: fitted.values[name] + 1j * step}
+        rows[name] = {k: float(np.imag(v)) / step for k, v in function(moved).items()}
+    out = {}
+    for key, value in base.items():
+        gradient = np.array([rows[n].get(key, 0.0) for n in fitted.names])
+        variance = float(gradient @ fitted.uncertainty.covariance @ gradient)
+        se = float(np.sqrt(max(variance, 0.0))) if fitted.names else None
+        out[key] = Quantity(float(value), units[key], "derived", se)
+    return out
+
+
+def shorten(
+    experiments: Sequence[Experiment], output: str, *, samples: int = 1500, runs: int = 2
+) -> list[Experiment]:
+    """The most eventful parts of the logs, for starting searches.
+
+    Searching for a start on a million samples or a hundred runs costs minutes and buys
+    nothing: the full fit that follows sees them all.
+    """
+    lively = sorted(experiments, key=lambda e: -float(np.ptp(e[output])))[:runs]
+    return [_liveliest_part(e, output, samples) for e in lively]
+
+
+def _liveliest_part(experiment: Experiment, output: str, samples: int) -> Experiment:
+    n = experiment.samples
+    if n <= samples:
+        return experiment
+    begins = np.unique(np.linspace(0, n - samples, 12).astype(int))
+    y = experiment[output]
+    begin = int(max(begins, key=lambda b: float(np.std(y[b : b + samples]))))
+    part = slice(begin, begin + samples)
+    signals = {}
+    for role, s in experiment.signals.items():
+        if s.time is experiment.time or s.values.size == n:
+            signals[role] = replace(
+                s, time=s.time[part], values=s.values[part], before=float(s.values[begin])
+            )
+        else:
+            signals[role] = s
+    return replace(experiment, time=experiment.time[part], signals=signals)
+
+
+def input_level(signal: Signal) -> float:
+    """The level of rest that a signal starts from [unit of the signal]."""
+    stepped = signal.time.size == 1
+    return signal.before if stepped else float(signal.values[0])
+
+
+def scalars(parameters: Mapping[str, Value]) -> dict[str, float]:
+    """The single-valued parameters of a file."""
+    return {k: float(v) for k, v in parameters.items() if not isinstance(v, list)}

@@ -1,0 +1,512 @@
+"""Separable least squares over several experiments.
+
+The model of experiment ``i`` is
+
+    y_i = known_i(eta) + S_i(eta) a + L_i(eta) l_i + e_i
+
+with nonlinear unknowns ``eta`` and linear unknowns ``a`` shared by all experiments and
+linear unknowns ``l_i`` (initial state, offset) of its own. All linear ones are eliminated
+exactly (variable projection [1]_ with Kaufman's Jacobian [2]_), bounds and fixed values
+respected; ``eta`` is found by a Levenberg-Marquardt iteration [3]_ in variables scaled to
+order one, with bounds handled by an active set.
+
+References
+----------
+.. [1] G. Golub, V. Pereyra, "Separable nonlinear least squares: the variable projection
+   method and its applications", Inverse Problems 19(2), 2003.
+.. [2] L. Kaufman, "A variable projection method for solving separable nonlinear least
+   squares problems", BIT 15, 1975.
+.. [3] J. More, "The Levenberg-Marquardt algorithm: implementation and theory", 1978.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from ..experiment import FloatArray
+
+Array = npt.NDArray[Any]
+_STEP = 1e-30  # complex step: no cancellation, so it can be as small as one likes
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """An unknown of the estimation.
+
+    ``scale`` is its typical size (the iteration sees ``value / scale``); ``low`` and
+    ``high`` are closed bounds in the unit of the value.
+    """
+
+    name: str
+    start: float
+    low: float = -np.inf
+    high: float = np.inf
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class Basis:
+    """The columns of one experiment at given ``eta`` (real or complex).
+
+    ``known`` has shape ``(n,)``, ``shared`` ``(n, number of shared linear unknowns)``,
+    ``local`` ``(n, number of local ones)``.
+    """
+
+    known: Array
+    shared: Array
+    local: Array
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Derivatives of the columns by ``eta``: shapes ``(p, n)``, ``(p, n, .)``, ``(p, n, .)``."""
+
+    known: FloatArray
+    shared: FloatArray
+    local: FloatArray
+
+
+class Model(Protocol):
+    """What the solver needs to know of a model."""
+
+    def basis(self, index: int, eta: Array) -> Basis:
+        """Columns of experiment ``index``; analytic in ``eta`` unless slopes are given."""
+        ...
+
+
+class ModelWithSlopes(Model, Protocol):
+    """A model that knows its own derivatives."""
+
+    def slopes(self, index: int, eta: FloatArray) -> tuple[Basis, Slopes]:
+        """Columns and their derivatives."""
+        ...
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Data and unknowns of a separable fit.
+
+    ``measured`` holds one array ``(n_i,)`` per experiment; ``weights`` one number or
+    array ``(n_i,)`` per experiment that multiplies the residual (0 leaves a sample out).
+    """
+
+    model: Model
+    measured: Sequence[FloatArray]
+    nonlinear: Sequence[Unknown]
+    linear: Sequence[Unknown] = ()
+    weights: Sequence[FloatArray | float] = ()
+
+    def weight(self, index: int) -> FloatArray | float:
+        """Weight of the residuals of one experiment."""
+        return self.weights[index] if self.weights else 1.0
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A stationary point of a `Problem`.
+
+    Attributes
+    ----------
+    eta, linear
+        Values of the nonlinear and the shared linear unknowns.
+    local
+        Local linear unknowns, one array per experiment.
+    cost
+        Sum of the squared weighted residuals.
+    residuals
+        Weighted residuals ``measured - model`` per experiment.
+    simulated
+        Model output per experiment.
+    jacobian
+        Weighted derivative of the model output by ``(eta, linear)`` with the local
+        unknowns projected out, one array ``(n_i, p + q)`` per experiment.
+    local_counts
+        Number of local unknowns per experiment.
+    active
+        For each of ``(eta, linear)`` whether it rests on a bound.
+    iterations, converged
+        What the iteration did.
+    """
+
+    eta: FloatArray
+    linear: FloatArray
+    local: list[FloatArray]
+    cost: float
+    residuals: list[FloatArray]
+    simulated: list[FloatArray]
+    jacobian: list[FloatArray] = field(default_factory=list)
+    local_counts: tuple[int, ...] = ()
+    active: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    iterations: int = 0
+    converged: bool = False
+
+
+def differentiate(
+    basis: Callable[[Array], Basis], eta: FloatArray, scales: FloatArray
+) -> tuple[Basis, Slopes]:
+    """Columns and their exact derivatives by complex steps."""
+    at: Basis = basis(eta)
+    known, shared, local = [], [], []
+    for j in range(eta.size):
+        moved = eta.astype(complex)
+        moved[j] += 1j * _STEP * scales[j]
+        turned = basis(moved)
+        unit = _STEP * scales[j]
+        known.append(np.imag(turned.known) / unit)
+        shared.append(np.imag(turned.shared) / unit)
+        local.append(np.imag(turned.local) / unit)
+    n = at.known.shape[0]
+    if not known:
+        empty = np.zeros((0, n))
+        return at, Slopes(
+            empty,
+            np.zeros((0, n, at.shared.shape[1])),
+            np.zeros((0, n, at.local.shape[1])),
+        )
+    return at, Slopes(np.array(known), np.array(shared), np.array(local))
+
+
+def _orthonormal(columns: FloatArray) -> FloatArray:
+    """Orthonormal basis of the span of some columns; negligible directions are left out."""
+    if columns.shape[1] == 0:
+        return columns
+    norms = np.linalg.norm(columns, axis=0)
+    used = columns[:, norms > 0.0] / norms[norms > 0.0]
+    if used.shape[1] == 0:
+        return used
+    if used.shape[1] == 1:
+        return used
+    q, r = np.linalg.qr(used)
+    size = np.abs(np.diag(r))
+    if size.min() > 1e-10 * size.max():
+        return q
+    left, singular, _ = np.linalg.svd(used, full_matrices=False)
+    return left[:, singular > 1e-10 * singular[0]]
+
+
+@dataclass(frozen=True)
+class _Reduced:
+    """One experiment with its local unknowns projected out."""
+
+    target: FloatArray
+    shared: FloatArray
+    q: FloatArray
+    basis: Basis
+
+
+class _Fit:
+    """The linear half of the problem at given ``eta``."""
+
+    def __init__(self, problem: Problem, eta: FloatArray, bases: Sequence[Basis]) -> None:
+        self.problem = problem
+        self.eta = eta
+        self.reduced = [self._reduce(i, b) for i, b in enumerate(bases)]
+        self.linear, self.linear_active = self._solve_shared()
+        self.residuals = [
+            r.target - (r.shared @ self.linear if self.linear.size else 0.0) for r in self.reduced
+        ]
+        cost = float(sum(float(r @ r) for r in self.residuals))
+        self.cost = cost if np.isfinite(cost) else np.inf
+
+    def _reduce(self, index: int, basis: Basis) -> _Reduced:
+        w = self.problem.weight(index)
+        column = w[:, None] if isinstance(w, np.ndarray) else w
+        target = (self.problem.measured[index] - basis.known) * w
+        shared = basis.shared * column
+        q = _orthonormal(basis.local * column)
+        if q.shape[1]:
+            target = target - q @ (q.T @ target)
+            shared = shared - q @ (q.T @ shared)
+        return _Reduced(target, shared, q, basis)
+
+    def _solve_shared(self) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+        """Shared linear unknowns by bounded least squares (active set)."""
+        unknowns = self.problem.linear
+        if not unknowns:
+            return np.zeros(0), np.zeros(0, dtype=bool)
+        low = np.array([u.low for u in unknowns])
+        high = np.array([u.high for u in unknowns])
+        normal = np.vstack([r.shared for r in self.reduced])
+        target = np.concatenate([r.target for r in self.reduced])
+        return bounded_least_squares(normal, target, low, high)
+
+    def local(self) -> list[FloatArray]:
+        """Local unknowns of every experiment."""
+        out = []
+        for i, r in enumerate(self.reduced):
+            w = self.problem.weight(i)
+            column = w[:, None] if isinstance(w, np.ndarray) else w
+            rest = self.problem.measured[i] - r.basis.known
+            if self.linear.size:
+                rest = rest - r.basis.shared @ self.linear
+            if r.basis.local.shape[1] == 0:
+                out.append(np.zeros(0))
+            else:
+                out.append(np.linalg.lstsq(r.basis.local * column, rest * w, rcond=None)[0])
+        return out
+
+    def jacobian(self, slopes: Sequence[Slopes], local: list[FloatArray]) -> list[FloatArray]:
+        """Derivative of the model by ``eta``, local and free shared unknowns projected out."""
+        raw = self.raw_jacobian(slopes, local)
+        free = ~self.linear_active
+        if not free.any():
+            return raw
+        shared = np.vstack([r.shared[:, free] for r in self.reduced])
+        q = _orthonormal(shared)
+        stacked = np.vstack(raw)
+        stacked = stacked - q @ (q.T @ stacked)
+        ends = np.cumsum([r.shape[0] for r in raw])[:-1]
+        return list(np.split(stacked, ends))
+
+    def raw_jacobian(self, slopes: Sequence[Slopes], local: list[FloatArray]) -> list[FloatArray]:
+        """Derivative of the model by ``eta`` with the local unknowns projected out."""
+        out = []
+        for i, (r, s) in enumerate(zip(self.reduced, slopes)):
+            w = self.problem.weight(i)
+            j = s.known.copy()
+            if self.linear.size:
+                j += s.shared @ self.linear
+            if local[i].size:
+                j += s.local @ local[i]
+            j = (j * w).T
+            if r.q.shape[1]:
+                j = j - r.q @ (r.q.T @ j)
+            out.append(j)
+        return out
+
+
+def bounded_least_squares(
+    a: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Least squares ``min |y - a x|`` with bounds, and which entries rest on one.
+
+    Parameters
+    ----------
+    a : (n, q)
+    y : (n,)
+    low, high : (q,)
+    """
+    scale = np.linalg.norm(a, axis=0)
+    scale[scale == 0.0] = 1.0
+    x = np.linalg.lstsq(a / scale, y, rcond=1e-13)[0] / scale
+    active = np.zeros(x.size, dtype=bool)
+    if np.all(x >= low) and np.all(x <= high):
+        return x, active | (low == high)
+    from scipy.optimize import lsq_linear
+
+    width = np.where(high > low, high, np.nextafter(low, np.inf))
+    found = lsq_linear(a / scale, y, bounds=(low * scale, width * scale), method="bvls")
+    return np.clip(found.x / scale, low, high), found.active_mask != 0
+
+
+def solve(
+    problem: Problem,
+    start: FloatArray | None = None,
+    *,
+    max_iterations: int = 60,
+    tolerance: float = 1e-5,
+) -> Solution:
+    """Minimise the sum of squared residuals from one start.
+
+    Parameters
+    ----------
+    problem
+        Data, model and unknowns.
+    start : (p,), optional
+        Instead of the unknowns' own start values.
+    max_iterations
+        Limit on accepted and rejected steps together.
+    tolerance
+        Relative change of all scaled unknowns, in units of their own standard errors,
+        below which the iteration has converged.
+    """
+    scales = np.array([u.scale for u in problem.nonlinear])
+    low = np.array([u.low for u in problem.nonlinear]) / scales
+    high = np.array([u.high for u in problem.nonlinear]) / scales
+    begin = np.array([u.start for u in problem.nonlinear]) if start is None else start
+    x = np.clip(np.asarray(begin, dtype=float) / scales, low, high)
+    fit, slopes = _evaluate(problem, x * scales, scales)
+    damping, converged, count = 1e-3, x.size == 0, 0
+    while not converged and count < max_iterations:
+        local = fit.local()
+        j = np.vstack(fit.jacobian(slopes, local)) * scales
+        r = np.concatenate(fit.residuals)
+        gradient, curvature = j.T @ r, j.T @ j
+        free = ~(((x <= low) & (gradient <= 0.0)) | ((x >= high) & (gradient >= 0.0)))
+        if not free.any() or not np.all(np.isfinite(curvature)):
+            converged = not free.any()
+            break
+        noise = fit.cost / max(r.size - x.size, 1)
+        moved = False
+        while count < max_iterations:
+            count += 1
+            step = _damped_step(curvature, gradient, free, damping, x, low, high)
+            candidate = np.clip(x + step, low, high)
+            step = candidate - x
+            predicted = float(2.0 * gradient @ step - step @ curvature @ step)
+            if predicted <= tolerance**2 * max(noise, 1e-300) or not np.any(step):
+                converged = True
+                break
+            trial = _value(problem, candidate * scales)
+            gain = (fit.cost - trial.cost) / predicted
+            if gain > 1e-4:
+                x, moved = candidate, True
+                damping = max(damping * (0.1 if gain > 0.5 else 0.5), 1e-12)
+                break
+            if abs(fit.cost - trial.cost) <= 1e-13 * fit.cost and predicted <= 1e-11 * fit.cost:
+                converged = True
+                break
+            damping = max(damping * 8.0, 1e-9)
+            if damping > 1e12:
+                converged = True
+                break
+        if moved:
+            fit, slopes = _evaluate(problem, x * scales, scales)
+    return _finish(problem, fit, slopes, x, low, high, count, converged)
+
+
+def _damped_step(
+    curvature: FloatArray,
+    gradient: FloatArray,
+    free: npt.NDArray[np.bool_],
+    damping: float,
+    x: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+) -> FloatArray:
+    """Marquardt step over the free unknowns; those that would cross a bound stop on it."""
+    step = np.zeros(gradient.size)
+    free = free.copy()
+    for _ in range(gradient.size + 1):
+        index = np.flatnonzero(free)
+        if index.size == 0:
+            break
+        h = curvature[np.ix_(index, index)]
+        scale = np.sqrt(np.maximum(np.diag(h), 1e-300))
+        rhs = gradient[index] - curvature[index][:, ~free] @ step[~free]
+        normal = h / np.outer(scale, scale) + damping * np.eye(index.size)
+        step[index] = np.linalg.lstsq(normal, rhs / scale, rcond=1e-15)[0] / scale
+        target = x + step
+        crossing = free & ((target < low) | (target > high))
+        if not crossing.any():
+            break
+        step[crossing] = np.clip(target, low, high)[crossing] - x[crossing]
+        free &= ~crossing
+    return step
+
+
+def _value(problem: Problem, eta: FloatArray) -> _Fit:
+    bases = [problem.model.basis(i, eta) for i in range(len(problem.measured))]
+    return _Fit(problem, eta, bases)
+
+
+def _evaluate(
+    problem: Problem, eta: FloatArray, scales: FloatArray
+) -> tuple[_Fit, list[Slopes]]:
+    bases, slopes = [], []
+    own = getattr(problem.model, "slopes", None)
+    for i in range(len(problem.measured)):
+        if own is not None:
+            basis, slope = own(i, eta)
+        else:
+            basis, slope = differentiate(lambda e, i=i: problem.model.basis(i, e), eta, scales)
+        bases.append(basis)
+        slopes.append(slope)
+    return _Fit(problem, eta, bases), slopes
+
+
+def _finish(
+    problem: Problem,
+    fit: _Fit,
+    slopes: list[Slopes],
+    x: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    count: int,
+    converged: bool,
+) -> Solution:
+    local = fit.local()
+    raw = fit.raw_jacobian(slopes, local)
+    jacobian = [np.column_stack((j, r.shared)) for j, r in zip(raw, fit.reduced)]
+    simulated = []
+    for r, own in zip(fit.reduced, local):
+        y = np.array(r.basis.known, dtype=float)
+        if fit.linear.size:
+            y = y + r.basis.shared @ fit.linear
+        if own.size:
+            y = y + r.basis.local @ own
+        simulated.append(y)
+    on_bound = (x <= low) | (x >= high)
+    return Solution(
+        eta=fit.eta,
+        linear=fit.linear,
+        local=local,
+        cost=fit.cost,
+        residuals=fit.residuals,
+        simulated=simulated,
+        jacobian=jacobian,
+        local_counts=tuple(r.q.shape[1] for r in fit.reduced),
+        active=np.concatenate((on_bound, fit.linear_active)),
+        iterations=count,
+        converged=converged,
+    )
+
+
+def profile(problem: Problem, candidates: FloatArray) -> FloatArray:
+    """Cost at each candidate ``eta``, all linear unknowns eliminated.
+
+    Parameters
+    ----------
+    candidates : (k, p)
+
+    Returns
+    -------
+    (k,) sums of squared weighted residuals; infinite where the model fails.
+    """
+    costs = np.empty(len(candidates))
+    for k, eta in enumerate(candidates):
+        costs[k] = _value(problem, eta).cost
+    return costs
+
+
+@dataclass(frozen=True)
+class Search:
+    """Outcome of a search from several starts: the best, how many agree, the rivals."""
+
+    best: Solution
+    tried: int
+    agreeing: int
+    rivals: tuple[Solution, ...]
+
+
+def solve_from(problem: Problem, starts: Sequence[FloatArray], **limits: Any) -> Search:
+    """Solve from several starts and say how many agree with the best.
+
+    A rival is another optimum whose cost is within a factor 1.05 of the best, more than
+    one part in a thousand away in some unknown.
+    """
+    found = [solve(problem, s, **limits) for s in starts]
+    found.sort(key=lambda s: s.cost)
+    best = found[0]
+    scales = np.maximum(np.abs(best.eta), [1e-6 * u.scale for u in problem.nonlinear])
+
+    def same(other: Solution) -> bool:
+        close = best.eta.size == 0 or np.all(np.abs(other.eta - best.eta) <= 1e-3 * scales)
+        return bool(close) or other.cost <= best.cost * (1.0 + 1e-7)
+
+    agreeing = sum(same(s) for s in found)
+    rivals = tuple(s for s in found if not same(s) and s.cost <= 1.05 * best.cost)
+    return Search(best, len(found), agreeing, rivals)
+
+
+def restart_full(problem: Problem, sub: Problem, starts: Sequence[FloatArray]) -> Search:
+    """Search on a part of the data, then polish the winners on all of it."""
+    search = solve_from(sub, starts)
+    finalists = [search.best.eta, *(s.eta for s in search.rivals[:2])]
+    full = solve_from(problem, finalists)
+    return replace(full, tried=search.tried, agreeing=search.agreeing)

@@ -1,0 +1,431 @@
+"""Stick-slip of one inertia, solved with events.
+
+    J v' = tau(t) - b v - F_k(sign v)        while moving,
+    v = 0  while  -F_s- <= tau <= F_s+       while stuck.
+
+``tau`` is a piecewise polynomial, so between two events the motion is linear and known in
+closed form. Break-away (``tau`` reaches the static level) and stop (``v`` reaches zero)
+are solved inside the sampling interval: position is then a smooth function of all six
+parameters, with no time grid and no ``tanh`` in it. With the Karnopp band [1]_ shrunk to
+zero width this is the model's exact solution.
+
+All six parameters may be complex; the imaginary parts carry exact derivatives through
+the events (implicit function theorem, one complex Newton step per event).
+
+References
+----------
+.. [1] D. Karnopp, "Computer simulation of stick-slip friction in mechanical dynamic
+   systems", J. Dyn. Sys. Meas. Control 107(1), 1985.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, factorial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..experiment import FloatArray
+from .inputs import PiecewiseInput
+from .linear import Grid, scan, transition
+
+Array = npt.NDArray[Any]
+_LIMIT = 8  # events inside one sampling interval before the motion counts as stuck
+
+
+@dataclass(frozen=True)
+class StickSlip:
+    """Parameters of the model, each of shape ``(k,)``, real parts equal along ``k``.
+
+    ``inertia`` [kg m2 or kg], ``viscous`` [N m s/rad or N s/m], kinetic and static
+    levels [N m or N], magnitudes. Row 0 decides at which events the motion changes.
+    """
+
+    inertia: Array
+    viscous: Array
+    coulomb_positive: Array
+    coulomb_negative: Array
+    breakaway_positive: Array
+    breakaway_negative: Array
+    viscous_negative: Array | None = None
+
+
+def _phi(z: Array, count: int) -> list[Array]:
+    """``phi_n(z) = sum_k z**k / (k + n)!`` for ``n = 1..count``, any size of ``z``."""
+    small = np.abs(z) < 0.7
+    near = np.where(small, z, 0.0)
+    total = np.full_like(near, 1.0 / factorial(count + 14))
+    for k in range(13, -1, -1):
+        total = total * near + 1.0 / factorial(count + k)
+    values = [total]
+    for n in range(count - 1, 0, -1):
+        values.append(values[-1] * near + 1.0 / factorial(n))
+    values.reverse()
+    if np.all(small):
+        return values
+    far = np.where(small, 1.0, z)
+    previous = np.exp(far)
+    out = []
+    for n in range(1, count + 1):
+        previous = (previous - 1.0 / factorial(n - 1)) / far
+        out.append(np.where(small, values[n - 1], previous))
+    return out
+
+
+class _Direction:
+    """Motion in one direction: response of the moving mass to ``tau - s F``.
+
+    ``speed`` and ``place`` are the velocity and position at the nodes of a motion that
+    never stops, from zero; every slip phase is this motion minus its own past.
+    """
+
+    def __init__(
+        self, sign: int, inertia: Array, viscous: Array, level: Array, u: PiecewiseInput, grid: Grid
+    ) -> None:
+        self.sign, self.level = sign, level
+        self.inertia, self.viscous = inertia, viscous
+        self.rate = viscous / inertia
+        degree = u.coefficients.shape[1] - 1
+        self.torque = u.coefficients
+        self.speed = np.empty((inertia.size, grid.instants.size), dtype=inertia.dtype)
+        self.place = np.empty_like(self.speed)
+        memo: dict[tuple[complex, complex], tuple[Array, Array]] = {}
+        for k in range(inertia.size):
+            key = (complex(inertia[k]), complex(viscous[k]))
+            if key not in memo:
+                memo[key] = _unstopped(inertia[k], viscous[k], u, grid, degree)
+            moving, constant = memo[key]
+            self.speed[k] = moving[:, 1] - sign * level[k] * constant[:, 1]
+            self.place[k] = moving[:, 0] - sign * level[k] * constant[:, 0]
+
+    def inside(self, node: int, offset: Array) -> tuple[Array, Array]:
+        """Speed and place of the unstopped motion between nodes; offset of shape ``(k,)``."""
+        torque = self.torque[node]
+        phi = _phi(-self.rate * offset, torque.size + 1)
+        decay = 1.0 - self.rate * offset * phi[0]
+        v = self.speed[:, node] * decay
+        p = self.place[:, node] + self.speed[:, node] * offset * phi[0]
+        for i, c in enumerate(torque):
+            push = (c - self.sign * self.level) if i == 0 else c
+            power = factorial(i) * push * offset ** (i + 1) / self.inertia
+            v = v + power * phi[i]
+            p = p + power * offset * phi[i + 1]
+        return v, p
+
+    def acceleration(self, node: int, offset: float, speed: float) -> float:
+        """Acceleration of row 0 at a given speed."""
+        torque = _polynomial(self.torque[node], offset)
+        force = torque - self.sign * float(np.real(self.level[0]))
+        return (force - float(np.real(self.viscous[0])) * speed) / float(np.real(self.inertia[0]))
+
+
+def _unstopped(
+    inertia: complex, viscous: complex, u: PiecewiseInput, grid: Grid, degree: int
+) -> tuple[Array, Array]:
+    """Position and velocity at the nodes under ``u`` and under a constant one: ``(m, 2)``."""
+    a = np.array([[0.0, 1.0], [0.0, -viscous / inertia]])
+    b = np.array([0.0, 1.0 / inertia])
+    phi, gamma = transition(a, b, grid.distinct, degree)
+    assert gamma is not None
+    scaled = gamma * (grid.distinct[:, None] ** np.arange(degree + 1))[:, None, :]
+    pieces = u.coefficients[:-1]
+    one = phi.shape[0] == 1
+    if one:
+        forcing, constant = pieces @ scaled[0].T, np.broadcast_to(scaled[0, :, 0], (len(pieces), 2))
+    else:
+        forcing = np.einsum("mi,mni->mn", pieces, scaled[grid.which])
+        constant = scaled[grid.which][:, :, 0]
+    step = phi[0] if one else phi[grid.which]
+    rest = np.zeros(2)
+    return scan(step, forcing, rest), scan(step, constant, rest)
+
+
+def _polynomial(coefficients: Array, offset: float) -> float:
+    """Value of a polynomial with rising powers."""
+    total = 0.0
+    for c in coefficients[::-1]:
+        total = total * offset + float(c)
+    return total
+
+
+class _Run:
+    """One pass through the events of a log."""
+
+    def __init__(
+        self, p: StickSlip, u: PiecewiseInput, grid: Grid, speed: Array, place: Array
+    ) -> None:
+        self.grid, self.time = grid, grid.instants
+        self.torque = u.coefficients
+        kind = np.result_type(p.inertia, p.viscous, p.coulomb_positive, p.breakaway_positive, float)
+        self.k = p.inertia.size
+        negative = p.viscous if p.viscous_negative is None else p.viscous_negative
+        self.forward = _Direction(
+            1, p.inertia.astype(kind), p.viscous.astype(kind), p.coulomb_positive, u, grid
+        )
+        self.backward = _Direction(
+            -1, p.inertia.astype(kind), negative.astype(kind), p.coulomb_negative, u, grid
+        )
+        self.static = (p.breakaway_positive, p.breakaway_negative)
+        self.upper = max(float(np.real(p.breakaway_positive[0])), 0.0)
+        self.lower = -max(float(np.real(p.breakaway_negative[0])), 0.0)
+        self.position = np.empty((self.k, self.time.size), dtype=kind)
+        self.velocity = np.zeros((self.k, self.time.size), dtype=kind)
+        self.here = np.broadcast_to(place, (self.k,)).astype(kind)
+        self.start_speed = np.broadcast_to(speed, (self.k,)).astype(kind)
+        self.breakaways = [0, 0]
+        self.stops = 0
+        self._find_hot()
+
+    def _find_hot(self) -> None:
+        """Intervals in which the torque leaves the static band somewhere."""
+        start = self.torque[:, 0]
+        end = np.append(start[1:], start[-1])
+        if self.torque.shape[1] == 1:
+            end = start
+        high, low = np.maximum(start, end), np.minimum(start, end)
+        self.hot = np.flatnonzero((high > self.upper) | (low < self.lower))
+
+    def run(self) -> None:
+        """Follow the motion from event to event until the log ends."""
+        node, offset = 0, np.zeros(self.k)
+        self.position[:, 0] = self.here
+        speed = self.start_speed
+        sign = int(np.sign(np.real(speed[0])))
+        in_interval, last_node = 0, -1
+        end = self.time.size - 1
+        while node < end:
+            if sign == 0:
+                found = self._breakaway(node, offset)
+                if found is None:
+                    self.position[:, node + 1 :] = self.here[:, None]
+                    return
+                until, offset, sign = found
+                self.position[:, node + 1 : until + 1] = self.here[:, None]
+                node = until
+                self.breakaways[0 if sign > 0 else 1] += 1
+                speed = np.zeros(self.k)
+            in_interval = in_interval + 1 if node == last_node else 0
+            last_node = node
+            if in_interval > _LIMIT:  # rattling faster than the log can show
+                self.position[:, node + 1] = self.here
+                node, offset, sign = node + 1, np.zeros(self.k), 0
+                continue
+            node, offset, sign = self._slip(node, offset, sign, speed)
+            speed = np.zeros(self.k)
+            if node >= end:
+                return
+
+    def _breakaway(self, node: int, offset: Array) -> tuple[int, Array, int] | None:
+        """Next instant at which the torque leaves the static band."""
+        position = int(np.searchsorted(self.hot, node))
+        here = float(np.real(offset[0]))
+        while position < self.hot.size:
+            j = int(self.hot[position])
+            if j >= self.time.size - 1:
+                return None
+            begin = here if j == node else 0.0
+            found = self._leave(j, begin, offset if j == node else np.zeros(self.k))
+            if found is not None:
+                return j, *found
+            position += 1
+        return None
+
+    def _leave(self, j: int, begin: float, offset: Array) -> tuple[Array, int] | None:
+        """Where the torque leaves the static band inside interval ``j``, and which way."""
+        c = self.torque[j]
+        now = _polynomial(c, begin)
+        if now > self.upper or now < self.lower:
+            return offset, 1 if now > self.upper else -1
+        if c.size == 1:
+            return None
+        step = self.time[j + 1] - self.time[j]
+        then = _polynomial(c, step)
+        if self.lower <= then <= self.upper:
+            return None
+        sign = 1 if then > self.upper else -1
+        level = self.static[0] if sign > 0 else -self.static[1]
+        if c.size == 2:
+            return (level - c[0]) / c[1], sign
+        root = _bracketed(
+            lambda o: (_polynomial(c, o) - float(np.real(level[0]))) * sign, begin, step
+        )
+        slope = _polynomial(c[1:] * np.arange(1, c.size), root)
+        return root + (level - np.real(level[0])) / slope, sign
+
+    def _slip(
+        self, node: int, offset: Array, sign: int, speed: Array
+    ) -> tuple[int, Array, int]:
+        """Slip from an event to the next stop; returns where it stops and what follows."""
+        way = self.forward if sign > 0 else self.backward
+        v0, p0 = way.inside(node, offset)
+        lag = v0 - speed  # what the unstopped motion has more than this one
+        began = self.time[node] + offset
+        stop = self._find_stop(way, node, lag, began, sign)
+        last = self.time.size - 1 if stop is None else stop
+        if last > node:
+            nodes = slice(node + 1, last + 1)
+            since = self.time[nodes] - began[:, None]
+            z = way.rate[:, None] * since
+            less = -np.expm1(-z)
+            travel = np.where(
+                np.abs(z) > 1e-12, less / np.where(z == 0, 1.0, z), 1.0 - 0.5 * z
+            ) * since
+            self.velocity[:, nodes] = way.speed[:, nodes] - lag[:, None] * (1.0 - less)
+            self.position[:, nodes] = (
+                (self.here - p0)[:, None] + way.place[:, nodes] - lag[:, None] * travel
+            )
+        if stop is None:
+            return last, np.zeros(self.k), sign
+        return self._stop(way, stop, node, offset, lag, p0, sign)
+
+    def _find_stop(
+        self, way: _Direction, node: int, lag: Array, began: Array, sign: int
+    ) -> int | None:
+        """Interval in which the speed returns to zero; ``None`` when the log ends first."""
+        rate, less = float(np.real(way.rate[0])), float(np.real(lag[0]))
+        start = float(np.real(began[0]))
+        first, width, end = node + 1, 32, self.time.size
+        while first < end:
+            part = slice(first, min(first + width, end))
+            v = np.real(way.speed[0, part]) - less * np.exp(-rate * (self.time[part] - start))
+            back = np.flatnonzero(v * sign <= 0.0)
+            if back.size:
+                return first + int(back[0]) - 1
+            first, width = first + width, width * 2
+        return None
+
+    def _stop(
+        self,
+        way: _Direction,
+        j: int,
+        node: int,
+        offset: Array,
+        lag: Array,
+        p0: Array,
+        sign: int,
+    ) -> tuple[int, Array, int]:
+        """Solve the instant of the stop inside interval ``j`` and decide what follows."""
+        began_real = float(np.real(offset[0])) + self.time[node]
+        rate, less = float(np.real(way.rate[0])), float(np.real(lag[0]))
+        step = self.time[j + 1] - self.time[j]
+        begin = float(np.real(offset[0])) if j == node else 0.0
+
+        def speed(o: float) -> float:
+            v, _ = way.inside(j, np.full(1, o) if self.k == 1 else np.full(self.k, o))
+            gone = less * exp(-rate * (self.time[j] + o - began_real))
+            return sign * (float(np.real(v[0])) - gone)
+
+        low = _positive_start(speed, begin, step) if j == node else begin
+        root = begin if low is None else _bracketed_falling(speed, low, step)
+        v, _ = way.inside(j, np.full(self.k, root))
+        since = self.time[j] + root - self.time[node] - offset
+        v = v - lag * np.exp(-way.rate * since)
+        slope = way.acceleration(j, root, 0.0)
+        moment: Array = np.full(self.k, root)
+        if np.iscomplexobj(v) and slope * sign < 0.0:
+            moment = root - 1j * np.imag(v) / slope
+        since = self.time[j] + moment - self.time[node] - offset
+        _, p = way.inside(j, moment)
+        travel = since * _phi(-way.rate * since, 1)[0]
+        self.here = self.here + p - p0 - lag * travel
+        self.stops += 1
+        torque = _polynomial(self.torque[j], root)
+        if torque > self.upper or torque < self.lower:
+            # no rest: the torque already exceeds the static level at the turning point
+            return j, moment, 1 if torque > self.upper else -1
+        return j, moment, 0
+
+
+def _positive_start(speed: Any, begin: float, end: float) -> float | None:
+    """A point shortly after a break-away at which the motion really moves."""
+    width = end - begin
+    for _ in range(40):
+        width *= 0.5
+        if width <= 1e-12 * max(end, 1e-12):
+            return None
+        if speed(begin + width) > 0.0:
+            return begin + width
+    return None
+
+
+def _bracketed_falling(function: Any, low: float, high: float) -> float:
+    """Root of a function that is positive at ``low`` and not at ``high``."""
+    return _bracketed(lambda o: -function(o), low, high)
+
+
+def _bracketed(function: Any, low: float, high: float) -> float:
+    """Root of a function that is not positive at ``low`` and not negative at ``high``.
+
+    Illinois variant of regula falsi: superlinear and never leaves the bracket.
+    """
+    f_low, f_high = function(low), function(high)
+    if f_low >= 0.0:
+        return low
+    if f_high <= 0.0:
+        return high
+    side = 0
+    for _ in range(60):
+        middle = (f_high * low - f_low * high) / (f_high - f_low)
+        f = function(middle)
+        if f == 0.0 or high - low <= 1e-15 * max(abs(high), 1e-300):
+            return float(middle)
+        if abs(f) <= 1e-15 * max(abs(f_low), abs(f_high)):
+            return float(middle)
+        if f > 0.0:
+            high, f_high = middle, f
+            if side == 1:
+                f_low *= 0.5
+            side = 1
+        else:
+            low, f_low = middle, f
+            if side == -1:
+                f_high *= 0.5
+            side = -1
+    return 0.5 * (low + high)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Simulated motion: position and velocity at the nodes, shape ``(k, m)``, and events.
+
+    ``breakaways`` counts break-aways in the positive and the negative direction.
+    """
+
+    position: Array
+    velocity: Array
+    breakaways: tuple[int, int]
+    stops: int
+
+
+def simulate_stick_slip(
+    parameters: StickSlip,
+    torque: PiecewiseInput,
+    grid: Grid,
+    *,
+    initial_speed: Array | float = 0.0,
+    initial_position: Array | float = 0.0,
+) -> Motion:
+    """Simulate stick-slip at the nodes of the torque.
+
+    Parameters
+    ----------
+    parameters
+        Six numbers, each as a row of ``k`` (complex) values.
+    torque
+        Degree 0 (held), 1 (straight lines) or higher.
+    grid
+        Its nodes.
+    initial_speed, initial_position
+        At the first node.
+    """
+    run = _Run(
+        parameters,
+        torque,
+        grid,
+        np.atleast_1d(np.asarray(initial_speed)),
+        np.atleast_1d(np.asarray(initial_position)),
+    )
+    run.run()
+    return Motion(run.position, run.velocity, (run.breakaways[0], run.breakaways[1]), run.stops)

@@ -1,0 +1,217 @@
+"""Output-error fits of small transfer functions, shared by the families that have one.
+
+A family gives its state space ``(A, B, C)`` as a function of named values; the dead time,
+the dead zone at the input, the initial state and the offset of every log are dealt with
+here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..experiment import Experiment, FloatArray
+from ..family import ParameterSpec, Request, Value
+from .inputs import PiecewiseInput, apply_dead_zone, piecewise
+from .linear import Grid, forced_response, free_response, make_grid
+from .parametric import (
+    Fitted,
+    NamedModel,
+    Refusal,
+    Values,
+    bind,
+    fit_named,
+    input_level,
+    scalars,
+    shorten,
+)
+from .separable import Basis, Problem, Unknown, profile, solve_from
+
+Array = npt.NDArray[Any]
+Realisation = Callable[[Values], tuple[Array, Array, Array]]
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """Input and grids of one experiment, computed once."""
+
+    u: PiecewiseInput
+    nodes: Grid
+    samples: Grid
+
+
+class TransferModel:
+    """``y(t) = gain * C x(t - dead_time) + offset``, ``x' = A x + B w(u)``.
+
+    Parameters
+    ----------
+    experiments
+        With the roles ``input_role`` and ``output_role``.
+    realise
+        ``values -> (A, B, C)``, analytic; balanced so that ``A`` has equal entries.
+    gain
+        Name of the parameter that multiplies the response, or None when the gain is
+        part of the realisation.
+    dead_zone
+        Whether the input passes ``dead_zone_negative`` and ``dead_zone_positive``.
+        Without one, the response is to the departure of the input from its first value,
+        and the level goes into the offset.
+    confounded
+        States whose free response is a constant, like the position of a free mass: the
+        offset already stands for them.
+    """
+
+    def __init__(
+        self,
+        experiments: Sequence[Experiment],
+        input_role: str,
+        output_role: str,
+        realise: Realisation,
+        *,
+        gain: str | None = None,
+        dead_zone: bool = False,
+        confounded: Callable[[Values], tuple[int, ...]] = lambda values: (),
+    ) -> None:
+        self.realise, self.gain, self.dead_zone = realise, gain, dead_zone
+        self.confounded = confounded
+        self.measured = [e[output_role] for e in experiments if output_role in e]
+        self.levels = [input_level(e.signals[input_role]) for e in experiments]
+        self.prepared = [self._prepare(e, input_role) for e in experiments]
+
+    def _prepare(self, experiment: Experiment, role: str) -> _Prepared:
+        signal = experiment.signals[role]
+        u = piecewise(signal, level=0.0 if self.dead_zone else input_level(signal))
+        samples = make_grid(experiment.time)
+        same = signal.time is experiment.time or np.array_equal(signal.time, experiment.time)
+        return _Prepared(u, samples if same else make_grid(u.nodes), samples)
+
+    def columns(self, index: int, values: Values) -> Basis:
+        """Forced response, free responses and offset of one experiment."""
+        p = self.prepared[index]
+        a, b, c = self.realise(values)
+        u = p.u
+        if self.dead_zone:
+            u = apply_dead_zone(u, values["dead_zone_negative"], values["dead_zone_positive"])
+        y = forced_response(
+            a, b, c, u, p.samples.instants, dead_time=values.get("dead_time", 0.0), grid=p.nodes
+        )
+        free = free_response(a, c, p.samples)
+        skip = self.confounded(values)
+        kept = [i for i in range(free.shape[1]) if i not in skip]
+        local = np.column_stack((free[:, kept], np.ones(y.size)))
+        if self.gain is None:
+            return Basis(y, np.zeros((y.size, 0)), local)
+        return Basis(np.zeros(y.size), y[:, None], local)
+
+    def named(self, nonlinear: Sequence[str]) -> NamedModel:
+        """The model in the form the estimation takes."""
+        linear = () if self.gain is None else (self.gain,)
+        return NamedModel(tuple(nonlinear), linear, self.columns, self.measured)
+
+
+def grid_search(
+    problem: Problem, axes: Mapping[str, FloatArray], keep: int = 4
+) -> list[dict[str, float]]:
+    """Profile the cost over a grid and return the distinct valleys, best first.
+
+    A valley is a grid point that is no worse than its neighbours along every axis: dead
+    times and natural frequencies have several.
+    """
+    order = [u.name for u in problem.nonlinear]
+    lists = [np.asarray(axes[n], dtype=float) for n in order]
+    mesh = np.meshgrid(*lists, indexing="ij")
+    points = np.column_stack([m.ravel() for m in mesh])
+    costs = profile(problem, points).reshape(mesh[0].shape)
+    valley = np.isfinite(costs)
+    for axis in range(costs.ndim):
+        up = np.roll(costs, -1, axis=axis)
+        down = np.roll(costs, 1, axis=axis)
+        ends = [slice(None)] * costs.ndim
+        ends[axis] = slice(-1, None)
+        up[tuple(ends)] = np.inf
+        ends[axis] = slice(0, 1)
+        down[tuple(ends)] = np.inf
+        valley &= (costs <= up) & (costs <= down)
+    found = np.flatnonzero(valley.ravel())
+    found = found[np.argsort(costs.ravel()[found])][:keep]
+    return [dict(zip(order, points[k])) for k in found]
+
+
+def fit_transfer(
+    make: Callable[[Sequence[Experiment]], NamedModel],
+    experiments: Sequence[Experiment],
+    output: str,
+    specs: Sequence[ParameterSpec],
+    request: Request,
+    unknowns: Mapping[str, Unknown],
+    find_starts: Callable[[Sequence[Experiment]], list[dict[str, float]]],
+    *,
+    sensible: Mapping[str, float] | None = None,
+    refusals: Sequence[Refusal] = (),
+) -> Fitted:
+    """Staged fit: look for starts, refine them on an excerpt, then fit everything.
+
+    Parameters
+    ----------
+    make
+        Builds the model of some experiments.
+    find_starts
+        Returns start values of the nonlinear parameters, best first; a ``--start`` wins.
+    sensible, refusals
+        As in :func:`.parametric.fit_named`.
+    """
+    held = dict(request.fixed)
+    for r in refusals:
+        held.setdefault(r.parameter, r.hold if r.hold is not None else 0.0)
+    few = shorten(experiments, output)
+    problem = bind(make(few), unknowns, held)
+    request.progress("searching for a start")
+    starts = [{**s, **request.start} for s in find_starts(few)]
+    search = solve_from(problem, [_vector(problem, s) for s in starts], tolerance=1e-2)
+    names = [u.name for u in problem.nonlinear]
+    finalists = [{**held, **dict(zip(names, s.eta))} for s in (search.best, *search.rivals[:1])]
+    request.progress("fitting")
+    fitted = fit_named(
+        make(experiments), specs, request, unknowns, finalists, refusals=refusals, sensible=sensible
+    )
+    tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
+    return replace(fitted, search=tried)
+
+
+def _vector(problem: Problem, start: Mapping[str, float]) -> FloatArray:
+    return np.array([start[u.name] for u in problem.nonlinear])
+
+
+def simulate_transfer(model: TransferModel, parameters: Mapping[str, Value]) -> FloatArray:
+    """Output of the model's only experiment, offset and initial state fitted to its output.
+
+    Without a recorded output the start is at rest and the steady level is ``gain`` times
+    the input's first value.
+    """
+    values: Values = scalars(parameters)
+    b = model.columns(0, values)
+    known = b.known
+    if model.gain is not None:
+        known = known + values[model.gain] * b.shared[:, 0]
+    if not model.measured:
+        level = 0.0 if model.gain is None else values[model.gain] * model.levels[0]
+        return np.asarray(known + level)
+    rest = model.measured[0] - known
+    local = np.linalg.lstsq(b.local, rest, rcond=None)[0]
+    return np.asarray(known + b.local @ local)
+
+
+def time_scales(experiments: Sequence[Experiment]) -> tuple[float, float]:
+    """Shortest sample time and longest duration of the logs [s]."""
+    return min(e.sample_time for e in experiments), max(float(np.ptp(e.time)) for e in experiments)
+
+
+def dead_time_axis(step: float, longest: float) -> FloatArray:
+    """Dead times to try [s]: half samples while short, in proportion when long."""
+    fine = np.arange(0.0, min(12.0 * step, longest) + 0.25 * step, 0.5 * step)
+    coarse = np.geomspace(12.0 * step, longest, 14) if longest > 12.0 * step else np.zeros(0)
+    return np.unique(np.concatenate((fine, coarse)))

@@ -1,0 +1,204 @@
+"""Covariance, intervals and residual tests.
+
+With white residuals the covariance is ``s^2 (J'J)^-1``. Residuals of real machines are
+coloured; then ``J'J`` claims far too much. The robust version fits an autoregression to
+the residuals, takes its autocovariances ``R`` and returns
+``(J'J)^-1 (J' R J) (J'J)^-1`` [1]_.
+
+References
+----------
+.. [1] L. Ljung, System Identification: Theory for the User, 2nd ed., 1999, section 9.
+.. [2] G. Ljung, G. Box, "On a measure of lack of fit in time series models",
+   Biometrika 65, 1978.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..experiment import FloatArray
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Covariance of the unknowns and how it was made.
+
+    ``covariance`` has shape ``(p, p)``, ``degrees`` is the number of degrees of freedom,
+    ``sigma`` the residual standard deviation, ``order`` the order of the autoregression
+    (0: white).
+    """
+
+    covariance: FloatArray
+    degrees: int
+    sigma: float
+    order: int
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Ljung-Box test: statistic, p-value and number of lags."""
+
+    statistic: float
+    p_value: float
+    lags: int
+
+
+def t_quantile(probability: float, degrees: int) -> float:
+    """Quantile of Student's t distribution."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(max(degrees, 1), probability))
+
+
+def chi2_tail(statistic: float, degrees: int) -> float:
+    """Probability that a chi-square variable exceeds ``statistic``."""
+    from scipy.special import chdtrc
+
+    return float(chdtrc(max(degrees, 1), max(statistic, 0.0)))
+
+
+def autocovariance(series: Sequence[FloatArray], lags: int) -> FloatArray:
+    """Autocovariances at lags ``0..lags``, pooled over series, shape ``(lags + 1,)``."""
+    total = sum(s.size for s in series)
+    out = np.zeros(lags + 1)
+    for s in series:
+        for k in range(min(lags, s.size - 1) + 1):
+            out[k] += float(s[: s.size - k] @ s[k:])
+    return out / max(total, 1)
+
+
+def whiteness(residuals: Sequence[FloatArray], fitted: int = 0) -> Whiteness:
+    """Ljung-Box test of the residuals against correlation in time [2]_.
+
+    Parameters
+    ----------
+    residuals
+        One array per experiment.
+    fitted
+        Number of fitted unknowns; too few samples beyond it give a p-value of one.
+    """
+    kept = [r - r.mean() for r in residuals if r.size > 3]
+    n = sum(r.size for r in kept)
+    shortest = min((r.size for r in kept), default=0)
+    lags = int(min(20, n // 5, shortest - 1))
+    if lags < 1 or n <= fitted + lags:
+        return Whiteness(0.0, 1.0, 0)
+    r = autocovariance(kept, lags)
+    if r[0] <= 0.0:
+        return Whiteness(0.0, 1.0, lags)
+    rho = r[1:] / r[0]
+    statistic = float(n * (n + 2) * np.sum(rho**2 / (n - np.arange(1, lags + 1))))
+    return Whiteness(statistic, chi2_tail(statistic, lags), lags)
+
+
+def fit_autoregression(residuals: Sequence[FloatArray], highest: int) -> tuple[FloatArray, float]:
+    """Autoregression by Levinson-Durbin, its order chosen by the Bayes criterion.
+
+    Returns
+    -------
+    coefficients : (order,)
+        ``e_k = sum_i coefficients[i] e_{k-1-i} + w_k``.
+    variance
+        Variance of ``w``.
+    """
+    kept = [r for r in residuals if r.size > 1]
+    n = sum(r.size for r in kept)
+    r = autocovariance(kept, highest)
+    best: tuple[FloatArray, float] = (np.zeros(0), r[0])
+    if r[0] <= 0.0 or n < 10:
+        return best
+    a, variance = np.zeros(0), r[0]
+    score = n * np.log(variance)
+    for order in range(1, highest + 1):
+        reflection = (r[order] - a @ r[order - 1 : 0 : -1][: order - 1]) / variance
+        if not abs(reflection) < 1.0:
+            break
+        a = np.append(a - reflection * a[::-1], reflection)
+        variance *= 1.0 - reflection**2
+        now = n * np.log(max(variance, 1e-300)) + order * np.log(n)
+        if now < score:
+            score, best = now, (a.copy(), float(variance))
+    return best
+
+
+def _ar_autocovariance(a: FloatArray, variance: float, length: int) -> FloatArray:
+    """Autocovariances of an autoregression at lags ``0..length-1`` from its spectrum."""
+    root = float(np.max(np.abs(np.roots(np.concatenate(([1.0], -a)))))) if a.size else 0.0
+    memory = int(min(40.0 / max(1.0 - root, 1e-4), 4e5))
+    size = 1 << int(np.ceil(np.log2(max(2 * length, 2 * memory, 64))))
+    response = np.fft.rfft(np.concatenate(([1.0], -a)), size)
+    return np.asarray(np.fft.irfft(variance / np.abs(response) ** 2, size)[:length])
+
+
+def _weighted_product(jacobian: FloatArray, r: FloatArray) -> FloatArray:
+    """``J' R J`` with the Toeplitz matrix of ``r``, by fast convolution; shape ``(p, p)``."""
+    n = jacobian.shape[0]
+    size = 1 << int(np.ceil(np.log2(max(2 * n, 2))))
+    kernel = np.zeros(size)
+    kernel[:n] = r[:n]
+    kernel[size - n + 1 :] = r[1:n][::-1]
+    spectrum = np.fft.rfft(kernel)
+    product = np.fft.irfft(np.fft.rfft(jacobian, size, axis=0) * spectrum[:, None], size, axis=0)
+    return np.asarray(jacobian.T @ product[:n])
+
+
+def covariance(
+    jacobian: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+    *,
+    local_unknowns: int = 0,
+    robust: bool = True,
+    sigma_floor: float = 0.0,
+) -> Uncertainty:
+    """Covariance of least-squares unknowns, robust against coloured residuals.
+
+    Parameters
+    ----------
+    jacobian
+        Per experiment, shape ``(n_i, p)``, local unknowns projected out.
+    residuals
+        Per experiment, shape ``(n_i,)``.
+    local_unknowns
+        How many local unknowns were fitted besides the ``p`` shared ones.
+    robust
+        Whether to look for correlation in time at all (static data: no).
+    sigma_floor
+        Known smallest standard deviation of the noise, such as that of a converter;
+        the residuals of a deterministic fit can fall below it.
+
+    Returns
+    -------
+    Uncertainty
+        With infinite variances in directions the data say nothing about.
+    """
+    stacked = np.vstack(jacobian)
+    n, p = stacked.shape
+    degrees = max(n - p - local_unknowns, 1)
+    cost = float(sum(float(r @ r) for r in residuals))
+    sigma = max(np.sqrt(cost / degrees), sigma_floor)
+    scale = np.linalg.norm(stacked, axis=0)
+    blind = scale == 0.0
+    scale = np.where(blind, 1.0, scale)
+    _, s, vt = np.linalg.svd(stacked / scale, full_matrices=False)
+    inverse = np.where(s > 1e-12 * s.max(initial=0.0), 1.0 / np.maximum(s, 1e-300), 0.0)
+    bread = (vt.T * inverse**2) @ vt / np.outer(scale, scale)
+    order, middle = 0, None
+    if robust and n > 30:
+        shortest = min(r.size for r in residuals)
+        highest = int(min(25, shortest // 4, n // 10))
+        a, variance = fit_autoregression(residuals, max(highest, 0))
+        order = a.size
+        if order:
+            variance *= n / degrees
+            length = max(r.size for r in residuals)
+            r = _ar_autocovariance(a, variance, length)
+            # the fitted colour keeps the residuals' own size, floor included
+            r *= max(sigma**2 / r[0], 1.0)
+            middle = np.sum([_weighted_product(j, r) for j in jacobian], axis=0)
+    total = sigma**2 * bread if middle is None else bread @ middle @ bread
+    total = 0.5 * (total + total.T)
+    total[blind, blind] = np.inf
+    return Uncertainty(total, degrees, float(sigma), order)
