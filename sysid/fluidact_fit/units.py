@@ -224,7 +224,7 @@ def _ask_pint(text: str) -> tuple[float, Signature] | None:
         When the unit has an offset (a temperature scale): a factor cannot convert it.
     """
     registry = _registry()
-    expression = _FOR_PINT.get(text, text)
+    expression = re.sub(r"\brev\b", "revolution", _FOR_PINT.get(text, text))
     if not expression.isprintable() or len(expression) > 60:
         return None
     try:

@@ -18,7 +18,7 @@ from ..errors import NotIdentifiedError, Notice, UsageError
 from ..experiment import Experiment, FloatArray, Signal
 from ..family import ParameterSpec, Quantity, Request, Value
 from .separable import Basis, Problem, Search, Slopes, Solution, Unknown, solve_from
-from .uncertainty import Uncertainty, covariance, t_quantile
+from .uncertainty import Uncertainty, covariance, score_covariance, t_quantile
 
 Array = npt.NDArray[Any]
 Values = Mapping[str, Any]
@@ -219,6 +219,8 @@ class Fitted:
             "converged": self.solution.converged,
             "covariance": "white"
             if self.uncertainty.order == 0
+            else "long-run variance of the scores"
+            if self.uncertainty.order < 0
             else f"autoregressive residuals of order {self.uncertainty.order}",
         }
 
@@ -260,7 +262,7 @@ def fit_named(
     sensible: Mapping[str, float] | None = None,
     robust: bool = True,
     sigma_floor: float = 0.0,
-    neutral: Mapping[str, float] | None = None,
+    channels: Sequence[Sequence[slice]] = (),
 ) -> Fitted:
     """Fit a named model and refuse what the data do not determine.
 
@@ -275,8 +277,9 @@ def fit_named(
     sensible
         Per parameter the width that its 95 % interval may have before it says nothing
         (default: its own value).
-    neutral
-        Neutral values that depend on the other data, instead of the specification's.
+    channels
+        Rows of each experiment that hold different functions of the same samples. Their
+        errors are not independent; the covariance is then taken from the scores.
     """
     by_name = {s.name: s for s in specs}
     every = (*model.nonlinear, *model.linear)
@@ -295,13 +298,16 @@ def fit_named(
         search = solve_from(problem, begin)
         best = search.best
         names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
-        uncertainty = covariance(
-            best.jacobian,
-            best.residuals,
-            local_unknowns=sum(best.local_counts),
-            robust=robust,
-            sigma_floor=sigma_floor,
-        )
+        if channels and len(channels[0]) > 1:
+            uncertainty = score_covariance(best.jacobian, best.residuals, channels)
+        else:
+            uncertainty = covariance(
+                best.jacobian,
+                best.residuals,
+                local_unknowns=sum(best.local_counts),
+                robust=robust,
+                sigma_floor=sigma_floor,
+            )
         values = dict(zip(names, (*best.eta, *best.linear)))
         worst = _least_determined(values, names, uncertainty, best, sensible or {}, unknowns)
         if worst is None:
@@ -314,8 +320,8 @@ def fit_named(
     for name, value in fixed.items():
         final[name], status[name] = value, "fixed"
     for name in refused:
-        neutral_value = (neutral or {}).get(name, by_name[name].neutral)
-        final[name] = float(neutral_value if neutral_value is not None else 0.0)
+        neutral = by_name[name].neutral
+        final[name] = 0.0 if neutral is None else neutral
         status[name] = "not_identified"
     return Fitted(final, names, uncertainty, status, search, best, notices, unknowns)
 
@@ -370,7 +376,10 @@ def quantities(
         low = max(value - quantile * se, spec.minimum)
         high = min(value + quantile * se, spec.maximum)
         out[spec.name] = Quantity(value, spec.unit, "estimated", se, [low, high], "wald")
-    return out, fitted.names, fitted.uncertainty.covariance
+    # nuisance values of single logs stay behind: their rows are dropped, not conditioned on
+    kept = [k for k, name in enumerate(fitted.names) if name in out]
+    order = tuple(fitted.names[k] for k in kept)
+    return out, order, fitted.uncertainty.covariance[np.ix_(kept, kept)]
 
 
 def derive(

@@ -202,3 +202,65 @@ def covariance(
     total = 0.5 * (total + total.T)
     total[blind, blind] = np.inf
     return Uncertainty(total, degrees, float(sigma), order)
+
+
+def score_covariance(
+    jacobian: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+    channels: Sequence[Sequence[slice]],
+) -> Uncertainty:
+    """Covariance from the scores, for rows that are functions of the same samples.
+
+    The scores ``J_k' r_k`` of all channels at one instant are added and their long-run
+    variance is taken with a Bartlett kernel whose width follows the slowest
+    first-order autocorrelation (Newey and West 1987, Andrews 1991).
+
+    Parameters
+    ----------
+    jacobian, residuals
+        As in :func:`covariance`, weighted.
+    channels
+        Per experiment the rows of every channel; shorter ones are centred on the first.
+    """
+    stacked = np.vstack(jacobian)
+    p = stacked.shape[1]
+    scale = np.linalg.norm(stacked, axis=0)
+    scale[scale == 0.0] = 1.0
+    bread = np.linalg.pinv((stacked / scale).T @ (stacked / scale)) / np.outer(scale, scale)
+    middle = np.zeros((p, p))
+    samples, cost = 0, 0.0
+    for j, r, rows in zip(jacobian, residuals, channels):
+        first = rows[0]
+        scores = j[first] * r[first][:, None]
+        for other in rows[1:]:
+            length = other.stop - other.start
+            skip = (scores.shape[0] - length) // 2
+            scores[skip : skip + length] += j[other] * r[other][:, None]
+        middle += _long_run(scores)
+        samples += scores.shape[0]
+        cost += float(r[first] @ r[first])
+    total = bread @ middle @ bread
+    degrees = max(samples - p, 1)
+    return Uncertainty(0.5 * (total + total.T), degrees, float(np.sqrt(cost / degrees)), -1)
+
+
+def _long_run(scores: FloatArray) -> FloatArray:
+    """Sum of the autocovariances of a vector series under a Bartlett kernel, times ``n``."""
+    n = scores.shape[0]
+    power = np.sum(scores**2, axis=0)
+    alike = np.sum(scores[1:] * scores[:-1], axis=0) / np.where(power == 0.0, 1.0, power)
+    rho = float(np.clip(np.max(alike, initial=0.0), 0.0, 0.999))
+    width = int(min(n // 4, 1.1447 * (4.0 * rho**2 / (1.0 - rho**2) ** 2 * n) ** (1.0 / 3.0)))
+    total = scores.T @ scores
+    if width < 1:
+        return np.asarray(total)
+    size = 1 << int(np.ceil(np.log2(n + width + 1)))
+    kernel = np.zeros(size)
+    weights = 1.0 - np.arange(1, width + 1) / (width + 1.0)
+    kernel[0] = 1.0
+    kernel[1 : width + 1] = weights
+    kernel[size - width :] = weights[::-1]
+    spectrum = np.fft.rfft(kernel)[:, None]
+    smeared = np.fft.irfft(np.fft.rfft(scores, size, axis=0) * spectrum, size, axis=0)[:n]
+    total = scores.T @ smeared
+    return np.asarray(0.5 * (total + total.T))

@@ -1,0 +1,20 @@
+"""Read recorded logs and turn them into experiments."""
+
+from __future__ import annotations
+
+from .describe import describe, provenance
+from .experiments import choose_variant, experiments
+from .log import Column, Dialect, Log, StepInput
+from .reader import read_log
+
+__all__ = [
+    "Column",
+    "Dialect",
+    "Log",
+    "StepInput",
+    "choose_variant",
+    "describe",
+    "experiments",
+    "provenance",
+    "read_log",
+]

@@ -1,0 +1,124 @@
+"""What is wrong with a log, or looks as if it were: notices, never errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..errors import Notice
+from ..experiment import Experiment, FloatArray
+from .columns import Binding
+from .log import Log, count_of
+from .timebase import Run
+
+_MANY = 100_000
+_GAP = 5.0
+_JITTER = 0.2
+_STUCK = 8
+_MOVING = 50
+
+
+def smallest_step(values: FloatArray) -> float:
+    """Return the smallest distance of two distinct values, 0 when all are equal.
+
+    Converter or print resolution of a signal [unit of the values]; of long signals a
+    contiguous part is looked at.
+
+    Parameters
+    ----------
+    values
+        Shape ``(n,)``; NaN are passed over.
+    """
+    part = values
+    if values.size > _MANY:
+        # A stride would miss neighbouring codes of a slow signal, a single block might be flat.
+        block = _MANY // 4
+        at = np.linspace(0, values.size - block, 4).astype(int)
+        part = np.concatenate([values[i : i + block] for i in at])
+    levels = np.unique(part[np.isfinite(part)])
+    if levels.size < 2:
+        return 0.0
+    return float(np.diff(levels).min())
+
+
+def check_sampling(log: Log, runs: Sequence[Run]) -> list[Notice]:
+    """Report gaps and uneven sampling, once per log."""
+    timed = [run for run in runs if run.time.size > 2 and not run.uniform]
+    if not timed:
+        return []
+    steps = np.concatenate([np.diff(run.time) for run in timed])
+    lines = np.concatenate([log.lines[run.rows[:-1]] for run in timed])
+    usual = float(np.median(steps))
+    gaps = np.flatnonzero(steps > _GAP * usual)
+    notices = []
+    if gaps.size:
+        worst = int(gaps[np.argmax(steps[gaps])])
+        notices.append(
+            Notice(
+                "gap",
+                f"{log.name}, line {int(lines[worst])}: {steps[worst]:.4g} s without a sample "
+                f"after this line, the longest of {count_of(gaps.size, 'gap')} (usual step "
+                f"{usual:.4g} s).",
+            )
+        )
+    rest = np.delete(steps, gaps)
+    if rest.size and float(np.abs(rest - usual).max()) > _JITTER * usual:
+        notices.append(
+            Notice(
+                "uneven-sampling",
+                f"{log.name}: sampling is uneven: steps of {steps.min():.4g} to "
+                f"{steps.max():.4g} s, median {usual:.4g} s. The samples are used where they are.",
+            )
+        )
+    return notices
+
+
+def check_signals(
+    log: Log, bindings: Mapping[str, Binding], experiments: Sequence[Experiment]
+) -> list[Notice]:
+    """Report signals that never move or sit on an extreme."""
+    notices = []
+    for role, binding in bindings.items():
+        parts = [e[role] for e in experiments if role in e]
+        if role == "time" or not parts or sum(part.size for part in parts) < 2:
+            continue
+        if len({float(part.min()) for part in parts} | {float(part.max()) for part in parts}) == 1:
+            notices.append(
+                Notice(
+                    "constant-signal",
+                    f"{log.name}: {role} (column '{binding.column.label}') never moves from "
+                    f"{float(parts[0][0]):g} {binding.role.unit}. Check the column and the sensor.",
+                )
+            )
+        elif binding.role.hold != "zoh":
+            notices += _check_saturation(log, binding, parts)
+    return notices
+
+
+def _check_saturation(log: Log, binding: Binding, parts: Sequence[FloatArray]) -> list[Notice]:
+    """Report a sensor that sticks to its extreme but moves everywhere else.
+
+    A command or a resting machine repeats values, too; only a signal that hardly ever
+    repeats one elsewhere is said to be clipped.
+    """
+    low = min(float(part.min()) for part in parts)
+    high = max(float(part.max()) for part in parts)
+    at_ends, elsewhere, moving = 0, 0, 0
+    for part in parts:
+        first = np.flatnonzero(np.r_[True, np.diff(part) != 0])
+        length = np.diff(np.r_[first, part.size])
+        extreme = (part[first] == low) | (part[first] == high)
+        at_ends = max(at_ends, int(length[extreme].max(initial=0)))
+        moving += int(np.count_nonzero(~extreme))
+        elsewhere = max(elsewhere, int(length[~extreme].max(initial=0)))
+    if at_ends < _STUCK or elsewhere * 3 > at_ends or moving < _MOVING:
+        return []
+    return [
+        Notice(
+            "saturated",
+            f"{log.name}: {binding.role.name} (column '{binding.column.label}') stays at its "
+            f"extreme for {at_ends} samples in a row ({low:g} to {high:g} {binding.role.unit}); "
+            "the sensor or its converter may be clipped there.",
+        )
+    ]

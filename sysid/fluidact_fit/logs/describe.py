@@ -1,0 +1,163 @@
+"""What is in a log, for people and for the provenance of a result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import LogError, Notice
+from ..experiment import Experiment
+from ..family import Role
+from ..units import conversion_factor, same_dimension
+from .checks import check_sampling, smallest_step
+from .columns import Binding, bind_role, bind_roles
+from .log import Column, Log
+from .timebase import split_runs
+
+_TIME = Role("time", "s", "instants of the samples")
+
+
+def describe(log: Log) -> dict[str, Any]:
+    """Return what ``inspect`` shows: dialect, columns, time base and what is wrong.
+
+    Works without a family; problems of the time column are listed, not raised.
+
+    Returns
+    -------
+    dict
+        Plain numbers and text with the keys ``file``, ``sha256``, ``rows``, ``dialect``,
+        ``columns`` (raw units), ``time`` (``None`` without a time column) and ``notices``.
+    """
+    notices = list(log.notices)
+    time = _describe_time(log, notices)
+    dialect = log.dialect
+    return {
+        "file": log.name,
+        "sha256": log.sha256,
+        "rows": log.rows,
+        "dialect": {
+            "name": dialect.name,
+            "encoding": dialect.encoding,
+            "delimiter": dialect.delimiter,
+            "decimal": dialect.decimal,
+            "preamble_lines": dialect.preamble,
+            "header_line": dialect.header_line,
+            "units_line": dialect.units_line,
+            "first_data_line": dialect.first_data_line,
+        },
+        "columns": [_describe_column(column) for column in log.columns],
+        "time": time,
+        "notices": [{"code": n.code, "message": n.message} for n in notices],
+    }
+
+
+def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
+    """Return the entry of ``provenance.logs`` for the experiments made of a log.
+
+    Parameters
+    ----------
+    log
+        The log.
+    experiments
+        What `experiments` made of it.
+
+    Returns
+    -------
+    dict
+        Base name, checksum, rows, sample time [s] and the columns by role.
+    """
+    entry: dict[str, Any] = {"file": log.name, "sha256": log.sha256, "rows": log.rows}
+    steps = [e.sample_time for e in experiments if e.sample_time > 0]
+    if steps:
+        entry["sample_time"] = float(np.median(steps))
+    if len(experiments) > 1:
+        entry["runs"] = len(experiments)
+    if log.window is not None:
+        entry["window"] = list(log.window)
+    columns: dict[str, Any] = {}
+    if experiments and experiments[0].time.size and log.sample_time is None:
+        binding = bind_role(log, _TIME)
+        if binding is not None:
+            columns["time"] = _binding_entry(binding)
+    for role, signal in experiments[0].signals.items() if experiments else ():
+        if role in log.steps:
+            step = log.steps[role]
+            columns[role] = {
+                "step": {"from": step.start, "to": step.end, "at": step.at},
+                "unit": log.units.get(role, signal.unit),
+            }
+        else:
+            binding = bind_roles(log, [Role(role, signal.unit, "")])[role]
+            columns[role] = _binding_entry(binding)
+        if signal.hold is not None:
+            columns[role]["hold"] = signal.hold
+    entry["columns"] = columns
+    return entry
+
+
+def _binding_entry(binding: Binding) -> dict[str, Any]:
+    entry: dict[str, Any] = {"header": binding.column.label, "unit": binding.unit}
+    if binding.scale != 1.0:
+        entry["scale"] = binding.scale
+    if binding.assumed:
+        entry["assumed"] = True
+    return entry
+
+
+def _describe_column(column: Column) -> dict[str, Any]:
+    finite = column.values[np.isfinite(column.values)]
+    return {
+        "number": column.index,
+        "header": column.header or None,
+        "name": column.name or None,
+        "unit": column.unit,
+        "low": float(finite.min()) if finite.size else None,
+        "high": float(finite.max()) if finite.size else None,
+        "resolution": smallest_step(finite),
+        "invalid_cells": int(column.values.size - finite.size),
+    }
+
+
+def _describe_time(log: Log, notices: list[Notice]) -> dict[str, Any] | None:
+    try:
+        binding = _time_candidate(log)
+        if binding is None:
+            return None
+        runs, found = split_runs(log, binding)
+    except LogError as error:
+        notices.append(Notice("time-unusable", str(error).replace("\n", " ")))
+        return None
+    notices += found
+    notices += check_sampling(log, runs)
+    steps = np.concatenate([np.diff(run.time) for run in runs])
+    usual = float(np.median(steps)) if steps.size else 0.0
+    return {
+        "column": binding.column.index,
+        "header": binding.column.header or None,
+        "unit": binding.unit,
+        "assumed": binding.assumed,
+        "runs": len(runs),
+        "sample_time": usual,
+        "uniform": all(run.uniform for run in runs),
+        "jitter": float(np.abs(steps - usual).max()) if steps.size else 0.0,
+        "start": float(min(run.time[0] for run in runs)),
+        "end": float(max(run.time[-1] for run in runs)),
+    }
+
+
+def _time_candidate(log: Log) -> Binding | None:
+    """Return the time column: named, in a unit of time, or the first that only grows."""
+    binding = bind_role(log, _TIME)
+    if binding is not None:
+        return binding
+    for column in log.columns:
+        timed = column.unit is not None and same_dimension(column.unit, "s")
+        steps = np.diff(column.values)
+        grows = column.unit is None and steps.size > 2 and float(np.mean(steps > 0)) > 0.7
+        if (timed or grows) and np.isfinite(column.values).all():
+            factor = 1.0 if column.unit is None else conversion_factor(column.unit, "s")
+            assumed = column.unit is None
+            return Binding(_TIME, column, column.unit or "s", 1.0, factor, assumed, False)
+    return None

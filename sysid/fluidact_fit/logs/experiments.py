@@ -1,0 +1,253 @@
+"""From a log to experiments: SI arrays with named roles, one per run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import LogError, Notice, UsageError
+from ..experiment import Experiment, Hold, Signal
+from ..family import Role, Variant
+from ..units import conversion_factor
+from .checks import check_sampling, check_signals, smallest_step
+from .columns import (
+    Binding,
+    assumed_notice,
+    bind_roles,
+    check_roles,
+    missing_error,
+    missing_roles,
+    require_numbers,
+)
+from .log import Log, StepInput
+from .timebase import Run, counted_run, split_runs, untimed_run
+
+
+def choose_variant(logs: Log | Sequence[Log], variants: Sequence[Variant]) -> Variant:
+    """Return the variant whose roles the logs hold.
+
+    The variant has to be complete for every log; of several, the one that uses more of
+    the roles the user named wins, then the first.
+
+    Raises
+    ------
+    UsageError
+        When an option names a role that no variant has.
+    LogError
+        When none is complete: names what the closest one lacks.
+    """
+    logs = [logs] if isinstance(logs, Log) else list(logs)
+    everything = {role.name: role for variant in variants for role in variant.roles}
+    best: tuple[int, int] | None = None
+    chosen = variants[0]
+    lacking: tuple[Log, list[str]] | None = None
+    for log in logs:
+        check_roles(log, everything.values())
+    for variant in variants:
+        names = {role.name for role in variant.roles}
+        named = sum(len(names & {*log.bindings, *log.steps}) for log in logs)
+        missing = [(log, missing_roles(log, variant.roles)) for log in logs]
+        count = sum(len(roles) for _, roles in missing)
+        if best is None or (-count, named) > best:
+            best, chosen = (-count, named), variant
+            lacking = next(((log, roles) for log, roles in missing if roles), None)
+    if lacking is not None:
+        raise missing_error(*lacking)
+    return chosen
+
+
+def experiments(
+    log: Log, variant: Variant, *, index: int = 0
+) -> tuple[list[Experiment], list[Notice]]:
+    """Turn a log into experiments of a variant.
+
+    Parameters
+    ----------
+    log
+        The log.
+    variant
+        The roles wanted.
+    index
+        Number of the log among those of the fit, from 0.
+
+    Returns
+    -------
+    tuple
+        One experiment per run, and everything worth a warning, reading included.
+
+    Raises
+    ------
+    UsageError
+        When an option does not fit the variant.
+    UnitError
+        When a column has a unit of the wrong dimension.
+    LogError
+        When a role is missing, a used cell is no number or time cannot be ordered.
+    """
+    check_roles(log, variant.roles)
+    if missing := missing_roles(log, variant.roles):
+        raise missing_error(log, missing)
+    bindings = bind_roles(log, variant.roles)
+    notices = list(log.notices)
+    runs = _find_runs(log, variant, bindings, notices)
+    notices += assumed_notice(log, bindings.values())
+    runs = _apply_window(log, runs)
+    found = _make_experiments(log, variant, bindings, runs, index)
+    notices += check_sampling(log, runs)
+    notices += check_signals(log, bindings, found)
+    return found, notices
+
+
+def _find_runs(
+    log: Log, variant: Variant, bindings: dict[str, Binding], notices: list[Notice]
+) -> list[Run]:
+    """Return the runs of a log; drops an optional time column that cannot be used."""
+    timed = next((role for role in variant.roles if role.name == "time"), None)
+    if timed is None:
+        return [untimed_run(log.rows)]
+    if log.sample_time is not None:
+        if (column := bind_roles(_without_sample_time(log), [timed]).get("time")) is not None:
+            notices.append(
+                Notice(
+                    "time-replaced",
+                    f"{log.name}: the time column '{column.column.label}' was not used, "
+                    f"--sample-time {log.sample_time:g} replaces it.",
+                )
+            )
+        return [counted_run(log.rows, log.sample_time)]
+    binding = bindings.get("time")
+    if binding is None:
+        return [untimed_run(log.rows)]
+    try:
+        runs, found = split_runs(log, binding)
+    except LogError as error:
+        if timed.required or binding.explicit:
+            raise
+        # Nobody asked for this column: static data can do without.
+        del bindings["time"]
+        notices.append(
+            Notice("time-unusable", f"{error.where}: {error.what} The time column was not used.")
+        )
+        return [untimed_run(log.rows)]
+    notices.extend(found)
+    return runs
+
+
+def _without_sample_time(log: Log) -> Log:
+    from dataclasses import replace
+
+    return replace(log, sample_time=None)
+
+
+def _apply_window(log: Log, runs: list[Run]) -> list[Run]:
+    """Keep the seconds asked for, on each run's own time."""
+    if log.window is None or log.window == (None, None):
+        return runs
+    if not any(run.time.size for run in runs):
+        raise UsageError(
+            f"{log.name} has no time, so --window cannot be applied.",
+            remedy="Give --column time=... or --sample-time, or leave --window out.",
+        )
+    low = -np.inf if log.window[0] is None else log.window[0]
+    high = np.inf if log.window[1] is None else log.window[1]
+    kept = []
+    for run in runs:
+        # A bound that is a sample's own instant keeps it, whatever the last bit says.
+        slack = 1e-6 * run.sample_time
+        inside = (run.time >= low - slack) & (run.time <= high + slack)
+        if inside.any():
+            kept.append(Run(run.rows[inside], run.time[inside], run.sample_time, run.uniform))
+    if not kept:
+        first = min(float(run.time[0]) for run in runs if run.time.size)
+        last = max(float(run.time[-1]) for run in runs if run.time.size)
+        raise LogError(
+            f"no sample lies within the window {_side(log.window[0])}:{_side(log.window[1])} s.",
+            where=log.name,
+            expected=f"Its time goes from {first:g} to {last:g} s.",
+            remedy="Choose the window within these seconds.",
+        )
+    return kept
+
+
+def _side(value: float | None) -> str:
+    return "" if value is None else f"{value:g}"
+
+
+def _make_experiments(
+    log: Log,
+    variant: Variant,
+    bindings: Mapping[str, Binding],
+    runs: Sequence[Run],
+    index: int,
+) -> list[Experiment]:
+    measured = {role: b for role, b in bindings.items() if role != "time"}
+    resolutions = {
+        role: smallest_step(b.column.values) * abs(b.to_si) for role, b in measured.items()
+    }
+    found = []
+    for number, run in enumerate(runs, start=1):
+        signals: dict[str, Signal] = {}
+        for role, binding in measured.items():
+            require_numbers(log, binding, run.rows)
+            signals[role] = _measured_signal(log, binding, run, resolutions[role])
+        for stepped in variant.roles:
+            if stepped.name in log.steps:
+                signals[stepped.name] = step_signal(log, stepped, log.steps[stepped.name])
+        found.append(
+            Experiment(
+                name=log.name if len(runs) == 1 else f"{log.name}#{number}",
+                log=index,
+                time=run.time,
+                signals=signals,
+                sample_time=run.sample_time,
+                uniform=run.uniform,
+                attributes={"lines": _line_span(log, run.rows)},
+            )
+        )
+    return found
+
+
+def _line_span(log: Log, rows: npt.NDArray[np.intp]) -> tuple[int, int]:
+    return int(log.lines[rows[0]]), int(log.lines[rows[-1]])
+
+
+def _measured_signal(log: Log, binding: Binding, run: Run, resolution: float) -> Signal:
+    role = binding.role
+    raw = binding.column.values
+    values = raw if run.rows.size == raw.size else raw[run.rows]
+    values = values * binding.to_si
+    return Signal(
+        role=role.name,
+        time=run.time,
+        values=values,
+        unit=role.unit,
+        hold=_hold(log, role),
+        before=float(values[0]),
+        resolution=resolution,
+    )
+
+
+def step_signal(log: Log, role: Role, step: StepInput) -> Signal:
+    """Return the signal of a role that was not recorded but is known to have stepped."""
+    unit = log.units.get(role.name)
+    where = f"--step {role.name}"
+    factor = conversion_factor(unit, role.unit, where) if unit else 1.0
+    factor *= log.scales.get(role.name, 1.0)
+    return Signal(
+        role=role.name,
+        time=np.array([step.at]),
+        values=np.array([step.end * factor]),
+        unit=role.unit,
+        hold="zoh",
+        before=step.start * factor,
+        resolution=abs(step.end - step.start) * abs(factor),
+    )
+
+
+def _hold(log: Log, role: Role) -> Hold | None:
+    given = log.holds.get(role.name)
+    if given is None:
+        return role.hold
+    return "zoh" if given == "zoh" else "foh"

@@ -1,0 +1,161 @@
+"""What a log is once it has been read: numbers by column, nothing converted yet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import Notice
+from ..experiment import FloatArray
+
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class StepInput:
+    """A role that was not recorded: it rested, then stepped once.
+
+    Attributes
+    ----------
+    start, end
+        Value before and after the step [unit of the role, SI unless a unit is given].
+    at
+        Instant of the step on the run's own time [s].
+    """
+
+    start: float
+    end: float
+    at: float = 0.0
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a log.
+
+    Attributes
+    ----------
+    index
+        1-based position, what ``#3`` means.
+    header
+        As written; empty when the log has no header line.
+    name
+        Header without its unit.
+    unit
+        Unit from the header or the units row, ``None`` when there is none.
+    doubtful
+        Whether the unit is one small letter behind an underscore (``valve_m``), which is
+        believed only where it fits the role.
+    values
+        Numbers as written, shape ``(n_rows,)``; NaN where the cell is no finite number.
+    bad
+        Row to text of the cells that are no finite number (the first few thousand).
+    """
+
+    index: int
+    header: str
+    name: str
+    unit: str | None
+    doubtful: bool
+    values: FloatArray
+    bad: Mapping[int, str] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """How messages call the column: its header, or ``#3``."""
+        return self.header or f"#{self.index}"
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How the file was written.
+
+    Attributes
+    ----------
+    name
+        ``"delimited"``, or the name of a recognised logger.
+    encoding, delimiter, decimal
+        ``delimiter`` is ``" "`` for columns set apart by white space.
+    preamble
+        Lines before the header (or before the data when there is no header).
+    header_line, units_line
+        1-based line numbers, ``None`` when absent.
+    first_data_line
+        1-based line number of the first row.
+    serial
+        Whether a serial terminal wrote it: lines may be cut or overprinted.
+    """
+
+    name: str
+    encoding: str
+    delimiter: str
+    decimal: str
+    preamble: int
+    header_line: int | None
+    units_line: int | None
+    first_data_line: int
+    serial: bool = False
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log as recorded, with what the user said about it.
+
+    Attributes
+    ----------
+    path, name, sha256
+        Where it was, its file name, and the checksum of its bytes.
+    columns
+        All columns, raw.
+    lines
+        1-based source line of every row, shape ``(n_rows,)``.
+    dialect
+        How the file was written.
+    notices
+        What was odd while reading.
+    bindings, units, scales, steps, holds
+        Role to header, unit, factor, step and hold, as given by the user.
+    sample_time
+        Given by the user [s], replaces a time column.
+    window
+        Seconds to use on each run's own time, ``None`` for an open side.
+    """
+
+    path: Path
+    name: str
+    sha256: str
+    columns: tuple[Column, ...]
+    lines: IntArray
+    dialect: Dialect
+    notices: tuple[Notice, ...] = ()
+    bindings: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    scales: Mapping[str, float] = field(default_factory=dict)
+    steps: Mapping[str, StepInput] = field(default_factory=dict)
+    holds: Mapping[str, str] = field(default_factory=dict)
+    sample_time: float | None = None
+    window: tuple[float | None, float | None] | None = None
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return int(self.lines.size)
+
+
+def name_lines(lines: Sequence[int] | IntArray, shown: int = 4) -> str:
+    """Return ``line 7``, ``lines 7 and 9`` or ``lines 1, 2, 3, 4 and 12 more``."""
+    texts = [str(int(line)) for line in lines[:shown]]
+    more = len(lines) - len(texts)
+    if more:
+        return f"lines {', '.join(texts)} and {more} more"
+    if len(texts) == 1:
+        return f"line {texts[0]}"
+    return f"lines {', '.join(texts[:-1])} and {texts[-1]}"
+
+
+def count_of(number: int, noun: str) -> str:
+    """Return ``1 line`` or ``3 lines``."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

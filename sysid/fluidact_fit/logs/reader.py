@@ -1,0 +1,153 @@
+"""Read a log: file to `Log`."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from ..errors import UsageError
+from ..units import is_doubtful_suffix, parse_unit_from_header
+from .dialect import Layout, find_layout
+from .log import Column, Dialect, Log, StepInput
+from .source import Source, read_source
+from .table import Table, read_table
+
+
+def read_log(
+    path: str | os.PathLike[str],
+    *,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    scales: Mapping[str, float] | None = None,
+    sample_time: float | None = None,
+    window: tuple[float | None, float | None] | None = None,
+    steps: Mapping[str, StepInput] | None = None,
+    holds: Mapping[str, str] | None = None,
+) -> Log:
+    """Read a recorded log.
+
+    Encoding, separator, decimal sign, preamble, header and units are found out; nothing
+    is converted or resampled.
+
+    Parameters
+    ----------
+    path
+        The file.
+    columns
+        Role to header, or to a 1-based number such as ``"#3"``. A role without an entry
+        takes the column of its own name.
+    units
+        Role to unit; wins over the unit in the header.
+    scales
+        Role to a factor for the raw column.
+    sample_time
+        Distance of the rows [s], for logs without a time column. Replaces one.
+    window
+        Seconds to use, ``None`` for an open side.
+    steps
+        Role to `StepInput` for inputs that were not recorded.
+    holds
+        Role to ``"zoh"`` or ``"foh"``.
+
+    Returns
+    -------
+    Log
+        Raw columns with everything above.
+
+    Raises
+    ------
+    LogError
+        When the file cannot be read as a table of numbers.
+    UsageError
+        When an argument contradicts itself.
+    """
+    _check_arguments(scales or {}, sample_time, window, steps or {}, holds or {})
+    source = read_source(Path(path))
+    layout = find_layout(source)
+    table = read_table(source, layout)
+    return Log(
+        path=Path(path),
+        name=source.name,
+        sha256=source.sha256,
+        columns=_name_columns(layout, table),
+        lines=table.lines,
+        dialect=_describe_dialect(source, layout, table),
+        notices=table.notices,
+        bindings=dict(columns or {}),
+        units=dict(units or {}),
+        scales={role: float(factor) for role, factor in (scales or {}).items()},
+        steps=dict(steps or {}),
+        holds=dict(holds or {}),
+        sample_time=None if sample_time is None else float(sample_time),
+        window=window,
+    )
+
+
+def _check_arguments(
+    scales: Mapping[str, float],
+    sample_time: float | None,
+    window: tuple[float | None, float | None] | None,
+    steps: Mapping[str, StepInput],
+    holds: Mapping[str, str],
+) -> None:
+    if sample_time is not None and not (math.isfinite(sample_time) and sample_time > 0):
+        raise UsageError(
+            f"a sample time of {sample_time} s is not possible.",
+            remedy="Give the distance of two rows in seconds, for example --sample-time 0.001.",
+        )
+    for role, factor in scales.items():
+        if not math.isfinite(factor) or factor == 0:
+            raise UsageError(
+                f"a scale of {factor} for '{role}' is not possible.",
+                remedy="Give a finite factor that is not zero.",
+            )
+    for role, step in steps.items():
+        if not all(map(math.isfinite, (step.start, step.end, step.at))):
+            raise UsageError(f"the step of '{role}' is not finite.", remedy="Give three numbers.")
+    for role, hold in holds.items():
+        if hold not in ("zoh", "foh"):
+            raise UsageError(f"'{hold}' is no hold for '{role}'.", remedy="Choose zoh or foh.")
+    low, high = window or (None, None)
+    if any(side is not None and math.isnan(side) for side in (low, high)) or (
+        low is not None and high is not None and low >= high
+    ):
+        raise UsageError(
+            f"the window {low}:{high} is empty.", remedy="Give START:END in seconds, START first."
+        )
+
+
+def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:
+    columns = []
+    for index, (values, bad) in enumerate(zip(table.values, table.bad)):
+        header = layout.headers[index]
+        name, unit = parse_unit_from_header(header)
+        from_row = layout.units[index] or None
+        columns.append(
+            Column(
+                index=index + 1,
+                header=header,
+                name=name,
+                unit=from_row or unit,
+                doubtful=from_row is None and is_doubtful_suffix(header),
+                values=values,
+                bad=bad,
+            )
+        )
+    return tuple(columns)
+
+
+def _describe_dialect(source: Source, layout: Layout, table: Table) -> Dialect:
+    rows = [r for r in (layout.header_row, layout.units_row) if r is not None]
+    return Dialect(
+        name=layout.hints.name,
+        encoding=source.encoding,
+        delimiter=layout.delimiter,
+        decimal=layout.decimal,
+        preamble=min([*rows, layout.first_row]),
+        header_line=None if layout.header_row is None else layout.header_row + 1,
+        units_line=None if layout.units_row is None else layout.units_row + 1,
+        first_data_line=int(table.lines[0]),
+        serial=layout.hints.serial,
+    )

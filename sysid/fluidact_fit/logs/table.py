@@ -1,0 +1,302 @@
+"""From text to columns of numbers.
+
+Large regular tables go through pandas' C parser. Everything else, small files included
+(importing pandas costs more than reading them), is read line by line, which knows what to
+say about lines that are not like the others.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import LogError, Notice
+from ..experiment import FloatArray
+from .dialect import Layout, is_number, split_line
+from .log import IntArray, count_of, name_lines
+from .source import Source
+
+FAST_FROM_BYTES = 6_000_000
+MAX_BAD_KEPT = 5000
+RAGGED_SHARE = 0.01
+RAGGED_SHARE_SERIAL = 0.5
+
+
+@dataclass(frozen=True)
+class Table:
+    """Numbers by column, NaN where a cell is no finite number.
+
+    Attributes
+    ----------
+    values
+        One array per column, shape ``(n_rows,)``.
+    bad
+        Per column: row to text of cells that are no finite number.
+    lines
+        1-based source line per row.
+    notices
+        What was left out.
+    """
+
+    values: tuple[FloatArray, ...]
+    bad: tuple[dict[int, str], ...]
+    lines: IntArray
+    notices: tuple[Notice, ...]
+
+
+def read_table(source: Source, layout: Layout) -> Table:
+    """Read the table.
+
+    Raises
+    ------
+    LogError
+        When too many rows have the wrong number of fields, or there are none.
+    """
+    offset = 0
+    for _ in range(layout.first_row):
+        offset = source.data.find(b"\n", offset) + 1
+    if len(source.data) - offset >= FAST_FROM_BYTES:
+        table = _read_fast(source, layout, offset)
+        if table is not None:
+            return table
+    return _read_careful(source, layout, offset)
+
+
+def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
+    """Read a regular table with pandas; ``None`` when it is not regular after all."""
+    data, end = source.data, len(source.data)
+    while end > offset and data[end - 1] in b"\n\t ":
+        end -= 1
+    if data.find(b'"', offset) >= 0 or layout.hints.session_mark is not None:
+        return None
+    rows = data.count(b"\n", offset, end) + 1
+    tail = data[data.rfind(b"\n", 0, end - 4096) + 1 : end].decode(errors="replace").split("\n")
+    if _is_cut(tail[-1], tail[-40:-1], layout, not data.endswith(b"\n")):
+        return None
+    if layout.delimiter != " ":
+        found = data.count(layout.delimiter.encode(), offset, end)
+        # The trailing separator of the last line may have been stripped above.
+        if abs(found - rows * (layout.width - 1 + layout.trailing)) > layout.trailing:
+            return None
+    if data[end:] not in (b"", b"\n"):
+        data = data[:end]
+    columns = _parse_with_pandas(data, offset, layout)
+    if columns is None or columns[0].size != rows:
+        return None
+    if layout.delimiter == " " and not np.isfinite(columns[-1]).all():
+        return None  # a short row, or text: only the careful way can tell
+    lines = np.arange(layout.first_row + 1, layout.first_row + 1 + rows, dtype=np.int64)
+    bad = _collect_bad(columns, data, offset, layout)
+    return Table(tuple(columns), bad, lines, ())
+
+
+def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatArray] | None:
+    import pandas as pd
+
+    buffer = io.BytesIO(data)  # shares the bytes
+    buffer.seek(offset)
+    width = layout.width + layout.trailing
+    try:
+        with warnings.catch_warnings():
+            # A column of numbers and text: named later, if anybody wants that column.
+            warnings.simplefilter("ignore", pd.errors.DtypeWarning)
+            frame = pd.read_csv(
+                buffer,
+                sep=r"\s+" if layout.delimiter == " " else layout.delimiter,
+                header=None,
+                names=list(range(width)),
+                decimal=layout.decimal,
+                na_values=[""],
+                keep_default_na=False,
+                skip_blank_lines=False,
+                engine="c",
+            )
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError):
+        return None
+    columns: list[FloatArray] = []
+    for index in range(layout.width):
+        series = frame[index]
+        if series.dtype.kind not in "fiu":
+            # Text somewhere in the column. Booleans are text too: no logger means 1 by True.
+            text = series.astype("object").where(series.notna(), "").map(str).str.strip()
+            if layout.decimal == ",":
+                text = text.str.replace(",", ".", regex=False)
+            series = pd.to_numeric(text, errors="coerce")
+        column = series.to_numpy(dtype=np.float64)
+        if not np.isfinite(column).all():
+            column = np.where(np.isfinite(column), column, np.nan)
+        columns.append(column)
+    return columns
+
+
+def _collect_bad(
+    columns: Sequence[FloatArray], data: bytes, offset: int, layout: Layout
+) -> tuple[dict[int, str], ...]:
+    """Fetch the text of cells that are no number."""
+    rows = [np.flatnonzero(np.isnan(column))[:MAX_BAD_KEPT] for column in columns]
+    if not any(r.size for r in rows):
+        return tuple({} for _ in columns)
+    lines = data[offset:].split(b"\n")
+    return tuple(
+        {
+            int(row): split_line(lines[row].decode(errors="replace"), layout.delimiter)[index]
+            for row in found
+        }
+        for index, found in enumerate(rows)
+    )
+
+
+def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
+    """Read line by line, setting aside lines with the wrong number of fields."""
+    text = source.data[offset:].decode(errors="replace")
+    ends_open = not text.endswith("\n")
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    ragged: list[tuple[int, int]] = []
+    width, delimiter, mark = layout.width, layout.delimiter, layout.hints.session_mark
+    simple = '"' not in text and delimiter != " "
+    for number, line in enumerate(text.split("\n"), start=layout.first_row + 1):
+        if not line or line.isspace() or (mark and line.startswith(mark)):
+            continue
+        fields = line.split(delimiter) if simple else split_line(line, delimiter)
+        found = len(fields)
+        if found != width:
+            # A separator too many at the end of the line.
+            while found > width and not fields[found - 1].strip():
+                found -= 1
+            if found != width:
+                ragged.append((number, found))
+                continue
+            fields = fields[:width]
+        rows.append(fields)
+        lines.append(number)
+    notices = _judge_last_line(source, layout, text, rows, lines, ragged, ends_open)
+    notices += _judge_ragged(source.name, layout, ragged, len(rows))
+    if not rows:
+        raise LogError(
+            "the table holds no complete row.",
+            where=source.name,
+            expected=f"Expected rows of {count_of(width, 'column')}.",
+            remedy="Record the log again.",
+        )
+    converted = [_to_numbers(cells, layout.decimal) for cells in zip(*rows)]
+    return Table(
+        tuple(values for values, _ in converted),
+        tuple(bad for _, bad in converted),
+        np.array(lines, dtype=np.int64),
+        tuple(notices),
+    )
+
+
+def _to_numbers(cells: Sequence[str], decimal: str) -> tuple[FloatArray, dict[int, str]]:
+    """Convert a column of text; shape ``(n_rows,)`` and the cells that are no number."""
+    texts: Sequence[str] = cells
+    if decimal == ",":
+        # A point is then no decimal sign: "1.234" would be a thousand, nobody can tell.
+        texts = [cell.replace(".", "?").replace(",", ".") for cell in cells]
+    try:
+        values = np.array([float(text) for text in texts], dtype=np.float64)
+        if np.isfinite(values).all() and not any("_" in text for text in texts):
+            return values, {}
+    except ValueError:
+        pass
+    values = np.full(len(cells), np.nan)
+    bad: dict[int, str] = {}
+    for row, cell in enumerate(cells):
+        text = cell.strip()
+        if is_number(text, decimal):
+            values[row] = float(re.sub("[dD]", "e", text.replace(",", ".")))
+        if not np.isfinite(values[row]):
+            values[row] = np.nan
+            if len(bad) < MAX_BAD_KEPT:
+                bad[row] = text
+    return values, bad
+
+
+def _judge_last_line(
+    source: Source,
+    layout: Layout,
+    text: str,
+    rows: list[list[str]],
+    lines: list[int],
+    ragged: list[tuple[int, int]],
+    ends_open: bool,
+) -> list[Notice]:
+    """Leave out a last line that was cut in half; changes the three lists."""
+    tail = text.rstrip("\n").rsplit("\n", 41)
+    last_ragged = ragged[-1][0] if ragged else 0
+    last_row = lines[-1] if lines else 0
+    if not _is_cut(tail[-1], tail[-41:-1], layout, ends_open) or not rows:
+        return []
+    if last_ragged > last_row:
+        line = ragged.pop()[0]
+    else:
+        line = lines.pop()
+        rows.pop()
+    return [
+        Notice(
+            "cut-last-line",
+            f"{source.name}, line {line}: the last line is cut short and was left out. "
+            "The recording probably stopped while it was written.",
+        )
+    ]
+
+
+def _is_cut(line: str, before: Sequence[str], layout: Layout, ends_open: bool) -> bool:
+    """Return whether the last line of a file was cut.
+
+    Too few fields are a cut; so is, in a file without a final line end, an empty or
+    unfinished last cell, or fewer decimals than all lines before agree on.
+    """
+    fields = split_line(line, layout.delimiter)
+    if layout.trailing and len(fields) > layout.width:
+        return False
+    if 0 < len(fields) < layout.width:
+        return True
+    if not ends_open or layout.trailing or len(fields) != layout.width:
+        return False
+    cell = fields[-1]
+    others = [split_line(other, layout.delimiter) for other in before if other.strip()]
+    cells = [other[-1] for other in others if len(other) == layout.width]
+    if not cells or not all(is_number(c, layout.decimal) for c in cells):
+        return False
+    if not is_number(cell, layout.decimal):
+        return True
+    decimals = {len(c.partition(layout.decimal)[2]) for c in cells}
+    return (
+        len(cells) >= 5
+        and len(decimals) == 1
+        and (len(cell.partition(layout.decimal)[2]) < decimals.pop())
+    )
+
+
+def _judge_ragged(
+    name: str, layout: Layout, ragged: Sequence[tuple[int, int]], rows: int
+) -> list[Notice]:
+    """Warn of few lines with the wrong number of fields, refuse many."""
+    if not ragged:
+        return []
+    serial = layout.hints.serial
+    allowed = RAGGED_SHARE_SERIAL if serial else RAGGED_SHARE
+    line, found = ragged[0]
+    if len(ragged) > allowed * (rows + len(ragged)):
+        raise LogError(
+            f"{count_of(found, 'field')} where the table has {count_of(layout.width, 'column')}"
+            + (f" ({len(ragged)} such lines)." if len(ragged) > 1 else "."),
+            where=f"{name}, line {line}",
+            expected=f"Expected {count_of(layout.width, 'field')} on every line.",
+            remedy="Mend or remove the line, or check that the file holds one table only.",
+        )
+    cause = "as terminals do when they start mid-line" if serial else "partly written lines"
+    return [
+        Notice(
+            "partial-lines",
+            f"{name}: {count_of(len(ragged), 'line')} with the wrong number of fields left out "
+            f"({name_lines([n for n, _ in ragged])}; {cause}).",
+        )
+    ]

@@ -1,0 +1,76 @@
+"""Problems of a document: where each one is, in the words a user reads."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+
+Location = tuple[str | int, ...]
+
+_PLAIN_KEY = re.compile(r"[\w-]+")
+
+
+def format_path(location: Location) -> str:
+    """Return a location as a dotted path, list indices in brackets.
+
+    Examples
+    --------
+    >>> format_path(("parameters", "weights", "value", 2))
+    'parameters.weights.value[2]'
+    """
+    path = ""
+    for part in location:
+        if isinstance(part, int):
+            path += f"[{part}]"
+        elif _PLAIN_KEY.fullmatch(part):
+            path += f".{part}" if path else part
+        else:
+            path += f"[{part!r}]"
+    return path
+
+
+def suggest(word: str, known: Iterable[str]) -> str:
+    """Return ``"; did you mean 'x'?"`` when a known word is close, else an empty string."""
+    close = get_close_matches(word, list(known), n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
+@dataclass
+class Problems:
+    """Problems by location, in the order they were found; one per location.
+
+    Checks of meaning run on documents that may be broken elsewhere, so that one reading
+    names everything. ``intact`` tells them which parts they can rely on.
+    """
+
+    found: dict[Location, str] = field(default_factory=dict)
+
+    def add(self, location: Location, message: str) -> None:
+        """Note a problem. The first word about a location stands."""
+        self.found.setdefault(location, message)
+
+    def intact(self, *location: str | int) -> bool:
+        """Return whether nothing at, under or above the location is broken."""
+        size = len(location)
+        return not any(
+            place[:size] == location or (place and location[: len(place)] == place)
+            for place in self.found
+        )
+
+    def listed(self, lines: Mapping[Location, int]) -> list[tuple[str, str]]:
+        """Return ``(path, message)`` pairs, with line numbers where they are known."""
+        pairs = []
+        for location, message in self.found.items():
+            line = _line_of(location, lines)
+            pairs.append((format_path(location), f"{message} (line {line})" if line else message))
+        return pairs
+
+
+def _line_of(location: Location, lines: Mapping[Location, int]) -> int | None:
+    # A missing key has no line of its own; the line of what lacks it is as good.
+    for size in range(len(location), 0, -1):
+        if location[:size] in lines:
+            return lines[location[:size]]
+    return None

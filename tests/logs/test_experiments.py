@@ -1,0 +1,374 @@
+"""From columns to experiments: roles, units, time, runs, windows, steps and holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fluidact_fit.errors import LogError, Notice, UnitError, UsageError
+from fluidact_fit.experiment import Experiment
+from fluidact_fit.family import Role, Variant
+from fluidact_fit.logs import (
+    StepInput,
+    choose_variant,
+    describe,
+    experiments,
+    provenance,
+    read_log,
+)
+
+TIME = Role("time", "s", "")
+FORCE = Role("force", "N", "", hold="foh")
+POSITION = Role("position", "m", "", output=True)
+LINEAR = Variant("linear", (TIME, FORCE, POSITION), ())
+ROTARY = Variant(
+    "rotary", (TIME, Role("torque", "N m", "", hold="zoh"), Role("angle", "rad", "")), ()
+)
+STATIC = Variant(
+    "static",
+    (
+        Role("reading", "1", ""),
+        Role("reference", "m", "", output=True),
+        Role("time", "s", "", required=False),
+    ),
+    (),
+)
+
+
+def write(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    return path
+
+
+def table(stamps: list[float] | list[str], header: str = "time [s],force [N],position [mm]") -> str:
+    return header + "\n" + "".join(f"{t},{k % 7},{k}\n" for k, t in enumerate(stamps))
+
+
+def run(
+    path: Path, variant: Variant = LINEAR, **options: object
+) -> tuple[list[Experiment], list[Notice]]:
+    return experiments(read_log(path, **options), variant)  # type: ignore[arg-type]
+
+
+def codes(notices: list[Notice]) -> set[str]:
+    return {notice.code for notice in notices}
+
+
+def test_units_of_headers_are_converted(tmp_path: Path) -> None:
+    text = table(list(range(0, 200, 10)), "time [ms],Force (kN),position_mm")
+    (one,), notices = run(write(tmp_path, text))
+    assert one.sample_time == 0.01
+    assert one.uniform
+    np.testing.assert_array_equal(one.time, np.arange(20) * 0.01)
+    assert one["force"][3] == 3000.0
+    assert one["position"][3] == pytest.approx(0.003)
+    assert one.signals["position"].resolution == pytest.approx(0.001)
+    assert (one.signals["force"].hold, one.signals["position"].hold) == ("foh", None)
+    assert one.signals["force"].before == one["force"][0]
+    assert not notices
+
+
+def test_user_unit_and_scale_win(tmp_path: Path) -> None:
+    (one,), _ = run(
+        write(tmp_path, table([k / 100 for k in range(20)])),
+        units={"position": "um"},
+        scales={"position": -2.0},
+    )
+    assert one["position"][5] == pytest.approx(-10e-6)
+
+
+def test_assumed_units_make_one_notice(tmp_path: Path) -> None:
+    (one,), notices = run(
+        write(tmp_path, table([k / 100 for k in range(20)], "t,force,x")),
+        columns={"position": "#3"},
+    )
+    assert one["position"][5] == 5.0
+    (notice,) = notices
+    assert notice.code == "unit-assumed"
+    for word in ("time", "force", "position", "--unit"):
+        assert word in notice.message
+
+
+def test_doubtful_suffix_is_believed_only_where_it_fits(tmp_path: Path) -> None:
+    path = write(tmp_path, table([k / 100 for k in range(20)], "t_s,valve_m,x_m"))
+    (one,), notices = run(path, columns={"force": "valve_m", "position": "x_m", "time": "t_s"})
+    assert one["force"][1] == 1.0
+    assert "force" in notices[0].message
+    assert "position" not in notices[0].message
+
+
+def test_wrong_dimension(tmp_path: Path) -> None:
+    path = write(tmp_path, table([0.1 * k for k in range(9)], "time [s],force [mm],position [m]"))
+    with pytest.raises(UnitError) as error:
+        run(path)
+    for word in ("a.csv", "force [mm]", "a length", "a force"):
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "wanted", ["pos A [mm]", "POS a [MM]", "pos A", "pos a", "#3", " pos A [mm] "]
+)
+def test_ways_to_name_a_column(tmp_path: Path, wanted: str) -> None:
+    path = write(tmp_path, table([0.1 * k for k in range(9)], "time [s],force [N],pos A [mm]"))
+    (one,), _ = run(path, columns={"position": wanted})
+    assert one["position"][4] == pytest.approx(0.004)
+
+
+def test_missing_column_lists_what_there_is(tmp_path: Path) -> None:
+    path = write(tmp_path, table([0.1 * k for k in range(9)], "time [s],force [N],travel [mm]"))
+    with pytest.raises(LogError) as error:
+        run(path, columns={"position": "travl"})
+    assert "Did you mean 'travel'?" in str(error.value)
+    assert "#2 'force [N]'" in str(error.value)
+    with pytest.raises(LogError, match="no column #9"):
+        run(path, columns={"position": "#9"})
+    with pytest.raises(LogError, match="no column is named 'position'"):
+        run(path)
+
+
+def test_ambiguous_columns(tmp_path: Path) -> None:
+    path = write(tmp_path, table([0.1 * k for k in range(9)], "time [s],force [N],force [kN]"))
+    with pytest.raises(LogError, match=r"may be #2 'force \[N\]' and #3 'force \[kN\]'"):
+        run(path)
+    (one,), _ = run(
+        path, columns={"force": "force [kN]", "position": "#2"}, units={"position": "m"}
+    )
+    assert one["force"][1] == 1000.0
+
+
+def test_unknown_roles_and_holds(tmp_path: Path) -> None:
+    path = write(tmp_path, table([0.1 * k for k in range(9)]))
+    with pytest.raises(UsageError, match="Did you mean 'force'"):
+        run(path, columns={"forse": "#2"})
+    with pytest.raises(UsageError, match="--unit names the role"):
+        run(path, units={"torque": "N m"})
+    with pytest.raises(UsageError, match="drives nothing"):
+        run(path, holds={"position": "zoh"})
+    (one,), _ = run(path, holds={"force": "zoh"})
+    assert one.signals["force"].hold == "zoh"
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [
+        ("10x7", "holds '10x7', which is not a number"),
+        ("", "is empty"),
+        ("nan", "holds 'nan', which is not a finite"),
+    ],
+)
+def test_bad_cells_in_used_columns(tmp_path: Path, cell: str, words: str) -> None:
+    lines = table([k / 100 for k in range(300)], "time,force,position,note").splitlines()
+    lines = [lines[0]] + [line + ",7" for line in lines[1:]]
+    broken = lines[213].split(",")
+    broken[1] = cell
+    lines[213] = ",".join(broken)
+    path = write(tmp_path, "\n".join(lines) + "\n")
+    with pytest.raises(LogError) as error:
+        run(path)
+    assert str(error.value).startswith(f"a.csv, line 214: column 'force' {words}")
+    assert "Give --column force=... if this is not the force, or remove the line." in str(
+        error.value
+    )
+    (one,), _ = run(path, columns={"force": "note"})
+    assert one.samples == 300
+    (one,), _ = run(path, window=(None, 1.5))
+    assert one.samples == 151
+
+
+def test_time_is_required_unless_the_sample_time_is_given(tmp_path: Path) -> None:
+    path = write(tmp_path, table([0.1 * k for k in range(9)], "a,force [N],position [m]"))
+    with pytest.raises(LogError, match="--sample-time"):
+        run(path)
+    (one,), _ = run(path, sample_time=0.002)
+    np.testing.assert_allclose(one.time, np.arange(9) * 0.002)
+    timed = write(tmp_path, table([0.1 * k for k in range(9)]))
+    (one,), notices = run(timed, sample_time=0.5)
+    assert one.sample_time == 0.5
+    assert codes(notices) == {"time-replaced"}
+
+
+def test_static_logs_need_no_time(tmp_path: Path) -> None:
+    path = write(tmp_path, "D (mm),ADC\n" + "".join(f"{k},{9 * k}\n" for k in range(9)))
+    (one,), notices = run(path, STATIC, columns={"reading": "ADC", "reference": "D"})
+    assert one.time.size == 0
+    assert one.samples == 9
+    assert one["reference"][2] == 0.002
+    assert not notices
+    with pytest.raises(UsageError, match="--window"):
+        run(path, STATIC, columns={"reading": "ADC", "reference": "D"}, window=(0.0, 1.0))
+
+
+def test_unusable_optional_time_is_dropped_with_a_notice(tmp_path: Path) -> None:
+    path = write(tmp_path, "time,reading,reference\n" + "0,1,2\n" * 5)
+    (one,), notices = run(path, STATIC)
+    assert one.time.size == 0
+    assert "time-unusable" in codes(notices)
+    with pytest.raises(LogError, match="same as on the line before"):
+        run(path, STATIC, columns={"time": "time"})
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    step=st.sampled_from([0.001, 0.002, 0.01, 1 / 3, 0.0123, 7.0]),
+    start=st.sampled_from([0.0, 1000.0, -2.5]),
+    digits=st.integers(3, 9),
+    truncated=st.booleans(),
+)
+def test_printed_grids_are_found(step: float, start: float, digits: int, truncated: bool) -> None:
+    from fluidact_fit.logs.timebase import make_run, print_resolution
+
+    exact = start + np.arange(400) * step
+    power = 10.0**digits
+    printed = np.floor(exact * power + 1e-6) if truncated else np.round(exact * power)
+    printed = printed / power
+    if step < 2 * 10.0**-digits:
+        return
+    found = make_run(np.arange(400), printed, print_resolution(printed), 1.0)
+    assert found.uniform
+    assert found.sample_time == pytest.approx(step, abs=10.0**-digits / 100 + 1e-9 * step)
+    np.testing.assert_allclose(found.time, exact, atol=1.01 * 10.0**-digits)
+
+
+def test_uneven_sampling_is_kept_and_reported(tmp_path: Path) -> None:
+    stamps = np.cumsum(np.random.default_rng(1).choice([0.01, 0.02, 0.03], 50)).round(3)
+    stamps[30:] += 1.0
+    (one,), notices = run(write(tmp_path, table(stamps.tolist())))
+    assert not one.uniform
+    np.testing.assert_allclose(one.time, stamps)
+    assert codes(notices) == {"gap", "uneven-sampling"}
+    assert "line 31" in next(n.message for n in notices if n.code == "gap")
+
+
+def test_restarts_become_experiments(tmp_path: Path) -> None:
+    stamps = [0, 10, 20, 30, 0, 10, 20, 30, 40, 0, 5, 1, 11, 22, 33]
+    found, notices = run(write(tmp_path, table(stamps, "time [ms],force [N],position [m]")))
+    assert [e.name for e in found] == ["a.csv#1", "a.csv#2", "a.csv#3"]
+    assert [e.samples for e in found] == [4, 5, 4]
+    np.testing.assert_allclose(found[2].time, [0.001, 0.012, 0.023, 0.034], atol=1.1e-3)
+    assert found[1].attributes["lines"] == (6, 10)
+    assert {"time-restarts", "run-too-short"} <= codes(notices)
+
+
+def test_wrapped_counters(tmp_path: Path) -> None:
+    header = "time [ms],force [N],position [m]"
+    counter = [(2**32 - 45 + 10 * k) % 2**32 for k in range(20)]
+    (one,), notices = run(write(tmp_path, table(counter, header)))
+    assert one.uniform
+    assert one.time[0] == pytest.approx(-0.045)
+    assert one.time[-1] == pytest.approx(0.145)
+    assert codes(notices) == {"time-wrapped"}
+    cycles = [0, 30, 61, 90, 2**32 - 20, 1, 30, 62, 0, 31, 60, 95]
+    found, notices = run(write(tmp_path, table(cycles, header)))
+    assert [e.samples for e in found] == [4, 4, 4]
+    np.testing.assert_allclose(found[1].time, [-0.020, 0.001, 0.030, 0.062])
+    assert {"time-wrapped", "time-restarts"} <= codes(notices)
+
+
+@pytest.mark.parametrize("wrong", [0.3, 0.48, 99.0])
+def test_one_wrong_stamp_is_named(tmp_path: Path, wrong: float) -> None:
+    stamps = [0.01 * k for k in range(100)]
+    stamps[50] = wrong
+    with pytest.raises(LogError, match=r"a\.csv, line 52: time steps back"):
+        run(write(tmp_path, table([f"{t:.2f}" for t in stamps])))
+
+
+def test_equal_stamps(tmp_path: Path) -> None:
+    stamps = [0.01 * k for k in range(100)]
+    stamps[50] = stamps[49]
+    with pytest.raises(LogError, match=r"line 52: the time is the same"):
+        run(write(tmp_path, table([f"{t:.2f}" for t in stamps])))
+    coarse = np.floor(np.cumsum(np.random.default_rng(0).uniform(0.5, 3.0, 300)))
+    (one,), notices = run(write(tmp_path, table(coarse.tolist(), "time [ms],force,position")))
+    assert one.samples == 300
+    assert (np.diff(one.time) > 0).all()
+    np.testing.assert_allclose(one.time, coarse / 1000, atol=0.000999)
+    assert "time-ties" in codes(notices)
+
+
+def test_doubtful_time_unit(tmp_path: Path) -> None:
+    path = write(tmp_path, table(list(range(0, 200, 10)), "time,force [N],position [m]"))
+    assert "time-unit-doubtful" in codes(run(path)[1])
+    assert "time-unit-doubtful" not in codes(run(path, units={"time": "s"})[1])
+
+
+def test_windows_are_on_the_own_time(tmp_path: Path) -> None:
+    path = write(tmp_path, table([f"{1000 + 0.1 * k:.1f}" for k in range(50)]))
+    (one,), _ = run(path, window=(1001.0, 1002.0))
+    assert one.samples == 11
+    assert one.time[0] == pytest.approx(1001.0)
+    with pytest.raises(LogError, match=r"goes from 1000 to 1004\.9 s"):
+        run(path, window=(0.0, 5.0))
+
+
+def test_steps_stand_for_unrecorded_inputs(tmp_path: Path) -> None:
+    path = write(tmp_path, table([f"{0.1 * k:.1f}" for k in range(50)]))
+    log = read_log(path, steps={"force": StepInput(1.0, 5.0, 0.5)}, units={"force": "kN"})
+    found, _ = experiments(log, LINEAR)
+    signal = found[0].signals["force"]
+    assert signal.time.tolist() == [0.5]
+    assert (signal.before, signal.values.tolist(), signal.hold) == (1000.0, [5000.0], "zoh")
+    entry = provenance(log, found)["columns"]["force"]
+    assert entry == {"step": {"from": 1.0, "to": 5.0, "at": 0.5}, "unit": "kN", "hold": "zoh"}
+    with pytest.raises(UsageError, match="both"):
+        run(path, steps={"force": StepInput(0.0, 1.0)}, columns={"force": "#2"})
+    with pytest.raises(UsageError, match="Only an input"):
+        run(path, steps={"position": StepInput(0.0, 1.0)})
+
+
+def test_variants_are_chosen_by_their_columns(tmp_path: Path) -> None:
+    log = read_log(write(tmp_path, table([0.1 * k for k in range(9)], "time,torque,angle")))
+    assert choose_variant(log, (LINEAR, ROTARY)).name == "rotary"
+    bare = read_log(
+        write(tmp_path, "1,2,3\n" * 5), columns={"torque": "#2", "angle": "#3", "time": "#1"}
+    )
+    assert choose_variant([log, bare], (LINEAR, ROTARY)).name == "rotary"
+    lacking = read_log(write(tmp_path, table([0.1 * k for k in range(9)], "time,torque,x")))
+    with pytest.raises(LogError, match="'angle'"):
+        choose_variant(lacking, (LINEAR, ROTARY))
+    strange = read_log(write(tmp_path, "1,2\n" * 5), columns={"pressure": "#1"})
+    with pytest.raises(UsageError, match="pressure"):
+        choose_variant(strange, (LINEAR, ROTARY))
+
+
+def test_constant_and_clipped_signals(tmp_path: Path) -> None:
+    time = [f"{0.01 * k:.2f}" for k in range(400)]
+    swing = np.clip(np.sin(np.arange(400) / 20), -2, 0.8).round(6)
+    rows = "".join(f"{t},5,{x}\n" for t, x in zip(time, swing))
+    _, notices = run(write(tmp_path, "time [s],force [N],position [m]\n" + rows))
+    assert codes(notices) == {"constant-signal", "saturated"}
+
+
+def test_provenance_never_tells_folders(tmp_path: Path) -> None:
+    log = read_log(
+        write(tmp_path, table([f"{0.1 * k:.1f}" for k in range(50)], "time,force,y")),
+        columns={"position": "y"},
+        scales={"position": 2.0},
+        units={"position": "mm"},
+    )
+    found, _ = experiments(log, LINEAR)
+    entry = provenance(log, found)
+    assert entry == {
+        "file": "a.csv",
+        "sha256": log.sha256,
+        "rows": 50,
+        "sample_time": 0.1,
+        "columns": {
+            "time": {"header": "time", "unit": "s", "assumed": True},
+            "force": {"header": "force", "unit": "N", "assumed": True, "hold": "foh"},
+            "position": {"header": "y", "unit": "mm", "scale": 2.0},
+        },
+    }
+
+
+def test_describe(tmp_path: Path) -> None:
+    seen = describe(read_log(write(tmp_path, table(list(range(0, 200, 10)), "t [ms],F [N],x"))))
+    assert seen["rows"] == 20
+    assert seen["time"]["sample_time"] == 0.01
+    assert [c["header"] for c in seen["columns"]] == ["t [ms]", "F [N]", "x"]
+    assert seen["columns"][0]["resolution"] == 10
+    assert seen["columns"][2]["invalid_cells"] == 0
