@@ -1,1 +1,89 @@
-"""System identification for fluid-powered actuators."""
+"""System identification for fluid-powered actuators.
+
+>>> import fluidact_fit as ff
+>>> result = ff.fit("valve", ["trial1.csv", "trial2.csv"])       # doctest: +SKIP
+>>> result.save("valve.yaml")                                    # doctest: +SKIP
+>>> model = ff.load("valve.yaml")                                # doctest: +SKIP
+
+Names are loaded when first used: ``import fluidact_fit`` alone costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .control import load
+    from .errors import (
+        FluidactError,
+        LogError,
+        MismatchError,
+        NotIdentifiedError,
+        Notice,
+        OutputError,
+        ParameterFileError,
+        StrictError,
+        UnitError,
+        UsageError,
+    )
+    from .families import family_names, get_family
+    from .fit import fit
+    from .logs import Log, StepInput, read_log
+    from .parameters import read_document
+    from .result import FitResult
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "load": "control",
+    **dict.fromkeys(
+        (
+            "FluidactError", "LogError", "MismatchError", "NotIdentifiedError", "Notice",
+            "OutputError", "ParameterFileError", "StrictError", "UnitError", "UsageError",
+        ),
+        "errors",
+    ),
+    "family_names": "families",
+    "get_family": "families",
+    "fit": "fit",
+    "Log": "logs",
+    "StepInput": "logs",
+    "read_log": "logs",
+    "read_document": "parameters",
+    "FitResult": "result",
+}  # fmt: skip
+
+__all__ = [
+    "FitResult",
+    "FluidactError",
+    "Log",
+    "LogError",
+    "MismatchError",
+    "NotIdentifiedError",
+    "Notice",
+    "OutputError",
+    "ParameterFileError",
+    "StepInput",
+    "StrictError",
+    "UnitError",
+    "UsageError",
+    "family_names",
+    "fit",
+    "get_family",
+    "load",
+    "read_document",
+    "read_log",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        value = getattr(import_module(f".{_HOMES[name]}", __name__), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -107,6 +107,12 @@ def test_bad_first_row_is_a_row_and_no_header(tmp_path: Path) -> None:
     assert log.lines[0] == 2
 
 
+def test_dates_beside_numbers(tmp_path: Path) -> None:
+    log = read_log(write(tmp_path, "stamp,force\n" + "2020-01-01 12:00:00,1.5\n" * 9))
+    assert [c.header for c in log.columns] == ["stamp", "force"]
+    assert log.rows == 9
+
+
 def test_tiny_logs(tmp_path: Path) -> None:
     assert read_log(write(tmp_path, "a,b\n1,2\n3,4\n")).rows == 2
     assert read_log(write(tmp_path, "1 2\n3 4\n")).rows == 2

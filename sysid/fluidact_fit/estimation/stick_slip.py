@@ -32,6 +32,7 @@ from .inputs import PiecewiseInput
 from .linear import Grid, scan, transition
 
 Array = npt.NDArray[Any]
+_INVERSE = [1.0 / factorial(n) for n in range(32)]
 _LIMIT = 8  # events inside one sampling interval before the motion counts as stuck
 
 
@@ -55,23 +56,43 @@ class StickSlip:
 def _phi(z: Array, count: int) -> list[Array]:
     """``phi_n(z) = sum_k z**k / (k + n)!`` for ``n = 1..count``, any size of ``z``."""
     small = np.abs(z) < 0.7
-    near = np.where(small, z, 0.0)
-    total = np.full_like(near, 1.0 / factorial(count + 14))
-    for k in range(13, -1, -1):
-        total = total * near + 1.0 / factorial(count + k)
+    every = bool(small.all())
+    near = z if every else np.where(small, z, 0.0)
+    total = near * _INVERSE[count + 14] + _INVERSE[count + 13]
+    for k in range(12, -1, -1):
+        total *= near
+        total += _INVERSE[count + k]
     values = [total]
     for n in range(count - 1, 0, -1):
-        values.append(values[-1] * near + 1.0 / factorial(n))
+        values.append(values[-1] * near + _INVERSE[n])
     values.reverse()
-    if np.all(small):
+    if every:
         return values
     far = np.where(small, 1.0, z)
     previous = np.exp(far)
     out = []
     for n in range(1, count + 1):
-        previous = (previous - 1.0 / factorial(n - 1)) / far
+        previous = (previous - _INVERSE[n - 1]) / far
         out.append(np.where(small, values[n - 1], previous))
     return out
+
+
+def _phi_real(z: float, count: int) -> list[float]:
+    """``phi_1 .. phi_count`` of one real number; the hot path of every event."""
+    if abs(z) < 0.7:
+        total = 0.0
+        for k in range(14, -1, -1):
+            total = total * z + _INVERSE[count + k]
+        values = [total]
+        for n in range(count - 1, 0, -1):
+            values.append(values[-1] * z + _INVERSE[n])
+        values.reverse()
+        return values
+    values, previous = [], exp(z)
+    for n in range(1, count + 1):
+        previous = (previous - _INVERSE[n - 1]) / z
+        values.append(previous)
+    return values
 
 
 class _Direction:
@@ -87,6 +108,11 @@ class _Direction:
         self.sign, self.level = sign, level
         self.inertia, self.viscous = inertia, viscous
         self.rate = viscous / inertia
+        self.first = (
+            float(np.real(inertia[0])),
+            float(np.real(self.rate[0])),
+            sign * float(np.real(level[0])),
+        )
         degree = u.coefficients.shape[1] - 1
         self.torque = u.coefficients
         self.speed = np.empty((inertia.size, grid.instants.size), dtype=inertia.dtype)
@@ -113,6 +139,20 @@ class _Direction:
             v = v + power * phi[i]
             p = p + power * offset * phi[i + 1]
         return v, p
+
+    def speed_inside(self, node: int, offset: float, speed: float) -> float:
+        """Speed of row 0 at an offset after a node at which it is ``speed``; plain floats."""
+        inertia, rate, level = self.first
+        torque = self.torque[node].tolist()
+        torque[0] -= level
+        z = -rate * offset
+        phi = _phi_real(z, len(torque))
+        total = speed * exp(z)
+        power = offset / inertia
+        for i, c in enumerate(torque):
+            total += c * power * phi[i]
+            power *= offset * (i + 1)
+        return total
 
     def acceleration(self, node: int, offset: float, speed: float) -> float:
         """Acceleration of row 0 at a given speed."""
@@ -307,15 +347,15 @@ class _Run:
         sign: int,
     ) -> tuple[int, Array, int]:
         """Solve the instant of the stop inside interval ``j`` and decide what follows."""
-        began_real = float(np.real(offset[0])) + self.time[node]
-        rate, less = float(np.real(way.rate[0])), float(np.real(lag[0]))
-        step = self.time[j + 1] - self.time[j]
         begin = float(np.real(offset[0])) if j == node else 0.0
+        step = self.time[j + 1] - self.time[j]
+        rate, less = float(np.real(way.rate[0])), float(np.real(lag[0]))
+        # actual speed at the node: the unstopped motion less what this phase never had
+        since = self.time[j] - self.time[node] - float(np.real(offset[0]))
+        base = float(np.real(way.speed[0, j])) - less * exp(-rate * since)
 
         def speed(o: float) -> float:
-            v, _ = way.inside(j, np.full(1, o) if self.k == 1 else np.full(self.k, o))
-            gone = less * exp(-rate * (self.time[j] + o - began_real))
-            return sign * (float(np.real(v[0])) - gone)
+            return sign * way.speed_inside(j, o, base)
 
         low = _positive_start(speed, begin, step) if j == node else begin
         root = begin if low is None else _bracketed_falling(speed, low, step)

@@ -225,7 +225,8 @@ def score_covariance(
     stacked = np.vstack(jacobian)
     p = stacked.shape[1]
     scale = np.linalg.norm(stacked, axis=0)
-    scale[scale == 0.0] = 1.0
+    blind = scale == 0.0
+    scale[blind] = 1.0
     bread = np.linalg.pinv((stacked / scale).T @ (stacked / scale)) / np.outer(scale, scale)
     middle = np.zeros((p, p))
     samples, cost = 0, 0.0
@@ -240,6 +241,7 @@ def score_covariance(
         samples += scores.shape[0]
         cost += float(r[first] @ r[first])
     total = bread @ middle @ bread
+    total[blind, blind] = np.inf
     degrees = max(samples - p, 1)
     return Uncertainty(0.5 * (total + total.T), degrees, float(np.sqrt(cost / degrees)), -1)
 

@@ -272,7 +272,7 @@ class BallScrew(Family):
         names = [axis.inertia, *viscous, *(f"coulomb_{s}" for s in _SIDES), *static]
         specs = [*variant.parameters, *_stiction_specs(variant)]
         request.progress("inverse dynamics")
-        guess, window = _inverse_dynamics(experiments, axis, one_sided)
+        guess = _inverse_dynamics(experiments, axis, one_sided)
         moving = _initial_speeds(experiments, axis)
         unknowns = self._unknowns(specs, names, guess, moving, request)
         refusals = _sides_at_rest(experiments, axis, viscous)
@@ -290,7 +290,7 @@ class BallScrew(Family):
         }
         request.progress("fitting positions")
         compared, weights = self._what_to_compare(
-            experiments, axis, [*names, *moving], unknowns, start, request, refusals, window
+            experiments, axis, [*names, *moving], unknowns, start, request, refusals
         )
         fitted = fit_named(
             DriveModel(experiments, axis, compared).named([*names, *moving], weights),
@@ -328,7 +328,6 @@ class BallScrew(Family):
         start: Mapping[str, float],
         request: Request,
         refusals: Sequence[Refusal],
-        half_width: int,
     ) -> tuple[Compared, list[FloatArray]]:
         """Choose between position alone and position with its derivatives.
 
@@ -347,7 +346,7 @@ class BallScrew(Family):
         if residual <= 3.0 * floor:
             return Compared(), []
         request.progress("forces beyond the model: comparing speed and acceleration too")
-        compared = Compared(half_width=half_width)
+        compared = Compared(half_width=_window(experiments, start, axis))
         model = DriveModel(experiments, axis, compared)
         parts = [compared.channels(e.samples) for e in experiments]
         bases = bind(model.named(names), unknowns, held)
@@ -499,6 +498,19 @@ def _noise_floor(experiment: Experiment, axis: _Axis) -> float:
     return max(spread, experiment.signals[axis.motion].resolution / np.sqrt(12.0))
 
 
+def _window(experiments: Sequence[Experiment], start: Values, axis: _Axis) -> int:
+    """Half-width of the window for speed and acceleration, in samples.
+
+    A quarter of the coasting time constant in all: shorter windows look at vibrations
+    that a rigid mass does not have, longer ones smear the reversals.
+    """
+    viscous = start.get("viscous", start.get("viscous_positive", 0.0))
+    step = min(e.sample_time for e in experiments)
+    shortest = min(e.samples for e in experiments)
+    coasting = start[axis.inertia] / max(viscous, 1e-300)
+    return int(np.clip(coasting / (8.0 * step), 2, max(shortest // 50, 2)))
+
+
 def _balance(residuals: Sequence[FloatArray], parts: Sequence[list[slice]]) -> list[FloatArray]:
     """Weights that give every compared quantity a unit residual."""
     sizes = [
@@ -516,13 +528,13 @@ def _balance(residuals: Sequence[FloatArray], parts: Sequence[list[slice]]) -> l
 
 def _inverse_dynamics(
     experiments: Sequence[Experiment], axis: _Axis, one_sided: bool
-) -> tuple[dict[str, float], int]:
+) -> dict[str, float]:
     """First stage: torque regressed on smoothed acceleration, speed and direction.
 
     The window is the shortest whose residual is within a tenth of the best: longer ones
     smear the reversals, shorter ones drown in the encoder's steps.
     """
-    best: tuple[float, FloatArray, int] | None = None
+    best: tuple[float, FloatArray] | None = None
     for half in (2, 4, 8, 16, 32, 64):
         if any(e.samples < 8 * half for e in experiments) and half > 2:
             break
@@ -544,13 +556,13 @@ def _inverse_dynamics(
         x = np.linalg.lstsq(a, tau, rcond=None)[0]
         misfit = float(np.std(tau - a @ x))
         if best is None or (misfit < 0.9 * best[0] and x[0] > 0.0) or best[1][0] <= 0.0:
-            best = misfit, x, half
+            best = misfit, x
     if best is None:
         raise LogError(
             f"the {axis.motion} hardly moves in any log",
             remedy="Record motion in both directions, or check --column and --unit.",
         )
-    return _as_guess(best[1], experiments, axis, one_sided), best[2]
+    return _as_guess(best[1], experiments, axis, one_sided)
 
 
 def _as_guess(

@@ -242,7 +242,7 @@ def _no_table(name: str) -> LogError:
     )
 
 
-def _looks_like_row(line: str, delimiter: str, decimal: str, width: int) -> bool:
+def _looks_like_row(line: str, delimiter: str, decimal: str, width: int, needed: float) -> bool:
     fields = split_line(line, delimiter)
     if len(fields) == width + 1 and not fields[-1]:
         fields = fields[:-1]
@@ -250,7 +250,7 @@ def _looks_like_row(line: str, delimiter: str, decimal: str, width: int) -> bool
         return False
     values = [f for f in fields if f.casefold() not in _NO_VALUE]
     numbers = sum(is_number(f, decimal) for f in values)
-    return numbers >= max(1, 0.5 * len(values)) if width > 2 else 0 < numbers == len(values)
+    return numbers >= max(1, needed * len(values))
 
 
 def _find_start(
@@ -262,12 +262,30 @@ def _find_start(
     tiny beside the longest one, so that a few numbers in the preamble do not count, and
     text inside the table is found later and named instead of being taken for a preamble.
     """
+    # "key value" looks like half a row of two, so two columns have to be numbers both, unless
+    # that finds nothing (a date beside a number).
+    for needed in (0.5,) if width > 2 else (1.0, 0.5):
+        start = _first_run(lines, delimiter, decimal, width, complete, needed)
+        if start is not None:
+            return start
+    return None
+
+
+def _first_run(
+    lines: Sequence[str],
+    delimiter: str,
+    decimal: str,
+    width: int,
+    complete: bool,
+    needed: float,
+) -> int | None:
+    """Return where the first run begins that is not tiny beside the longest."""
     runs: list[list[int]] = []
     open_run = False
     for index, line in enumerate(lines):
         if not line.strip():
             continue
-        if _looks_like_row(line, delimiter, decimal, width):
+        if _looks_like_row(line, delimiter, decimal, width, needed):
             if open_run:
                 runs[-1][1] += 1
             else:

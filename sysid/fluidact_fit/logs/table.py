@@ -88,8 +88,10 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     columns = _parse_with_pandas(data, offset, layout)
     if columns is None or columns[0].size != rows:
         return None
-    if layout.delimiter == " " and not np.isfinite(columns[-1]).all():
-        return None  # a short row, or text: only the careful way can tell
+    # The count above says nothing of blanks, nor of blank lines in a single column.
+    uncounted = layout.delimiter == " " or layout.width == 1
+    if uncounted and not np.isfinite(columns[-1]).all():
+        return None
     lines = np.arange(layout.first_row + 1, layout.first_row + 1 + rows, dtype=np.int64)
     bad = _collect_bad(columns, data, offset, layout)
     return Table(tuple(columns), bad, lines, ())

@@ -185,7 +185,7 @@ def _fit_grid(stamps: FloatArray, resolution: float) -> tuple[float, float] | No
         if max(high, -low) <= tolerance:
             return float(stamps[0]), step
         # With two samples per printed digit nobody can tell a grid from jitter.
-        if resolution and resolution <= 0.5 * step and high - low <= resolution + tolerance:
+        if resolution and resolution <= 0.5 * step and high - low <= 1.001 * resolution + tolerance:
             half = 0.5 * resolution + tolerance
             shift = 0.0 if max(high, -low) <= half else 0.5 * (low + high)
             return float(stamps[0]) + shift, step
@@ -204,7 +204,7 @@ def _narrowest_step(stamps: FloatArray, mean: float, resolution: float) -> float
     if float(np.ptp(stamps - count * squares)) > 2 * resolution:
         return mean
     low, high = (squares + side * 3 * resolution / stamps.size for side in (-1, 1))
-    for _ in range(25):
+    for _ in range(45):
         third = (high - low) / 3
         left, right = (float(np.ptp(stamps - count * h)) for h in (low + third, high - third))
         low, high = (low, high - third) if left <= right else (low + third, high)

@@ -1,0 +1,303 @@
+"""The one way from logs to a result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from .errors import LogError, Notice, UsageError
+from .experiment import Experiment, FloatArray, Hold
+from .families import get_family
+from .family import Estimate, Family, Request, Value, Variant
+from .logs import Log, choose_variant, provenance, read_log
+from .logs import experiments as experiments_of
+from .quality import agreement, judge, residual_whiteness
+from .result import FitResult, Simulation
+
+LogLike = Log | str | PathLike[str]
+
+
+def fit(
+    family: str,
+    logs: Sequence[LogLike] | LogLike,
+    *,
+    hold: Mapping[str, str] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    validate: Sequence[LogLike] = (),
+    controller_sample_time: float | None = None,
+    seed: int = 0,
+    command: str | None = None,
+    progress: Callable[[str], None] | None = None,
+    **options: Any,
+) -> FitResult:
+    """Fit a model family to one or several logs of the same hardware.
+
+    Physical parameters are shared by all logs; initial states and offsets are free per
+    run.
+
+    Parameters
+    ----------
+    family
+        Name of the family, for example ``"hydrostatic"``.
+    logs
+        Logs, or paths of CSV files whose columns are named like the roles.
+    hold
+        Role to ``"zoh"`` or ``"foh"``, instead of the family's default.
+    fixed, start, bounds
+        By parameter name, SI.
+    validate
+        Logs that are judged with the result and never fitted.
+    controller_sample_time
+        Period of the discrete model in the file [s]; the log's own when left out.
+    seed
+        For whatever is random.
+    command
+        Written into the file as its provenance.
+    progress
+        Called with a line of text now and then.
+    **options
+        The family's own options, with underscores for hyphens.
+
+    Returns
+    -------
+    FitResult
+
+    Raises
+    ------
+    UsageError, LogError, NotIdentifiedError
+        With what was found, where, and what to do.
+    """
+    chosen = get_family(family)
+    given = [logs] if isinstance(logs, Log | str | PathLike) else list(logs)
+    if not given:
+        raise UsageError("no log was given", remedy="Give at least one CSV file.")
+    opened = [_open(log, hold) for log in given]
+    variant = choose_variant(opened, chosen.variants)
+    experiments, notices = _prepare(opened, variant)
+    request = Request(
+        options=_options(chosen, options),
+        fixed=dict(fixed or {}),
+        start=dict(start or {}),
+        bounds=dict(bounds or {}),
+        seed=seed,
+        progress=progress or (lambda message: None),
+    )
+    estimate = chosen.estimate(variant, experiments, request)
+    judged = [_open(log, hold) for log in validate]
+    validation, more = _validate(chosen, variant, estimate, judged, request)
+    notices = _distinct([*notices, *more, *estimate.notices])
+    document, notices = _document(
+        chosen, variant, estimate, experiments, opened, validation, notices, request,
+        controller_sample_time, command,
+    )  # fmt: skip
+    return FitResult(family, variant, estimate, experiments, validation, document, notices)
+
+
+def _open(log: LogLike, hold: Mapping[str, str] | None) -> Log:
+    opened = log if isinstance(log, Log) else read_log(log)
+    return replace(opened, holds={**opened.holds, **hold}) if hold else opened
+
+
+def _prepare(logs: Sequence[Log], variant: Variant) -> tuple[list[Experiment], list[Notice]]:
+    """Turn all logs into experiments."""
+    found: list[Experiment] = []
+    notices: list[Notice] = []
+    for index, log in enumerate(logs):
+        some, said = experiments_of(log, variant, index=index)
+        found += some
+        notices += [*log.notices, *said]
+    if not found:
+        raise LogError(
+            "no run of any log can be used",
+            where=logs[0].name,
+            remedy="See the warnings above; `fluidact-fit inspect` shows what is in a log.",
+        )
+    return found, notices
+
+
+def _distinct(notices: Sequence[Notice]) -> list[Notice]:
+    return list(dict.fromkeys(notices))
+
+
+def _options(family: Family, given: Mapping[str, Any]) -> dict[str, Any]:
+    """The family's options with defaults, hyphens as on the command line."""
+    out = {o.name: o.default for o in family.options}
+    for name, value in given.items():
+        key = name.replace("_", "-")
+        if key not in out:
+            raise UsageError(
+                f"{family.name} has no option {key!r}",
+                expected="Its options are: " + (", ".join(out) or "none") + ".",
+            )
+        option = next(o for o in family.options if o.name == key)
+        if option.choices and value not in option.choices:
+            raise UsageError(
+                f"{key} cannot be {value!r}", expected="One of " + ", ".join(option.choices) + "."
+            )
+        out[key] = value
+    return out
+
+
+def values_of(estimate: Estimate) -> dict[str, Value]:
+    """Plain values of an estimate by name."""
+    return {k: q.value for k, q in estimate.parameters.items()}
+
+
+def _validate(
+    family: Family,
+    variant: Variant,
+    estimate: Estimate,
+    logs: Sequence[Log],
+    request: Request,
+) -> tuple[list[Simulation], list[Notice]]:
+    """Simulate logs that were not fitted."""
+    if not logs:
+        return [], []
+    experiments, notices = _prepare(logs, variant)
+    out = []
+    for e in experiments:
+        simulated = family.simulate(variant, values_of(estimate), e, request.options)
+        out.append(Simulation(e, simulated, e[variant.output.name]))
+    return out, notices
+
+
+def _document(
+    family: Family,
+    variant: Variant,
+    estimate: Estimate,
+    experiments: Sequence[Experiment],
+    logs: Sequence[Log],
+    validation: Sequence[Simulation],
+    notices: Sequence[Notice],
+    request: Request,
+    sample_time: float | None,
+    command: str | None,
+) -> tuple[dict[str, Any], list[Notice]]:
+    """Assemble the parameter document."""
+    from . import __version__
+
+    values = values_of(estimate)
+    unit = _output_unit(variant, experiments)
+    overall = agreement(estimate.measured, estimate.simulated)
+    verdict, reasons = judge(overall, notices)
+    every = _distinct([*notices, *reasons])
+    period = sample_time
+    if period is None:
+        period = min((e.sample_time for e in experiments), default=0.0)
+    document = {
+        "format": "fluidact-parameters",
+        "format_version": 1,
+        "family": family.name,
+        "variant": variant.name,
+        "options": {k: v for k, v in request.options.items() if v is not None},
+        "parameters": dict(estimate.parameters),
+        "derived": dict(estimate.derived),
+        "covariance": {
+            "order": list(estimate.covariance_order),
+            "matrix": np.asarray(estimate.covariance).tolist(),
+        },
+        "model": family.model_section(variant, values, float(period), _hold(variant, experiments)),
+        "validity": _validity(variant, experiments, estimate.measured),
+        "fit": {
+            "samples": overall.samples,
+            "rmse": {"value": overall.rmse, "unit": unit},
+            "fit_percent": overall.fit_percent,
+            "residual_whiteness": _whiteness(estimate),
+            "verdict": verdict,
+            "logs": [
+                _log_entry(e, y, m, unit)
+                for e, y, m in zip(experiments, estimate.measured, estimate.simulated)
+            ],
+            "details": {
+                **estimate.details,
+                "residual_sum_of_squares": overall.sum_of_squares,
+            },
+        },
+        "validation": [_log_entry(s.experiment, s.measured, s.simulated, unit) for s in validation],
+        "warnings": every,
+        "provenance": {
+            "tool": {"name": "fluidact-fit", "version": __version__},
+            "created": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+            "command": command or f"fluidact_fit.fit({family.name!r}, ...)",
+            "seed": request.seed,
+            "logs": [
+                provenance(log, [e for e in experiments if e.log == i])
+                for i, log in enumerate(logs)
+            ],
+            "options": {
+                key: {k: list(v) if isinstance(v, tuple) else v for k, v in given.items()}
+                for key, given in (
+                    ("fixed", request.fixed),
+                    ("start", request.start),
+                    ("bounds", request.bounds),
+                )
+                if given
+            },
+        },
+    }
+    if not estimate.covariance_order:
+        del document["covariance"]
+    from .parameters import make_document
+
+    return make_document(document).to_dict(), every
+
+
+def _whiteness(estimate: Estimate) -> dict[str, Any]:
+    w = residual_whiteness(estimate.measured, estimate.simulated, len(estimate.covariance_order))
+    return {"statistic": w.statistic, "p_value": w.p_value, "lags": w.lags}
+
+
+def _output_unit(variant: Variant, experiments: Sequence[Experiment]) -> str:
+    return experiments[0].signals[variant.output.name].unit
+
+
+def _hold(variant: Variant, experiments: Sequence[Experiment]) -> Hold:
+    """Hold of the first role that drives the model."""
+    for role in variant.roles:
+        if role.hold and role.name in experiments[0]:
+            return experiments[0].signals[role.name].hold or role.hold
+    return "zoh"
+
+
+def _log_entry(
+    experiment: Experiment, measured: FloatArray, simulated: FloatArray, unit: str
+) -> dict[str, Any]:
+    """One row of ``fit.logs`` or ``validation``."""
+    a = agreement([measured], [simulated])
+    return {
+        "file": experiment.name,
+        "samples": a.samples,
+        "rmse": {"value": a.rmse, "unit": unit},
+        "fit_percent": a.fit_percent,
+    }
+
+
+def _validity(
+    variant: Variant, experiments: Sequence[Experiment], measured: Sequence[FloatArray]
+) -> dict[str, Any]:
+    """Range of every role over the samples that were used."""
+    out = {}
+    for role in variant.roles:
+        if role.name == "time":
+            continue
+        lows, highs, unit = [], [], role.unit
+        for e, y in zip(experiments, measured):
+            if role.name not in e:
+                continue
+            s = e.signals[role.name]
+            used = s.values[np.isfinite(y)] if s.values.size == y.size else s.values
+            ends = np.append(used, s.before) if s.values.size == 1 else used
+            if ends.size:
+                lows.append(float(ends.min()))
+                highs.append(float(ends.max()))
+                unit = s.unit
+        if lows:
+            out[role.name] = {"low": min(lows), "high": max(highs), "unit": unit}
+    return out
