@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from .errors import Notice
 from .experiment import Experiment, FloatArray, Hold
@@ -183,6 +184,45 @@ class Estimate:
     details: Mapping[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Curve:
+    """A line or a set of points of a picture: ``x`` and ``y`` of one shape [SI]."""
+
+    label: str
+    x: FloatArray
+    y: FloatArray
+
+
+@dataclass(frozen=True)
+class StaticView:
+    """What a picture of a static map shows: output over one quantity, without time.
+
+    Attributes
+    ----------
+    x_name, x_unit, y_name, y_unit
+        What the axes are; SI.
+    x, measured, fitted
+        The samples and the model at them, shape ``(n,)`` each [SI].
+    used
+        Which samples were fitted, shape ``(n,)``, boolean.
+    curves
+        The fitted curve or lines, as finely as they should be drawn.
+    points
+        Points that define the curve, for example control points.
+    """
+
+    x_name: str
+    x_unit: str
+    y_name: str
+    y_unit: str
+    x: FloatArray
+    measured: FloatArray
+    fitted: FloatArray
+    used: npt.NDArray[np.bool_]
+    curves: Sequence[Curve] = ()
+    points: Curve | None = None
+
+
 class Block(ABC):
     """What a controller holds after loading a parameter file.
 
@@ -239,6 +279,12 @@ class Family(ABC):
     ) -> dict[str, Any]:
         """Return the ``model`` part of the file: what a controller runs."""
         return {}
+
+    def static_view(
+        self, variant: Variant, estimate: Estimate, experiments: Sequence[Experiment]
+    ) -> StaticView | None:
+        """Return what a picture of a static map shows, ``None`` for a dynamic model."""
+        return None
 
     def block(self, variant: Variant, document: Mapping[str, Any]) -> Block | None:
         """Return the object that ``fluidact_fit.load`` gives a controller."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from .errors import LogError, Notice, UsageError
 from .experiment import Experiment, FloatArray, Hold
+from .estimation.inputs import interpolation
 from .families import get_family
 from .family import Estimate, Family, Request, Value, Variant
 from .logs import Log, choose_variant, provenance, read_log
@@ -228,7 +229,7 @@ def _document(
             "command": command or f"fluidact_fit.fit({family.name!r}, ...)",
             "seed": request.seed,
             "logs": [
-                provenance(log, [e for e in experiments if e.log == i])
+                _provenance(log, [e for e in experiments if e.log == i])
                 for i, log in enumerate(logs)
             ],
             "options": {
@@ -247,6 +248,15 @@ def _document(
     from .parameters import make_document
 
     return make_document(document).to_dict(), every
+
+
+def _provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
+    """Entry of one log, with how its moving inputs were taken to move."""
+    entry = provenance(log, experiments)
+    for role, signal in experiments[0].signals.items() if experiments else ():
+        if signal.hold == "foh":
+            entry["columns"][role]["interpolation"] = interpolation(signal)
+    return entry
 
 
 def _whiteness(estimate: Estimate) -> dict[str, Any]:

@@ -42,6 +42,9 @@ class NamedModel:
         Outputs per experiment, shape ``(n_i,)`` [SI].
     weights
         As in :class:`.separable.Problem`.
+    nuisance
+        Names of further linear unknowns, whose columns follow those of ``linear``. They
+        are always free and never reported.
     """
 
     nonlinear: tuple[str, ...]
@@ -50,6 +53,12 @@ class NamedModel:
     measured: Sequence[FloatArray]
     slopes: Callable[[int, Values, Sequence[str]], tuple[Basis, Slopes]] | None = None
     weights: Sequence[FloatArray | float] = ()
+    nuisance: tuple[str, ...] = ()
+
+    @property
+    def every_linear(self) -> tuple[str, ...]:
+        """Linear parameters and nuisance unknowns, in the order of the columns."""
+        return (*self.linear, *self.nuisance)
 
 
 @dataclass(frozen=True)
@@ -71,8 +80,8 @@ class _Bound:
     def __init__(self, model: NamedModel, held: Mapping[str, float]) -> None:
         self.model, self.held = model, held
         self.names = [n for n in model.nonlinear if n not in held]
-        self.free = np.array([n not in held for n in model.linear], dtype=bool)
-        self.values = np.array([held.get(n, 0.0) for n in model.linear])
+        self.free = np.array([n not in held for n in model.every_linear], dtype=bool)
+        self.values = np.array([held.get(n, 0.0) for n in model.every_linear])
         if model.slopes is not None:
             self.slopes = self._slopes
 
@@ -113,7 +122,10 @@ def bind(
         model=view,
         measured=model.measured,
         nonlinear=[unknowns[n] for n in view.names],
-        linear=[unknowns[n] for n in model.linear if n not in held],
+        linear=[
+            *(unknowns[n] for n in model.linear if n not in held),
+            *(Unknown(n, 0.0) for n in model.nuisance),
+        ],
         weights=model.weights,
     )
 
@@ -205,6 +217,7 @@ class Fitted:
     solution: Solution
     notices: list[Notice] = field(default_factory=list)
     unknowns: Mapping[str, Unknown] = field(default_factory=dict)
+    remarks: Mapping[str, Any] = field(default_factory=dict)
 
     def details(self) -> dict[str, Any]:
         """What the search did, for the file."""
@@ -222,12 +235,13 @@ class Fitted:
             else "long-run variance of the scores"
             if self.uncertainty.order < 0
             else f"autoregressive residuals of order {self.uncertainty.order}",
+            **self.remarks,
         }
 
     def std_error(self, name: str) -> float:
         """Standard error of an estimated parameter."""
         k = self.names.index(name)
-        return float(np.sqrt(self.uncertainty.covariance[k, k]))
+        return float(np.sqrt(max(self.uncertainty.covariance[k, k], 0.0)))
 
 
 def refuse(spec: ParameterSpec, reason: str) -> Notice:
@@ -335,10 +349,12 @@ def _least_determined(
     unknowns: Mapping[str, Unknown],
 ) -> tuple[str, str] | None:
     """The parameter whose interval says least, if it says nothing at all."""
-    variance = np.diag(uncertainty.covariance)
+    variance = np.maximum(np.diag(uncertainty.covariance), 0.0)
     quantile = t_quantile(0.975, uncertainty.degrees)
     worst, name_worst, excess = None, "", 1.0
     for k, name in enumerate(names):
+        if name not in unknowns:
+            continue
         width = sensible.get(name, max(abs(values[name]), 1e-300))
         if not np.isfinite(width):
             continue
@@ -414,8 +430,15 @@ def shorten(
     Searching for a start on a million samples or a hundred runs costs minutes and buys
     nothing: the full fit that follows sees them all.
     """
-    lively = sorted(experiments, key=lambda e: -float(np.ptp(e[output])))[:runs]
-    return [_liveliest_part(e, output, samples) for e in lively]
+    lively = sorted(experiments, key=lambda e: -float(np.ptp(e[output])))
+    taken: list[Experiment] = []
+    for e in lively:
+        if len(taken) >= runs and sum(t.samples for t in taken) >= samples:
+            break
+        taken.append(_liveliest_part(e, output, samples))
+        if len(taken) >= 12 * runs:
+            break
+    return taken
 
 
 def _liveliest_part(experiment: Experiment, output: str, samples: int) -> Experiment:

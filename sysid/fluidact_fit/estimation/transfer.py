@@ -29,7 +29,7 @@ from .parametric import (
     scalars,
     shorten,
 )
-from .separable import Basis, Problem, Unknown, profile, solve_from
+from .separable import Basis, Problem, Search, Unknown, profile, solve_from
 
 Array = npt.NDArray[Any]
 Realisation = Callable[[Values], tuple[Array, Array, Array]]
@@ -37,15 +37,24 @@ Realisation = Callable[[Values], tuple[Array, Array, Array]]
 
 @dataclass(frozen=True)
 class _Prepared:
-    """Input and grids of one experiment, computed once."""
+    """Input and grids of one experiment, computed once.
+
+    ``rest`` tells that the run starts at rest, as a step that was not recorded does;
+    ``log`` is the position of its offset among those shared by several runs, or None.
+    """
 
     u: PiecewiseInput
     nodes: Grid
     samples: Grid
+    rest: bool
+    log: int | None
 
 
 class TransferModel:
     """``y(t) = gain * C x(t - dead_time) + offset``, ``x' = A x + B w(u)``.
+
+    The initial state is free for every run, unless its input is a step from rest or
+    ``rest`` says so. The offset belongs to the sensor, so the runs of one log share it.
 
     Parameters
     ----------
@@ -75,11 +84,15 @@ class TransferModel:
         gain: str | None = None,
         dead_zone: bool = False,
         confounded: Callable[[Values], tuple[int, ...]] = lambda values: (),
+        rest: bool = False,
     ) -> None:
+        self.rest = rest
         self.realise, self.gain, self.dead_zone = realise, gain, dead_zone
         self.confounded = confounded
         self.measured = [e[output_role] for e in experiments if output_role in e]
         self.levels = [input_level(e.signals[input_role]) for e in experiments]
+        logs = [e.log for e in experiments]
+        self.several = [k for k in dict.fromkeys(logs) if logs.count(k) > 1]
         self.prepared = [self._prepare(e, input_role) for e in experiments]
 
     def _prepare(self, experiment: Experiment, role: str) -> _Prepared:
@@ -87,7 +100,9 @@ class TransferModel:
         u = piecewise(signal, level=0.0 if self.dead_zone else input_level(signal))
         samples = make_grid(experiment.time)
         same = signal.time is experiment.time or np.array_equal(signal.time, experiment.time)
-        return _Prepared(u, samples if same else make_grid(u.nodes), samples)
+        log = self.several.index(experiment.log) if experiment.log in self.several else None
+        nodes = samples if same else make_grid(u.nodes)
+        return _Prepared(u, nodes, samples, self.rest or signal.time.size == 1, log)
 
     def columns(self, index: int, values: Values) -> Basis:
         """Forced response, free responses and offset of one experiment."""
@@ -99,18 +114,38 @@ class TransferModel:
         y = forced_response(
             a, b, c, u, p.samples.instants, dead_time=values.get("dead_time", 0.0), grid=p.nodes
         )
-        free = free_response(a, c, p.samples)
-        skip = self.confounded(values)
-        kept = [i for i in range(free.shape[1]) if i not in skip]
-        local = np.column_stack((free[:, kept], np.ones(y.size)))
+        local = self._local(a, c, p, values)
+        if not self.several:
+            if self.gain is None:
+                return Basis(y, np.zeros((y.size, 0)), local)
+            return Basis(np.zeros(y.size), y[:, None], local)
+        offsets = np.zeros((y.size, len(self.several)))
+        if p.log is not None:
+            offsets[:, p.log] = 1.0
         if self.gain is None:
-            return Basis(y, np.zeros((y.size, 0)), local)
-        return Basis(np.zeros(y.size), y[:, None], local)
+            return Basis(y, offsets, local)
+        return Basis(np.zeros(y.size), np.column_stack((y, offsets)), local)
+
+    def _local(self, a: Array, c: Array, p: _Prepared, values: Values) -> Array:
+        """Columns of the unknowns that belong to one run: initial state and own offset."""
+        columns: list[Array] = []
+        if not p.rest:
+            free = free_response(a, c, p.samples)
+            skip = self.confounded(values) if p.log is None else ()
+            columns += [free[:, i] for i in range(free.shape[1]) if i not in skip]
+        if p.log is None:
+            columns.append(np.ones(p.samples.instants.size))
+        if not columns:
+            return np.zeros((p.samples.instants.size, 0))
+        return np.column_stack(columns)
 
     def named(self, nonlinear: Sequence[str]) -> NamedModel:
         """The model in the form the estimation takes."""
         linear = () if self.gain is None else (self.gain,)
-        return NamedModel(tuple(nonlinear), linear, self.columns, self.measured)
+        nuisance = tuple(f"offset[{k}]" for k in self.several)
+        return NamedModel(
+            tuple(nonlinear), linear, self.columns, self.measured, nuisance=nuisance
+        )
 
 
 def grid_search(
@@ -142,13 +177,13 @@ def grid_search(
 
 
 def fit_transfer(
-    make: Callable[[Sequence[Experiment]], NamedModel],
+    make: Callable[[Sequence[Experiment], bool], NamedModel],
     experiments: Sequence[Experiment],
     output: str,
     specs: Sequence[ParameterSpec],
     request: Request,
     unknowns: Mapping[str, Unknown],
-    find_starts: Callable[[Sequence[Experiment]], list[dict[str, float]]],
+    find_starts: Callable[[Sequence[Experiment], bool], list[dict[str, float]]],
     *,
     sensible: Mapping[str, float] | None = None,
     refusals: Sequence[Refusal] = (),
@@ -158,9 +193,11 @@ def fit_transfer(
     Parameters
     ----------
     make
-        Builds the model of some experiments.
+        ``make(experiments, rest)`` builds the model of some experiments; ``rest`` takes
+        them all to start at rest.
     find_starts
-        Returns start values of the nonlinear parameters, best first; a ``--start`` wins.
+        ``find_starts(experiments, rest)`` returns start values of the nonlinear
+        parameters, best first; a ``--start`` wins.
     sensible, refusals
         As in :func:`.parametric.fit_named`.
     """
@@ -168,18 +205,63 @@ def fit_transfer(
     for r in refusals:
         held.setdefault(r.parameter, r.hold if r.hold is not None else 0.0)
     few = shorten(experiments, output)
-    problem = bind(make(few), unknowns, held)
     request.progress("searching for a start")
-    starts = [{**s, **request.start} for s in find_starts(few)]
-    search = solve_from(problem, [_vector(problem, s) for s in starts], tolerance=1e-2)
+    rest = _starts_at_rest(make, few, find_starts, unknowns, held, request)
+    problem, search = _search(make, few, find_starts, unknowns, held, request, rest)
     names = [u.name for u in problem.nonlinear]
     finalists = [{**held, **dict(zip(names, s.eta))} for s in (search.best, *search.rivals[:1])]
     request.progress("fitting")
     fitted = fit_named(
-        make(experiments), specs, request, unknowns, finalists, refusals=refusals, sensible=sensible
+        make(experiments, rest),
+        specs,
+        request,
+        unknowns,
+        finalists,
+        refusals=refusals,
+        sensible=sensible,
     )
     tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
-    return replace(fitted, search=tried)
+    return replace(fitted, search=tried, remarks={"initial_state": "rest" if rest else "free"})
+
+
+def _search(
+    make: Callable[[Sequence[Experiment], bool], NamedModel],
+    experiments: Sequence[Experiment],
+    find_starts: Callable[[Sequence[Experiment], bool], list[dict[str, float]]],
+    unknowns: Mapping[str, Unknown],
+    held: Mapping[str, float],
+    request: Request,
+    rest: bool,
+) -> tuple[Problem, Search]:
+    """Solve roughly from every start."""
+    problem = bind(make(experiments, rest), unknowns, held)
+    starts = [{**s, **request.start} for s in find_starts(experiments, rest)]
+    return problem, solve_from(problem, [_vector(problem, s) for s in starts], tolerance=1e-2)
+
+
+def _starts_at_rest(
+    make: Callable[[Sequence[Experiment], bool], NamedModel],
+    experiments: Sequence[Experiment],
+    find_starts: Callable[[Sequence[Experiment], bool], list[dict[str, float]]],
+    unknowns: Mapping[str, Unknown],
+    held: Mapping[str, float],
+    request: Request,
+) -> bool:
+    """Whether short runs are taken to start at rest.
+
+    In a long run the initial state costs nothing and is always free. In a run of ten
+    samples that begins with the step, a free initial state explains the whole answer;
+    it is then freed only when the Bayes criterion asks for it.
+    """
+    total = sum(e.samples for e in experiments)
+    if total >= 100 * len(experiments):
+        return False
+    scores = []
+    for rest in (True, False):
+        problem, search = _search(make, experiments, find_starts, unknowns, held, request, rest)
+        count = sum(search.best.local_counts) + len(problem.nonlinear)
+        scores.append(total * np.log(max(search.best.cost, 1e-300)) + count * np.log(total))
+    return bool(scores[0] <= scores[1])
 
 
 def _vector(problem: Problem, start: Mapping[str, float]) -> FloatArray:

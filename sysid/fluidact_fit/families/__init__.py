@@ -4,23 +4,44 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from ..errors import UsageError
-from ..family import Family
 
+if TYPE_CHECKING:
+    from ..family import Family
+
+# Where each family lives, and its title: a list of commands must not import families.
 _REGISTRY = {
-    "potentiometer": "potentiometer:Potentiometer",
-    "ball-screw": "ball_screw:BallScrew",
-    "hydrostatic": "hydrostatic:Hydrostatic",
-    "valve": "valve:Valve",
-    "line": "line:Line",
-    "cylinder-friction": "cylinder_friction:CylinderFriction",
+    "potentiometer": (
+        "potentiometer:Potentiometer",
+        "Potentiometer: rational Bezier calibration of position from the raw reading",
+    ),
+    "ball-screw": (
+        "ball_screw:BallScrew",
+        "Ball-screw drive: inertia, viscous friction and four Coulomb levels",
+    ),
+    "hydrostatic": (
+        "hydrostatic:Hydrostatic",
+        "Hydrostatic transmission: dead zone, mass and damping",
+    ),
+    "valve": ("valve:Valve", "Valve: gain, natural frequency and damping ratio"),
+    "line": ("line:Line", "Transmission line: gain, time constant and dead time"),
+    "cylinder-friction": (
+        "cylinder_friction:CylinderFriction",
+        "Friction of a cylinder: Coulomb levels by direction and viscous friction",
+    ),
 }
 
 
 def family_names() -> tuple[str, ...]:
     """Names of all families, in the order of the documentation."""
     return tuple(_REGISTRY)
+
+
+def family_title(name: str) -> str:
+    """Title of a family, without importing it."""
+    return _REGISTRY[name][1]
 
 
 @cache
@@ -41,6 +62,6 @@ def get_family(name: str) -> Family:
             f"there is no model family {name!r}.{hint}",
             expected="Families: " + ", ".join(_REGISTRY) + ".",
         )
-    module, attribute = _REGISTRY[name].split(":")
+    module, attribute = _REGISTRY[name][0].split(":")
     family: Family = getattr(import_module(f".{module}", __package__), attribute)()
     return family

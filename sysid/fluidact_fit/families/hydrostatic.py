@@ -135,13 +135,13 @@ class Hydrostatic(Family):
         unknowns = make_unknowns(variant.parameters, names, scales, request, limits)
         refusals = _edges_out_of_reach(experiments, request)
         fitted = fit_transfer(
-            lambda some: self._model(some).named(names),
+            lambda some, rest: self._model(some, rest).named(names),
             experiments,
             "position",
             variant.parameters,
             request,
             unknowns,
-            lambda some: _starts(some, names),
+            lambda some, rest: _starts(some, names, rest),
             sensible=sensible,
             refusals=refusals,
         )
@@ -198,7 +198,7 @@ class Hydrostatic(Family):
         return scales, limits, sensible
 
     @staticmethod
-    def _model(experiments: Sequence[Experiment]) -> TransferModel:
+    def _model(experiments: Sequence[Experiment], rest: bool = False) -> TransferModel:
         return TransferModel(
             experiments,
             "force",
@@ -206,6 +206,7 @@ class Hydrostatic(Family):
             realise,
             dead_zone=True,
             confounded=_position_is_offset,
+            rest=rest,
         )
 
     def _thesis(
@@ -309,7 +310,9 @@ def _realise_per_damping(values: Values) -> tuple[Any, Any, Any]:
     return a, np.array([0.0, 1.0 / tau]), np.array([1.0, 0.0])
 
 
-def _starts(experiments: Sequence[Experiment], names: Sequence[str]) -> list[dict[str, float]]:
+def _starts(
+    experiments: Sequence[Experiment], names: Sequence[str], rest: bool
+) -> list[dict[str, float]]:
     """Profile over time constant, edges and the rest; ``1/damping`` is eliminated."""
     step, span = time_scales(experiments)
     high = max(float(e["force"].max()) for e in experiments)
@@ -325,7 +328,7 @@ def _starts(experiments: Sequence[Experiment], names: Sequence[str]) -> list[dic
     used = [n for n in names if n != "damping"]
     model = TransferModel(
         experiments, "force", "position", _realise_per_damping, gain="mobility",
-        dead_zone=True, confounded=_position_is_offset,
+        dead_zone=True, confounded=_position_is_offset, rest=rest,
     )  # fmt: skip
     unknowns = {n: Unknown(n, 0.0) for n in (*used, "mobility")}
     unknowns["mobility"] = Unknown("mobility", 1.0, 1e-300)

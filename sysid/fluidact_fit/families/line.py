@@ -58,6 +58,7 @@ class Line(Family):
                     "gain",
                     "1",
                     "steady outlet pressure per inlet pressure",
+                    minimum=0.0,
                     remedy="Record at least one step of the inlet between two levels.",
                 ),
                 ParameterSpec(
@@ -104,14 +105,14 @@ class Line(Family):
             "dead_time": dead_time_axis(step, longest),
         }
         fitted = fit_transfer(
-            lambda some: self._model(some).named(("time_constant", "dead_time")),
+            lambda some, rest: self._model(some, rest).named(("time_constant", "dead_time")),
             experiments,
             "outlet",
             variant.parameters,
             request,
             unknowns,
-            lambda some: grid_search(
-                bind(self._model(some).named(tuple(axes)), unknowns, request.fixed), axes
+            lambda some, rest: grid_search(
+                bind(self._model(some, rest).named(tuple(axes)), unknowns, request.fixed), axes
             ),
             sensible={"dead_time": 0.25 * span},
         )
@@ -138,8 +139,8 @@ class Line(Family):
         )
 
     @staticmethod
-    def _model(experiments: Sequence[Experiment]) -> TransferModel:
-        return TransferModel(experiments, "inlet", "outlet", realise, gain="gain")
+    def _model(experiments: Sequence[Experiment], rest: bool = False) -> TransferModel:
+        return TransferModel(experiments, "inlet", "outlet", realise, gain="gain", rest=rest)
 
     @staticmethod
     def _compare_with_wave(

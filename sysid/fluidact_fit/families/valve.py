@@ -135,14 +135,14 @@ class Valve(Family):
             "zero_time_constant": np.zeros(1),
         }
         fitted = fit_transfer(
-            lambda some: self._model(some).named(names),
+            lambda some, rest: self._model(some, rest).named(names),
             experiments,
             "outlet",
             variant.parameters,
             request,
             unknowns,
-            lambda some: grid_search(
-                bind(self._model(some).named(names), unknowns, request.fixed), axes
+            lambda some, rest: grid_search(
+                bind(self._model(some, rest).named(names), unknowns, request.fixed), axes
             ),
             sensible={"dead_time": 0.25 * span, "zero_time_constant": span},
         )
@@ -179,8 +179,8 @@ class Valve(Family):
         return derive(fitted, units, function)
 
     @staticmethod
-    def _model(experiments: Sequence[Experiment]) -> TransferModel:
-        return TransferModel(experiments, "command", "outlet", realise, gain="gain")
+    def _model(experiments: Sequence[Experiment], rest: bool = False) -> TransferModel:
+        return TransferModel(experiments, "command", "outlet", realise, gain="gain", rest=rest)
 
     def simulate(
         self,

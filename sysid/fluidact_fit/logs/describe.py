@@ -72,10 +72,13 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
     steps = [e.sample_time for e in experiments if e.sample_time > 0]
     if steps:
         entry["sample_time"] = float(np.median(steps))
+    details: dict[str, Any] = {}
     if len(experiments) > 1:
-        entry["runs"] = len(experiments)
+        details["runs"] = len(experiments)
     if log.window is not None:
-        entry["window"] = list(log.window)
+        details["window"] = ":".join("" if end is None else f"{end:g}" for end in log.window)
+    if details:
+        entry["details"] = details
     columns: dict[str, Any] = {}
     if experiments and experiments[0].time.size and log.sample_time is None:
         binding = bind_role(log, _TIME)

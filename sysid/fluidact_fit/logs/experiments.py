@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import cast, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -250,4 +251,9 @@ def _hold(log: Log, role: Role) -> Hold | None:
     given = log.holds.get(role.name)
     if given is None:
         return role.hold
-    return "zoh" if given == "zoh" else "foh"
+    if given not in get_args(Hold):
+        raise UsageError(
+            f"'{given}' is no hold for '{role.name}'.",
+            remedy=f"Choose one of {', '.join(get_args(Hold))}.",
+        )
+    return cast(Hold, given)

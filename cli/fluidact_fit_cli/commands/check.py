@@ -1,0 +1,112 @@
+"""``fluidact-fit check``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fluidact_fit.errors import MismatchError
+
+from ..options import (
+    Command,
+    check_role_names,
+    json_option,
+    logs_argument,
+    read_logs,
+    reading_options,
+    verbosity_options,
+)
+from ..progress import Progress
+from ..show import echo_json, echo_table, echo_warnings, format_number, format_spread
+
+if TYPE_CHECKING:
+    from fluidact_fit.check import Check
+
+_HELP = """Tell whether the parameter file PARAMS still describes the machine that recorded LOG.
+
+The columns are those the file was fitted with, unless options say otherwise. Each log is
+simulated with the file's parameters, and the family is fitted again to compare the parameters.
+
+\b
+The model no longer fits (exit status 5) when
+  - the rmse of a log is above twice the file's rmse plus one resolution step of the output, or
+  - a parameter moved by more than 4 combined standard errors and by more than 2 %."""
+
+
+def check(params_file: str, logs: tuple[str, ...], as_json: bool, **params: Any) -> None:
+    """Simulate, fit again, compare."""
+    from fluidact_fit.check import check_logs, recall_columns, roles_of
+    from fluidact_fit.parameters import read_document
+
+    document = read_document(params_file)
+    check_role_names(params, roles_of(document))
+    progress = Progress(params["quiet"], params["verbose"])
+    try:
+        progress("reading")
+        read = [recall_columns(document, log) for log in read_logs(logs, params)]
+        found = check_logs(document, read, progress=progress)
+    finally:
+        progress.clear()
+    if not params["quiet"]:
+        echo_warnings(found.notices)
+    if as_json:
+        echo_json(found.to_dict())
+    elif not params["quiet"]:
+        _show(found)
+    if not found.fits:
+        raise MismatchError(
+            "the model no longer fits.",
+            where=params_file,
+            expected="\n".join(found.reasons),
+            remedy="Look at what changed in the machine, then fit again.",
+        )
+
+
+def _show(found: Check) -> None:
+    head = ["log", "fit", "rmse", "limit", "unit", ""]
+    rows = [
+        [
+            log.file,
+            f"{log.fit_percent:.2f} %",
+            f"{log.rmse:.4g}",
+            f"{log.limit:.4g}",
+            log.unit,
+            "" if log.within else "TOO LARGE",
+        ]
+        for log in found.logs
+    ]
+    echo_table([head, *rows], right=(1, 2, 3))
+    if found.drifts:
+        click.echo()
+        head = ["parameter", "file", "now", "std error", "unit", "moved", "", ""]
+        echo_table([head, *(_drift_row(d) for d in found.drifts)], right=(1, 2, 5))
+    if found.fits:
+        click.echo("\nthe model still fits")
+
+
+def _drift_row(drift: Any) -> list[str]:
+    return [
+        drift.name,
+        format_number(drift.before, drift.combined_error),
+        format_number(drift.now, drift.combined_error),
+        f"± {format_spread(drift.combined_error)}",
+        drift.unit,
+        f"{drift.sigmas:.1f} std errors",
+        "" if drift.percent is None else f"{drift.percent:+.2f} %",
+        "MOVED" if drift.moved else "",
+    ]
+
+
+command = Command(
+    "check",
+    params=[
+        click.Argument(["params_file"], metavar="PARAMS"),
+        logs_argument(),
+        json_option("The comparison"),
+        *reading_options(),
+        *verbosity_options(),
+    ],
+    callback=check,
+    help=_HELP,
+)

@@ -1,0 +1,241 @@
+"""``fluidact-fit FAMILY LOG...``: one subcommand per model family."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fluidact_fit.errors import UsageError
+from fluidact_fit.families import get_family
+
+from ..errors import Invocation, Refused
+from ..family_help import chosen_options, family_options, help_text
+from ..options import (
+    Command,
+    Option,
+    check_names,
+    check_role_names,
+    logs_argument,
+    parameter_options,
+    read_logs,
+    reading_options,
+    verbosity_options,
+)
+from ..outputs import (
+    Target,
+    check_targets,
+    page_target,
+    parameter_target,
+    picture_target,
+    render,
+    write_all,
+)
+from ..parse import Parsed, parse_positive
+from ..progress import Progress
+from ..show import echo_json, echo_parameters, echo_warnings
+
+if TYPE_CHECKING:
+    from fluidact_fit.family import Family
+    from fluidact_fit.result import FitResult
+
+
+def make_command(name: str) -> click.Command:
+    """Return the subcommand of a family."""
+    family = get_family(name)
+
+    @click.pass_context
+    def fit_family(ctx: click.Context, /, **params: Any) -> None:
+        run_fit(family, params, ctx.find_object(Invocation) or Invocation(()))
+
+    return Command(
+        name,
+        params=[
+            logs_argument(),
+            *_output_options(name),
+            *reading_options(),
+            *family_options(family),
+            *parameter_options(),
+            *_judging_options(),
+            *verbosity_options(),
+        ],
+        callback=fit_family,
+        help=help_text(family),
+        short_help=family.title,
+    )
+
+
+def _output_options(name: str) -> list[click.Parameter]:
+    group = "Output"
+    return [
+        Option(["--output", "-o"], metavar="FILE", group=group,
+               help=f"Parameter file (default {name}.yaml). An existing file is kept unless -f."),
+        Option(["--force", "-f"], is_flag=True, group=group, help="Replace existing files."),
+        Option(["--plot"], metavar="FILE", group=group,
+               help="Picture of measured and simulated output: png, pdf or svg."),
+        Option(["--report"], metavar="FILE.html", group=group, help="Report as a web page."),
+        Option(["--json", "as_json"], is_flag=True, group=group,
+               help="The parameter document as JSON on standard output, nothing else there. A "
+               "file is then written only where -o names one."),
+        Option(["--controller-sample-time"], group=group,
+               type=Parsed("SECONDS", "--controller-sample-time 0.002", parse_positive),
+               help="Period of the discrete model in the file; without it the log's."),
+    ]  # fmt: skip
+
+
+def _judging_options() -> list[click.Parameter]:
+    group = "Judgement"
+    return [
+        Option(["--validate"], metavar="LOG", multiple=True, group=group,
+               help="A log that is judged with the result and never fitted. Repeatable."),
+        Option(["--strict"], is_flag=True, group=group,
+               help="Any warning ends the run with exit status 4, and nothing is written."),
+        Option(["--accept-failed"], is_flag=True, group=group,
+               help="Write the file although the verdict is FAIL; the file says so."),
+        Option(["--seed"], type=click.IntRange(0, 2**32 - 1), default=0, metavar="N", group=group,
+               help="Seed of whatever is random. The same logs, options and seed give the same "
+               "numbers. Default: 0."),
+    ]  # fmt: skip
+
+
+def run_fit(family: Family, params: Mapping[str, Any], invocation: Invocation) -> None:
+    """Check what was asked, fit, judge, write, show: in this order."""
+    targets = _targets(family.name, params)
+    _check_arguments(family, params, targets)
+    result = _fit(family, params, invocation)
+    if not params["quiet"]:
+        echo_warnings(result.notices)
+    result = _judge(result, params)
+    write_all(_render(result, targets), params["force"])
+    if params["as_json"]:
+        echo_json(result.document)
+    elif not params["quiet"]:
+        echo_parameters(result.document, params["verbose"])
+        click.echo("written to " + ", ".join(target.path for target in targets))
+
+
+def _targets(name: str, params: Mapping[str, Any]) -> list[Target]:
+    """Files to write; the parameter file is the last."""
+    targets = []
+    if params["plot"] is not None:
+        targets.append(picture_target(params["plot"]))
+    if params["report"] is not None:
+        targets.append(page_target(params["report"]))
+    if params["output"] is not None:
+        targets.append(parameter_target(params["output"]))
+    elif not params["as_json"]:
+        targets.append(parameter_target(f"{name}.yaml"))
+    return targets
+
+
+def _check_arguments(family: Family, params: Mapping[str, Any], targets: Sequence[Target]) -> None:
+    """Refuse what can be known to be wrong before any log is read."""
+    logs, judged = params["logs"], params["validate"]
+    check_role_names(params, [r.name for v in family.variants for r in v.roles])
+    names = [p.name for v in family.variants for p in v.parameters if p.rank == 0]
+    for option, key in (("--fix", "fix"), ("--start", "start"), ("--bounds", "bounds")):
+        check_names(option, "parameter", params[key], names)
+    real = [os.path.realpath(path) for path in (*logs, *judged)]
+    for index, path in enumerate((*logs, *judged)):
+        if real[index] in real[:index]:
+            raise UsageError(
+                f"{path} is given twice.",
+                remedy="Give each log once; a log to --validate must not be fitted as well.",
+            )
+    check_targets(targets, (*logs, *judged), params["force"])
+
+
+def _fit(family: Family, params: Mapping[str, Any], invocation: Invocation) -> FitResult:
+    from fluidact_fit.fit import fit
+
+    progress = Progress(params["quiet"], params["verbose"])
+    try:
+        progress("reading")
+        logs = read_logs(params["logs"], params)
+        judged = read_logs(params["validate"], params)
+        progress("fitting")
+        return fit(
+            family.name,
+            logs,
+            fixed=params["fix"],
+            start=params["start"],
+            bounds=params["bounds"],
+            validate=judged,
+            controller_sample_time=params["controller_sample_time"],
+            seed=params["seed"],
+            command=recorded_command(invocation.args, params),
+            progress=progress,
+            **chosen_options(params),
+        )
+    finally:
+        progress.clear()
+
+
+def recorded_command(args: Sequence[str], params: Mapping[str, Any]) -> str:
+    """Return the command line for the file, quoted, absolute paths as base names.
+
+    A parameter file travels; the folders of the machine that wrote it are nobody's
+    business and would make equal runs differ.
+    """
+    given = [params.get("output"), params.get("plot"), params.get("report")]
+    paths = [p for p in (*params["logs"], *params["validate"], *given) if p and os.path.isabs(p)]
+    words = []
+    for arg in args:
+        path = next((p for p in sorted(paths, key=len, reverse=True) if arg.endswith(p)), None)
+        words.append(arg if path is None else arg.removesuffix(path) + os.path.basename(path))
+    return shlex.join(["fluidact-fit", *words])
+
+
+def _judge(result: FitResult, params: Mapping[str, Any]) -> FitResult:
+    """Refuse what may not be written, and mark what is written against the verdict."""
+    if params["strict"] and result.notices:
+        count = len(result.notices)
+        raise Refused(
+            f"{count} warning{'s' if count > 1 else ''} under --strict, nothing was written:",
+            expected="\n".join(f"  {n.code}: {n.message}" for n in result.notices),
+            remedy="Remove the causes, or run without --strict.",
+        )
+    if result.verdict != "fail":
+        return result
+    if not params["accept_failed"]:
+        raise Refused(
+            "the verdict is FAIL, nothing was written:",
+            expected="\n".join(f"  {n.code}: {n.message}" for n in result.notices),
+            remedy="Correct the cause, or give --accept-failed to write the file nevertheless.",
+        )
+    from fluidact_fit.parameters import make_document
+
+    marked = make_document({**result.document, "accepted_failed": True})
+    return replace(result, document=marked.to_dict())
+
+
+def _render(result: FitResult, targets: Sequence[Target]) -> dict[str, bytes | str]:
+    """Return the content of every file."""
+    from fluidact_fit.parameters import dump_document
+
+    contents: dict[str, bytes | str] = {}
+    for target in targets:
+        if target.option == "--plot":
+            contents[target.path] = _picture(result, target.path)
+        elif target.option == "--report":
+            contents[target.path] = _page(result, target.path)
+        else:
+            contents[target.path] = dump_document(result.document)
+    return contents
+
+
+def _picture(result: FitResult, path: str) -> bytes:
+    from fluidact_fit.report import plot_result, save_figure
+
+    figure = plot_result(result)
+    return render(path, lambda temporary: save_figure(figure, temporary))
+
+
+def _page(result: FitResult, path: str) -> bytes:
+    from fluidact_fit.report import write_html
+
+    return render(path, lambda temporary: write_html(result, temporary, overwrite=True))

@@ -1,0 +1,137 @@
+"""``fluidact-fit inspect``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fluidact_fit.families import family_names, get_family
+
+from ..options import (
+    Command,
+    Option,
+    check_role_names,
+    json_option,
+    read_logs,
+    reading_options,
+    verbosity_options,
+)
+from ..show import echo_json, echo_table, echo_warnings, format_number
+
+if TYPE_CHECKING:
+    from fluidact_fit.logs import Log
+
+_HELP = """Show what is in a LOG and what is wrong with it.
+
+Without --family only --column time=..., --unit time=... and --scale time=... matter: nothing is
+known of the other roles. With --family it is also told whether the log can be fitted."""
+
+
+def inspect(log: str, family: str | None, as_json: bool, **params: Any) -> None:
+    """Read a log and describe it."""
+    from fluidact_fit.errors import Notice
+    from fluidact_fit.logs import describe
+
+    known = _known_roles(family)
+    if known is not None:
+        check_role_names(params, known)
+    (read,) = read_logs([log], params)
+    roles = _explicit_roles(read)
+    found = describe(read)
+    if family is not None:
+        found["family"] = _usable(read, family, found)
+    if as_json:
+        echo_json(found)
+    elif not params["quiet"]:
+        _show(found, roles)
+    if not params["quiet"] and not as_json:
+        echo_warnings(Notice(n["code"], n["message"]) for n in found["notices"])
+
+
+def _known_roles(family: str | None) -> list[str] | None:
+    if family is None:
+        return None
+    return [r.name for v in get_family(family).variants for r in v.roles]
+
+
+def _explicit_roles(log: Log) -> dict[int, str]:
+    """Column number to role of the columns that were named; refuses one that is not there."""
+    from fluidact_fit.logs.columns import find_column
+
+    return {find_column(log, role, header).index: role for role, header in log.bindings.items()}
+
+
+def _usable(log: Log, name: str, found: dict[str, Any]) -> dict[str, Any]:
+    """Prepare the log for a family; adds its notices, raises what makes it unusable."""
+    from fluidact_fit.logs import choose_variant, experiments
+
+    variant = choose_variant(log, get_family(name).variants)
+    runs, notices = experiments(log, variant)
+    known = {n["message"] for n in found["notices"]}
+    found["notices"] += [
+        {"code": n.code, "message": n.message} for n in notices if n.message not in known
+    ]
+    return {
+        "name": name,
+        "variant": variant.name,
+        "runs": [{"name": e.name, "samples": e.samples} for e in runs],
+    }
+
+
+def _show(found: Mapping[str, Any], roles: Mapping[int, str]) -> None:
+    dialect = found["dialect"]
+    separator = {"\t": "tab", " ": "white space"}.get(dialect["delimiter"], dialect["delimiter"])
+    click.echo(f"{found['file']}: {found['rows']} rows, {len(found['columns'])} columns")
+    click.echo(
+        f"dialect {dialect['name']}, {dialect['encoding']}, separator {separator}, decimal "
+        f"'{dialect['decimal']}', data from line {dialect['first_data_line']}"
+    )
+    _show_time(found["time"])
+    if "family" in found:
+        runs = found["family"]["runs"]
+        samples = sum(run["samples"] for run in runs)
+        click.echo(f"usable for {found['family']['name']}: {len(runs)} run(s), {samples} samples")
+    click.echo()
+    head = ["column", "name", "unit", "low", "high", "resolution", "invalid", "role"]
+    echo_table([head, *(_column_row(c, roles) for c in found["columns"])], right=(0, 3, 4, 5, 6))
+
+
+def _show_time(time: Mapping[str, Any] | None) -> None:
+    if time is None:
+        click.echo("no time column was found (--column time=..., or --sample-time for a fit)")
+        return
+    even = "even" if time["uniform"] else "uneven"
+    assumed = " (assumed)" if time["assumed"] else ""
+    click.echo(
+        f"time in column #{time['column']}, unit {time['unit']}{assumed}: {time['runs']} run(s), "
+        f"{time['start']:g} to {time['end']:g} s, every {time['sample_time']:g} s, {even}"
+    )
+
+
+def _column_row(column: Mapping[str, Any], roles: Mapping[int, str]) -> list[str]:
+    ends = [column["low"], column["high"], column["resolution"]]
+    return [
+        f"#{column['number']}",
+        column["name"] or "",
+        column["unit"] or "",
+        *("" if value is None else format_number(value) for value in ends),
+        str(column["invalid_cells"] or ""),
+        roles.get(column["number"], ""),
+    ]
+
+
+command = Command(
+    "inspect",
+    params=[
+        click.Argument(["log"], metavar="LOG"),
+        Option(["--family"], type=click.Choice(family_names()), metavar="FAMILY", group="Output",
+               help="Also tell whether the log can be used for this model family."),
+        json_option("The description"),
+        *reading_options(),
+        *verbosity_options(),
+    ],
+    callback=inspect,
+    help=_HELP,
+)  # fmt: skip

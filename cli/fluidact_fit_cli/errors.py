@@ -1,0 +1,132 @@
+"""From an error to a message and an exit status: the only place that decides either."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from fluidact_fit.errors import FluidactError, StrictError
+
+INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+PIPE_CLOSED = 141  # 128 + SIGPIPE
+
+
+@dataclass(frozen=True)
+class Invocation:
+    """The command line as typed, for provenance and for ``--debug``."""
+
+    args: tuple[str, ...]
+
+    @property
+    def debug(self) -> bool:
+        """Whether tracebacks are wanted; known even when the line cannot be parsed."""
+        given = self.args[: self.args.index("--")] if "--" in self.args else self.args
+        return "--debug" in given
+
+
+class Refused(StrictError):
+    """A finished fit that is not written: ``--strict``, or a failed verdict."""
+
+
+def run_guarded(action: Callable[[], Any], invocation: Invocation) -> int:
+    """Run an action and turn whatever it raises into a message and an exit status.
+
+    Parameters
+    ----------
+    action
+        Returns the exit status, or anything else for 0.
+    invocation
+        The command line.
+    """
+    try:
+        with warnings.catch_warnings():
+            # What numpy has to say about an overflow means nothing to a user.
+            if not invocation.debug and not sys.warnoptions:
+                warnings.simplefilter("ignore")
+            status = action()
+        _flush()
+        return status if isinstance(status, int) else 0
+    except SystemExit as error:
+        # click ends a broken pipe itself, with status 1.
+        return PIPE_CLOSED if error.code else 0
+    except BaseException as error:
+        if invocation.debug:
+            traceback.print_exc()
+        return report_error(error)
+
+
+def report_error(error: BaseException) -> int:
+    """Tell the user and return the exit status."""
+    if isinstance(error, BrokenPipeError):
+        _drop_output()
+        return PIPE_CLOSED
+    message, status = explain(error)
+    try:
+        click.echo(message, err=True)
+    except BrokenPipeError:
+        _drop_output()
+    return status
+
+
+def explain(error: BaseException) -> tuple[str, int]:
+    """Return the message and the exit status of an error."""
+    if isinstance(error, FluidactError):
+        return str(error), error.exit_status
+    if isinstance(error, click.exceptions.Exit):
+        return "", error.exit_code
+    if isinstance(error, (click.Abort, KeyboardInterrupt)):
+        return "Interrupted. Nothing was written.", INTERRUPTED
+    if isinstance(error, click.UsageError):
+        return _explain_usage(error), 2
+    if isinstance(error, click.ClickException):
+        return error.format_message(), 2
+    if isinstance(error, MemoryError):
+        return (
+            "There is not enough memory for this. Fit fewer or shorter logs (--window START:END), "
+            "or close other programs.",
+            1,
+        )
+    if isinstance(error, OSError) and error.strerror:
+        where = f"{error.filename}: " if error.filename else ""
+        return f"{where}{error.strerror}.\nCheck the path, the permissions and the free space.", 3
+    return _apology(error), 1
+
+
+def _explain_usage(error: click.UsageError) -> str:
+    text = error.format_message()
+    if isinstance(error, click.MissingParameter) and error.param and error.param.name == "logs":
+        text += " Give at least one CSV file."
+    if error.ctx is not None:
+        text += f"\nTry '{error.ctx.command_path} --help'."
+    return text
+
+
+def _apology(error: BaseException) -> str:
+    found = " ".join(f"{type(error).__name__}: {error}".split())
+    return (
+        f"This is a fault of fluidact-fit and not of your data, sorry: {found[:300]}. Nothing was "
+        "written. Run the same command with --debug added and report what it shows, with the log "
+        "if you can."
+    )
+
+
+def _flush() -> None:
+    """Bring a broken pipe to light here, where it is handled."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+
+
+def _drop_output() -> None:
+    """Point standard output nowhere, so that the interpreter's last flush is silent."""
+    try:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+    except (OSError, ValueError):
+        return

@@ -1,0 +1,166 @@
+"""The small languages of option values: ``ROLE=FROM:TO@T``, ``START:END``, numbers."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    ParamType = click.ParamType[Any]
+else:
+    ParamType = click.ParamType  # not generic before click 8.4
+
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?")
+
+
+def parse_number(text: str) -> float:
+    """Return a finite number; scientific notation, never a decimal comma.
+
+    Raises
+    ------
+    ValueError
+        Saying what is wrong with it.
+    """
+    text = text.strip()
+    if _DECIMAL_COMMA.fullmatch(text):
+        raise ValueError(f"'{text}' has a decimal comma; write {text.replace(',', '.')}")
+    if not _NUMBER.fullmatch(text):
+        raise ValueError(f"'{text}' is not a number" if text else "a number is missing")
+    if not math.isfinite(value := float(text)):
+        raise ValueError(f"'{text}' is too large")
+    return value
+
+
+def parse_positive(text: str) -> float:
+    """Return a number above zero."""
+    if (value := parse_number(text)) <= 0.0:
+        raise ValueError(f"'{text}' is not above zero")
+    return value
+
+
+def parse_factor(text: str) -> float:
+    """Return a number that is not zero."""
+    if (value := parse_number(text)) == 0.0:
+        raise ValueError("a factor of zero would erase the column")
+    return value
+
+
+def parse_range(text: str) -> tuple[float, float]:
+    """Return ``LOW:HIGH`` in increasing order."""
+    low, colon, high = text.partition(":")
+    if not colon:
+        raise ValueError(f"'{text}' has no colon")
+    pair = parse_number(low), parse_number(high)
+    if pair[0] >= pair[1]:
+        raise ValueError(f"{pair[0]:g} is not below {pair[1]:g}")
+    return pair
+
+
+def parse_window(text: str) -> tuple[float | None, float | None]:
+    """Return ``START:END``; a side that is empty is ``None``."""
+    start, colon, end = text.partition(":")
+    if not colon:
+        raise ValueError(f"'{text}' has no colon")
+    if not start.strip() and not end.strip():
+        raise ValueError("both sides are empty")
+    low = parse_number(start) if start.strip() else None
+    high = parse_number(end) if end.strip() else None
+    if low is not None and high is not None and low >= high:
+        raise ValueError(f"{low:g} is not before {high:g}")
+    return low, high
+
+
+def parse_step(text: str) -> tuple[float, float, float]:
+    """Return ``FROM:TO[@T]``; without ``@T`` the step is at 0 s."""
+    levels, at, instant = text.partition("@")
+    start, colon, end = levels.partition(":")
+    if not colon:
+        raise ValueError(f"'{text}' has no colon")
+    return parse_number(start), parse_number(end), parse_number(instant) if at else 0.0
+
+
+def parse_hold(text: str) -> str:
+    """Return how an input moves between its samples."""
+    if text not in ("zoh", "foh", "linear", "cubic"):
+        raise ValueError(f"'{text}' is no hold; choose zoh, foh, linear or cubic")
+    return text
+
+
+def parse_text(text: str) -> str:
+    """Return text that is not empty."""
+    if not text.strip():
+        raise ValueError("the value is empty")
+    return text.strip()
+
+
+class Parsed(ParamType):
+    """A value in a small language; what is wrong is told with the form and an example.
+
+    Parameters
+    ----------
+    form
+        For example ``START:END``.
+    example
+        For example ``--window 0.5:3``.
+    parse
+        Turns text into the value; raises ``ValueError``.
+    """
+
+    def __init__(self, form: str, example: str, parse: Callable[[str], Any]) -> None:
+        self.name = form
+        self.example = example
+        self.parse = parse
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Parse text; anything else has been parsed before."""
+        if not isinstance(value, str):
+            return value
+        try:
+            return self.parse(value)
+        except ValueError as error:
+            raise self._wrong(value, str(error), param, ctx) from None
+
+    def _wrong(
+        self, value: str, why: str, param: click.Parameter | None, ctx: click.Context | None
+    ) -> click.BadParameter:
+        text = f"'{value}': {why}.\nExpected {self.name}, for example {self.example}"
+        return click.BadParameter(text, ctx=ctx, param=param)
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        """The form, as written."""
+        return self.name
+
+
+class Assigned(Parsed):
+    """``KEY=VALUE`` with a value in a small language."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return key and parsed value."""
+        if not isinstance(value, str):
+            return value
+        key, sign, text = value.partition("=")
+        try:
+            if not sign:
+                raise ValueError("there is no '='")
+            if not key.strip():
+                raise ValueError("there is nothing before the '='")
+            return key.strip(), self.parse(text)
+        except ValueError as error:
+            raise self._wrong(value, str(error), param, ctx) from None
+
+
+def collect(ctx: click.Context, param: click.Parameter, value: Any) -> dict[str, Any]:
+    """Turn repeated ``KEY=VALUE`` options into a mapping; a key given twice is refused."""
+    found: dict[str, Any] = {}
+    for key, content in value:
+        if key in found:
+            raise click.BadParameter(
+                f"'{key}' was given twice. Keep one of them.", ctx=ctx, param=param
+            )
+        found[key] = content
+    return found

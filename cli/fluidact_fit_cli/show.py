@@ -1,0 +1,123 @@
+"""Results as text: numbers with their uncertainty, tables."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import click
+
+_MOST_ROWS = 24  # of one list parameter
+
+
+def format_number(value: float, spread: float | None = None) -> str:
+    """Return a number with as many digits as its standard error (two digits) leaves it."""
+    if value == 0.0:
+        return "0"
+    if spread is None or not math.isfinite(spread) or spread <= 0.0 or not math.isfinite(value):
+        return f"{value:.6g}"
+    size = max(abs(value), spread)
+    decimals = 1 - math.floor(math.log10(spread))
+    if 1e-3 <= size < 1e7:
+        return f"{value:.{min(max(decimals, 0), 15)}f}"
+    digits = math.floor(math.log10(size)) + decimals
+    return f"{value:.{min(max(digits, 0), 15)}e}"
+
+
+def format_spread(spread: float | None) -> str:
+    """Return a standard error with two digits."""
+    return "" if spread is None else format_number(spread, spread)
+
+
+def align(rows: Sequence[Sequence[str]], right: Iterable[int] = ()) -> list[str]:
+    """Return a table as lines, columns aligned; ``right`` lists right-aligned columns."""
+    flush = set(right)
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return [
+        "  ".join(
+            cell.rjust(width) if i in flush else cell.ljust(width)
+            for i, (cell, width) in enumerate(zip(row, widths))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def echo_table(rows: Sequence[Sequence[str]], right: Iterable[int] = ()) -> None:
+    """Print a table."""
+    for line in align(rows, right):
+        click.echo(line)
+
+
+def echo_json(document: Any) -> None:
+    """Print a document as JSON, nothing else."""
+    click.echo(json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False))
+
+
+def echo_warnings(notices: Iterable[Any]) -> None:
+    """Print warnings on standard error."""
+    for notice in notices:
+        click.echo(f"warning ({notice.code}): {notice.message}", err=True)
+
+
+def quantity_rows(quantities: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
+    """Return the rows of a table of parameters, lists one entry per row."""
+    rows: list[list[str]] = []
+    for name, entry in quantities.items():
+        value, spread, interval = entry["value"], entry.get("std_error"), entry.get("ci95")
+        if not isinstance(value, list):
+            rows.append(_row(name, value, spread, interval, entry))
+        elif isinstance(value[0], list) or len(value) > _MOST_ROWS:
+            shape = f"{len(value)} x {len(value[0])}" if isinstance(value[0], list) else len(value)
+            rows.append([name, f"{shape} numbers", "", entry["unit"], "", entry.get("status", "")])
+        else:
+            for i, number in enumerate(value):
+                one = spread[i] if isinstance(spread, list) else None
+                ends = interval[i] if isinstance(interval, list) else None
+                rows.append(_row(f"{name}[{i}]", number, one, ends, entry))
+    return rows
+
+
+def _row(
+    name: str, value: float, spread: Any, interval: Any, entry: Mapping[str, Any]
+) -> list[str]:
+    ends = ""
+    if interval is not None:
+        ends = f"[{format_number(interval[0], spread)}, {format_number(interval[1], spread)}]"
+    return [
+        name,
+        format_number(value, spread),
+        f"± {format_spread(spread)}" if spread else "",
+        entry["unit"],
+        ends,
+        str(entry.get("status") or "").replace("_", " "),
+    ]
+
+
+def echo_parameters(document: Mapping[str, Any], verbose: bool = False) -> None:
+    """Print the parameters of a document, and how well they fit."""
+    head = ["parameter", "value", "std error", "unit", "95 % interval", "status"]
+    rows = quantity_rows(document["parameters"])
+    if verbose and document.get("derived"):
+        rows += quantity_rows(
+            {k: {"status": "derived", **v} for k, v in document["derived"].items()}
+        )
+    echo_table([head, *rows], right=(1,))
+    fit = document["fit"]
+    percent = fit.get("fit_percent")
+    click.echo(f"\nfit {percent:.2f} %   " if percent is not None else "\n", nl=False)
+    rmse = fit["rmse"]
+    click.echo(f"rmse {rmse['value']:.4g} {rmse['unit']}   samples {fit['samples']}   ", nl=False)
+    click.echo(f"verdict {fit['verdict'].upper()}")
+    _echo_logs("fitted", fit.get("logs", []) if verbose or len(fit.get("logs", [])) > 1 else [])
+    _echo_logs("validation", document.get("validation", []))
+
+
+def _echo_logs(kind: str, entries: Sequence[Mapping[str, Any]]) -> None:
+    for entry in entries:
+        percent = entry.get("fit_percent")
+        shown = "" if percent is None else f"fit {percent:.2f} %, "
+        rmse = entry.get("rmse")
+        error = "" if rmse is None else f"rmse {rmse['value']:.4g} {rmse['unit']}"
+        click.echo(f"{kind} {entry['file']}: {shown}{error}")

@@ -1,0 +1,223 @@
+"""Fit the datasets that come with the package and compare the results with the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from . import fit
+from .errors import OutputError
+from .families import family_names, get_family
+from .logs import Log, read_log
+from .result import FitResult
+
+ALLOWED = 4.0  # standard errors between estimate and truth
+_HEADER = ("family", "parameter", "truth", "estimate", "deviation", "fit")
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Logs of one family with the values that made them.
+
+    Attributes
+    ----------
+    family
+        Name of the family.
+    logs
+        Paths of the CSV files.
+    columns
+        Role to header.
+    options
+        The family's own options.
+    truth
+        Parameter to ``{"value": ..., "unit": ...}``, SI.
+    curve
+        For a map: how far its curve may lie from the true one, ``{"tolerance": ...,
+        "unit": ...}``, SI. Empty for all others.
+    """
+
+    family: str
+    logs: tuple[Path, ...]
+    columns: Mapping[str, str]
+    options: Mapping[str, Any]
+    truth: Mapping[str, Mapping[str, Any]]
+    curve: Mapping[str, Any]
+
+    def read(self) -> list[Log]:
+        """Read the logs."""
+        return [read_log(path, columns=dict(self.columns)) for path in self.logs]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table; ``good`` says whether the truth was met."""
+
+    cells: tuple[str, ...]
+    good: bool
+
+
+def find_datasets() -> Path:
+    """Return the directory of the datasets: in the package, or beside it in a checkout.
+
+    Raises
+    ------
+    OutputError
+        When this installation has none.
+    """
+    packaged = Path(str(files("fluidact_fit"))) / "_datasets"
+    for place in (packaged, Path(__file__).parents[2] / "datasets"):
+        if (place / "SHA256SUMS").is_file():
+            return place
+    raise OutputError(
+        "the datasets of the demo are not part of this installation",
+        where=str(packaged),
+        remedy="Install the wheel, or run the demo from a checkout of the repository.",
+    )
+
+
+def load_dataset(family: str) -> Dataset:
+    """Return the dataset of a family with its truth.
+
+    Parameters
+    ----------
+    family
+        Name of the family, for example ``"line"``.
+    """
+    from .parameters import read_yaml
+
+    folder = find_datasets() / family
+    truth = read_yaml(folder / "truth.yaml").data
+    return Dataset(
+        family,
+        tuple(folder / name for name in truth["logs"]),
+        truth["columns"],
+        truth["options"],
+        truth["parameters"],
+        truth.get("curve", {}),
+    )
+
+
+def run_demo(directory: str | Path, echo: Callable[[str], None], *, overwrite: bool = False) -> int:
+    """Fit all families and write a parameter file and a picture of each.
+
+    Parameters
+    ----------
+    directory
+        Where to write; created when missing.
+    echo
+        Takes one line of text at a time.
+    overwrite
+        Whether files of an earlier run may be replaced.
+
+    Returns
+    -------
+    int
+        0 when every truth lies within four standard errors of its estimate, else 1.
+
+    Raises
+    ------
+    OutputError
+        When the directory cannot be written, or holds results already.
+    """
+    directory = Path(directory)
+    _check_directory(directory, overwrite)
+    rows: list[Row] = []
+    for name in family_names():
+        dataset = load_dataset(name)
+        echo(f"fitting {name} ({len(dataset.logs)} logs)")
+        result = fit(name, dataset.read(), **dataset.options)
+        _write(result, directory, overwrite)
+        rows += compare(dataset, result)
+    echo("")
+    for line in format_table(rows):
+        echo(line)
+    missed = sum(not row.good for row in rows)
+    echo("")
+    echo(f"parameter files and pictures: {directory}")
+    if missed:
+        echo(f"{missed} of {len(rows)} truths are not met (allowed: {ALLOWED:g} standard errors)")
+        return 1
+    echo(f"all {len(rows)} truths lie within {ALLOWED:g} standard errors")
+    return 0
+
+
+def compare(dataset: Dataset, result: FitResult) -> list[Row]:
+    """Compare a result with the truth, one row per parameter."""
+    fit_percent = f"{result.document['fit']['fit_percent']:.2f} %"
+    if dataset.curve:
+        return [_compare_curve(dataset, result, fit_percent)]
+    return list(_compare_numbers(dataset, result, fit_percent))
+
+
+def _compare_numbers(dataset: Dataset, result: FitResult, fit_percent: str) -> Iterator[Row]:
+    """Deviation of every number in standard errors."""
+    for name, truth in dataset.truth.items():
+        found = result.parameters[name]
+        unit = "" if truth["unit"] == "1" else f" {truth['unit']}"
+        head = (dataset.family, name, f"{truth['value']:.6g}{unit}")
+        if not isinstance(found.value, float) or not isinstance(found.std_error, float):
+            yield Row((*head, found.status.replace("_", " "), "-", fit_percent), False)
+            continue
+        deviation = (found.value - truth["value"]) / found.std_error
+        estimate = f"{found.value:.6g} ± {found.std_error:.2g}"
+        good = abs(deviation) <= ALLOWED
+        yield Row((*head, estimate, f"{deviation:+.2f}", fit_percent), good)
+
+
+def _compare_curve(dataset: Dataset, result: FitResult, fit_percent: str) -> Row:
+    """Largest distance of two curves over the readings of the logs [mm]."""
+    family = get_family(dataset.family)
+    found = {name: {"value": quantity.value} for name, quantity in result.parameters.items()}
+    readings = result.document["validity"]["reading"]
+    span = range(int(readings["low"]), int(readings["high"]) + 1)
+    curves: list[Any] = [
+        family.block(result.variant, {"parameters": values}) for values in (dataset.truth, found)
+    ]
+    distance = max(abs(float(curves[0](x)) - float(curves[1](x))) for x in span)
+    tolerance = dataset.curve["tolerance"]
+    truth = f"± {1e3 * tolerance:g} mm"
+    estimate = f"off by {1e3 * distance:.3f} mm at most"
+    cells = (dataset.family, "curve", truth, estimate, "-", fit_percent)
+    return Row(cells, distance <= tolerance)
+
+
+def _check_directory(directory: Path, overwrite: bool) -> None:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"the directory cannot be made: {error.strerror or error}",
+            where=str(directory),
+            remedy="Give a directory that can be written.",
+        ) from error
+    if overwrite:
+        return
+    names = (f"{family}{end}" for family in family_names() for end in (".yaml", ".png"))
+    present = [name for name in names if (directory / name).exists()]
+    if present:
+        raise OutputError(
+            f"{present[0]} exists already",
+            where=str(directory),
+            remedy="Give another directory, or remove the files of the earlier run.",
+        )
+
+
+def _write(result: FitResult, directory: Path, overwrite: bool) -> None:
+    from .report import plot_result, save_figure
+
+    result.save(directory / f"{result.family}.yaml", overwrite=overwrite)
+    save_figure(plot_result(result), directory / f"{result.family}.png")
+
+
+def format_table(rows: Sequence[Row]) -> list[str]:
+    """Return the lines of the table, the header first."""
+    every = [_HEADER, *(row.cells for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*every)]
+    marks = ["", *("" if row.good else "<- not met" for row in rows)]
+    return [
+        "  ".join([*(f"{c:<{w}}" for c, w in zip(cells, widths)), mark]).rstrip()
+        for cells, mark in zip(every, marks)
+    ]

@@ -1,0 +1,106 @@
+"""Readings that rest on the end of their range: clipped samples of a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import Notice
+from ..experiment import FloatArray
+from .uncertainty import t_quantile
+
+BoolArray = npt.NDArray[np.bool_]
+
+
+def leave_out_rails(
+    reading: FloatArray, used: BoolArray, low: float, high: float
+) -> tuple[BoolArray, list[Notice]]:
+    """Leave out what is at or beyond given rails, and say how many."""
+    clipped = used & ((reading <= low) | (reading >= high))
+    if not clipped.any():
+        return used, []
+    count = int(clipped.sum())
+    return used & ~clipped, [_rails_notice(count, f"at or beyond the rails {low:g}:{high:g}")]
+
+
+def _rails_notice(count: int, place: str) -> Notice:
+    samples = "1 sample" if count == 1 else f"{count} samples"
+    return Notice(
+        "rails",
+        f"{samples} {place} left out: a clipped reading says nothing about the position.",
+    )
+
+
+def find_rails(
+    reading: FloatArray, reference: FloatArray, used: BoolArray
+) -> tuple[BoolArray, list[Notice]]:
+    """Find extremes that the reading rests on while the reference moves.
+
+    At least three samples exactly on an extreme whose references spread three times wider
+    than those of the readings beside it (their scatter about a straight line, and the
+    slope of that line over one step of the converter) are left out. A lone extreme that
+    is off the course of its neighbours, and by a step out of proportion, is only warned of.
+    """
+    distinct, key = np.unique(reading[used], return_inverse=True)
+    if distinct.size < 6:
+        return used, []
+    step = float(np.diff(distinct).min())
+    count = np.bincount(key)
+    mean = np.bincount(key, reference[used]) / count
+    rails: list[float] = []
+    suspects: list[float] = []
+    for order in (slice(None), slice(None, None, -1)):
+        x, y, n = distinct[order], mean[order], count[order]
+        beside = slice(1, 21)
+        near = used & (np.abs(reading - x[0]) <= abs(x[beside][-1] - x[0])) & (reading != x[0])
+        line = np.polynomial.Polynomial.fit(reading[near], reference[near], 1)
+        scatter = float(np.std(reference[near] - line(reading[near])))
+        slope = abs(float(line.convert().coef[-1]))
+        spread = float(np.std(reference[used & (reading == x[0])]))
+        if n[0] >= 3 and spread > 3.0 * (scatter + slope * step):
+            rails.append(float(x[0]))
+        elif n[0] <= 2 and _is_off_course(x, y):
+            suspects.append(float(x[0]))
+    notices = [
+        _rails_notice(int((used & (reading == r)).sum()), f"on the extreme reading {r:g}")
+        for r in rails
+    ]
+    if suspects:
+        notices.append(_suspicion(sorted(suspects), float(distinct[0]), float(distinct[-1])))
+    return used & ~np.isin(reading, rails), notices
+
+
+def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
+    """Whether the first point is not where the next ones lead, by line and by parabola."""
+    if x.size < 8:
+        return False
+    steps = np.abs(np.diff(y[:6])) / np.abs(np.diff(x[:6]))
+    ratio = steps[0] / max(float(np.median(steps[1:])), 1e-300)
+    if 1.0 / 3.0 < ratio < 3.0:
+        return False
+    for degree, points in ((1, 7), (2, 9)):
+        u = (x[: points + 1] - x[0]) / (x[min(points, x.size - 1)] - x[0])
+        columns = np.vander(u[1:], degree + 1, increasing=True)
+        solution = np.linalg.lstsq(columns, y[1 : points + 1], rcond=None)[0]
+        rest = y[1 : points + 1] - columns @ solution
+        free = max(rest.size - degree - 1, 1)
+        leverage = float(np.linalg.inv(columns.T @ columns)[0, 0])
+        error = float(np.sqrt(rest @ rest / free * (1.0 + leverage)))
+        if abs(y[0] - solution[0]) <= t_quantile(0.99, free) * error + 1e-9 * np.ptp(y):
+            return False
+    return True
+
+
+def _suspicion(readings: Sequence[float], lowest: float, highest: float) -> Notice:
+    low = f"{lowest:g}" if lowest in readings else ""
+    high = f"{highest:g}" if highest in readings else ""
+    names = " and ".join(f"{r:g}" for r in readings)
+    many = len(readings) > 1
+    what, follow = ("readings look", "do") if many else ("reading looks", "does")
+    return Notice(
+        "rails-suspected",
+        f"the extreme {what} clipped: {names} {follow} not follow from the readings beside it. "
+        f"Such samples were kept; give --rails {low}:{high} to leave them out.",
+    )

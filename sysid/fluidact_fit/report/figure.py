@@ -1,0 +1,244 @@
+"""One picture per fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..families import get_family
+from ..family import Estimate, StaticView, Variant
+from ..quality import agreement
+from ..result import FitResult
+from .numbers import Scale, choose_scale, count, plain, short
+from .panels import (
+    correlation_panel,
+    histogram_panel,
+    input_panel,
+    map_panel,
+    map_residual_panel,
+    output_panel,
+    residual_panel,
+    scale_of,
+    table_panel,
+)
+from .runs import Run, choose, drive_role, fitted_runs, validated_runs
+from .style import FAINT, INK, LARGE, NORMAL, SETTINGS, VERDICT, legend
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_SIZE = (13.0, 7.6)  # inches
+_SIDE = 4.3 / 13.0  # share of the text column
+
+
+def plot_result(result: FitResult) -> Figure:
+    """Draw a fit: the model against the data, the residuals, and the numbers.
+
+    A dynamic model shows measured against simulated output over time, residuals with a
+    band of two root-mean-square errors, the input, and the autocorrelation of the
+    residuals. A static map shows its curve through the samples and the residuals over
+    its input.
+
+    Parameters
+    ----------
+    result
+        A finished fit.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Belongs to no window and no global state.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(SETTINGS):
+        figure = Figure(figsize=_SIZE)
+        _title(figure, result)
+        view = static_view(result)
+        if view is None:
+            runs = fitted_runs(result)
+            _dynamic(figure, runs, result, right=0.975 - _SIDE)
+            side = _side(figure)
+            table_panel(side[0], result.parameters, result.derived)
+            correlation_panel(side[1], [r.residual for r in runs], _whiteness(result))
+        else:
+            _static(figure, view, result)
+    return figure
+
+
+def plot_validation(result: FitResult) -> Figure | None:
+    """Draw the logs that were judged and not fitted; ``None`` when there are none."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    if not result.validation or static_view(result) is not None:
+        return None
+    with matplotlib.rc_context(SETTINGS):
+        figure = Figure(figsize=(13.0, 6.4))
+        runs = validated_runs(result)
+        a = agreement([r.measured for r in runs], [r.simulated for r in runs])
+        _heading(figure, f"{result.family}: logs that were not fitted", "",
+                 f"fit {a.fit_percent:.2f} %   ·   {count(a.samples)} samples")  # fmt: skip
+        _dynamic(figure, runs, result, right=0.975)
+    return figure
+
+
+def static_view(result: FitResult) -> StaticView | None:
+    """What a static map shows, from the family or, without time, from its first input."""
+    family = get_family(result.family)
+    view = family.static_view(result.variant, result.estimate, result.experiments)
+    if view is not None or any(e.time.size for e in result.experiments):
+        return view
+    return _plain_view(result.variant, result.estimate, result)
+
+
+def _plain_view(variant: Variant, estimate: Estimate, result: FitResult) -> StaticView | None:
+    """Output over the first input of a map that says nothing about its picture."""
+    first = result.experiments[0]
+    inputs = [r.name for r in variant.roles if not r.output and r.name != "time"]
+    role = next((r for r in inputs if r in first), None)
+    if role is None:
+        return None
+    output = variant.output.name
+    raw = np.concatenate([e[output] for e in result.experiments])
+    measured = np.concatenate(list(estimate.measured))
+    return StaticView(
+        role, first.signals[role].unit, output, first.signals[output].unit,
+        np.concatenate([e[role] for e in result.experiments]),
+        raw if raw.size == measured.size else measured,
+        np.concatenate(list(estimate.simulated)),
+        np.isfinite(measured),
+    )  # fmt: skip
+
+
+def _title(figure: Figure, result: FitResult) -> None:
+    fit: Mapping[str, Any] = result.document["fit"]
+    unit = str(fit["rmse"]["unit"])
+    rmse = choose_scale(unit, float(fit["rmse"]["value"]))
+    logs = len({e.log for e in result.experiments})
+    runs = len(result.experiments)
+    parts = [
+        f"fit {fit.get('fit_percent', float('nan')):.2f} %",
+        f"rmse {short(float(fit['rmse']['value']) * rmse.factor, 3)} {rmse.unit}".rstrip(),
+        f"{count(int(fit['samples']))} samples",
+        f"{logs} log{'s' * (logs > 1)}" + (f", {runs} runs" if runs > logs else ""),
+    ]
+    judged = [v["fit_percent"] for v in result.document.get("validation", ())]
+    if judged:
+        parts.append(f"validation fit {min(judged):.2f} %" + (" (worst)" * (len(judged) > 1)))
+    _heading(figure, get_family(result.family).title, result.verdict, "   ·   ".join(parts))
+
+
+def _heading(figure: Figure, title: str, verdict: str, line: str) -> None:
+    figure.text(0.055, 0.962, title, fontsize=LARGE, weight="bold", color=INK, va="center",
+                parse_math=False)  # fmt: skip
+    figure.text(0.055, 0.922, line, fontsize=NORMAL + 1, color=FAINT, va="center",
+                parse_math=False)  # fmt: skip
+    if verdict:
+        figure.text(0.975, 0.957, verdict.upper(), fontsize=LARGE, weight="bold", color="white",
+                    ha="right", va="center", parse_math=False,
+                    bbox={"boxstyle": "round,pad=0.35", "facecolor": VERDICT[verdict],
+                          "edgecolor": "none"})  # fmt: skip
+
+
+def _side(figure: Figure) -> list[Any]:
+    """Axes of the right column: text above, a panel beneath."""
+    grid = figure.add_gridspec(
+        2, 1, height_ratios=(2.1, 1.0), left=0.975 - _SIDE + 0.055, right=0.975, top=0.875,
+        bottom=0.085, hspace=0.2,
+    )  # fmt: skip
+    return [figure.add_subplot(grid[k]) for k in range(2)]
+
+
+def _dynamic(figure: Figure, runs: Sequence[Run], result: FitResult, right: float) -> None:
+    """Columns of output, residual and input, one per run or all in one."""
+    choice = choose(runs)
+    shown = choice.runs
+    columns = [shown] if choice.overlay else [[r] for r in shown]
+    heights = (3.2, 1.5, 1.0)
+    top = 0.855
+    grid = figure.add_gridspec(
+        3, len(columns), height_ratios=heights, left=0.055, right=right, top=top, bottom=0.085,
+        hspace=0.16, wspace=0.1,
+    )  # fmt: skip
+    first = result.experiments[0].signals
+    output, drive = result.variant.output.name, drive_role(result.variant)
+    t = choose_scale("s", max(float(np.ptp(r.time)) for r in shown))
+    y = scale_of([r.measured for r in shown], first[output].unit)
+    e = scale_of([r.residual for r in shown], first[output].unit)
+    u = scale_of([r.drive.values for r in shown if r.drive], first[drive].unit if drive else "1")
+    rmse = agreement([r.measured for r in runs], [r.simulated for r in runs]).rmse
+    rows: list[list[Any]] = [[], [], []]
+    for k, column in enumerate(columns):
+        for j in range(3):
+            rows[j].append(
+                figure.add_subplot(
+                    grid[j, k],
+                    sharex=rows[0][k] if j else None,
+                    sharey=rows[j][0] if k else None,
+                )
+            )
+        name = choice.note if choice.overlay else _run_title(column[0], len(columns), len(runs))
+        output_panel(rows[0][k], column, t, y, name)
+        residual_panel(rows[1][k], column, rmse, e, t)
+        input_panel(rows[2][k], column, t, u)
+    _label(rows, t, [y.label(output), e.label("residual"), u.label(drive)])
+    legend(rows[0][-1], columns=2)
+    legend(rows[1][-1])
+    if choice.note and not choice.overlay:
+        figure.text(right, 0.893, choice.note, fontsize=NORMAL, color=FAINT, ha="right",
+                    va="center")  # fmt: skip
+
+
+def _run_title(run: Run, columns: int, runs: int) -> str:
+    name = plain(run.name, max(44 // columns, 12))
+    return f"{name} · {run.fit_percent:.1f} %" if runs > 1 else name
+
+
+def _label(rows: list[list[Any]], t: Scale, labels: Sequence[str]) -> None:
+    """Labels at the outer edges only."""
+    for j, row in enumerate(rows):
+        for k, axes in enumerate(row):
+            if k == 0:
+                axes.set_ylabel(labels[j])
+            else:
+                axes.tick_params(labelleft=False)
+            if j < len(rows) - 1:
+                axes.tick_params(labelbottom=False)
+            else:
+                axes.set_xlabel(t.label("time"))
+            axes.margins(x=0.015)
+            axes.locator_params(axis="y", nbins=7 if j == 0 else 4)
+        row[0].figure.align_ylabels([r[0] for r in rows])
+
+
+def _static(figure: Figure, view: StaticView, result: FitResult) -> None:
+    grid = figure.add_gridspec(
+        2, 1, height_ratios=(2.6, 1.0), left=0.065, right=0.975 - _SIDE, top=0.855, bottom=0.085,
+        hspace=0.12,
+    )  # fmt: skip
+    upper = figure.add_subplot(grid[0])
+    lower = figure.add_subplot(grid[1], sharex=upper)
+    x = scale_of([view.x], view.x_unit)
+    y = scale_of([view.measured[view.used]], view.y_unit)
+    rest = (view.measured - view.fitted)[view.used]
+    e = scale_of([rest], view.y_unit)
+    rmse = float(np.sqrt(np.mean(rest**2))) if rest.size else 0.0
+    map_panel(upper, view, x, y)
+    map_residual_panel(lower, view, x, e, rmse)
+    upper.tick_params(labelbottom=False)
+    figure.align_ylabels([upper, lower])
+    side = _side(figure)
+    table_panel(side[0], result.parameters, result.derived)
+    histogram_panel(side[1], rest, e)
+
+
+def _whiteness(result: FitResult) -> str:
+    w = result.document["fit"].get("residual_whiteness")
+    if not w:
+        return ""
+    p = float(w["p_value"])
+    return f"white: p = {p:.2g}" if p >= 1e-4 else "white: p < 0.0001"

@@ -1,0 +1,116 @@
+"""Numbers and units as people read them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import floor, isfinite, log10
+from typing import Any
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+# SI unit: (smallest typical size, factor, name), the largest that fits first
+_SCALES: Mapping[str, tuple[tuple[float, float, str], ...]] = {
+    "s": ((0.5, 1.0, "s"), (0.0, 1e3, "ms")),
+    "m": ((1.5, 1.0, "m"), (1e-4, 1e3, "mm"), (0.0, 1e6, "µm")),
+    "m/s": ((1.5, 1.0, "m/s"), (0.0, 1e3, "mm/s")),
+    "rad": ((0.1, 1.0, "rad"), (0.0, 1e3, "mrad")),
+    "Pa": ((2e4, 1e-5, "bar"), (2e2, 1e-3, "kPa"), (0.0, 1.0, "Pa")),
+    "N": ((2e4, 1e-3, "kN"), (0.1, 1.0, "N"), (0.0, 1e3, "mN")),
+    "N m": ((0.5, 1.0, "N·m"), (0.0, 1e3, "mN·m")),
+    "V": ((0.1, 1.0, "V"), (0.0, 1e3, "mV")),
+    "A": ((0.1, 1.0, "A"), (0.0, 1e3, "mA")),
+    "m3/s": ((0.0, 6e4, "L/min"),),
+}
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Factor from SI to the unit that is shown, and its name."""
+
+    factor: float
+    unit: str
+
+    def label(self, name: str) -> str:
+        """Return ``name [unit]``, the name alone for a plain number."""
+        return f"{name} [{self.unit}]" if self.unit else name
+
+
+def choose_scale(unit: str, size: float) -> Scale:
+    """Return the engineering unit for SI values of a typical size."""
+    for smallest, factor, name in _SCALES.get(unit, ()):
+        if size >= smallest:
+            return Scale(factor, name)
+    return Scale(1.0, pretty_unit(unit))
+
+
+def pretty_unit(unit: str) -> str:
+    """``kg m2`` as ``kg·m²``; a plain number has none."""
+    if unit in ("1", ""):
+        return ""
+    raised = re.sub(r"(?<=[A-Za-z])(-?\d+)", lambda m: m[0].translate(_SUPERSCRIPT), unit)
+    return raised.replace(" ", "·")
+
+
+def short(value: float, digits: int = 4) -> str:
+    """A number with so many significant digits, powers of ten written out."""
+    if not isfinite(value):
+        return "–"
+    if value == 0.0:
+        return "0"
+    exponent = floor(log10(abs(value)))
+    if -3 <= exponent < 6:
+        return _minus(f"{value:.{max(digits - 1 - exponent, 0)}f}")
+    mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+    return _minus(f"{mantissa}×10{str(int(power)).translate(_SUPERSCRIPT)}")
+
+
+def with_error(value: float, error: float | None) -> str:
+    """A value with its standard error, both to the digit the error allows."""
+    if error is None or not isfinite(error) or error <= 0.0:
+        return short(value)
+    size = max(abs(value), error)
+    exponent = floor(log10(size))
+    power = exponent if not -3 <= exponent < 6 else 0
+    decimals = min(max(1 - floor(log10(error / 10.0**power)), 0), 12)
+    text = f"{value / 10.0**power:.{decimals}f} ± {error / 10.0**power:.{decimals}f}"
+    if power:
+        text = f"({text})×10{str(power).translate(_SUPERSCRIPT)}"
+    return _minus(text)
+
+
+def show(value: Any, error: Any = None) -> str:
+    """A parameter value of any rank in one line; lists are summarised."""
+    if isinstance(value, list | tuple):
+        flat = list(flatten(value))
+        if len(flat) <= 2:
+            return " … ".join(short(v) for v in flat)
+        size = f"{len(value)} × {len(value[0])}" if isinstance(value[0], list) else str(len(flat))
+        return f"{size} values, {short(min(flat), 3)} … {short(max(flat), 3)}"
+    return with_error(float(value), error if isinstance(error, int | float) else None)
+
+
+def flatten(value: Any) -> list[float]:
+    """All numbers of a nested list."""
+    if isinstance(value, list | tuple):
+        return [n for v in value for n in flatten(v)]
+    return [float(value)]
+
+
+def count(number: int) -> str:
+    """An integer in groups of three digits."""
+    return f"{number:,}".replace(",", "\u2009" if number >= 10_000 else "")
+
+
+def plain(text: str, longest: int = 60) -> str:
+    """Text from outside as a figure can show it: printable, of bounded length."""
+    kept = "".join(c if c.isprintable() and ord(c) < 0x530 else "?" for c in text)
+    if len(kept) <= longest:
+        return kept
+    head = (longest - 1) // 2
+    return f"{kept[:head]}…{kept[-(longest - 1 - head):]}"
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")

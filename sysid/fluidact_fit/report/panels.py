@@ -1,0 +1,237 @@
+"""The panels of a figure. Each draws into axes it is given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..estimation.uncertainty import autocovariance
+from ..experiment import FloatArray, Signal
+from ..family import Quantity, StaticView
+from .numbers import Scale, choose_scale, count, plain, pretty_unit, show
+from .runs import Run
+from .style import (
+    BAND,
+    FAINT,
+    INK,
+    INPUT,
+    LEFT_OUT,
+    MEASURED,
+    NORMAL,
+    POINTS,
+    RESIDUAL,
+    SIMULATED,
+    SMALL,
+    VERDICT,
+    dress,
+    head,
+    legend,
+)
+from .thinning import envelope, subset
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_MOST_POINTS = 6000
+_MOST_ROWS = 18
+
+
+def output_panel(axes: Axes, runs: Sequence[Run], t: Scale, y: Scale, title: str) -> None:
+    """Measured against simulated over time; several runs lie over each other."""
+    many = len(runs) > 1
+    sparse = max(r.time.size for r in runs) <= 120
+    for k, run in enumerate(runs):
+        for values, colour, label, order in (
+            (run.measured, MEASURED, "measured", 2),
+            (run.simulated, SIMULATED, "simulated", 3),
+        ):
+            x, v = envelope(run.time, values)
+            measured = label == "measured"
+            axes.plot(
+                x * t.factor, v * y.factor, color=colour, zorder=order,
+                marker="o" if measured and sparse else "", markersize=3, markeredgewidth=0,
+                linestyle="" if measured and sparse else "-",
+                linewidth=1.8 if measured and not many else 0.9,
+                alpha=0.55 if many else 1.0, label=label if k == 0 else None,
+            )  # fmt: skip
+    dress(axes)
+    head(axes, title)
+
+
+def residual_panel(
+    axes: Axes, runs: Sequence[Run], rmse: float, y: Scale, t: Scale
+) -> None:
+    """Residuals over time with the band of two root-mean-square errors."""
+    axes.axhspan(-2 * rmse * y.factor, 2 * rmse * y.factor, color=BAND, alpha=0.22, lw=0,
+                 label="± 2 rmse")  # fmt: skip
+    axes.axhline(0.0, color=FAINT, linewidth=0.7)
+    many = len(runs) > 1
+    for run in runs:
+        x, v = envelope(run.time, run.residual)
+        axes.plot(x * t.factor, v * y.factor, color=RESIDUAL, alpha=0.4 if many else 1.0,
+                  linewidth=0.7, marker="o" if x.size <= 120 else "", markersize=2)  # fmt: skip
+    dress(axes)
+
+
+def input_panel(axes: Axes, runs: Sequence[Run], t: Scale, u: Scale) -> None:
+    """What drove the model, as it was taken to move between samples."""
+    for run in runs:
+        if run.drive is None:
+            continue
+        x, v = _drawn(run.drive, run.time)
+        step = "steps-post" if run.drive.hold in (None, "zoh") and x.size == v.size else "default"
+        x, v = envelope(x, v)
+        axes.plot(x * t.factor, v * u.factor, color=INPUT, linewidth=0.9, drawstyle=step,
+                  alpha=0.4 if len(runs) > 1 else 1.0)  # fmt: skip
+    dress(axes)
+
+
+def _drawn(signal: Signal, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Instants and values of an input over the time of its run, the level before included."""
+    x, v = signal.time, signal.values
+    if v.size > 3:
+        return x, v
+    ends = [min(float(time[0]), float(x[0]) - 0.03 * float(np.ptp(time))), *x.tolist()]
+    values = [signal.before, *v.tolist()]
+    return np.array([*ends, float(time[-1])]), np.array([*values, values[-1]])
+
+
+def correlation_panel(axes: Axes, residuals: Sequence[FloatArray], whiteness: str) -> None:
+    """Autocorrelation of the residuals with the band of white noise."""
+    finite = [r[np.isfinite(r)] for r in residuals]
+    total = sum(r.size for r in finite)
+    longest = max((r.size for r in finite), default=0)
+    lags = max(min(40, longest // 2), 1)
+    covariances = autocovariance(finite, lags)
+    scale = covariances[0] or 1.0
+    band = 1.96 / max(total, 1) ** 0.5
+    axes.axhspan(-band, band, color=BAND, alpha=0.35, lw=0, label="95 % band of white residuals")
+    axes.axhline(0.0, color=FAINT, linewidth=0.7)
+    axes.vlines(np.arange(1, lags + 1), 0.0, covariances[1:] / scale, color=RESIDUAL, linewidth=1.6)
+    low = float((covariances[1:] / scale).min(initial=0.0))
+    axes.set_ylim(min(-0.25, 1.15 * low), 1.05)
+    axes.set_xlim(0, lags + 1)
+    axes.set_xlabel(f"lag [samples]     {whiteness}")
+    dress(axes)
+    head(axes, "Residual autocorrelation, shaded: 95 % band of white noise")
+
+
+def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
+    """Samples of a static map with the fitted curve."""
+    size = int(view.used.sum())
+    _points(axes, view.x, view.measured, view.used, x, y, MEASURED, "measured")
+    if (~view.used).any():
+        _points(axes, view.x, view.measured, ~view.used, x, y, LEFT_OUT, "left out", "x")
+    styles = ("-", "--", "-.", ":")
+    for k, curve in enumerate(view.curves):
+        axes.plot(curve.x * x.factor, curve.y * y.factor, color=SIMULATED, linewidth=1.6, zorder=4,
+                  linestyle=styles[k % len(styles)], label=plain(curve.label, 30))  # fmt: skip
+    if not view.curves:
+        order = np.argsort(view.x, kind="stable")
+        axes.plot(view.x[order] * x.factor, view.fitted[order] * y.factor, color=SIMULATED,
+                  linewidth=1.4, label="fitted", zorder=4)  # fmt: skip
+    if view.points is not None:
+        axes.plot(view.points.x * x.factor, view.points.y * y.factor, color=POINTS, linewidth=0.8,
+                  linestyle=":", marker="s", markersize=4.5, markerfacecolor="white",
+                  label=plain(view.points.label, 30), zorder=5)  # fmt: skip
+    axes.set_ylabel(y.label(view.y_name))
+    dress(axes)
+    drawn = f", {count(_MOST_POINTS)} drawn" if size > _MOST_POINTS else ""
+    head(axes, f"{count(size)} samples{drawn}")
+    legend(axes, columns=4)
+
+
+def map_residual_panel(
+    axes: Axes, view: StaticView, x: Scale, y: Scale, rmse: float
+) -> None:
+    """Residuals over the input of a static map."""
+    axes.axhspan(-2 * rmse * y.factor, 2 * rmse * y.factor, color=BAND, alpha=0.22, lw=0,
+                 label="± 2 rmse")  # fmt: skip
+    axes.axhline(0.0, color=FAINT, linewidth=0.7)
+    rest = view.measured - view.fitted
+    _points(axes, view.x, rest, view.used, x, y, RESIDUAL, "")
+    if (~view.used).any():
+        _points(axes, view.x, rest, ~view.used, x, y, LEFT_OUT, "", "x")
+        inside = np.abs(rest[view.used]).max(initial=0.0)
+        axes.set_ylim(*(np.array([-1.3, 1.3]) * max(inside, 2.5 * rmse) * y.factor))
+    axes.set_ylabel(y.label("residual"))
+    axes.set_xlabel(x.label(view.x_name))
+    dress(axes)
+
+
+def _points(
+    axes: Axes, x: FloatArray, y: FloatArray, chosen: Any, sx: Scale, sy: Scale,
+    colour: str, label: str, marker: str = "o",
+) -> None:  # fmt: skip
+    index = np.flatnonzero(chosen)
+    index = index[subset(index.size, _MOST_POINTS)]
+    axes.plot(x[index] * sx.factor, y[index] * sy.factor, linestyle="", marker=marker,
+              markersize=2.5 if index.size > 400 else 4, markeredgewidth=0 if marker == "o" else 0.8,
+              color=colour, alpha=0.5 if index.size > 1000 else 0.8, label=label or None,
+              zorder=2)  # fmt: skip
+
+
+def histogram_panel(axes: Axes, residuals: FloatArray, y: Scale) -> None:
+    """Distribution of the residuals with the normal curve of the same width."""
+    rest = residuals[np.isfinite(residuals)] * y.factor
+    if rest.size and np.ptp(rest) > 0.0:
+        width = float(rest.std())
+        bins = int(np.clip(np.sqrt(rest.size), 8, 60))
+        axes.hist(rest, bins=bins, density=True, color=BAND, alpha=0.6)
+        x = np.linspace(rest.min(), rest.max(), 200)
+        normal = np.exp(-0.5 * ((x - rest.mean()) / width) ** 2) / (width * np.sqrt(2 * np.pi))
+        axes.plot(x, normal, color=INK, linewidth=1.0)
+    axes.set_yticks([])
+    axes.set_xlabel(y.label("residual"))
+    dress(axes)
+    head(axes, "Residuals, and the normal curve of the same width")
+
+
+def table_panel(
+    axes: Axes, parameters: Mapping[str, Quantity], derived: Mapping[str, Quantity]
+) -> None:
+    """Parameters with standard errors as text; what was not estimated says so."""
+    axes.set_axis_off()
+    axes.set_xlim(0.0, 1.0)
+    rows = [("Parameters", "value ± standard error", "", INK), *_rows(parameters)]
+    extra = _rows(derived)
+    if extra and len(rows) + len(extra) < _MOST_ROWS:
+        rows += [("", "", "", INK), ("Derived", "", "", INK), *extra]
+    if len(rows) > _MOST_ROWS:
+        rows = [*rows[: _MOST_ROWS - 1], ("…", "more in the file", "", FAINT)]
+    slots = max(len(rows), 11)
+    for k, (name, value, status, colour) in enumerate(rows):
+        y = 1.0 - (k + 0.5) / slots
+        title = name in ("Parameters", "Derived")
+        weight = "bold" if title else "normal"
+        size = NORMAL if title else SMALL + 0.3
+        axes.text(0.0, y, plain(name, 26), fontsize=size, weight=weight, color=INK, va="center",
+                  parse_math=False)  # fmt: skip
+        tail = f"{value}   {status}" if status else value
+        axes.text(1.0, y, tail, fontsize=SMALL if title else size, ha="right", va="center",
+                  color=FAINT if title else colour, parse_math=False)  # fmt: skip
+
+
+def _rows(quantities: Mapping[str, Quantity]) -> list[tuple[str, str, str, str]]:
+    out = []
+    for name, q in quantities.items():
+        unit = pretty_unit(q.unit)
+        value = f"{show(q.value, q.std_error)} {unit}".rstrip()
+        if q.status == "not_identified":
+            out.append((name, value, "not identified", VERDICT["fail"]))
+        elif q.status == "fixed":
+            out.append((name, value, "fixed", FAINT))
+        else:
+            out.append((name, value, "", INK))
+    return out
+
+
+def scale_of(values: Sequence[FloatArray], unit: str) -> Scale:
+    """Engineering unit for the largest finite size among arrays."""
+    largest = 0.0
+    for v in values:
+        finite = v[np.isfinite(v)]
+        largest = max(largest, float(np.abs(finite).max(initial=0.0)))
+    return choose_scale(unit, largest)

@@ -1,0 +1,65 @@
+"""Colours and dress of every panel. Colours are those of Okabe and Ito."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MEASURED = "#5B6770"
+SIMULATED = "#D55E00"
+INPUT = "#0072B2"
+RESIDUAL = "#0072B2"
+BAND = "#56B4E9"
+LEFT_OUT = "#B0B0B0"
+POINTS = "#009E73"
+INK = "#22262A"
+FAINT = "#6B7278"
+VERDICT = {"pass": "#007A5A", "warn": "#9A6700", "fail": "#B3261E"}
+
+SMALL, NORMAL, LARGE = 8.0, 9.0, 15.0
+
+# What a user's own style must not change: a report looks the same everywhere.
+SETTINGS: dict[str, Any] = {
+    "text.usetex": False,
+    "font.family": ["sans-serif"],
+    "font.sans-serif": ["DejaVu Sans"],
+    "axes.unicode_minus": True,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-4, 5),
+    "axes.facecolor": "white",
+    "figure.facecolor": "white",
+    "savefig.facecolor": "auto",
+    "agg.path.chunksize": 20_000,
+}
+
+
+def dress(axes: Axes, *, grid: bool = True) -> None:
+    """Thin frame on two sides, faint grid, small labels."""
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color("#9AA0A6")
+        axes.spines[side].set_linewidth(0.8)
+    axes.tick_params(labelsize=SMALL, colors=INK, color="#9AA0A6", width=0.8, length=3)
+    axes.xaxis.label.set_size(NORMAL)
+    axes.yaxis.label.set_size(NORMAL)
+    axes.xaxis.label.set_color(INK)
+    axes.yaxis.label.set_color(INK)
+    if grid:
+        axes.grid(True, color="#E6E8EA", linewidth=0.7)
+    axes.set_axisbelow(True)
+
+
+def head(axes: Axes, text: str) -> None:
+    """Heading of a panel, at its upper left."""
+    axes.set_title(text, loc="left", fontsize=NORMAL, color=INK, pad=5, parse_math=False)
+
+
+def legend(axes: Axes, *, columns: int = 3) -> None:
+    """Legend above the panel at the right, where no curve can pass under it."""
+    axes.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, fontsize=SMALL,
+        frameon=False, borderaxespad=0.1, handlelength=1.6, columnspacing=1.2,
+    )  # fmt: skip

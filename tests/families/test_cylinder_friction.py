@@ -1,0 +1,442 @@
+"""The cylinder-friction family: recovery, honest intervals, what it refuses, real cylinders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
+from fluidact_fit.estimation.uncertainty import t_quantile
+from fluidact_fit.experiment import Experiment, Signal
+from fluidact_fit.families.cylinder_friction import (
+    CylinderFriction,
+    FrictionBlock,
+    friction_force,
+)
+from fluidact_fit.family import Estimate, Request
+
+FAMILY = CylinderFriction()
+VARIANTS = {v.name: v for v in FAMILY.variants}
+UNITS = {"force": "N", "velocity": "m/s", "position": "m", "pressure": "Pa"}
+TRUTH = {"coulomb_positive": 8.0, "coulomb_negative": 6.0, "viscous": 40.0}
+STEP = 0.01
+DATA = Path(__file__).parents[3] / "shared" / "data"
+
+
+def make_experiment(
+    time: NDArray[Any], name: str = "log.csv", log: int = 0, **signals: NDArray[Any]
+) -> Experiment:
+    """SI arrays as an experiment; an empty time makes static data."""
+    step = float(np.median(np.diff(time))) if time.size else 0.0
+    grid = time[0] + step * np.arange(time.size) if time.size else time
+    held = {}
+    for role, values in signals.items():
+        gaps = np.diff(np.unique(values))
+        resolution = float(gaps.min()) if gaps.size else 0.0
+        held[role] = Signal(role, time, values, UNITS[role], resolution=resolution)
+    uniform = bool(time.size and np.abs(grid - time).max() < 1e-6 * step)
+    return Experiment(name, log, time, held, step, uniform)
+
+
+def strokes(speeds: list[float], seconds: float = 2.0, rest: float = 0.5) -> NDArray[Any]:
+    """Velocity of strokes with ramps of 0.1 s and rests between them, shape (n,) [m/s]."""
+    pieces = []
+    for v in speeds:
+        ramp = np.linspace(0.0, v, 10, endpoint=False)
+        pieces += [
+            np.zeros(round(rest / STEP)),
+            ramp,
+            np.full(round(seconds / STEP), v),
+            ramp[::-1],
+        ]
+    return np.concatenate([*pieces, np.zeros(50)])
+
+
+def record(
+    speeds: list[float],
+    noise: float = 0.05,
+    seed: int = 0,
+    colour: float = 0.0,
+    motion: str = "position",
+    **extra: float,
+) -> Experiment:
+    """A synthetic log of strokes; ``extra`` holds mass, area and offset."""
+    rng = np.random.default_rng(seed)
+    v = strokes(speeds)
+    time = STEP * np.arange(v.size)
+    white = rng.normal(size=v.size) * np.sqrt(1.0 - colour**2)
+    coloured = np.empty(v.size)
+    state = rng.normal()
+    for k, w in enumerate(white):
+        state = colour * state + w
+        coloured[k] = state
+    force = friction_force(v, **TRUTH) + noise * coloured + extra.get("offset", 0.0)
+    force = force + extra.get("mass", 0.0) * np.gradient(v, STEP)
+    signals = {"force": force}
+    if "area" in extra:
+        signals["pressure"] = 2e5 + 1e5 * np.sin(0.7 * time)
+        signals["force"] = force + extra["area"] * signals["pressure"]
+    if motion == "position":
+        x = np.concatenate(([0.0], np.cumsum(0.5 * STEP * (v[1:] + v[:-1]))))
+        signals["position"] = x + 1e-5 * rng.normal(size=v.size)
+    else:
+        signals["velocity"] = v + 1e-5 * rng.normal(size=v.size)
+    return make_experiment(time, **signals)
+
+
+def fit(
+    experiments: list[Experiment], fixed: dict[str, float] | None = None, **options: Any
+) -> Estimate:
+    """Fit with the variant of the role there is."""
+    motion = "velocity" if "velocity" in experiments[0] else "position"
+    return FAMILY.estimate(
+        VARIANTS[motion], experiments, Request(options=options, fixed=fixed or {})
+    )
+
+
+def number(estimate: Estimate, name: str) -> float:
+    return float(estimate.parameters[name].value)  # type: ignore[arg-type]
+
+
+def codes(estimate: Estimate) -> list[str]:
+    return [n.code for n in estimate.notices]
+
+
+TWO_SPEEDS = [0.1, -0.1, 0.2, -0.2]
+ONE_SPEED = [0.1, -0.08, 0.1, -0.08]
+
+
+@pytest.mark.parametrize("motion", ["position", "velocity"])
+def test_known_truth_is_recovered_within_its_errors(motion: str) -> None:
+    e = fit([record(TWO_SPEEDS, motion=motion)])
+    for name, true in TRUTH.items():
+        q = e.parameters[name]
+        assert q.status == "estimated"
+        # four standard errors, and what 10 micrometre of noise do to the velocity
+        assert number(e, name) == pytest.approx(true, abs=4.0 * q.std_error, rel=2e-3)  # type: ignore[operator]
+    assert e.derived["coulomb_mean"].value == pytest.approx(7.0, abs=0.05)
+    assert e.derived["coulomb_offset"].value == pytest.approx(1.0, abs=0.05)
+    # no worse than twice the Cramer-Rao bound of the samples used
+    assert e.parameters["viscous"].std_error < 2.0 * _bound(e)  # type: ignore[operator]
+
+
+def _bound(e: Estimate) -> float:
+    kept = ~np.isnan(e.measured[0])
+    v = strokes(TWO_SPEEDS)[kept]
+    a = np.column_stack((v > 0.0, -(v < 0.0).astype(float), v))
+    return 0.05 * float(np.sqrt(np.linalg.inv(a.T @ a)[2, 2]))
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+def test_interval_holds_the_truth_95_times_in_100(colour: float) -> None:
+    runs = 400
+    hits = dict.fromkeys(TRUTH, 0)
+    for seed in range(1000, 1000 + runs):
+        e = fit([record(2 * TWO_SPEEDS, 0.3, seed, colour, "velocity")])
+        for name, true in TRUTH.items():
+            low, high = e.parameters[name].ci95  # type: ignore[misc]
+            hits[name] += low <= true <= high
+    # 1500 runs of each colour gave 0.937 to 0.951
+    assert min(hits.values()) >= 0.92 * runs, hits
+
+
+def test_mirrored_motion_swaps_the_levels() -> None:
+    e = record(TWO_SPEEDS)
+    mirrored = make_experiment(e.time, force=-e["force"], position=-e["position"])
+    a, b = fit([e]), fit([mirrored])
+    assert number(a, "coulomb_positive") == pytest.approx(number(b, "coulomb_negative"))
+    assert number(a, "coulomb_negative") == pytest.approx(number(b, "coulomb_positive"))
+    assert number(a, "viscous") == pytest.approx(number(b, "viscous"))
+
+
+def test_one_speed_refuses_viscous_and_says_which_stroke_to_add() -> None:
+    e = fit([record(ONE_SPEED)])
+    q = e.parameters["viscous"]
+    assert (q.value, q.status, q.std_error) == (0.0, "not_identified", None)
+    (notice,) = [n for n in e.notices if n.code == "not-identified"]
+    assert "between 0.0994 and 0.1 m/s (positive direction)" in notice.message
+    assert "between 0.0795 and 0.08" in notice.message
+    assert "one stroke" in notice.message
+    assert e.covariance_order == ("coulomb_positive", "coulomb_negative")
+    # the levels hold all friction at that speed
+    assert number(e, "coulomb_positive") == pytest.approx(8.0 + 40.0 * 0.1, abs=0.05)
+
+
+def test_two_logs_at_two_speeds_identify_viscous() -> None:
+    e = fit([record([0.1, -0.1]), record([0.2, -0.2], seed=1)])
+    assert e.parameters["viscous"].status == "estimated"
+    assert number(e, "viscous") == pytest.approx(40.0, abs=1.0)
+
+
+def test_second_speed_drowned_in_noise_does_not_identify_viscous() -> None:
+    e = fit([record([0.1, -0.1, 0.2, -0.2], 60.0, 3, 0.9)], offset="auto")
+    assert e.parameters["viscous"].status == "not_identified"
+
+
+def test_transients_do_not_pass_as_a_second_speed() -> None:
+    v = strokes(ONE_SPEED)
+    slow = np.convolve(np.pad(v, (40, 0), mode="edge"), np.exp(-np.arange(41) / 8.0), "valid")
+    slow *= v.max() / slow.max()
+    time = STEP * np.arange(v.size)
+    force = friction_force(slow, **TRUTH) + np.random.default_rng(0).normal(size=v.size) * 0.05
+    e = fit([make_experiment(time, force=force, velocity=slow)])
+    assert e.parameters["viscous"].status == "not_identified"
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_direction_without_motion_is_not_identified(side: float) -> None:
+    e = fit([record([0.1 * side, 0.2 * side])])
+    moving, idle = ("positive", "negative") if side > 0.0 else ("negative", "positive")
+    assert e.parameters[f"coulomb_{idle}"].status == "not_identified"
+    assert number(e, f"coulomb_{idle}") == 0.0
+    assert number(e, f"coulomb_{moving}") == pytest.approx(TRUTH[f"coulomb_{moving}"], abs=0.1)
+    assert any(f"stroke in the {idle}" in n.message for n in e.notices)
+    assert "coulomb_mean" not in e.derived
+
+
+def test_no_motion_at_all_ends_the_run() -> None:
+    with pytest.raises(NotIdentifiedError, match="strokes in both directions"):
+        fit([record([])])
+
+
+def test_pressure_and_inertia_are_taken_off() -> None:
+    e = fit([record(TWO_SPEEDS, area=5e-4, mass=4.0)], area=5e-4, mass=4.0)
+    for name, true in TRUTH.items():
+        assert number(e, name) == pytest.approx(true, rel=0.02)
+    assert e.details["left_out"]["accelerating"] == 0
+    kept = ~np.isnan(e.measured[0])
+    # 10 micrometre of position noise are 0.2 N of inertia
+    assert np.std((e.simulated[0] - e.measured[0])[kept]) < 0.3
+
+
+def test_unknown_mass_leaves_the_ramps_out() -> None:
+    e = fit([record(TWO_SPEEDS, mass=20.0)])
+    assert e.details["left_out"]["accelerating"] > 0
+    for name, true in TRUTH.items():
+        assert number(e, name) == pytest.approx(true, rel=0.03)
+
+
+def test_inertia_everywhere_asks_for_the_mass() -> None:
+    time = STEP * np.arange(2000)
+    v = 0.2 * np.sin(3.0 * time)
+    force = friction_force(v, **TRUTH) + 100.0 * np.gradient(v, STEP)
+    e = fit([make_experiment(time, force=force, velocity=v)])
+    assert "inertia-matters" in codes(e)
+
+
+def test_constant_force_is_found_as_an_offset_only_where_it_must_be() -> None:
+    log = record(TWO_SPEEDS, offset=30.0)
+    e = fit([log])
+    assert "force-offset" in codes(e)
+    assert number(e, "coulomb_positive") == number(e, "coulomb_negative")
+    assert number(e, "coulomb_positive") == pytest.approx(7.0, abs=0.1)
+    assert e.derived["force_offset"].value == pytest.approx(31.0, abs=0.1)
+    assert "force-offset" not in codes(fit([record(TWO_SPEEDS, offset=1.0)]))
+    with pytest.raises(LogError, match="offset"):
+        fit([log], offset="none")
+    with pytest.raises(UsageError, match="both directions"):
+        fit([record([0.1, 0.2])], offset="estimate")
+    forced = fit([record(TWO_SPEEDS, offset=1.0)], offset="estimate")
+    assert forced.derived["force_offset"].value == pytest.approx(2.0, abs=0.1)
+    # the offset belongs to the log: another one gets its own
+    p = {n: q.value for n, q in e.parameters.items()}
+    other = record(TWO_SPEEDS, offset=-12.0, seed=5)
+    simulated = FAMILY.simulate(VARIANTS["position"], p, other, {})
+    kept = ~np.isnan(e.measured[0])
+    assert np.mean((simulated - other["force"])[kept]) == pytest.approx(0.0, abs=0.05)
+
+
+def test_force_of_the_wrong_sign_is_named() -> None:
+    e = record(TWO_SPEEDS)
+    wrong = make_experiment(e.time, force=-e["force"], position=e["position"])
+    with pytest.raises(LogError, match="--scale force=-1"):
+        fit([wrong])
+
+
+def test_options_that_do_not_fit_the_log() -> None:
+    with pytest.raises(UsageError, match="--area"):
+        fit([record(TWO_SPEEDS, area=5e-4)])
+    with pytest.raises(UsageError, match="--column pressure"):
+        fit([record(TWO_SPEEDS)], area=5e-4)
+    v = strokes(TWO_SPEEDS)
+    static = make_experiment(np.zeros(0), force=friction_force(v, **TRUTH), velocity=v)
+    with pytest.raises(UsageError, match="--mass needs time"):
+        fit([static], mass=1.0)
+
+
+def test_static_data_without_time() -> None:
+    rng = np.random.default_rng(0)
+    v = np.repeat([0.1, 0.2, -0.1, -0.2], 50)
+    force = friction_force(v, **TRUTH) + 0.1 * rng.normal(size=v.size)
+    e = fit([make_experiment(np.zeros(0), force=force, velocity=v)])
+    assert e.details["velocity_filter"]["type"] == "none"
+    assert e.details["covariance"] == "white"
+    for name, true in TRUTH.items():
+        assert number(e, name) == pytest.approx(true, abs=4.0 * e.parameters[name].std_error)  # type: ignore[operator]
+
+
+def test_uneven_time_base_gives_the_same_friction() -> None:
+    even = record(TWO_SPEEDS)
+    rng = np.random.default_rng(1)
+    time = even.time + 0.003 * rng.uniform(-1.0, 1.0, even.samples)
+    v = np.interp(time, even.time, strokes(TWO_SPEEDS))
+    x = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(time) * (v[1:] + v[:-1]))))
+    keep = np.ones(time.size, dtype=bool)
+    keep[150:170] = False
+    e = make_experiment(time[keep], force=friction_force(v, **TRUTH)[keep], position=x[keep])
+    for name, true in TRUTH.items():
+        assert number(fit([e]), name) == pytest.approx(true, rel=5e-3)
+
+
+def test_filter_and_deadband_are_recorded_and_obeyed() -> None:
+    e = fit([record(TWO_SPEEDS)], filter=0.05, deadband=0.15)
+    assert e.details["velocity_filter"] == {
+        "type": "zero-phase local polynomial",
+        "half_width": 0.05,
+        "degree": 2,
+    }
+    assert e.details["deadband"] == 0.15
+    assert e.details["speeds"]["positive"][0] > 0.15
+    assert e.parameters["viscous"].status == "not_identified"
+
+
+def test_fixed_and_bounded_parameters() -> None:
+    e = fit([record(ONE_SPEED)], fixed={"viscous": 40.0})
+    assert e.parameters["viscous"].status == "fixed"
+    assert number(e, "coulomb_positive") == pytest.approx(8.0, abs=0.05)
+    request = Request(bounds={"viscous": (0.0, 30.0)})
+    bounded = FAMILY.estimate(VARIANTS["position"], [record(TWO_SPEEDS)], request)
+    assert number(bounded, "viscous") == pytest.approx(30.0)
+
+
+def test_friction_falling_with_speed_stays_at_zero_viscous() -> None:
+    v = strokes(TWO_SPEEDS)
+    force = np.sign(v) * (8.0 - 5.0 * np.abs(v)) + np.random.default_rng(0).normal(size=v.size)
+    e = fit([make_experiment(STEP * np.arange(v.size), force=force, velocity=v)])
+    assert number(e, "viscous") == 0.0
+    assert e.parameters["viscous"].ci95[0] == 0.0  # type: ignore[index]
+
+
+def test_logs_of_different_friction_and_spikes_are_warned_of() -> None:
+    e = record(TWO_SPEEDS)
+    doubled = make_experiment(e.time, "b.csv", 1, force=2.5 * e["force"], position=e["position"])
+    assert "logs-disagree" in codes(fit([e, doubled]))
+    force = e["force"].copy()
+    force[150] += 200.0
+    spiked = make_experiment(e.time, force=force, position=e["position"])
+    assert "force-spikes" in codes(fit([spiked]))
+    assert codes(fit([e])) == []
+
+
+def test_results_are_plain_finite_and_repeatable() -> None:
+    a, b = fit([record(TWO_SPEEDS)]), fit([record(TWO_SPEEDS)])
+    assert a.parameters == b.parameters
+    assert np.array_equal(a.covariance, b.covariance)
+    assert np.linalg.eigvalsh(a.covariance).min() > 0.0
+    for name, spec in ((p.name, p) for p in VARIANTS["position"].parameters):
+        assert a.parameters[name].unit == spec.unit
+    assert {n: q.unit for n, q in a.derived.items()} == {"coulomb_mean": "N", "coulomb_offset": "N"}
+    assert type(a.details["deadband"]) is float
+    assert all(np.isfinite(s).all() for s in a.simulated)
+    q = a.parameters["viscous"]
+    half = number(a, "viscous") - q.ci95[0]  # type: ignore[index]
+    assert half == pytest.approx(t_quantile(0.975, 800) * q.std_error, rel=0.01)  # type: ignore[operator]
+
+
+def test_block_and_model_section_are_the_friction_map() -> None:
+    document = {"parameters": {n: {"value": v} for n, v in TRUTH.items()}}
+    block = FAMILY.block(VARIANTS["velocity"], document)
+    assert isinstance(block, FrictionBlock)
+    v = np.array([-0.1, 0.0, 0.1])
+    assert block(v) == pytest.approx([-10.0, 0.0, 12.0])
+    rounded = block(v, width=0.02)
+    assert abs(rounded[0]) < 10.0
+    assert rounded[2] == pytest.approx(8.0 * np.tanh(5.0) + 4.0)
+    section = FAMILY.model_section(VARIANTS["velocity"], TRUTH, 0.01, "zoh")
+    assert {n: section["friction"][n] for n in TRUTH} == TRUTH
+
+
+def test_sharing_an_offset_keeps_the_levels_about_it() -> None:
+    logs = [record([0.1, -0.1], offset=30.0), record([0.2, -0.2], seed=1, offset=50.0)]
+    e = fit(logs)
+    assert e.details["force_offsets"] == pytest.approx([31.0, 51.0], abs=0.2)
+    assert number(e, "viscous") == pytest.approx(40.0, abs=1.0)
+    assert np.linalg.eigvalsh(e.covariance).min() > -1e-12
+
+
+# --- real cylinders; ranges from shared/data/README.md ------------------------------------
+
+pneumatic = pytest.mark.skipif(not (DATA / "pneucyl").is_dir(), reason="shared data not there")
+hydraulic = pytest.mark.skipif(not (DATA / "hydcyl").is_dir(), reason="shared data not there")
+
+
+@pneumatic
+@pytest.mark.parametrize(
+    ("seal", "bar", "full_range"),
+    [
+        ("O-ring", 1, 7.8),
+        ("O-ring", 3, 10.9),
+        ("O-ring", 5, 13.8),
+        ("O-ring", 7, 15.6),
+        ("NAPN", 1, 6.7),
+        ("NAPN", 3, 13.7),
+        ("NAPN", 5, 19.0),
+        ("NAPN", 7, 23.1),
+    ],
+)
+def test_pneumatic_cylinder_with_two_seals(seal: str, bar: int, full_range: float) -> None:
+    d = np.loadtxt(DATA / "pneucyl" / f"{seal}_{bar}bar.csv")[15:]
+    log = make_experiment(
+        1e-3 * d[:, 0], position=1e-3 * d[:, 4], pressure=1e5 * d[:, 5], force=d[:, 6]
+    )
+    e = fit([log], area=np.pi / 4 * 0.025**2)
+    assert e.parameters["viscous"].status == "not_identified"
+    assert codes(e) == ["not-identified"]
+    assert 2.0 * float(e.derived["coulomb_mean"].value) == pytest.approx(full_range, rel=0.03)  # type: ignore[arg-type]
+
+
+BORE, ROD = np.pi / 4 * 0.016**2, np.pi / 4 * 0.010**2
+
+
+def hydraulic_log(volt: int, run: int) -> Experiment:
+    """The A run with the B run's pressure: repeats of one command, brought to one time."""
+    a, b = (
+        np.loadtxt(DATA / "hydcyl" / f"p{c}_{volt}V_s{run}.csv", delimiter=",", skiprows=1)
+        for c in "AB"
+    )
+    time = a[:, 0]
+    return make_experiment(
+        time, f"{volt}V_s{run}", force=BORE * a[:, 3], position=a[:, 2],
+        pressure=np.interp(time, b[:, 0], b[:, 3]),
+    )  # fmt: skip
+
+
+@hydraulic
+@pytest.mark.parametrize("volt", [2, 4])
+@pytest.mark.parametrize("run", [1, 2])
+def test_hydraulic_cylinder_at_one_speed(volt: int, run: int) -> None:
+    e = fit([hydraulic_log(volt, run)], area=BORE - ROD)
+    assert e.parameters["viscous"].status == "not_identified"
+    assert 58.0 < number(e, "coulomb_positive") < 72.0
+    assert 68.0 < number(e, "coulomb_negative") < 83.0
+
+
+@hydraulic
+def test_hydraulic_cylinder_at_two_speeds() -> None:
+    e = fit([hydraulic_log(v, s) for v in (2, 4) for s in (1, 2)], area=BORE - ROD)
+    assert e.parameters["viscous"].status == "estimated"
+    # almost independent of speed: at most a fifth of the level over the whole range
+    assert number(e, "viscous") * 0.2 < 0.2 * number(e, "coulomb_positive")
+    assert 50.0 < number(e, "coulomb_positive") < 70.0
+
+
+@hydraulic
+def test_one_chamber_alone_is_refused_with_the_missing_pressure() -> None:
+    a = hydraulic_log(2, 1)
+    alone = make_experiment(a.time, force=a["force"], position=a["position"])
+    with pytest.raises(LogError, match="the other chamber is missing"):
+        fit([alone])

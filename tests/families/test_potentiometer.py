@@ -1,0 +1,469 @@
+"""Potentiometer calibration: certified and synthetic truths, intervals, rails, branches."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fluidact_fit.errors import FluidactError, LogError, NotIdentifiedError, UsageError
+from fluidact_fit.estimation.rational_bezier import (
+    elevate,
+    invert_rational_bezier,
+    power_coefficients,
+    rational_bezier,
+    rational_bezier_slope,
+)
+from fluidact_fit.experiment import Experiment, FloatArray, Signal
+from fluidact_fit.families import get_family
+from fluidact_fit.families.potentiometer import PotentiometerBlock, rising_share
+from fluidact_fit.family import Estimate, Request
+
+DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
+real = pytest.mark.skipif(
+    not DATA.is_dir(), reason="recorded logs of other people are not beside this checkout"
+)
+
+FAMILY = get_family("potentiometer")
+VARIANT = FAMILY.variants[0]
+
+
+def experiment(reading: Any, reference: Any, sample_time: float = 0.0) -> Experiment:
+    x, y = np.asarray(reading, dtype=float), np.asarray(reference, dtype=float)
+    time = np.arange(x.size) * sample_time if sample_time else np.zeros(0)
+    signals = {
+        "reading": Signal("reading", time, x, "1"),
+        "reference": Signal("reference", time, y, "m"),
+    }
+    return Experiment("pot.csv", 0, time, signals, sample_time, bool(sample_time))
+
+
+def fit(*experiments: Experiment, **options: Any) -> Estimate:
+    fixed = options.pop("fixed", {})
+    defaults = {o.name: o.default for o in FAMILY.options}
+    request = Request(options={**defaults, **options}, fixed=fixed)
+    return FAMILY.estimate(VARIANT, experiments, request)
+
+
+def residuals(result: Estimate) -> FloatArray:
+    rest = np.concatenate(result.measured) - np.concatenate(result.simulated)
+    return rest[np.isfinite(rest)]
+
+
+def rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def codes(result: Estimate) -> list[str]:
+    return [n.code for n in result.notices]
+
+
+def numbers(result: Estimate, name: str) -> FloatArray:
+    return np.array(result.parameters[name].value)
+
+
+def block(result: Estimate) -> PotentiometerBlock:
+    return PotentiometerBlock({k: q.value for k, q in result.parameters.items()})
+
+
+def saturating(position: FloatArray) -> FloatArray:
+    """Unrounded counts of a synthetic 10-bit potentiometer that saturates; 60 mm [m]."""
+    u = (position - 0.03) / 0.03
+    return 511.5 + 490.0 * np.tanh(2.0 * u) / np.tanh(2.0)
+
+
+# -------------------------------------------------------------------- the curve itself
+
+
+def test_degree_one_with_equal_weights_is_a_straight_line() -> None:
+    t = np.linspace(-0.5, 1.5, 9)
+    np.testing.assert_allclose(
+        rational_bezier(t, [2.0, 5.0], [1.0, 1.0]), 2.0 + 3.0 * np.clip(t, 0.0, 1.0)
+    )
+
+
+def test_a_quarter_circle_is_exact() -> None:
+    # Farin 2002, section 12.1: weights 1, cos 45 deg, 1 make a conic a circle
+    w = [1.0, np.sqrt(0.5), 1.0]
+    t = np.linspace(0.0, 1.0, 50)
+    x, y = rational_bezier(t, [1.0, 1.0, 0.0], w), rational_bezier(t, [0.0, 1.0, 1.0], w)
+    np.testing.assert_allclose(x**2 + y**2, 1.0, rtol=1e-14)
+
+
+def test_slope_powers_and_elevation_agree_with_the_curve() -> None:
+    p, w = np.array([0.1, 0.9, 0.2, 1.4]), np.array([1.0, 3.0, 0.4, 2.0])
+    t = np.linspace(0.05, 0.95, 40)
+    y, h = rational_bezier(t, p, w), 1e-6
+    central = (rational_bezier(t + h, p, w) - rational_bezier(t - h, p, w)) / (2.0 * h)
+    np.testing.assert_allclose(rational_bezier_slope(t, p, w), central, rtol=1e-7, atol=1e-8)
+    top = np.polynomial.Polynomial(power_coefficients(w * p))
+    np.testing.assert_allclose(top(t) / np.polynomial.Polynomial(power_coefficients(w))(t), y)
+    np.testing.assert_allclose(rational_bezier(t, *elevate(p, w)), y)
+
+
+increments = st.lists(st.floats(0.01, 1.0), min_size=1, max_size=6)
+
+
+@given(increments, st.lists(st.floats(-2.0, 2.0), min_size=7, max_size=7), st.booleans())
+@settings(deadline=None, max_examples=60)
+def test_inverse_undoes_the_potentiometer(
+    steps: list[float], logs: list[float], falling: bool
+) -> None:
+    p = np.concatenate(([0.0], np.cumsum(steps))) * (-1.0 if falling else 1.0)
+    w = np.exp(np.array(logs[: p.size]) - logs[0])
+    pot = PotentiometerBlock(
+        {"control_points": p.tolist(), "weights": w.tolist(), "reading_range": [100.0, 900.0]}
+    )
+    x = np.linspace(100.0, 900.0, 41)
+    np.testing.assert_allclose(pot.inverse(pot(x)), x, atol=1e-8)
+    t = invert_rational_bezier(pot(x), p, w)
+    np.testing.assert_allclose(rational_bezier(t, p, w), pot(x), rtol=1e-13, atol=1e-14)
+
+
+# ----------------------------------------------------------------------- reference data
+
+
+@real
+def test_kirby2_reaches_the_certified_optimum() -> None:
+    data = np.loadtxt(DATA / "nist/Kirby2.dat", skiprows=60)
+    result = fit(experiment(data[:, 1], data[:, 0]), degree="2")
+    # NIST StRD Kirby2: certified residual sum of squares and standard deviation
+    assert np.sum(residuals(result) ** 2) == pytest.approx(3.9050739624, rel=1e-9)
+    assert result.details["residual_std"] == pytest.approx(1.6354535131e-01, rel=1e-8)
+    # the certified denominator 1 + b4 x + b5 x^2, and its standard deviations
+    low, high = result.parameters["reading_range"].value
+    w = numbers(result, "weights")
+    b4, b5 = -1.7241811870e-03, 2.1664802578e-05
+    first = 1.0 + b4 * low + b5 * low**2
+    expected = [1.0, (1.0 + b4 * (low + high) / 2 + b5 * low * high) / first,
+                (1.0 + b4 * high + b5 * high**2) / first]  # fmt: skip
+    np.testing.assert_allclose(w, expected, rtol=1e-7)
+
+
+@real
+def test_kirby2_certified_standard_error() -> None:
+    data = np.loadtxt(DATA / "nist/Kirby2.dat", skiprows=60)
+    result = fit(experiment(data[:, 1], data[:, 0]), degree="2")
+    # b4 and b5 from the weights: q(x) = 1 + b4 x + b5 x^2, blossomed; sd by the delta method
+    low, high = result.parameters["reading_range"].value
+
+    def b5(w: FloatArray) -> complex:
+        span = high - low
+        c = np.array([1.0, 2 * (w[1] - 1.0), 1.0 - 2 * w[1] + w[2]])  # by powers of t
+        at_zero = c[0] - c[1] * low / span + c[2] * (low / span) ** 2
+        return complex(c[2] / span**2 / at_zero)
+
+    w = numbers(result, "weights").astype(complex)
+    rows = [result.covariance_order.index(f"weights[{i}]") for i in (1, 2)]
+    step = np.eye(3) * 1e-30j
+    gradient = np.array([b5(w + step[i]).imag / 1e-30 for i in (1, 2)])
+    variance = gradient @ result.covariance[np.ix_(rows, rows)] @ gradient
+    assert b5(w).real == pytest.approx(2.1664802578e-05, rel=1e-6)
+    assert np.sqrt(variance) == pytest.approx(2.0129761919e-07, rel=1e-5)
+
+
+@real
+def test_pontius_load_cell() -> None:
+    data = np.loadtxt(DATA / "nist/Pontius.csv", skiprows=1, delimiter=",")
+    result = fit(experiment(data[:, 1], data[:, 0]))
+    # a straight line leaves 2.2e-3; the certified quadratic 2.05177424076185e-4
+    assert result.details["residual_std"] <= 2.05177424076185e-4
+    assert result.details["degree"] == 1
+    assert not result.notices
+
+
+@real
+def test_linear_potentiometer_with_clipped_ends() -> None:
+    data = np.loadtxt(DATA / "linpot/linear_pot_adc.csv", skiprows=1, delimiter=",")
+    log = experiment(data[:, 1], data[:, 0] * 1e-3)
+    whole = fit(log)
+    (message,) = [n.message for n in whole.notices if n.code == "rails-suspected"]
+    assert "0 and 1022" in message
+    assert "--rails 0:1022" in message
+    clipped = fit(log, rails=(0.0, 1022.0))
+    assert codes(clipped) == ["rails"]
+    assert "2 samples" in clipped.notices[0].message
+    assert np.isnan(clipped.measured[0][[0, -1]]).all()
+    assert rms(residuals(clipped)) <= 4.7e-5
+
+
+# -------------------------------------------------------------------- synthetic truths
+
+
+def test_rational_cubic_beats_a_polynomial_of_as_many_coefficients() -> None:
+    rng = np.random.default_rng(11)
+    x = rng.uniform(0.0, 0.06, 2000)
+    reading = np.round(saturating(x))
+    y = x + 1e-4 * rng.standard_normal(x.size)
+    result = fit(experiment(reading, y), degree="3")
+    fresh = np.linspace(0.0, 0.06, 5001)
+    seen = np.round(saturating(fresh))
+    rational = rms(np.asarray(block(result)(seen)) - fresh)
+    for degree in (5, 6):  # 6 and 7 coefficients
+        polynomial = np.polynomial.Chebyshev.fit(reading, y, degree)
+        assert rational < 0.4 * rms(polynomial(seen) - fresh)
+
+
+@pytest.mark.parametrize("degree", range(1, 9))
+def test_no_degree_blows_up_between_the_samples(degree: int) -> None:
+    rng = np.random.default_rng(degree)
+    x = np.linspace(0.0, 0.06, 40)
+    reading = np.round(saturating(x))
+    result = fit(experiment(reading, x + 1e-4 * rng.standard_normal(x.size)), degree=str(degree))
+    dense = np.linspace(reading[0], reading[-1], 3001)
+    inside = np.interp(dense, saturating(np.linspace(0, 0.06, 9999)), np.linspace(0, 0.06, 9999))
+    worst = np.max(np.abs(np.asarray(block(result)(dense)) - inside))
+    assert worst < max(1.5e-3, 3.0 * np.max(np.abs(residuals(result))))
+
+
+TRUE_POINTS = np.array([0.002, 0.021, 0.058])
+TRUE_WEIGHTS = np.array([1.0, 3.5, 1.6])
+
+
+def sample(rng: np.random.Generator, n: int = 120, noise: float = 1e-4) -> Experiment:
+    reading = np.linspace(20.0, 1000.0, n)
+    y = rational_bezier((reading - 20.0) / 980.0, TRUE_POINTS, TRUE_WEIGHTS)
+    return experiment(reading, y + noise * rng.standard_normal(n))
+
+
+def test_exact_data_give_the_exact_truth() -> None:
+    result = fit(sample(np.random.default_rng(0), noise=0.0), degree="2")
+    np.testing.assert_allclose(numbers(result, "control_points"), TRUE_POINTS, rtol=1e-8)
+    np.testing.assert_allclose(numbers(result, "weights"), TRUE_WEIGHTS, rtol=1e-8)
+
+
+def test_automatic_degree_finds_the_true_one() -> None:
+    result = fit(sample(np.random.default_rng(1), 400))
+    assert result.details["degree"] == 2
+    assert [row["degree"] for row in result.details["cross_validation"]] == [1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("endpoints", ["free", "fixed"])
+def test_intervals_cover_the_truth(endpoints: str) -> None:
+    rng = np.random.default_rng(5)
+    repeats, hits, normalised = 200, np.zeros(5), []
+    for _ in range(repeats):
+        result = fit(sample(rng, 60), degree="2", endpoints=endpoints)
+        p, w = result.parameters["control_points"], result.parameters["weights"]
+        truth = np.concatenate((TRUE_POINTS, TRUE_WEIGHTS[1:]))
+        interval = np.vstack((p.ci95, np.array(w.ci95)[1:]))
+        hits += (interval[:, 0] <= truth) & (truth <= interval[:, 1])
+        off = np.concatenate((numbers(result, "control_points"), numbers(result, "weights")[1:]))
+        normalised.append((off - truth) / np.concatenate((p.std_error, w.std_error[1:])))
+    # 95 % coverage, give or take four binomial standard deviations
+    assert np.all(np.abs(hits / repeats - 0.95) < 4.0 * np.sqrt(0.95 * 0.05 / repeats))
+    # no bias beyond the Monte Carlo error of a mean, spread as large as claimed
+    assert np.all(np.abs(np.mean(normalised, axis=0)) < 4.0 / np.sqrt(repeats))
+    np.testing.assert_allclose(np.std(normalised, axis=0), 1.0, atol=0.25)
+
+
+def test_covariance_goes_with_its_order() -> None:
+    result = fit(sample(np.random.default_rng(2)), degree="2")
+    assert result.covariance_order == (
+        "control_points[0]", "control_points[1]", "control_points[2]", "weights[1]", "weights[2]",
+    )  # fmt: skip
+    errors = [
+        *result.parameters["control_points"].std_error,
+        *result.parameters["weights"].std_error[1:],
+    ]
+    np.testing.assert_allclose(np.sqrt(np.diag(result.covariance)), errors)
+    assert result.parameters["weights"].ci95[0] == [1.0, 1.0]
+    np.testing.assert_allclose(np.linalg.eigvalsh(result.covariance).min(), 0.0, atol=1e-9)
+
+
+# ------------------------------------------------------------------------- invariances
+
+
+def test_scale_and_offset_of_the_reading_change_nothing() -> None:
+    log = sample(np.random.default_rng(3))
+    moved = experiment(-0.7 + 4.9e-3 * log["reading"], log["reference"])
+    one, two = fit(log), fit(moved)
+    np.testing.assert_allclose(one.simulated[0], two.simulated[0], rtol=1e-7)
+    for name in ("control_points", "weights"):
+        np.testing.assert_allclose(numbers(one, name), numbers(two, name), rtol=1e-5)
+
+
+def test_mirrored_data_give_the_mirrored_curve() -> None:
+    log = sample(np.random.default_rng(4))
+    one, two = fit(log, degree="3"), fit(experiment(-log["reading"], log["reference"]), degree="3")
+    np.testing.assert_allclose(one.simulated[0], two.simulated[0], rtol=1e-6)
+    upside = fit(experiment(log["reading"], -log["reference"]), degree="3")
+    np.testing.assert_allclose(one.simulated[0], -upside.simulated[0], rtol=1e-6)
+
+
+def test_logs_share_one_curve_and_the_same_input_gives_the_same_numbers() -> None:
+    log = sample(np.random.default_rng(6))
+    halves = [experiment(log["reading"][k::2], log["reference"][k::2]) for k in (0, 1)]
+    whole, parts, again = fit(log), fit(*halves), fit(*halves)
+    np.testing.assert_allclose(
+        numbers(whole, "control_points"), numbers(parts, "control_points"), rtol=1e-6
+    )
+    assert [s.size for s in parts.simulated] == [60, 60]
+    assert parts.parameters == again.parameters
+
+
+# ------------------------------------------------------------------------------ options
+
+
+def test_fixed_endpoints_are_the_mean_reference_of_the_extreme_readings() -> None:
+    reading = np.array([0, 0, 100, 220, 310, 440, 500, 610, 700, 810, 900, 1000, 1000.0])
+    reference = 1e-5 * reading + np.tile([0.0, 4e-6], 7)[:13]
+    result = fit(experiment(reading, reference), endpoints="fixed", degree="2")
+    p = numbers(result, "control_points")
+    assert p[0] == pytest.approx(reference[:2].mean())
+    assert p[-1] == pytest.approx(reference[-2:].mean())
+
+
+@pytest.mark.parametrize("endpoints", ["free", "fixed"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_monotone_data_get_a_monotone_curve(endpoints: str, sign: float) -> None:
+    rng = np.random.default_rng(8)
+    reading = np.linspace(0.0, 1000.0, 40)
+    flat = np.maximum(reading - 500.0, 0.0) * 1e-4 + 1e-4 * rng.standard_normal(40)
+    log = experiment(reading, sign * flat)
+    free = fit(log, degree="5", monotone=False, endpoints=endpoints)
+    kept = fit(log, degree="5", monotone=True, endpoints=endpoints)
+    assert kept.details["monotone"]
+    assert np.all(sign * np.diff(kept.simulated[0]) >= -1e-12)
+    assert rms(residuals(free)) <= rms(residuals(kept)) * (1.0 + 1e-6)
+
+
+def test_a_curve_that_turns_back_is_said_to() -> None:
+    reading = np.linspace(0.0, 100.0, 60)
+    bump = 1e-5 * reading * (100.0 - reading) + 1e-5 * np.sin(37.0 * reading)
+    result = fit(experiment(reading, bump), degree="2")
+    assert "not-monotone" in codes(result)
+    assert not result.details["monotone"]
+    with pytest.raises(ValueError, match="not monotone"):
+        block(result).inverse(0.01)
+    forced = fit(experiment(reading, bump), degree="2", monotone=True)
+    assert "not-monotone" in codes(forced)
+    assert forced.details["monotone"]
+
+
+def with_hysteresis(n: int = 4000) -> Experiment:
+    rng = np.random.default_rng(12)
+    x = 0.03 - 0.0299 * np.cos(np.arange(n) * 2.0 * np.pi / 1000.0)
+    lag = 1.5e-4 * np.sign(np.gradient(x))
+    reading = np.round(saturating(np.clip(x - lag, 0.0, 0.06)))
+    return experiment(reading, x + 1e-4 * rng.standard_normal(n), 0.01)
+
+
+def test_two_branches_follow_the_hysteresis() -> None:
+    log = with_hysteresis()
+    pooled, two = fit(log), fit(log, branches="two")
+    assert rms(residuals(pooled)) > 1.6e-4
+    # what is left is noise (0.1 mm) and the converter, whose steps are long at the ends
+    assert rms(residuals(two)) < 1.35e-4
+    assert two.derived["hysteresis"].value == pytest.approx(3e-4, rel=0.15)
+    names = {"control_points_falling", "weights_falling", "hysteresis_dead_band"}
+    assert names <= set(two.parameters)
+    assert names.isdisjoint(pooled.parameters)
+    pot = block(two)
+    stepped = np.array([pot.step(r) for r in log["reading"].tolist()])
+    np.testing.assert_allclose(stepped, two.simulated[0], rtol=1e-12)
+    assert pot.inverse(pot(500.0, direction=1.0), direction=1.0) == pytest.approx(500.0)
+    assert float(pot(500.0, direction=1.0)) - float(pot(500.0, direction=-1.0)) > 2e-4
+    given = fit(log, branches="two", fixed={"hysteresis_dead_band": 6.0})
+    assert given.parameters["hysteresis_dead_band"].status == "fixed"
+
+
+def test_the_share_of_a_branch_turns_over_the_dead_band() -> None:
+    share = rising_share([0.0, 5.0, 10.0, 9.0, 8.0, 8.0, 6.0, 6.5], 4.0)
+    np.testing.assert_allclose(share, [0.5, 1.0, 1.0, 0.75, 0.5, 0.5, 0.0, 0.125])
+
+
+def test_readings_that_rest_on_a_rail_are_left_out() -> None:
+    rng = np.random.default_rng(13)
+    x = np.linspace(0.0, 0.06, 600)
+    reading = np.clip(np.round(20.0 + 18000.0 * x), 100.0, 1023.0)
+    log = experiment(reading, x + 5e-5 * rng.standard_normal(x.size))
+    result = fit(log)
+    assert codes(result) == ["rails", "rails"]
+    clipped = (reading == 100.0) | (reading == 1023.0)
+    np.testing.assert_array_equal(np.isnan(result.measured[0]), clipped)
+    assert rms(residuals(result)) < 6e-5
+    dwelling = np.concatenate((np.full(50, 0.01), np.linspace(0.01, 0.05, 300), np.full(50, 0.05)))
+    noisy = dwelling + 5e-5 * rng.standard_normal(dwelling.size)
+    assert not fit(experiment(np.round(20.0 + 18000.0 * dwelling), noisy)).notices
+
+
+# --------------------------------------------------------------- what cannot be determined
+
+
+def test_weights_of_a_straight_line_are_not_identified() -> None:
+    rng = np.random.default_rng(14)
+    reading = np.linspace(0.0, 1000.0, 80)
+    line = 6e-5 * reading + 1e-4 * rng.standard_normal(80)
+    result = fit(experiment(reading, line), degree="3")
+    assert result.parameters["weights"].status == "not_identified"
+    assert result.parameters["weights"].value == [1.0] * 4
+    assert "not-identified" in codes(result)
+    assert not any(n.startswith("weights") for n in result.covariance_order)
+
+
+@pytest.mark.parametrize(
+    ("reading", "reference", "options", "error"),
+    [
+        (np.full(20, 5.0), np.arange(20.0), {}, NotIdentifiedError),
+        (np.arange(20.0), np.full(20, 0.1), {}, NotIdentifiedError),
+        (np.arange(4.0), np.arange(4.0), {"degree": "2"}, NotIdentifiedError),
+        (np.arange(20.0) % 3, np.arange(20.0) % 3, {"degree": "2"}, NotIdentifiedError),
+        (np.arange(20.0), np.arange(20.0), {"rails": (30.0, 40.0)}, LogError),
+        (np.arange(20.0), np.arange(20.0), {"branches": "two"}, NotIdentifiedError),
+        (np.arange(20.0), np.arange(20.0), {"degree": "9"}, UsageError),
+        (np.arange(20.0), np.arange(20.0), {"degree": "high"}, UsageError),
+    ],
+)
+def test_useless_data_are_refused_with_a_remedy(
+    reading: FloatArray, reference: FloatArray, options: dict[str, Any], error: type[FluidactError]
+) -> None:
+    with pytest.raises(error) as caught:
+        fit(experiment(reading, reference), **options)
+    assert caught.value.remedy
+
+
+def test_parameters_with_several_values_cannot_be_fixed() -> None:
+    with pytest.raises(UsageError, match="weights"):
+        fit(sample(np.random.default_rng(0)), fixed={"weights": 1.0})
+
+
+# ------------------------------------------------------------------- block, file, speed
+
+
+def test_block_from_a_document() -> None:
+    result = fit(sample(np.random.default_rng(7)))
+    document = {"parameters": {k: {"value": q.value} for k, q in result.parameters.items()}}
+    pot = FAMILY.block(VARIANT, document)
+    assert isinstance(pot, PotentiometerBlock)
+    assert isinstance(pot(500.0), float)
+    np.testing.assert_allclose(pot(np.array([-1e9, 1e9])), pot(np.array([20.0, 1000.0])))
+    low, high = pot(499.9), pot(500.1)
+    assert pot.sensitivity(500.0) == pytest.approx((high - low) / 0.2, rel=1e-5)
+    assert pot.sensitivity(-5.0) == 0.0
+    with pytest.raises(ValueError, match="outside the calibrated range"):
+        pot.inverse(1.0)
+    assert pot.inverse(1.0, clamp=True) == 1000.0
+    section = FAMILY.model_section(VARIANT, pot.parameters, 0.0, "zoh")["curve"]
+    assert section["type"] == "rational-bezier"
+    t = (500.0 - 20.0) / 980.0
+    top, bottom = (
+        np.polynomial.Polynomial(section[k])(t)
+        for k in ("ascending_numerator", "ascending_denominator")
+    )
+    assert top / bottom == pytest.approx(pot(500.0))
+
+
+def test_a_long_log_takes_seconds() -> None:
+    rng = np.random.default_rng(15)
+    x = rng.uniform(0.0, 0.06, 300_000)
+    log = experiment(saturating(x), x + 1e-4 * rng.standard_normal(x.size))
+    begin = perf_counter()
+    result = fit(log, degree="4")
+    assert perf_counter() - begin < 15.0
+    assert rms(residuals(result)) < 1.1e-4

@@ -1,0 +1,111 @@
+"""The committed logs: unchanged, reproducible, small, and fitted to their truth."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fluidact_fit as ff
+from fluidact_fit.demo import compare, load_dataset
+from fluidact_fit.result import FitResult
+
+ROOT = Path(__file__).parents[1] / "datasets"
+FAMILIES = ff.family_names()
+NORMAL_999 = 3.2905  # two-sided 99.9 % quantile of the normal distribution
+NORMAL_95 = 1.95996
+
+
+@cache
+def fitted(family: str) -> FitResult:
+    dataset = load_dataset(family)
+    return ff.fit(family, dataset.read(), **dataset.options)
+
+
+def test_every_family_has_a_dataset() -> None:
+    assert {p.name for p in ROOT.iterdir() if p.is_dir() and p.name != "__pycache__"} == {*FAMILIES}
+
+
+def test_checksums() -> None:
+    lines = (ROOT / "SHA256SUMS").read_text(encoding="utf-8").splitlines()
+    listed = dict(reversed(line.split("  ")) for line in lines)
+    present = {p.relative_to(ROOT).as_posix() for f in FAMILIES for p in (ROOT / f).iterdir()}
+    assert set(listed) == present
+    for name, expected in listed.items():
+        assert hashlib.sha256((ROOT / name).read_bytes()).hexdigest() == expected, name
+
+
+def test_generator_writes_the_same_bytes(tmp_path: Path) -> None:
+    command = [sys.executable, str(ROOT / "generate.py"), "--output", str(tmp_path)]
+    subprocess.run(command, check=True)
+    made = sorted(p.relative_to(tmp_path) for p in tmp_path.rglob("*") if p.is_file())
+    assert len(made) == 5 * len(FAMILIES) + 1
+    for path in made:
+        assert (tmp_path / path).read_bytes() == (ROOT / path).read_bytes(), path
+
+
+def test_generator_shares_no_code_with_the_package() -> None:
+    text = (ROOT / "generate.py").read_text(encoding="utf-8")
+    imports = [line for line in text.splitlines() if line.startswith(("import ", "from "))]
+    assert not any("fluidact_fit" in line or "scipy" in line for line in imports)
+
+
+def test_files_are_small() -> None:
+    for path in ROOT.rglob("*.csv"):
+        assert path.stat().st_size <= 100_000, path
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_readme_says_where_the_numbers_come_from(family: str) -> None:
+    text = (ROOT / family / "README.md").read_text(encoding="utf-8")
+    dataset = load_dataset(family)
+    assert "**Synthetic**" in text
+    assert "seed" in text
+    for name in dataset.truth:
+        row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
+        assert ("| published" in row) != ("| **invented**" in row)
+    for header in dataset.columns.values():
+        assert f"`{header}`" in text
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_truth_is_recovered(family: str) -> None:
+    rows = compare(load_dataset(family), fitted(family))
+    assert rows
+    assert all(row.good for row in rows), [row.cells for row in rows if not row.good]
+
+
+@pytest.mark.parametrize("family", [f for f in FAMILIES if f != "potentiometer"])
+def test_truth_lies_in_the_interval(family: str) -> None:
+    result = fitted(family)
+    for name, truth in load_dataset(family).truth.items():
+        found = result.parameters[name]
+        assert found.status == "estimated", name
+        assert isinstance(found.value, float)
+        low, high = (
+            found.value + (end - found.value) * NORMAL_999 / NORMAL_95 for end in found.ci95
+        )
+        assert low <= truth["value"] <= high, name
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_logs_raise_no_warning(family: str) -> None:
+    result = fitted(family)
+    assert [n.message for n in result.notices] == []
+    assert result.verdict == "pass"
+
+
+def test_potentiometer_curve_is_the_true_one_everywhere() -> None:
+    dataset, result = load_dataset("potentiometer"), fitted("potentiometer")
+    family = ff.get_family("potentiometer")
+    values = {k: {"value": q.value} for k, q in result.parameters.items()}
+    found = family.block(result.variant, {"parameters": values})
+    true = family.block(result.variant, {"parameters": dict(dataset.truth)})
+    reading = np.arange(40.0, 985.0)
+    difference = np.asarray(found(reading)) - np.asarray(true(reading))  # type: ignore[operator]
+    assert np.sqrt(np.mean(difference**2)) < 2e-5
