@@ -281,7 +281,11 @@ class Family(ABC):
         return {}
 
     def static_view(
-        self, variant: Variant, estimate: Estimate, experiments: Sequence[Experiment]
+        self,
+        variant: Variant,
+        estimate: Estimate,
+        experiments: Sequence[Experiment],
+        options: Mapping[str, Any],
     ) -> StaticView | None:
         """Return what a picture of a static map shows, ``None`` for a dynamic model."""
         return None

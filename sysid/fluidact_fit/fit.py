@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from .errors import LogError, Notice, UsageError
-from .experiment import Experiment, FloatArray, Hold
 from .estimation.inputs import interpolation
+from .experiment import Experiment, FloatArray, Hold
 from .families import get_family
 from .family import Estimate, Family, Request, Value, Variant
 from .logs import Log, choose_variant, provenance, read_log
@@ -21,6 +21,7 @@ from .quality import agreement, judge, residual_whiteness
 from .result import FitResult, Simulation
 
 LogLike = Log | str | PathLike[str]
+_FEWEST = 8  # samples of a log that is fitted or judged
 
 
 def fit(
@@ -112,6 +113,7 @@ def _prepare(logs: Sequence[Log], variant: Variant) -> tuple[list[Experiment], l
     notices: list[Notice] = []
     for index, log in enumerate(logs):
         some, said = experiments_of(log, variant, index=index)
+        _require_samples(log, variant, some)
         found += some
         notices += [*log.notices, *said]
     if not found:
@@ -121,6 +123,19 @@ def _prepare(logs: Sequence[Log], variant: Variant) -> tuple[list[Experiment], l
             remedy="See the warnings above; `fluidact-fit inspect` shows what is in a log.",
         )
     return found, notices
+
+
+def _require_samples(log: Log, variant: Variant, found: Sequence[Experiment]) -> None:
+    """Refuse a log of motion that is too short for any model to leave a residual."""
+    timed = any(role.name == "time" and role.required for role in variant.roles)
+    samples = sum(e.samples for e in found)
+    if timed and samples < _FEWEST:
+        raise LogError(
+            f"only {samples} {'sample' if samples == 1 else 'samples'} can be used.",
+            where=log.name,
+            expected=f"Expected {_FEWEST} or more in the course of time.",
+            remedy="Record longer or sample faster; check --window where it was given.",
+        )
 
 
 def _distinct(notices: Sequence[Notice]) -> list[Notice]:

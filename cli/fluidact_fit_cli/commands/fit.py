@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import UsageError
+from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.families import get_family
 
 from ..errors import Invocation, Refused
@@ -106,11 +106,10 @@ def run_fit(family: Family, params: Mapping[str, Any], invocation: Invocation) -
     """Check what was asked, fit, judge, write, show: in this order."""
     targets = _targets(family.name, params)
     _check_arguments(family, params, targets)
-    result = _fit(family, params, invocation)
+    result = _judge(_fit(family, params, invocation), params)
+    write_all(_render(result, targets), params["force"])
     if not params["quiet"]:
         echo_warnings(result.notices)
-    result = _judge(result, params)
-    write_all(_render(result, targets), params["force"])
     if params["as_json"]:
         echo_json(result.document)
     elif not params["quiet"]:
@@ -171,6 +170,13 @@ def _fit(family: Family, params: Mapping[str, Any], invocation: Invocation) -> F
             progress=progress,
             **chosen_options(params),
         )
+    except (LogError, NotIdentifiedError) as error:
+        if error.where:
+            raise
+        names = ", ".join(os.path.basename(path) for path in params["logs"])
+        raise type(error)(
+            error.what, where=names, expected=error.expected, remedy=error.remedy
+        ) from error
     finally:
         progress.clear()
 

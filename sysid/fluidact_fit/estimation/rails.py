@@ -94,8 +94,10 @@ def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
 
 
 def _suspicion(readings: Sequence[float], lowest: float, highest: float) -> Notice:
-    low = f"{lowest:g}" if lowest in readings else ""
-    high = f"{highest:g}" if highest in readings else ""
+    # an end that is sound is given a rail that no reading reaches
+    margin = 0.1 * (highest - lowest)
+    low = f"{lowest if lowest in readings else lowest - margin:g}"
+    high = f"{highest if highest in readings else highest + margin:g}"
     names = " and ".join(f"{r:g}" for r in readings)
     many = len(readings) > 1
     what, follow = ("readings look", "do") if many else ("reading looks", "does")

@@ -103,7 +103,14 @@ class _Direction:
     """
 
     def __init__(
-        self, sign: int, inertia: Array, viscous: Array, level: Array, u: PiecewiseInput, grid: Grid
+        self,
+        sign: int,
+        inertia: Array,
+        viscous: Array,
+        level: Array,
+        u: PiecewiseInput,
+        grid: Grid,
+        memo: dict[tuple[complex, complex], tuple[Array, Array]],
     ) -> None:
         self.sign, self.level = sign, level
         self.inertia, self.viscous = inertia, viscous
@@ -117,7 +124,6 @@ class _Direction:
         self.torque = u.coefficients
         self.speed = np.empty((inertia.size, grid.instants.size), dtype=inertia.dtype)
         self.place = np.empty_like(self.speed)
-        memo: dict[tuple[complex, complex], tuple[Array, Array]] = {}
         for k in range(inertia.size):
             key = (complex(inertia[k]), complex(viscous[k]))
             if key not in memo:
@@ -201,11 +207,12 @@ class _Run:
         kind = np.result_type(p.inertia, p.viscous, p.coulomb_positive, p.breakaway_positive, float)
         self.k = p.inertia.size
         negative = p.viscous if p.viscous_negative is None else p.viscous_negative
+        inertia, memo = p.inertia.astype(kind), {}
         self.forward = _Direction(
-            1, p.inertia.astype(kind), p.viscous.astype(kind), p.coulomb_positive, u, grid
+            1, inertia, p.viscous.astype(kind), p.coulomb_positive, u, grid, memo
         )
         self.backward = _Direction(
-            -1, p.inertia.astype(kind), negative.astype(kind), p.coulomb_negative, u, grid
+            -1, inertia, negative.astype(kind), p.coulomb_negative, u, grid, memo
         )
         self.static = (p.breakaway_positive, p.breakaway_negative)
         self.upper = max(float(np.real(p.breakaway_positive[0])), 0.0)

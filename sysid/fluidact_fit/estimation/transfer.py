@@ -254,7 +254,9 @@ def _starts_at_rest(
     it is then freed only when the Bayes criterion asks for it.
     """
     total = sum(e.samples for e in experiments)
-    if total >= 100 * len(experiments):
+    if total >= 100 * len(experiments) or all(
+        any(s.time.size == 1 for s in e.signals.values()) for e in experiments
+    ):
         return False
     scores = []
     for rest in (True, False):

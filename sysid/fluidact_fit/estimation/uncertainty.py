@@ -145,6 +145,19 @@ def _weighted_product(jacobian: FloatArray, r: FloatArray) -> FloatArray:
     return np.asarray(jacobian.T @ product[:n])
 
 
+def _positive(matrix: FloatArray) -> FloatArray:
+    """Remove the negative eigenvalues that rounding leaves in a nearly singular covariance."""
+    symmetric = 0.5 * (matrix + matrix.T)
+    scale = np.sqrt(np.maximum(np.diag(symmetric), 0.0))
+    if not np.all(np.isfinite(symmetric)):
+        return np.asarray(np.nan_to_num(symmetric, nan=np.inf))
+    scale[scale == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(symmetric / np.outer(scale, scale))
+    if values.min(initial=0.0) >= 0.0:
+        return np.asarray(symmetric)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
+
+
 def covariance(
     jacobian: Sequence[FloatArray],
     residuals: Sequence[FloatArray],
@@ -199,7 +212,7 @@ def covariance(
             r *= max(sigma**2 / r[0], 1.0)
             middle = np.sum([_weighted_product(j, r) for j in jacobian], axis=0)
     total = sigma**2 * bread if middle is None else bread @ middle @ bread
-    total = 0.5 * (total + total.T)
+    total = _positive(total)
     total[blind, blind] = np.inf
     return Uncertainty(total, degrees, float(sigma), order)
 
@@ -240,10 +253,10 @@ def score_covariance(
         middle += _long_run(scores)
         samples += scores.shape[0]
         cost += float(r[first] @ r[first])
-    total = bread @ middle @ bread
+    total = _positive(bread @ middle @ bread)
     total[blind, blind] = np.inf
     degrees = max(samples - p, 1)
-    return Uncertainty(0.5 * (total + total.T), degrees, float(np.sqrt(cost / degrees)), -1)
+    return Uncertainty(total, degrees, float(np.sqrt(cost / degrees)), -1)
 
 
 def _long_run(scores: FloatArray) -> FloatArray:

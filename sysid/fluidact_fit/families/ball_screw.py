@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import LogError, Notice
-from ..estimation.inputs import PiecewiseInput, piecewise
+from ..estimation.inputs import PiecewiseInput, interpolation, piecewise
 from ..estimation.linear import Grid, make_grid
 from ..estimation.parametric import (
     Fitted,
@@ -47,7 +47,7 @@ from ..estimation.parametric import (
 from ..estimation.separable import Basis, Slopes, Unknown, solve
 from ..estimation.stick_slip import Motion, StickSlip, simulate_stick_slip
 from ..experiment import Experiment, FloatArray, Hold
-from ..family import Estimate, Family, Option, ParameterSpec, Request, Role, Value, Variant
+from ..family import Estimate, Family, Option, ParameterSpec, Quantity, Request, Role, Value, Variant
 from ..signals import smooth
 
 Array = npt.NDArray[Any]
@@ -280,6 +280,13 @@ class BallScrew(Family):
         start = {**start, **moving}
         model = DriveModel(experiments, axis)
         refusals += _without_breakaway(model, start, static, refusals)
+        request.progress("fitting positions")
+        start, names, request, refusals, brackets = self._static_levels(
+            experiments, axis, [*names, *moving], static, unknowns, start, request, refusals
+        )
+        beyond = _forces_beyond_model(
+            experiments, axis, names, unknowns, start, request, refusals
+        )
         drive = max(float(np.abs(e[axis.drive]).max()) for e in experiments)
         resolution = max(e.signals[axis.motion].resolution for e in experiments)
         sensible = {
@@ -288,12 +295,13 @@ class BallScrew(Family):
             axis.inertia: start[axis.inertia],
             **dict.fromkeys(moving, np.inf),
         }
-        request.progress("fitting positions")
-        compared, weights = self._what_to_compare(
-            experiments, axis, [*names, *moving], unknowns, start, request, refusals
-        )
+        compared, weights = Compared(), []
+        if beyond:
+            compared, weights = self._with_derivatives(
+                experiments, axis, names, unknowns, start, request, refusals
+            )
         fitted = fit_named(
-            DriveModel(experiments, axis, compared).named([*names, *moving], weights),
+            DriveModel(experiments, axis, compared).named(names, weights),
             specs,
             request,
             unknowns,
@@ -305,6 +313,10 @@ class BallScrew(Family):
         )
         fitted = _to_breakaway(fitted)
         parameters, order, covariance = quantities(fitted, variant.parameters)
+        for name, bracket in brackets.items():
+            parameters[name] = bracket.quantity(parameters[name].unit)
+            order = (*order, name)
+            covariance = _append_variance(covariance, bracket.std_error**2)
         last = "position, speed and acceleration" if compared.half_width else "position"
         details = {**fitted.details(), "encoder_resolution": resolution,
                    "stages": ["inverse dynamics", "increments", last]}  # fmt: skip
@@ -320,7 +332,35 @@ class BallScrew(Family):
         )
 
     @staticmethod
-    def _what_to_compare(
+    def _static_levels(
+        experiments: Sequence[Experiment],
+        axis: _Axis,
+        names: list[str],
+        static: Sequence[str],
+        unknowns: Mapping[str, Unknown],
+        start: dict[str, float],
+        request: Request,
+        refusals: list[Refusal],
+    ) -> tuple[dict[str, float], list[str], Request, list[Refusal], dict[str, _Bracket]]:
+        """Bracket the static levels of a drive commanded in steps, when that can be done.
+
+        Once forces beyond the model decide the instant of break-away, no level is left to
+        bracket and it is refused.
+        """
+        before = start, names, request, refusals, {}
+        if any(interpolation(e.signals[axis.drive]) != "zoh" for e in experiments):
+            return before
+        request.progress("bracketing the static levels")
+        brackets = _bracket_static(experiments, axis, start, static, unknowns, refusals)
+        if not brackets:
+            return before
+        held, free, asked = _hold_brackets(brackets, start, names, request)
+        if _forces_beyond_model(experiments, axis, free, unknowns, held, asked, refusals):
+            return start, names, request, [*refusals, *_static_out_of_reach(static, refusals)], {}
+        return held, free, asked, refusals, brackets
+
+    @staticmethod
+    def _with_derivatives(
         experiments: Sequence[Experiment],
         axis: _Axis,
         names: Sequence[str],
@@ -329,28 +369,20 @@ class BallScrew(Family):
         request: Request,
         refusals: Sequence[Refusal],
     ) -> tuple[Compared, list[FloatArray]]:
-        """Choose between position alone and position with its derivatives.
+        """Weights for comparing position, speed and acceleration together.
 
-        While the residual is the noise of the encoder, position alone is efficient. A
-        residual far above that noise comes from forces the model does not know; they
-        drift in the position and are small in the acceleration. Then all three are
-        compared, each weighted by its own residual, so that neither the drift of one nor
-        the noise of another decides.
+        Forces the model does not know drift in the position and are small in the
+        acceleration; noise does the opposite. Each quantity is weighted by its own
+        residual, so that neither the drift of one nor the noise of another decides.
         """
         held = {**{r.parameter: float(r.hold or 0.0) for r in refusals}, **request.fixed}
-        problem = bind(DriveModel(experiments, axis).named(names), unknowns, held)
-        eta = np.array([start[u.name] for u in problem.nonlinear])
-        found = solve(problem, eta, max_iterations=10, tolerance=0.05)
-        residual = np.sqrt(found.cost / sum(e.samples for e in experiments))
-        floor = max(_noise_floor(e, axis) for e in experiments)
-        if residual <= 3.0 * floor:
-            return Compared(), []
         request.progress("forces beyond the model: comparing speed and acceleration too")
         compared = Compared(half_width=_window(experiments, start, axis))
         model = DriveModel(experiments, axis, compared)
         parts = [compared.channels(e.samples) for e in experiments]
-        bases = bind(model.named(names), unknowns, held)
-        now = solve(bases, eta, max_iterations=0)
+        plain = bind(model.named(names), unknowns, held)
+        eta = np.array([start[u.name] for u in plain.nonlinear])
+        now = solve(plain, eta, max_iterations=0)
         weights: list[FloatArray] = []
         raw = now.residuals
         for _ in range(4):
@@ -392,7 +424,8 @@ class BallScrew(Family):
     ) -> dict[str, float]:
         """Second stage: match increments of position from several break-away guesses."""
         request.progress("fitting increments of position")
-        part = [_leading(e, _LONG) for e in experiments]
+        lively = sorted(experiments, key=lambda e: -float(np.ptp(e[axis.motion])))[:2]
+        part = [_leading(e, _LONG) for e in lively]
         model = DriveModel(part, axis, Compared(lag=_increment_lag(part, axis))).named(names)
         held = {**{r.parameter: float(r.hold or 0.0) for r in refusals}, **request.fixed}
         problem = bind(model, unknowns, held)
@@ -489,6 +522,42 @@ def _increment_lag(experiments: Sequence[Experiment], axis: _Axis) -> int:
     while lag < y.size // 100 and np.std(y[lag:] - y[:-lag]) < 10.0 * resolution:
         lag *= 2
     return lag
+
+
+def _forces_beyond_model(
+    experiments: Sequence[Experiment],
+    axis: _Axis,
+    names: Sequence[str],
+    unknowns: Mapping[str, Unknown],
+    start: Mapping[str, float],
+    request: Request,
+    refusals: Sequence[Refusal],
+) -> bool:
+    """Whether the residual of the position is far above the noise of the encoder.
+
+    While it is not, comparing the position alone is efficient. A residual far above the
+    noise comes from forces that the model does not know.
+    """
+    held = {**{r.parameter: float(r.hold or 0.0) for r in refusals}, **request.fixed}
+    problem = bind(DriveModel(experiments, axis).named(names), unknowns, held)
+    eta = np.array([start[u.name] for u in problem.nonlinear])
+    found = solve(problem, eta, max_iterations=10, tolerance=0.05)
+    residual = np.sqrt(found.cost / sum(e.samples for e in experiments))
+    return bool(residual > 3.0 * max(_noise_floor(e, axis) for e in experiments))
+
+
+def _static_out_of_reach(static: Sequence[str], known: Sequence[Refusal]) -> list[Refusal]:
+    """Static levels of a drive commanded in steps, when unknown forces decide its start."""
+    refused = {r.parameter for r in known}
+    reason = (
+        "the motion is dominated by forces beyond this model, which move the instant of "
+        "break-away more than the static level does."
+    )
+    return [
+        Refusal(name, reason, 0.0)
+        for name in static
+        if name.startswith("stiction") and name not in refused
+    ]
 
 
 def _noise_floor(experiment: Experiment, axis: _Axis) -> float:
@@ -641,6 +710,135 @@ def _without_breakaway(
         for name, count in zip(static, counts)
         if count == 0 and name.startswith("stiction") and name not in refused
     ]
+
+
+@dataclass(frozen=True)
+class _Bracket:
+    """A static level between the highest torque that held and the lowest that did not."""
+
+    low: float
+    high: float
+
+    @property
+    def value(self) -> float:
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def std_error(self) -> float:
+        return (self.high - self.low) / float(np.sqrt(12.0))
+
+    def quantity(self, unit: str) -> Quantity:
+        """The level with its bracket as interval."""
+        ends = [self.low, self.high]
+        return Quantity(self.value, unit, "estimated", self.std_error, ends, "bracket")
+
+
+def _bracket_static(
+    experiments: Sequence[Experiment],
+    axis: _Axis,
+    start: Mapping[str, float],
+    static: Sequence[str],
+    unknowns: Mapping[str, Unknown],
+    refusals: Sequence[Refusal],
+) -> dict[str, _Bracket]:
+    """Bracket the static levels of a drive that is commanded in steps.
+
+    A held torque jumps past the static level, so the motion does not depend on where
+    between two commanded levels it lies: the cost is a staircase, which a gradient does
+    not see. It is searched level by level, the other parameters refitted in between.
+    """
+    held = {r.parameter: float(r.hold or 0.0) for r in refusals}
+    sides = [s for s, name in zip(_SIDES, static) if name.startswith("stiction") and name not in held]
+    values = {k: v for k, v in start.items() if not k.startswith(("stiction", "breakaway"))}
+    for s in _SIDES:
+        inner = f"stiction_{s}"
+        values[f"breakaway_{s}"] = start.get(
+            f"breakaway_{s}", start[f"coulomb_{s}"] + start.get(inner, 0.0)
+        )
+    part = [_leading(e, _LONG) for e in experiments]
+    model = DriveModel(part, axis, Compared(lag=_increment_lag(part, axis)))
+    others = [n for n in unknowns if n in values and n not in held and "breakaway" not in n]
+    brackets: dict[str, _Bracket] = {}
+    seen: list[tuple[float, float]] = []
+    for _ in range(4):
+        for s in sides:
+            brackets[f"breakaway_{s}"] = bracket = _search_level(model, part, axis, values, s)
+            values[f"breakaway_{s}"] = bracket.value
+        fixed = {n: v for n, v in values.items() if n not in others}
+        problem = bind(model.named(list(values)), {**unknowns, **_as_unknowns(values)}, fixed)
+        eta = np.array([values[u.name] for u in problem.nonlinear])
+        found = solve(problem, eta, max_iterations=15, tolerance=0.05)
+        values.update(zip((u.name for u in problem.nonlinear), map(float, found.eta)))
+        now = [(b.low, b.high) for b in brackets.values()]
+        if now == seen:
+            break
+        seen = now
+    return brackets
+
+
+def _as_unknowns(values: Mapping[str, float]) -> dict[str, Unknown]:
+    return {n: Unknown(n, v) for n, v in values.items() if n.startswith("breakaway")}
+
+
+def _search_level(
+    model: DriveModel,
+    experiments: Sequence[Experiment],
+    axis: _Axis,
+    values: Mapping[str, float],
+    side: str,
+) -> _Bracket:
+    """Find the step of the staircase that fits best, coarse to fine."""
+    sign = 1.0 if side == "positive" else -1.0
+    drive = np.concatenate([sign * e[axis.drive] for e in experiments])
+    kinetic = values[f"coulomb_{side}"]
+    levels = np.unique(drive[drive > kinetic])
+    levels = np.concatenate(([kinetic], levels))
+    low, high = 0, levels.size - 1
+
+    def cost(level: float) -> float:
+        tried = {**values, f"breakaway_{side}": level}
+        total = 0.0
+        for i, y in enumerate(model.measured):
+            r = y - model.columns(i, tried).known
+            total += float(r @ r)
+        return total
+
+    samples = sum(y.size for y in model.measured)
+    while high - low > 1:
+        marks = np.unique(np.linspace(low, high, 21).astype(int))
+        costs = np.array([cost(0.5 * (levels[a] + levels[b])) for a, b in zip(marks, marks[1:])])
+        good = np.flatnonzero(costs <= costs.min() * (1.0 + 4.0 / samples))
+        finest = marks.size == high - low + 1
+        # a coarse cell is judged by its middle, so the right level may lie next to it
+        margin = 0 if finest else 1
+        low = int(marks[max(good[0] - margin, 0)])
+        high = int(marks[min(good[-1] + 1 + margin, marks.size - 1)])
+        if finest or good.size + 2 >= marks.size - 1:
+            break
+    return _Bracket(float(levels[low]), float(levels[high]))
+
+
+def _hold_brackets(
+    brackets: Mapping[str, _Bracket],
+    start: Mapping[str, float],
+    names: Sequence[str],
+    request: Request,
+) -> tuple[dict[str, float], list[str], Request]:
+    """Hold bracketed levels while the rest is fitted."""
+    levels = {n: b.value for n, b in brackets.items()}
+    replaced = {n.replace("breakaway", "stiction") for n in levels}
+    kept = {n: v for n, v in start.items() if n not in replaced}
+    free = [n if n not in replaced else n.replace("stiction", "breakaway") for n in names]
+    return {**kept, **levels}, free, replace(request, fixed={**request.fixed, **levels})
+
+
+def _append_variance(covariance: FloatArray, variance: float) -> FloatArray:
+    """Add an independent parameter to a covariance."""
+    size = covariance.shape[0]
+    out = np.zeros((size + 1, size + 1))
+    out[:size, :size] = covariance
+    out[size, size] = variance
+    return out
 
 
 def _widths(

@@ -35,6 +35,7 @@ from ..estimation.uncertainty import Uncertainty, covariance, t_quantile
 from ..experiment import Experiment, FloatArray, Hold
 from ..family import (
     Block,
+    Curve,
     Estimate,
     Family,
     Option,
@@ -42,6 +43,7 @@ from ..family import (
     Quantity,
     Request,
     Role,
+    StaticView,
     Value,
     Variant,
 )
@@ -1009,6 +1011,35 @@ class CylinderFriction(Family):
                 **scalars(parameters),
             }
         }
+
+    def static_view(
+        self,
+        variant: Variant,
+        estimate: Estimate,
+        experiments: Sequence[Experiment],
+        options: Mapping[str, Any],
+    ) -> StaticView:
+        """Friction over velocity: force less pressure, inertia and offset, and the fitted lines."""
+        data, _, _ = _prepare(variant, experiments, _Options.read(options))
+        p = scalars({n: q.value for n, q in estimate.parameters.items()})
+        v = np.concatenate([d.motion.velocity for d in data])
+        model = friction_force(v, **p)
+        force = np.concatenate([e["force"] for e in experiments])
+        used = np.isfinite(np.concatenate(list(estimate.measured)))
+        # slow samples are predicted without friction: only what is fitted has its own offset
+        friction = np.concatenate([d.friction for d in data])
+        rest = force - np.concatenate(list(estimate.simulated))
+        lines = []
+        for side, sign in (("positive", 1.0), ("negative", -1.0)):
+            speeds = v[used & (v * sign > 0.0)]
+            if speeds.size:
+                x = np.array([0.0, speeds.max() if sign > 0.0 else speeds.min()])
+                level = sign * p[f"coulomb_{side}"]
+                lines.append(Curve(f"fitted, {side}", x, level + p["viscous"] * x))
+        return StaticView(
+            "velocity", "m/s", "friction", "N",
+            v, np.where(used, model + rest, friction), model, used, lines,
+        )  # fmt: skip
 
     def block(self, variant: Variant, document: Mapping[str, Any]) -> FrictionBlock:
         """The friction map that a controller calls with a velocity."""

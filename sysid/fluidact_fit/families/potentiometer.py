@@ -688,17 +688,23 @@ class Potentiometer(Family):
 
     @staticmethod
     def _dead_band(data: _Data, request: Request) -> float:
-        """Dead band whose two polynomials describe the data best [unit of the reading]."""
+        """Dead band that describes the data best [unit of the reading].
+
+        The branches are taken to be polynomials of the pooled curve, nearly straight ones.
+        """
         if "hysteresis_dead_band" in request.fixed:
             return float(request.fixed["hysteresis_dead_band"])
-        kept = data.reading[data.used]
-        steps = np.diff(np.unique(kept))
-        finest = max(2.0 * float(steps.min()), 2e-3 * float(np.ptp(kept)))
+        scaled = _scale(data, np.ones(data.reading.size))
+        shape = Shape(min(4, _highest_degree(scaled.rows, 1)))
+        pooled = fit_shape(compress(scaled.rows, _COARSE), shape, shape.starts()[:1])
+        steps = np.diff(np.unique(scaled.rows.t)) * scaled.span
+        finest = max(2.0 * float(steps.min()), 2e-3 * scaled.span)
         part = max(data.parts, key=lambda p: p.stop - p.start)
         part = slice(part.start, min(part.stop, part.start + 30_000))
-        used = data.used[part]
-        x, y = data.reading[part], data.reference[part][used]
-        b = bernstein((x[used] - kept.min()) / np.ptp(kept), 3)
+        used, x = data.used[part], data.reading[part]
+        t = (x[used] - scaled.low) / scaled.span
+        y = (data.reference[part][used] - scaled.base) / scaled.stroke
+        b = bernstein(np.clip(pooled.evaluate(t, np.ones(t.size)), 0.0, 1.0), 4)
         best, found = np.inf, finest
         for band in finest * 2.0 ** np.arange(6):
             share = rising_share(x, band)[used, None]

@@ -25,6 +25,8 @@ from .columns import (
 from .log import Log, StepInput
 from .timebase import Run, counted_run, split_runs, untimed_run
 
+_LARGEST = 1e100  # beyond it squares overflow
+
 
 def choose_variant(logs: Log | Sequence[Log], variants: Sequence[Variant]) -> Variant:
     """Return the variant whose roles the logs hold.
@@ -193,6 +195,7 @@ def _make_experiments(
         for role, binding in measured.items():
             require_numbers(log, binding, run.rows)
             signals[role] = _measured_signal(log, binding, run, resolutions[role])
+            _require_magnitude(log, binding, run, signals[role])
         for stepped in variant.roles:
             if stepped.name in log.steps:
                 signals[stepped.name] = step_signal(log, stepped, log.steps[stepped.name])
@@ -218,7 +221,8 @@ def _measured_signal(log: Log, binding: Binding, run: Run, resolution: float) ->
     role = binding.role
     raw = binding.column.values
     values = raw if run.rows.size == raw.size else raw[run.rows]
-    values = values * binding.to_si
+    with np.errstate(over="ignore"):  # refused afterwards, with its line
+        values = values * binding.to_si
     return Signal(
         role=role.name,
         time=run.time,
@@ -227,6 +231,30 @@ def _measured_signal(log: Log, binding: Binding, run: Run, resolution: float) ->
         hold=_hold(log, role),
         before=float(values[0]),
         resolution=resolution,
+    )
+
+
+def _require_magnitude(log: Log, binding: Binding, run: Run, signal: Signal) -> None:
+    """Refuse values whose squares overflow or vanish: nothing can be computed with them.
+
+    Raises
+    ------
+    LogError
+        Naming the line, the column and the value.
+    """
+    with np.errstate(over="ignore"):
+        size = np.abs(signal.values)
+    worst = int(np.argmax(size))
+    if size[worst] == 0.0 or 1.0 / _LARGEST <= size[worst] <= _LARGEST:
+        return
+    extreme = "large" if size[worst] > _LARGEST else "small"
+    raw = binding.column.values[run.rows[worst]]
+    raise LogError(
+        f"column '{binding.column.label}' holds {raw:g}, which is too {extreme} to compute with.",
+        where=f"{log.name}, line {int(log.lines[run.rows[worst]])}",
+        expected=f"Expected {binding.role.name} in the range of a real sensor, in "
+        f"{binding.role.unit}.",
+        remedy=f"Check the column and --unit {binding.role.name}=..., or remove the line.",
     )
 
 

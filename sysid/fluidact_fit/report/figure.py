@@ -11,7 +11,7 @@ from ..families import get_family
 from ..family import Estimate, StaticView, Variant
 from ..quality import agreement
 from ..result import FitResult
-from .numbers import Scale, choose_scale, count, plain, short
+from .numbers import Scale, choose_scale, count, percent, plain, short
 from .panels import (
     correlation_panel,
     histogram_panel,
@@ -81,16 +81,17 @@ def plot_validation(result: FitResult) -> Figure | None:
         runs = validated_runs(result)
         a = agreement([r.measured for r in runs], [r.simulated for r in runs])
         _heading(figure, f"{result.family}: logs that were not fitted", "",
-                 f"fit {a.fit_percent:.2f} %   ·   {count(a.samples)} samples")  # fmt: skip
+                 f"fit {percent(a.fit_percent)}   ·   {count(a.samples)} samples")  # fmt: skip
         _dynamic(figure, runs, result, right=0.975)
     return figure
 
 
 def static_view(result: FitResult) -> StaticView | None:
-    """What a static map shows, from the family or, without time, from its first input."""
+    """What a static map shows, from the family or, where nothing is driven, its first input."""
     family = get_family(result.family)
-    view = family.static_view(result.variant, result.estimate, result.experiments)
-    if view is not None or any(e.time.size for e in result.experiments):
+    options = result.document.get("options", {})
+    view = family.static_view(result.variant, result.estimate, result.experiments, options)
+    if view is not None or drive_role(result.variant):
         return view
     return _plain_view(result.variant, result.estimate, result)
 
@@ -121,14 +122,14 @@ def _title(figure: Figure, result: FitResult) -> None:
     logs = len({e.log for e in result.experiments})
     runs = len(result.experiments)
     parts = [
-        f"fit {fit.get('fit_percent', float('nan')):.2f} %",
+        f"fit {percent(fit.get('fit_percent'))}",
         f"rmse {short(float(fit['rmse']['value']) * rmse.factor, 3)} {rmse.unit}".rstrip(),
         f"{count(int(fit['samples']))} samples",
         f"{logs} log{'s' * (logs > 1)}" + (f", {runs} runs" if runs > logs else ""),
     ]
     judged = [v["fit_percent"] for v in result.document.get("validation", ())]
     if judged:
-        parts.append(f"validation fit {min(judged):.2f} %" + (" (worst)" * (len(judged) > 1)))
+        parts.append(f"validation fit {percent(min(judged))}" + (" (worst)" * (len(judged) > 1)))
     _heading(figure, get_family(result.family).title, result.verdict, "   ·   ".join(parts))
 
 
@@ -186,8 +187,7 @@ def _dynamic(figure: Figure, runs: Sequence[Run], result: FitResult, right: floa
         residual_panel(rows[1][k], column, rmse, e, t)
         input_panel(rows[2][k], column, t, u)
     _label(rows, t, [y.label(output), e.label("residual"), u.label(drive)])
-    legend(rows[0][-1], columns=2)
-    legend(rows[1][-1])
+    legend(rows[1][-1], rows[0][-1])
     if choice.note and not choice.overlay:
         figure.text(right, 0.893, choice.note, fontsize=NORMAL, color=FAINT, ha="right",
                     va="center")  # fmt: skip
@@ -195,7 +195,7 @@ def _dynamic(figure: Figure, runs: Sequence[Run], result: FitResult, right: floa
 
 def _run_title(run: Run, columns: int, runs: int) -> str:
     name = plain(run.name, max(44 // columns, 12))
-    return f"{name} · {run.fit_percent:.1f} %" if runs > 1 else name
+    return f"{name} · {percent(run.fit_percent)}" if runs > 1 else name
 
 
 def _label(rows: list[list[Any]], t: Scale, labels: Sequence[str]) -> None:
@@ -241,4 +241,4 @@ def _whiteness(result: FitResult) -> str:
     if not w:
         return ""
     p = float(w["p_value"])
-    return f"white: p = {p:.2g}" if p >= 1e-4 else "white: p < 0.0001"
+    return f"test for white noise: p = {p:.2g}" if p >= 1e-4 else "test for white noise: p < 0.0001"

@@ -16,7 +16,7 @@ _SCALES: Mapping[str, tuple[tuple[float, float, str], ...]] = {
     "m": ((1.5, 1.0, "m"), (1e-4, 1e3, "mm"), (0.0, 1e6, "µm")),
     "m/s": ((1.5, 1.0, "m/s"), (0.0, 1e3, "mm/s")),
     "rad": ((0.1, 1.0, "rad"), (0.0, 1e3, "mrad")),
-    "Pa": ((2e4, 1e-5, "bar"), (2e2, 1e-3, "kPa"), (0.0, 1.0, "Pa")),
+    "Pa": ((5e3, 1e-5, "bar"), (2e2, 1e-3, "kPa"), (0.0, 1.0, "Pa")),
     "N": ((2e4, 1e-3, "kN"), (0.1, 1.0, "N"), (0.0, 1e3, "mN")),
     "N m": ((0.5, 1.0, "N·m"), (0.0, 1e3, "mN·m")),
     "V": ((0.1, 1.0, "V"), (0.0, 1e3, "mV")),
@@ -60,7 +60,7 @@ def short(value: float, digits: int = 4) -> str:
     if value == 0.0:
         return "0"
     exponent = floor(log10(abs(value)))
-    if -3 <= exponent < 6:
+    if -2 <= exponent < 6:
         return _minus(f"{value:.{max(digits - 1 - exponent, 0)}f}")
     mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
     return _minus(f"{mantissa}×10{str(int(power)).translate(_SUPERSCRIPT)}")
@@ -72,7 +72,7 @@ def with_error(value: float, error: float | None) -> str:
         return short(value)
     size = max(abs(value), error)
     exponent = floor(log10(size))
-    power = exponent if not -3 <= exponent < 6 else 0
+    power = exponent if not -2 <= exponent < 6 else 0
     decimals = min(max(1 - floor(log10(error / 10.0**power)), 0), 12)
     text = f"{value / 10.0**power:.{decimals}f} ± {error / 10.0**power:.{decimals}f}"
     if power:
@@ -98,6 +98,16 @@ def flatten(value: Any) -> list[float]:
     return [float(value)]
 
 
+def percent(value: float | None) -> str:
+    """An agreement in percent; one short of 100 is never rounded to it."""
+    if value is None:
+        return "–"
+    decimals = 2
+    while decimals < 8 and value < 100.0 <= round(value, decimals):
+        decimals += 1
+    return _minus(f"{value:.{decimals}f}") + " %"
+
+
 def count(number: int) -> str:
     """An integer in groups of three digits."""
     return f"{number:,}".replace(",", "\u2009" if number >= 10_000 else "")
@@ -109,7 +119,7 @@ def plain(text: str, longest: int = 60) -> str:
     if len(kept) <= longest:
         return kept
     head = (longest - 1) // 2
-    return f"{kept[:head]}…{kept[-(longest - 1 - head):]}"
+    return f"{kept[:head]}…{kept[-(longest - 1 - head) :]}"
 
 
 def _minus(text: str) -> str:

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
-from ..estimation.uncertainty import autocovariance
 from ..experiment import FloatArray, Signal
 from ..family import Quantity, StaticView
 from .numbers import Scale, choose_scale, count, plain, pretty_unit, show
@@ -24,6 +24,7 @@ from .style import (
     RESIDUAL,
     SIMULATED,
     SMALL,
+    SPARSE,
     VERDICT,
     dress,
     head,
@@ -50,19 +51,18 @@ def output_panel(axes: Axes, runs: Sequence[Run], t: Scale, y: Scale, title: str
             x, v = envelope(run.time, values)
             measured = label == "measured"
             axes.plot(
-                x * t.factor, v * y.factor, color=colour, zorder=order,
-                marker="o" if measured and sparse else "", markersize=3, markeredgewidth=0,
+                x * t.factor, v * y.factor, color=SPARSE if measured and sparse else colour,
+                zorder=order + 2 * (measured and sparse),
+                marker="o" if sparse else "", markersize=3.5 if measured else 2, markeredgewidth=0,
                 linestyle="" if measured and sparse else "-",
-                linewidth=1.8 if measured and not many else 0.9,
+                linewidth=2.8 if measured and not many else 1.0,
                 alpha=0.55 if many else 1.0, label=label if k == 0 else None,
             )  # fmt: skip
     dress(axes)
     head(axes, title)
 
 
-def residual_panel(
-    axes: Axes, runs: Sequence[Run], rmse: float, y: Scale, t: Scale
-) -> None:
+def residual_panel(axes: Axes, runs: Sequence[Run], rmse: float, y: Scale, t: Scale) -> None:
     """Residuals over time with the band of two root-mean-square errors."""
     axes.axhspan(-2 * rmse * y.factor, 2 * rmse * y.factor, color=BAND, alpha=0.22, lw=0,
                  label="± 2 rmse")  # fmt: skip
@@ -101,21 +101,46 @@ def _drawn(signal: Signal, time: FloatArray) -> tuple[FloatArray, FloatArray]:
 def correlation_panel(axes: Axes, residuals: Sequence[FloatArray], whiteness: str) -> None:
     """Autocorrelation of the residuals with the band of white noise."""
     finite = [r[np.isfinite(r)] for r in residuals]
-    total = sum(r.size for r in finite)
-    longest = max((r.size for r in finite), default=0)
-    lags = max(min(40, longest // 2), 1)
-    covariances = autocovariance(finite, lags)
-    scale = covariances[0] or 1.0
-    band = 1.96 / max(total, 1) ** 0.5
-    axes.axhspan(-band, band, color=BAND, alpha=0.35, lw=0, label="95 % band of white residuals")
+    lags, rho = correlation(finite)
+    band = 1.96 / max(sum(r.size for r in finite), 1) ** 0.5
+    axes.axhspan(-band, band, color=BAND, alpha=0.35, lw=0)
     axes.axhline(0.0, color=FAINT, linewidth=0.7)
-    axes.vlines(np.arange(1, lags + 1), 0.0, covariances[1:] / scale, color=RESIDUAL, linewidth=1.6)
-    low = float((covariances[1:] / scale).min(initial=0.0))
-    axes.set_ylim(min(-0.25, 1.15 * low), 1.05)
-    axes.set_xlim(0, lags + 1)
-    axes.set_xlabel(f"lag [samples]     {whiteness}")
+    axes.vlines(lags, 0.0, rho, color=RESIDUAL, linewidth=1.6)
+    axes.set_ylim(min(-0.25, 1.15 * float(rho.min(initial=0.0))), 1.05)
+    axes.set_xlim(0, float(lags[-1]) + float(lags[0]))
+    axes.set_xlabel("lag [samples]" + (f"     ({whiteness})" if whiteness else ""))
     dress(axes)
     head(axes, "Residual autocorrelation, shaded: 95 % band of white noise")
+
+
+def correlation(
+    residuals: Sequence[FloatArray], stems: int = 40
+) -> tuple[npt.NDArray[np.intp], FloatArray]:
+    """Autocorrelation at evenly spaced lags, as far as the residuals remember.
+
+    Parameters
+    ----------
+    residuals
+        One array per run.
+    stems
+        Number of lags. They are one sample apart unless the correlation is still above
+        one half at the last; then they are spread, up to a quarter of the longest run.
+
+    Returns
+    -------
+    lags, rho : (stems,) or fewer
+    """
+    longest = max((r.size for r in residuals), default=0)
+    energy = sum(float(r @ r) for r in residuals) or 1.0
+
+    def rho(lag: int) -> float:
+        return sum(float(r[: r.size - lag] @ r[lag:]) for r in residuals if r.size > lag) / energy
+
+    stride = 1
+    while 16 * stride * stems <= longest and rho(stride * stems) > 0.5:
+        stride *= 4
+    lags = np.arange(1, max(min(stems, longest // (2 * stride)), 1) + 1) * stride
+    return lags, np.array([rho(int(k)) for k in lags])
 
 
 def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
@@ -143,9 +168,7 @@ def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
     legend(axes, columns=4)
 
 
-def map_residual_panel(
-    axes: Axes, view: StaticView, x: Scale, y: Scale, rmse: float
-) -> None:
+def map_residual_panel(axes: Axes, view: StaticView, x: Scale, y: Scale, rmse: float) -> None:
     """Residuals over the input of a static map."""
     axes.axhspan(-2 * rmse * y.factor, 2 * rmse * y.factor, color=BAND, alpha=0.22, lw=0,
                  label="± 2 rmse")  # fmt: skip
@@ -168,8 +191,9 @@ def _points(
     index = np.flatnonzero(chosen)
     index = index[subset(index.size, _MOST_POINTS)]
     axes.plot(x[index] * sx.factor, y[index] * sy.factor, linestyle="", marker=marker,
-              markersize=2.5 if index.size > 400 else 4, markeredgewidth=0 if marker == "o" else 0.8,
-              color=colour, alpha=0.5 if index.size > 1000 else 0.8, label=label or None,
+              markersize=2.5 if index.size > 400 else 4, color=colour,
+              markeredgewidth=0 if marker == "o" else 0.8,
+              alpha=0.5 if index.size > 1000 else 0.8, label=label or None,
               zorder=2)  # fmt: skip
 
 

@@ -49,9 +49,7 @@ def render(figure: Figure, kind: str) -> bytes:
     return buffer.getvalue()
 
 
-def save_figure(
-    figure: Figure, path: str | os.PathLike[str], *, overwrite: bool = False
-) -> Path:
+def save_figure(figure: Figure, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
     """Write a figure, whole or not at all.
 
     Parameters

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MEASURED = "#5B6770"
+MEASURED = "#8E979E"
+SPARSE = "#3F484E"
 SIMULATED = "#D55E00"
 INPUT = "#0072B2"
 RESIDUAL = "#0072B2"
@@ -43,8 +44,8 @@ def dress(axes: Axes, *, grid: bool = True) -> None:
         axes.spines[side].set_color("#9AA0A6")
         axes.spines[side].set_linewidth(0.8)
     axes.tick_params(labelsize=SMALL, colors=INK, color="#9AA0A6", width=0.8, length=3)
-    axes.xaxis.label.set_size(NORMAL)
-    axes.yaxis.label.set_size(NORMAL)
+    axes.xaxis.label.set_fontsize(NORMAL)
+    axes.yaxis.label.set_fontsize(NORMAL)
     axes.xaxis.label.set_color(INK)
     axes.yaxis.label.set_color(INK)
     if grid:
@@ -57,9 +58,14 @@ def head(axes: Axes, text: str) -> None:
     axes.set_title(text, loc="left", fontsize=NORMAL, color=INK, pad=5, parse_math=False)
 
 
-def legend(axes: Axes, *, columns: int = 3) -> None:
-    """Legend above the panel at the right, where no curve can pass under it."""
+def legend(axes: Axes, *others: Axes, columns: int = 4) -> None:
+    """Legend above a panel at the right, where no curve can pass under it.
+
+    Entries of ``others`` come first.
+    """
+    found = [pair for a in (*others, axes) for pair in zip(*a.get_legend_handles_labels())]
     axes.legend(
+        [h for h, _ in found], [text for _, text in found],
         loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, fontsize=SMALL,
         frameon=False, borderaxespad=0.1, handlelength=1.6, columnspacing=1.2,
     )  # fmt: skip

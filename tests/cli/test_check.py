@@ -1,0 +1,151 @@
+"""``check``, ``simulate`` and ``inspect``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+Run = Callable[..., Any]
+Log = Callable[..., Path]
+
+
+@pytest.fixture
+def fitted(here: Run, valve: Log, inside: Path) -> Path:
+    """A parameter file whose log had other headers and units."""
+    log = valve("raw.csv")
+    text = log.read_text().replace("command [V]", "Soll").replace("outlet [Pa]", "Ist")
+    log.write_text(text)
+    done = here(
+        "valve", log, "--column", "command=Soll", "--column", "outlet=Ist", "--scale", "outlet=0.5",
+        "--unit", "outlet=mbar", "--unit", "command=V",
+    )  # fmt: skip
+    assert done.status == 0, done.err
+    return inside / "valve.yaml"
+
+
+def rename(log: Path) -> Path:
+    text = log.read_text().replace("command [V]", "Soll").replace("outlet [Pa]", "Ist")
+    log.write_text(text)
+    return log
+
+
+def test_same_machine_passes(here: Run, fitted: Path, valve: Log) -> None:
+    done = here("check", fitted, rename(valve("today.csv", seed=9)))
+    assert done.status == 0, done.err
+    assert "still fits" in done.out
+    assert "gain" in done.out
+
+
+def test_changed_machine_fails_and_names_what_changed(here: Run, fitted: Path, valve: Log) -> None:
+    log = rename(valve("today.csv", gain=1200.0, seed=9))
+    done = here("check", fitted, log, "--json")
+    assert done.status == 5
+    found = json.loads(done.out)
+    assert found["fits"] is False
+    moved = {d["name"]: d for d in found["drifts"]}
+    assert moved["gain"]["moved"]
+    assert moved["gain"]["percent"] == pytest.approx(20.0, abs=1.0)
+    assert not moved["natural_frequency"]["moved"]
+    assert "gain moved from" in done.err
+    assert "rmse" in done.err
+    assert "fit again" in done.err
+
+
+def test_columns_may_be_named_anew(here: Run, fitted: Path, valve: Log) -> None:
+    log = valve("other.csv", seed=9)
+    done = here("check", fitted, log, "--scale", "outlet=50", "--unit", "outlet=Pa")
+    assert done.status == 0, done.err
+
+
+def test_a_log_that_shows_little_is_still_simulated(here: Run, fitted: Path, valve: Log) -> None:
+    log = rename(valve("rest.csv"))
+    head, *rows = log.read_text().splitlines()
+    log.write_text("\n".join([head, *(f"{i / 100},0,{i % 3 - 1}" for i in range(len(rows)))]))
+    done = here("check", fitted, log)
+    assert done.status == 0, done.err
+    assert "not-compared" in done.err
+
+
+def test_output_is_required_to_check(here: Run, fitted: Path, inside: Path) -> None:
+    log = inside / "inputs.csv"
+    log.write_text("time [s],Soll\n" + "".join(f"{i / 100},{i % 2}\n" for i in range(50)))
+    done = here("check", fitted, log)
+    assert done.status == 3
+    assert "inputs.csv" in done.err
+    assert "outlet" in done.err
+
+
+@pytest.mark.parametrize("command", ["check", "simulate"])
+def test_broken_parameter_file(command: str, here: Run, inside: Path, valve: Log) -> None:
+    log = valve()
+    (inside / "p.yaml").write_text("format: something\n")
+    for name in ("p.yaml", "nowhere.yaml", "valve.csv", "."):
+        done = here(command, name, log)
+        assert done.status == 3, done
+        assert name in done.err
+        assert done.out == ""
+        assert "Traceback" not in done.err
+
+
+def test_simulate_writes_inputs_measured_and_simulated(
+    here: Run, fitted: Path, valve: Log, inside: Path
+) -> None:
+    log = rename(valve("today.csv", seed=9))
+    done = here("simulate", fitted, log)
+    assert done.status == 0
+    head, *rows = done.out.splitlines()
+    assert head == "time [s],command [V],outlet [Pa],outlet_simulated [Pa]"
+    table = np.array([row.split(",") for row in rows], dtype=float)
+    assert np.std(table[:, 3] - table[:, 2]) < 150.0  # noise of 2 mbar times 0.5, in Pa
+    assert here("simulate", fitted, log, "-o", "s.csv").status == 0
+    assert (inside / "s.csv").read_text() == done.out
+    assert here("simulate", fitted, log, "-o", "s.csv").status == 2
+    assert here("simulate", fitted, log, "-o", "today.csv", "-f").status == 2
+
+
+def test_simulate_from_inputs_alone(here: Run, fitted: Path, inside: Path) -> None:
+    log = inside / "inputs.csv"
+    log.write_text("time [s],Soll\n" + "".join(f"{i / 100},2\n" for i in range(300)))
+    done = here("simulate", fitted, log)
+    assert done.status == 0, done.err
+    assert done.out.splitlines()[0] == "time [s],command [V],outlet_simulated [Pa]"
+    done = here("simulate", fitted, log, "--step", "command=0:2@1")
+    last = float(done.out.splitlines()[-1].split(",")[-1])
+    assert last == pytest.approx(2 * 1000 * 100 * 0.5, rel=1e-2)
+
+
+def test_inspect(here: Run, valve: Log, inside: Path) -> None:
+    log = valve()
+    done = here("inspect", log)
+    assert done.status == 0
+    for word in ("valve.csv", "320 rows", "command", "outlet", "every 0.01 s"):
+        assert word in done.out
+    found = json.loads(here("inspect", log, "--json").out)
+    assert [c["name"] for c in found["columns"]] == ["time", "command", "outlet"]
+    done = here("inspect", log, "--family", "valve")
+    assert done.status == 0
+    assert "usable for valve" in done.out
+    assert here("inspect", log, "--family", "line").status == 3
+    assert here("inspect", "nowhere.csv").status == 3
+    done = here("inspect", log, "--column", "force=F")
+    assert done.status == 3
+    assert "valve.csv" in done.err
+
+
+def test_demo_reaches_its_function(
+    here: Run, inside: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    demo = pytest.importorskip("fluidact_fit.demo")
+
+    def run_demo(directory: Path, echo: Callable[[str], None]) -> int:
+        echo(f"into {directory}")
+        return 4
+
+    monkeypatch.setattr(demo, "run_demo", run_demo)
+    done = here("demo", "here")
+    assert (done.status, done.out) == (4, "into here\n")

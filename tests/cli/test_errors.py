@@ -1,0 +1,89 @@
+"""Faults, interrupts and closed pipes end tidily."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import fluidact_fit.fit
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def failing(monkeypatch: pytest.MonkeyPatch, inside: Path, valve: Callable[..., Path]) -> Any:
+    """Make every fit end with an exception."""
+
+    def arm(error: BaseException) -> Path:
+        def fit(*_: object, **__: object) -> None:
+            raise error
+
+        monkeypatch.setattr(fluidact_fit.fit, "fit", fit)
+        return valve()
+
+    return arm
+
+
+def test_a_fault_apologises_and_shows_no_traceback(here: Run, failing: Any, inside: Path) -> None:
+    log = failing(ZeroDivisionError("float division"))
+    done = here("valve", log)
+    assert done.status == 1
+    assert "ZeroDivisionError: float division" in done.err
+    assert "--debug" in done.err
+    assert "Traceback" not in done.err
+    assert not (inside / "valve.yaml").exists()
+    assert "Traceback" in here("valve", log, "--debug").err
+    assert "Traceback" in here("--debug", "valve", log).err
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "told"),
+    [
+        (KeyboardInterrupt(), 130, "Interrupted"),
+        (MemoryError(), 1, "memory"),
+        (OSError(5, "Input/output error", "disk"), 3, "disk: Input/output error"),
+        (RecursionError("deep"), 1, "RecursionError"),
+        (np.linalg.LinAlgError("Singular matrix"), 1, "Singular matrix"),
+    ],
+)
+def test_statuses(
+    error: BaseException, status: int, told: str, here: Run, failing: Any, inside: Path
+) -> None:
+    done = here("valve", failing(error))
+    assert done.status == status
+    assert told in done.err
+    assert done.out == ""
+    assert "Traceback" not in done.err
+
+
+def test_numpy_warnings_do_not_reach_the_user(
+    here: Run, inside: Path, valve: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = fluidact_fit.fit.fit
+
+    def noisy(*args: Any, **kwargs: Any) -> Any:
+        np.log(np.zeros(2))
+        return real(*args, **kwargs)
+
+    monkeypatch.setattr(fluidact_fit.fit, "fit", noisy)
+    done = here("valve", valve())
+    assert (done.status, done.err) == (0, "")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes differ")
+def test_closed_pipe_is_tidy(inside: Path, valve: Callable[..., Path]) -> None:
+    valve()
+    program = [sys.executable, "-m", "fluidact_fit_cli.main", "schema"]
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(program, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert done.returncode == 141
+    assert done.stderr == ""

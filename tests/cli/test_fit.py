@@ -1,0 +1,220 @@
+"""Fits from the command line: files, standard output and error, statuses, determinism."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fluidact_fit.parameters import read_document
+
+Run = Callable[..., Any]
+Log = Callable[..., Path]
+
+
+def without_time(text: str) -> str:
+    return re.sub(r"created: .*", "", text)
+
+
+def test_fit_writes_the_truth_and_says_so(here: Run, valve: Log, inside: Path) -> None:
+    done = here("valve", valve("a.csv"), valve("b.csv", seed=2))
+    assert done.status == 0, done.err
+    assert "written to valve.yaml" in done.out
+    assert "95 % interval" in done.out
+    assert "PASS" in done.out
+    assert done.err == ""
+    document = read_document(inside / "valve.yaml")
+    low, high = document.parameters["gain"].ci95  # type: ignore[misc]
+    assert low < 1000.0 < high  # type: ignore[operator]
+    assert [log.file for log in document.fit.logs] == ["a.csv", "b.csv"]
+    assert [p.name for p in inside.glob(".*")] == []
+
+
+def test_existing_file_is_kept_unless_forced(here: Run, valve: Log, inside: Path) -> None:
+    target = inside / "valve.yaml"
+    target.write_text("mine\n")
+    done = here("valve", valve())
+    assert done.status == 2
+    assert "--force" in done.err
+    assert target.read_text() == "mine\n"
+    assert here("valve", valve(), "-f").status == 0
+    assert read_document(target).family == "valve"
+
+
+def test_existing_file_is_noticed_before_reading(here: Run, inside: Path) -> None:
+    (inside / "valve.yaml").write_text("mine\n")
+    assert "kept" in here("valve", "there-is-no-such-log.csv").err
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["-o", "-"], "--json"),
+        (["-o", "nowhere/v.yaml"], "directory"),
+        (["-o", "."], "directory"),
+        (["-o", ""], "file name"),
+        (["-o", "valve.csv", "-f"], "would be lost"),
+        (["--plot", "v.png", "--report", "v.html", "-o", "v.html"], "both name"),
+        (["--validate", "valve.csv"], "twice"),
+    ],
+)
+def test_impossible_outputs(
+    options: list[str], told: str, here: Run, valve: Log, inside: Path
+) -> None:
+    log = valve("valve.csv").read_bytes()
+    done = here("valve", "valve.csv", *options)
+    assert (done.status, done.out) == (2, "")
+    assert told in done.err
+    assert [p.name for p in inside.iterdir()] == ["valve.csv"]
+    assert (inside / "valve.csv").read_bytes() == log
+
+
+def test_json_is_all_that_stands_on_standard_output(apart: Run, valve: Log, inside: Path) -> None:
+    valve()
+    done = apart("valve", "valve.csv", "--json", "-v", "--unit", "time=s", cwd=inside)
+    assert done.status == 0
+    document = json.loads(done.out)
+    assert document["family"] == "valve"
+    assert document["provenance"]["logs"][0]["file"] == "valve.csv"
+    assert not (inside / "valve.yaml").exists()
+    done = apart("valve", "valve.csv", "--json", "-o", "v.yaml", cwd=inside)
+    assert json.loads(done.out) == read_document(inside / "v.yaml").to_dict()
+
+
+def test_same_command_same_file(apart: Run, valve: Log, inside: Path) -> None:
+    valve()
+    texts = []
+    for _ in range(2):
+        assert apart("valve", "valve.csv", "-f", "--seed", "3", cwd=inside).status == 0
+        texts.append(without_time((inside / "valve.yaml").read_text()))
+    assert texts[0] == texts[1]
+
+
+def test_no_folder_of_this_machine_in_the_file(here: Run, valve: Log, inside: Path) -> None:
+    here("valve", valve("my log.csv"), "-o", inside / "v.yaml", "--unit=outlet=Pa")
+    text = (inside / "v.yaml").read_text()
+    assert str(inside) not in text
+    command = read_document(inside / "v.yaml").provenance.command
+    assert command == "fluidact-fit valve 'my log.csv' -o v.yaml --unit=outlet=Pa"
+
+
+def test_strict(here: Run, valve: Log, inside: Path) -> None:
+    log = valve()
+    log.write_text(log.read_text().replace(" [V]", ""))
+    done = here("valve", log, "--strict")
+    assert (done.status, done.out) == (4, "")
+    assert "unit-assumed" in done.err
+    assert not (inside / "valve.yaml").exists()
+    done = here("valve", log)
+    assert done.status == 0
+    assert done.err.startswith("warning (unit-assumed): valve.csv: ")
+    assert here("valve", log, "-fq").err == ""
+    assert here("valve", log, "--strict", "-f", "--unit", "command=V").status == 0
+
+
+def test_failed_verdict(here: Run, valve: Log, inside: Path) -> None:
+    log = valve()
+    fixed = ["--fix", "natural_frequency=0.5", "--fix", "damping_ratio=5"]
+    done = here("valve", log, *fixed)
+    assert (done.status, done.out) == (4, ""), done.err
+    assert "FAIL" in done.err
+    assert "--accept-failed" in done.err
+    assert "poor-fit" in done.err
+    assert not (inside / "valve.yaml").exists()
+    assert here("valve", log, *fixed, "--accept-failed").status == 0
+    document = read_document(inside / "valve.yaml")
+    assert document.accepted_failed is True
+    assert document.fit.verdict == "fail"
+    assert document.parameters["damping_ratio"].status == "fixed"
+
+
+def test_quiet_and_verbose(here: Run, valve: Log, inside: Path) -> None:
+    log = valve()
+    done = here("valve", log, "-q")
+    assert (done.status, done.out, done.err) == (0, "", "")
+    done = here("valve", log, "-vf")
+    assert "reading" in done.err
+    assert "frequency" in done.out
+
+
+def test_every_reading_option(here: Run, valve: Log, inside: Path) -> None:
+    """The same numbers however they are told: no header, raw units, a flipped sign."""
+    log = valve()
+    here("valve", log, "-o", "a.yaml", "--window", ":2.5")
+    rows = [line.split(",") for line in log.read_text().splitlines()[1:]]
+    other = inside / "raw.csv"
+    other.write_text("".join(f"{-1000 * float(u):.9g};{float(y) / 1e5:.12g}\n" for _, u, y in rows))
+    done = here(
+        "valve", other, "-o", "b.yaml", "--column", "command=#1", "--column", "outlet=#2",
+        "--unit", "command=mV", "--unit", "outlet=bar", "--scale", "command=-1",
+        "--sample-time", "0.01", "--window", ":2.5", "--hold", "command=zoh",
+    )  # fmt: skip
+    assert done.status == 0, done.err
+    a, b = (read_document(inside / n).parameters["gain"].value for n in ("a.yaml", "b.yaml"))
+    assert a == pytest.approx(b, rel=1e-6)
+
+
+def test_step_that_was_not_recorded(here: Run, inside: Path) -> None:
+    import numpy as np
+
+    time = 0.01 * np.arange(200)
+    outlet = np.where(time > 0.1, 3e5 * (1 - np.exp(-(time - 0.1) / 0.2)), 0.0)
+    outlet += np.random.default_rng(0).normal(size=200)
+    rows = [f"{t:.4f},{y:.9g}" for t, y in zip(time, outlet)]
+    (inside / "s.csv").write_text("\n".join(["time [s],outlet [Pa]", *rows]) + "\n")
+    done = here("line", "s.csv", "--step", "inlet=-1:2@0.1", "--unit", "inlet=bar")
+    assert done.status == 0, done.err
+    document = read_document(inside / "line.yaml")
+    assert document.parameters["gain"].value == pytest.approx(1.0, rel=1e-3)
+    assert document.parameters["time_constant"].value == pytest.approx(0.2, rel=1e-3)
+
+
+def test_validation_is_judged_and_not_fitted(here: Run, valve: Log, inside: Path) -> None:
+    assert here("valve", valve("a.csv"), "-o", "alone.yaml").status == 0
+    other = valve("b.csv", gain=1500.0, seed=5)
+    done = here("valve", "a.csv", "--validate", other, "-o", "judged.yaml")
+    assert "validation b.csv: fit" in done.out
+    alone, judged = read_document("alone.yaml"), read_document("judged.yaml")
+    assert alone.values() == judged.values()
+    assert judged.validation[0].fit_percent < 90.0  # type: ignore[operator]
+
+
+def test_controller_sample_time(here: Run, valve: Log, inside: Path) -> None:
+    assert here("valve", valve(), "--controller-sample-time", "2e-3").status == 0
+    assert read_document("valve.yaml").model["discrete"]["sample_time"] == 0.002
+
+
+def test_pictures_are_written_with_the_file_or_not_at_all(
+    here: Run, valve: Log, inside: Path
+) -> None:
+    pytest.importorskip("fluidact_fit.report.figures", exc_type=ImportError)
+    log = valve()
+    extra = ["--plot", "v.png", "--report", "v.html"]
+    assert here("valve", log, *extra, "--strict", "--fix", "gain=1").status == 4
+    assert [p.name for p in inside.iterdir()] == ["valve.csv"]
+    done = here("valve", log, *extra)
+    assert done.status == 0, done.err
+    assert sorted(p.suffix for p in inside.iterdir()) == [".csv", ".html", ".png", ".yaml"]
+    assert (inside / "v.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_failing_write_leaves_nothing_new(
+    here: Run, valve: Log, inside: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import os
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    (inside / "valve.yaml").write_text("mine\n")
+    log = valve()
+    monkeypatch.setattr(os, "replace", full)
+    done = here("valve", log, "-f")
+    assert done.status == 3
+    assert "No space left" in done.err
+    assert (inside / "valve.yaml").read_text() == "mine\n"
+    assert sorted(p.name for p in inside.iterdir()) == ["valve.csv", "valve.yaml"]

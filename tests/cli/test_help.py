@@ -1,0 +1,115 @@
+"""Every command and option is documented, and help loads nothing heavy."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import click
+import pytest
+
+from fluidact_fit import __version__
+from fluidact_fit.families import family_names, family_title, get_family
+from fluidact_fit_cli.main import program
+
+CONTEXT = click.Context(program, info_name="fluidact-fit")
+COMMANDS = program.list_commands(CONTEXT)
+# What every fit has, word for word from the contract.
+FIT_OPTIONS = {
+    "-o", "--output", "-f", "--force", "--column", "--unit", "--scale", "--sample-time", "--step",
+    "--window", "--hold", "--fix", "--start", "--bounds", "--validate",
+    "--controller-sample-time", "--plot", "--report", "--json", "--strict", "--accept-failed",
+    "--seed", "-q", "-v", "--debug",
+}  # fmt: skip
+
+
+def command(name: str) -> click.Command:
+    found = program.get_command(CONTEXT, name)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_command_has_help_and_every_option_too(name: str, here: Callable[..., Any]) -> None:
+    done = here(name, "--help")
+    assert done.status == 0
+    assert done.err == ""
+    assert name in done.out.splitlines()[0]
+    for param in command(name).params:
+        if isinstance(param, click.Option):
+            assert (param.help or "").strip().endswith("."), param.name
+            assert param.opts[0] in done.out
+
+
+@pytest.mark.parametrize("name", family_names())
+def test_family_help_is_generated_from_the_family(name: str, here: Callable[..., Any]) -> None:
+    family, text = get_family(name), here(name, "--help").out
+    assert family_title(name) == family.title
+    assert family.title in " ".join(text.split())
+    for variant in family.variants:
+        for role in variant.roles:
+            assert f" {role.name} " in text
+            assert f"[{role.unit}" in text
+        for parameter in variant.parameters:
+            assert f" {parameter.name} " in text
+    for option in family.options:
+        assert f"--{option.name}" in text
+    assert {o for p in command(name).params for o in p.opts} >= FIT_OPTIONS
+
+
+def test_group_help_lists_all_commands(here: Callable[..., Any]) -> None:
+    text = here("--help").out
+    for name in COMMANDS:
+        assert f"\n  {name} " in text
+    assert "Exit status" in text
+
+
+def test_version(here: Callable[..., Any]) -> None:
+    assert here("--version").out == f"fluidact-fit {__version__}\n"
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_help_loads_nothing_heavy(option: str) -> None:
+    code = (
+        "import sys\n"
+        "from fluidact_fit_cli.main import run\n"
+        f"assert run(['{option}']) == 0\n"
+        "heavy = {'numpy', 'scipy', 'pandas', 'matplotlib', 'pydantic', 'yaml', 'pint', 'casadi'}\n"
+        "loaded = heavy & set(sys.modules)\n"
+        "loaded |= {m for m in sys.modules if m.startswith('fluidact_fit.families.')}\n"
+        "assert not loaded, loaded\n"
+    )
+    begun = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert time.monotonic() - begun < 2.0  # 0.06 s on the machine this was written on
+
+
+@pytest.mark.parametrize(
+    ("args", "hint"),
+    [
+        (["valv"], "Did you mean 'valve'?"),
+        (["frobnicate"], "there is no command"),
+        (["valve"], "LOG"),
+        (["check"], "PARAMS"),
+        (["valve", "x.csv", "--colum", "a=b"], "--column"),
+        (["inspect", "x.csv", "--family", "pump"], "hydrostatic"),
+    ],
+)
+def test_usage_errors(args: list[str], hint: str, here: Callable[..., Any]) -> None:
+    done = here(*args)
+    assert done.status == 2
+    assert done.out == ""
+    assert hint in done.err
+    assert "--help" in done.err
+
+
+def test_schema_is_printed(here: Callable[..., Any]) -> None:
+    import json
+
+    from fluidact_fit.parameters import shipped_schema
+
+    assert json.loads(here("schema").out) == shipped_schema()

@@ -1,0 +1,220 @@
+"""Documents kept in step with the program: commands, families, docstrings, notebooks."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from types import FunctionType, ModuleType
+
+import click
+import pytest
+
+import fluidact_fit as ff
+from fluidact_fit_cli.main import program
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def shell_commands(text: str) -> Iterator[list[str]]:
+    """Commands of the ``sh`` blocks that start with the program's name."""
+    for block in re.findall(r"```sh\n(.*?)```", text, re.DOTALL):
+        for line in block.replace("\\\n", " ").splitlines():
+            words = shlex.split(line)
+            if words[:1] == ["fluidact-fit"]:
+                yield words[1:]
+
+
+COMMANDS = list(shell_commands(README))
+
+
+def test_readme_has_a_command_for_every_family() -> None:
+    assert [words[0] for words in COMMANDS] == list(ff.family_names())
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=lambda words: words[0])
+def test_readme_commands_exist(words: list[str]) -> None:
+    command = program.get_command(click.Context(program), words[0])
+    assert command is not None
+    known = {flag for parameter in command.params for flag in parameter.opts}
+    assert {word for word in words if word.startswith("-")} <= known
+    logs = [ff.read_log(ROOT / word) for word in words if word.endswith(".csv")]
+    assert len(logs) == 3
+    columns = {a.split("=")[1] for o, a in zip(words, words[1:]) if o == "--column"}
+    for log in logs:
+        assert columns <= {column.header for column in log.columns}
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=lambda words: words[0])
+def test_readme_and_dataset_show_the_same_command(words: list[str]) -> None:
+    text = (ROOT / "datasets" / words[0] / "README.md").read_text(encoding="utf-8")
+    (command,) = shell_commands(text)
+    assert [word for word in words if word in command] == command
+
+
+def test_readme_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    (tmp_path / "datasets").symlink_to(ROOT / "datasets")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    exec(compile(block, "README.md", "exec"), names)
+    assert (tmp_path / "hydrostatic.yaml").is_file()
+    assert names["model"] is not None
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8")):
+        if not target.startswith("http"):
+            assert (page.parent / target).exists(), target
+
+
+def test_readme_names_every_exit_status() -> None:
+    statuses = {
+        error.exit_status
+        for name in ff.__all__
+        if isinstance(error := getattr(ff, name), type) and issubclass(error, ff.FluidactError)
+    }
+    for status in {0, 1} | statuses:
+        assert f"| {status} |" in README
+
+
+def family_section(name: str) -> str:
+    text = (ROOT / "docs" / "families.md").read_text(encoding="utf-8")
+    found = re.search(rf"^## {name}$(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE)
+    assert found, f"docs/families.md has no section {name}"
+    return found[1]
+
+
+@pytest.mark.parametrize("name", ff.family_names())
+def test_families_page_is_complete(name: str) -> None:
+    family, section = ff.get_family(name), family_section(name)
+    assert family.title in section
+    assert family.equation in section
+    for variant in family.variants:
+        for role in variant.roles:
+            assert f"| `{role.name}` | {role.unit}" in section
+            assert role.description in section
+        for parameter in variant.parameters:
+            assert f"| `{parameter.name}` | {parameter.unit} |" in section
+            assert parameter.description in section
+    for option in family.options:
+        assert f"| `--{option.name}`" in section
+        assert option.help in section
+        for choice in option.choices:
+            assert f"`{choice}`" in section
+    assert "**Traps**" in section
+
+
+@pytest.mark.parametrize("name", ff.family_names())
+def test_families_page_names_nothing_that_is_gone(name: str) -> None:
+    family, section = ff.get_family(name), family_section(name)
+    names = {item.name for v in family.variants for item in (*v.roles, *v.parameters)}
+    assert {*re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)} == names
+    options = {option.name for option in family.options}
+    assert {*re.findall(r"^\| `--([\w-]+)`", section, re.MULTILINE)} == options
+
+
+@pytest.mark.parametrize("name", ff.family_names())
+def test_every_item_of_a_family_is_described(name: str) -> None:
+    family = ff.get_family(name)
+    assert type(family).__doc__
+    assert (inspect.getmodule(type(family)).__doc__ or "").count("\n") > 5
+    for variant in family.variants:
+        for item in (*variant.roles, *variant.parameters):
+            assert item.description, item.name
+        for parameter in variant.parameters:
+            if parameter.neutral is not None and not parameter.optional:
+                assert parameter.remedy, f"{parameter.name} can be refused without a remedy"
+    for option in family.options:
+        assert option.help, option.name
+
+
+@pytest.mark.parametrize("name", ff.family_names())
+def test_family_has_a_notebook(name: str) -> None:
+    number = ff.family_names().index(name) + 1
+    path = ROOT / "notebooks" / f"{number:02}_{name.replace('-', '_')}.ipynb"
+    text = path.read_text(encoding="utf-8")
+    assert path.stat().st_size < 300_000
+    assert "assert " in text
+    assert '"execution_count": 1' in text, "committed without being executed"
+    assert not re.search(r"/(home|root|tmp|work|Users)/", text), "shows a path of a machine"
+
+
+def modules() -> Iterator[ModuleType]:
+    yield ff
+    for info in pkgutil.walk_packages(ff.__path__, "fluidact_fit."):
+        yield importlib.import_module(info.name)
+
+
+def public_functions() -> Iterator[tuple[str, FunctionType]]:
+    for module in modules():
+        for name, item in vars(module).items():
+            if name.startswith("_") or getattr(item, "__module__", "") != module.__name__:
+                continue
+            if isinstance(item, FunctionType):
+                yield f"{module.__name__}.{name}", item
+            elif inspect.isclass(item):
+                for method, function in vars(item).items():
+                    if isinstance(function, FunctionType) and not method.startswith("_"):
+                        yield f"{module.__name__}.{name}.{method}", function
+
+
+def sections(docstring: str) -> dict[str, list[str]]:
+    """numpydoc sections: title to lines."""
+    found: dict[str, list[str]] = {}
+    title, lines = "", inspect.cleandoc(docstring).splitlines()
+    for i, line in enumerate(lines):
+        following = lines[i + 1] if i + 1 < len(lines) else ""
+        if line and following and set(following) == {"-"}:
+            assert len(following) == len(line), f"underline of {line!r} has another length"
+            title = line
+        elif set(line) != {"-"} or not line:
+            found.setdefault(title, []).append(line)
+    return found
+
+
+KNOWN_SECTIONS = {"", "Parameters", "Returns", "Yields", "Raises", "Notes", "References",
+                  "Examples", "Attributes", "Warns", "See Also"}  # fmt: skip
+
+
+def test_public_functions_have_docstrings() -> None:
+    missing = [name for name, function in public_functions() if not function.__doc__]
+    assert missing == []
+
+
+def test_docstrings_parse() -> None:
+    wrong = []
+    for name, function in public_functions():
+        found = sections(function.__doc__ or "")
+        wrong += [f"{name}: section {title!r}" for title in found if title not in KNOWN_SECTIONS]
+        signature = {*inspect.signature(function).parameters}
+        for line in found.get("Parameters", []):
+            if line and not line.startswith(" "):
+                words = re.split(r"[,:]", line.split(" : ")[0])
+                documented = {word.strip().lstrip("*") for word in words if word.strip()}
+                wrong += [f"{name}: {word!r}" for word in documented - signature]
+    assert wrong == []
+
+
+def test_documented_arrays_say_shape_or_unit() -> None:
+    wrong = []
+    for name, function in public_functions():
+        found = sections(function.__doc__ or "")
+        if "Parameters" not in found:
+            continue
+        arrays = [
+            parameter
+            for parameter, annotation in function.__annotations__.items()
+            if parameter != "return" and re.search(r"\b(FloatArray|NDArray)\b", str(annotation))
+        ]
+        text = "\n".join(found["Parameters"])
+        if any(array in text for array in arrays) and not re.search(r"\[.+\]|\(.*n.*\)|SI", text):
+            wrong.append(name)
+    assert wrong == []
