@@ -8,6 +8,7 @@ import pkgutil
 import re
 import shlex
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from types import FunctionType, ModuleType
 
@@ -46,7 +47,7 @@ def test_readme_commands_exist(words: list[str]) -> None:
     assert {word for word in words if word.startswith("-")} <= known
     logs = [ff.read_log(ROOT / word) for word in words if word.endswith(".csv")]
     assert len(logs) == 3
-    columns = {a.split("=")[1] for o, a in zip(words, words[1:]) if o == "--column"}
+    columns = {a.split("=")[1] for o, a in pairwise(words) if o == "--column"}
     for log in logs:
         assert columns <= {column.header for column in log.columns}
 
@@ -158,11 +159,12 @@ def public_functions() -> Iterator[tuple[str, FunctionType]]:
         for name, item in vars(module).items():
             if name.startswith("_") or getattr(item, "__module__", "") != module.__name__:
                 continue
-            if isinstance(item, FunctionType):
+            if isinstance(item, FunctionType) and item.__name__ == name:
                 yield f"{module.__name__}.{name}", item
             elif inspect.isclass(item):
                 for method, function in vars(item).items():
-                    if isinstance(function, FunctionType) and not method.startswith("_"):
+                    plain = isinstance(function, FunctionType) and function.__name__ == method
+                    if plain and not method.startswith("_"):
                         yield f"{module.__name__}.{name}.{method}", function
 
 

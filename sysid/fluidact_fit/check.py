@@ -89,20 +89,28 @@ def roles_of(document: ParameterDocument) -> list[str]:
 def recall_columns(document: ParameterDocument, log: Log) -> Log:
     """Bind a log's columns as the file's own logs were bound, where nothing else was said.
 
-    Of the logs in the provenance, the first one counts whose headers the log has; without
-    one, columns named like the roles are taken as ever.
+    Of the logs in the provenance, the one counts of whose headers the log has most; for
+    roles without one, columns named like the roles are taken as ever.
     """
-    for source in document.provenance.logs:
-        remembered = {
-            role: entry for role, entry in source.columns.items() if role not in log.bindings
-        }
-        if all(_has(log, role, e["header"]) for role, e in remembered.items() if "header" in e):
-            known = _apply(log, remembered)
-            timed = "time" in {*source.columns, *log.bindings}
-            if not timed and log.sample_time is None and source.sample_time:
-                known = replace(known, sample_time=source.sample_time)
-            return known
-    return log
+    sources = document.provenance.logs
+    if not sources:
+        return log
+    fitting = [_present(log, source.columns) for source in sources]
+    best = max(range(len(sources)), key=lambda i: len(fitting[i]))
+    known = _apply(log, fitting[best])
+    timed = "time" in {*sources[best].columns, *log.bindings}
+    if not timed and log.sample_time is None and sources[best].sample_time:
+        known = replace(known, sample_time=sources[best].sample_time)
+    return known
+
+
+def _present(log: Log, columns: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+    """Entries of a provenance that a log can follow and the user did not replace."""
+    return {
+        role: entry
+        for role, entry in columns.items()
+        if role not in log.bindings and ("header" not in entry or _has(log, role, entry["header"]))
+    }
 
 
 def _has(log: Log, role: str, header: str) -> bool:

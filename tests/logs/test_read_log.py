@@ -245,7 +245,7 @@ def test_anything_is_read_or_refused(
         {"scales": {"force": 0.0}},
         {"window": (2.0, 1.0)},
         {"steps": {"force": StepInput(0.0, float("inf"))}},
-        {"holds": {"force": "linear"}},
+        {"holds": {"force": "spline"}},
     ],
 )
 def test_arguments_are_checked(tmp_path: Path, arguments: dict[str, object]) -> None:

@@ -157,6 +157,8 @@ def grid_search(
     times and natural frequencies have several.
     """
     order = [u.name for u in problem.nonlinear]
+    if not order:  # everything but gains and offsets is fixed
+        return [{}]
     lists = [np.asarray(axes[n], dtype=float) for n in order]
     mesh = np.meshgrid(*lists, indexing="ij")
     points = np.column_stack([m.ravel() for m in mesh])

@@ -218,7 +218,7 @@ def _label(rows: list[list[Any]], t: Scale, labels: Sequence[str]) -> None:
 def _static(figure: Figure, view: StaticView, result: FitResult) -> None:
     grid = figure.add_gridspec(
         2, 1, height_ratios=(2.6, 1.0), left=0.065, right=0.975 - _SIDE, top=0.855, bottom=0.085,
-        hspace=0.12,
+        hspace=0.13,
     )  # fmt: skip
     upper = figure.add_subplot(grid[0])
     lower = figure.add_subplot(grid[1], sharex=upper)
@@ -230,6 +230,7 @@ def _static(figure: Figure, view: StaticView, result: FitResult) -> None:
     map_panel(upper, view, x, y)
     map_residual_panel(lower, view, x, e, rmse)
     upper.tick_params(labelbottom=False)
+    legend(lower, upper, columns=6)
     figure.align_ylabels([upper, lower])
     side = _side(figure)
     table_panel(side[0], result.parameters, result.derived)

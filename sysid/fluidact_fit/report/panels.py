@@ -28,7 +28,6 @@ from .style import (
     VERDICT,
     dress,
     head,
-    legend,
 )
 from .thinning import envelope, subset
 
@@ -70,8 +69,10 @@ def residual_panel(axes: Axes, runs: Sequence[Run], rmse: float, y: Scale, t: Sc
     many = len(runs) > 1
     for run in runs:
         x, v = envelope(run.time, run.residual)
+        sparse = x.size <= 120
         axes.plot(x * t.factor, v * y.factor, color=RESIDUAL, alpha=0.4 if many else 1.0,
-                  linewidth=0.7, marker="o" if x.size <= 120 else "", markersize=2)  # fmt: skip
+                  linewidth=0.0 if many and sparse else 0.7, marker="o" if sparse else "",
+                  markersize=3 if sparse else 2, markeredgewidth=0)  # fmt: skip
     dress(axes)
 
 
@@ -146,9 +147,11 @@ def correlation(
 def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
     """Samples of a static map with the fitted curve."""
     size = int(view.used.sum())
-    _points(axes, view.x, view.measured, view.used, x, y, MEASURED, "measured")
-    if (~view.used).any():
-        _points(axes, view.x, view.measured, ~view.used, x, y, LEFT_OUT, "left out", "x")
+    low, high = window(view)
+    out = ~view.used & (view.x >= low) & (view.x <= high)
+    if out.any():
+        _points(axes, view.x, view.measured, out, x, y, LEFT_OUT, "left out", "x")
+    _points(axes, view.x, view.measured, view.used, x, y, SPARSE, "measured")
     styles = ("-", "--", "-.", ":")
     for k, curve in enumerate(view.curves):
         axes.plot(curve.x * x.factor, curve.y * y.factor, color=SIMULATED, linewidth=1.6, zorder=4,
@@ -163,9 +166,28 @@ def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
                   label=plain(view.points.label, 30), zorder=5)  # fmt: skip
     axes.set_ylabel(y.label(view.y_name))
     dress(axes)
-    drawn = f", {count(_MOST_POINTS)} drawn" if size > _MOST_POINTS else ""
-    head(axes, f"{count(size)} samples{drawn}")
-    legend(axes, columns=4)
+    axes.set_xlim(low * x.factor, high * x.factor)
+    notes = [f"{count(size)} samples" + (f" ({count(_MOST_POINTS)} drawn)" * (size > _MOST_POINTS))]
+    left = view.used.size - size
+    if left:
+        beyond = left - int(out.sum())
+        notes.append(
+            f"{count(left)} left out" + (f", {count(beyond)} beyond the picture" * (beyond > 0))
+        )
+    head(axes, "; ".join(notes))
+
+
+def window(view: StaticView) -> tuple[float, float]:
+    """Range of x that shows the fitted samples, with room for what lies just beside them."""
+    used = view.x[view.used] if view.used.any() else view.x
+    ends = [*(c.x for c in view.curves), used]
+    low = min(float(e.min()) for e in ends if e.size)
+    high = max(float(e.max()) for e in ends if e.size)
+    room = 0.3 if (~view.used).any() else 0.04
+    room *= (high - low) or 1.0
+    seen = view.x[(view.x >= low - room) & (view.x <= high + room)]
+    edge = 0.04 * ((high - low) or 1.0)
+    return min(low, float(seen.min())) - edge, max(high, float(seen.max())) + edge
 
 
 def map_residual_panel(axes: Axes, view: StaticView, x: Scale, y: Scale, rmse: float) -> None:
@@ -174,9 +196,12 @@ def map_residual_panel(axes: Axes, view: StaticView, x: Scale, y: Scale, rmse: f
                  label="± 2 rmse")  # fmt: skip
     axes.axhline(0.0, color=FAINT, linewidth=0.7)
     rest = view.measured - view.fitted
+    low, high = window(view)
+    out = ~view.used & (view.x >= low) & (view.x <= high)
+    if out.any():
+        _points(axes, view.x, rest, out, x, y, LEFT_OUT, "", "x")
     _points(axes, view.x, rest, view.used, x, y, RESIDUAL, "")
-    if (~view.used).any():
-        _points(axes, view.x, rest, ~view.used, x, y, LEFT_OUT, "", "x")
+    if out.any():
         inside = np.abs(rest[view.used]).max(initial=0.0)
         axes.set_ylim(*(np.array([-1.3, 1.3]) * max(inside, 2.5 * rmse) * y.factor))
     axes.set_ylabel(y.label("residual"))
@@ -194,7 +219,7 @@ def _points(
               markersize=2.5 if index.size > 400 else 4, color=colour,
               markeredgewidth=0 if marker == "o" else 0.8,
               alpha=0.5 if index.size > 1000 else 0.8, label=label or None,
-              zorder=2)  # fmt: skip
+              zorder=2, rasterized=index.size > 1000)  # fmt: skip
 
 
 def histogram_panel(axes: Axes, residuals: FloatArray, y: Scale) -> None:

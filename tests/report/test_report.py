@@ -1,0 +1,399 @@
+"""Figures and the HTML page."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time as clock
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import fluidact_fit as ff
+from fluidact_fit.errors import OutputError, UsageError
+from fluidact_fit.experiment import Experiment, Signal
+from fluidact_fit.families import get_family
+from fluidact_fit.family import Curve, Estimate, Quantity, StaticView
+from fluidact_fit.report import (
+    plot_result,
+    plot_validation,
+    save_figure,
+    write_document_html,
+    write_html,
+)
+from fluidact_fit.report.numbers import (
+    choose_scale,
+    percent,
+    plain,
+    pretty_unit,
+    short,
+    show,
+    with_error,
+)
+from fluidact_fit.report.panels import correlation
+from fluidact_fit.report.thinning import envelope
+from fluidact_fit.result import FitResult, Simulation
+
+EVIL = '<script>alert(1)</script>&"$x_1$\u4e2d.csv'
+
+
+def make(
+    samples: int = 300,
+    runs: int = 1,
+    *,
+    spans: Callable[[int], float] = lambda k: 3.0,
+    validation: bool = False,
+    name: str = "run",
+    verdict: str = "pass",
+) -> FitResult:
+    """A result of a line made without a fit."""
+    rng = np.random.default_rng(0)
+    variant = get_family("line").variants[0]
+    experiments, measured, simulated = [], [], []
+    for k in range(runs):
+        t = np.linspace(0.0, spans(k), samples)
+        u = 4e5 * (np.sin(3.0 * t) > 0.0)
+        model = 4e5 * (1.0 - np.exp(-t / 0.4))
+        y = model + 2e3 * (k + 1) * rng.standard_normal(samples)
+        signals = {
+            "inlet": Signal("inlet", t, u, "Pa", "zoh"),
+            "outlet": Signal("outlet", t, y, "Pa"),
+        }
+        experiments.append(Experiment(f"{name}{k}", k, t, signals, t[1], True))
+        measured.append(y)
+        simulated.append(model)
+    parameters = {
+        "gain": Quantity(1.0, "1", "estimated", 0.01, [0.98, 1.02]),
+        "time_constant": Quantity(0.4, "s", "estimated", 0.002, [0.396, 0.404]),
+        "dead_time": Quantity(0.0, "s", "not_identified"),
+    }
+    covariance = np.array([[1e-4, -1e-5], [-1e-5, 4e-6]])
+    estimate = Estimate(
+        parameters, {}, ("gain", "time_constant"), covariance, simulated, measured
+    )  # fmt: skip
+    document = {
+        "format": "fluidact-parameters",
+        "format_version": 1,
+        "family": "line",
+        "variant": "line",
+        "parameters": parameters,
+        "covariance": {"order": ["gain", "time_constant"], "matrix": covariance},
+        "model": get_family("line").model_section(
+            variant, {k: q.value for k, q in parameters.items()}, 0.01, "zoh"
+        ),
+        "validity": {"inlet": {"low": 0.0, "high": 4e5, "unit": "Pa"}},
+        "fit": {
+            "samples": samples * runs,
+            "rmse": {"value": 2e3, "unit": "Pa"},
+            "fit_percent": 98.5,
+            "residual_whiteness": {"statistic": 20.0, "p_value": 0.4, "lags": 20},
+            "verdict": verdict,
+            "logs": [
+                {"file": e.name, "samples": samples, "fit_percent": 98.0} for e in experiments
+            ],
+        },
+        "warnings": [{"code": "not-identified", "message": f"{EVIL} -> do <this>."}],
+        "provenance": {
+            "tool": {"name": "fluidact-fit", "version": "0.1.0"},
+            "created": "2026-11-20T22:00:00Z",
+            "command": f"fluidact-fit line '{EVIL}'",
+            "logs": [
+                {
+                    "file": EVIL,
+                    "sha256": "0" * 64,
+                    "rows": samples,
+                    "columns": {"inlet": {"header": "<b>p</b>", "unit": "Pa"}},
+                }
+            ],
+        },
+    }
+    from fluidact_fit.parameters import make_document
+
+    judged = [Simulation(experiments[0], simulated[0], measured[0])] if validation else []
+    return FitResult(
+        "line", variant, estimate, experiments, judged, make_document(document).to_dict()
+    )
+
+
+def texts(figure: Any) -> str:
+    from matplotlib.text import Text
+
+    return "\n".join(t.get_text() for t in figure.findobj(Text))
+
+
+@pytest.mark.parametrize("runs", [1, 2, 3, 12, 90])
+@pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
+def test_every_number_of_runs_is_drawn_and_said(runs: int, kind: str, tmp_path: Path) -> None:
+    figure = plot_result(make(60, runs))
+    path = save_figure(figure, tmp_path / f"fit.{kind}")
+    assert path.stat().st_size > 5000
+    found = texts(figure)
+    assert "PASS" in found
+    assert "98.50 %" in found
+    assert "not identified" in found
+    assert "outlet [bar]" in found
+    if runs == 12:
+        assert "all 12 runs overlaid" in found
+    if runs == 90:
+        assert "60 of 90 runs overlaid" in found
+
+
+def test_many_runs_of_different_length_show_the_extremes() -> None:
+    figure = plot_result(make(60, 7, spans=lambda k: 30.0 if k == 3 else 3.0))
+    assert "3 of 7 runs: the best, the middle and the worst fit" in texts(figure)
+
+
+@pytest.mark.parametrize("runs", [1, 2, 3, 12])
+def test_no_text_overlaps_other_text(runs: int) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.text import Text
+
+    figure = plot_result(make(200, runs, name="a_rather_long_name_of_a_recorded_log_file.csv#"))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    shown = [t for t in figure.findobj(Text) if t.get_visible() and t.get_text().strip()]
+    # tick labels of hidden axes keep their text; those are not drawn
+    boxes = [
+        (t.get_text(), t.get_window_extent())
+        for t in shown
+        if t.axes is None or t not in _hidden_ticks(t.axes)
+    ]
+    for i, (a, first) in enumerate(boxes):
+        for b, second in boxes[i + 1 :]:
+            assert not first.padded(-1.0).overlaps(second.padded(-1.0)), (a, b)
+
+
+def _hidden_ticks(axes: Any) -> set[Any]:
+    hidden: set[Any] = set()
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = sorted(axis.get_view_interval())
+        current = axis.get_major_ticks()
+        for tick in (*axis.majorTicks, *axis.minorTicks):  # some are left over from before
+            drawn = tick in current and axes.axison and low <= tick.get_loc() <= high
+            hidden |= {tick.label2} if drawn else {tick.label1, tick.label2}
+    return hidden
+
+
+def test_same_result_gives_the_same_bytes(tmp_path: Path) -> None:
+    for kind in ("png", "svg", "pdf"):
+        first = save_figure(plot_result(make()), tmp_path / f"a.{kind}").read_bytes()
+        second = save_figure(plot_result(make()), tmp_path / f"b.{kind}").read_bytes()
+        assert first == second
+    assert write_html(make(), tmp_path / "a.html").read_bytes() == (
+        write_html(make(), tmp_path / "b.html").read_bytes()
+    )
+
+
+def test_a_users_own_style_changes_nothing(tmp_path: Path) -> None:
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    first = save_figure(plot_result(make()), tmp_path / "a.png").read_bytes()
+    assert dict(matplotlib.rcParams) == before
+    with matplotlib.rc_context({"font.size": 25, "lines.linewidth": 9, "axes.grid": True}):
+        second = save_figure(plot_result(make()), tmp_path / "b.png").read_bytes()
+    assert first == second
+
+
+def test_files_are_kept_and_suffixes_checked(tmp_path: Path) -> None:
+    figure = plot_result(make())
+    path = tmp_path / "fit.png"
+    path.write_text("mine")
+    with pytest.raises(OutputError):
+        save_figure(figure, path)
+    assert path.read_text() == "mine"
+    save_figure(figure, path, overwrite=True)
+    assert path.read_bytes().startswith(b"\x89PNG")
+    for name in ("fit", "fit.jpg", "fit.html"):
+        with pytest.raises(UsageError, match="png"):
+            save_figure(figure, tmp_path / name)
+    with pytest.raises(UsageError, match="html"):
+        write_html(make(), tmp_path / "fit.txt")
+
+
+def test_a_million_rows_are_thinned() -> None:
+    result = make(1_000_000)
+    began = clock.perf_counter()
+    figure = plot_result(result)
+    assert clock.perf_counter() - began < 10.0  # a second on a free machine
+    drawn = sum(len(line.get_xdata()) for axes in figure.axes for line in axes.lines)
+    assert drawn < 20_000
+
+
+def test_envelope_keeps_peaks() -> None:
+    x = np.arange(100_000.0)
+    y = np.zeros(100_000)
+    y[[17, 54_321, 99_999]] = 5.0, -7.0, 3.0
+    y[200:220] = np.nan
+    kept_x, kept_y = envelope(x, y, 500)
+    assert kept_y.size <= 1002 + 500
+    assert {17.0, 54_321.0, 0.0, 99_999.0} <= set(kept_x.tolist())
+    assert np.nanmin(kept_y) == -7.0
+    assert np.all(np.diff(kept_x) > 0.0)
+
+
+def test_correlation_reaches_as_far_as_the_residuals_remember() -> None:
+    rng = np.random.default_rng(2)
+    lags, rho = correlation([rng.standard_normal(4000)])
+    assert lags[-1] == 40
+    assert np.abs(rho).max() < 0.08
+    lags, rho = correlation([np.sin(np.arange(40_000) / 3000.0)])
+    assert lags[-1] > 500
+    assert correlation([np.zeros(3)])[0].size == 1
+    assert correlation([])[0].size == 1
+
+
+def test_left_out_samples_and_perfect_fits_are_drawn(tmp_path: Path) -> None:
+    result = make()
+    y = result.estimate.measured[0].copy()
+    y[50:80] = np.nan
+    for measured in ([y], list(result.estimate.simulated)):
+        other = replace(result, estimate=replace(result.estimate, measured=measured))
+        save_figure(plot_result(other), tmp_path / "gap.png", overwrite=True)
+
+
+def test_static_maps_show_curve_points_and_what_was_left_out(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    x = np.linspace(0.0, 1000.0, 2500)
+    used = (x > 10.0) & (x < 990.0)
+    y = 0.1 * (x / 1000.0) ** 2 + 1e-4 * np.sin(x)
+    view = StaticView(
+        "reading", "1", "reference", "m", x, y, 0.1 * (x / 1000.0) ** 2, used,
+        [Curve("curve", x, 0.1 * (x / 1000.0) ** 2)],
+        Curve("control points", np.array([0.0, 500.0, 1000.0]), np.array([0.0, 0.0, 0.1])),
+    )  # fmt: skip
+    family = type(get_family("line"))
+    monkeypatch.setattr(family, "static_view", lambda *given: view)
+    figure = plot_result(make())
+    found = texts(figure)
+    for word in ("left out", "control points", "reference [mm]", "residual [µm]", "± 2 rmse"):
+        assert word in found
+    save_figure(figure, tmp_path / "map.svg")
+    assert plot_validation(make(validation=True)) is None
+
+
+def test_validation_has_its_own_picture() -> None:
+    assert plot_validation(make()) is None
+    figure = plot_validation(make(validation=True))
+    assert figure is not None
+    assert "not fitted" in texts(figure)
+
+
+class _Structure(HTMLParser):
+    """Tags that are open, tags that were seen, and text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.seen: set[str] = set()
+        self.sources: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.seen.add(tag)
+        self.sources += [v or "" for k, v in attrs if k in ("src", "href")]
+        assert not any(k.startswith("on") for k, _ in attrs)
+        if tag not in {"meta", "img", "br", "link", "input"}:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+@pytest.mark.parametrize("runs", [1, 20])
+def test_page_is_whole_self_contained_and_escaped(tmp_path: Path, runs: int) -> None:
+    path = write_html(
+        make(60, runs, validation=True, name=EVIL, verdict="warn"), tmp_path / "r.html"
+    )
+    page = path.read_text(encoding="utf-8")
+    found = _Structure()
+    found.feed(page)
+    assert found.open == []
+    assert not found.seen & {"script", "link", "iframe", "object", "b"}
+    assert len(found.sources) == 2
+    assert all(s.startswith("data:image/svg+xml;base64,") for s in found.sources)
+    for word in (
+        EVIL, "WARN", "0.4000 ± 0.0020", "not identified", "time_constant", "Provenance",
+        "Correlation", "extrapolates", "−0.50", "sha256",
+        "Record sharp steps", "-> do <this>",
+    ):  # fmt: skip
+        assert word in found.text, word
+
+
+def test_page_of_a_file_alone(tmp_path: Path) -> None:
+    result = make()
+    file = result.save(tmp_path / "line.yaml")
+    document = ff.read_document(file)
+    path = write_document_html(document, tmp_path / "line.html")
+    found = _Structure()
+    found.feed(path.read_text(encoding="utf-8"))
+    assert found.sources == []
+    assert "time_constant" in found.text
+    with pytest.raises(OutputError):
+        write_document_html(document, path)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (53.7123, 0.21, "53.71 ± 0.21"),
+        (1.17112e-6, 4e-11, "(1.171120 ± 0.000040)×10⁻⁶"),
+        (0.0, 0.02, "0.000 ± 0.020"),
+        (-2.9986, 0.0017, "−2.9986 ± 0.0017"),
+        (1234567.0, 1500.0, "(1.2346 ± 0.0015)×10⁶"),
+        (12.0, None, "12.00"),
+        (0.0, None, "0"),
+    ],
+)
+def test_values_stand_with_their_errors(value: float, error: float | None, text: str) -> None:
+    assert with_error(value, error) == text
+
+
+def test_numbers_as_people_read_them() -> None:
+    assert short(0.0001234) == "1.234×10⁻⁴"
+    assert short(float("inf")) == "–"
+    assert percent(99.9955) == "99.995 %" or percent(99.9955) == "99.996 %"
+    assert percent(100.0) == "100.00 %"
+    assert percent(99.999999) == "99.999999 %"
+    assert percent(None) == "–"
+    assert pretty_unit("kg m2") == "kg·m²"
+    assert pretty_unit("N s/m") == "N·s/m"
+    assert pretty_unit("1") == ""
+    assert choose_scale("Pa", 4e5).label("outlet") == "outlet [bar]"
+    assert choose_scale("m", 0.2).unit == "mm"
+    assert choose_scale("1", 0.2).label("gain") == "gain"
+    assert show([1.0, 2.0, 3.0]) == "3 values, 1.00 … 3.00"
+    assert show([[1.0, 2.0], [3.0, 4.0]]).startswith("2 × 2 values")
+    assert plain("a" * 100, 21) == "a" * 10 + "…" + "a" * 10
+    assert plain("中\n") == "??"
+
+
+def test_importing_the_package_loads_no_matplotlib() -> None:
+    code = (
+        "import sys, fluidact_fit.report, fluidact_fit.fit; print('matplotlib' in sys.modules, "
+        "'matplotlib.pyplot' in sys.modules)"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.split() == ["False", "False"]
+
+
+def test_plotting_loads_no_pyplot(tmp_path: Path) -> None:
+    code = (
+        "import sys, fluidact_fit.report.save as s; from matplotlib.figure import Figure; "
+        "f = Figure(); f.add_subplot(); s.save_figure(f, sys.argv[1]); "
+        "print('matplotlib.pyplot' in sys.modules)"
+    )
+    out = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "a.svg")],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert out.stdout.strip() == "False"
