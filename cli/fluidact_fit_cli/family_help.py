@@ -110,7 +110,7 @@ def _type(option: contract.Option) -> click.ParamType[Any]:
         low = int(option.minimum) if math.isfinite(option.minimum) else None
         return click.IntRange(min=low)
     if option.kind == "float":
-        return Parsed(option.unit or "NUMBER", f"{name} 1.5", lambda text: _at_least(option, text))
+        return Parsed("NUMBER", f"{name} 1.5", lambda text: _at_least(option, text))
     if option.kind == "range":
         return Parsed("LOW:HIGH", f"{name} 0:10", parse_range)
     return Parsed("TEXT", f"{name} {option.default or 'auto'}", parse_text)

@@ -128,7 +128,8 @@ class Parsed(ParamType):
     def _wrong(
         self, value: str, why: str, param: click.Parameter | None, ctx: click.Context | None
     ) -> click.BadParameter:
-        text = f"'{value}': {why}.\nExpected {self.name}, for example {self.example}"
+        what = why if why.startswith(f"'{value}'") else f"'{value}': {why}"
+        text = f"{what}.\nExpected {self.name}, for example {self.example}"
         return click.BadParameter(text, ctx=ctx, param=param)
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:

@@ -20,7 +20,7 @@ def format_number(value: float, spread: float | None = None) -> str:
         return f"{value:.6g}"
     size = max(abs(value), spread)
     decimals = 1 - math.floor(math.log10(spread))
-    if 1e-3 <= size < 1e7:
+    if 1e-4 <= size < 1e7:
         return f"{value:.{min(max(decimals, 0), 15)}f}"
     digits = math.floor(math.log10(size)) + decimals
     return f"{value:.{min(max(digits, 0), 15)}e}"

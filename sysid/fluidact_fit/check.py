@@ -10,16 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import LogError, Notice, NotIdentifiedError
-from .experiment import Experiment, FloatArray
+from .errors import LogError, Notice, NotIdentifiedError, UsageError
+from .experiment import Experiment, FloatArray, Signal
 from .families import get_family
-from .family import Family, Quantity, Variant
+from .family import Family, Quantity, Role, Variant
 from .fit import fit
 from .logs import Log, StepInput
 from .logs import experiments as experiments_of
 from .logs.columns import find_column
 from .quality import agreement
 from .result import FitResult, Simulation
+from .units import conversion_factor
 
 if TYPE_CHECKING:
     from .parameters import ParameterDocument
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 RMSE_FACTOR = 2.0  # of the file's own rmse, plus one resolution step of the output
 MOST_STD_ERRORS = 4.0
 LEAST_RELATIVE = 0.02
+_MOST_SAMPLES = 5_000_000
 
 
 @dataclass(frozen=True)
@@ -184,6 +186,66 @@ def simulate_log(document: ParameterDocument, log: Log) -> tuple[list[Simulation
     return found, notices
 
 
+def simulate_steps(
+    document: ParameterDocument,
+    inputs: Mapping[str, StepInput],
+    units: Mapping[str, str],
+    duration: float,
+    sample_time: float,
+) -> list[Simulation]:
+    """Simulate a document's model with inputs that step, without any log.
+
+    Parameters
+    ----------
+    document
+        The parameter file.
+    inputs
+        Role to step [SI, or the unit given].
+    units
+        Role to unit of its levels.
+    duration, sample_time
+        [s]
+
+    Raises
+    ------
+    UsageError
+        When an input is missing or there would be too many samples.
+    """
+    family = get_family(document.family)
+    variant = _variant(document, family)
+    roles = [r for r in variant.roles if r.name != "time" and not r.output]
+    for role in roles:
+        if role.required and role.name not in inputs:
+            raise UsageError(
+                f"the input '{role.name}' is missing.",
+                remedy=f"Give --input {role.name}=FROM:TO[@T], or a LOG.",
+            )
+    samples = duration / sample_time
+    if not 2 <= samples <= _MOST_SAMPLES:
+        raise UsageError(
+            f"{duration:g} s in steps of {sample_time:g} s are {samples:.3g} samples.",
+            expected=f"Expected 2 to {_MOST_SAMPLES}.",
+            remedy="Change --duration or --sample-time.",
+        )
+    time = sample_time * np.arange(round(samples) + 1, dtype=np.float64)
+    signals = {r.name: _step(r, inputs[r.name], units, time) for r in roles if r.name in inputs}
+    run = Experiment("inputs", 0, time, signals, sample_time, True)
+    values, options = document.values(), _options(document, family)
+    simulated = np.asarray(family.simulate(variant, values, run, options), dtype=float)
+    return [Simulation(run, simulated, np.full(simulated.shape, np.nan))]
+
+
+def _step(role: Role, step: StepInput, units: Mapping[str, str], time: FloatArray) -> Signal:
+    """A stepped input: one node for a dynamic model, sample by sample for a static one."""
+    factor = conversion_factor(units.get(role.name, role.unit), role.unit, f"--unit {role.name}")
+    at, values = np.array([step.at]), np.array([step.end])
+    if role.hold is None:
+        at, values = time, np.where(time >= step.at, step.end, step.start)
+    size = abs(step.end - step.start) * factor
+    before = step.start * factor
+    return Signal(role.name, at, values * factor, role.unit, "zoh", before, size)
+
+
 def check_logs(
     document: ParameterDocument,
     logs: Sequence[Log],
@@ -250,6 +312,10 @@ def _fit_again(
 ) -> tuple[FitResult | None, list[Notice]]:
     """Fit the same model to the new logs; ``None`` when they cannot determine it."""
     given = document.provenance.options or {}
+    options: dict[str, Any] = {
+        name.replace("-", "_"): tuple(value) if isinstance(value, list) else value
+        for name, value in (document.options or {}).items()
+    }
     try:
         result = fit(
             document.family,
@@ -258,10 +324,7 @@ def _fit_again(
             bounds={k: (v[0], v[1]) for k, v in (given.get("bounds") or {}).items()},
             seed=document.provenance.seed or 0,
             progress=progress,
-            **{
-                k.replace("-", "_"): tuple(v) if isinstance(v, list) else v
-                for k, v in (document.options or {}).items()
-            },
+            **options,
         )
     except NotIdentifiedError as error:
         text = " ".join(str(error).split())

@@ -339,5 +339,37 @@ def test_in_a_process_of_its_own(damage: str, apart: Callable[..., Any], tmp_pat
     assert_refused(done, tmp_path, {"log.csv": log.read_bytes()})
 
 
+def _odd_options(family: str) -> list[list[str]]:
+    """Well-formed options that few logs go with, for every role and parameter."""
+    variant = get_family(family).variants[0]
+    odd = [["--window", "0:0.1"], ["--window", "0.3:"], ["--sample-time", "1e-12"],
+           ["--sample-time", "1e200"], ["--controller-sample-time", "1e-9"],
+           ["--controller-sample-time", "1e6"]]  # fmt: skip
+    for role in variant.roles:
+        odd += [["--scale", f"{role.name}={x}"] for x in ("1e300", "1e-300", "-1", "1e12")]
+        odd += [["--step", f"{role.name}=0:1@0.1"], ["--step", f"{role.name}=5:5@-3"]]
+        odd += [["--hold", f"{role.name}={hold}"] for hold in ("zoh", "cubic")]
+        odd += [["--column", f"{role.name}=#1"]]
+    for parameter in variant.parameters:
+        odd += [["--fix", f"{parameter.name}={x}"] for x in ("0", "1", "1e30")]
+        odd += [["--start", f"{parameter.name}=1e-20"], ["--bounds", f"{parameter.name}=1:1.001"]]
+    return odd
+
+
+@pytest.mark.parametrize("family", family_names())
+def test_odd_options_never_end_in_a_fault(
+    family: str, here: Callable[..., Any], tmp_path: Path
+) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text(table(*base_table(family)))
+    for options in _odd_options(family):
+        done = here(family, log, "-o", tmp_path / "out.yaml", *options)
+        text = f"{options}: {done}"
+        assert done.status in (0, 2, 3, 4), text
+        assert "Traceback" not in done.err, text
+        assert (tmp_path / "out.yaml").exists() is (done.status == 0), text
+        (tmp_path / "out.yaml").unlink(missing_ok=True)
+
+
 def test_there_are_enough_cases() -> None:
     assert len(list(_cases())) + len(OPTIONS) > 200

@@ -119,6 +119,33 @@ def test_simulate_from_inputs_alone(here: Run, fitted: Path, inside: Path) -> No
     assert last == pytest.approx(2 * 1000 * 100 * 0.5, rel=1e-2)
 
 
+def test_simulate_without_a_log(here: Run, fitted: Path) -> None:
+    time = ["--duration", "3", "--sample-time", "0.01"]
+    done = here("simulate", fitted, "--input", "command=0:2000@1", "--unit", "command=mV", *time)
+    assert done.status == 0, done.err
+    table = np.array([row.split(",") for row in done.out.splitlines()[1:]], dtype=float)
+    assert table.shape == (301, 3)
+    assert table[:100, 2] == pytest.approx(0.0, abs=1e-9)
+    assert table[-1, 2] == pytest.approx(1e5, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("args", "told"),
+    [
+        ([], "give a LOG"),
+        (["--input", "command=0:1"], "--duration"),
+        (["--input", "comand=0:1", "--duration", "1", "--sample-time", "0.1"], "'command'"),
+        (["--input", "command=0:1", "--duration", "1", "--sample-time", "1e-9"], "samples"),
+        (["--input", "time=0:1", "--duration", "1", "--sample-time", "0.1"], "--input command"),
+        (["raw.csv", "--input", "command=0:1"], "--step"),
+    ],
+)
+def test_simulate_needs_inputs(args: list[str], told: str, here: Run, fitted: Path) -> None:
+    done = here("simulate", fitted, *args)
+    assert (done.status, done.out) == (2, ""), done
+    assert told in done.err
+
+
 def test_inspect(here: Run, valve: Log, inside: Path) -> None:
     log = valve()
     done = here("inspect", log)

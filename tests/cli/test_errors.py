@@ -87,3 +87,48 @@ def test_closed_pipe_is_tidy(inside: Path, valve: Callable[..., Path]) -> None:
     os.close(writer)
     assert done.returncode == 141
     assert done.stderr == ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals differ")
+def test_interrupt_is_tidy(inside: Path, valve: Callable[..., Path]) -> None:
+    valve()
+    code = (
+        "import fluidact_fit.fit, os, signal, sys\n"
+        "fluidact_fit.fit.fit = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
+        "from fluidact_fit_cli.main import run\n"
+        "sys.exit(run(['valve', 'valve.csv']))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 130
+    assert done.stderr.strip() == "Interrupted. Nothing was written."
+    assert not (inside / "valve.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("terminal", "options", "shown"),
+    [(True, {}, "first"), (False, {}, ""), (False, {"verbose": True}, "first\n"),
+     (True, {"quiet": True}, "")],
+)  # fmt: skip
+def test_progress(
+    terminal: bool, options: dict[str, bool], shown: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import io
+
+    from fluidact_fit_cli.progress import Progress
+
+    stream = io.StringIO()
+    monkeypatch.setattr(stream, "isatty", lambda: terminal, raising=False)
+    monkeypatch.setattr(sys, "stderr", stream)
+    progress = Progress(**options)
+    progress("first")
+    progress.clear()
+    text = stream.getvalue()
+    assert shown in text if shown else text == ""
+    if terminal and shown:
+        assert text.endswith("\r\x1b[K")
+    if not options and not terminal:
+        progress.last -= 3.0
+        progress("later")
+        assert stream.getvalue().startswith("later ... (")

@@ -118,7 +118,7 @@ def test_strict(here: Run, valve: Log, inside: Path) -> None:
 
 def test_failed_verdict(here: Run, valve: Log, inside: Path) -> None:
     log = valve()
-    fixed = ["--fix", "natural_frequency=0.5", "--fix", "damping_ratio=5"]
+    fixed = ["--fix", "gain=1", "--fix", "natural_frequency=20", "--fix", "damping_ratio=5"]
     done = here("valve", log, *fixed)
     assert (done.status, done.out) == (4, ""), done.err
     assert "FAIL" in done.err
@@ -191,7 +191,7 @@ def test_controller_sample_time(here: Run, valve: Log, inside: Path) -> None:
 def test_pictures_are_written_with_the_file_or_not_at_all(
     here: Run, valve: Log, inside: Path
 ) -> None:
-    pytest.importorskip("fluidact_fit.report.figures", exc_type=ImportError)
+    pytest.importorskip("fluidact_fit.report.figure", exc_type=ImportError)
     log = valve()
     extra = ["--plot", "v.png", "--report", "v.html"]
     assert here("valve", log, *extra, "--strict", "--fix", "gain=1").status == 4

@@ -135,9 +135,7 @@ def _check_arguments(family: Family, params: Mapping[str, Any], targets: Sequenc
     """Refuse what can be known to be wrong before any log is read."""
     logs, judged = params["logs"], params["validate"]
     check_role_names(params, [r.name for v in family.variants for r in v.roles])
-    names = [p.name for v in family.variants for p in v.parameters if p.rank == 0]
-    for option, key in (("--fix", "fix"), ("--start", "start"), ("--bounds", "bounds")):
-        check_names(option, "parameter", params[key], names)
+    _check_parameter_names(family, params)
     real = [os.path.realpath(path) for path in (*logs, *judged)]
     for index, path in enumerate((*logs, *judged)):
         if real[index] in real[:index]:
@@ -146,6 +144,18 @@ def _check_arguments(family: Family, params: Mapping[str, Any], targets: Sequenc
                 remedy="Give each log once; a log to --validate must not be fitted as well.",
             )
     check_targets(targets, (*logs, *judged), params["force"])
+
+
+def _check_parameter_names(family: Family, params: Mapping[str, Any]) -> None:
+    specs = [p for v in family.variants for p in v.parameters]
+    for option, key in (("--fix", "fix"), ("--start", "start"), ("--bounds", "bounds")):
+        for name in params[key]:
+            if any(p.name == name and p.rank > 0 for p in specs):
+                raise UsageError(
+                    f"{option} takes single numbers, and {name} is a list.",
+                    remedy=f"Leave {option} {name} out.",
+                )
+        check_names(option, "parameter", params[key], [p.name for p in specs if p.rank == 0])
 
 
 def _fit(family: Family, params: Mapping[str, Any], invocation: Invocation) -> FitResult:

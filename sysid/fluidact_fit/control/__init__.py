@@ -5,7 +5,7 @@ from __future__ import annotations
 from .base import ModelBlock, ValidRange
 from .drive import DriveBlock
 from .dynamic import DynamicBlock, HammersteinBlock, TransferFunction
-from .load import load
+from .loading import load
 
 __all__ = [
     "DriveBlock",

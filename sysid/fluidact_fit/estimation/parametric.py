@@ -323,7 +323,7 @@ def fit_named(
                 sigma_floor=sigma_floor,
             )
         values = dict(zip(names, (*best.eta, *best.linear)))
-        worst = _least_determined(values, names, uncertainty, best, sensible or {}, unknowns)
+        worst = _least_determined(values, names, uncertainty, sensible or {}, by_name)
         if worst is None:
             break
         spec = by_name[worst[0]]
@@ -344,17 +344,16 @@ def _least_determined(
     values: Mapping[str, float],
     names: Sequence[str],
     uncertainty: Uncertainty,
-    solution: Solution,
     sensible: Mapping[str, float],
-    unknowns: Mapping[str, Unknown],
+    specified: Mapping[str, ParameterSpec],
 ) -> tuple[str, str] | None:
     """The parameter whose interval says least, if it says nothing at all."""
     variance = np.maximum(np.diag(uncertainty.covariance), 0.0)
     quantile = t_quantile(0.975, uncertainty.degrees)
     worst, name_worst, excess = None, "", 1.0
     for k, name in enumerate(names):
-        if name not in unknowns:
-            continue
+        if name not in specified:
+            continue  # a nuisance value is nobody's measurement
         width = sensible.get(name, max(abs(values[name]), 1e-300))
         if not np.isfinite(width):
             continue

@@ -8,8 +8,8 @@ lines of 2.36 m.
 
 The force is measured while a hand moves it: it goes on moving between samples. Taking it
 as held moves the mass by ``-c Ts / 2`` (8.6 kg at 100 Hz), so ``foh`` is the default.
-``--method thesis`` reproduces the discrete route of [1]_: a Hammerstein model with a
-discrete first-order numerator, brought back to continuous time by the bilinear transform.
+``--method thesis`` reproduces the discrete route of [1]_ for comparison
+(:class:`DiscreteRoute`).
 
 References
 ----------
@@ -20,14 +20,17 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..discrete import discretise
-from ..errors import LogError, Notice
+from ..errors import LogError, Notice, UsageError
+from ..estimation.inputs import PiecewiseInput, apply_dead_zone
+from ..estimation.linear import scan
 from ..estimation.parametric import (
+    Fitted,
+    NamedModel,
     Refusal,
     Values,
     bind,
@@ -45,7 +48,7 @@ from ..estimation.transfer import (
     simulate_transfer,
     time_scales,
 )
-from ..estimation.separable import Unknown, solve
+from ..estimation.separable import Basis, Unknown, solve
 from ..experiment import Experiment, FloatArray, Hold
 from ..family import Estimate, Family, Option, ParameterSpec, Request, Role, Value, Variant
 
@@ -129,13 +132,21 @@ class Hydrostatic(Family):
         for option, name in (("stiffness", "stiffness"), ("dead-time", "dead_time")):
             if request.options[option] == "estimate" or name in request.fixed:
                 names.append(name)
-        if request.options["method"] == "thesis":
-            return self._thesis(variant, experiments, request)
         scales, limits, sensible = self._scales(experiments)
         unknowns = make_unknowns(variant.parameters, names, scales, request, limits)
         refusals = _edges_out_of_reach(experiments, request)
+        thesis = request.options["method"] == "thesis"
+        if thesis and {"stiffness", "dead_time"} & set(names):
+            raise UsageError(
+                "--method thesis knows neither stiffness nor dead time",
+                remedy="Leave out --stiffness and --dead-time, or use --method output-error.",
+            )
+        if thesis:
+            unknowns["integrator_pole"] = Unknown("integrator_pole", 1.0, 0.5, 1.5, 1e-2)
         fitted = fit_transfer(
-            lambda some, rest: self._model(some, rest).named(names),
+            (lambda some, rest: DiscreteRoute(some).named(names))
+            if thesis
+            else (lambda some, rest: self._model(some, rest).named(names)),
             experiments,
             "position",
             variant.parameters,
@@ -153,8 +164,8 @@ class Hydrostatic(Family):
             covariance,
             fitted.solution.simulated,
             [e["position"] for e in experiments],
-            fitted.notices,
-            fitted.details(),
+            [*fitted.notices, *(_thesis_notice(fitted, experiments) if thesis else ())],
+            {**fitted.details(), **({"method": "thesis: discrete route"} if thesis else {})},
         )
 
     @staticmethod
@@ -209,51 +220,6 @@ class Hydrostatic(Family):
             rest=rest,
         )
 
-    def _thesis(
-        self, variant: Variant, experiments: Sequence[Experiment], request: Request
-    ) -> Estimate:
-        """The discrete route: held force, free discrete numerator, bilinear way back."""
-        from ..estimation.hammerstein import fit_discrete
-
-        held = [
-            replace(e, signals={**e.signals, "force": replace(e.signals["force"], hold="zoh")})
-            for e in experiments
-        ]
-        plain = replace(request, options={**request.options, "method": "output-error"})
-        start = self.estimate(variant, held, plain)
-        found = fit_discrete(held, start.parameters)
-        step = time_scales(experiments)[0]
-        exact = self.estimate(variant, experiments, plain)
-        difference = found.mass - float(exact.parameters["mass"].value)  # type: ignore[arg-type]
-        quantities_now = dict(start.parameters)
-        for name, value, se in found.rows():
-            quantities_now[name] = replace(
-                quantities_now[name],
-                value=value,
-                std_error=se,
-                ci95=[value - 1.96 * se, value + 1.96 * se],
-                status="estimated",
-            )
-        notice = Notice(
-            "thesis-method",
-            "the discrete route takes the force as held between samples. The mass it gives is "
-            f"{found.mass:.4g} kg; the exact continuous-time fit of the same logs gives "
-            f"{exact.parameters['mass'].value:.4g} kg. The difference of {difference:+.3g} kg is "
-            f"the known error -damping * sample_time / 2 = {-0.5 * found.damping * step:+.3g} kg "
-            "plus what the bilinear transform adds; use --method output-error for a mass.",
-        )
-        return Estimate(
-            quantities_now,
-            {},
-            found.order,
-            found.covariance,
-            found.simulated,
-            [e["position"] for e in experiments],
-            [*exact.notices, notice],
-            {"method": "thesis (discrete Hammerstein model, bilinear transform)",
-             "discrete_fit": found.transfer},
-        )  # fmt: skip
-
     def simulate(
         self,
         variant: Variant,
@@ -284,6 +250,59 @@ class Hydrostatic(Family):
             section["discrete_foh"] = discretise(num, den, sample_time, "foh", dead_time)
             section["discrete_tustin"] = discretise(num, den, sample_time, "tustin", dead_time)
         return section
+
+
+class DiscreteRoute:
+    """The thesis' discrete model, written in mass and damping.
+
+    ``X(z)/F(z) = b / ((z - q) (1 - a / z))`` with a held force: an output-error model
+    with one numerator coefficient and two free poles, of which ``q`` comes out near one
+    and is then dropped, brought to continuous time by the bilinear transform:
+    ``a = (2 - p T)/(2 + p T)``, ``p = c/m``, ``b = (1 - a) T / c``.
+    """
+
+    def __init__(self, experiments: Sequence[Experiment]) -> None:
+        self.experiments = experiments
+
+    def columns(self, index: int, values: Values) -> Basis:
+        """Position of the discrete model, and the columns of initial speed and offset."""
+        e = self.experiments[index]
+        step = e.sample_time
+        rate = values["damping"] / values["mass"] * step
+        a = (2.0 - rate) / (2.0 + rate)
+        b = (1.0 - a) * step / values["damping"]
+        held = PiecewiseInput(e.time, e["force"][:, None])
+        w = apply_dead_zone(held, values["dead_zone_negative"], values["dead_zone_positive"])
+        push = b * w.coefficients[:-1, :1] * np.ones(2)
+        pole = values["integrator_pole"]
+        phi = np.array([[pole, a], [0.0 * a, a]])
+        rest = np.zeros(2)
+        y = scan(phi, push, rest)[:, 0]
+        speed = scan(phi, np.zeros((y.size - 1, 2)), np.array([0.0, 1.0]))[:, 0]
+        return Basis(y, np.zeros((y.size, 0)), np.column_stack((speed, np.ones(y.size))))
+
+    def named(self, names: Sequence[str]) -> NamedModel:
+        """The model in the form the estimation takes."""
+        measured = [e["position"] for e in self.experiments]
+        return NamedModel((*names, "integrator_pole"), (), self.columns, measured)
+
+
+def _thesis_notice(fitted: Fitted, experiments: Sequence[Experiment]) -> list[Notice]:
+    """What the discrete route does to the mass, and the standard error it claims."""
+    mass = fitted.values["mass"]
+    claimed = f" ± {fitted.std_error('mass'):.2g}" if "mass" in fitted.names else ""
+    pole = fitted.values["integrator_pole"]
+    shift = -0.5 * fitted.values["damping"] * time_scales(experiments)[0]
+    return [
+        Notice(
+            "thesis-method",
+            f"the discrete route gives a mass of {mass:.4g}{claimed} kg and a pole at "
+            f"{pole:.6g} that it takes for one. It holds only for one numerator coefficient at a "
+            "delay of one sample, where the errors of the held force "
+            f"({shift:+.3g} kg) and of the bilinear transform cancel; every further coefficient "
+            "brings that shift back into the mass. Use --method output-error (the default).",
+        )
+    ]
 
 
 def _edges_out_of_reach(experiments: Sequence[Experiment], request: Request) -> list[Refusal]:
@@ -338,6 +357,7 @@ def _starts(
         eta = np.array([found[n] for n in used])
         damping = 1.0 / max(solve(problem, eta, max_iterations=0).linear[0], 1e-300)
         start = {**found, "damping": damping, "mass": found["mass"] * damping}
+        start["integrator_pole"] = 1.0  # only the discrete route has one
         if "stiffness" in found:
             start["stiffness"] = found["stiffness"] * damping
         out.append(start)

@@ -53,6 +53,7 @@ from ..estimation.uncertainty import Uncertainty, covariance, t_quantile
 from ..experiment import Experiment, FloatArray, Hold
 from ..family import (
     Block,
+    Curve,
     Estimate,
     Family,
     Option,
@@ -60,6 +61,7 @@ from ..family import (
     Quantity,
     Request,
     Role,
+    StaticView,
     Value,
     Variant,
 )
@@ -741,6 +743,35 @@ class Potentiometer(Family):
             }
             section.update({branch: ratio} if branch else ratio)
         return {"curve": section}
+
+    def static_view(
+        self,
+        variant: Variant,
+        estimate: Estimate,
+        experiments: Sequence[Experiment],
+        options: Mapping[str, Any],
+    ) -> StaticView:
+        """Position over reading: the curve or both branches, and the control points."""
+        data = _gather(experiments)
+        values = {n: q.value for n, q in estimate.parameters.items()}
+        low, high = np.asarray(values["reading_range"], dtype=float)
+        t = np.linspace(0.0, 1.0, 500)
+        branches = _curves(values)
+        names = ("rising", "falling") if len(branches) > 1 else ("fitted curve",)
+        points = branches[0][0]
+        return StaticView(
+            "reading", data.unit, "reference", "m",
+            data.reading, data.reference, np.concatenate(list(estimate.simulated)),
+            np.isfinite(np.concatenate(list(estimate.measured))),
+            [
+                Curve(name, low + (high - low) * t, rational_bezier(t, p, w))
+                for name, (p, w) in zip(names, branches)
+            ],
+            # where their pull is strongest when all weights are equal
+            Curve("control points", np.linspace(low, high, points.size), points)
+            if len(branches) == 1
+            else None,
+        )  # fmt: skip
 
     def block(self, variant: Variant, document: Mapping[str, Any]) -> PotentiometerBlock:
         """Return the calibration that a controller calls."""

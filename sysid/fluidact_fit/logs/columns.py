@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..errors import LogError, Notice, UsageError
 from ..experiment import FloatArray
 from ..family import Role
-from ..units import conversion_factor, same_dimension
+from ..units import conversion_factor, is_known_unit, same_dimension
 from .log import Column, Log, name_lines
 
 # Time is the one role with a symbol everybody uses as a header.
@@ -97,6 +97,11 @@ def check_roles(log: Log, roles: Iterable[Role]) -> None:
             raise UsageError(
                 f"--step cannot stand for '{name}'.", remedy="Only an input can be a known step."
             )
+        if known[name].hold is None:
+            raise UsageError(
+                f"--step cannot stand for '{name}': it is needed sample by sample.",
+                remedy=f"Give --column {name}=HEADER (or #N).",
+            )
         if name in log.bindings:
             raise UsageError(
                 f"'{name}' has both a --column and a --step.", remedy="Keep one of them."
@@ -106,7 +111,9 @@ def check_roles(log: Log, roles: Iterable[Role]) -> None:
             driving = [r.name for r in known.values() if r.hold is not None]
             raise UsageError(
                 f"--hold does not apply to '{name}', which drives nothing.",
-                remedy=f"Give it for {' or '.join(driving) or 'no role of this family'}.",
+                remedy=f"Give it for {' or '.join(driving)}."
+                if driving
+                else "Leave --hold out: no role of this family needs one.",
             )
 
 
@@ -172,6 +179,7 @@ def bind_role(log: Log, role: Role) -> Binding | None:
         and not same_dimension(unit, role.unit)
     ):
         unit = None  # "valve_m" as a voltage: the m was an index
+    role = in_accepted_unit(role, unit)
     factor = conversion_factor(unit, role.unit, where) if unit else 1.0
     return Binding(
         role=role,
@@ -183,6 +191,16 @@ def bind_role(log: Log, role: Role) -> Binding | None:
         assumed=unit is None and role.unit != "1",
         explicit=explicit,
     )
+
+
+def in_accepted_unit(role: Role, unit: str | None) -> Role:
+    """The role in whichever of its SI units has the dimension of a given unit."""
+    if unit is None or not role.alternatives or not is_known_unit(unit):
+        return role
+    for accepted in (role.unit, *role.alternatives):
+        if same_dimension(unit, accepted):
+            return replace(role, unit=accepted)
+    return role
 
 
 def bind_roles(log: Log, roles: Sequence[Role]) -> dict[str, Binding]:

@@ -109,7 +109,10 @@ def _parameter_schema(spec: ParameterSpec) -> dict[str, Any]:
             value |= {"minItems": spec.length, "maxItems": spec.length}
     return {
         "description": spec.description,
-        "properties": {"value": value, "unit": {"const": spec.unit}},
+        "properties": {
+            "value": value,
+            "unit": {"type": "string"} if spec.any_unit else {"const": spec.unit},
+        },
     }
 
 

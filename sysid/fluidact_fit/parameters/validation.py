@@ -208,7 +208,7 @@ def _check_parameters(document: dict[str, Any], variant: Variant, problems: Prob
 def _check_parameter(entry: dict[str, Any], spec: ParameterSpec, problems: Problems) -> None:
     here: Location = ("parameters", spec.name)
     if isinstance(entry.get("unit"), str):
-        _check_unit(entry["unit"], spec.unit, (*here, "unit"), problems)
+        _check_unit(entry["unit"], spec.unit, (*here, "unit"), problems, free=spec.any_unit)
     place = (*here, "value")
     if "value" not in entry or not problems.intact(*place):
         return
@@ -250,13 +250,17 @@ def _entries(value: Any, place: Location) -> Iterable[tuple[Location, float]]:
 # ------------------------------------------------------------------------------ units
 
 
-def _check_unit(unit: str, expected: str, place: Location, problems: Problems) -> None:
+def _check_unit(
+    unit: str, expected: str, place: Location, problems: Problems, *, free: bool = False
+) -> None:
     if unit == expected:
         return
     from .. import units  # slow to load, and not needed for a file that is right
 
     if not units.is_known_unit(unit):
         problems.add(place, f"{unit!r} is not a known unit; expected {expected!r}")
+    elif free:
+        return
     elif units.same_dimension(unit, expected):
         problems.add(place, f"{unit!r} is not the unit of this file; give SI, in {expected!r}")
     else:
@@ -265,7 +269,8 @@ def _check_unit(unit: str, expected: str, place: Location, problems: Problems) -
 
 def _check_roles(document: dict[str, Any], variant: Variant, problems: Problems) -> None:
     """Check what is given per role: the validity, and the errors of the output."""
-    units = {role.name: role.unit for role in variant.roles}
+    units = {role.name: (role.unit, *role.alternatives) for role in variant.roles}
+    accepted = {unit for several in units.values() for unit in several}
     for name, entry in _mapping(document, "validity").items():
         place: Location = ("validity", name)
         if name not in units:
@@ -274,15 +279,18 @@ def _check_roles(document: dict[str, Any], variant: Variant, problems: Problems)
             _check_range(entry, units[name], place, problems)
     for place, entry in _measures(document):
         unit = entry.get("unit")
-        if isinstance(unit, str) and unit not in units.values():
+        if isinstance(unit, str) and unit not in accepted:
             # Which role is the output may depend on an option (a force map turned round).
             _check_output_unit(unit, variant, (*place, "unit"), problems)
 
 
-def _check_range(entry: dict[str, Any], unit: str, place: Location, problems: Problems) -> None:
+def _check_range(
+    entry: dict[str, Any], accepted: tuple[str, ...], place: Location, problems: Problems
+) -> None:
     # A role in "1" holds raw readings, in whatever the converter gives: counts or volts.
-    if isinstance(entry.get("unit"), str) and unit != "1":
-        _check_unit(entry["unit"], unit, (*place, "unit"), problems)
+    unit = entry.get("unit")
+    if isinstance(unit, str) and accepted[0] != "1" and unit not in accepted:
+        _check_unit(unit, accepted[0], (*place, "unit"), problems)
     low, high = entry.get("low", 0.0), entry.get("high", 0.0)
     if {"low", "high"} <= set(entry) and _is_numeric([low, high]) and low > high:
         problems.add((*place, "low"), f"{low!r} is above high, {high!r}")
