@@ -420,11 +420,7 @@ def _columns(experiment: Experiment, simulated: FloatArray, header: str) -> dict
     columns: dict[str, FloatArray] = {}
     if experiment.time.size:
         columns["time [s]"] = experiment.time
-    for signal in experiment.signals.values():
-        values = signal.values
-        if values.size != simulated.size:
-            at = np.searchsorted(signal.time, experiment.time, side="right")
-            values = np.append(signal.before, signal.values)[at]
-        columns[f"{signal.role} [{signal.unit}]"] = values
+    for role, signal in experiment.signals.items():
+        columns[f"{role} [{signal.unit}]"] = experiment.sampled(role)
     columns[header] = simulated
     return columns

@@ -86,6 +86,18 @@ class Experiment:
         """Return the values of a role, shape ``(n,)`` [SI]."""
         return self.signals[role].values
 
+    def sampled(self, role: str) -> FloatArray:
+        """Return the values of a role at the samples, shape ``(n,)`` [SI].
+
+        An input that stepped and was not recorded has one node; here it is written out.
+        """
+        signal = self.signals[role]
+        if signal.values.size == self.samples or not self.time.size:
+            return signal.values
+        at = np.searchsorted(signal.time, self.time, side="right")
+        values: FloatArray = np.append(signal.before, signal.values)[at]
+        return values
+
     def __contains__(self, role: object) -> bool:
         return role in self.signals
 

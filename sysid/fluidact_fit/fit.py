@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import LogError, Notice, UsageError
+from .errors import LogError, Notice, NotIdentifiedError, UsageError
 from .estimation.inputs import interpolation
 from .experiment import Experiment, FloatArray, Hold
 from .families import get_family
@@ -91,7 +91,7 @@ def fit(
         seed=seed,
         progress=progress or (lambda message: None),
     )
-    estimate = chosen.estimate(variant, experiments, request)
+    estimate = _estimate(chosen, variant, experiments, request)
     judged = [_open(log, hold) for log in validate]
     validation, more = _validate(chosen, variant, estimate, judged, request)
     notices = _distinct([*notices, *more, *estimate.notices])
@@ -100,6 +100,20 @@ def fit(
         controller_sample_time, command,
     )  # fmt: skip
     return FitResult(family, variant, estimate, experiments, validation, document, notices)
+
+
+def _estimate(
+    family: Family, variant: Variant, experiments: Sequence[Experiment], request: Request
+) -> Estimate:
+    """Let the family fit; values so far apart that arithmetic fails are the data's fault."""
+    try:
+        return family.estimate(variant, experiments, request)
+    except (np.linalg.LinAlgError, OverflowError, FloatingPointError) as error:
+        raise NotIdentifiedError(
+            f"the computation broke down ({error}).",
+            expected="Some values are too far apart to be computed with. Nothing was written.",
+            remedy="Check --unit and --scale of the columns, and --fix, --start and --bounds (SI).",
+        ) from error
 
 
 def _open(log: LogLike, hold: Mapping[str, str] | None) -> Log:

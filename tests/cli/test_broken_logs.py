@@ -342,17 +342,14 @@ def test_in_a_process_of_its_own(damage: str, apart: Callable[..., Any], tmp_pat
 def _odd_options(family: str) -> list[list[str]]:
     """Well-formed options that few logs go with, for every role and parameter."""
     variant = get_family(family).variants[0]
-    odd = [["--window", "0:0.1"], ["--window", "0.3:"], ["--sample-time", "1e-12"],
-           ["--sample-time", "1e200"], ["--controller-sample-time", "1e-9"],
-           ["--controller-sample-time", "1e6"]]  # fmt: skip
+    odd = [["--window", "0:0.1"], ["--sample-time", "1e-14"], ["--sample-time", "1e200"],
+           ["--controller-sample-time", "1e-9"]]  # fmt: skip
     for role in variant.roles:
-        odd += [["--scale", f"{role.name}={x}"] for x in ("1e300", "1e-300", "-1", "1e12")]
-        odd += [["--step", f"{role.name}=0:1@0.1"], ["--step", f"{role.name}=5:5@-3"]]
-        odd += [["--hold", f"{role.name}={hold}"] for hold in ("zoh", "cubic")]
-        odd += [["--column", f"{role.name}=#1"]]
+        odd += [["--scale", f"{role.name}=1e300"], ["--scale", f"{role.name}=1e-99"]]
+        odd += [["--step", f"{role.name}=0:1@0.1"], ["--hold", f"{role.name}=cubic"]]
     for parameter in variant.parameters:
-        odd += [["--fix", f"{parameter.name}={x}"] for x in ("0", "1", "1e30")]
-        odd += [["--start", f"{parameter.name}=1e-20"], ["--bounds", f"{parameter.name}=1:1.001"]]
+        odd += [["--fix", f"{parameter.name}=0"], ["--fix", f"{parameter.name}=1e30"]]
+        odd += [["--bounds", f"{parameter.name}=1:1.001"]]
     return odd
 
 

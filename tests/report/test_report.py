@@ -270,7 +270,7 @@ def test_static_maps_show_curve_points_and_what_was_left_out(
     monkeypatch.setattr(family, "static_view", lambda *given: view)
     figure = plot_result(make())
     found = texts(figure)
-    for word in ("left out", "control points", "reference [mm]", "residual [µm]", "± 2 rmse"):
+    for word in ("left out", "control points", "reference [mm]", "residual [mm]", "± 2 rmse"):
         assert word in found
     save_figure(figure, tmp_path / "map.svg")
     assert plot_validation(make(validation=True)) is None

@@ -139,8 +139,9 @@ def check_agreement(
         Naming what disagrees.
     """
     model = document.model
-    step = model["discrete"]["sample_time"] if "discrete" in model else 0.0
-    due = family.model_section(variant, document.values(), float(step), "zoh")
+    discrete = model.get("discrete", {})
+    step, hold = discrete.get("sample_time", 0.0), discrete.get("hold", "zoh")
+    due = family.model_section(variant, document.values(), float(step), hold)
     problems = [
         (f"model.{key}", "does not agree with the parameters")
         for key, value in due.items()

@@ -159,7 +159,7 @@ def _cross(
     target = float(np.real(edge))
     low, high = np.zeros(index.size), step.copy()
     rising = c[:, 0] <= target
-    offset = step * np.clip(
+    offset: Array = step * np.clip(
         (target - c[:, 0])
         / np.where(_values(c, step) == c[:, 0], 1.0, _values(c, step) - c[:, 0]),
         0.0,

@@ -21,6 +21,7 @@ from .separable import Basis, Problem, Search, Slopes, Solution, Unknown, solve_
 from .uncertainty import Uncertainty, covariance, score_covariance, t_quantile
 
 Array = npt.NDArray[Any]
+_MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
 Values = Mapping[str, Any]
 
 
@@ -309,7 +310,8 @@ def fit_named(
         begin = [
             np.array([s[u.name] for u in problem.nonlinear]) for s in starts
         ]
-        search = solve_from(problem, begin)
+        rows = sum(y.size for y in model.measured)
+        search = solve_from(problem, begin, tolerance=1e-5 if rows < _MANY else 1e-2)
         best = search.best
         names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
         if channels and len(channels[0]) > 1:

@@ -22,7 +22,8 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -237,7 +238,7 @@ class _Fit:
 
     def local(self) -> list[FloatArray]:
         """Local unknowns of every experiment."""
-        out = []
+        out: list[FloatArray] = []
         for i, r in enumerate(self.reduced):
             w = self.problem.weight(i)
             column = w[:, None] if isinstance(w, np.ndarray) else w
@@ -269,10 +270,10 @@ class _Fit:
         for i, (r, s) in enumerate(zip(self.reduced, slopes)):
             w = self.problem.weight(i)
             j = s.known.copy()
-            if self.linear.size:
-                j += s.shared @ self.linear
-            if local[i].size:
-                j += s.local @ local[i]
+            for k, value in enumerate(self.linear):
+                j += value * s.shared[:, :, k]
+            for k, value in enumerate(local[i]):
+                j += value * s.local[:, :, k]
             j = (j * w).T
             if r.q.shape[1]:
                 j = j - r.q @ (r.q.T @ j)
@@ -356,6 +357,10 @@ def solve(
             gain = (fit.cost - trial.cost) / predicted
             if gain > 1e-4:
                 x, moved = candidate, True
+                if predicted <= (10.0 * tolerance) ** 2 * noise and gain > 0.5:
+                    # the next step would be far below the tolerance: keep these slopes
+                    fit, converged, moved = trial, True, False
+                    break
                 damping = max(damping * (0.1 if gain > 0.5 else 0.5), 1e-12)
                 break
             if abs(fit.cost - trial.cost) <= 1e-13 * fit.cost and predicted <= 1e-11 * fit.cost:
@@ -414,7 +419,7 @@ def _evaluate(
         if own is not None:
             basis, slope = own(i, eta)
         else:
-            basis, slope = differentiate(lambda e, i=i: problem.model.basis(i, e), eta, scales)
+            basis, slope = differentiate(partial(problem.model.basis, i), eta, scales)
         bases.append(basis)
         slopes.append(slope)
     return _Fit(problem, eta, bases), slopes
@@ -502,11 +507,3 @@ def solve_from(problem: Problem, starts: Sequence[FloatArray], **limits: Any) ->
     agreeing = sum(same(s) for s in found)
     rivals = tuple(s for s in found if not same(s) and s.cost <= 1.05 * best.cost)
     return Search(best, len(found), agreeing, rivals)
-
-
-def restart_full(problem: Problem, sub: Problem, starts: Sequence[FloatArray]) -> Search:
-    """Search on a part of the data, then polish the winners on all of it."""
-    search = solve_from(sub, starts)
-    finalists = [search.best.eta, *(s.eta for s in search.rivals[:2])]
-    full = solve_from(problem, finalists)
-    return replace(full, tried=search.tried, agreeing=search.agreeing)

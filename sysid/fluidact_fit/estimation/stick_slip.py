@@ -207,7 +207,8 @@ class _Run:
         kind = np.result_type(p.inertia, p.viscous, p.coulomb_positive, p.breakaway_positive, float)
         self.k = p.inertia.size
         negative = p.viscous if p.viscous_negative is None else p.viscous_negative
-        inertia, memo = p.inertia.astype(kind), {}
+        memo: dict[tuple[complex, complex], tuple[Array, Array]] = {}
+        inertia = p.inertia.astype(kind)
         self.forward = _Direction(
             1, inertia, p.viscous.astype(kind), p.coulomb_positive, u, grid, memo
         )

@@ -32,6 +32,7 @@ from .parametric import (
 from .separable import Basis, Problem, Search, Unknown, profile, solve_from
 
 Array = npt.NDArray[Any]
+_MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
 Realisation = Callable[[Values], tuple[Array, Array, Array]]
 
 
@@ -212,6 +213,10 @@ def fit_transfer(
     problem, search = _search(make, few, find_starts, unknowns, held, request, rest)
     names = [u.name for u in problem.nonlinear]
     finalists = [{**held, **dict(zip(names, s.eta))} for s in (search.best, *search.rivals[:1])]
+    if sum(e.samples for e in experiments) > _MANY:
+        middle = bind(make(shorten(experiments, output, samples=_MANY // 4), rest), unknowns, held)
+        closer = solve_from(middle, [_vector(middle, s) for s in finalists], tolerance=1e-2)
+        finalists = [{**held, **dict(zip(names, closer.best.eta))}]
     request.progress("fitting")
     fitted = fit_named(
         make(experiments, rest),

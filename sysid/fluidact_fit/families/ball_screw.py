@@ -295,7 +295,8 @@ class BallScrew(Family):
             axis.inertia: start[axis.inertia],
             **dict.fromkeys(moving, np.inf),
         }
-        compared, weights = Compared(), []
+        compared = Compared()
+        weights: list[FloatArray] = []
         if beyond:
             compared, weights = self._with_derivatives(
                 experiments, axis, names, unknowns, start, request, refusals
@@ -347,7 +348,8 @@ class BallScrew(Family):
         Once forces beyond the model decide the instant of break-away, no level is left to
         bracket and it is refused.
         """
-        before = start, names, request, refusals, {}
+        nothing: dict[str, _Bracket] = {}
+        before = start, names, request, refusals, nothing
         if any(interpolation(e.signals[axis.drive]) != "zoh" for e in experiments):
             return before
         request.progress("bracketing the static levels")
@@ -610,7 +612,7 @@ def _inverse_dynamics(
         rows, drive = [], []
         for e in experiments:
             s = smooth(e[axis.motion], e.sample_time, half)
-            u = smooth(e[axis.drive], e.sample_time, half).value
+            u = smooth(e.sampled(axis.drive), e.sample_time, half).value
             fast = float(np.quantile(np.abs(s.rate), 0.99))
             moving = s.inside & (np.abs(s.rate) > 0.12 * fast)
             v, forward = s.rate[moving], s.rate[moving] > 0.0
@@ -789,7 +791,7 @@ def _search_level(
 ) -> _Bracket:
     """Find the step of the staircase that fits best, coarse to fine."""
     sign = 1.0 if side == "positive" else -1.0
-    drive = np.concatenate([sign * e[axis.drive] for e in experiments])
+    drive = np.concatenate([sign * e.sampled(axis.drive) for e in experiments])
     kinetic = values[f"coulomb_{side}"]
     levels = np.unique(drive[drive > kinetic])
     levels = np.concatenate(([kinetic], levels))

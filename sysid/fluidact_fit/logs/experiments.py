@@ -26,6 +26,7 @@ from .log import Log, StepInput
 from .timebase import Run, counted_run, split_runs, untimed_run
 
 _LARGEST = 1e100  # beyond it squares overflow
+_SHORTEST, _LONGEST = 1e-12, 1e9  # step of time [s]
 
 
 def choose_variant(logs: Log | Sequence[Log], variants: Sequence[Variant]) -> Variant:
@@ -95,6 +96,7 @@ def experiments(
     bindings = bind_roles(log, variant.roles)
     notices = list(log.notices)
     runs = _find_runs(log, variant, bindings, notices)
+    _require_time_scale(log, runs)
     notices += assumed_notice(log, bindings.values())
     runs = _apply_window(log, runs)
     found = _make_experiments(log, variant, bindings, runs, index)
@@ -142,6 +144,24 @@ def _without_sample_time(log: Log) -> Log:
     from dataclasses import replace
 
     return replace(log, sample_time=None)
+
+
+def _require_time_scale(log: Log, runs: Sequence[Run]) -> None:
+    """Refuse steps of time that no machine has and no arithmetic survives."""
+    for run in runs:
+        step = run.sample_time
+        if run.time.size < 2 or _SHORTEST <= step <= _LONGEST:
+            continue
+        what = f"the samples are {step:.3g} s apart."
+        expected = f"Expected {_SHORTEST:g} to {_LONGEST:g} s."
+        if log.sample_time is not None:
+            raise UsageError(what, expected=expected, remedy="Correct --sample-time.")
+        raise LogError(
+            what,
+            where=log.name,
+            expected=expected,
+            remedy="Check the time column, --unit time=... and --scale time=...",
+        )
 
 
 def _apply_window(log: Log, runs: list[Run]) -> list[Run]:

@@ -194,7 +194,7 @@ def _dynamic(figure: Figure, runs: Sequence[Run], result: FitResult, right: floa
 
 
 def _run_title(run: Run, columns: int, runs: int) -> str:
-    name = plain(run.name, max(44 // columns, 12))
+    name = plain(run.name, 72 // columns)
     return f"{name} · {percent(run.fit_percent)}" if runs > 1 else name
 
 

@@ -13,7 +13,7 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # SI unit: (smallest typical size, factor, name), the largest that fits first
 _SCALES: Mapping[str, tuple[tuple[float, float, str], ...]] = {
     "s": ((0.5, 1.0, "s"), (0.0, 1e3, "ms")),
-    "m": ((1.5, 1.0, "m"), (1e-4, 1e3, "mm"), (0.0, 1e6, "µm")),
+    "m": ((1.5, 1.0, "m"), (5e-5, 1e3, "mm"), (0.0, 1e6, "µm")),
     "m/s": ((1.5, 1.0, "m/s"), (0.0, 1e3, "mm/s")),
     "rad": ((0.1, 1.0, "rad"), (0.0, 1e3, "mrad")),
     "Pa": ((5e3, 1e-5, "bar"), (2e2, 1e-3, "kPa"), (0.0, 1.0, "Pa")),

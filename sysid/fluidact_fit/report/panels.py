@@ -152,10 +152,11 @@ def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
     if out.any():
         _points(axes, view.x, view.measured, out, x, y, LEFT_OUT, "left out", "x")
     _points(axes, view.x, view.measured, view.used, x, y, SPARSE, "measured")
-    styles = ("-", "--", "-.", ":")
+    styles, colours = ("-", "--", "-.", ":"), (SIMULATED, INPUT, POINTS, INK)
     for k, curve in enumerate(view.curves):
-        axes.plot(curve.x * x.factor, curve.y * y.factor, color=SIMULATED, linewidth=1.6, zorder=4,
-                  linestyle=styles[k % len(styles)], label=plain(curve.label, 30))  # fmt: skip
+        axes.plot(curve.x * x.factor, curve.y * y.factor, color=colours[k % 4],
+                  linewidth=1.6, zorder=4, linestyle=styles[k % 4],
+                  label=plain(curve.label, 30))  # fmt: skip
     if not view.curves:
         order = np.argsort(view.x, kind="stable")
         axes.plot(view.x[order] * x.factor, view.fitted[order] * y.factor, color=SIMULATED,
