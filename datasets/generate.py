@@ -5,7 +5,8 @@
 Every log is simulated with the small solvers below: closed forms between events, or a grid
 100 times finer than the log. They need nothing but numpy and share no code with
 ``fluidact_fit``, so that a fit which recovers the truth proves something. Running the
-script again writes the same bytes.
+script again writes the same bytes. Run it last: it also writes ``SHA256SUMS``, over the
+datasets of all generators.
 """
 
 from __future__ import annotations
@@ -648,9 +649,8 @@ def format_readme(data: Dataset) -> str:
     )
 
 
-def write_datasets(directory: Path) -> list[Path]:
-    """Write all datasets and their checksums below ``directory``; return the files."""
-    written = []
+def write_datasets(directory: Path) -> None:
+    """Write all datasets below ``directory``."""
     for data in DATASETS:
         folder = directory / data.family
         folder.mkdir(parents=True, exist_ok=True)
@@ -659,23 +659,26 @@ def write_datasets(directory: Path) -> list[Path]:
             rng = np.random.default_rng([SEED, data.number, trial])
             texts[name] = format_log(data, data.simulate(rng, trial))
         for name, text in sorted(texts.items()):
-            path = folder / name
-            path.write_bytes(text.encode("utf-8"))
-            written.append(path)
+            (folder / name).write_bytes(text.encode("utf-8"))
+
+
+def write_checksums(directory: Path) -> None:
+    """Write the checksums of all datasets, those of other generators included."""
     sums = [
         f"{hashlib.sha256(p.read_bytes()).hexdigest()}  {p.relative_to(directory).as_posix()}\n"
-        for p in sorted(written)
+        for p in sorted(directory.glob("*/*.*"))
+        if p.suffix != ".pyc"
     ]
-    total = directory / "SHA256SUMS"
-    total.write_bytes("".join(sums).encode("utf-8"))
-    return [*written, total]
+    (directory / "SHA256SUMS").write_bytes("".join(sums).encode("utf-8"))
 
 
 def main() -> None:
     """Write the datasets."""
     parser = argparse.ArgumentParser(description="Write the synthetic datasets.")
     parser.add_argument("--output", type=Path, default=Path(__file__).parent)
-    write_datasets(parser.parse_args().output)
+    directory = parser.parse_args().output
+    write_datasets(directory)
+    write_checksums(directory)
 
 
 if __name__ == "__main__":

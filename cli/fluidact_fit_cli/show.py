@@ -51,8 +51,8 @@ def echo_table(rows: Sequence[Sequence[str]], right: Iterable[int] = ()) -> None
 
 
 def echo_json(document: Any) -> None:
-    """Print a document as JSON, nothing else."""
-    click.echo(json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False))
+    """Print a document as JSON, nothing else; ASCII, so that no encoding can spoil it."""
+    click.echo(json.dumps(document, indent=2, allow_nan=False))
 
 
 def echo_warnings(notices: Iterable[Any]) -> None:

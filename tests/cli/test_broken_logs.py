@@ -342,14 +342,12 @@ def test_in_a_process_of_its_own(damage: str, apart: Callable[..., Any], tmp_pat
 def _odd_options(family: str) -> list[list[str]]:
     """Well-formed options that few logs go with, for every role and parameter."""
     variant = get_family(family).variants[0]
-    odd = [["--window", "0:0.1"], ["--sample-time", "1e-14"], ["--sample-time", "1e200"],
-           ["--controller-sample-time", "1e-9"]]  # fmt: skip
+    odd = [["--window", "0:0.1"], ["--sample-time", "1e-14"], ["--sample-time", "1e200"]]
     for role in variant.roles:
-        odd += [["--scale", f"{role.name}=1e300"], ["--scale", f"{role.name}=1e-99"]]
-        odd += [["--step", f"{role.name}=0:1@0.1"], ["--hold", f"{role.name}=cubic"]]
-    for parameter in variant.parameters:
-        odd += [["--fix", f"{parameter.name}=0"], ["--fix", f"{parameter.name}=1e30"]]
-        odd += [["--bounds", f"{parameter.name}=1:1.001"]]
+        odd += [["--scale", f"{role.name}=1e300"], ["--step", f"{role.name}=0:1@0.1"]]
+    odd += [["--hold", f"{role.name}=cubic"] for role in variant.roles[:2]]
+    odd += [["--fix", f"{parameter.name}=1e30"] for parameter in variant.parameters]
+    odd += [["--bounds", f"{variant.parameters[0].name}=1:1.001"]]
     return odd
 
 

@@ -132,3 +132,13 @@ def test_progress(
         progress.last -= 3.0
         progress("later")
         assert stream.getvalue().startswith("later ... (")
+
+
+def test_an_ascii_terminal_is_no_fault(inside: Path, valve: Callable[..., Path]) -> None:
+    valve()
+    done = subprocess.run(
+        [sys.executable, "-m", "fluidact_fit_cli.main", "valve", "valve.csv"],
+        env={**os.environ, "PYTHONIOENCODING": "ascii"}, capture_output=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert b"written to valve.yaml" in done.stdout

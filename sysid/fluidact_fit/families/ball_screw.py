@@ -47,7 +47,17 @@ from ..estimation.parametric import (
 from ..estimation.separable import Basis, Slopes, Unknown, solve
 from ..estimation.stick_slip import Motion, StickSlip, simulate_stick_slip
 from ..experiment import Experiment, FloatArray, Hold
-from ..family import Estimate, Family, Option, ParameterSpec, Quantity, Request, Role, Value, Variant
+from ..family import (
+    Estimate,
+    Family,
+    Option,
+    ParameterSpec,
+    Quantity,
+    Request,
+    Role,
+    Value,
+    Variant,
+)
 from ..signals import smooth
 
 Array = npt.NDArray[Any]
@@ -673,7 +683,7 @@ def _sides_at_rest(
     experiments: Sequence[Experiment], axis: _Axis, viscous: Sequence[str]
 ) -> list[Refusal]:
     """Friction of a direction in which no log ever moves."""
-    travel = {s: 0.0 for s in _SIDES}
+    travel = dict.fromkeys(_SIDES, 0.0)
     for e in experiments:
         y = e[axis.motion]
         lag = max(1, y.size // 200)

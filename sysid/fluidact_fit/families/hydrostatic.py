@@ -40,6 +40,7 @@ from ..estimation.parametric import (
     quantities,
     scalars,
 )
+from ..estimation.separable import Basis, Unknown, solve
 from ..estimation.transfer import (
     TransferModel,
     dead_time_axis,
@@ -48,7 +49,6 @@ from ..estimation.transfer import (
     simulate_transfer,
     time_scales,
 )
-from ..estimation.separable import Basis, Unknown, solve
 from ..experiment import Experiment, FloatArray, Hold
 from ..family import Estimate, Family, Option, ParameterSpec, Request, Role, Value, Variant
 

@@ -20,7 +20,15 @@ import numpy as np
 
 from ..discrete import discretise
 from ..errors import Notice
-from ..estimation.parametric import Values, bind, check_request, derive, make_unknowns, quantities, scalars
+from ..estimation.parametric import (
+    Values,
+    bind,
+    check_request,
+    derive,
+    make_unknowns,
+    quantities,
+    scalars,
+)
 from ..estimation.transfer import (
     TransferModel,
     dead_time_axis,
@@ -30,7 +38,17 @@ from ..estimation.transfer import (
     time_scales,
 )
 from ..experiment import Experiment, FloatArray, Hold
-from ..family import Estimate, Family, Option, ParameterSpec, Quantity, Request, Role, Value, Variant
+from ..family import (
+    Estimate,
+    Family,
+    Option,
+    ParameterSpec,
+    Quantity,
+    Request,
+    Role,
+    Value,
+    Variant,
+)
 
 
 def realise(values: Values) -> tuple[Any, Any, Any]:
