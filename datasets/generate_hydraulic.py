@@ -168,9 +168,9 @@ def simulate_cylinder(rng: np.random.Generator, trial: int) -> list[Array]:
     return [
         CYLINDER_STEP * np.arange(CYLINDER_SAMPLES, dtype=np.float64),
         rows[:, 0],
-        1e-5 * (rows[:, 1] + 8e3 * noise[:, 0]),
-        1e-5 * (rows[:, 2] + 8e3 * noise[:, 1]),
-        1e3 * (rows[:, 3] + 2e-5 * noise[:, 2]),
+        1e-5 * (rows[:, 1] + 2e4 * noise[:, 0]),
+        1e-5 * (rows[:, 2] + 2e4 * noise[:, 1]),
+        1e3 * (rows[:, 3] + 5e-5 * noise[:, 2]),
     ]
 
 
@@ -250,7 +250,7 @@ DATASETS = (
             "0.9 V across the dead zone",
             "areas, volumes, mass and supply pressure of table 1, the volumes taken at position 0",
             "losses enter with the amount of the flow, so that they brake in both directions",
-            "sensor noise 0.08 bar and 0.02 mm RMS (invented), tank pressure 0",
+            "sensor noise 0.2 bar and 0.05 mm RMS (invented), tank pressure 0",
             "the piston sticks while the force lies within the Coulomb level",
         ),
         {
@@ -288,9 +288,7 @@ def number(value: float) -> str:
     """A float as the parameter files write it."""
     if value != 0.0 and not 1e-3 <= abs(value) < 1e6:
         mantissa, exponent = f"{value:.16e}".split("e")
-        short = next(
-            s for d in range(1, 17) if float(s := f"{value:.{d}e}") == value or d == 16
-        )
+        short = next(s for d in range(1, 17) if float(s := f"{value:.{d}e}") == value or d == 16)
         mantissa, exponent = short.split("e")
         return f"{mantissa}e{int(exponent):+03d}"
     return repr(float(value))

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
         FluidactError,
         LogError,
         MismatchError,
-        NotIdentifiedError,
         Notice,
+        NotIdentifiedError,
         OutputError,
         ParameterFileError,
         StrictError,
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         UsageError,
     )
     from .families import family_names, get_family
-    from .fit import fit
+    from .fitting import fit
     from .logs import Log, StepInput, read_log
     from .parameters import read_document
     from .result import FitResult
@@ -46,7 +46,7 @@ _HOMES = {
     ),
     "family_names": "families",
     "get_family": "families",
-    "fit": "fit",
+    "fit": "fitting",
     "Log": "logs",
     "StepInput": "logs",
     "read_log": "logs",

@@ -14,7 +14,7 @@ from .errors import LogError, Notice, NotIdentifiedError, UsageError
 from .experiment import Experiment, FloatArray, Signal
 from .families import get_family
 from .family import Family, Quantity, Role, Variant
-from .fit import fit
+from .fitting import fit
 from .logs import Log, StepInput
 from .logs import experiments as experiments_of
 from .logs.columns import find_column

@@ -39,9 +39,7 @@ class FluidactError(Exception):
 
     exit_status = 1
 
-    def __init__(
-        self, what: str, *, where: str = "", expected: str = "", remedy: str = ""
-    ) -> None:
+    def __init__(self, what: str, *, where: str = "", expected: str = "", remedy: str = "") -> None:
         self.what = what
         self.where = where
         self.expected = expected

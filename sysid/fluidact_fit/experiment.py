@@ -39,6 +39,9 @@ class Signal:
     resolution
         Smallest distance between two distinct neighbouring values that the log shows
         (converter or print resolution) [SI unit]; 0 when the signal is constant.
+    moves
+        What a hold of ``"foh"`` was found to mean for this signal, decided once for all
+        logs of a fit; ``None`` when nobody has looked yet.
     """
 
     role: str
@@ -48,6 +51,7 @@ class Signal:
     hold: Hold | None = None
     before: float = 0.0
     resolution: float = 0.0
+    moves: Literal["zoh", "linear", "cubic"] | None = None
 
 
 @dataclass(frozen=True)

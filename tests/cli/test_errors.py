@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import fluidact_fit.fit
+import fluidact_fit.fitting
 
 Run = Callable[..., Any]
 
@@ -25,7 +25,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, inside: Path, valve: Callable[..., 
         def fit(*_: object, **__: object) -> None:
             raise error
 
-        monkeypatch.setattr(fluidact_fit.fit, "fit", fit)
+        monkeypatch.setattr(fluidact_fit.fitting, "fit", fit)
         return valve()
 
     return arm
@@ -66,13 +66,13 @@ def test_statuses(
 def test_numpy_warnings_do_not_reach_the_user(
     here: Run, inside: Path, valve: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = fluidact_fit.fit.fit
+    real = fluidact_fit.fitting.fit
 
     def noisy(*args: Any, **kwargs: Any) -> Any:
         np.log(np.zeros(2))
         return real(*args, **kwargs)
 
-    monkeypatch.setattr(fluidact_fit.fit, "fit", noisy)
+    monkeypatch.setattr(fluidact_fit.fitting, "fit", noisy)
     done = here("valve", valve())
     assert (done.status, done.err) == (0, "")
 
@@ -93,8 +93,8 @@ def test_closed_pipe_is_tidy(inside: Path, valve: Callable[..., Path]) -> None:
 def test_interrupt_is_tidy(inside: Path, valve: Callable[..., Path]) -> None:
     valve()
     code = (
-        "import fluidact_fit.fit, os, signal, sys\n"
-        "fluidact_fit.fit.fit = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
+        "import fluidact_fit.fitting, os, signal, sys\n"
+        "fluidact_fit.fitting.fit = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
         "from fluidact_fit_cli.main import run\n"
         "sys.exit(run(['valve', 'valve.csv']))\n"
     )

@@ -377,7 +377,7 @@ def test_numbers_as_people_read_them() -> None:
 
 def test_importing_the_package_loads_no_matplotlib() -> None:
     code = (
-        "import sys, fluidact_fit.report, fluidact_fit.fit; print('matplotlib' in sys.modules, "
+        "import sys, fluidact_fit.report, fluidact_fit.fitting; print('matplotlib' in sys.modules, "
         "'matplotlib.pyplot' in sys.modules)"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

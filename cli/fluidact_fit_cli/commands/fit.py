@@ -159,7 +159,7 @@ def _check_parameter_names(family: Family, params: Mapping[str, Any]) -> None:
 
 
 def _fit(family: Family, params: Mapping[str, Any], invocation: Invocation) -> FitResult:
-    from fluidact_fit.fit import fit
+    from fluidact_fit.fitting import fit
 
     progress = Progress(params["quiet"], params["verbose"])
     try:

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import NotIdentifiedError, Notice, UsageError
+from ..errors import Notice, NotIdentifiedError, UsageError
 from ..experiment import Experiment, FloatArray, Signal
 from ..family import ParameterSpec, Quantity, Request, Value
+from .agreement_of_logs import Drift, compare_logs
 from .separable import Basis, Problem, Search, Slopes, Solution, Unknown, solve_from
 from .uncertainty import Uncertainty, covariance, score_covariance, t_quantile
 
@@ -157,7 +158,7 @@ def make_unknowns(
             if low < spec.minimum or high > spec.maximum:
                 raise UsageError(
                     f"--bounds {name}={low:g}:{high:g} reaches outside the possible range",
-                    expected=f"{name} lies between {spec.minimum:g} and {spec.maximum:g} {spec.unit}",
+                    expected=f"{name} is {spec.minimum:g} to {spec.maximum:g} {spec.unit}",
                     remedy="Give bounds inside that range.",
                 )
         start = request.start.get(name, 0.0)
@@ -220,6 +221,36 @@ class Fitted:
     unknowns: Mapping[str, Unknown] = field(default_factory=dict)
     remarks: Mapping[str, Any] = field(default_factory=dict)
 
+    def compare_logs(self, experiments: Sequence[Experiment]) -> tuple[dict[str, Any], list[Notice]]:
+        """Leave-one-log-out errors and drift, for the file, and what is worth a warning."""
+        logs = [e.log for e in experiments]
+        every = list(dict.fromkeys(logs))
+        kept = [k for k, n in enumerate(self.names) if self.status.get(n) == "estimated"]
+        if len(every) < 2 or not kept or self.uncertainty.order < 0:
+            return {}, []
+        label = {e.log: e.name.split("#")[0] for e in experiments}
+        names = [self.names[k] for k in kept]
+        drifts, left_out = compare_logs(
+            [j[:, kept] for j in self.solution.jacobian], self.solution.residuals, logs, names
+        )
+        table: dict[str, Any] = {
+            "drift": [
+                {
+                    "file": label[d.log],
+                    "parameter": d.parameter,
+                    "difference": d.difference,
+                    "deviations": d.deviations,
+                    "p_value": d.p_value,
+                }
+                for d in drifts
+            ]
+        }
+        if len(every) > 2:
+            table["leave_one_log_out"] = [
+                {"file": label[x.log], "rmse": x.rmse} for x in left_out
+            ]
+        return table, [_drift_notice(d, label, self.values) for d in drifts if d.p_value < 0.01]
+
     def details(self) -> dict[str, Any]:
         """What the search did, for the file."""
         return {
@@ -243,6 +274,17 @@ class Fitted:
         """Standard error of an estimated parameter."""
         k = self.names.index(name)
         return float(np.sqrt(max(self.uncertainty.covariance[k, k], 0.0)))
+
+
+def _drift_notice(drift: Drift, label: Mapping[int, str], values: Mapping[str, float]) -> Notice:
+    share = 100.0 * drift.difference / abs(values[drift.parameter] or 1.0)
+    return Notice(
+        "log-differs",
+        f"{label[drift.log]} does not agree with the other logs: its own {drift.parameter} "
+        f"differs by {drift.difference:+.3g} ({share:+.1f} %), {abs(drift.deviations):.1f} standard "
+        f"errors (p = {drift.p_value:.1g}). Check whether it comes from the same machine in the "
+        "same state; leave it out or fit it apart.",
+    )
 
 
 def refuse(spec: ParameterSpec, reason: str) -> Notice:
@@ -307,9 +349,7 @@ def fit_named(
             hold = r.hold if r.hold is not None else by_name[name].neutral
             held[name] = float(hold if hold is not None else 0.0)
         problem = bind(model, unknowns, held)
-        begin = [
-            np.array([s[u.name] for u in problem.nonlinear]) for s in starts
-        ]
+        begin = [np.array([s[u.name] for u in problem.nonlinear]) for s in starts]
         rows = sum(y.size for y in model.measured)
         search = solve_from(problem, begin, tolerance=1e-5 if rows < _MANY else 1e-2)
         best = search.best

@@ -248,7 +248,8 @@ class _Fit:
             if r.basis.local.shape[1] == 0:
                 out.append(np.zeros(0))
             else:
-                out.append(np.linalg.lstsq(r.basis.local * column, rest * w, rcond=None)[0])
+                found = np.linalg.lstsq(r.basis.local * column, rest * w, rcond=None)[0]
+                out.append(np.asarray(found, dtype=float))
         return out
 
     def jacobian(self, slopes: Sequence[Slopes], local: list[FloatArray]) -> list[FloatArray]:
@@ -410,9 +411,7 @@ def _value(problem: Problem, eta: FloatArray) -> _Fit:
     return _Fit(problem, eta, bases)
 
 
-def _evaluate(
-    problem: Problem, eta: FloatArray, scales: FloatArray
-) -> tuple[_Fit, list[Slopes]]:
+def _evaluate(problem: Problem, eta: FloatArray, scales: FloatArray) -> tuple[_Fit, list[Slopes]]:
     bases, slopes = [], []
     own = getattr(problem.model, "slopes", None)
     for i in range(len(problem.measured)):

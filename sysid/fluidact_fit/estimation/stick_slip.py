@@ -27,7 +27,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import FloatArray
 from .inputs import PiecewiseInput
 from .linear import Grid, scan, transition
 
@@ -302,9 +301,7 @@ class _Run:
         slope = _polynomial(c[1:] * np.arange(1, c.size), root)
         return root + (level - np.real(level[0])) / slope, sign
 
-    def _slip(
-        self, node: int, offset: Array, sign: int, speed: Array
-    ) -> tuple[int, Array, int]:
+    def _slip(self, node: int, offset: Array, sign: int, speed: Array) -> tuple[int, Array, int]:
         """Slip from an event to the next stop; returns where it stops and what follows."""
         way = self.forward if sign > 0 else self.backward
         v0, p0 = way.inside(node, offset)
@@ -317,9 +314,9 @@ class _Run:
             since = self.time[nodes] - began[:, None]
             z = way.rate[:, None] * since
             less = -np.expm1(-z)
-            travel = np.where(
-                np.abs(z) > 1e-12, less / np.where(z == 0, 1.0, z), 1.0 - 0.5 * z
-            ) * since
+            travel = (
+                np.where(np.abs(z) > 1e-12, less / np.where(z == 0, 1.0, z), 1.0 - 0.5 * z) * since
+            )
             self.velocity[:, nodes] = way.speed[:, nodes] - lag[:, None] * (1.0 - less)
             self.position[:, nodes] = (
                 (self.here - p0)[:, None] + way.place[:, nodes] - lag[:, None] * travel

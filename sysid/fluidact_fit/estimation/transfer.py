@@ -144,9 +144,7 @@ class TransferModel:
         """The model in the form the estimation takes."""
         linear = () if self.gain is None else (self.gain,)
         nuisance = tuple(f"offset[{k}]" for k in self.several)
-        return NamedModel(
-            tuple(nonlinear), linear, self.columns, self.measured, nuisance=nuisance
-        )
+        return NamedModel(tuple(nonlinear), linear, self.columns, self.measured, nuisance=nuisance)
 
 
 def grid_search(

@@ -31,6 +31,10 @@ _REGISTRY = {
         "cylinder_friction:CylinderFriction",
         "Friction of a cylinder: Coulomb levels by direction and viscous friction",
     ),
+    "hydraulic-cylinder": (
+        "hydraulic_cylinder:HydraulicCylinder",
+        "Hydraulic cylinder: valve gains, line losses, bulk modulus and friction",
+    ),
 }
 
 

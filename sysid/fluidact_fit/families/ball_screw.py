@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -179,7 +180,7 @@ class DriveModel:
         size = max(v.size for v in rows.values())
 
         def row(name: str, otherwise: Array | None = None) -> Array:
-            value = rows[name] if name in rows else otherwise
+            value = rows.get(name, otherwise)
             assert value is not None
             return np.broadcast_to(value, (size,))
 
@@ -257,7 +258,9 @@ class BallScrew(Family):
 
     name = "ball-screw"
     title = "Ball-screw drive: inertia, viscous friction and four Coulomb levels"
-    equation = "inertia * angle'' = torque - viscous * angle' - coulomb(direction), stuck below breakaway"
+    equation = (
+        "inertia * angle'' = torque - viscous * angle' - coulomb(direction), stuck below breakaway"
+    )
     variants = (
         _variant("rotary", "torque", "N m", "angle", "rad", "inertia", "kg m2", "N m s/rad"),
         _variant("linear", "force", "N", "position", "m", "mass", "kg", "N s/m"),
@@ -294,9 +297,7 @@ class BallScrew(Family):
         start, names, request, refusals, brackets = self._static_levels(
             experiments, axis, [*names, *moving], static, unknowns, start, request, refusals
         )
-        beyond = _forces_beyond_model(
-            experiments, axis, names, unknowns, start, request, refusals
-        )
+        beyond = _forces_beyond_model(experiments, axis, names, unknowns, start, request, refusals)
         drive = max(float(np.abs(e[axis.drive]).max()) for e in experiments)
         resolution = max(e.signals[axis.motion].resolution for e in experiments)
         sensible = {
@@ -323,13 +324,14 @@ class BallScrew(Family):
             channels=[compared.channels(e.samples) for e in experiments],
         )
         fitted = _to_breakaway(fitted)
+        table, drift = fitted.compare_logs(experiments)
         parameters, order, covariance = quantities(fitted, variant.parameters)
         for name, bracket in brackets.items():
             parameters[name] = bracket.quantity(parameters[name].unit)
             order = (*order, name)
             covariance = _append_variance(covariance, bracket.std_error**2)
         last = "position, speed and acceleration" if compared.half_width else "position"
-        details = {**fitted.details(), "encoder_resolution": resolution,
+        details = {**fitted.details(), **table, "encoder_resolution": resolution,
                    "stages": ["inverse dynamics", "increments", last]}  # fmt: skip
         return Estimate(
             parameters,
@@ -338,7 +340,7 @@ class BallScrew(Family):
             covariance,
             [y[: e.samples] for y, e in zip(fitted.solution.simulated, experiments)],
             [e[axis.motion] for e in experiments],
-            _rename_notices(fitted.notices, variant),
+            [*_rename_notices(fitted.notices, variant), *drift],
             details,
         )
 
@@ -494,7 +496,9 @@ class BallScrew(Family):
         from ..discrete import discretise
 
         v = scalars(parameters)
-        b = v.get("viscous", 0.5 * (v.get("viscous_positive", 0.0) + v.get("viscous_negative", 0.0)))
+        b = v.get(
+            "viscous", 0.5 * (v.get("viscous_positive", 0.0) + v.get("viscous_negative", 0.0))
+        )
         num, den = [1.0], [v[_axis(variant).inertia], b, 0.0]
         section: dict[str, Any] = {
             "continuous": {"numerator": num, "denominator": den, "dead_time": 0.0}
@@ -760,7 +764,9 @@ def _bracket_static(
     not see. It is searched level by level, the other parameters refitted in between.
     """
     held = {r.parameter: float(r.hold or 0.0) for r in refusals}
-    sides = [s for s, name in zip(_SIDES, static) if name.startswith("stiction") and name not in held]
+    sides = [
+        s for s, name in zip(_SIDES, static) if name.startswith("stiction") and name not in held
+    ]
     values = {k: v for k, v in start.items() if not k.startswith(("stiction", "breakaway"))}
     for s in _SIDES:
         inner = f"stiction_{s}"
@@ -818,7 +824,7 @@ def _search_level(
     samples = sum(y.size for y in model.measured)
     while high - low > 1:
         marks = np.unique(np.linspace(low, high, 21).astype(int))
-        costs = np.array([cost(0.5 * (levels[a] + levels[b])) for a, b in zip(marks, marks[1:])])
+        costs = np.array([cost(0.5 * (levels[a] + levels[b])) for a, b in pairwise(marks)])
         good = np.flatnonzero(costs <= costs.min() * (1.0 + 4.0 / samples))
         finest = marks.size == high - low + 1
         # a coarse cell is judged by its middle, so the right level may lie next to it

@@ -157,6 +157,7 @@ class Hydrostatic(Family):
             refusals=refusals,
         )
         parameters, order, covariance = quantities(fitted, variant.parameters)
+        table, drift = fitted.compare_logs(experiments)
         return Estimate(
             parameters,
             _derived(fitted),
@@ -164,8 +165,8 @@ class Hydrostatic(Family):
             covariance,
             fitted.solution.simulated,
             [e["position"] for e in experiments],
-            [*fitted.notices, *(_thesis_notice(fitted, experiments) if thesis else ())],
-            {**fitted.details(), **({"method": "thesis: discrete route"} if thesis else {})},
+            [*fitted.notices, *drift, *(_thesis_notice(fitted, experiments) if thesis else ())],
+            {**fitted.details(), **table, **({"method": "thesis: discrete route"} if thesis else {})},
         )
 
     @staticmethod

@@ -135,7 +135,8 @@ class Line(Family):
             sensible={"dead_time": 0.25 * span},
         )
         parameters, order, covariance = quantities(fitted, variant.parameters)
-        notices = list(fitted.notices)
+        table, drift = fitted.compare_logs(experiments)
+        notices = [*fitted.notices, *drift]
         derived = derive(
             fitted,
             {"bandwidth": "rad/s", "rise_time": "s"},
@@ -153,7 +154,7 @@ class Line(Family):
             fitted.solution.simulated,
             [e["outlet"] for e in experiments],
             notices,
-            fitted.details(),
+            {**fitted.details(), **table},
         )
 
     @staticmethod

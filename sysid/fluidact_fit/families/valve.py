@@ -150,6 +150,7 @@ class Valve(Family):
         first = experiments[0].signals
         unit = _ratio(first["outlet"].unit, first["command"].unit)
         parameters["gain"] = replace(parameters["gain"], unit=unit)
+        table, drift = fitted.compare_logs(experiments)
         return Estimate(
             parameters,
             self._derived(fitted),
@@ -157,8 +158,8 @@ class Valve(Family):
             covariance,
             fitted.solution.simulated,
             [e["outlet"] for e in experiments],
-            fitted.notices,
-            fitted.details(),
+            [*fitted.notices, *drift],
+            {**fitted.details(), **table},
         )
 
     @staticmethod

@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from os import PathLike
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from .errors import LogError, Notice, NotIdentifiedError, UsageError
-from .estimation.inputs import interpolation
+from .estimation.inputs import interpolation, is_smooth
 from .experiment import Experiment, FloatArray, Hold
 from .families import get_family
 from .family import Estimate, Family, Request, Value, Variant
@@ -136,7 +136,7 @@ def _prepare(logs: Sequence[Log], variant: Variant) -> tuple[list[Experiment], l
             where=logs[0].name,
             remedy="See the warnings above; `fluidact-fit inspect` shows what is in a log.",
         )
-    return found, notices
+    return settle_holds(found), notices
 
 
 def _require_samples(log: Log, variant: Variant, found: Sequence[Experiment]) -> None:
@@ -150,6 +150,27 @@ def _require_samples(log: Log, variant: Variant, found: Sequence[Experiment]) ->
             expected=f"Expected {_FEWEST} or more in the course of time.",
             remedy="Record longer or sample faster; check --window where it was given.",
         )
+
+
+def settle_holds(experiments: Sequence[Experiment]) -> list[Experiment]:
+    """Decide once for all logs how a signal with hold ``foh`` moves between its samples."""
+    roles = {r for e in experiments for r, s in e.signals.items() if s.hold == "foh"}
+    moves: dict[str, Literal["linear", "cubic"]] = {
+        role: "cubic"
+        if is_smooth([e.signals[role] for e in experiments if role in e])
+        else "linear"
+        for role in roles
+    }
+    return [
+        replace(
+            e,
+            signals={
+                r: replace(s, moves=moves[r]) if r in moves and s.hold == "foh" else s
+                for r, s in e.signals.items()
+            },
+        )
+        for e in experiments
+    ]
 
 
 def _distinct(notices: Sequence[Notice]) -> list[Notice]:
@@ -334,8 +355,8 @@ def _validity(
             used = s.values[np.isfinite(y)] if s.values.size == y.size else s.values
             ends = np.append(used, s.before) if s.values.size == 1 else used
             if ends.size:
-                lows.append(float(ends.min()))
-                highs.append(float(ends.max()))
+                lows.append(float(f"{ends.min():.12g}"))  # 1.1035 bar is 110350 Pa, not less
+                highs.append(float(f"{ends.max():.12g}"))
                 unit = s.unit
         if lows:
             out[role.name] = {"low": min(lows), "high": max(highs), "unit": unit}

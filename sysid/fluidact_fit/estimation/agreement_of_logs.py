@@ -1,0 +1,133 @@
+"""Do the logs tell of one machine? Leave-one-log-out and drift, without refitting.
+
+At the optimum the fit is nearly linear in its parameters, so the estimate from one log
+alone, and from all the others, follows from the Jacobian by one Gauss-Newton step. The
+difference of the two, in units of its own standard error, is the drift of that log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import erfc, sqrt
+
+import numpy as np
+
+from ..experiment import FloatArray
+from .uncertainty import covariance
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Drift of one log in one parameter.
+
+    ``difference`` is the estimate from the log less that from the others [unit of the
+    parameter], ``deviations`` that difference in its standard errors, ``p_value`` its
+    significance over all logs and parameters (Bonferroni).
+    """
+
+    log: int
+    parameter: str
+    difference: float
+    deviations: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Root-mean-square error of a log predicted from all the others."""
+
+    log: int
+    rmse: float
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Normal equations of one log."""
+
+    information: FloatArray
+    score: FloatArray
+    covariance: FloatArray
+    jacobian: FloatArray
+    residual: FloatArray
+
+
+def compare_logs(
+    jacobian: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+    logs: Sequence[int],
+    names: Sequence[str],
+) -> tuple[list[Drift], list[LeftOut]]:
+    """Drift of every log in every parameter, and the error of each predicted by the others.
+
+    Parameters
+    ----------
+    jacobian, residuals
+        Per experiment, shapes ``(n_i, p)`` and ``(n_i,)``, at the optimum.
+    logs
+        Log of every experiment.
+    names
+        Parameters; nuisance unknowns have been left out of the Jacobian.
+
+    Returns
+    -------
+    drifts
+        The worst parameter of every log, the worst log first. Logs already named are
+        left out of the reference of those after them, so that one odd log does not
+        make the others look odd.
+    left_out
+        In the order of the logs.
+    """
+    every = list(dict.fromkeys(logs))
+    parts = {k: _part(jacobian, residuals, logs, k) for k in every}
+    left_out = [LeftOut(k, _predicted_error(parts, k)) for k in every]
+    drifts: list[Drift] = []
+    rest = dict(parts)
+    tests = len(every) * len(names)
+    while len(rest) > 1:
+        found = max((_drift(rest, k, names, tests) for k in rest), key=lambda d: abs(d.deviations))
+        drifts.append(found)
+        del rest[found.log]
+    return drifts, left_out
+
+
+def _part(
+    jacobian: Sequence[FloatArray], residuals: Sequence[FloatArray], logs: Sequence[int], k: int
+) -> _Part:
+    js = [j for j, log in zip(jacobian, logs) if log == k]
+    rs = [r for r, log in zip(residuals, logs) if log == k]
+    stacked, rest = np.vstack(js), np.concatenate(rs)
+    spread = covariance(js, rs).covariance
+    return _Part(stacked.T @ stacked, stacked.T @ rest, spread, stacked, rest)
+
+
+def _solve(information: FloatArray, score: FloatArray) -> FloatArray:
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scaled = information / np.outer(scale, scale)
+    return np.asarray(np.linalg.lstsq(scaled, score / scale, rcond=1e-10)[0] / scale)
+
+
+def _drift(parts: dict[int, _Part], k: int, names: Sequence[str], tests: int) -> Drift:
+    one = parts[k]
+    others = [p for j, p in parts.items() if j != k]
+    information = np.sum([p.information for p in others], axis=0)
+    mine = _solve(one.information, one.score)
+    theirs = _solve(information, np.sum([p.score for p in others], axis=0))
+    # covariance of the pooled others: each log's sandwich, weighted by its information
+    middle = np.sum([p.information @ p.covariance @ p.information for p in others], axis=0)
+    half = np.linalg.lstsq(information, middle, rcond=1e-12)[0]
+    spread = np.linalg.lstsq(information, half.T, rcond=1e-12)[0]
+    variance = np.diag(one.covariance) + np.diag(spread)
+    difference = mine - theirs
+    z = difference / np.sqrt(np.maximum(variance, 1e-300))
+    worst = int(np.argmax(np.where(np.isfinite(z), np.abs(z), 0.0)))
+    p_value = min(1.0, tests * erfc(abs(float(z[worst])) / sqrt(2.0)))
+    return Drift(k, names[worst], float(difference[worst]), float(z[worst]), p_value)
+
+
+def _predicted_error(parts: dict[int, _Part], k: int) -> float:
+    others = [p for j, p in parts.items() if j != k]
+    information = np.sum([p.information for p in others], axis=0)
+    step = _solve(information, np.sum([p.score for p in others], axis=0))
+    error = parts[k].residual - parts[k].jacobian @ step
+    return float(np.sqrt(np.mean(error**2)))

@@ -1,0 +1,563 @@
+"""Small feed-forward networks: exact Jacobians, Levenberg-Marquardt, exact bounds.
+
+    a_0 = x,  a_l = phi(W_l a_(l-1) + b_l),  y = W_L a_(L-1) + b_L
+
+with ``phi(z) = max(z, 0)`` or ``tanh(z)``. A network of a few dozen parameters is a
+nonlinear least-squares problem, not one for a deep-learning framework: Gauss-Newton steps
+with damping [1]_ reach the accuracy of the structure in tens of iterations. Everything
+works on whole arrays and in blocks of rows, so that time and memory grow linearly.
+
+Starts are made by orthogonal matching pursuit: hinges through random samples, each taken
+for what it adds to those there are. The best of many short searches go on to the end.
+
+A ReLU network is affine in every region of constant activation pattern. For few units the
+regions that meet a box are enumerated by linear programs, which makes the range of the
+gradient exact [2]_; larger networks get an interval bound that is safe and wider.
+
+References
+----------
+.. [1] M. Hagan, M. Menhaj, "Training feedforward networks with the Marquardt algorithm",
+   IEEE Trans. Neural Networks 5(6), 1994.
+.. [2] G. Montufar, R. Pascanu, K. Cho, Y. Bengio, "On the number of linear regions of deep
+   neural networks", NIPS 2014.
+.. [3] P. J. Huber, E. Ronchetti, Robust Statistics, 2nd ed., 2009, section 7.8.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ..experiment import FloatArray
+
+Activation = Literal["relu", "tanh"]
+BoolArray = npt.NDArray[np.bool_]
+
+_BLOCK = 8192  # rows per block of the normal equations: a few megabytes
+_FEW, _MANY = 3000, 20_000  # rows of the searches, and of the fit before the last
+_HUBER = 3.0  # threshold in robust standard deviations
+_NARROWEST = 1e-9  # radius of a region, in widths of the box, below which it is no region
+
+
+# -------------------------------------------------------------------------- the network
+
+
+@dataclass(frozen=True)
+class Network:
+    """Layers of a network in standardised coordinates.
+
+    ``weights[l]`` has shape ``(units, inputs of the layer)``, ``biases[l]`` ``(units,)``;
+    the last layer is linear with one unit.
+    """
+
+    weights: tuple[FloatArray, ...]
+    biases: tuple[FloatArray, ...]
+    activation: Activation = "relu"
+
+    @property
+    def inputs(self) -> int:
+        """Number of inputs."""
+        return int(self.weights[0].shape[1])
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Units of each hidden layer."""
+        return tuple(int(b.size) for b in self.biases[:-1])
+
+    @property
+    def parameters(self) -> int:
+        """Number of weights and biases."""
+        return sum(w.size + b.size for w, b in zip(self.weights, self.biases))
+
+    @property
+    def multiplications(self) -> int:
+        """Multiplications of one evaluation: what it costs a microcontroller."""
+        return sum(w.size for w in self.weights)
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Output for inputs of shape ``(n, inputs)``, shape ``(n,)``."""
+        a = x
+        for w, b in zip(self.weights[:-1], self.biases[:-1]):
+            a = _activate(a @ w.T + b, self.activation)
+        return np.asarray((a @ self.weights[-1].T + self.biases[-1])[:, 0])
+
+    def vector(self) -> FloatArray:
+        """All parameters in one row: weights, then biases, layer by layer."""
+        return np.concatenate(
+            [np.concatenate((w.ravel(), b)) for w, b in zip(self.weights, self.biases)]
+        )
+
+    def from_vector(self, p: FloatArray) -> Network:
+        """A network of the same shape with other parameters."""
+        weights, biases, k = [], [], 0
+        for w, b in zip(self.weights, self.biases):
+            weights.append(p[k : k + w.size].reshape(w.shape))
+            biases.append(p[k + w.size : k + w.size + b.size])
+            k += w.size + b.size
+        return replace(self, weights=tuple(weights), biases=tuple(biases))
+
+
+def _activate(z: FloatArray, activation: Activation) -> FloatArray:
+    return np.maximum(z, 0.0) if activation == "relu" else np.tanh(z)
+
+
+def output_and_jacobian(net: Network, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Output and its exact derivatives by all parameters.
+
+    Returns
+    -------
+    y : (n,)
+    jacobian : (n, parameters)
+        In the order of :meth:`Network.vector`. At a kink of a ReLU the left derivative.
+    """
+    layers, slopes, a = [x], [], x
+    for w, b in zip(net.weights[:-1], net.biases[:-1]):
+        z = a @ w.T + b
+        a = _activate(z, net.activation)
+        slopes.append((z > 0.0).astype(float) if net.activation == "relu" else 1.0 - a * a)
+        layers.append(a)
+    y = np.asarray((a @ net.weights[-1].T + net.biases[-1])[:, 0])
+    back = np.ones((x.shape[0], 1))
+    parts: list[FloatArray] = []
+    for k in range(len(net.weights) - 1, -1, -1):
+        parts += [back, (back[:, :, None] * layers[k][:, None, :]).reshape(x.shape[0], -1)]
+        if k:
+            back = (back @ net.weights[k]) * slopes[k - 1]
+    return y, np.concatenate(parts[::-1], axis=1)
+
+
+# ---------------------------------------------------------------- Levenberg-Marquardt
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A network with its cost and how it was reached.
+
+    ``cost`` is the mean of the (robust) squared residuals with the weight decay added.
+    """
+
+    network: Network
+    cost: float
+    iterations: int
+    converged: bool
+
+
+def huber_cost(residual: FloatArray, limit: float) -> float:
+    """Sum of ``r^2`` up to the limit and of straight lines beyond [3]_."""
+    size = np.abs(residual)
+    return float(np.where(size <= limit, size**2, limit * (2.0 * size - limit)).sum())
+
+
+def _penalised(net: Network) -> FloatArray:
+    """One for weights, zero for biases: decay bends no curve towards the origin."""
+    return np.concatenate(
+        [np.concatenate((np.ones(w.size), np.zeros(b.size))) for w, b in zip(net.weights, net.biases)]
+    )
+
+
+def _normal_equations(
+    net: Network, x: FloatArray, y: FloatArray, limit: float
+) -> tuple[FloatArray, FloatArray, float]:
+    """``J'WJ``, ``J'Wr`` and the cost, block by block of rows."""
+    size = net.parameters
+    matrix, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
+    for begin in range(0, y.size, _BLOCK):
+        part = slice(begin, begin + _BLOCK)
+        found, jacobian = output_and_jacobian(net, x[part])
+        r = y[part] - found
+        weighted = jacobian
+        if np.isfinite(limit):
+            share = np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300))
+            weighted = jacobian * share[:, None]
+        matrix += weighted.T @ jacobian
+        gradient += weighted.T @ r
+        cost += huber_cost(r, limit)
+    return matrix, gradient, cost
+
+
+def train_from(
+    net: Network,
+    x: FloatArray,
+    y: FloatArray,
+    *,
+    decay: float = 0.0,
+    limit: float = np.inf,
+    iterations: int = 100,
+    tolerance: float = 1e-6,
+) -> Trained:
+    """Minimise ``mean(rho(y - net(x))) + decay * sum(weights^2)`` from a start.
+
+    Parameters
+    ----------
+    net
+        Where the search begins.
+    x : (n, inputs)
+        Standardised.
+    y : (n,)
+        Standardised.
+    decay
+        Weight decay per sample, at outputs of unit variance.
+    limit
+        Residual beyond which the cost grows linearly; infinite for least squares.
+    iterations, tolerance
+        Most steps, and the relative gain of one below which the search ends.
+    """
+    n = y.size
+    ridge = n * decay * _penalised(net)
+    p = net.vector()
+    matrix, gradient, cost = _normal_equations(net, x, y, limit)
+    cost += float(ridge @ p**2)
+    damping, done, count = 1e-2, False, 0
+    while count < iterations and not done:
+        count += 1
+        a = matrix + np.diag(ridge)
+        g = gradient - ridge * p
+        scale = np.maximum(np.diag(a), 1e-8 * np.diag(a).max() + 1e-12)
+        for _ in range(12):
+            step = np.linalg.solve(a + damping * np.diag(scale), g)
+            trial = net.from_vector(p + step)
+            now = huber_cost(y - trial(x), limit) + float(ridge @ (p + step) ** 2)
+            if now < cost:
+                break
+            damping *= 4.0
+        else:
+            done = True
+            break
+        done = cost - now <= tolerance * cost
+        p, net = p + step, trial
+        damping = max(damping / 4.0, 1e-10)
+        matrix, gradient, cost = _normal_equations(net, x, y, limit)
+        cost += float(ridge @ p**2)
+    return Trained(net, cost / n, count, done)
+
+
+# ------------------------------------------------------------------------------- starts
+
+
+def make_start(
+    x: FloatArray, y: FloatArray, hidden: Sequence[int], activation: Activation,
+    rng: np.random.Generator,
+) -> Network:  # fmt: skip
+    """A network to start from: its first layer pursued, further ones random.
+
+    The last layer is solved for by (slightly ridged) least squares.
+    """
+    w, b = _pursue(x, y, hidden[0], activation, rng)
+    weights, biases = [w], [b]
+    for inputs, units in pairwise(hidden):
+        weights.append(rng.standard_normal((units, inputs)) / np.sqrt(inputs))
+        biases.append(0.5 * rng.standard_normal(units))
+    a = x
+    for w, b in zip(weights, biases):
+        a = _activate(a @ w.T + b, activation)
+    columns = np.column_stack((a, np.ones(y.size)))
+    square = columns.T @ columns
+    square[np.diag_indices_from(square)] += 1e-6 * y.size
+    last = np.linalg.solve(square, columns.T @ y)
+    return Network((*weights, last[None, :-1]), (*biases, last[-1:]), activation)
+
+
+def _pursue(
+    x: FloatArray, y: FloatArray, units: int, activation: Activation, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Hinges through random samples, chosen one after the other by what each adds."""
+    pool = max(400, 40 * units)
+    w = rng.standard_normal((pool, x.shape[1]))
+    w /= np.linalg.norm(w, axis=1)[:, None]
+    b = -np.einsum("ij,ij->i", w, x[rng.integers(0, x.shape[0], pool)])
+    columns = _activate(x @ w.T + b, activation)
+    columns -= columns.mean(axis=0)
+    least = 1e-3 * np.linalg.norm(columns, axis=0) + 1e-12
+    rest = y - y.mean()
+    chosen: list[int] = []
+    for _ in range(units):
+        length = np.linalg.norm(columns, axis=0)
+        gain = np.where(length < least, -1.0, np.abs(columns.T @ rest) / np.maximum(length, least))
+        gain[chosen] = -2.0
+        best = int(np.argmax(gain))
+        chosen.append(best)
+        q = columns[:, best] / max(length[best], 1e-300)
+        rest = rest - q * (q @ rest)
+        columns -= np.outer(q, q @ columns)
+    return w[chosen], b[chosen]
+
+
+# ------------------------------------------------------------------------------ training
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a multi-start search found: candidates, best first, and how many were tried."""
+
+    candidates: tuple[Trained, ...]
+    tried: int
+    limit: float
+
+    @property
+    def best(self) -> Trained:
+        """The candidate of least cost."""
+        return self.candidates[0]
+
+
+def thin(rows: int, most: int) -> npt.NDArray[np.intp]:
+    """Evenly spaced row numbers, ``most`` at most."""
+    if rows <= most:
+        return np.arange(rows)
+    return np.linspace(0, rows - 1, most).round().astype(np.intp)
+
+
+def robust_limit(residual: FloatArray, floor: float = 0.0) -> float:
+    """Huber threshold from the median absolute residual."""
+    return max(_HUBER * 1.4826 * float(np.median(np.abs(residual))), floor, 1e-9)
+
+
+def search(
+    x: FloatArray,
+    y: FloatArray,
+    hidden: Sequence[int],
+    rng: np.random.Generator,
+    *,
+    activation: Activation = "relu",
+    decay: float = 1e-5,
+    starts: int = 16,
+    finalists: int = 3,
+    rows: int = _FEW,
+    iterations: int = 40,
+) -> Search:
+    """Train from many starts on few rows, the best of them on many.
+
+    Parameters
+    ----------
+    x, y
+        Standardised rows.
+    starts
+        Searches on ``rows`` evenly spaced rows.
+    finalists
+        Of them, how many are trained on up to 20 000 rows, by a robust cost whose scale
+        comes from the best start.
+    iterations
+        Most steps of a start.
+    """
+    few = thin(y.size, rows)
+    xs, ys = x[few], y[few]
+    found = [
+        train_from(make_start(xs, ys, hidden, activation, rng), xs, ys, decay=decay,
+                   iterations=iterations, tolerance=1e-4)
+        for _ in range(starts)
+    ]  # fmt: skip
+    found.sort(key=lambda t: t.cost)
+    limit = robust_limit(ys - found[0].network(xs))
+    many = thin(y.size, _MANY)
+    xm, ym = x[many], y[many]
+    polished = [
+        train_from(t.network, xm, ym, decay=decay, limit=limit, iterations=3 * iterations,
+                   tolerance=1e-5)
+        for t in found[:finalists]
+    ]  # fmt: skip
+    polished.sort(key=lambda t: t.cost)
+    return Search(tuple(polished), starts, limit)
+
+
+def cross_validate(
+    x: FloatArray,
+    y: FloatArray,
+    folds: Sequence[BoolArray],
+    hidden: Sequence[int],
+    seed: int,
+    *,
+    activation: Activation = "relu",
+    decay: float = 1e-5,
+    starts: int = 4,
+    rows: int = 1200,
+) -> FloatArray:
+    """Errors on rows that were not trained, fold by fold.
+
+    Parameters
+    ----------
+    folds
+        Rows that are held out together, ``(n,)`` each. Whole positions or whole logs:
+        neighbouring samples are nearly copies of each other.
+
+    Returns
+    -------
+    FloatArray
+        Shape ``(n,)``; NaN where a row was in no fold.
+    """
+    error = np.full(y.size, np.nan)
+    for k, held in enumerate(folds):
+        rng = np.random.default_rng([seed, k])
+        rest = np.flatnonzero(~held)
+        rest = rest[thin(rest.size, rows)]
+        found = search(
+            x[rest], y[rest], hidden, rng, activation=activation, decay=decay, starts=starts,
+            finalists=2, rows=rows, iterations=25,
+        )  # fmt: skip
+        error[held] = y[held] - found.best.network(x[held])
+    return error
+
+
+# ------------------------------------------------------------------------------- bounds
+
+
+@dataclass(frozen=True)
+class Region:
+    """A part of the box in which a ReLU network is affine.
+
+    ``pattern`` says which units are active, ``inside`` is a point of the region and
+    ``gradient`` the derivative of the output there, all standardised.
+    """
+
+    pattern: tuple[bool, ...]
+    inside: FloatArray
+    gradient: FloatArray
+
+
+def activation_regions(net: Network, low: FloatArray, high: FloatArray) -> list[Region]:
+    """All regions of a ReLU network of one hidden layer that meet a box.
+
+    The box is cut by one unit after the other. Each region carries a point inside; the
+    side that holds it is known to be there, the other one is asked for by a linear
+    program (largest ball). An input with ``low == high`` is held.
+
+    Parameters
+    ----------
+    low, high : (inputs,)
+        Corners of the box, standardised.
+    """
+    if net.activation != "relu" or len(net.weights) != 2:
+        raise ValueError("regions can be enumerated for one hidden layer of ReLU units only")
+    free = high > low
+    span = np.where(free, high - low, 1.0)
+    w = net.weights[0][:, free] * span[free]
+    b = net.biases[0] + net.weights[0] @ low
+    size = np.linalg.norm(w, axis=1)
+    flat = size <= 1e-12
+    w, b = w / np.where(flat, 1.0, size)[:, None], b / np.where(flat, 1.0, size)
+    found: list[tuple[list[bool], FloatArray]] = [([], np.full(int(free.sum()), 0.5))]
+    for k in range(b.size):
+        found = [
+            (pattern + [side], point)
+            for pattern, old in found
+            for side, point in _sides(w[: k + 1], b[: k + 1], pattern, old)
+        ]
+    out = []
+    for pattern, point in found:
+        inside = low.copy()
+        inside[free] += point * span[free]
+        active = np.array(pattern, dtype=float)
+        gradient = (net.weights[1][0] * active) @ net.weights[0]
+        out.append(Region(tuple(pattern), inside, gradient))
+    return out
+
+
+def _sides(
+    w: FloatArray, b: FloatArray, pattern: list[bool], point: FloatArray
+) -> list[tuple[bool, FloatArray]]:
+    """Which sides of the last unit's hyperplane a region reaches, with a point each."""
+    normal, offset = w[-1], b[-1]
+    most = float(np.maximum(normal, 0.0).sum() + offset)
+    least = float(np.minimum(normal, 0.0).sum() + offset)
+    if least >= -_NARROWEST:
+        return [(True, point)]
+    if most <= _NARROWEST:
+        return [(False, point)]
+    here = float(normal @ point + offset)
+    out = []
+    for side in (False, True):
+        if (here > _NARROWEST) if side else (here < -_NARROWEST):
+            out.append((side, point))
+            continue
+        ball = _largest_ball(w, b, np.array([*pattern, side]))
+        if ball is not None:
+            out.append((side, ball))
+    return out
+
+
+def _largest_ball(w: FloatArray, b: FloatArray, sides: BoolArray) -> FloatArray | None:
+    """Centre of the largest ball in a region of the unit box, ``None`` when it is empty."""
+    from scipy.optimize import linprog
+
+    sign = np.where(sides, 1.0, -1.0)
+    size = np.linalg.norm(w, axis=1)
+    d = w.shape[1]
+    # sign (w x + b) >= r |w|, and r <= x <= 1 - r
+    rows = np.vstack(
+        (np.column_stack((-sign[:, None] * w, size)),
+         np.column_stack((-np.eye(d), np.ones(d))),
+         np.column_stack((np.eye(d), np.ones(d))))
+    )  # fmt: skip
+    right = np.concatenate((sign * b, np.zeros(d), np.ones(d)))
+    goal = np.append(np.zeros(d), -1.0)
+    answer = linprog(goal, A_ub=rows, b_ub=right, bounds=[(None, None)] * (d + 1), method="highs")
+    if answer.status != 0 or answer.x[-1] <= _NARROWEST:
+        return None
+    return np.asarray(answer.x[:-1])
+
+
+def gradient_interval(
+    net: Network, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Safe bounds of the gradient in a box by interval arithmetic, shape ``(inputs,)`` each.
+
+    Not exact: the true range lies within.
+    """
+    centre, radius = 0.5 * (low + high), 0.5 * (high - low)
+    slopes: list[tuple[FloatArray, FloatArray]] = []
+    for w, b in zip(net.weights[:-1], net.biases[:-1]):
+        middle, reach = w @ centre + b, np.abs(w) @ radius
+        least, most = middle - reach, middle + reach
+        slopes.append(_slope_range(least, most, net.activation))
+        least, most = _activate(least, net.activation), _activate(most, net.activation)
+        centre, radius = 0.5 * (least + most), 0.5 * (most - least)
+    down = up = net.weights[-1][0]
+    for w, (flat, steep) in zip(net.weights[-2::-1], slopes[::-1]):
+        ends = np.stack((down * flat, down * steep, up * flat, up * steep))
+        least, most = ends.min(axis=0), ends.max(axis=0)
+        middle, reach = 0.5 * (least + most) @ w, 0.5 * (most - least) @ np.abs(w)
+        down, up = middle - reach, middle + reach
+    return down, up
+
+
+def _slope_range(
+    least: FloatArray, most: FloatArray, activation: Activation
+) -> tuple[FloatArray, FloatArray]:
+    """Smallest and largest derivative of the activation over intervals."""
+    if activation == "relu":
+        return (least > 0.0).astype(float), (most > 0.0).astype(float)
+    ends = 1.0 - np.tanh(np.stack((least, most))) ** 2
+    across = (least < 0.0) & (most > 0.0)
+    return ends.min(axis=0), np.where(across, 1.0, ends.max(axis=0))
+
+
+# ------------------------------------------------------------------------------ polynomial
+
+
+def polynomial_terms(inputs: int, degree: int) -> list[tuple[int, ...]]:
+    """Factors of all monomials of up to a degree: ``(), (0,), (0, 0), (0, 1) ...``."""
+    out: list[tuple[int, ...]] = [()]
+    last: list[tuple[int, ...]] = [()]
+    for _ in range(degree):
+        last = [(*t, k) for t in last for k in range(t[-1] if t else 0, inputs)]
+        out += last
+    return out
+
+
+def polynomial_fit(
+    x: FloatArray, y: FloatArray, degree: int = 3
+) -> Callable[[FloatArray], FloatArray]:
+    """Least-squares polynomial of all inputs, for comparison; returns it as a function."""
+    terms = polynomial_terms(x.shape[1], degree)
+
+    def columns(z: FloatArray) -> FloatArray:
+        return np.column_stack([np.prod(z[:, list(t)], axis=1) for t in terms])
+
+    c = columns(x)
+    square = c.T @ c
+    # direction^2 = 1: columns repeat, and the shortest solution is as good as any
+    weights = np.linalg.pinv(square, rcond=1e-12, hermitian=True) @ (c.T @ y)
+    return lambda z: np.asarray(columns(z) @ weights)
