@@ -172,6 +172,10 @@ class Estimate:
         Warnings.
     details
         Anything else worth keeping in the file under ``fit`` (method, starts, filter).
+    sensitivity
+        Optional: derivative of every experiment's output by the first entries of
+        ``covariance_order``, unknowns of single logs projected out, shape ``(n_i, q)``.
+        Lets the fit be examined without being repeated.
     """
 
     parameters: Mapping[str, Quantity]
@@ -182,6 +186,7 @@ class Estimate:
     measured: Sequence[FloatArray]
     notices: Sequence[Notice] = ()
     details: Mapping[str, Any] = field(default_factory=dict)
+    sensitivity: Sequence[FloatArray] = ()
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from .diagnosis import diagnose
 from .errors import LogError, Notice, NotIdentifiedError, UsageError
 from .estimation.inputs import interpolation, is_smooth
 from .experiment import Experiment, FloatArray, Hold
@@ -236,8 +237,14 @@ def _document(
 
     values = values_of(estimate)
     unit = _output_unit(variant, experiments)
+    declared = {role for log in logs for role in log.holds}
+    found, warned = diagnose(family, variant, estimate, experiments, request, declared)
+    notices = _distinct([*notices, *warned])
     overall = agreement(estimate.measured, estimate.simulated)
-    verdict, reasons = judge(overall, notices)
+    white = residual_whiteness(
+        estimate.measured, estimate.simulated, len(estimate.covariance_order)
+    )
+    verdict, reasons = judge(overall, notices, found.get("residual_to_noise"), white)
     every = _distinct([*notices, *reasons])
     period = sample_time
     if period is None:
@@ -260,7 +267,11 @@ def _document(
             "samples": overall.samples,
             "rmse": {"value": overall.rmse, "unit": unit},
             "fit_percent": overall.fit_percent,
-            "residual_whiteness": _whiteness(estimate),
+            "residual_whiteness": {
+                "statistic": white.statistic,
+                "p_value": white.p_value,
+                "lags": white.lags,
+            },
             "verdict": verdict,
             "logs": [
                 _log_entry(e, y, m, unit)
@@ -268,6 +279,7 @@ def _document(
             ],
             "details": {
                 **estimate.details,
+                **found,
                 "residual_sum_of_squares": overall.sum_of_squares,
             },
         },
@@ -307,11 +319,6 @@ def _provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
         if signal.hold == "foh":
             entry["columns"][role]["interpolation"] = interpolation(signal)
     return entry
-
-
-def _whiteness(estimate: Estimate) -> dict[str, Any]:
-    w = residual_whiteness(estimate.measured, estimate.simulated, len(estimate.covariance_order))
-    return {"statistic": w.statistic, "p_value": w.p_value, "lags": w.lags}
 
 
 def _output_unit(variant: Variant, experiments: Sequence[Experiment]) -> str:

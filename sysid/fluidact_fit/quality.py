@@ -60,9 +60,30 @@ def residual_whiteness(
     return whiteness(rest, unknowns)
 
 
-def judge(overall: Agreement, notices: Sequence[Notice]) -> tuple[str, list[Notice]]:
+def judge(
+    overall: Agreement,
+    notices: Sequence[Notice],
+    residual_to_noise: float | None = None,
+    white: Whiteness | None = None,
+) -> tuple[str, list[Notice]]:
     """Verdict ``pass``, ``warn`` or ``fail`` and the reasons as notices."""
     reasons: list[Notice] = []
+    if (
+        residual_to_noise is not None
+        and white is not None
+        and residual_to_noise > 3.0
+        and white.p_value < 1e-3
+        and overall.fit_percent < 99.0
+    ):
+        reasons.append(
+            Notice(
+                "residuals-coloured",
+                f"the residuals are {residual_to_noise:.0f} times the noise of the output and "
+                "hang together in time: this machine does something that the model does not. The "
+                "intervals allow for the colour, not for a wrong model; look at the picture "
+                "(--plot) and judge whether the misfit matters where the model will be used.",
+            )
+        )
     if overall.fit_percent < 20.0:
         reasons.append(
             Notice(

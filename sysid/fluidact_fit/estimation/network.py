@@ -156,7 +156,10 @@ def huber_cost(residual: FloatArray, limit: float) -> float:
 def _penalised(net: Network) -> FloatArray:
     """One for weights, zero for biases: decay bends no curve towards the origin."""
     return np.concatenate(
-        [np.concatenate((np.ones(w.size), np.zeros(b.size))) for w, b in zip(net.weights, net.biases)]
+        [
+            np.concatenate((np.ones(w.size), np.zeros(b.size)))
+            for w, b in zip(net.weights, net.biases)
+        ]
     )
 
 

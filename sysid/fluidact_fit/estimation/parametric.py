@@ -221,7 +221,23 @@ class Fitted:
     unknowns: Mapping[str, Unknown] = field(default_factory=dict)
     remarks: Mapping[str, Any] = field(default_factory=dict)
 
-    def compare_logs(self, experiments: Sequence[Experiment]) -> tuple[dict[str, Any], list[Notice]]:
+    def sensitivity(self) -> list[FloatArray]:
+        """Derivative of every output by the reported parameters, nuisance projected out."""
+        if self.uncertainty.order < 0:
+            return []  # the rows are not samples of the output alone
+        kept = [k for k, n in enumerate(self.names) if self.status.get(n) == "estimated"]
+        other = [k for k in range(len(self.names)) if k not in kept]
+        stacked = np.vstack(self.solution.jacobian)
+        wanted = stacked[:, kept]
+        if other:
+            q, _ = np.linalg.qr(stacked[:, other])
+            wanted = wanted - q @ (q.T @ wanted)
+        ends = np.cumsum([j.shape[0] for j in self.solution.jacobian])[:-1]
+        return list(np.split(wanted, ends))
+
+    def compare_logs(
+        self, experiments: Sequence[Experiment]
+    ) -> tuple[dict[str, Any], list[Notice]]:
         """Leave-one-log-out errors and drift, for the file, and what is worth a warning."""
         logs = [e.log for e in experiments]
         every = list(dict.fromkeys(logs))
@@ -246,10 +262,8 @@ class Fitted:
             ]
         }
         if len(every) > 2:
-            table["leave_one_log_out"] = [
-                {"file": label[x.log], "rmse": x.rmse} for x in left_out
-            ]
-        return table, [_drift_notice(d, label, self.values) for d in drifts if d.p_value < 0.01]
+            table["leave_one_log_out"] = [{"file": label[x.log], "rmse": x.rmse} for x in left_out]
+        return table, [_drift_notice(d, label, self.values) for d in drifts if d.p_value < 1e-3]
 
     def details(self) -> dict[str, Any]:
         """What the search did, for the file."""
@@ -371,7 +385,7 @@ def fit_named(
         spec = by_name[worst[0]]
         notices.append(refuse(spec, worst[1]))
         refused[spec.name] = Refusal(spec.name, worst[1])
-    status = dict.fromkeys(names, "estimated")
+    status = {n: "estimated" for n in names if n in by_name}
     final = {n: float(v) for n, v in values.items()}
     for name, value in fixed.items():
         final[name], status[name] = value, "fixed"

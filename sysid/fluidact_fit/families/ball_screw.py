@@ -342,6 +342,7 @@ class BallScrew(Family):
             [e[axis.motion] for e in experiments],
             [*_rename_notices(fitted.notices, variant), *drift],
             details,
+            fitted.sensitivity(),
         )
 
     @staticmethod

@@ -255,8 +255,7 @@ class HydraulicCylinder(Family):
                 "covariance": first.details()["covariance"],
             }
         measured = [
-            np.where(np.isfinite(s), e["position"], np.nan)
-            for s, e in zip(simulated, experiments)
+            np.where(np.isfinite(s), e["position"], np.nan) for s, e in zip(simulated, experiments)
         ]
         derived = _derived(stage, windows, fitted, friction, gray)
         nets, more = _networks(stage, windows, fitted, friction)
@@ -416,9 +415,7 @@ def _unknowns(stage: _Stage, windows: Sequence[Windows]) -> dict[str, Unknown]:
     head = stage.machine.supply - stage.machine.tank
     volts = max(float(np.abs(w.command).max()) for w in windows)
     if volts == 0.0:
-        raise LogError(
-            "the command is zero throughout", remedy="Record strokes of the valve."
-        )
+        raise LogError("the command is zero throughout", remedy="Record strokes of the valve.")
     scales: dict[str, float] = {"bulk_modulus": 1e9}
     limits: dict[str, tuple[float, float]] = {
         "dead_zone_negative": (-0.5 * volts, 0.0),
@@ -470,9 +467,7 @@ def _one_sided(stage: _Stage, windows: Sequence[Windows]) -> list[Refusal]:
             out += [Refusal(n, reason) for n in (edge, *losses)]
         elif side.min() > near:
             # a straight line through large commands would be drawn back over volts
-            reason = (
-                f"the smallest {word} command in use is {side.min():.3g} V, far from the edge."
-            )
+            reason = f"the smallest {word} command in use is {side.min():.3g} V, far from the edge."
             out.append(Refusal(edge, reason))
     return [r for r in out if r.parameter not in stage.request.fixed]
 
@@ -688,9 +683,7 @@ def _first_results(
 # -------------------------------------------------------------------------------- stage two
 
 
-def _fit_gray(
-    stage: _Stage, first: Fitted, rows: _FrictionRows
-) -> tuple[Fitted, GraySolution]:
+def _fit_gray(stage: _Stage, first: Fitted, rows: _FrictionRows) -> tuple[Fitted, GraySolution]:
     """Output error of pressures and position, refusing what the data do not determine."""
     fixed = {n: float(v) for n, v in stage.request.fixed.items() if n in GRAY_NAMES}
     unknowns = dict(first.unknowns)
@@ -809,11 +802,14 @@ def _undetermined(
             half = np.inf
         if not half <= width * excess:
             excess = half / width
-            worst = name, (
-                f"its 95 % interval would be {value:.3g} ± {half:.2g} "
-                f"{_spec(stage.specs, name).unit}, wide enough to hold every sensible value."
-                if np.isfinite(half)
-                else "the pressures and the position hardly depend on it in these logs."
+            worst = (
+                name,
+                (
+                    f"its 95 % interval would be {value:.3g} ± {half:.2g} "
+                    f"{_spec(stage.specs, name).unit}, wide enough to hold every sensible value."
+                    if np.isfinite(half)
+                    else "the pressures and the position hardly depend on it in these logs."
+                ),
             )
             if not np.isfinite(half):
                 return worst
@@ -1109,9 +1105,7 @@ def _why(where: str, rms: Mapping[str, float]) -> str:
     return "No overlap shows: the equations need no dead zone."
 
 
-def _friction_network(
-    stage: _Stage, rows: _FrictionRows
-) -> tuple[Network, list[dict[str, Any]]]:
+def _friction_network(stage: _Stage, rows: _FrictionRows) -> tuple[Network, list[dict[str, Any]]]:
     """Network of the friction over speed, beside Coulomb and viscous friction."""
     judged = (np.arange(rows.speed.size) // 20) % 4 == 3
     net = train_network(rows.speed[~judged, None], rows.force[~judged], 6, stage.request.seed)
@@ -1153,7 +1147,12 @@ class HydraulicBlock(Block):
         self._nets = {i: network_of(values, f"flow_{i}") for i in (1, 2)}
 
     def flow(
-        self, chamber: int, command: npt.ArrayLike, pressure: npt.ArrayLike, *, network: bool = False
+        self,
+        chamber: int,
+        command: npt.ArrayLike,
+        pressure: npt.ArrayLike,
+        *,
+        network: bool = False,
     ) -> FloatArray:
         """Flow into chamber 1 or out of chamber 2 [m3/s].
 

@@ -166,7 +166,12 @@ class Hydrostatic(Family):
             fitted.solution.simulated,
             [e["position"] for e in experiments],
             [*fitted.notices, *drift, *(_thesis_notice(fitted, experiments) if thesis else ())],
-            {**fitted.details(), **table, **({"method": "thesis: discrete route"} if thesis else {})},
+            {
+                **fitted.details(),
+                **table,
+                **({"method": "thesis: discrete route"} if thesis else {}),
+            },
+            fitted.sensitivity(),
         )
 
     @staticmethod

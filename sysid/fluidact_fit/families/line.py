@@ -155,6 +155,7 @@ class Line(Family):
             [e["outlet"] for e in experiments],
             notices,
             {**fitted.details(), **table},
+            fitted.sensitivity(),
         )
 
     @staticmethod

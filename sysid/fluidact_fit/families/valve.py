@@ -160,6 +160,7 @@ class Valve(Family):
             [e["outlet"] for e in experiments],
             [*fitted.notices, *drift],
             {**fitted.details(), **table},
+            fitted.sensitivity(),
         )
 
     @staticmethod

@@ -1,0 +1,270 @@
+"""What the residuals say about a fit: noise or model error, hold, feedback.
+
+None of this needs a second fit: the other hold is judged by one Gauss-Newton step from
+the optimum, with the Jacobian that the fit already has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import erfc, sqrt
+from typing import Any
+
+import numpy as np
+
+from .errors import Notice
+from .estimation.uncertainty import fit_autoregression
+from .experiment import Experiment, FloatArray, Hold
+from .family import Estimate, Family, Request, Value, Variant
+
+_LAGS = 10
+_DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one
+_LONG = 200_000  # samples beyond which a part of the log answers the same question
+
+
+def diagnose(
+    family: Family,
+    variant: Variant,
+    estimate: Estimate,
+    experiments: Sequence[Experiment],
+    request: Request,
+    declared: Collection[str] = (),
+) -> tuple[dict[str, Any], list[Notice]]:
+    """Examine a finished fit; returns entries for the file and warnings.
+
+    ``declared`` are the roles whose hold the user has given: what he knows is not asked
+    again, unless the data contradict it.
+    """
+    details: dict[str, Any] = {}
+    notices: list[Notice] = []
+    if not all(e.time.size for e in experiments):
+        return details, notices
+    colour = _noise_or_model(estimate, experiments)
+    if colour is not None:
+        details["residual_to_noise"] = colour
+    holds, said = _other_holds(family, variant, estimate, experiments, request, declared)
+    if holds:
+        details["intersample"] = holds
+    notices += said
+    correlation, said = _cross_correlation(variant, estimate, experiments)
+    if correlation:
+        details["cross_correlation"] = correlation
+    return details, notices + said
+
+
+def noise_floor(values: FloatArray) -> float:
+    """Standard deviation of the white part of a signal, from its third differences."""
+    if values.size < 12:
+        return 0.0
+    return float(np.sqrt(np.mean(np.diff(values, 3) ** 2) / 20.0))
+
+
+def _noise_or_model(estimate: Estimate, experiments: Sequence[Experiment]) -> float | None:
+    """Residual in units of the noise that the output itself shows.
+
+    Near one, the residual is noise. Far above, it is what the model does not know.
+    """
+    error, floor, samples = 0.0, 0.0, 0
+    for y, model in zip(estimate.measured, estimate.simulated):
+        r = y - model
+        used = np.isfinite(r)
+        if used.sum() < 50:
+            continue
+        error += float(np.sum(r[used] ** 2))
+        floor += float(used.sum()) * noise_floor(y[used]) ** 2
+        samples += int(used.sum())
+    if samples == 0 or floor <= 0.0:
+        return None
+    return float(sqrt(error / floor))
+
+
+@dataclass(frozen=True)
+class _Shift:
+    """What another hold would do to the parameters."""
+
+    parameter: str
+    shift: float
+    deviations: float
+    evidence: float
+
+
+def _other_holds(
+    family: Family,
+    variant: Variant,
+    estimate: Estimate,
+    experiments: Sequence[Experiment],
+    request: Request,
+    declared: Collection[str],
+) -> tuple[dict[str, Any], list[Notice]]:
+    """Judge the fit under the other hold of every role that drives the model."""
+    if not estimate.sensitivity or sum(e.samples for e in experiments) > _LONG:
+        return {}, []
+    values = {k: q.value for k, q in estimate.parameters.items()}
+    table: dict[str, Any] = {}
+    notices: list[Notice] = []
+    for role in variant.roles:
+        driving = [e for e in experiments if role.name in e and e.signals[role.name].time.size > 1]
+        if role.hold is None or len(driving) < len(experiments):
+            continue
+        now = experiments[0].signals[role.name].hold or role.hold
+        other: Hold = "foh" if now == "zoh" else "zoh"
+        found = _shift(family, variant, estimate, experiments, values, role.name, other, request)
+        if found is None:
+            continue
+        table[role.name] = {
+            "hold": now,
+            "other": other,
+            "parameter": found.parameter,
+            "shift": found.shift,
+            "standard_errors": found.deviations,
+            "evidence": found.evidence,
+        }
+        said = _hold_notice(role.name, now, other, found, values)
+        notices += [n for n in said if n.code == "hold-doubtful" or role.name not in declared]
+    return table, notices
+
+
+def _shift(
+    family: Family,
+    variant: Variant,
+    estimate: Estimate,
+    experiments: Sequence[Experiment],
+    values: Mapping[str, Value],
+    role: str,
+    other: Hold,
+    request: Request,
+) -> _Shift | None:
+    """One Gauss-Newton step from the optimum under another hold."""
+    residuals, before = [], 0.0
+    for e, y, model in zip(experiments, estimate.measured, estimate.simulated):
+        signal = replace(e.signals[role], hold=other, moves=None)
+        turned = replace(e, signals={**e.signals, role: signal})
+        residuals.append(y - family.simulate(variant, values, turned, request.options))
+        before += float(np.sum((y - model) ** 2))
+    j, r = np.vstack(estimate.sensitivity), np.concatenate(residuals)
+    if j.shape[0] != r.size or not np.all(np.isfinite(r)):
+        return None
+    scale = np.linalg.norm(j, axis=0)
+    scale[scale == 0.0] = 1.0
+    step = np.linalg.lstsq(j / scale, r, rcond=1e-10)[0] / scale
+    after = float(np.sum((r - j @ step) ** 2))
+    errors = np.sqrt(np.maximum(np.diag(estimate.covariance), 1e-300))[: step.size]
+    deviations = step / errors
+    worst = int(np.argmax(np.abs(deviations)))
+    evidence = 0.5 * r.size * float(np.log(max(after, 1e-300) / max(before, 1e-300)))
+    return _Shift(
+        estimate.covariance_order[worst], float(step[worst]), float(deviations[worst]), evidence
+    )
+
+
+def _hold_notice(
+    role: str,
+    now: str,
+    other: str,
+    found: _Shift,
+    values: Mapping[str, Value],
+) -> list[Notice]:
+    """A warning when the hold matters and the data do not confirm the one that was taken."""
+    if abs(found.deviations) <= 2.0 or found.evidence > _DECISIVE:
+        return []
+    value = values[found.parameter.split("[")[0]]
+    share = (
+        f" ({100.0 * found.shift / abs(value):+.1f} %)"
+        if isinstance(value, float) and value
+        else ""
+    )
+    words = {"zoh": "held between its samples", "foh": "moving between its samples"}
+    taken = words["zoh" if now == "zoh" else "foh"]
+    if found.evidence < -_DECISIVE:
+        lead = f"the data fit better with '{role}' {words[other]} than {taken}, as it was taken"
+        code = "hold-doubtful"
+    else:
+        lead = f"the data cannot tell whether '{role}' is {taken}, as it was taken"
+        code = "hold-matters"
+    return [
+        Notice(
+            code,
+            f"{lead}; with --hold {role}={other} {found.parameter} would change by "
+            f"{found.shift:+.3g}{share}, {abs(found.deviations):.1f} standard errors. Commands "
+            "are held (zoh), what a sensor measures moves (foh): say which this column is.",
+        )
+    ]
+
+
+def _cross_correlation(
+    variant: Variant, estimate: Estimate, experiments: Sequence[Experiment]
+) -> tuple[dict[str, Any], list[Notice]]:
+    """Correlation of the residual with the input before and after it.
+
+    Both are whitened first (Box and Jenkins). A residual that follows the input tells of
+    dynamics that the model lacks; an input that follows the residual, of feedback.
+    """
+    table: dict[str, Any] = {}
+    notices: list[Notice] = []
+    for role in variant.roles:
+        if role.hold is None:
+            continue
+        past, future, count = np.zeros(_LAGS), np.zeros(_LAGS), 0
+        for e, y, model in zip(experiments, estimate.measured, estimate.simulated):
+            pair = _whitened(e, role.name, y - model)
+            if pair is None:
+                continue
+            u, r = pair
+            n = u.size
+            for k in range(1, _LAGS + 1):
+                past[k - 1] += float(u[:-k] @ r[k:])
+                future[k - 1] += float(u[k:] @ r[:-k])
+            count += n
+        if count < 200:
+            continue
+        before, after = past / sqrt(count), future / sqrt(count)
+        table[role.name] = {
+            "residual_follows_input": _significance(before),
+            "input_follows_residual": _significance(after),
+        }
+        if _significance(after) < 1e-5:
+            lag = int(np.argmax(np.abs(after))) + 1
+            notices.append(_feedback_notice(role.name, lag))
+    return table, notices
+
+
+def _whitened(
+    experiment: Experiment, role: str, residual: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Innovations of input and residual, of unit variance; None when one has none."""
+    if role not in experiment or experiment.signals[role].time.size != residual.size:
+        return None
+    if residual.size < 100 or not np.all(np.isfinite(residual)):
+        return None
+    part = slice(0, min(residual.size, 50_000))
+    out = []
+    for series in (experiment[role][part], residual[part]):
+        centred = series - series.mean()
+        a, variance = fit_autoregression([centred], 20)
+        innovation = centred.copy()
+        for k, c in enumerate(a):
+            innovation[k + 1 :] -= c * centred[: -k - 1]
+        innovation = innovation[20:]
+        spread = float(innovation.std())
+        if spread <= 1e-4 * float(centred.std()) or spread == 0.0 or variance <= 0.0:
+            return None
+        out.append((innovation - innovation.mean()) / spread)
+    return out[0], out[1]
+
+
+def _significance(correlations: FloatArray) -> float:
+    """Probability that independent series show a correlation this large at any lag."""
+    largest = float(np.max(np.abs(correlations)))
+    return min(1.0, correlations.size * erfc(largest / sqrt(2.0)))
+
+
+def _feedback_notice(role: str, lag: int) -> Notice:
+    samples = "sample" if lag == 1 else "samples"
+    return Notice(
+        "closed-loop",
+        f"'{role}' follows the residual of the output {lag} {samples} later: the log was recorded "
+        "in closed loop, where noise of the output comes back through the input and biases the "
+        "parameters. Record with the controller off or with an added excitation, or with a "
+        "cleaner sensor.",
+    )
