@@ -180,10 +180,11 @@ _MOTOR = "chosen near the curve of a bench with a small hydraulic motor"
 MOTOR = {
     "dead_zone": Truth(0.4, "A", note=_MOTOR),
     "gain": Truth(88.0, "rad/s/A", note=_MOTOR),
-    "saturation_command": Truth(6.6, "A", note=_MOTOR),
-    "saturation_speed": Truth(300.0, "rad/s", note=_MOTOR),
+    "curvature": Truth(0.24, "1/A", note=_MOTOR),
+    "saturation_command": Truth(6.2, "A", note=_MOTOR),
     "hysteresis": Truth(0.25, "A", note=_MOTOR),
     "time_constant": Truth(0.07, "s", note=_MOTOR),
+    "dead_time": Truth(0.03, "s", note=_MOTOR),
 }
 
 
@@ -198,10 +199,8 @@ def staircase(trial: int) -> Array:
 def motor_curve(command: Array) -> Array:
     """Speed over the command that the spool sees [rad/s]."""
     t = {n: v.value for n, v in MOTOR.items()}
-    span = t["saturation_command"] - t["dead_zone"]
-    power = t["gain"] * span / t["saturation_speed"]
-    share = np.clip((command - t["dead_zone"]) / span, 0.0, 1.0)
-    return np.asarray(t["saturation_speed"] * (1.0 - (1.0 - share) ** power))
+    x = np.clip(np.minimum(command, t["saturation_command"]) - t["dead_zone"], 0.0, None)
+    return np.asarray(t["gain"] / t["curvature"] * (1.0 - np.exp(-t["curvature"] * x)))
 
 
 def simulate_motor(rng: np.random.Generator, trial: int) -> list[Array]:
@@ -212,12 +211,15 @@ def simulate_motor(rng: np.random.Generator, trial: int) -> list[Array]:
     for k, u in enumerate(command.tolist()):
         spool = min(max(spool, u - half), u + half)
         seen[k] = spool
-    target = motor_curve(seen)
-    keep = math.exp(-MOTOR_STEP / MOTOR["time_constant"].value)
-    speed, now = np.empty_like(target), 0.0
-    for k, aim in enumerate(target.tolist()):
-        speed[k] = now
+    # half steps: the dead time is one and a half samples
+    target = np.repeat(motor_curve(seen), 2)
+    late = np.concatenate((np.full(3, target[0]), target[:-3]))
+    keep = math.exp(-0.5 * MOTOR_STEP / MOTOR["time_constant"].value)
+    fine, now = np.empty_like(late), 0.0
+    for k, aim in enumerate(late.tolist()):
+        fine[k] = now
         now = aim + keep * (now - aim)
+    speed = fine[::2]
     measured = 1.5 + speed + 0.7 * rng.standard_normal(speed.size)
     return [MOTOR_STEP * np.arange(speed.size, dtype=np.float64), command, measured]
 
@@ -306,7 +308,7 @@ def truth_text(data: Dataset, logs: list[str]) -> str:
     """The text of ``truth.yaml``."""
     quoted = ", ".join(f'"{a}"' for a in arguments(data))
     lines = [
-        "# Written by datasets/generate_hydraulic.py. The logs are synthetic; these values made them.",
+        "# Written by datasets/generate_hydraulic.py. Synthetic logs; these values made them.",
         f"family: {data.family}",
         "synthetic: true",
         f"seed: [{SEED}, {data.number}]",

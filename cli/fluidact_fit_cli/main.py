@@ -20,6 +20,7 @@ _COMMANDS = {
     "inspect": "Show what is in a log and what is wrong with it.",
     "check": "Tell whether a parameter file still describes the machine.",
     "simulate": "Simulate a parameter file with the inputs of a log.",
+    "design": "Design the next experiment from a parameter file.",
     "demo": "Fit synthetic logs of every kind, as an example.",
     "schema": "Print the JSON Schema of the parameter file.",
 }

@@ -11,13 +11,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from .errors import Notice
 from .experiment import Experiment, FloatArray, Hold
+
+if TYPE_CHECKING:
+    from .estimation.information import Information
 
 Value = float | list[float] | list[list[float]]
 Status = Literal["estimated", "fixed", "derived", "not_identified"]
@@ -284,6 +287,19 @@ class Family(ABC):
     ) -> dict[str, Any]:
         """Return the ``model`` part of the file: what a controller runs."""
         return {}
+
+    def information(
+        self,
+        variant: Variant,
+        parameters: Mapping[str, Value],
+        experiment: Experiment,
+        options: Mapping[str, Any],
+    ) -> Information | None:
+        """Return what an experiment would tell about the parameters, from its inputs alone.
+
+        ``None`` for a family that cannot say: its next experiment cannot be designed.
+        """
+        return None
 
     def static_view(
         self,

@@ -21,7 +21,7 @@ from fluidact_fit.family import Estimate, Request
 
 FAMILY = CylinderFriction()
 VARIANTS = {v.name: v for v in FAMILY.variants}
-UNITS = {"force": "N", "velocity": "m/s", "position": "m", "pressure": "Pa"}
+UNITS = {"force": "N", "velocity": "m/s", "position": "m", "pressure": "Pa", "pressure_2": "Pa"}
 TRUTH = {"coulomb_positive": 8.0, "coulomb_negative": 6.0, "viscous": 40.0}
 STEP = 0.01
 DATA = Path(__file__).parents[3] / "shared" / "data"

@@ -244,6 +244,11 @@ class Windows:
         return self.mean(0.5 * (ends[0] + ends[1]))
 
 
+def _white_noise(values: FloatArray) -> float:
+    """Standard deviation of white noise, from second differences [unit of the values]."""
+    return float(np.median(np.abs(np.diff(values, 2)))) / 0.6745 / float(np.sqrt(6.0))
+
+
 def window_length(experiments: Sequence[Experiment]) -> float:
     """Length of the windows [s]: long against the noise of the position, short otherwise.
 
@@ -254,8 +259,8 @@ def window_length(experiments: Sequence[Experiment]) -> float:
     noise, speed = 0.0, 0.0
     for e in experiments:
         y = e["position"]
-        noise = max(noise, float(np.median(np.abs(np.diff(y, 2)))) / 0.6745 / np.sqrt(6.0))
-        width = max(1, int(round(0.05 / e.sample_time)))
+        noise = max(noise, _white_noise(y))
+        width = max(1, round(0.05 / e.sample_time))
         if y.size > width:
             rate = np.abs(y[width:] - y[:-width]) / (width * e.sample_time)
             speed = max(speed, float(np.quantile(rate, 0.98)))
@@ -264,19 +269,39 @@ def window_length(experiments: Sequence[Experiment]) -> float:
 
 
 def make_windows(
-    experiment: Experiment, index: int, chamber: int, machine: Machine, length: float
+    experiment: Experiment,
+    index: int,
+    chamber: int,
+    machine: Machine,
+    length: float,
+    overlap: int = 1,
 ) -> Windows | None:
     """Cut one experiment into windows and keep those that say something of the valve.
 
     Left out: windows in which the valve has hardly any pressure drop left (a piston at the
     end of its stroke), and, where the dead volume is not given, windows in which the pressure
     changes, because the flow that compresses the oil is not known there.
+
+    Parameters
+    ----------
+    experiment, index
+        The log and its number.
+    chamber
+        1 or 2.
+    machine
+        What is given.
+    length
+        Of a window [s].
+    overlap
+        How many windows begin within one length; a network wants many rows, a covariance
+        wants them apart.
     """
     e = experiment
     p = e[f"pressure_{chamber}"]
-    samples = max(int(round(length / max(e.sample_time, 1e-12))), 2)
-    first = np.arange(0, e.samples - samples, samples)
-    if first.size == 0:
+    samples = max(round(length / max(e.sample_time, 1e-12)), 2)
+    stride = max(samples // overlap, 1)
+    first = np.arange(0, e.samples - samples, stride)
+    if first.size < 5:
         return None
     last = first + samples
     y, time = e["position"], e.time
@@ -287,7 +312,7 @@ def make_windows(
     if volume is not None:
         parts = np.concatenate(([0.0], np.cumsum(0.5 * (volume[1:] + volume[:-1]) * np.diff(p))))
         swelling = sign * (parts[last] - parts[first]) / duration
-    kept = _kept_windows(e, chamber, machine, first, samples, volume is None)
+    kept = _kept_windows(e, chamber, machine, first, samples, stride, volume is None)
     return Windows(
         index, chamber, first[kept], last[kept], duration[kept],
         machine.area(chamber) * (y[last] - y[first])[kept] / duration[kept], swelling[kept],
@@ -301,6 +326,7 @@ def _kept_windows(
     machine: Machine,
     first: npt.NDArray[np.intp],
     samples: int,
+    stride: int,
     steady_only: bool,
 ) -> Mask:
     p, u = e[f"pressure_{chamber}"], e["command"]
@@ -311,15 +337,41 @@ def _kept_windows(
     drop = pressure_drop(chamber, command.mean(axis=1) >= 0.0, mean, machine.supply, machine.tank)
     kept = drop > 0.04 * head
     if steady_only:
-        quarter = max(samples // 4, 1)
-        change = np.abs(p[rows[:, -quarter:]].mean(axis=1) - p[rows[:, :quarter]].mean(axis=1))
-        noise = float(np.median(np.abs(np.diff(p, 2)))) / 0.6745 / np.sqrt(6.0)
-        allowed = max(4.0 * noise / np.sqrt(quarter), 0.005 * head)
-        still = change <= allowed
-        # both neighbours quiet as well: a balance at the foot of a transient is no plateau
-        calm = still & np.r_[False, still[:-1]] & np.r_[still[1:], False]
-        kept &= calm & (np.ptp(command, axis=1) == 0.0)
+        kept &= (np.ptp(command, axis=1) == 0.0) & _steady(
+            e, mean, _white_noise(p), first, samples, stride
+        )
     return np.asarray(kept)
+
+
+def _steady(
+    e: Experiment,
+    mean: FloatArray,
+    noise: float,
+    first: npt.NDArray[np.intp],
+    samples: int,
+    stride: int,
+) -> Mask:
+    """Windows amid a plateau: command held and pressure constant two windows to either side.
+
+    The flow ``V/beta dp/dt`` that compresses the oil has to be below 1 % of the motion's; a
+    volume of half a metre of piston area and 0.7 GPa are taken for that judgement alone.
+    """
+    reach = 2 * max(samples // stride, 1)
+    kept = np.zeros(first.size, dtype=bool)
+    if first.size <= 2 * reach:
+        return kept
+    middle = slice(reach, first.size - reach)
+    duration = e.time[first[2 * reach :]] - e.time[first[: -2 * reach]]
+    slope = np.abs(mean[2 * reach :] - mean[: -2 * reach]) / duration
+    u = e["command"]
+    change = np.concatenate(([0], np.cumsum(np.diff(u) != 0.0)))
+    last = np.minimum(first + samples, e.samples - 1)
+    held = change[last[2 * reach :]] == change[first[: -2 * reach]]
+    y = e["position"]
+    speed = np.abs(y[last[middle]] - y[first[middle]]) / (e.time[last] - e.time[first])[middle]
+    random = 3.0 * noise * np.sqrt(2.0 / samples) / duration
+    kept[middle] = held & (slope <= np.maximum(0.01 * speed * 0.7e9 / 0.5, random))
+    return kept
 
 
 def flow_columns(
@@ -385,7 +437,7 @@ class GraySolution:
 
 def make_gray_log(e: Experiment, machine: Machine) -> GrayLog:
     """Prepare one experiment: measured channels and a first guess of all four states."""
-    half = max(2, int(round(0.006 / e.sample_time)))
+    half = max(2, round(0.006 / e.sample_time))
     motion = smooth(e["position"], e.sample_time, 2 * half, 3)
     guess = np.zeros((e.samples, 4))
     guess[:, 2], guess[:, 3] = motion.value, motion.rate
@@ -844,92 +896,29 @@ class Network:
         return np.asarray(self.output_offset[0] + self.output_scale[0] * y)
 
 
-def train_network(
-    inputs: FloatArray, target: FloatArray, hidden: int, seed: int, starts: int = 6
-) -> Network:
-    """Train a network by Levenberg-Marquardt with exact Jacobians from several starts.
-
-    A fifth of the rows, every fifth block of ten in the order given, decides which start and
-    which iteration is kept; a small ridge keeps units that are off from wandering.
+def train_network(inputs: FloatArray, target: FloatArray, hidden: int, seed: int) -> Network:
+    """Train one hidden layer by multi-start Levenberg-Marquardt (:mod:`.network`).
 
     Parameters
     ----------
     inputs : (n, inputs)
-        In the order of time, in any units.
+        In any units.
     target : (n,)
         In any unit.
     hidden
         Number of units.
     seed
         Of the starts.
-    starts
-        How many.
     """
+    from .network import search
+
     centre, spread = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), 1e-300)
     middle, size = float(target.mean()), max(float(target.std()), 1e-300)
-    x, y = (inputs - centre) / spread, (target - middle) / size
-    judged = (np.arange(y.size) // 10) % 5 == 4
     rng = np.random.default_rng([seed, hidden, inputs.shape[1]])
-    best, score = np.zeros(0), np.inf
-    for _ in range(starts):
-        first = rng.standard_normal((hidden, x.shape[1])) / np.sqrt(x.shape[1])
-        # the kinks are spread over the data, so that every unit has rows on both sides
-        bias = -np.sum(first * x[rng.integers(0, y.size, hidden)], axis=1)
-        begin = np.concatenate((first.ravel(), bias, 0.1 * rng.standard_normal(hidden + 1)))
-        theta, error = _train_once(begin, x, y, judged, hidden)
-        if error < score:
-            best, score = theta, error
-    w1, b1, w2, b2 = _layers(best, hidden, x.shape[1])
+    net = search(
+        (inputs - centre) / spread, (target - middle) / size, (hidden,), rng, starts=8
+    ).best.network
     return Network(
-        w1, b1, w2[None, :], np.array([b2]), centre, spread, np.array([middle]), np.array([size])
-    )
-
-
-def _layers(
-    theta: FloatArray, hidden: int, inputs: int
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    m = hidden * inputs
-    return (
-        theta[:m].reshape(hidden, inputs), theta[m : m + hidden],
-        theta[m + hidden : m + 2 * hidden], float(theta[-1]),
+        net.weights[0], net.biases[0], net.weights[1], net.biases[1],
+        centre, spread, np.array([middle]), np.array([size]),
     )  # fmt: skip
-
-
-def _train_once(
-    theta: FloatArray, x: FloatArray, y: FloatArray, judged: Mask, hidden: int
-) -> tuple[FloatArray, float]:
-    """One start: the weights with the smallest error on the judged rows, and that error."""
-    used = ~judged
-    ridge, damping = 1e-6 * float(used.sum()), 1e-2
-
-    def residual(t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        w1, b1, w2, b2 = _layers(t, hidden, x.shape[1])
-        active = x @ w1.T + b1
-        layer = np.maximum(active, 0.0)
-        gate = (active > 0.0) * w2
-        slopes = (gate[:, :, None] * x[:, None, :]).reshape(y.size, -1)
-        return y - layer @ w2 - b2, np.column_stack((slopes, gate, layer, np.ones(y.size)))
-
-    r, j = residual(theta)
-    kept, error = theta, float(np.mean(r[judged] ** 2)) if judged.any() else np.inf
-    cost = float(r[used] @ r[used] + ridge * theta @ theta)
-    for _ in range(120):
-        h = j[used].T @ j[used] + ridge * np.eye(theta.size)
-        g = j[used].T @ r[used] - ridge * theta
-        step = np.linalg.solve(h + damping * np.diag(np.diag(h)), g)
-        trial, slopes = residual(theta + step)
-        new = float(trial[used] @ trial[used] + ridge * np.sum((theta + step) ** 2))
-        if new >= cost:
-            damping *= 5.0
-            if damping > 1e8:
-                break
-            continue
-        done = cost - new < 1e-7 * cost
-        theta, r, j, cost = theta + step, trial, slopes, new
-        damping = max(0.3 * damping, 1e-9)
-        now = float(np.mean(r[judged] ** 2)) if judged.any() else cost
-        if now < error:
-            kept, error = theta, now
-        if done:
-            break
-    return kept, error

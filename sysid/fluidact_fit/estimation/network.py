@@ -444,7 +444,7 @@ def activation_regions(net: Network, low: FloatArray, high: FloatArray) -> list[
     found: list[tuple[list[bool], FloatArray]] = [([], np.full(int(free.sum()), 0.5))]
     for k in range(b.size):
         found = [
-            (pattern + [side], point)
+            ([*pattern, side], point)
             for pattern, old in found
             for side, point in _sides(w[: k + 1], b[: k + 1], pattern, old)
         ]

@@ -47,6 +47,8 @@ class NamedModel:
     nuisance
         Names of further linear unknowns, whose columns follow those of ``linear``. They
         are always free and never reported.
+    whiten
+        Autoregression of the residuals, as in :class:`.separable.Problem`.
     """
 
     nonlinear: tuple[str, ...]
@@ -56,6 +58,7 @@ class NamedModel:
     slopes: Callable[[int, Values, Sequence[str]], tuple[Basis, Slopes]] | None = None
     weights: Sequence[FloatArray | float] = ()
     nuisance: tuple[str, ...] = ()
+    whiten: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def every_linear(self) -> tuple[str, ...]:
@@ -129,6 +132,7 @@ def bind(
             *(Unknown(n, 0.0) for n in model.nuisance),
         ],
         weights=model.weights,
+        whiten=model.whiten,
     )
 
 
@@ -368,7 +372,11 @@ def fit_named(
         search = solve_from(problem, begin, tolerance=1e-5 if rows < _MANY else 1e-2)
         best = search.best
         names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
-        if channels and len(channels[0]) > 1:
+        if model.whiten.size:
+            # what is left is white but not everywhere equally strong
+            rows_of = [[slice(0, r.size)] for r in best.residuals]
+            uncertainty = score_covariance(best.jacobian, best.residuals, rows_of)
+        elif channels and len(channels[0]) > 1:
             uncertainty = score_covariance(best.jacobian, best.residuals, channels)
         else:
             uncertainty = covariance(
@@ -377,6 +385,7 @@ def fit_named(
                 local_unknowns=sum(best.local_counts),
                 robust=robust,
                 sigma_floor=sigma_floor,
+                small_sample=True,
             )
         values = dict(zip(names, (*best.eta, *best.linear)))
         worst = _least_determined(values, names, uncertainty, sensible or {}, by_name)

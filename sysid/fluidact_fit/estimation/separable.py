@@ -94,6 +94,9 @@ class Problem:
 
     ``measured`` holds one array ``(n_i,)`` per experiment; ``weights`` one number or
     array ``(n_i,)`` per experiment that multiplies the residual (0 leaves a sample out).
+    ``whiten`` is an autoregression of the residuals, shape ``(order,)``: its inverse is
+    applied to both sides, which is generalised least squares; the first ``order`` samples
+    of every experiment are then only its history.
     """
 
     model: Model
@@ -101,6 +104,17 @@ class Problem:
     nonlinear: Sequence[Unknown]
     linear: Sequence[Unknown] = ()
     weights: Sequence[FloatArray | float] = ()
+    whiten: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    def filter(self, rows: Array) -> Array:
+        """Pass rows (samples first) through ``1 - sum_i whiten[i] q^-(i+1)``."""
+        order = self.whiten.size
+        if order == 0:
+            return rows
+        out = rows[order:].copy()
+        for i, c in enumerate(self.whiten):
+            out -= c * rows[order - 1 - i : rows.shape[0] - 1 - i]
+        return out
 
     def weight(self, index: int) -> FloatArray | float:
         """Weight of the residuals of one experiment."""
@@ -217,9 +231,10 @@ class _Fit:
     def _reduce(self, index: int, basis: Basis) -> _Reduced:
         w = self.problem.weight(index)
         column = w[:, None] if isinstance(w, np.ndarray) else w
-        target = (self.problem.measured[index] - basis.known) * w
-        shared = basis.shared * column
-        q = _orthonormal(basis.local * column)
+        whiten = self.problem.filter
+        target = whiten((self.problem.measured[index] - basis.known) * w)
+        shared = whiten(basis.shared * column)
+        q = _orthonormal(whiten(basis.local * column))
         if q.shape[1]:
             target = target - q @ (q.T @ target)
             shared = shared - q @ (q.T @ shared)
@@ -248,7 +263,10 @@ class _Fit:
             if r.basis.local.shape[1] == 0:
                 out.append(np.zeros(0))
             else:
-                found = np.linalg.lstsq(r.basis.local * column, rest * w, rcond=None)[0]
+                whiten = self.problem.filter
+                found = np.linalg.lstsq(
+                    whiten(r.basis.local * column), whiten(rest * w), rcond=None
+                )[0]
                 out.append(np.asarray(found, dtype=float))
         return out
 
@@ -275,7 +293,7 @@ class _Fit:
                 j += value * s.shared[:, :, k]
             for k, value in enumerate(local[i]):
                 j += value * s.local[:, :, k]
-            j = (j * w).T
+            j = self.problem.filter((j * w).T)
             if r.q.shape[1]:
                 j = j - r.q @ (r.q.T @ j)
             out.append(j)
@@ -422,6 +440,11 @@ def _evaluate(problem: Problem, eta: FloatArray, scales: FloatArray) -> tuple[_F
         bases.append(basis)
         slopes.append(slope)
     return _Fit(problem, eta, bases), slopes
+
+
+def evaluate(problem: Problem, eta: FloatArray) -> Solution:
+    """The linear half solved and the Jacobian taken at given ``eta``; nothing is moved."""
+    return solve(problem, eta, max_iterations=0)
 
 
 def _finish(

@@ -14,8 +14,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from ..family import ParameterSpec, Request, Value
+from .input_noise import (
+    extrapolate_bias,
+    moving_inputs,
+    noise_of,
+    share_of_residual,
+    whitening,
+)
 from .inputs import PiecewiseInput, apply_dead_zone, piecewise
 from .linear import Grid, forced_response, free_response, make_grid
 from .parametric import (
@@ -225,8 +233,96 @@ def fit_transfer(
         refusals=refusals,
         sensible=sensible,
     )
+    remarks: dict[str, Any] = {"initial_state": "rest" if rest else "free"}
+    fitted, found = _allow_for_input_noise(
+        lambda some: make(some, rest), experiments, specs, request, unknowns, fitted, refusals,
+        sensible,
+    )  # fmt: skip
     tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
-    return replace(fitted, search=tried, remarks={"initial_state": "rest" if rest else "free"})
+    return replace(fitted, search=tried, remarks={**remarks, **found})
+
+
+def _allow_for_input_noise(
+    make: Callable[[Sequence[Experiment]], NamedModel],
+    experiments: Sequence[Experiment],
+    specs: Sequence[ParameterSpec],
+    request: Request,
+    unknowns: Mapping[str, Unknown],
+    fitted: Fitted,
+    refusals: Sequence[Refusal],
+    sensible: Mapping[str, float] | None,
+) -> tuple[Fitted, dict[str, Any]]:
+    """Whiten the residual and remove the bias when noise of a measured input matters."""
+    rows = sum(e.samples for e in experiments)
+    roles = moving_inputs(experiments)
+    if not roles or rows > _MANY or rows < 200 * len({e.log for e in experiments}):
+        return fitted, {}
+    role = roles[0]
+    sigma = float(np.median([noise_of(e[role]) for e in experiments]))
+    rng = np.random.default_rng(request.seed)
+    held = {n: v for n, v in fitted.values.items() if n not in fitted.names}
+    for r in refusals:
+        held[r.parameter] = r.hold if r.hold is not None else held.get(r.parameter, 0.0)
+
+    def build(some: Sequence[Experiment]) -> Problem:
+        return bind(make(some), unknowns, held)
+
+    share = share_of_residual(build, experiments, fitted.solution, role, sigma, rng)
+    unit = experiments[0].signals[role].unit
+    found = {"input_noise": {"role": role, "sigma": sigma, "unit": unit, "share": share}}
+    if share < 0.25:
+        return fitted, found
+    request.progress("allowing for the noise of the input")
+    values = {**held, **fitted.values}
+    noise = float(np.median([noise_of(y) for y in make(experiments).measured]))
+    for _ in range(2):
+        a = whitening(build, experiments, fitted.solution, role, sigma, noise, rng)
+        white = lambda some, a=a: replace(make(some), whiten=a)  # noqa: E731
+        fitted = fit_named(
+            white(experiments), specs, request, unknowns, [values],
+            refusals=refusals, sensible=sensible,
+        )  # fmt: skip
+        values = {**values, **fitted.values}
+    corrected, notice = _remove_bias(
+        lambda some: bind(white(some), unknowns, held), experiments, fitted, role, sigma, unit, rng
+    )
+    found["input_noise"]["treatment"] = "residual whitened, bias removed by extrapolation"
+    return replace(corrected, notices=[*corrected.notices, *notice]), found
+
+
+def _remove_bias(
+    build: Callable[[Sequence[Experiment]], Problem],
+    experiments: Sequence[Experiment],
+    fitted: Fitted,
+    role: str,
+    sigma: float,
+    unit: str,
+    rng: np.random.Generator,
+) -> tuple[Fitted, list[Notice]]:
+    """Subtract the bias by input noise and say how much it was."""
+    bias, spread = extrapolate_bias(build, experiments, fitted.solution, role, sigma, rng)
+    values = dict(fitted.values)
+    said = []
+    for name, b in zip(fitted.names, bias):
+        if name in fitted.unknowns and name in values:
+            u = fitted.unknowns[name]
+            values[name] = float(np.clip(values[name] - b, u.low, u.high))
+            said.append((abs(b) / max(fitted.std_error(name), 1e-300), name, b))
+    size, name, b = max(said)
+    # scatter by the input, plus what a residual of white noise would add by itself
+    total = np.maximum(1.0, _ratio_of(spread, fitted.uncertainty.covariance))
+    scale = np.sqrt(total)
+    total = fitted.uncertainty.covariance * np.outer(scale, scale)
+    out = replace(
+        fitted, values=values, uncertainty=replace(fitted.uncertainty, covariance=total)
+    )
+    notice = Notice(
+        "input-noise",
+        f"'{role}' carries noise of about {sigma:.2g} {unit} rms, which an output-error fit takes "
+        f"for signal. The residual was whitened and the bias removed (largest for {name}: "
+        f"{b:+.3g}, {size:.1f} standard errors). A cleaner sensor would narrow the intervals.",
+    )
+    return out, [notice]
 
 
 def _search(
@@ -269,6 +365,12 @@ def _starts_at_rest(
         count = sum(search.best.local_counts) + len(problem.nonlinear)
         scores.append(total * np.log(max(search.best.cost, 1e-300)) + count * np.log(total))
     return bool(scores[0] <= scores[1])
+
+
+def _ratio_of(larger: FloatArray, base: FloatArray) -> FloatArray:
+    """Variances relative to others, one where those vanish."""
+    a, b = np.diag(larger), np.diag(base)
+    return np.where(b > 0.0, a / np.where(b > 0.0, b, 1.0), 1.0)
 
 
 def _vector(problem: Problem, start: Mapping[str, float]) -> FloatArray:

@@ -165,6 +165,7 @@ def covariance(
     local_unknowns: int = 0,
     robust: bool = True,
     sigma_floor: float = 0.0,
+    small_sample: bool = False,
 ) -> Uncertainty:
     """Covariance of least-squares unknowns, robust against coloured residuals.
 
@@ -181,6 +182,12 @@ def covariance(
     sigma_floor
         Known smallest standard deviation of the noise, such as that of a converter;
         the residuals of a deterministic fit can fall below it.
+    small_sample
+        Whether to correct coloured residuals for their small effective number: of ``n_e``
+        samples that were independent would give the same variance, ``p`` unknowns take
+        ``p / n_e`` of the variance, and an autoregression fitted to what is left, its
+        coefficient too small by ``(1 + 3 rho) / n`` (Kendall 1954), some
+        ``2 (p + 1) / n_e``.
 
     Returns
     -------
@@ -214,6 +221,12 @@ def covariance(
             middle = np.sum([_weighted_product(j, r) for j in jacobian], axis=0)
     total = sigma**2 * bread if middle is None else bread @ middle @ bread
     total = _positive(total)
+    if order and small_sample:
+        white = sigma**2 * np.diag(bread)
+        inflation = max(float(np.median(np.diag(total)[white > 0.0] / white[white > 0.0])), 1.0)
+        effective = n / inflation
+        total *= effective / max(effective - 3.0 * p - 2.0, 0.25 * effective)
+        degrees = max(int(effective) - p, 1)
     total[blind, blind] = np.inf
     return Uncertainty(total, degrees, float(sigma), order)
 

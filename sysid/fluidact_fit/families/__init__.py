@@ -35,6 +35,10 @@ _REGISTRY = {
         "hydraulic_cylinder:HydraulicCylinder",
         "Hydraulic cylinder: valve gains, line losses, bulk modulus and friction",
     ),
+    "hydraulic-motor": (
+        "hydraulic_motor:HydraulicMotor",
+        "Hydraulic motor: dead zone, saturation, hysteresis and time constant",
+    ),
 }
 
 

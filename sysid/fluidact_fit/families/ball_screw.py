@@ -31,6 +31,7 @@ import numpy.typing as npt
 
 from ..errors import LogError, Notice
 from ..estimation.inputs import PiecewiseInput, interpolation, piecewise
+from ..estimation.information import Information, sensitivity
 from ..estimation.linear import Grid, make_grid
 from ..estimation.parametric import (
     Fitted,
@@ -470,6 +471,27 @@ class BallScrew(Family):
             best = solve(problem, best.eta, max_iterations=30, tolerance=0.05)
         return {**held, **dict(zip(order, map(float, best.eta)))}
 
+    def information(
+        self,
+        variant: Variant,
+        parameters: Mapping[str, Value],
+        experiment: Experiment,
+        options: Mapping[str, Any],
+    ) -> Information:
+        """Sensitivities by complex steps; see :meth:`Family.information`."""
+        values = scalars(parameters)
+        axis = _axis(variant)
+        model = DriveModel([experiment], axis)
+        held = interpolation(experiment.signals[axis.drive]) == "zoh"
+        names = [n for n in values if not (held and n.startswith("breakaway"))]
+        found = sensitivity(model.named(names), values)
+        if not held:
+            return found
+        motion, samples = model.motion(0, values)
+        drive = experiment.sampled(axis.drive)
+        speed = np.real(motion.velocity[0, samples])
+        return replace(found, floor=_bracket_widths(drive, speed, values))
+
     def simulate(
         self,
         variant: Variant,
@@ -797,6 +819,23 @@ def _bracket_static(
 
 def _as_unknowns(values: Mapping[str, float]) -> dict[str, Unknown]:
     return {n: Unknown(n, v) for n, v in values.items() if n.startswith("breakaway")}
+
+
+def _bracket_widths(drive: FloatArray, speed: FloatArray, values: Values) -> dict[str, float]:
+    """Standard errors that held torques leave to the static levels.
+
+    A level lies between the highest torque that held and the lowest that broke away;
+    without a break-away nothing is known of it.
+    """
+    out = {}
+    stuck, holds = speed[:-1] == 0.0, speed[1:] == 0.0
+    for s, sign in zip(_SIDES, (1.0, -1.0)):
+        u = sign * drive[:-1]
+        broke = u[stuck & ~holds & (u > 0.0)]
+        low = max(u[stuck & holds].max(initial=0.0), values[f"coulomb_{s}"])
+        high = broke.min(initial=np.inf)
+        out[f"breakaway_{s}"] = max(float(high) - low, 0.0) / float(np.sqrt(12.0))
+    return out
 
 
 def _search_level(

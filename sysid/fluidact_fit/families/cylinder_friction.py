@@ -1,12 +1,19 @@
 """Friction of a cylinder: two Coulomb levels and viscous friction.
 
     F_f = F_c+ [v > 0] - F_c- [v < 0] + b v
-    F_f = F - A p - m a
+    F_f = F - (A_1 p_1 - A_2 p_2) - m a      with a load cell
+    F_f = A_1 p_1 - A_2 p_2 - m a            without: the pressures drive
 
-``F`` is what drives the motion, positive along positive velocity; the pressure force
-``A p`` and the inertia ``m a`` are taken off when the area and the mass are given. All
-levels are magnitudes. The regression sees moving samples only [1]_: near standstill
-friction is a matter of presliding and stiction, and a smoothed sign would bias the levels.
+``F`` is what drives the motion, positive along positive velocity; pressure forces and the
+inertia ``m a`` are taken off when the areas and the mass are given. All levels are
+magnitudes. The regression sees moving samples only [1]_: near standstill friction is a
+matter of presliding and stiction, and a smoothed sign would bias the levels.
+
+Both sides of the equation go through one filter. Whatever takes a share off the velocity
+of a fast stroke takes the same share off its force, so the friction is that of the
+unfiltered motion; windows that touch a reversal, over which the sign is not constant, are
+left out. The noise that is left in the velocity is taken off the normal equations [3]_.
+The covariance is that of the noise before the filter, carried through it.
 
 Without a second speed in at least one direction, ``b v`` cannot be told from the levels:
 ``viscous`` is then written as not identified and the levels hold all friction.
@@ -18,6 +25,8 @@ References
    samples left out.
 .. [2] D. B. Comber (thesis, 2013), "Fluid power actuation for MRI-guided interventions",
    equations 17 to 19: friction levels by direction with a velocity tolerance.
+.. [3] W. A. Fuller, Measurement Error Models, 1987, section 1.2: the moment estimator with
+   a known variance of the error in the regressor.
 """
 
 from __future__ import annotations
@@ -47,7 +56,7 @@ from ..family import (
     Value,
     Variant,
 )
-from ..signals import smooth
+from ..signals import antiderivative, central_difference, matched_kernel, smooth
 
 Mask = npt.NDArray[np.bool_]
 
@@ -59,6 +68,8 @@ _QUIET = 0.02  # noise of the filtered speed, as a share of the highest, that is
 _SLOW = 0.05  # share of the highest speed below which friction is not that of motion
 _SECOND_SPEED = 1.5  # ratio of two speeds that are clearly different
 _SMALL = 0.05  # share of the friction that inertia may have before it matters
+_FLATTENED = 0.8  # of the highest speed, left by a filter that is too long for the strokes
+_PRESSURES = "-pressures"  # variants without a load cell
 
 
 def friction_force(
@@ -119,6 +130,7 @@ class _Options:
     """The family's options."""
 
     area: float | None
+    area_2: float | None
     mass: float | None
     half_width: float | None
     deadband: float | None
@@ -128,6 +140,7 @@ class _Options:
     def read(cls, given: Mapping[str, Any]) -> _Options:
         return cls(
             given.get("area"),
+            given.get("area-2"),
             given.get("mass"),
             given.get("filter"),
             given.get("deadband"),
@@ -139,40 +152,90 @@ class _Options:
 class _Motion:
     """Filtered motion of one log.
 
-    ``inside`` marks the samples whose filter window lies within the record, ``noise`` is
-    the standard deviation of the filtered velocity [m/s], ``half`` the half-width of the
-    filter in samples (0: not filtered) and ``fast`` the highest speed but for 2 % [m/s].
+    Attributes
+    ----------
+    velocity, acceleration : (n,)
+        Filtered [m/s], and the derivative of that [m/s2]; no acceleration without time.
+    bare : (n,)
+        Velocity that the filter flattens (next to) nothing of: as measured, or from a
+        position with the first order of what the filter took off put back [m/s].
+    sharp : (n,)
+        Velocity to predict with, quiet and hardly flattened [m/s].
+    inside : (n,)
+        Whether the filter window lies within the record.
+    noise
+        Standard deviation of the filtered velocity [m/s].
+    half
+        Half-width of the filter in samples; 0: not filtered.
+    kernel : (2 m + 1,)
+        What the force is smoothed with to match the velocity.
     """
 
     velocity: FloatArray
     acceleration: FloatArray | None
+    bare: FloatArray
+    sharp: FloatArray
     inside: Mask
     noise: float
     half: int
+    kernel: FloatArray
 
     @property
     def fast(self) -> float:
+        """Highest speed but for 2 % [m/s]."""
         return float(np.quantile(np.abs(self.velocity[self.inside]), 0.98))
+
+    @property
+    def reach(self) -> int:
+        """Samples on either side that the matched force depends on."""
+        return self.kernel.size // 2
 
 
 @dataclass(frozen=True)
 class _Data:
     """One log, ready for the regression.
 
-    ``known`` is the part of the force that is no friction, ``friction`` the rest, both of
-    shape ``(n,)`` [N]; ``kept`` marks the samples that are fitted.
+    ``known`` is the part of the drive that is no friction, ``friction`` the rest, and
+    ``matched`` that rest smoothed like the velocity, all of shape ``(n,)`` [N]; ``kept``
+    marks the samples that are fitted. The output is the drive divided by ``scale``.
     """
 
     experiment: Experiment
     motion: _Motion
     known: FloatArray
     friction: FloatArray
+    matched: FloatArray
     kept: Mask
+    scale: float
 
     @property
     def speed(self) -> FloatArray:
         """Velocities of the kept samples [m/s]."""
         return self.motion.velocity[self.kept]
+
+    @property
+    def support(self) -> Mask:
+        """Samples that the fitted ones depend on, shape ``(n,)``."""
+        reach, n = self.motion.reach, self.kept.size
+        if not reach:
+            return self.kept
+        count = np.concatenate(([0], np.cumsum(self.kept)))
+        at = np.arange(n)
+        return np.asarray(
+            count[np.minimum(at + reach + 1, n)] > count[np.maximum(at - reach, 0)], dtype=bool
+        )
+
+    def spread(self, columns: FloatArray) -> FloatArray:
+        """What multiplies the unfiltered force where ``columns`` multiply the matched one.
+
+        Shapes ``(kept, p)`` and ``(support, p)``.
+        """
+        if not self.motion.reach:
+            return columns
+        full = np.zeros((self.kept.size, columns.shape[1]))
+        full[self.kept] = columns
+        out = [np.convolve(c, self.motion.kernel, "same") for c in full.T]
+        return np.column_stack(out)[self.support]
 
     def side(self, side: str) -> Mask:
         """Which of the kept samples move in a direction."""
@@ -181,11 +244,12 @@ class _Data:
 
 @dataclass(frozen=True)
 class _Regression:
-    """A solved regression: values by name and residuals per log."""
+    """A solved regression: values by name and residuals per log, matched and unfiltered."""
 
     values: dict[str, float]
     names: tuple[str, ...]
     residuals: list[FloatArray]
+    bare_residuals: list[FloatArray]
     uncertainty: Uncertainty
     free_values: dict[str, float] = field(default_factory=dict)
 
@@ -235,32 +299,56 @@ def _local_polynomial(
     return rows, inside
 
 
-def _sensor_noise(values: FloatArray, resolution: float) -> float:
-    """Noise that no motion explains: third differences, or the resolution if that is more.
+def _sensor_noise(values: FloatArray, time: FloatArray, resolution: float) -> float:
+    """Noise that no motion explains: high differences, or the resolution if that is more.
 
     A handful of exact levels, as in a table of plateaus, is no resolution.
     """
     if np.ptp(values) < 20.0 * resolution:
         resolution = 0.0
+    floor = float(resolution / np.sqrt(12.0))
     if values.size < 8:
-        return resolution / np.sqrt(12.0)
-    third = np.abs(np.diff(values, 3))
-    return max(1.4826 * float(np.median(third)) / np.sqrt(20.0), resolution / np.sqrt(12.0))
+        return floor
+    found = [float(np.median(np.abs(_rough(values, time, order)))) for order in (3, 5)]
+    return max(1.4826 * min(found), floor)
+
+
+def _rough(values: FloatArray, time: FloatArray, order: int) -> FloatArray:
+    """Divided differences, scaled so that white noise keeps its size; without time: as even."""
+    if not time.size:
+        time = np.arange(values.size, dtype=float)
+    n = values.size - order
+    t = np.stack([time[k : n + k] for k in range(order + 1)])
+    t = (t - t[0]) / max(float(np.median(t[order] - t[0])), 1e-300)
+    weights = []
+    for k in range(order + 1):
+        gaps = t[k] - np.delete(t, k, axis=0)
+        weights.append(1.0 / np.prod(gaps, axis=0))
+    w = np.stack(weights)
+    w /= np.sqrt(np.sum(w**2, axis=0))
+    return np.asarray(np.sum(w * np.stack([values[k : n + k] for k in range(order + 1)]), axis=0))
+
+
+def _differentiate(
+    experiment: Experiment, values: FloatArray, half: int
+) -> tuple[FloatArray, Mask]:
+    """Value, rate and curvature of a signal, shape ``(3, n)``, and where its window is whole."""
+    if experiment.uniform:
+        s = smooth(values, experiment.sample_time, half, _DEGREE)
+        return np.stack([s.value, s.rate, s.curvature]), s.inside
+    return _local_polynomial(experiment.time, values, experiment.sample_time, half)
 
 
 def _filter(experiment: Experiment, role: str, half: int) -> _Motion:
     """Velocity and acceleration by a zero-phase quadratic over ``2 half + 1`` samples."""
     signal = experiment.signals[role]
     y, step = signal.values, experiment.sample_time
-    noise = _sensor_noise(y, signal.resolution)
+    noise = _sensor_noise(y, experiment.time, signal.resolution)
     if not experiment.time.size:
-        return _Motion(y, None, np.ones(y.size, dtype=bool), noise, 0)
+        whole = np.ones(y.size, dtype=bool)
+        return _Motion(y, None, y, y, whole, noise, 0, np.ones(1))
     half = max(1, min(half, (y.size - 1) // 2))
-    if experiment.uniform:
-        s = smooth(y, step, half, _DEGREE)
-        rows, inside = np.stack([s.value, s.rate, s.curvature]), s.inside
-    else:
-        rows, inside = _local_polynomial(experiment.time, y, step, half)
+    rows, inside = _differentiate(experiment, y, half)
     if not inside.any():
         raise LogError(
             f"no stretch of {2 * half + 1} samples without a gap is left to differentiate",
@@ -269,19 +357,79 @@ def _filter(experiment: Experiment, role: str, half: int) -> _Motion:
         )
     order = 1 if role == "position" else 0
     offsets = np.arange(-half, half + 1)
-    kernel = np.linalg.pinv(np.vander(offsets, _DEGREE + 1, increasing=True))[order]
-    gain = float(np.linalg.norm(kernel)) / step**order
-    return _Motion(rows[order], rows[order + 1], inside, noise * gain, half)
+    taps = np.linalg.pinv(np.vander(offsets, _DEGREE + 1, increasing=True))[order]
+    gain = float(np.linalg.norm(taps)) / step**order
+    v = _fill(rows[order], inside)
+    kernel = matched_kernel(half, order, _DEGREE)
+    bare = sharp = v
+    if order:
+        bare = sharp = _sharpen(v, kernel)
+        far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
+        inside = far if far.any() else inside
+    else:
+        bare = y
+    slope = central_difference(v, experiment.time)
+    return _Motion(v, slope, bare, sharp, inside, noise * gain, half, kernel)
+
+
+def _pad(values: FloatArray, before: int, after: int) -> FloatArray:
+    """Continue a signal at both ends, point symmetric about its ends if it is long enough."""
+    if values.size > max(before, after):
+        return np.pad(values, (before, after), mode="reflect", reflect_type="odd")
+    return np.pad(values, (before, after), mode="edge")
+
+
+def _fill(values: FloatArray, inside: Mask) -> FloatArray:
+    """Continue a filtered signal over the ends, and straight over gaps."""
+    index = np.flatnonzero(inside)
+    first, last = int(index[0]), int(index[-1])
+    between = np.interp(np.arange(first, last + 1), index, values[index])
+    return _pad(between, first, values.size - 1 - last)
+
+
+def _sharpen(values: FloatArray, kernel: FloatArray) -> FloatArray:
+    """Put back what a filter took off, but for the third power of its share.
+
+    What another pass takes off is what the first one took, to first order (Tukey's twicing).
+    """
+    reach = kernel.size // 2
+    out = lost = values
+    for _ in range(2):
+        lost = lost - np.convolve(_pad(lost, reach, reach), kernel, "valid")
+        out = out + lost
+    return out
+
+
+def _match(experiment: Experiment, role: str, motion: _Motion, force: FloatArray) -> FloatArray:
+    """Smooth a force so that the filter of the velocity shows in it as well, shape ``(n,)``.
+
+    The slope of a position is a weighted mean of the velocity within the window; the same
+    slope of the integral of the force is the same mean of the force.
+    """
+    if not motion.half:
+        return force
+    if experiment.uniform:
+        padded = np.pad(force, motion.reach, mode="edge")
+        return np.convolve(padded, motion.kernel, "valid")
+    if role == "velocity":
+        return _differentiate(experiment, force, motion.half)[0][0]
+    integral = antiderivative(force, experiment.time)
+    return _differentiate(experiment, integral, motion.half)[0][1]
 
 
 def _choose_half_width(experiment: Experiment, role: str) -> float:
-    """Shortest half-width whose velocity is quiet enough [s]."""
-    half = 1
+    """Shortest half-width whose velocity is quiet enough, and not too long for the strokes [s]."""
+    chosen, before = 1, None
     for half in _HALF_WIDTHS:
         motion = _filter(experiment, role, half)
+        if before is not None and before.noise <= 0.2 * before.fast:
+            # noise alone raises the highest speed by up to two standard deviations
+            if motion.fast < _FLATTENED * (before.fast - 2.0 * before.noise):
+                break
+        chosen, before = half, motion
         if motion.noise <= _QUIET * motion.fast or 16 * half >= experiment.samples:
             break
-    return half * experiment.sample_time
+    return chosen * experiment.sample_time
 
 
 def _motions(
@@ -290,7 +438,15 @@ def _motions(
     """Motion of every log through one filter, and its half-width [s]."""
     timed = [e for e in experiments if e.time.size]
     if half_width is None:
-        half_width = max((_choose_half_width(e, role) for e in timed), default=0.0)
+        wanted = [_choose_half_width(e, role) for e in timed]
+        half_width = max(wanted, default=0.0)
+        for e, own in zip(timed, wanted):  # what a slow log needs may flatten a fast one
+            before = _filter(e, role, round(own / e.sample_time))
+            while half_width > 1.5 * own:
+                now = _filter(e, role, round(half_width / e.sample_time))
+                if now.fast >= _FLATTENED * (before.fast - 2.0 * before.noise):
+                    break
+                half_width *= 0.5
     out = []
     for e in experiments:
         half = round(half_width / e.sample_time) if e.time.size else 0
@@ -314,36 +470,55 @@ def _steady(motion: _Motion, deadband: float) -> Mask:
     state = np.where(np.abs(v) > deadband, np.sign(v), 0.0)
     changes = np.concatenate(([0], np.cumsum(state[1:] != state[:-1])))
     moving = (state != 0.0) & motion.inside
-    h = motion.half
-    if h and v.size > 2 * h:
-        moving[h : v.size - h] &= changes[2 * h :] == changes[: v.size - 2 * h]
+    h = motion.reach
+    if h:
+        whole = np.zeros(v.size, dtype=bool)
+        if v.size > 2 * h:
+            whole[h : v.size - h] = changes[2 * h :] == changes[: v.size - 2 * h]
+        moving &= whole
     return np.asarray(moving)
 
 
-def _known_force(experiment: Experiment, motion: _Motion, options: _Options) -> FloatArray:
-    """Pressure force and inertia [N]."""
-    out = np.zeros(motion.velocity.size)
-    if options.area is not None:
-        out += options.area * experiment["pressure"]
-    if options.mass is not None and motion.acceleration is not None:
-        out += options.mass * motion.acceleration
+def _motion_role(variant: Variant) -> str:
+    return variant.name.removesuffix(_PRESSURES)
+
+
+def _pressure_force(experiment: Experiment, options: _Options) -> FloatArray | float:
+    """Force of the chambers, ``A_1 p_1 - A_2 p_2`` [N]."""
+    out: FloatArray | float = 0.0
+    for role, area, sign in (("pressure", options.area, 1.0), ("pressure_2", options.area_2, -1.0)):
+        if area is not None and role in experiment:
+            out = out + sign * area * experiment.sampled(role)
     return out
 
 
-def _check_options(experiments: Sequence[Experiment], options: _Options) -> None:
+def _check_options(variant: Variant, experiments: Sequence[Experiment], options: _Options) -> None:
     """Reject options that do not fit the logs."""
-    without = [e.name for e in experiments if "pressure" not in e]
-    if options.area is None and len(without) < len(experiments):
-        raise UsageError(
-            "there is a pressure, but no area to turn it into a force",
-            remedy="Give --area M2 (bore 25 mm: --area 4.9087e-4), or leave the pressure out if "
-            "the force is that of the piston rod alone.",
-        )
-    if options.area is not None and without:
-        raise UsageError(
-            f"--area was given, but {without[0]} has no pressure",
-            remedy="Give --column pressure=HEADER, or leave --area out.",
-        )
+    driven = variant.name.endswith(_PRESSURES)
+    if driven:
+        _check_chambers(experiments)
+    for role, area, name, example in (
+        ("pressure", options.area, "area", " (bore 25 mm: --area 4.9087e-4)"),
+        ("pressure_2", options.area_2, "area-2", " (bore less rod)"),
+    ):
+        without = [e.name for e in experiments if role not in e]
+        if area is None and len(without) < len(experiments):
+            raise UsageError(
+                f"there is a {role}, but no area to turn it into a force",
+                remedy=f"Give --{name} M2{example}"
+                + (
+                    "."
+                    if driven
+                    else ", or leave the pressure out if the force is that of the piston rod alone."
+                ),
+            )
+        if area is not None and without:
+            raise UsageError(
+                f"--{name} was given, but {without[0]} has no {role}",
+                remedy=f"Give --column {role}=HEADER, or leave --{name} out.",
+            )
+    if driven and not options.area:
+        raise UsageError("--area is zero", remedy="Give the piston area in m2.")
     untimed = [e.name for e in experiments if not e.time.size]
     for name, value in (("mass", options.mass), ("filter", options.half_width)):
         if value is not None and untimed:
@@ -353,18 +528,67 @@ def _check_options(experiments: Sequence[Experiment], options: _Options) -> None
             )
 
 
+def _check_chambers(experiments: Sequence[Experiment]) -> None:
+    """Without a load cell, the pressures of both chambers have to be known.
+
+    Raises
+    ------
+    NotIdentifiedError
+        When the second one is missing.
+    """
+    for e in experiments:
+        if "pressure_2" in e:
+            continue
+        raise NotIdentifiedError(
+            f"{e.name} has no force and the pressure of one chamber only: friction is the "
+            "difference of both chambers' forces",
+            expected="Nothing was written.",
+            remedy="Give the other chamber's as --column pressure_2=HEADER with --area-2 M2. If it "
+            "was recorded in a repeat of the same command, put both columns into one log, or give "
+            "its mean before and after a reversal at T seconds: --step pressure_2=FROM:TO@T (Pa). "
+            "A chamber open to the air, gauge pressures: --step pressure_2=0:0.",
+        )
+
+
+def _drive(experiment: Experiment, options: _Options) -> FloatArray | None:
+    """What drives the motion [N]: the force, or the first chamber's without one."""
+    if "force" in experiment:
+        return experiment["force"]
+    if "pressure" in experiment and options.area is not None:
+        return np.asarray(options.area * experiment["pressure"])
+    return None
+
+
 def _prepare(
-    variant: Variant, experiments: Sequence[Experiment], options: _Options
+    variant: Variant,
+    experiments: Sequence[Experiment],
+    options: _Options,
+    half_width: float | None = None,
 ) -> tuple[list[_Data], float, float]:
     """Friction force and moving samples per log; filter half-width [s], deadband [m/s]."""
-    _check_options(experiments, options)
-    motions, half_width = _motions(experiments, variant.name, options.half_width)
+    _check_options(variant, experiments, options)
+    role = _motion_role(variant)
+    driven = variant.name.endswith(_PRESSURES)
+    wanted = options.half_width if half_width is None else half_width
+    motions, half_width = _motions(experiments, role, wanted)
     deadband = _choose_deadband(motions) if options.deadband is None else options.deadband
     out = []
     for e, motion in zip(experiments, motions):
-        known = _known_force(e, motion, options)
-        friction = e["force"] - known if "force" in e else np.zeros_like(known)
-        out.append(_Data(e, motion, known, friction, _steady(motion, deadband)))
+        inertia: FloatArray | float = 0.0
+        kept = _steady(motion, deadband)
+        if options.mass is not None and motion.acceleration is not None:
+            inertia = options.mass * motion.acceleration
+        pressure = _pressure_force(e, options)
+        drive = _drive(e, options)
+        if driven:
+            assert options.area is not None
+            pressure = options.area * e.sampled("pressure") - pressure  # that of the other one
+        size = motion.velocity.size
+        rest = np.zeros(size) if drive is None else drive - pressure
+        known = np.broadcast_to(pressure + inertia, (size,))
+        scale = float(options.area or 1.0) if driven else 1.0
+        matched = _match(e, role, motion, rest) - inertia
+        out.append(_Data(e, motion, known, rest - inertia, matched, kept, scale))
     return out, half_width, deadband
 
 
@@ -391,7 +615,7 @@ def _sides_moved(data: Sequence[_Data]) -> list[str]:
 
 def _half_range(data: Sequence[_Data]) -> float:
     """Half the distance of the mean forces of the two directions, or the one there is [N]."""
-    force = np.concatenate([d.friction[d.kept] for d in data])
+    force = np.concatenate([d.matched[d.kept] for d in data])
     forward = np.concatenate([d.side("positive") for d in data])
     if forward.all() or not forward.any():
         return abs(float(np.mean(force)))
@@ -406,12 +630,15 @@ def _leave_out_accelerations(data: Sequence[_Data]) -> tuple[list[_Data], int, l
     """
     if any(d.motion.acceleration is None for d in data):
         return list(data), 0, []
-    rows, force = [], np.concatenate([d.friction[d.kept] for d in data])
+    rows, force = [], np.concatenate([d.matched[d.kept] for d in data])
     for d in data:
         assert d.motion.acceleration is not None
         forward = d.side("positive")
         rows.append(np.column_stack((forward, ~forward, d.speed, d.motion.acceleration[d.kept])))
     a = np.vstack(rows)
+    step = min(d.experiment.sample_time for d in data)
+    if np.abs(a[:, 3]).max() <= 1e-9 * np.abs(a[:, 2]).max() / step:
+        return list(data), 0, []  # rounding, no acceleration
     a = a[:, np.any(a != 0.0, axis=0)]
     scale = np.linalg.norm(a, axis=0)
     mass = float((np.linalg.lstsq(a / scale, force, rcond=None)[0] / scale)[-1])
@@ -499,41 +726,93 @@ class _System:
         held: Mapping[str, float],
         limits: Mapping[str, tuple[float, float]],
     ) -> None:
-        self.names = tuple(names)
+        self.names, self.data, self.held = tuple(names), data, held
         self.limits = [limits.get(n, (-np.inf, np.inf)) for n in names]
-        self.columns = [
-            np.column_stack([_column(n, d.speed, i) for n in names]) for i, d in enumerate(data)
-        ]
+        self.columns = [_columns(self.names, d.speed, d.speed, i) for i, d in enumerate(data)]
         self.right = [
-            d.friction[d.kept] - sum(v * _column(n, d.speed, i) for n, v in held.items())
-            for i, d in enumerate(data)
+            d.matched[d.kept] - _held_force(held, d.speed, d.speed, i) for i, d in enumerate(data)
         ]
         self.timed = all(d.experiment.time.size for d in data)
-        self.cuts = [_stretches(d.kept) for d in data]
+
+    def _normal(self) -> tuple[FloatArray, FloatArray]:
+        """Normal equations, the noise of the velocity taken off; shapes (p, p) and (p,)."""
+        a, y = np.vstack(self.columns), np.concatenate(self.right)
+        matrix = a.T @ a
+        if "viscous" in self.names:
+            k = self.names.index("viscous")
+            noise = sum(int(d.kept.sum()) * d.motion.noise**2 for d in self.data)
+            own = 1.0 / max(float(_invert(matrix)[k, k]), 1e-300)
+            # where noise is most of it there is a warning, and no arithmetic that helps
+            matrix[k, k] -= min(noise, 0.3 * own)
+        return matrix, a.T @ y
 
     def solve(self) -> _Regression:
         """Least squares within the bounds, with the covariance of the free problem."""
-        a, y = np.vstack(self.columns), np.concatenate(self.right)
-        scale = np.linalg.norm(a, axis=0)
-        scale[scale == 0.0] = 1.0
-        x = np.linalg.lstsq(a / scale, y, rcond=None)[0] / scale
+        matrix, right = self._normal()
+        inverse = _invert(matrix)
+        x = inverse @ right
         free = dict(zip(self.names, x.tolist()))
+        uncertainty, bare = self._uncertainty(inverse, x)
         low, high = np.array(self.limits).T
         if np.any((x < low) | (x > high)):
-            x = _bounded(a / scale, y, low * scale, high * scale) / scale
+            scale = np.sqrt(np.diag(matrix))
+            values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+            root = np.sqrt(np.maximum(values, 0.0))
+            a = root[:, None] * vectors.T
+            x = _bounded(a, a @ (scale * x), low * scale, high * scale) / scale
         residuals = [r - c @ x for r, c in zip(self.right, self.columns)]
-        uncertainty = self._uncertainty(np.array(list(free.values())))
-        values = dict(zip(self.names, x.tolist()))
-        return _Regression(values, self.names, residuals, uncertainty, free)
+        values_by_name = dict(zip(self.names, x.tolist()))
+        return _Regression(values_by_name, self.names, residuals, bare, uncertainty, free)
 
-    def _uncertainty(self, x: FloatArray) -> Uncertainty:
-        """Covariance of the free solution; a stroke is one stretch of correlated noise."""
-        columns, residuals = [], []
-        for c, y, cuts in zip(self.columns, self.right, self.cuts):
-            r = y - c @ x
-            columns += [part for part in np.split(c, cuts) if part.size]
+    def _uncertainty(
+        self, inverse: FloatArray, x: FloatArray
+    ) -> tuple[Uncertainty, list[FloatArray]]:
+        """Covariance of the free solution; a stroke is one stretch of correlated noise.
+
+        The estimate is ``K e`` with the noise ``e`` of the unfiltered forces; ``pinv(K)`` is a
+        Jacobian whose least-squares estimate is just that.
+        """
+        spread = [d.spread(c) for d, c in zip(self.data, self.columns)]
+        gains = np.vstack(spread) @ inverse
+        size = np.linalg.norm(gains, axis=0)
+        size[size == 0.0] = 1.0
+        gains = gains / size
+        jacobian = gains @ np.linalg.pinv(gains.T @ gains) / size
+        ends = np.cumsum([c.shape[0] for c in spread])[:-1]
+        columns, residuals, bare = [], [], []
+        for i, (d, j) in enumerate(zip(self.data, np.split(jacobian, ends))):
+            at = d.support
+            sign, speed = d.motion.velocity[at], d.motion.bare[at]
+            r = d.friction[at] - _held_force(self.held, sign, speed, i)
+            r = r - _columns(self.names, sign, speed, i) @ x
+            bare.append(r)
+            cuts = _stretches(at)
+            columns += [part for part in np.split(j, cuts) if part.size]
             residuals += [part for part in np.split(r, cuts) if part.size]
-        return _widen(covariance(columns, residuals, robust=self.timed), columns, len(self.names))
+        found = covariance(columns, residuals, robust=self.timed)
+        found = _widen(found, columns, len(self.names))
+        matched = self._matched_uncertainty(x)
+        # of very fast strokes the unfiltered velocity is not known well enough
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.diag(found.covariance) / np.diag(matched.covariance)
+        return (matched if np.nanmin(ratio, initial=np.inf) > 2.0 else found), bare
+
+    def _matched_uncertainty(self, x: FloatArray) -> Uncertainty:
+        """Covariance from the residuals of the filtered forces and their own colour."""
+        columns, residuals = [], []
+        for d, c, y in zip(self.data, self.columns, self.right):
+            cuts = _stretches(d.kept)
+            columns += [part for part in np.split(c, cuts) if part.size]
+            residuals += [part for part in np.split(y - c @ x, cuts) if part.size]
+        found = covariance(columns, residuals, robust=self.timed)
+        return _widen(found, columns, len(self.names))
+
+
+def _invert(matrix: FloatArray) -> FloatArray:
+    """Inverse of a symmetric matrix of unknowns in any units."""
+    scale = np.sqrt(np.diag(matrix))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    return np.asarray(np.linalg.pinv(matrix / np.outer(scale, scale)) / np.outer(scale, scale))
 
 
 def _widen(found: Uncertainty, columns: Sequence[FloatArray], unknowns: int) -> Uncertainty:
@@ -567,17 +846,31 @@ def _stretches(kept: Mask) -> list[int]:
     return out
 
 
-def _column(name: str, speed: FloatArray, index: int) -> FloatArray:
-    """What multiplies an unknown, shape ``(n,)``."""
+def _column(name: str, sign: FloatArray, speed: FloatArray, index: int) -> FloatArray:
+    """What multiplies an unknown, shape ``(n,)``; ``sign`` is that of the direction."""
     if name == "coulomb_positive":
-        return np.asarray(speed > 0.0, dtype=float)
+        return np.asarray(sign > 0.0, dtype=float)
     if name == "coulomb_negative":
-        return -np.asarray(speed < 0.0, dtype=float)
+        return -np.asarray(sign < 0.0, dtype=float)
     if name == "coulomb_mean":
-        return np.sign(speed)
+        return np.sign(sign)
     if name == "viscous":
         return speed
     return np.full(speed.size, 1.0 if name in ("offset", f"offset[{index}]") else 0.0)
+
+
+def _columns(names: Sequence[str], sign: FloatArray, speed: FloatArray, index: int) -> FloatArray:
+    return np.column_stack([_column(n, sign, speed, index) for n in names])
+
+
+def _held_force(
+    held: Mapping[str, float], sign: FloatArray, speed: FloatArray, index: int
+) -> FloatArray:
+    """Force of what is not estimated, shape ``(n,)`` [N]."""
+    out = np.zeros(speed.size)
+    for name, value in held.items():
+        out += value * _column(name, sign, speed, index)
+    return out
 
 
 def _bounded(a: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
@@ -614,8 +907,8 @@ def _check_signs(data: Sequence[_Data], moved: Sequence[str]) -> None:
         where=", ".join(d.experiment.name for d in data),
         expected="Force counts positive along positive velocity and is what drives the motion.",
         remedy="Give --scale force=-1 if the sensor counts the other way. If the force comes "
-        "from one chamber's pressure, the other chamber is missing: give it as --column "
-        "pressure=HEADER with its --area."
+        "from one chamber's pressure, the other chamber is missing: give both as --column "
+        "pressure=HEADER --area M2 --column pressure_2=HEADER --area-2 M2, without a force."
         + (" If a constant force adds to it, record strokes in both directions." * one_sided),
     )
 
@@ -819,7 +1112,8 @@ class _Fit:
 
 def _spikes(fit: _Fit) -> list[Notice]:
     """Warn of residuals far outside all others: they pull a least-squares fit."""
-    r = np.concatenate(fit.found.residuals)
+    bare = zip(fit.data, fit.found.bare_residuals)
+    r = np.concatenate([r[d.kept[d.support]] for d, r in bare])
     spread = 1.4826 * float(np.median(np.abs(r - np.median(r))))
     limit = max(8.0 * spread, 2.0 * abs(_half_range(fit.data)))
     count = int(np.sum(np.abs(r - np.median(r)) > limit))
@@ -873,20 +1167,58 @@ def _side_speeds(data: Sequence[_Data], side: str) -> FloatArray:
     return np.concatenate([d.speed[d.side(side)] for d in data])
 
 
-def _variant(motion: str, unit: str, time_required: bool) -> Variant:
-    """Roles and parameters with velocity or position as the motion."""
+def _flattening(
+    fit: _Fit, variant: Variant, experiments: Sequence[Experiment], half_width: float
+) -> list[Notice]:
+    """Warn where a filter of twice the width gives another viscous friction.
+
+    Both sides are filtered alike; what is left is motion too fast for its own samples. The
+    two estimates share their noise, so their difference varies as their variances differ.
+    """
+    if "viscous" not in fit.found.names or half_width <= 0.0:
+        return []
+    try:
+        wider, _, _ = _prepare(variant, experiments, fit.options, 2.0 * half_width)
+        both = [replace(w, kept=w.kept & d.kept) for w, d in zip(wider, fit.data)]
+        if any(2 * w.kept.sum() < d.kept.sum() for w, d in zip(both, fit.data)):
+            return []
+        again = _System(both, fit.found.names, fit.fixed, fit.limits).solve()
+    except LogError:
+        return []
+    first, second = (f.std_error({"viscous": 1.0}) for f in (fit.found, again))
+    error = max(np.sqrt(max(second**2 - first**2, 0.0)), 0.5 * first)
+    change = again.free_values["viscous"] - fit.found.free_values["viscous"]
+    if abs(change) <= 3.0 * error + 1e-3 * abs(fit.found.free_values["viscous"]):
+        return []
+    message = (
+        f"viscous friction changes by {change:+.3g} N s/m when the velocity filter is twice as "
+        f"wide (half-width {half_width:.3g} s): the motion is too fast for these samples, or "
+        "friction is no straight line. Sample faster, move more slowly, or give a measured "
+        "velocity; --filter sets the half-width."
+    )
+    return [Notice("velocity-flattened", message)]
+
+
+def _variant(motion: str, unit: str, time_required: bool, pressures: bool = False) -> Variant:
+    """Roles and parameters with velocity or position as the motion, by force or pressures."""
+    force = Role(
+        "force", "N", "force that drives the motion, positive along positive velocity", output=True
+    )
+    drive = (
+        Role("pressure", "Pa", "pressure that drives positive motion (with --area)", output=True)
+        if pressures
+        else Role("pressure", "Pa", "pressure whose force is no friction", required=False)
+    )
+    # with a hold, --step can stand for a pressure of which only the levels are known
+    other = Role("pressure_2", "Pa", "pressure of the other chamber", required=False, hold="foh")
     return Variant(
-        motion,
+        motion + _PRESSURES if pressures else motion,
         (
             Role("time", "s", "time of each sample", required=time_required),
-            Role(
-                "force",
-                "N",
-                "force that drives the motion, positive along positive velocity",
-                output=True,
-            ),
+            *(() if pressures else (force,)),
             Role(motion, unit, f"{motion} of the piston"),
-            Role("pressure", "Pa", "pressure whose force is no friction", required=False),
+            drive,
+            other,
         ),
         (
             ParameterSpec(
@@ -919,12 +1251,19 @@ class CylinderFriction(Family):
     name = "cylinder-friction"
     title = "Friction of a cylinder: Coulomb levels by direction and viscous friction"
     equation = (
-        "force - area * pressure - mass * acceleration = coulomb_positive [v > 0] "
-        "- coulomb_negative [v < 0] + viscous * v"
+        "force - (area * pressure - area_2 * pressure_2) - mass * acceleration = "
+        "coulomb_positive [v > 0] - coulomb_negative [v < 0] + viscous * v; without a force, "
+        "area * pressure - area_2 * pressure_2 drives"
     )
-    variants = (_variant("velocity", "m/s", False), _variant("position", "m", True))
+    variants = (
+        _variant("velocity", "m/s", False),
+        _variant("position", "m", True),
+        _variant("velocity", "m/s", False, pressures=True),
+        _variant("position", "m", True, pressures=True),
+    )
     options = (
         Option("area", "float", "piston area that the pressure acts on", unit="m2", minimum=0.0),
+        Option("area-2", "float", "area that pressure_2 acts on", unit="m2", minimum=0.0),
         Option("mass", "float", "moving mass, to take inertia off", unit="kg", minimum=0.0),
         Option(
             "filter",
@@ -958,18 +1297,20 @@ class CylinderFriction(Family):
         data, half_width, deadband = _prepare(variant, experiments, options)
         slow = sum(d.kept.size - int(d.kept.sum()) for d in data)
         _sides_moved(data)
+        _check_measured(data)
         accelerating = 0
         notices: list[Notice] = []
         if options.mass is None:
             data, accelerating, notices = _leave_out_accelerations(data)
         fit = _Fit(variant, data, request, options)
         notices += [*fit.notices, *_spikes(fit), *_disagreement(fit), *_attenuation(fit)]
+        notices += _flattening(fit, variant, experiments, half_width)
         ends = int(sum(d.kept.sum() for d in data) - sum(d.kept.sum() for d in fit.data))
         data = fit.data
         order, matrix = fit.covariance()
         p = scalars({n: q.value for n, q in fit.quantities().items()})
         simulated = [_predict(d, p, fit.log_offset(i), deadband) for i, d in enumerate(data)]
-        measured = [np.where(d.kept, d.experiment["force"], np.nan) for d in data]
+        measured = [np.where(d.kept, d.experiment[variant.output.name], np.nan) for d in data]
         counts = {"slow_or_reversing": slow, "accelerating": accelerating, "stroke_ends": ends}
         details = _details(fit, half_width, deadband, counts)
         return Estimate(
@@ -994,7 +1335,8 @@ class CylinderFriction(Family):
         offset = 0.0
         symmetric = p["coulomb_positive"] == p["coulomb_negative"] > 0.0
         both = all(d.side(s).any() for s in _SIDES)
-        if "force" in experiment and symmetric and both and chosen.offset != "none":
+        driven = _drive(experiment, chosen) is not None
+        if driven and symmetric and both and chosen.offset != "none":
             rest = d.friction[d.kept] - friction_force(d.speed, **p)
             offset = 0.5 * float(sum(np.mean(rest[d.side(s)]) for s in _SIDES))
         return _predict(d, p, offset, deadband)
@@ -1022,13 +1364,14 @@ class CylinderFriction(Family):
         """Friction over velocity: force less pressure, inertia and offset, and the fitted lines."""
         data, _, _ = _prepare(variant, experiments, _Options.read(options))
         p = scalars({n: q.value for n, q in estimate.parameters.items()})
-        v = np.concatenate([d.motion.velocity for d in data])
+        v = np.concatenate([d.motion.sharp for d in data])
         model = friction_force(v, **p)
-        force = np.concatenate([e["force"] for e in experiments])
         used = np.isfinite(np.concatenate(list(estimate.measured)))
         # slow samples are predicted without friction: only what is fitted has its own offset
         friction = np.concatenate([d.friction for d in data])
-        rest = force - np.concatenate(list(estimate.simulated))
+        drive = np.concatenate([d.known + d.friction for d in data])
+        predicted = [d.scale * y for d, y in zip(data, estimate.simulated)]
+        rest = drive - np.concatenate(predicted)
         lines = []
         for side, sign in (("positive", 1.0), ("negative", -1.0)):
             speeds = v[used & (v * sign > 0.0)]
@@ -1047,10 +1390,29 @@ class CylinderFriction(Family):
 
 
 def _predict(d: _Data, p: Mapping[str, float], offset: float, deadband: float) -> FloatArray:
-    """Force that the model predicts at every sample [N]; no friction within the deadband."""
-    v = d.motion.velocity
-    friction = friction_force(np.where(np.abs(v) > deadband, v, 0.0), **p)
-    return np.asarray(d.known + friction + offset)
+    """Output that the model predicts at every sample; no friction within the deadband."""
+    v = np.where(np.abs(d.motion.velocity) > deadband, d.motion.sharp, 0.0)
+    return np.asarray((d.known + friction_force(v, **p) + offset) / d.scale)
+
+
+def _check_measured(data: Sequence[_Data]) -> None:
+    """Refuse a force that never changes while the piston moves.
+
+    Raises
+    ------
+    LogError
+        When all moving samples hold one and the same value.
+    """
+    force = np.concatenate([d.friction[d.kept] for d in data])
+    span = float(np.ptp(force))
+    if span > 1e-12 * float(np.abs(force).max()):
+        return
+    raise LogError(
+        f"the force is {force[0]:g} N in all {force.size} moving samples: no sensor reads so",
+        where=", ".join(d.experiment.name for d in data),
+        expected="A measured force, with strokes in both directions. Nothing was written.",
+        remedy="Check --column of the force and the load cell.",
+    )
 
 
 def _details(
@@ -1065,6 +1427,7 @@ def _details(
             "half_width": half_width,
             "degree": _DEGREE,
         },
+        "force_filter": "matched to the velocity filter" if half_width > 0.0 else "none",
         "deadband": deadband,
         "left_out": dict(counts),
         "speeds": {s: [low, high] for s, (low, high) in fit.ranges.items()},

@@ -85,7 +85,9 @@ _ALIASES = {
 # ------------------------------------------------------------------------- the equation
 
 
-def force_map(parameters: Mapping[str, Value], x: FloatArray, activation: str = "relu") -> FloatArray:
+def force_map(
+    parameters: Mapping[str, Value], x: FloatArray, activation: str = "relu"
+) -> FloatArray:
     """Output of a network for inputs in SI.
 
     ``y = output_offset + output_scale (W_L phi(... W_1 (x - input_offset) / input_scale ...))``
@@ -147,9 +149,7 @@ def choose_dead_band(values: FloatArray) -> float:
     flicker = np.abs(values - _running_median(values, 2))
     third = np.abs(np.diff(values, 3))
     noise = 1.4826 * float(np.median(third)) / np.sqrt(20.0)
-    return float(
-        max(3.0 * np.quantile(flicker, 0.99), 6.0 * noise, 2e-3 * float(np.ptp(values)))
-    )
+    return float(max(3.0 * np.quantile(flicker, 0.99), 6.0 * noise, 2e-3 * float(np.ptp(values))))
 
 
 def _running_median(values: FloatArray, half: int) -> FloatArray:
@@ -394,9 +394,11 @@ def _check_data(data: _Data, options: _Options) -> None:
         )
     moving = [k for k, n in enumerate(data.names) if n != "direction"]
     spread = [float(np.ptp(data.x[data.used, k])) for k in moving]
-    main = data.names.index("force" if options.target == "command" else "command") if (
-        {"force", "command"} & set(data.names)
-    ) else -1
+    main = (
+        data.names.index("force" if options.target == "command" else "command")
+        if ({"force", "command"} & set(data.names))
+        else -1
+    )
     still = main >= 0 and spread[moving.index(main)] == 0.0
     if still or float(np.ptp(data.y[data.used])) == 0.0:
         raise NotIdentifiedError(
@@ -729,9 +731,7 @@ def _certificate_details(c: Certificate, data: _Data, source: str) -> dict[str, 
             for k, n in enumerate(c.names)
             if n != "direction"
         },
-        "lipschitz": {
-            n: float(c.lipschitz[k]) for k, n in enumerate(c.names) if n != "direction"
-        },
+        "lipschitz": {n: float(c.lipschitz[k]) for k, n in enumerate(c.names) if n != "direction"},
     }
     if source in c.names:
         k = c.names.index(source)

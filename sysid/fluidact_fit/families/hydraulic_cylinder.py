@@ -89,8 +89,8 @@ from ..signals import smooth
 
 _GAIN_UNIT = "m3/(s V Pa^0.5)"
 _SLOWEST = 2.5e-3  # s: at slower sampling the pressure resonance cannot be followed
-_HIDDEN = 8  # units of the networks
-_WINDOWS = 5000  # rows a network is trained on at most
+_HIDDEN = 10  # units of the networks
+_WINDOWS = 2500  # rows a network is trained on, before those near zero are repeated
 _LAYERS = ("weights_1", "biases_1", "weights_2", "biases_2", "input_offset", "input_scale",
            "output_offset", "output_scale")  # fmt: skip
 _NETWORKS = ("flow_1", "flow_2", "friction")
@@ -379,7 +379,7 @@ def _machine(options: Mapping[str, Any], chambers: Sequence[int]) -> Machine:
     )  # fmt: skip
 
 
-def _all_windows(stage: _Stage) -> list[Windows]:
+def _all_windows(stage: _Stage, overlap: int = 1) -> list[Windows]:
     """Windows of every recorded chamber of every log.
 
     Raises
@@ -392,7 +392,7 @@ def _all_windows(stage: _Stage) -> list[Windows]:
     for k, e in enumerate(stage.experiments):
         for chamber in stage.chambers:
             if f"pressure_{chamber}" in e:
-                made = make_windows(e, k, chamber, stage.machine, length)
+                made = make_windows(e, k, chamber, stage.machine, length, overlap)
                 if made is not None and made.first.size:
                     found.append(made)
     if not found:
@@ -469,7 +469,19 @@ def _one_sided(stage: _Stage, windows: Sequence[Windows]) -> list[Refusal]:
             # a straight line through large commands would be drawn back over volts
             reason = f"the smallest {word} command in use is {side.min():.3g} V, far from the edge."
             out.append(Refusal(edge, reason))
+        for chamber in stage.chambers if side.size else ():
+            if _one_speed(windows, chamber, sign):
+                reason = f"all {word} commands are the same: gain and loss cannot be told apart."
+                out.append(Refusal(LOSSES[chamber][0 if sign > 0.0 else 1], reason))
     return [r for r in out if r.parameter not in stage.request.fixed]
+
+
+def _one_speed(windows: Sequence[Windows], chamber: int, sign: float) -> bool:
+    """Whether one chamber saw only one size of command of a sign."""
+    levels = [sign * w.mean(w.command) for w in windows if w.chamber == chamber]
+    size = np.concatenate(levels) if levels else np.zeros(0)
+    size = size[size > 0.0]
+    return bool(size.size and np.quantile(size, 0.95) < 1.2 * np.quantile(size, 0.05))
 
 
 def _fit_flow(
@@ -568,7 +580,7 @@ def _friction_rows(stage: _Stage) -> _FrictionRows:
 
 def _friction_windows(e: Experiment, machine: Machine) -> tuple[FloatArray, FloatArray]:
     """Windows of about 10 ms; without a mass those in which the speed hardly changes."""
-    half = max(2, int(round(0.01 / e.sample_time)))
+    half = max(2, round(0.01 / e.sample_time))
     motion = smooth(e["position"], e.sample_time, half, 3)
     force = e["pressure_1"] * machine.area(1) - e["pressure_2"] * machine.area(2)
     smoothed = smooth(force, e.sample_time, half, 2).value
@@ -726,6 +738,7 @@ def _fit_gray(stage: _Stage, first: Fitted, rows: _FrictionRows) -> tuple[Fitted
         notices.append(refuse(_spec(stage.specs, worst[0]), worst[1]))
         refused[worst[0]] = Refusal(*worst)
         start, nodes = solution.values, None
+    _check_bulk_modulus(stage, box, solution, free, unknowns, bounds, channels)
     fitted = _as_fitted(stage, solution, free, fixed, refused, uncertainty, unknowns, notices)
     if not solution.converged:
         fitted.notices.append(
@@ -792,28 +805,55 @@ def _undetermined(
     quantile = t_quantile(0.975, uncertainty.degrees)
     sensible = {**_sensible(unknowns), "viscous": unknowns["viscous"].scale,
                 "coulomb": unknowns["coulomb"].scale}  # fmt: skip
-    worst: tuple[str, str] | None = None
-    excess = 1.0
+    found: list[tuple[bool, float, str, str]] = []
     for k, name in enumerate(free):
         half = quantile * float(np.sqrt(max(uncertainty.covariance[k, k], 0.0)))
-        value = solution.values[name]
-        width = sensible.get(name, (0.3 if name == "bulk_modulus" else 0.5) * abs(value))
+        value, spec = solution.values[name], _spec(stage.specs, name)
         if name == "bulk_modulus" and solution.active[k]:
             half = np.inf
-        if not half <= width * excess:
-            excess = half / width
-            worst = (
-                name,
-                (
-                    f"its 95 % interval would be {value:.3g} ± {half:.2g} "
-                    f"{_spec(stage.specs, name).unit}, wide enough to hold every sensible value."
-                    if np.isfinite(half)
-                    else "the pressures and the position hardly depend on it in these logs."
-                ),
+        width = sensible.get(name, (0.3 if name == "bulk_modulus" else 0.5) * abs(value))
+        if not half <= width:
+            reason = (
+                f"its 95 % interval would be {value:.3g} ± {half:.2g} {spec.unit}, wide enough "
+                "to hold every sensible value."
+                if np.isfinite(half)
+                else "the pressures and the position hardly depend on it in these logs."
             )
-            if not np.isfinite(half):
-                return worst
-    return worst
+            ratio = half / width if np.isfinite(half) and width > 0.0 else np.inf
+            found.append((spec.neutral is not None, ratio, name, reason))
+    # what can be left out goes first: a gain may be sure once the losses are gone
+    return max(found)[2:] if found else None
+
+
+def _check_bulk_modulus(
+    stage: _Stage,
+    box: GrayBox,
+    solution: GraySolution,
+    free: Sequence[str],
+    unknowns: Mapping[str, Unknown],
+    bounds: Mapping[str, tuple[float, float]],
+    channels: Sequence[Sequence[slice]],
+) -> None:
+    """Refuse a bulk modulus that looks certain only because other parameters were held.
+
+    Raises
+    ------
+    NotIdentifiedError
+        When its interval is wide once losses and dead zone may vary again.
+    """
+    every = [n for n in GRAY_NAMES if n not in stage.request.fixed]
+    if "bulk_modulus" not in free or len(every) == len(free):
+        return
+    scales = {n: unknowns[n].scale for n in every}
+    wide = solve_gray_box(box, solution.values, every, scales, bounds, solution.sigma,
+                          solution.nodes, max_iterations=0)  # fmt: skip
+    found = score_covariance(wide.jacobian, wide.residuals, channels)
+    k = every.index("bulk_modulus")
+    half = 1.96 * float(np.sqrt(max(found.covariance[k, k], 0.0)))
+    if not half <= 0.3 * solution.values["bulk_modulus"]:
+        raise_for = _spec(stage.specs, "bulk_modulus")
+        refuse(raise_for, "the logs hold no transients of the pressures that would tell it from "
+               "valve and losses.")  # fmt: skip
 
 
 def _as_fitted(
@@ -826,7 +866,7 @@ def _as_fitted(
     unknowns: Mapping[str, Unknown],
     notices: list[Notice],
 ) -> Fitted:
-    status = {n: "estimated" for n in free}
+    status = dict.fromkeys(free, "estimated")
     status |= dict.fromkeys(fixed, "fixed") | dict.fromkeys(refused, "not_identified")
     eta = np.array([solution.values[n] for n in free])
     plain = Solution(
@@ -951,7 +991,7 @@ def _networks(
     parameters: dict[str, Quantity] = {}
     details: dict[str, Any] = {}
     if stage.request.options.get("flow") == "mlp":
-        found, table = _flow_networks(stage, windows, fitted.values)
+        found, table = _flow_networks(stage, _rows_for_networks(stage), fitted.values)
         details["flow_comparison"] = table
         for name, net in found.items():
             parameters.update(_network_quantities(name, net, ("V", "Pa"), "m3/s"))
@@ -984,6 +1024,18 @@ def network_of(parameters: Mapping[str, Any], name: str) -> Network | None:
     if f"{name}_weights_1" not in parameters:
         return None
     return Network(*(np.asarray(parameters[f"{name}_{layer}"], dtype=float) for layer in _LAYERS))
+
+
+def _rows_for_networks(stage: _Stage) -> list[Windows]:
+    """Overlapping windows in which the command does not jump."""
+    found = _all_windows(stage, overlap=8)
+    volts = max(float(np.abs(w.command).max()) for w in found)
+    out = []
+    for w in found:
+        u = w.command
+        spread = np.array([np.ptp(u[a:b]) for a, b in zip(w.first, w.last)])
+        out.append(_cut(w, spread <= 0.03 * volts))
+    return [w for w in out if w.first.size]
 
 
 def _held_out(stage: _Stage, w: Windows) -> npt.NDArray[np.bool_]:
@@ -1023,8 +1075,7 @@ def _flow_networks(
     near = min(max(2.0 * edges, 0.05 * volts), 0.3 * volts)
     for chamber in stage.chambers:
         inputs, flow = _flow_rows([w for w in shown if w.chamber == chamber], values)
-        thin = max(1, -(-flow.size // _WINDOWS))
-        net = train_network(inputs[::thin], flow[::thin], _HIDDEN, stage.request.seed)
+        net = _train_on_flow(inputs, flow, near, stage.request.seed)
         nets[f"flow_{chamber}"] = net
         models: dict[str, Callable[[Windows], FloatArray]] = {
             **rivals,
@@ -1034,6 +1085,19 @@ def _flow_networks(
         if tests:
             table += _compare_flows(models, tests, values, chamber, near, edges, volts)
     return nets, table
+
+
+def _train_on_flow(inputs: FloatArray, flow: FloatArray, near: float, seed: int) -> Network:
+    """Network of the flow, rows near zero command repeated until they are half of all.
+
+    Their flows are small: unweighted, they would hardly count.
+    """
+    thin = max(1, -(-flow.size // _WINDOWS))
+    rows = np.arange(0, flow.size, thin)
+    close = rows[np.abs(inputs[rows, 0]) < near]
+    if close.size:
+        rows = np.concatenate((rows, np.tile(close, max(rows.size // close.size - 1, 0))))
+    return train_network(inputs[rows], flow[rows], _HIDDEN, seed)
 
 
 def _orifice_flow(values: Mapping[str, float], machine: Machine, w: Windows) -> FloatArray:
@@ -1091,18 +1155,23 @@ def _why(where: str, rms: Mapping[str, float]) -> str:
     """One sentence on what the numbers of a row come from."""
     plain, zone, net = (rms[n] for n in ("orifice_without_dead_zone", "orifice", "network"))
     if where.startswith("away"):
-        if net > zone:
-            return "The equations have the right shape where the valve is open; the network has to " \
-                "piece it together and pays with noise."  # fmt: skip
-        return "The network follows what the equations leave out."
-    if net < plain and zone <= net:
-        return "Overlap of spool and land closes the valve here; equations without a dead zone " \
-            "predict flow, the network has learnt it, and equations with a fitted dead zone know " \
-            "it best."  # fmt: skip
-    if net < plain:
-        return "Overlap of spool and land closes the valve here; equations without a dead zone " \
-            "predict flow, and the network follows the shape of the edges."  # fmt: skip
-    return "No overlap shows: the equations need no dead zone."
+        if net <= zone:
+            return "The network follows what the equations leave out."
+        return (
+            "The equations have the right shape where the valve is open; the network has to piece "
+            "it together from the rows it saw."
+        )
+    if net >= plain and zone >= plain:
+        return "No overlap shows: the equations need no dead zone."
+    cause = (
+        "Overlap of spool and land closes the valve here, and equations without a dead zone "
+        "predict flow all the same; "
+    )
+    if net >= plain:
+        return cause + "the network saw too few rows to learn it."
+    if zone <= net:
+        return cause + "the network has learnt it, equations with a fitted dead zone know it best."
+    return cause + "the network follows the shape of the edges, which no dead zone has."
 
 
 def _friction_network(stage: _Stage, rows: _FrictionRows) -> tuple[Network, list[dict[str, Any]]]:

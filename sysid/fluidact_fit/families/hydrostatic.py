@@ -27,6 +27,7 @@ import numpy as np
 from ..discrete import discretise
 from ..errors import LogError, Notice, UsageError
 from ..estimation.inputs import PiecewiseInput, apply_dead_zone
+from ..estimation.information import Information, sensitivity
 from ..estimation.linear import scan
 from ..estimation.parametric import (
     Fitted,
@@ -225,6 +226,18 @@ class Hydrostatic(Family):
             confounded=_position_is_offset,
             rest=rest,
         )
+
+    def information(
+        self,
+        variant: Variant,
+        parameters: Mapping[str, Value],
+        experiment: Experiment,
+        options: Mapping[str, Any],
+    ) -> Information:
+        """Sensitivities by complex steps; see :meth:`Family.information`."""
+        values = scalars(parameters)
+        names = [n for n in values if n != "gain"]
+        return sensitivity(self._model([experiment]).named(names), values)
 
     def simulate(
         self,

@@ -20,6 +20,7 @@ import numpy as np
 
 from ..discrete import discretise
 from ..errors import Notice
+from ..estimation.information import Information, sensitivity
 from ..estimation.parametric import (
     Values,
     bind,
@@ -192,6 +193,19 @@ class Line(Family):
                 "inlet signal are late.",
             )
         ]
+
+    def information(
+        self,
+        variant: Variant,
+        parameters: Mapping[str, Value],
+        experiment: Experiment,
+        options: Mapping[str, Any],
+    ) -> Information:
+        """Sensitivities by complex steps; see :meth:`Family.information`."""
+        values = scalars(parameters)
+        names = [n for n in values if n != "gain"]
+        model = self._model([experiment])
+        return sensitivity(model.named(names), values, values["gain"] * model.levels[0])
 
     def simulate(
         self,

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..discrete import discretise
+from ..estimation.information import Information, sensitivity
 from ..estimation.parametric import (
     Values,
     bind,
@@ -183,6 +184,19 @@ class Valve(Family):
     @staticmethod
     def _model(experiments: Sequence[Experiment], rest: bool = False) -> TransferModel:
         return TransferModel(experiments, "command", "outlet", realise, gain="gain", rest=rest)
+
+    def information(
+        self,
+        variant: Variant,
+        parameters: Mapping[str, Value],
+        experiment: Experiment,
+        options: Mapping[str, Any],
+    ) -> Information:
+        """Sensitivities by complex steps; see :meth:`Family.information`."""
+        values = scalars(parameters)
+        names = [n for n in values if n != "gain"]
+        model = self._model([experiment])
+        return sensitivity(model.named(names), values, values["gain"] * model.levels[0])
 
     def simulate(
         self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
@@ -17,6 +18,11 @@ _GAP = 5.0
 _JITTER = 0.2
 _STUCK = 8
 _MOVING = 50
+_ASIDE = 3  # samples over which speed is judged
+_FAST = 0.25
+
+BoolArray = npt.NDArray[np.bool_]
+IndexArray = npt.NDArray[np.intp]
 
 
 def smallest_step(values: FloatArray) -> float:
@@ -99,8 +105,9 @@ def check_signals(
 def _check_saturation(log: Log, binding: Binding, parts: Sequence[FloatArray]) -> list[Notice]:
     """Report a sensor that sticks to its extreme but moves everywhere else.
 
-    A command or a resting machine repeats values, too; only a signal that hardly ever
-    repeats one elsewhere is said to be clipped.
+    A command or a resting machine repeats values, too. Only a signal that hardly ever
+    repeats one elsewhere, and that runs into the extreme with speed and leaves it with
+    speed, is said to be clipped: what comes to rest slows down first.
     """
     low = min(float(part.min()) for part in parts)
     high = max(float(part.max()) for part in parts)
@@ -109,7 +116,10 @@ def _check_saturation(log: Log, binding: Binding, parts: Sequence[FloatArray]) -
         first = np.flatnonzero(np.r_[True, np.diff(part) != 0])
         length = np.diff(np.r_[first, part.size])
         extreme = (part[first] == low) | (part[first] == high)
-        at_ends = max(at_ends, int(length[extreme].max(initial=0)))
+        long = extreme & (length >= _STUCK)
+        if long.any():
+            abrupt = _is_abrupt(part, first[long], length[long])
+            at_ends = max(at_ends, int(length[long][abrupt].max(initial=0)))
         moving += int(np.count_nonzero(~extreme))
         elsewhere = max(elsewhere, int(length[~extreme].max(initial=0)))
     if at_ends < _STUCK or elsewhere * 3 > at_ends or moving < _MOVING:
@@ -122,3 +132,17 @@ def _check_saturation(log: Log, binding: Binding, parts: Sequence[FloatArray]) -
             "the sensor or its converter may be clipped there.",
         )
     ]
+
+
+def _is_abrupt(values: FloatArray, first: IndexArray, length: IndexArray) -> BoolArray:
+    """Whether a signal is fast both right before and right after it stays on a value.
+
+    Fast is a quarter of what it is at its fastest, but for a tenth of the samples. Stays at
+    the ends of the record are not judged: one of the two sides is not known.
+    """
+    last = first + length - 1
+    whole = (first >= _ASIDE) & (last + _ASIDE < values.size)
+    before = np.abs(values[first] - values[np.maximum(first - _ASIDE, 0)])
+    after = np.abs(values[np.minimum(last + _ASIDE, values.size - 1)] - values[last])
+    usual = float(np.quantile(np.abs(values[_ASIDE:] - values[:-_ASIDE]), 0.9))
+    return np.asarray(whole & (np.minimum(before, after) >= _FAST * usual), dtype=np.bool_)

@@ -1,0 +1,129 @@
+"""``fluidact-fit design``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fluidact_fit.errors import UsageError
+from fluidact_fit.families import family_names
+
+from ..options import Command, Option, check_names, json_option, verbosity_options
+from ..outputs import Target, check_targets, write_all
+from ..parse import Parsed, parse_positive, parse_range
+from ..progress import Progress
+from ..show import echo_json, echo_table, format_number, format_spread
+
+if TYPE_CHECKING:
+    from fluidact_fit.excitation import Design, Forecast
+
+_HELP = """Design the next experiment: what to command so that the worst parameter becomes known best.
+
+Predicts the standard error of every parameter of the file for many excitations within the limits
+(Fisher information at the file's values and noise) and writes the best as a CSV that a controller
+can play. Limits that are not given are what the file's logs covered; all are in SI.
+
+\b
+Examples:
+  fluidact-fit design valve --from valve.yaml -o next.csv
+  fluidact-fit design ball-screw --from drive.yaml --amplitude -0.006:0.006 --stroke 0:200"""
+
+
+def design(
+    family: str, params_file: str, output: str | None, force: bool, as_json: bool, **params: Any
+) -> None:
+    """Search, show, write."""
+    from fluidact_fit.excitation import design as make_design
+    from fluidact_fit.parameters import read_document
+
+    check_names("FAMILY", "family", [family], family_names())
+    if output is not None:
+        check_targets([Target("-o", output)], [params_file], force)
+    document = read_document(params_file)
+    if document.family != family:
+        raise UsageError(
+            f"{params_file} holds a {document.family}, not a {family}.",
+            remedy=f"Give `design {document.family}`, or another file.",
+        )
+    names = ("amplitude", "rate", "stroke", "duration", "sample_time", "criterion", "seed")
+    progress = Progress(params["quiet"], params["verbose"])
+    try:
+        found = make_design(document, progress=progress, **{n: params[n] for n in names})
+    finally:
+        progress.clear()
+    if output is not None:
+        write_all({output: found.to_csv()}, force)
+    if as_json:
+        echo_json(found.to_dict())
+    elif not params["quiet"]:
+        _show(found, output, params["verbose"])
+
+
+def _show(found: Design, output: str | None, verbose: bool) -> None:
+    click.echo(f"{found.family}: {found.description}\n")
+    head = ["parameter", "value", "unit", "present", "predicted", "ratio",
+            "present 95 %", "predicted 95 %"]  # fmt: skip
+    echo_table([head, *(_row(f) for f in found.forecasts)], right=(1, 5))
+    click.echo(f"\nlimits that bind: {', '.join(found.binding)}")
+    for note in found.notes:
+        click.echo(f"- {note}")
+    if verbose and found.candidates:
+        click.echo("\nbest of each shape, with its worst relative standard error:")
+        for c in found.candidates:
+            worst = "" if c.worst_relative is None else f"{100.0 * c.worst_relative:.3g} %"
+            click.echo(f"  {worst:>9}  {c.description}")
+    click.echo(f"written to {output}" if output else "not written; give -o next.csv")
+
+
+def _row(f: Forecast) -> list[str]:
+    return [
+        f.name,
+        format_number(f.value, f.predicted),
+        f.unit,
+        f"± {format_spread(f.present)}" if f.present else "not identified",
+        f"± {format_spread(f.predicted)}" if f.predicted else "not identified",
+        f"{f.ratio:.2f}" if f.ratio is not None else "",
+        _interval(f.present_ci95, f.present),
+        _interval(f.predicted_ci95, f.predicted),
+    ]
+
+
+def _interval(ends: tuple[float, float] | None, spread: float | None) -> str:
+    if ends is None:
+        return ""
+    return f"[{format_number(ends[0], spread)}, {format_number(ends[1], spread)}]"
+
+
+_LIMITS = "Limits (SI)"
+
+command = Command(
+    "design",
+    params=[
+        click.Argument(["family"], metavar="FAMILY"),
+        Option(["--from", "params_file"], metavar="PARAMS", required=True, group="Input",
+               help="The parameter file of the present fit."),
+        Option(["--amplitude"], type=Parsed("LOW:HIGH", "--amplitude -12:12", parse_range),
+               group=_LIMITS, help="Range of the driving role (default: the file's validity)."),
+        Option(["--rate"], type=Parsed("NUMBER", "--rate 100", parse_positive), group=_LIMITS,
+               help="Steepest slope of the driving role, per second (default: none)."),
+        Option(["--stroke"], type=Parsed("LOW:HIGH", "--stroke 0:0.05", parse_range),
+               group=_LIMITS, help="Range of the output (default: the file's validity)."),
+        Option(["--duration"], type=Parsed("SECONDS", "--duration 10", parse_positive),
+               group=_LIMITS, help="How long (default: the longest log of the file)."),
+        Option(["--sample-time"], type=Parsed("SECONDS", "--sample-time 0.01", parse_positive),
+               group=_LIMITS, help="Distance of the samples (default: that of the same log)."),
+        Option(["--criterion"], default="worst", metavar="worst|determinant|PARAMETER",
+               group="Search", help="What to make small: the worst relative standard error, the "
+               "volume of the confidence region, or one parameter."),
+        Option(["--seed"], type=click.IntRange(min=0), default=0, group="Search",
+               help="For the random shapes."),
+        Option(["--output", "-o"], metavar="FILE.csv", group="Output",
+               help="CSV file with the commands; without it nothing is written."),
+        Option(["--force", "-f"], is_flag=True, group="Output", help="Replace existing files."),
+        json_option("The prediction"),
+        *verbosity_options(),
+    ],
+    callback=design,
+    help=_HELP,
+)  # fmt: skip

@@ -1,0 +1,149 @@
+"""What an experiment would tell about the parameters, before it is recorded.
+
+The derivative of the model output by the parameters, with everything that belongs to one
+log (offset, initial state) projected out, is all that Fisher's information needs:
+``M = J' J / sigma^2`` and the standard errors are the roots of the diagonal of ``M^-1``
+[1]_.
+
+References
+----------
+.. [1] G. Goodwin, R. Payne, Dynamic System Identification: Experiment Design and Data
+   Analysis, 1977, chapter 6.
+.. [2] D. Titterington, "Algorithms for computing D-optimal designs on a finite design
+   space", Proc. Conf. Information Sciences and Systems, 1976.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..experiment import FloatArray
+from .parametric import NamedModel, Values
+from .separable import Basis, differentiate
+
+
+@dataclass(frozen=True)
+class Information:
+    """Sensitivity of one experiment's output to the parameters.
+
+    Attributes
+    ----------
+    names
+        Of the columns of ``jacobian``.
+    jacobian
+        Derivative of the output, what belongs to the log projected out, shape ``(n, p)``
+        [unit of the output per unit of the parameter].
+    output
+        Simulated output from rest, shape ``(n,)`` [SI].
+    floor
+        Standard errors of parameters that are bracketed and not fitted: a static level
+        lies between two commanded ones, however small the noise [unit of the parameter].
+    """
+
+    names: tuple[str, ...]
+    jacobian: FloatArray
+    output: FloatArray
+    floor: Mapping[str, float] = field(default_factory=dict)
+
+
+def sensitivity(model: NamedModel, values: Values, level: float = 0.0) -> Information:
+    """Information of the model's first experiment at given values.
+
+    Parameters
+    ----------
+    model
+        Its outputs need not have been measured.
+    values
+        Every parameter by name [SI].
+    level
+        Output at rest [SI].
+    """
+    names = model.nonlinear
+    eta = np.array([float(values[n]) for n in names])
+    if model.slopes is not None:
+        basis, slopes = model.slopes(0, dict(values), list(names))
+    else:
+        columns = partial(_columns, model, names, values)
+        basis, slopes = differentiate(columns, eta, np.maximum(np.abs(eta), 1e-9))
+    output, jacobian = basis.known + level, slopes.known.T.copy()
+    for k, name in enumerate(model.linear):
+        output += float(values[name]) * basis.shared[:, k]
+        jacobian += float(values[name]) * slopes.shared[:, :, k].T
+    count = len(model.linear)
+    jacobian = np.column_stack((jacobian, basis.shared[:, :count]))
+    nuisance = np.column_stack((basis.shared[:, count:], basis.local))
+    return Information((*names, *model.linear), project_out(jacobian, nuisance), output)
+
+
+def _columns(model: NamedModel, names: Sequence[str], values: Values, eta: Any) -> Basis:
+    return model.columns(0, {**values, **dict(zip(names, eta))})
+
+
+def project_out(jacobian: FloatArray, columns: FloatArray) -> FloatArray:
+    """Remove from ``jacobian``, shape ``(n, p)``, what ``columns``, ``(n, q)``, explain."""
+    norms = np.linalg.norm(columns, axis=0)
+    used = columns[:, norms > 0.0] / norms[norms > 0.0]
+    if not used.shape[1]:
+        return jacobian
+    left, singular, _ = np.linalg.svd(used, full_matrices=False)
+    q = left[:, singular > 1e-10 * singular[0]]
+    return np.asarray(jacobian - q @ (q.T @ jacobian))
+
+
+def cramer_rao(normal: FloatArray) -> FloatArray:
+    """Inverse of an information matrix, shape ``(p, p)``; infinite where it says nothing."""
+    scale = np.sqrt(np.diag(normal))
+    blind = ~(scale > 0.0)
+    scale = np.where(blind, 1.0, scale)
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    seen = values > 1e-13 * max(values.max(initial=0.0), 1e-300)
+    inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+    lost = np.any(np.abs(vectors[:, ~seen]) > 1e-6, axis=1) | blind
+    out = inverse / np.outer(scale, scale)
+    out[lost, lost] = np.inf
+    return np.asarray(out)
+
+
+def optimal_measure(
+    rows: FloatArray, scales: FloatArray, criterion: str | int, rounds: int = 3000
+) -> FloatArray:
+    """Share of the samples to take at every point of a grid.
+
+    Multiplicative algorithm [2]_: each share grows with how much the criterion gains by
+    its point.
+
+    Parameters
+    ----------
+    rows : (n, p)
+        Derivative of the output at the points of the grid.
+    scales : (p,)
+        Size by which each standard error is divided.
+    criterion
+        ``"determinant"``, ``"worst"`` (the largest scaled variance, as a norm of order
+        eight), or the index of one parameter.
+
+    Returns
+    -------
+    (n,) shares that add up to one.
+    """
+    x = rows * scales
+    share = np.full(x.shape[0], 1.0 / x.shape[0])
+    ridge = 1e-10 * np.eye(x.shape[1]) * float(np.mean(x**2))
+    for _ in range(rounds):
+        inverse = np.linalg.inv(x.T @ (share[:, None] * x) + ridge)
+        towards = (x @ inverse) ** 2
+        variance = np.diag(inverse)
+        if criterion == "determinant":
+            gain = np.einsum("ij,jk,ik->i", x, inverse, x)
+        elif criterion == "worst":
+            gain = towards @ (variance / variance.max()) ** 7
+        else:
+            gain = towards[:, int(criterion)]
+        share = share * np.sqrt(np.maximum(gain, 0.0))
+        share /= share.sum()
+    return np.asarray(share)

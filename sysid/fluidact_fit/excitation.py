@@ -1,0 +1,992 @@
+"""What to record next: the excitation that determines the worst parameter best.
+
+    M = J' J / sigma^2,   std_error = sqrt(diag(M^-1))
+
+``J`` is the derivative of the output by the parameters at the values of a parameter file,
+``sigma`` the rmse of its fit. Candidates of several shapes within the stated limits are
+simulated, the best by Fisher's information [1]_ are improved one number at a time. The
+prediction is as good as the file: it takes its values, its white noise and its model as
+true.
+
+References
+----------
+.. [1] G. Goodwin, R. Payne, Dynamic System Identification: Experiment Design and Data
+   Analysis, 1977, chapter 6.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import NotIdentifiedError, UsageError
+from .estimation.information import Information, cramer_rao, optimal_measure
+from .experiment import Experiment, FloatArray, Hold, Signal
+from .families import get_family
+from .family import Family, Role, Value, Variant
+from .waveforms import Waveform, limit_slope, smooth_corners
+
+if TYPE_CHECKING:
+    from .parameters import ParameterDocument
+
+_QUANTILE = 1.96
+_RISE = 8  # samples in which a command that moves on between samples crosses its range
+_MOST = 200_000  # samples of a run that is searched
+_SPREAD = 0.2  # share of a static design that is spread evenly, to show a wrong model
+_LEADERS = 4  # shapes that are improved
+_TIE = 0.1  # weight of the mean over all parameters beside the worst
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the next experiment has to keep to.
+
+    Attributes
+    ----------
+    amplitude
+        Lowest and highest value of the driving role [SI].
+    rate
+        Steepest slope of the driving role [SI/s]; ``None``: no limit.
+    stroke
+        Lowest and highest value of the output [SI]; ``None``: no limit.
+    duration, sample_time
+        [s]; both 0 for a static map without time.
+    """
+
+    amplitude: tuple[float, float]
+    rate: float | None
+    stroke: tuple[float, float] | None
+    duration: float
+    sample_time: float
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return round(self.duration / self.sample_time)
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """A parameter before and after the next experiment [``unit``].
+
+    ``present`` is the standard error in the file (``None`` when it was not identified),
+    ``predicted`` that of the new experiment alone (``None``: it would not determine it
+    either), ``ratio`` their quotient; both intervals are 95 % about ``value``.
+    ``supposed`` tells that the value is only plausible.
+    """
+
+    name: str
+    unit: str
+    value: float
+    present: float | None
+    predicted: float | None
+    ratio: float | None
+    present_ci95: tuple[float, float] | None
+    predicted_ci95: tuple[float, float] | None
+    supposed: bool = False
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An excitation that was tried: in words, and its worst relative standard error."""
+
+    description: str
+    worst_relative: float | None
+
+
+@dataclass(frozen=True)
+class Design:
+    """The next experiment.
+
+    Attributes
+    ----------
+    family
+        Name of the family.
+    description
+        The excitation in words.
+    time
+        Instants, shape ``(n,)`` [s]; empty for a static design without time.
+    signals, units
+        Columns by name, shape ``(n,)`` each [SI], and their units.
+    forecasts
+        One entry per parameter.
+    criterion
+        What was made small.
+    limits
+        What was kept to.
+    binding
+        The limits that the design reaches; loosening these would help.
+    notes
+        What a person should know.
+    candidates
+        The best of each shape, best first.
+    """
+
+    family: str
+    description: str
+    time: FloatArray
+    signals: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+    forecasts: tuple[Forecast, ...]
+    criterion: str
+    limits: Limits
+    binding: tuple[str, ...]
+    notes: tuple[str, ...]
+    candidates: tuple[Candidate, ...]
+
+    @property
+    def predicted(self) -> dict[str, float | None]:
+        """Predicted standard errors by name."""
+        return {f.name: f.predicted for f in self.forecasts}
+
+    @property
+    def present(self) -> dict[str, float | None]:
+        """Present standard errors by name."""
+        return {f.name: f.present for f in self.forecasts}
+
+    def to_csv(self) -> str:
+        """Return the table that a controller plays: a header with units, one row per sample."""
+        columns = {f"{n} [{self.units[n]}]": v for n, v in self.signals.items()}
+        if self.time.size:
+            columns = {"time [s]": self.time, **columns}
+        text = io.StringIO()
+        text.write(",".join(columns) + "\n")
+        for row in zip(*columns.values()):
+            text.write(",".join(f"{value:.10g}" for value in row) + "\n")
+        return text.getvalue()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain mappings, lists, text and numbers, without the samples."""
+        return {
+            "family": self.family,
+            "description": self.description,
+            "criterion": self.criterion,
+            "samples": int(next(iter(self.signals.values())).size),
+            "limits": {
+                "amplitude": list(self.limits.amplitude),
+                "rate": self.limits.rate,
+                "stroke": list(self.limits.stroke) if self.limits.stroke else None,
+                "duration": self.limits.duration,
+                "sample_time": self.limits.sample_time,
+            },
+            "binding": list(self.binding),
+            "parameters": [{**vars(f)} for f in self.forecasts],
+            "notes": list(self.notes),
+            "candidates": [{**vars(c)} for c in self.candidates],
+        }
+
+    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+        """Write the table atomically and return its path.
+
+        Raises
+        ------
+        OutputError
+            When the file exists and ``overwrite`` is false, or cannot be written.
+        """
+        from .parameters import write_atomically
+
+        return write_atomically(path, self.to_csv(), overwrite=overwrite)
+
+
+@dataclass(frozen=True)
+class _Unknown:
+    """A number that the next experiment should determine."""
+
+    name: str
+    unit: str
+    value: float
+    scale: float
+    present: float | None
+    supposed: bool = False
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Everything a search needs to know."""
+
+    document: ParameterDocument
+    family: Family
+    variant: Variant
+    options: Mapping[str, Any]
+    drive: Role
+    hold: Hold | None
+    unit: str
+    values: Mapping[str, Value]
+    unknowns: tuple[_Unknown, ...]
+    limits: Limits
+    criterion: str
+    seed: int
+    notes: tuple[str, ...]
+    progress: Callable[[str], None]
+
+    @property
+    def sigma(self) -> float:
+        """Noise of the output [SI]."""
+        return max(self.document.fit.rmse.value, 1e-300)
+
+    @property
+    def rest(self) -> float:
+        """Value of the drive at rest: zero where the limits allow it."""
+        low, high = self.limits.amplitude
+        return 0.0 if low < 0.0 < high else 0.5 * (low + high)
+
+
+def design(
+    document: ParameterDocument | str | os.PathLike[str],
+    *,
+    amplitude: tuple[float, float] | None = None,
+    rate: float | None = None,
+    stroke: tuple[float, float] | None = None,
+    duration: float | None = None,
+    sample_time: float | None = None,
+    criterion: str = "worst",
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> Design:
+    """Design the next experiment for the machine that a parameter file describes.
+
+    Parameters
+    ----------
+    document
+        Parameter file, or what was read from it.
+    amplitude, stroke
+        Range of the driving role and of the output [SI]; what the file's logs covered.
+    rate
+        Steepest slope of the driving role [SI/s]; no limit.
+    duration, sample_time
+        [s]; those of the file's longest log.
+    criterion
+        ``"worst"`` (the largest relative standard error), ``"determinant"`` (the volume
+        of the confidence ellipsoid), or the name of one parameter.
+    seed
+        For the random shapes.
+    progress
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    Design
+
+    Raises
+    ------
+    ParameterFileError
+        When the file is not valid.
+    UsageError
+        When a limit or the criterion cannot be, or the family cannot be designed for.
+    NotIdentifiedError
+        When no excitation within the limits determines the parameters.
+    """
+    from .parameters import ParameterDocument, read_document
+
+    if not isinstance(document, ParameterDocument):
+        document = read_document(document)
+    family = get_family(document.family)
+    variant = next((v for v in family.variants if v.name == document.variant), family.variants[0])
+    given = Limits(amplitude or (0.0, 0.0), rate, stroke, duration or 0.0, sample_time or 0.0)
+    task = _make_task(
+        document, family, variant, given, criterion, seed, progress or (lambda message: None)
+    )
+    return _design_static(task) if task.drive.hold is None else _design_dynamic(task)
+
+
+# --------------------------------------------------------------------- what is to be done
+
+
+def _make_task(
+    document: ParameterDocument,
+    family: Family,
+    variant: Variant,
+    given: Limits,
+    criterion: str,
+    seed: int,
+    progress: Callable[[str], None],
+) -> _Task:
+    drive = _driving_role(variant)
+    limits = _fill_limits(document, variant, drive, given)
+    unit = document.validity[drive.name].unit if drive.name in document.validity else drive.unit
+    values, supposed = _suppose(document, drive, limits)
+    unknowns = _find_unknowns(document, values, supposed)
+    names = [u.name for u in unknowns]
+    if criterion not in ("worst", "determinant", *names):
+        raise UsageError(
+            f"--criterion {criterion}: there is no such criterion or parameter to estimate.",
+            expected=f"One of worst, determinant, {', '.join(names)}.",
+        )
+    held = [source.columns.get(drive.name, {}).get("hold") for source in document.provenance.logs]
+    hold = next((h for h in held if h), drive.hold)
+    options = {**{o.name: o.default for o in family.options}, **(document.options or {})}
+    notes = tuple(
+        f"{n} was not identified; the design supposes {values[n]:.4g}." for n in supposed
+    )
+    return _Task(
+        document, family, variant, options, drive, hold, unit, values, unknowns, limits,
+        criterion, seed, notes, progress,
+    )  # fmt: skip
+
+
+def _driving_role(variant: Variant) -> Role:
+    """The role that drives the model; for a static map, what it is sampled over."""
+    for role in variant.roles:
+        if role.hold is not None and role.required:
+            return role
+    return next(r for r in variant.roles if r.name != "time" and not r.output and r.required)
+
+
+def _fill_limits(
+    document: ParameterDocument, variant: Variant, drive: Role, given: Limits
+) -> Limits:
+    """Take what was not said from what the file's logs covered."""
+    covered = document.validity
+    amplitude = given.amplitude
+    if amplitude == (0.0, 0.0):
+        if drive.name not in covered:
+            raise UsageError(
+                f"the file does not say which range of {drive.name} its logs covered.",
+                remedy=f"Give --amplitude LOW:HIGH in {drive.unit}.",
+            )
+        amplitude = covered[drive.name].low, covered[drive.name].high
+    stroke = given.stroke
+    if stroke is None and drive.hold is not None and variant.output.name in covered:
+        stroke = covered[variant.output.name].low, covered[variant.output.name].high
+    for name, pair in (("--amplitude", amplitude), ("--stroke", stroke)):
+        if pair is not None and not pair[0] < pair[1]:
+            raise UsageError(f"{name} {pair[0]:g}:{pair[1]:g}: the lower end is not below.")
+    step, duration = _time_base(document, given)
+    limits = Limits(amplitude, given.rate, stroke, duration, step)
+    if step and not 20 <= limits.count <= _MOST:
+        raise UsageError(
+            f"{duration:g} s in steps of {step:g} s are {duration / step:.3g} samples.",
+            expected=f"Expected 20 to {_MOST}.",
+            remedy="Change --duration or --sample-time.",
+        )
+    return limits
+
+
+def _time_base(document: ParameterDocument, given: Limits) -> tuple[float, float]:
+    """Sample time and duration [s]: said, or those of the longest log; 0 without time."""
+    spans = [
+        ((source.sample_time or 0.0) * source.rows, source.sample_time or 0.0)
+        for source in document.provenance.logs
+    ]
+    duration, step = max(spans, default=(0.0, 0.0))
+    return given.sample_time or step, given.duration or duration
+
+
+def _suppose(
+    document: ParameterDocument, drive: Role, limits: Limits
+) -> tuple[dict[str, Value], list[str]]:
+    """Values to simulate with: those of the file, plausible ones where it has none."""
+    values = dict(document.values())
+    supposed = []
+    low, high = limits.amplitude
+    for name, entry in document.parameters.items():
+        if entry.status != "not_identified" or isinstance(entry.value, list):
+            continue
+        side = low if name.endswith("negative") else high
+        if name.startswith("coulomb"):
+            values[name] = 0.2 * abs(side)
+        elif name.startswith("breakaway"):
+            kinetic = values[name.replace("breakaway", "coulomb")]
+            assert isinstance(kinetic, float)
+            values[name] = 1.3 * kinetic
+        elif name.startswith("dead_zone"):
+            values[name] = 0.2 * side
+        elif name == "dead_time":
+            values[name] = 1.5 * limits.sample_time
+        elif name.startswith("viscous"):
+            values[name] = entry.value
+        else:
+            continue
+        supposed.append(name)
+    return values, supposed
+
+
+def _find_unknowns(
+    document: ParameterDocument, values: Mapping[str, Value], supposed: Sequence[str]
+) -> tuple[_Unknown, ...]:
+    """Numbers that are estimated or should be, lists entry by entry."""
+    found = []
+    for name, entry in document.parameters.items():
+        value, spread = values[name], entry.std_error
+        if isinstance(value, list):
+            errors = spread if isinstance(spread, list) else []
+            size = float(np.max(np.abs(value)))
+            for i, (v, e) in enumerate(zip(value, errors)):
+                if isinstance(v, float) and isinstance(e, float) and e > 0.0:
+                    found.append(_Unknown(f"{name}[{i}]", entry.unit, v, size, e))
+        elif entry.status == "estimated" or name in supposed:
+            present = spread if isinstance(spread, float) else None
+            scale = abs(value) or present or 1.0
+            found.append(_Unknown(name, entry.unit, value, scale, present, name in supposed))
+    if not found:
+        raise UsageError(
+            "the file has no estimated parameter, so there is nothing to design for.",
+            remedy="Fit without --fix.",
+        )
+    return tuple(found)
+
+
+# -------------------------------------------------------------------------- dynamic models
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """An excitation and what it would tell."""
+
+    waveform: Waveform
+    command: FloatArray
+    output: FloatArray
+    errors: FloatArray
+    score: float
+
+
+class _Search:
+    """Simulates waveforms within the limits and scores them."""
+
+    def __init__(self, task: _Task) -> None:
+        self.task = task
+        limits = task.limits
+        self.time = limits.sample_time * np.arange(limits.count, dtype=np.float64)
+        self._inform(np.full(self.time.size, task.rest))  # refuses a family that cannot say
+        self.drifts = self._drifts()
+
+    def _drifts(self) -> bool:
+        """Whether a push leaves the output elsewhere: its level is then free."""
+        n = self.time.size
+        push = np.zeros(n)
+        push[n // 10 : n // 5] = 1.0
+        for sign in (1.0, -1.0):
+            y = self._simulate(self._to_command(sign * push, 0.0))
+            if abs(y[-1] - y[0]) > 0.05 * float(np.ptp(y)) > 0.0:
+                return True
+        return False
+
+    def _to_command(self, shape: FloatArray, balance: float) -> FloatArray:
+        """Command of a shape [SI]; ``balance`` weakens one direction against the other."""
+        task = self.task
+        low, high = task.limits.amplitude
+        up, down = min(1.0, 1.0 + balance), min(1.0, 1.0 - balance)
+        above, below = up * np.maximum(shape, 0.0), down * np.minimum(shape, 0.0)
+        u = task.rest + (high - task.rest) * above + (task.rest - low) * below
+        rate = task.limits.rate
+        if task.hold != "zoh":
+            u = smooth_corners(u, self._corner_width(float(np.ptp(u)), rate))
+        if rate is not None:
+            u = limit_slope(u, rate * task.limits.sample_time)
+        return np.asarray(u)
+
+    def _corner_width(self, span: float, rate: float | None) -> int:
+        """Samples over which a jump of a moving command is spread."""
+        if not rate:
+            return _RISE
+        # the steepest point of a Hann window is twice its mean
+        return max(_RISE, int(np.ceil(2.0 * span / (rate * self.task.limits.sample_time))))
+
+    def _run(self, command: FloatArray) -> Experiment:
+        name, step = self.task.drive.name, self.task.limits.sample_time
+        before = float(command[0])
+        signal = Signal(name, self.time, command, self.task.unit, self.task.hold, before)
+        return Experiment("design", 0, self.time, {name: signal}, step, True)
+
+    def _simulate(self, command: FloatArray) -> FloatArray:
+        task = self.task
+        run = self._run(command)
+        y = task.family.simulate(task.variant, task.values, run, task.options)
+        return np.asarray(y, dtype=float)
+
+    def _inform(self, command: FloatArray) -> Information:
+        task = self.task
+        run = self._run(command)
+        found = task.family.information(task.variant, task.values, run, task.options)
+        if found is None:
+            raise UsageError(
+                f"the next experiment of {task.family.name} cannot be designed: the family does "
+                "not say what an experiment would tell.",
+                expected="It can be for ball-screw, hydrostatic, valve, line, cylinder-friction "
+                "and potentiometer.",
+            )
+        return found
+
+    def errors(self, found: Information) -> FloatArray:
+        """Predicted standard errors in the order of the task's unknowns, shape ``(p,)``."""
+        names = [u.name for u in self.task.unknowns]
+        used = [n for n in names if n in found.names]
+        jacobian = found.jacobian[:, [found.names.index(n) for n in used]]
+        weighted = jacobian * self._independence(found.output)[:, None]
+        variance = np.diag(cramer_rao(jacobian.T @ weighted)) * self.task.sigma**2
+        spread = dict(zip(used, np.sqrt(np.maximum(variance, 0.0))))
+        return np.array([max(spread.get(n, 0.0), found.floor.get(n, 0.0)) or np.inf for n in names])
+
+    def _independence(self, output: FloatArray) -> FloatArray:
+        """Weight of each sample: a converter that stands still repeats one and the same error."""
+        details = self.task.document.fit.details or {}
+        step = details.get("encoder_resolution")
+        if not step or step < self.task.sigma:
+            return np.ones(output.size)
+        moved = np.abs(np.gradient(output))
+        return np.clip(moved / step, 0.01, 1.0)
+
+    def score(self, errors: FloatArray) -> float:
+        """What is to be small: the logarithm of the criterion, and a little of all others."""
+        task = self.task
+        if not np.all(np.isfinite(errors)):
+            return np.inf
+        relative = np.log(errors / np.array([u.scale for u in task.unknowns]))
+        mean = float(np.mean(relative))
+        if task.criterion == "determinant":
+            return mean
+        if task.criterion == "worst":
+            return float(relative.max()) + _TIE * mean
+        return float(relative[[u.name for u in task.unknowns].index(task.criterion)]) + _TIE * mean
+
+    def try_out(self, waveform: Waveform) -> _Trial:
+        """Simulate a waveform; smaller until it stays within the stroke."""
+        for _ in range(5):
+            absolute = waveform.shape == "approach"  # its levels are what matters
+            drifts = self.drifts and not absolute
+            command = self._balanced(waveform) if drifts else self._command(waveform, 0.0)
+            output = self._simulate(command)
+            if self._within(output):
+                errors = self.errors(self._inform(command))
+                return _Trial(waveform, command, output, errors, self.score(errors))
+            stroke = self.task.limits.stroke
+            if absolute or stroke is None:
+                break
+            share = (stroke[1] - stroke[0]) / float(np.ptp(output))
+            waveform = replace(waveform, size=waveform.size * min(max(share, 0.4), 0.85))
+        nothing = np.full(len(self.task.unknowns), np.inf)
+        return _Trial(waveform, command, output, nothing, np.inf)
+
+    def _command(self, waveform: Waveform, balance: float) -> FloatArray:
+        """Command of a waveform after a short rest [SI]; positive ``balance`` drives upwards.
+
+        A shape with a duty is balanced by how long each direction lasts, which costs no
+        amplitude; any other by how strong it is.
+        """
+        turned = waveform.lengthen(float(np.exp(-2.0 * balance)))
+        n = self.time.size
+        rest = min(max(n // 50, 2), 20)
+        shape = turned.sample(n - rest, self.task.limits.sample_time)
+        return self._to_command(
+            np.concatenate((np.zeros(rest), shape)), 0.0 if turned != waveform else balance
+        )
+
+    def _balanced(self, waveform: Waveform) -> FloatArray:
+        """Command that ends where it began, within a tenth of the stroke, if that can be."""
+        stroke = self.task.limits.stroke
+        command = self._command(waveform, 0.0)
+        if stroke is None:
+            return command
+        low, high, balance = -0.95, 0.95, 0.0
+        for _ in range(6):
+            y = self._simulate(command)
+            drift = float(y[-1] - y[0])
+            if abs(drift) < 0.1 * (stroke[1] - stroke[0]):
+                break
+            low, high = (low, balance) if drift > 0.0 else (balance, high)
+            balance = 0.5 * (low + high)
+            command = self._command(waveform, balance)
+        return command
+
+    def _within(self, output: FloatArray) -> bool:
+        stroke = self.task.limits.stroke
+        if stroke is None:
+            return True
+        if self.drifts:
+            return bool(np.ptp(output) <= stroke[1] - stroke[0])
+        # the file's range is that of noisy samples and of an offset that belongs to its log
+        slack = 0.05 * (stroke[1] - stroke[0]) + 4.0 * self.task.sigma
+        return bool(output.min() >= stroke[0] - slack and output.max() <= stroke[1] + slack)
+
+
+def _candidates(task: _Task) -> list[Waveform]:
+    """Shapes to begin with; the search stretches their times and frequencies."""
+    span, step = task.limits.duration, task.limits.sample_time
+    sizes = ("hold", "small", "part")
+    holds = np.geomspace(max(4.0 * step, 0.002 * span), 0.12 * span, 8)
+    out = [Waveform("steps", {"hold": h, "levels": n, "duty": 1.0}, ("hold",), task.seed)
+           for h in holds for n in (2.0, 5.0)]  # fmt: skip
+    out += [Waveform("square", {"hold": h, "last": h * g, "duty": 1.0}, ("hold", "last"))
+            for h in holds for g in (1.0, 4.0)]  # fmt: skip
+    out += [Waveform("two sizes", {"hold": h, "small": h * g, "part": p, "duty": 1.0}, sizes)
+            for h in holds for g, p in ((1.0, 0.5), (2.0, 0.35))]  # fmt: skip
+    out += [Waveform("rest and go", {"hold": h, "pause": h * g}, ("hold", "pause"))
+            for h in holds for g in (0.3, 1.0)]  # fmt: skip
+    bands = [1.0 / (2.0 * h) for h in holds]
+    out += [Waveform("chirp", {"first": 1.0 / span, "last": f, "log": k}, ("first", "last"))
+            for f in bands[:6] for k in (0.0, 1.0)]  # fmt: skip
+    out += [Waveform("multisine", {"first": 1.0 / span, "last": f}, ("last",), task.seed)
+            for f in bands[:6]]  # fmt: skip
+    out += [Waveform("triangle", {"period": span / n}, ("period",)) for n in (1.0, 2.0, 4.0, 8.0)]
+    slow = Waveform("triangle", {"period": 0.25 * span}, ("period",))
+    out += [replace(slow, then=Waveform("steps", {"hold": h, "levels": 2.0, "duty": 1.0}, ("hold",), task.seed))
+            for h in holds[1:6]]  # fmt: skip
+    out += [Waveform("two sizes", {"hold": h, "small": h, "part": 0.6, "duty": 1.0}, sizes, turn=turn,
+                     then=Waveform("square", {"hold": q, "last": q, "duty": 1.0}, ("hold", "last")))
+            for h in holds[4:] for q in holds[1:6:2] for turn in (0.35, 0.65)]  # fmt: skip
+    return [*out, *_approaches(task)]
+
+
+def _approaches(task: _Task) -> list[Waveform]:
+    """Slow passages through the static levels, for models that have any."""
+    levels: dict[str, float] = {}
+    for side, limit in zip(("positive", "negative"), reversed(task.limits.amplitude)):
+        unknown = next((u for u in task.unknowns if u.name == f"breakaway_{side}"), None)
+        if unknown is None or not limit:
+            return []
+        low, high = _ramp_range(task, unknown, side)
+        levels[f"low_{side}"] = low / abs(limit)
+        levels[f"high_{side}"] = min(high / abs(limit), 1.0)
+    span = task.limits.duration
+    free = ("half", "pause", "push")
+    return [
+        Waveform("approach", {"half": span / n, "pause": p, "push": g, **levels}, free)
+        for n in (2.0, 4.0, 6.0, 10.0)
+        for p in (0.1, 0.25, 0.4)
+        for g in (0.03, 0.1, 0.2)
+    ]
+
+
+def _ramp_range(task: _Task, unknown: _Unknown, side: str) -> tuple[float, float]:
+    """Levels between which a static level is sure to lie [SI of the drive]."""
+    kinetic = task.values.get(f"coulomb_{side}")
+    base = kinetic if isinstance(kinetic, float) else 0.0
+    if unknown.supposed or unknown.present is None:
+        return base, max(2.0 * base, 1.3 * unknown.value)
+    half = max(4.0 * unknown.present, 0.02 * unknown.value)
+    return max(unknown.value - half, base), unknown.value + half
+
+
+def _improve(search: _Search, trial: _Trial) -> _Trial:
+    """Change one number at a time while that helps."""
+    factor = 1.5
+    while factor > 1.05:
+        better = trial
+        for waveform in trial.waveform.neighbours(factor):
+            tried = search.try_out(waveform)
+            if tried.score < better.score - 1e-3:
+                better = tried
+        if better is trial:
+            factor = 1.0 + 0.5 * (factor - 1.0)
+        trial = better
+    return trial
+
+
+def _design_dynamic(task: _Task) -> Design:
+    if not task.limits.sample_time:
+        raise UsageError("the sample time is unknown.", remedy="Give --sample-time and --duration.")
+    search = _Search(task)
+    waveforms = _candidates(task)
+    trials = []
+    for number, waveform in enumerate(waveforms, start=1):
+        if number % 10 == 1:
+            task.progress(f"candidate {number} of {len(waveforms)}")
+        trials.append(search.try_out(waveform))
+    trials = sorted((t for t in trials if np.isfinite(t.score)), key=lambda t: t.score)
+    if not trials:
+        raise NotIdentifiedError(
+            "no excitation within these limits determines every parameter.",
+            expected="Nothing was written.",
+            remedy="Widen --amplitude or --stroke, or give a longer --duration.",
+        )
+    leaders = _best_of_each(trials)
+    improved = []
+    for number, trial in enumerate(leaders[:_LEADERS], start=1):
+        task.progress(f"improving {number} of {min(len(leaders), _LEADERS)}")
+        improved.append(_improve(search, trial))
+    ranking = sorted([*improved, *leaders[_LEADERS:]], key=lambda t: t.score)
+    return _to_design(task, search, ranking)
+
+
+def _best_of_each(trials: Sequence[_Trial]) -> list[_Trial]:
+    """The best trial of every shape, best first."""
+    best: dict[tuple[str, str], _Trial] = {}
+    for t in trials:
+        then = t.waveform.then
+        best.setdefault((t.waveform.shape, then.shape if then else ""), t)
+    return list(best.values())
+
+
+def _to_design(task: _Task, search: _Search, ranking: Sequence[_Trial]) -> Design:
+    best = ranking[0]
+    scales = np.array([u.scale for u in task.unknowns])
+    notes = list(task.notes)
+    if search.drifts and task.limits.stroke is not None:
+        start = task.limits.stroke[0] - float(best.output.min() - best.output[0])
+        spare = task.limits.stroke[1] - task.limits.stroke[0] - float(np.ptp(best.output))
+        unit = task.variant.output.unit
+        notes.append(
+            f"Start at {task.variant.output.name} {start + 0.5 * spare:.4g} {unit}: from there the "
+            f"run needs {np.ptp(best.output):.4g} {unit} of stroke."
+        )
+    if task.hold != "zoh" and task.limits.rate is None:
+        notes.append(
+            f"{task.drive.name} moves on between samples; jumps are spread over {_RISE} samples. "
+            "Give --rate if the source is slower."
+        )
+    candidates = [
+        Candidate(t.waveform.describe(), _finite(np.max(t.errors / scales))) for t in ranking
+    ]
+    name = task.drive.name
+    return Design(
+        family=task.family.name,
+        description=best.waveform.describe(),
+        time=search.time,
+        signals={name: best.command},
+        units={name: task.unit},
+        forecasts=_forecasts(task, best.errors),
+        criterion=task.criterion,
+        limits=task.limits,
+        binding=_binding(task, search, best),
+        notes=tuple(notes),
+        candidates=tuple(candidates),
+    )
+
+
+def _binding(task: _Task, search: _Search, best: _Trial) -> tuple[str, ...]:
+    """Limits that the design reaches."""
+    limits = task.limits
+    out = []
+    low, high = limits.amplitude
+    margin = 0.01 * (high - low)
+    if best.command.min() <= low + margin or best.command.max() >= high - margin:
+        out.append("amplitude")
+    slope = float(np.abs(np.diff(best.command)).max()) / limits.sample_time
+    if limits.rate is not None and slope >= 0.97 * limits.rate:
+        out.append("rate")
+    if limits.stroke is not None:
+        wide = limits.stroke[1] - limits.stroke[0]
+        reached = float(np.ptp(best.output)) >= 0.85 * wide
+        if search.drifts and (reached or best.waveform.size < 1.0):
+            out.append("stroke")
+    return (*out, "duration")
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _forecasts(task: _Task, errors: FloatArray) -> tuple[Forecast, ...]:
+    """Present and predicted standard errors side by side."""
+    specs = {s.name: s for s in task.variant.parameters}
+    out = []
+    for u, error in zip(task.unknowns, errors):
+        predicted = _finite(error)
+        spec = specs[u.name.split("[")[0]]
+
+        def interval(
+            e: float | None, u: _Unknown = u, low: float = spec.minimum, high: float = spec.maximum
+        ) -> tuple[float, float] | None:
+            if e is None:
+                return None
+            return max(u.value - _QUANTILE * e, low), min(u.value + _QUANTILE * e, high)
+
+        present = interval(u.present)
+        stated = task.document.parameters.get(u.name)
+        if stated is not None and stated.ci95 is not None and u.present is not None:
+            present = float(stated.ci95[0]), float(stated.ci95[1])
+        ratio = predicted / u.present if predicted is not None and u.present else None
+        out.append(Forecast(u.name, u.unit, u.value, u.present, predicted, ratio, present,
+                            interval(predicted), u.supposed))  # fmt: skip
+    return tuple(out)
+
+
+# ---------------------------------------------------------------------------- static maps
+
+
+def _design_static(task: _Task) -> Design:
+    """Where to sample a static map."""
+    grid = _static_grid(task)
+    rows = _static_rows(task, grid)
+    scales = np.array([1.0 / u.scale for u in task.unknowns])
+    names = [u.name for u in task.unknowns]
+    chosen: str | int = task.criterion
+    if task.criterion not in ("worst", "determinant"):
+        chosen = names.index(task.criterion)
+    with np.errstate(all="ignore"):
+        share = optimal_measure(rows, 1.0 / scales, chosen)
+    spread = 0.0 if task.drive.name in ("velocity", "position") else _SPREAD
+    points, counts = _support(grid, share, spread)
+    samples = _static_samples(task)
+    weights = counts * samples
+    at = _static_rows(task, points)
+    errors = np.sqrt(np.diag(cramer_rao(at.T @ (weights[:, None] * at)))) * task.sigma
+    if task.drive.name in ("velocity", "position"):
+        return _strokes(task, points, counts, errors)
+    return _positions(task, points, weights, errors)
+
+
+def _static_samples(task: _Task) -> int:
+    """Samples of the next static experiment: those of the longest log, or the duration's."""
+    limits = task.limits
+    if limits.sample_time and limits.duration:
+        return limits.count
+    return max((source.rows for source in task.document.provenance.logs), default=1000)
+
+
+def _static_grid(task: _Task) -> FloatArray:
+    """Points at which the map could be sampled, shape ``(n,)`` [SI of the role]."""
+    low, high = task.limits.amplitude
+    if task.drive.name not in ("velocity", "position"):
+        return np.linspace(low, high, 161)
+    details = task.document.fit.details or {}
+    if task.drive.name == "position":  # the file knows strokes, not speeds
+        speeds = [abs(v) for pair in details.get("speeds", {}).values() for v in pair]
+        high = max(speeds, default=0.0)
+        low = -high
+    slow = max(2.0 * float(details.get("deadband") or 0.0), 0.1 * max(high, -low))
+    if not (high > slow and -low > slow):
+        raise UsageError(
+            "the speeds allow no motion in both directions.",
+            expected=f"Both ends have to lie beyond {slow:.3g} m/s.",
+            remedy="Give --amplitude LOW:HIGH as a range of velocities, for example -0.1:0.1.",
+        )
+    return np.concatenate((np.linspace(low, -slow, 40), np.linspace(slow, high, 40)))
+
+
+def _static_rows(task: _Task, points: FloatArray) -> FloatArray:
+    """Derivative of the map by the unknowns at some points, shape ``(n, p)``."""
+    rows = []
+    for u in task.unknowns:
+        size = 1e-5 * u.scale
+        up, down = (_evaluate(task, u.name, u.value + s * size, points) for s in (1.0, -1.0))
+        rows.append((up - down) / (2.0 * size))
+    return np.column_stack(rows)
+
+
+def _evaluate(task: _Task, name: str, value: float, points: FloatArray) -> FloatArray:
+    """The map with one number changed."""
+    values: dict[str, Any] = {
+        k: list(v) if isinstance(v, list) else v for k, v in task.values.items()
+    }
+    head, bracket, index = name.partition("[")
+    if bracket:
+        values[head][int(index[:-1])] = value
+    else:
+        values[head] = value
+    entries = {k: {"value": v} for k, v in values.items()}
+    block: Any = task.family.block(task.variant, {"parameters": entries})
+    if block is None or not callable(block):
+        raise UsageError(f"the next experiment of {task.family.name} cannot be designed.")
+    return np.asarray(block(points), dtype=float)
+
+
+def _support(grid: FloatArray, share: FloatArray, spread: float) -> tuple[FloatArray, FloatArray]:
+    """Points that carry the design and their shares; ``spread`` of it goes to an even grid."""
+    kept = np.flatnonzero(share > 0.02 * share.max())
+    apart = (np.diff(kept) > 2) | (grid[kept[:-1]] * grid[kept[1:]] < 0.0)
+    groups = np.split(kept, np.flatnonzero(apart) + 1)
+    points = [float(grid[g] @ share[g] / share[g].sum()) for g in groups]
+    weights = np.array([float(share[g].sum()) for g in groups])
+    weights *= (1.0 - spread) / weights.sum()
+    if not spread:
+        return np.array(points), weights
+    even = np.linspace(grid[0], grid[-1], 21)
+    all_points = np.concatenate((points, even))
+    all_weights = np.concatenate((weights, np.full(even.size, spread / even.size)))
+    order = np.argsort(all_points)
+    return all_points[order], all_weights[order]
+
+
+def _positions(task: _Task, points: FloatArray, weights: FloatArray, errors: FloatArray) -> Design:
+    """A list of positions to hold, each for a number of samples."""
+    output = task.variant.output
+    counts = np.maximum(np.round(weights), 1.0)
+    reference = _evaluate(task, task.unknowns[0].name, task.unknowns[0].value, points)
+    note = (
+        f"{100.0 * _SPREAD:.0f} % of the samples are spread evenly: the rest would not show "
+        "whether the curve has another shape."
+    )
+    return Design(
+        family=task.family.name,
+        description=f"{points.size} positions to hold",
+        time=np.zeros(0),
+        signals={output.name: reference, task.drive.name: points, "samples": counts},
+        units={output.name: output.unit, task.drive.name: task.unit, "samples": "1"},
+        forecasts=_forecasts(task, errors),
+        criterion=task.criterion,
+        limits=task.limits,
+        binding=("amplitude", "duration"),
+        notes=(*task.notes, note),
+        candidates=(),
+    )
+
+
+def _strokes(task: _Task, speeds: FloatArray, shares: FloatArray, errors: FloatArray) -> Design:
+    """Strokes at constant speed, to and fro, that fill the duration."""
+    step = task.limits.sample_time or 0.01
+    duration = task.limits.duration or 10.0
+    stroke = task.limits.stroke
+    covered = task.document.validity.get("position")
+    if stroke is None and covered is not None:
+        stroke = covered.low, covered.high
+    velocity, moving = _play_strokes(speeds, shares, stroke, duration, step)
+    place = step * np.cumsum(velocity)
+    notes = [*task.notes]
+    listed = ", ".join(f"{v:.3g} m/s ({100.0 * s:.0f} %)" for v, s in zip(speeds, shares))
+    notes.append(f"Speeds and their shares of the time: {listed}.")
+    if stroke is None:
+        notes.append(
+            f"The stroke is not in the file: this one needs {np.ptp(place):.3g} m. "
+            "Give --stroke LOW:HIGH."
+        )
+    return Design(
+        family=task.family.name,
+        description=f"strokes at {speeds.size} constant speeds",
+        time=step * np.arange(velocity.size, dtype=np.float64),
+        signals={"velocity": velocity, "position": place - place.min() + (stroke or (0.0, 0.0))[0]},
+        units={"velocity": "m/s", "position": "m"},
+        forecasts=_forecasts(task, errors / np.sqrt(moving)),
+        criterion=task.criterion,
+        limits=replace(task.limits, stroke=stroke),
+        binding=("amplitude", *(("stroke",) if stroke else ()), "duration"),
+        notes=tuple(notes),
+        candidates=(),
+    )
+
+
+def _play_strokes(
+    speeds: FloatArray,
+    shares: FloatArray,
+    stroke: tuple[float, float] | None,
+    duration: float,
+    step: float,
+) -> tuple[FloatArray, float]:
+    """Velocity at the samples, shape ``(n,)`` [m/s], and the share of it at constant speed.
+
+    Every forward stroke is followed by a backward one of the same length. The turn is a
+    straight line of a tenth of a second, or less where the strokes are short.
+    """
+    count = round(duration / step)
+    forward = sorted((v, s) for v, s in zip(speeds, shares) if v > 0.0)
+    backward = sorted((-v, s) for v, s in zip(speeds, shares) if v < 0.0)
+    pairs = [(forward[min(k, len(forward) - 1)], backward[min(k, len(backward) - 1)])
+             for k in range(max(len(forward), len(backward)))]  # fmt: skip
+    total = sum(f[1] + b[1] for f, b in pairs)
+    pieces: list[FloatArray] = []
+    turn = max(round(0.1 / step), 2)
+    for (v, a), (w, b) in pairs:
+        time = duration * (a + b) / total
+        longest = 0.9 * (stroke[1] - stroke[0]) if stroke else np.inf
+        there, back = time / (1.0 + v / w), time / (1.0 + w / v)  # equal lengths
+        laps = max(int(np.ceil(v * there / longest)), 1) if np.isfinite(longest) else 1
+        for _ in range(laps):
+            n, m = (max(round(t / laps / step), 2 * turn) for t in (there, back))
+            pieces += [_stroke(v, n, turn), -_stroke(w, m, turn)]
+    velocity = np.concatenate(pieces)[:count]
+    velocity = np.pad(velocity, (0, count - velocity.size))
+    plateau = np.isin(np.round(np.abs(velocity), 12), np.round(np.abs(speeds), 12))
+    return velocity, max(float(np.mean(plateau)), 1.0 / count)
+
+
+def _stroke(speed: float, count: int, turn: int) -> FloatArray:
+    """Speed up, hold, slow down; shape ``(count,)`` [m/s]."""
+    ramp = (np.arange(turn) + 0.5) / turn
+    middle = np.ones(max(count - 2 * turn, 0))
+    return np.asarray(speed * np.concatenate((ramp, middle, ramp[::-1]))[:count])

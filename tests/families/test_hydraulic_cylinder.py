@@ -1,0 +1,445 @@
+"""Servo-hydraulic cylinder: equations, truth, refusals, one chamber, networks, real logs."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import fluidact_fit as ff
+from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
+from fluidact_fit.estimation.hydraulics import (
+    GRAY_NAMES,
+    GrayBox,
+    Machine,
+    chamber_flow,
+    effective_command,
+    make_gray_log,
+    orifice_flow,
+    solve_gray_box,
+)
+from fluidact_fit.experiment import Experiment, FloatArray, Signal
+from fluidact_fit.families.hydraulic_cylinder import HydraulicBlock
+from fluidact_fit.result import FitResult
+
+ROOT = Path(__file__).parents[2]
+REAL = ROOT / ".." / "shared" / "data" / "hydcyl"
+real = pytest.mark.skipif(
+    not REAL.is_dir(), reason="recorded logs of other people are not beside this checkout"
+)
+GIVEN = {
+    "area_1": 4.91e-4,
+    "area_2": 2.37e-4,
+    "dead_volume_1": 1.2446e-4,
+    "dead_volume_2": 9.906e-5,
+    "mass": 14.54,
+    "supply_pressure": 50e5,
+}
+COLUMNS = {
+    "time": "t [s]",
+    "command": "u [V]",
+    "pressure_1": "p1 [bar]",
+    "pressure_2": "p2 [bar]",
+    "position": "y [mm]",
+}
+
+
+@cache
+def generator() -> ModuleType:
+    """The generator of the dataset: an independent simulator."""
+    import sys
+
+    path = ROOT / "datasets" / "generate_hydraulic.py"
+    spec = importlib.util.spec_from_file_location("generate_hydraulic", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@cache
+def truth() -> dict[str, float]:
+    return {n: t.value for n, t in generator().CYLINDER.items()}
+
+
+@cache
+def dataset() -> tuple[Any, ...]:
+    folder = ROOT / "datasets" / "hydraulic-cylinder"
+    return tuple(ff.read_log(folder / f"trial{i}.csv", columns=COLUMNS) for i in (1, 2, 3))
+
+
+@cache
+def fitted() -> FitResult:
+    return ff.fit("hydraulic-cylinder", list(dataset()), **GIVEN)
+
+
+def simulate(commands: Sequence[float], position: float = 0.1, seed: int = 0) -> FloatArray:
+    """Rows of time, command, pressures and position at 1 kHz, with noise."""
+    g = generator()
+    x: tuple[float, ...] = (1.2e6, 1.2e6 * g.AREA_1 / g.AREA_2, position, 0.0)
+    rows = np.empty((len(commands), 5))
+    for k, u in enumerate(commands):
+        rows[k] = 1e-3 * k, u, x[0], x[1], x[2]
+        for _ in range(12):
+            x = g.advance(x, float(u), 1e-3 / 12)
+    noise = np.random.default_rng(seed).standard_normal((len(commands), 3))
+    rows[:, 2:] += noise * [2e4, 2e4, 5e-5]
+    return rows
+
+
+def write(path: Path, rows: FloatArray) -> Path:
+    header = "time,command,pressure_1,pressure_2,position"
+    np.savetxt(path, rows, delimiter=",", header=header, comments="", fmt="%.7g")
+    return path
+
+
+def number(result: FitResult, name: str) -> float:
+    value = result.parameters[name].value
+    assert isinstance(value, float)
+    return value
+
+
+# ----------------------------------------------------------------------------- equations
+
+
+@given(st.floats(-10, 10), st.floats(-1e6, 5e6), st.floats(1e-9, 1e-7), st.floats(0.0, 2e11))
+@settings(max_examples=200, deadline=None)
+def test_flow_solves_the_implicit_equation(u: float, drop: float, gain: float, loss: float) -> None:
+    q = float(orifice_flow(np.array([u]), np.array([drop]), gain, loss)[0])
+    inner = abs(drop) - loss * abs(q)
+    assert inner >= -1e-6 * max(abs(drop), 1.0)
+    right = gain * u * np.sqrt(max(inner, 0.0)) * (1.0 if drop >= 0.0 else -1.0)
+    # both sides of Q^2 = k^2 (dp - r |Q|): the root itself loses its digits where dp = r |Q|
+    assert q * q == pytest.approx(right * right, rel=1e-6, abs=1e-9 * (gain * u) ** 2 * 1e3)
+
+
+def test_flow_is_the_formula_of_the_docstring() -> None:
+    u, dp, gain, loss = np.array([3.0, -3.0]), np.array([2e6, 2e6]), 2.1e-8, 5e10
+    k = gain * np.abs(u)
+    due = np.sign(u) * (-(k**2) * loss + np.sqrt(k**4 * loss**2 + 4 * k**2 * dp)) / 2
+    assert orifice_flow(u, dp, gain, loss) == pytest.approx(due, rel=1e-9)
+
+
+def test_loss_brakes_in_both_directions() -> None:
+    values = {**truth(), "dead_zone_negative": 0.0, "dead_zone_positive": 0.0}
+    without = {**values, **{f"line_loss_{i}": 0.0 for i in (1, 2, 3, 4)}}
+    for chamber in (1, 2):
+        for u in (-3.0, 3.0):
+            some = (np.array([u]), np.array([2e6]))
+            slow, fast = (chamber_flow(chamber, *some, v, 5e6, 0.0)[0] for v in (values, without))
+            assert 0.0 < slow / fast < 1.0
+            assert np.sign(slow) == np.sign(u)
+
+
+def test_dead_zone() -> None:
+    u = np.array([-1.0, -0.1, 0.0, 0.1, 1.0])
+    assert effective_command(u, -0.3, 0.2) == pytest.approx([-0.7, 0.0, 0.0, 0.0, 0.8])
+
+
+def test_flow_agrees_with_the_generator() -> None:
+    for u in (-4.0, -0.5, 0.1, 0.3, 6.0):
+        due = generator().flows(u, 1.4e6, 2.3e6)
+        found = [
+            chamber_flow(c, np.array([u]), np.array([p]), truth(), 5e6, 0.0)[0]
+            for c, p in ((1, 1.4e6), (2, 2.3e6))
+        ]
+        assert found == pytest.approx(due, rel=1e-9, abs=1e-15)
+
+
+def test_rated_flow_shows_that_the_gain_is_per_volt() -> None:
+    rated = 24e-3 / 60.0  # m3/s at 70 bar over both edges and 10 V: equation 4 at half the drop
+    assert rated / (10.0 * np.sqrt(0.5 * 70e5)) == pytest.approx(truth()["valve_gain_1"], rel=1e-3)
+
+
+def gray_experiment(samples: int = 120) -> Experiment:
+    u = np.where(np.arange(samples) < 60, 1.0, -2.0)
+    rows = simulate(u)
+    t = rows[:, 0]
+    names = ("command", "pressure_1", "pressure_2", "position")
+    signals = {
+        n: Signal(n, t, rows[:, k + 1], "", "zoh" if k == 0 else None) for k, n in enumerate(names)
+    }
+    return Experiment("x", 0, t, signals, 1e-3, True)
+
+
+def test_sensitivities_are_the_derivatives_of_the_scheme() -> None:
+    machine = Machine(4.91e-4, 2.37e-4, 1.2446e-4, 9.906e-5, 14.54, 50e5, 0.0)
+    log = make_gray_log(gray_experiment(), machine)
+    box = GrayBox([log], machine, (40.0, 4000.0), segment=40)
+    nodes = box.nodes_of(log)
+    free = ("valve_gain_1", "line_loss_3", "bulk_modulus", "dead_zone_positive", "coulomb")
+    states, slopes = box.integrate(log, nodes, truth(), free)
+    for k, name in enumerate(free):
+        step = 1e-6 * abs(truth()[name])
+        ends = [
+            box.integrate(log, nodes, {**truth(), name: truth()[name] + s * step}, free)[0]
+            for s in (1.0, -1.0)
+        ]
+        due = (ends[0] - ends[1]) / (2.0 * step)
+        size = np.abs(due).max(axis=(0, 1))
+        assert np.all(np.abs(slopes[:, :, :, 4 + k] - due).max(axis=(0, 1)) <= 1e-4 * size + 1e-12)
+    assert np.isfinite(states).all()
+
+
+def test_multiple_shooting_comes_from_far_away() -> None:
+    machine = Machine(4.91e-4, 2.37e-4, 1.2446e-4, 9.906e-5, 14.54, 50e5, 0.0)
+    log = make_gray_log(gray_experiment(), machine)
+    box = GrayBox([log], machine, (40.0, 4000.0))
+    free = ("valve_gain_1", "valve_gain_2", "bulk_modulus")
+    start = {**truth(), "valve_gain_1": 1e-8, "valve_gain_2": 4e-8, "bulk_modulus": 3e8}
+    scales = {n: truth()[n] for n in free}
+    bounds = {n: (0.01 * truth()[n], 100.0 * truth()[n]) for n in free}
+    found = solve_gray_box(box, start, free, scales, bounds, np.array([2e4, 2e4, 5e-5]))
+    assert found.converged
+    assert found.defect < 1e-6 * found.cost
+    for n in free:
+        assert found.values[n] == pytest.approx(truth()[n], rel=0.05)
+
+
+# --------------------------------------------------------------------------------- truth
+
+
+@pytest.mark.parametrize(
+    ("names", "allowed"),
+    [
+        (("valve_gain_1", "valve_gain_2"), 0.01),
+        (("bulk_modulus",), 0.05),
+        (tuple(f"line_loss_{i}" for i in (1, 2, 3, 4)), 0.05),
+        (("dead_zone_negative", "dead_zone_positive"), 0.02),
+        (("viscous",), 0.02),
+        (("coulomb",), 0.05),
+    ],
+)
+def test_truth_is_recovered(names: tuple[str, ...], allowed: float) -> None:
+    for name in names:
+        assert number(fitted(), name) == pytest.approx(truth()[name], rel=allowed), name
+        found = fitted().parameters[name]
+        assert abs(number(fitted(), name) - truth()[name]) <= 4.0 * found.std_error  # type: ignore[operator]
+    assert fitted().verdict == "pass"
+
+
+def test_validation_simulates_from_the_command_alone() -> None:
+    first, second, third = dataset()
+    result = ff.fit("hydraulic-cylinder", [first, second], validate=[third], **GIVEN)
+    assert result.document["validation"][0]["fit_percent"] > 97.0
+
+
+def test_bulk_modulus_is_refused_without_transients(tmp_path: Path) -> None:
+    logs = []
+    for k, u in enumerate((0.6, 2.5, 5.0, -0.6, -2.5, -5.0)):
+        rows = simulate(np.full(620, u), 0.1 - 0.03 * np.sign(u), seed=k)
+        logs.append(ff.read_log(write(tmp_path / f"{k}.csv", rows), window=(0.3, None)))
+    with pytest.raises(NotIdentifiedError, match="bulk_modulus") as caught:
+        ff.fit("hydraulic-cylinder", logs, **GIVEN)
+    assert "--fix bulk_modulus=1e9" in str(caught.value)
+    assert "1 kHz" in str(caught.value)
+    result = ff.fit("hydraulic-cylinder", logs, fixed={"bulk_modulus": 1e9}, **GIVEN)
+    assert result.parameters["bulk_modulus"].status == "fixed"
+    assert number(result, "valve_gain_1") == pytest.approx(truth()["valve_gain_1"], rel=0.02)
+
+
+def test_bulk_modulus_is_refused_at_slow_sampling(tmp_path: Path) -> None:
+    rows = simulate(np.repeat([1.0, -1.0, 3.0, -3.0], 200))[::5]
+    with pytest.raises(NotIdentifiedError, match="every 5 ms"):
+        ff.fit("hydraulic-cylinder", write(tmp_path / "slow.csv", rows), **GIVEN)
+
+
+def test_one_direction_leaves_the_other_alone(tmp_path: Path) -> None:
+    u = np.repeat([0.3, 1.0, 3.0, 0.5, 6.0, 0.4, 2.0, 0.25], 100)
+    log = write(tmp_path / "x.csv", simulate(u, 0.02))
+    result = ff.fit("hydraulic-cylinder", log, **GIVEN)
+    for name in ("dead_zone_negative", "line_loss_2", "line_loss_3"):
+        assert result.parameters[name].status == "not_identified"
+        assert number(result, name) == 0.0
+    assert number(result, "valve_gain_1") == pytest.approx(truth()["valve_gain_1"], rel=0.03)
+
+
+# --------------------------------------------------------------------- what has to be given
+
+
+@pytest.mark.parametrize("missing", ["area_1", "area_2", "supply_pressure"])
+def test_what_is_needed_is_asked_for(missing: str) -> None:
+    given = {n: v for n, v in GIVEN.items() if n != missing}
+    with pytest.raises(UsageError, match="--" + missing.replace("_", "-")):
+        ff.fit("hydraulic-cylinder", list(dataset()), **given)
+
+
+def test_nonsense_is_refused() -> None:
+    with pytest.raises(UsageError, match="positive"):
+        ff.fit("hydraulic-cylinder", list(dataset()), **{**GIVEN, "mass": -1.0})
+    with pytest.raises(UsageError, match="tank pressure"):
+        ff.fit("hydraulic-cylinder", list(dataset()), tank_pressure=6e6, **GIVEN)
+
+
+def test_a_pressure_is_needed(tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    np.savetxt(path, np.random.default_rng(0).normal(size=(50, 2)), delimiter=",",
+               header="command,position", comments="")  # fmt: skip
+    log = ff.read_log(path, sample_time=1e-3)
+    with pytest.raises(LogError, match="neither chamber"):
+        ff.fit("hydraulic-cylinder", log, **GIVEN)
+
+
+def test_plateaus_need_areas_and_supply_pressure_only(tmp_path: Path) -> None:
+    levels = [0.5, 1.0, 2.0, 4.0]
+    u = np.concatenate([np.r_[np.full(450, s), np.full(450, -s)] for s in levels])
+    log = write(tmp_path / "x.csv", simulate(u, 0.09))
+    given = {n: GIVEN[n] for n in ("area_1", "area_2", "supply_pressure")}
+    result = ff.fit("hydraulic-cylinder", log, **given)
+    assert "bulk_modulus" not in result.parameters
+    assert number(result, "valve_gain_1") == pytest.approx(truth()["valve_gain_1"], rel=0.05)
+
+
+def test_one_pressure_gives_that_chamber(tmp_path: Path) -> None:
+    columns = {n: h for n, h in COLUMNS.items() if n != "pressure_2"}
+    folder = ROOT / "datasets" / "hydraulic-cylinder"
+    logs = [ff.read_log(folder / f"trial{i}.csv", columns=columns) for i in (1, 2, 3)]
+    given = {n: GIVEN[n] for n in ("area_1", "dead_volume_1", "supply_pressure")}
+    result = ff.fit("hydraulic-cylinder", logs, **given)
+    assert number(result, "valve_gain_1") == pytest.approx(truth()["valve_gain_1"], rel=0.03)
+    assert number(result, "bulk_modulus") == pytest.approx(1e9, rel=0.05)
+    assert "valve_gain_2" not in result.parameters
+    assert "chamber-not-recorded" in {n.code for n in result.notices}
+    assert result.parameters["viscous"].status == "not_identified"
+
+
+# ------------------------------------------------------------------------------- networks
+
+
+@cache
+def long_logs() -> tuple[FloatArray, ...]:
+    """Random steps, then slow passes through zero: 5 s each."""
+    out = []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        steps: list[float] = []
+        sign = 1.0
+        while len(steps) < 2500:
+            size, length = np.exp(rng.uniform(np.log(0.2), np.log(8.0))), int(rng.uniform(40, 90))
+            steps += [sign * size] * length + [-sign * size] * int(0.85 * length)
+            sign = rng.choice([-1.0, 1.0])
+        phase = np.arange(2500) / 500.0 + 0.25 + 0.05 * seed
+        slow = 0.9 * (4.0 * np.abs(phase % 1.0 - 0.5) - 1.0)
+        out.append(simulate(np.r_[steps[:2500], slow], seed=seed))
+    return tuple(out)
+
+
+@pytest.fixture(scope="module")
+def neural(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
+    folder = tmp_path_factory.mktemp("long")
+    logs = [write(folder / f"{k}.csv", rows) for k, rows in enumerate(long_logs())]
+    given = {n: v for n, v in GIVEN.items() if n != "mass"}
+    return ff.fit("hydraulic-cylinder", logs, flow="mlp", friction="mlp", **given)
+
+
+def test_network_is_closer_near_zero_command(neural: FitResult) -> None:
+    """Figure 9 of the paper: the equations do not know the dead zone, the network does."""
+    table = neural.document["fit"]["details"]["flow_comparison"]
+    for chamber in (1, 2):
+        rows = {r["where"]: r for r in table if r["chamber"] == chamber}
+        near = rows["near zero command"]
+        assert near["network"] < 0.7 * near["orifice_without_dead_zone"]
+        assert "Overlap" in near["why"]
+        away = rows["away from zero command"]
+        assert away["orifice"] <= away["network"] < 4.0 * away["orifice"]
+
+
+def test_networks_come_back_from_the_file(neural: FitResult, tmp_path: Path) -> None:
+    block = ff.load(neural.save(tmp_path / "x.yaml"))
+    assert isinstance(block, HydraulicBlock)
+    u, p = np.array([-3.0, -1.0, 0.0, 1.0, 3.0]), np.full(5, 2e6)
+    by_net, by_law = block.flow(1, u, p, network=True), block.flow(1, u, p)
+    assert np.abs(by_net - by_law).max() < 0.25 * np.abs(by_law).max()
+
+
+def test_a_file_without_network_says_so(tmp_path: Path) -> None:
+    block = ff.load(fitted().save(tmp_path / "x.yaml"))
+    assert isinstance(block, HydraulicBlock)
+    with pytest.raises(UsageError, match="--flow mlp"):
+        block.flow(1, 1.0, 2e6, network=True)
+
+
+# ----------------------------------------------------------------------------- controller
+
+
+@given(st.floats(-8, 8), st.floats(1e5, 4.5e6), st.floats(1e5, 4.5e6))
+@settings(max_examples=100, deadline=None)
+def test_command_is_the_inverse_of_the_speed(u: float, p1: float, p2: float) -> None:
+    options = {n.replace("_", "-"): v for n, v in GIVEN.items()}
+    block = HydraulicBlock(truth(), options)
+    v = block(u, p1, p2)
+    if v != 0.0:
+        assert block.command_for(v, p1, p2) == pytest.approx(u, rel=1e-6, abs=1e-9)
+
+
+def test_a_speed_out_of_reach_is_infinite() -> None:
+    options = {n.replace("_", "-"): v for n, v in GIVEN.items()}
+    block = HydraulicBlock(truth(), options)
+    assert block.command_for(5.0, 2e6, 2e6) == np.inf
+    assert block.command_for(-5.0, 2e6, 2e6) == -np.inf
+    assert block.command_for(0.0) == 0.0
+
+
+def test_model_section_holds_the_numbers() -> None:
+    section = fitted().document["model"]["hydraulic"]
+    assert {*GRAY_NAMES} <= {*section}
+
+
+# ------------------------------------------------------------------------------ real logs
+
+
+def real_logs(kind: str, role: str) -> list[Any]:
+    columns = {"time": "t_s", "command": "u_valve_V", "position": "x_m", role: f"p{kind}_Pa"}
+    return [
+        ff.read_log(REAL / f"p{kind}_{v}V_s{s}.csv", columns=columns)
+        for v in (2, 4)
+        for s in (1, 2)
+    ]
+
+
+BENCH = {
+    "area_1": np.pi / 4 * 0.016**2,
+    "area_2": np.pi / 4 * (0.016**2 - 0.010**2),
+    "supply_pressure": 4.45e6,
+}
+
+
+@real
+def test_real_valve_gain_on_extension() -> None:
+    result = ff.fit("hydraulic-cylinder", real_logs("A", "pressure_1"), **BENCH)
+    extending = result.derived["valve_gain_1_extending"]
+    assert 5.5e-9 < extending.ci95[0] < extending.ci95[1] < 5.8e-9  # type: ignore[index]
+    low, high = result.parameters["valve_gain_1"].ci95  # type: ignore[misc]
+    assert 5.4e-9 < low < high < 5.85e-9
+    for name in ("dead_zone_negative", "dead_zone_positive", "viscous", "coulomb"):
+        assert result.parameters[name].status == "not_identified"
+
+
+@real
+def test_real_friction_from_separate_runs_of_both_chambers() -> None:
+    logs = real_logs("A", "pressure_1") + real_logs("B", "pressure_2")
+    result = ff.fit("hydraulic-cylinder", logs, **BENCH)
+    assert 60.0 < float(result.derived["friction_extending"].value) < 72.0  # type: ignore[arg-type]
+    assert -83.0 < float(result.derived["friction_retracting"].value) < -71.0  # type: ignore[arg-type]
+    assert number(result, "coulomb") > 0.0
+
+
+def test_same_logs_same_numbers() -> None:
+    again: Callable[[], FitResult] = (
+        lambda: ff.fit(  # noqa: E731
+            "hydraulic-cylinder", list(dataset())[:1], fixed={"bulk_modulus": 1e9}, **GIVEN
+        )
+    )
+    first, second = again(), again()
+    assert {n: q.value for n, q in first.parameters.items()} == {
+        n: q.value for n, q in second.parameters.items()
+    }

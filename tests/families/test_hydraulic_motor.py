@@ -1,0 +1,137 @@
+"""Hydraulic motor: play, static curve, lag, truth, refusals, the real bench."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import fluidact_fit as ff
+from fluidact_fit.demo import load_dataset
+from fluidact_fit.errors import LogError, NotIdentifiedError
+from fluidact_fit.families.hydraulic_motor import MotorBlock, lag, play, static_speed
+from fluidact_fit.result import FitResult
+
+REAL = Path(__file__).parents[2] / ".." / "shared" / "data" / "hydraulic_motor"
+real = pytest.mark.skipif(
+    not REAL.is_dir(), reason="recorded logs of other people are not beside this checkout"
+)
+CURVE = {
+    "dead_zone": 0.4,
+    "gain": 88.0,
+    "curvature": 0.24,
+    "saturation_command": 6.2,
+    "hysteresis": 0.25,
+    "time_constant": 0.07,
+}
+
+
+@cache
+def fitted() -> FitResult:
+    dataset = load_dataset("hydraulic-motor")
+    return ff.fit("hydraulic-motor", dataset.read(), **dataset.options)
+
+
+def number(result: FitResult, name: str) -> float:
+    value = result.parameters[name].value
+    assert isinstance(value, float)
+    return value
+
+
+@given(st.lists(st.floats(-5, 5), min_size=2, max_size=30), st.floats(0.0, 2.0))
+@settings(max_examples=100, deadline=None)
+def test_play_stays_within_its_width(commands: list[float], width: float) -> None:
+    u = np.array(commands)
+    w, slope = play(u, width)
+    assert np.all(np.abs(w - u) <= 0.5 * width + 1e-12)
+    assert {*np.unique(slope)} <= {-0.5, 0.0, 0.5}
+
+
+def test_play_lags_in_both_directions() -> None:
+    w, _ = play(np.array([0.0, 1.0, 2.0, 1.9, 1.0, 0.0]), 0.4)
+    assert w == pytest.approx([0.0, 0.8, 1.8, 1.8, 1.2, 0.2])
+
+
+def test_static_curve() -> None:
+    at = np.array([-8.0, -0.3, 0.0, 0.4, 0.41, 6.2, 9.0])
+    n = static_speed(at, CURVE)
+    assert n[1:4] == pytest.approx(0.0)
+    assert (n[4] - n[3]) / 0.01 == pytest.approx(88.0, rel=2e-3)
+    assert n[5] == n[6] == -n[0]
+    assert np.all(np.diff(static_speed(np.linspace(0, 8, 200), CURVE)) >= 0.0)
+    line = static_speed(np.array([1.4]), {**CURVE, "curvature": 0.0})
+    assert line[0] == pytest.approx(88.0, rel=1e-9)
+
+
+def test_lag_is_exact_for_a_step() -> None:
+    target = np.r_[np.zeros(5), np.ones(60)]
+    y = lag(target, 0.02, 0.07, 0.031)
+    t = 0.02 * np.arange(65) - 0.1 - 0.031
+    assert y == pytest.approx(np.where(t > 0.0, 1.0 - np.exp(-np.maximum(t, 0.0) / 0.07), 0.0))
+
+
+def test_truth_is_recovered() -> None:
+    result = fitted()
+    for name, truth in load_dataset("hydraulic-motor").truth.items():
+        found = result.parameters[name]
+        error = abs(number(result, name) - truth["value"])
+        assert error <= 4.0 * found.std_error, name  # type: ignore[operator]
+        assert error <= 0.02 * truth["value"], name
+    assert result.verdict == "pass"
+    assert result.derived["saturation_speed"].value == pytest.approx(275.6, rel=2e-3)
+
+
+def test_saturation_that_was_not_reached_is_left_out() -> None:
+    dataset = load_dataset("hydraulic-motor")
+    # the window holds the levels up to 5 A on the way up, and none beyond
+    logs = [ff.read_log(p, columns=dict(dataset.columns), window=(0.0, 9.5)) for p in dataset.logs]
+    result = ff.fit("hydraulic-motor", logs, fixed={"hysteresis": 0.25})
+    assert "saturation_command" not in result.parameters
+    assert "saturation-not-reached" in {n.code for n in result.notices}
+    assert number(result, "gain") == pytest.approx(88.0, rel=0.02)
+
+
+def test_one_way_does_not_show_hysteresis() -> None:
+    dataset = load_dataset("hydraulic-motor")
+    logs = [ff.read_log(p, columns=dict(dataset.columns), window=(0.0, 12.5)) for p in dataset.logs]
+    result = ff.fit("hydraulic-motor", logs)
+    edge = {n: result.parameters[n] for n in ("dead_zone", "hysteresis")}
+    assert "not_identified" in {q.status for q in edge.values()}
+
+
+def test_steps_are_needed(tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    np.savetxt(path, np.column_stack((0.02 * np.arange(50), np.zeros(50), np.zeros(50))),
+               delimiter=",", header="time,command,speed", comments="")  # fmt: skip
+    with pytest.raises((LogError, NotIdentifiedError)):
+        ff.fit("hydraulic-motor", path)
+
+
+@given(st.floats(0.5, 6.0), st.sampled_from([-1, 0, 1]))
+@settings(max_examples=60, deadline=None)
+def test_inverse(command: float, direction: int) -> None:
+    block = MotorBlock(dict(CURVE))
+    speed = block(command, direction)
+    if float(speed) > 1e-6:
+        assert float(block.inverse(speed, direction)) == pytest.approx(command, rel=1e-6)
+
+
+@real
+def test_real_motor() -> None:
+    """Dead zone, saturation and hysteresis of the curve; 50 ms to 100 ms of lag."""
+    log = ff.read_log(
+        REAL / "MotorRotation.csv",
+        columns={"time": "#1", "command": "#2", "speed": "#3"},
+        units={"speed": "1"},
+    )
+    result = ff.fit("hydraulic-motor", log)
+    assert 0.25 < number(result, "dead_zone") < 0.45
+    assert 6.0 < number(result, "saturation_command") < 7.0
+    assert 0.15 < number(result, "hysteresis") < 0.30
+    assert 0.05 < number(result, "time_constant") < 0.10
+    assert float(result.derived["saturation_speed"].value) == pytest.approx(3.3, abs=0.05)  # type: ignore[arg-type]
+    assert result.document["fit"]["fit_percent"] > 98.0
