@@ -8,7 +8,7 @@ import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,9 +30,7 @@ class Worker:
         self.hello = self._start()
 
     def _start(self) -> dict[str, Any]:
-        threads = dict.fromkeys(
-            ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
-        )
+        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         with self._log.open("a", encoding="utf-8") as errors:
             self._process = subprocess.Popen(
                 [self._python, str(HERE / "worker.py"), self.tool],
@@ -43,7 +41,9 @@ class Worker:
                 env={**os.environ, **threads, "PYTHONDONTWRITEBYTECODE": "1"},
             )
         self._answers = queue.Queue()
-        threading.Thread(target=self._listen, args=(self._process, self._answers), daemon=True).start()
+        threading.Thread(
+            target=self._listen, args=(self._process, self._answers), daemon=True
+        ).start()
         return self._answer(300.0)
 
     @staticmethod
@@ -65,7 +65,9 @@ class Worker:
         answer: dict[str, Any] = json.loads(text)
         return answer
 
-    def fit(self, name: str, trial: Trial, guess: Mapping[str, float], limit: float) -> dict[str, Any]:
+    def fit(
+        self, name: str, trial: Trial, guess: Mapping[str, float], limit: float
+    ) -> dict[str, Any]:
         """Let the tool fit one trial; returns ``theta`` and ``seconds``, or ``error``."""
         if self._process is None:
             self._start()
@@ -103,15 +105,6 @@ class Row:
     trials: list[dict[str, Any]] = field(default_factory=list)
 
 
-@dataclass
-class Result:
-    """Everything of a run, as it is written to the results file."""
-
-    rows: list[Row]
-    versions: dict[str, str]
-    missing: dict[str, str]
-
-
 def start(tools: Sequence[str], directory: Path) -> tuple[list[Worker], dict[str, str]]:
     """Start the tools that can be started; the others by name with the reason."""
     workers, missing = [], {}
@@ -134,13 +127,13 @@ def run(
     workers: Sequence[Worker],
     trials: int,
     limit: float,
-    quick: float | None = None,
+    left_out: Collection[tuple[str, str]] = (),
 ) -> list[Row]:
     """Let every tool fit every problem.
 
     The first log of a problem is fitted once and not counted, so that nobody pays for what
     is loaded or compiled at the first call only. A fit that took longer than 5 s gets three
-    trials, longer than 20 s one; with ``quick``, fits slower than that are left out.
+    trials, longer than 20 s one. ``left_out`` are tools with the fits they shall not do.
     """
     rows = []
     for name, problem in problems.items():
@@ -148,16 +141,14 @@ def run(
             (w, Row(name, w.tool, w.hello["title"], fit))
             for w in workers
             for fit in w.hello["fits"]
-            if fit.split("|")[0] == name
+            if fit.split("|")[0] == name and (w.tool, fit) not in left_out
         ]
         warm = make_trial(problem, WARM_UP)
         counts = []
         for worker, row in some:
             took = worker.fit(row.fit, warm, problem.guess, limit).get("seconds", limit)
             _say(f"{name} warm-up {row.tool} {row.fit} {took:.2f} s")
-            counts.append(
-                0 if quick and took > quick else trials if took < 5.0 else 3 if took < 20.0 else 1
-            )
+            counts.append(trials if took < 5.0 else min(trials, 3) if took < 20.0 else 1)
         for number in range(trials):
             trial = make_trial(problem, number)
             sizes = bound(problem, trial)
@@ -168,7 +159,7 @@ def run(
                     answer = worker.fit(row.fit, trial, problem.guess, limit)
                     row.trials.append({"trial": number, **_judge(problem, sizes, answer)})
             _say(f"{name} trial {number} done")
-        rows += [row for (_, row), count in zip(some, counts) if count]
+        rows += [row for _, row in some]
     return rows
 
 

@@ -20,7 +20,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from environments import HERE, OWN, TOOLS
-from harness import run, start
+from harness import Row, run, start
 from problems import vary
 
 
@@ -52,11 +52,12 @@ def main() -> int:
         return {k: p for k, p in every.items() if not given.problems or k in given.problems}
 
     main_rows = run(chosen(given.variation), workers, given.trials, given.limit)
+    slow = {(r.tool, r.fit) for r in main_rows if not _is_quick(r, given.quick)}
     varied = {}
     for number in range(1, given.variations + 1):
         sys.stderr.write(f"variation {number}\n")
         problems = chosen(number)
-        rows = run(problems, workers, 3, given.limit, given.quick)
+        rows = run(problems, workers, 3, given.limit, slow)
         varied[number] = {
             "problems": {k: asdict(p) for k, p in problems.items()},
             "rows": [asdict(r) for r in rows],
@@ -80,6 +81,11 @@ def main() -> int:
     path = directory / "head-to-head.json"
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     return 0
+
+
+def _is_quick(row: Row, limit: float) -> bool:
+    seconds = [t["seconds"] for t in row.trials if "seconds" in t]
+    return bool(seconds) and min(seconds) < limit
 
 
 if __name__ == "__main__":

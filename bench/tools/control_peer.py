@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import control
 import numpy as np
 from conversions import second_order, slowest
 from problems import Log
+
+import control
 
 TITLE = "python-control"
 

@@ -74,7 +74,7 @@ def p3(log: Log, guess: Guess) -> Guess:
         m.Equation(p["tau"] * x.dt() == -x + p["K"] * u)
         m.Equation(y == x)
         theta = {**_solve(m, p), "L": whole * log.sample_time}
-        if best is None or m.options.OBJFCNVAL < best[0]:
+        if best is None or best[0] > m.options.OBJFCNVAL:
             best = (m.options.OBJFCNVAL, theta)
     assert best is not None
     return best[1]

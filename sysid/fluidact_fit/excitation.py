@@ -39,8 +39,10 @@ _QUANTILE = 1.96
 _RISE = 8  # samples in which a command that moves on between samples crosses its range
 _MOST = 200_000  # samples of a run that is searched
 _SPREAD = 0.2  # share of a static design that is spread evenly, to show a wrong model
+_TURN = 0.1  # s that the motion takes to reach its speed
+_USED = 0.9  # share of the stroke that strokes at constant speed use
 _LEADERS = 4  # shapes that are improved
-_TIE = 0.1  # weight of the mean over all parameters beside the worst
+_TIE = 0.05  # weight of the mean over all parameters beside the worst
 
 
 @dataclass(frozen=True)
@@ -321,9 +323,7 @@ def _make_task(
     held = [source.columns.get(drive.name, {}).get("hold") for source in document.provenance.logs]
     hold = next((h for h in held if h), drive.hold)
     options = {**{o.name: o.default for o in family.options}, **(document.options or {})}
-    notes = tuple(
-        f"{n} was not identified; the design supposes {values[n]:.4g}." for n in supposed
-    )
+    notes = tuple(f"{n} was not identified; the design supposes {values[n]:.4g}." for n in supposed)
     return _Task(
         document, family, variant, options, drive, hold, unit, values, unknowns, limits,
         criterion, seed, notes, progress,
@@ -625,12 +625,22 @@ def _candidates(task: _Task) -> list[Waveform]:
             for f in bands[:6]]  # fmt: skip
     out += [Waveform("triangle", {"period": span / n}, ("period",)) for n in (1.0, 2.0, 4.0, 8.0)]
     slow = Waveform("triangle", {"period": 0.25 * span}, ("period",))
-    out += [replace(slow, then=Waveform("steps", {"hold": h, "levels": 2.0, "duty": 1.0}, ("hold",), task.seed))
-            for h in holds[1:6]]  # fmt: skip
-    out += [Waveform("two sizes", {"hold": h, "small": h, "part": 0.6, "duty": 1.0}, sizes, turn=turn,
-                     then=Waveform("square", {"hold": q, "last": q, "duty": 1.0}, ("hold", "last")))
-            for h in holds[4:] for q in holds[1:6:2] for turn in (0.35, 0.65)]  # fmt: skip
-    return [*out, *_approaches(task)]
+    for h in holds[1:6]:
+        numbers = {"hold": h, "levels": 2.0, "duty": 1.0}
+        out.append(replace(slow, then=Waveform("steps", numbers, ("hold",), task.seed)))
+    return [*out, *_mixtures(holds), *_approaches(task)]
+
+
+def _mixtures(holds: FloatArray) -> list[Waveform]:
+    """Slow squares of two sizes, which show levels and slopes, and then a quick one."""
+    out = []
+    for q in holds[1:6:2]:
+        quick = Waveform("square", {"hold": q, "last": q, "duty": 1.0}, ("hold", "last"))
+        for h in holds[4:]:
+            numbers = {"hold": h, "small": h, "part": 0.6, "duty": 1.0}
+            slow = Waveform("two sizes", numbers, ("hold", "small", "part"), then=quick)
+            out += [replace(slow, turn=turn) for turn in (0.35, 0.65)]
+    return out
 
 
 def _approaches(task: _Task) -> list[Waveform]:
@@ -666,15 +676,15 @@ def _ramp_range(task: _Task, unknown: _Unknown, side: str) -> tuple[float, float
 def _improve(search: _Search, trial: _Trial) -> _Trial:
     """Change one number at a time while that helps."""
     factor = 1.5
-    while factor > 1.05:
-        better = trial
-        for waveform in trial.waveform.neighbours(factor):
-            tried = search.try_out(waveform)
-            if tried.score < better.score - 1e-3:
-                better = tried
-        if better is trial:
+    while factor > 1.04:
+        before = trial
+        for k in range(len(trial.waveform.neighbours(factor))):
+            some = trial.waveform.neighbours(factor)
+            tried = search.try_out(some[min(k, len(some) - 1)])
+            if tried.score < trial.score - 1e-3:
+                trial = tried
+        if trial is before:
             factor = 1.0 + 0.5 * (factor - 1.0)
-        trial = better
     return trial
 
 
@@ -790,7 +800,8 @@ def _forecasts(task: _Task, errors: FloatArray) -> tuple[Forecast, ...]:
         present = interval(u.present)
         stated = task.document.parameters.get(u.name)
         if stated is not None and stated.ci95 is not None and u.present is not None:
-            present = float(stated.ci95[0]), float(stated.ci95[1])
+            ends: Any = stated.ci95
+            present = float(ends[0]), float(ends[1])
         ratio = predicted / u.present if predicted is not None and u.present else None
         out.append(Forecast(u.name, u.unit, u.value, u.present, predicted, ratio, present,
                             interval(predicted), u.supposed))  # fmt: skip
@@ -804,22 +815,47 @@ def _design_static(task: _Task) -> Design:
     """Where to sample a static map."""
     grid = _static_grid(task)
     rows = _static_rows(task, grid)
-    scales = np.array([1.0 / u.scale for u in task.unknowns])
+    scales = np.array([u.scale for u in task.unknowns])
     names = [u.name for u in task.unknowns]
     chosen: str | int = task.criterion
     if task.criterion not in ("worst", "determinant"):
         chosen = names.index(task.criterion)
-    with np.errstate(all="ignore"):
-        share = optimal_measure(rows, 1.0 / scales, chosen)
-    spread = 0.0 if task.drive.name in ("velocity", "position") else _SPREAD
-    points, counts = _support(grid, share, spread)
-    samples = _static_samples(task)
-    weights = counts * samples
+    moving = task.drive.name in ("velocity", "position")
+    held = _held_share(task, grid) if moving else np.ones(grid.size)
+    share = optimal_measure(rows * np.sqrt(held)[:, None], scales, chosen)
+    points, counts = _support(grid, share, 0.0 if moving else _SPREAD)
+    weights = counts * _static_samples(task)
+    if not moving:
+        return _positions(task, points, weights, _static_errors(task, points, weights))
+    errors = _static_errors(task, points, weights * _held_share(task, points))
+    ideal = optimal_measure(rows, scales, chosen) * _static_samples(task)
+    return _strokes(task, points, counts, errors, _static_errors(task, grid, ideal))
+
+
+def _static_errors(task: _Task, points: FloatArray, weights: FloatArray) -> FloatArray:
+    """Predicted standard errors of so many samples at some points, shape ``(p,)``."""
     at = _static_rows(task, points)
-    errors = np.sqrt(np.diag(cramer_rao(at.T @ (weights[:, None] * at)))) * task.sigma
-    if task.drive.name in ("velocity", "position"):
-        return _strokes(task, points, counts, errors)
-    return _positions(task, points, weights, errors)
+    return np.sqrt(np.diag(cramer_rao(at.T @ (weights[:, None] * at)))) * task.sigma
+
+
+def _stroke_limit(task: _Task) -> tuple[float, float] | None:
+    """Range of the position, when it was said or the file knows it [m]."""
+    covered = task.document.validity.get("position")
+    known = None if covered is None else (covered.low, covered.high)
+    return task.limits.stroke or known
+
+
+def _held_share(task: _Task, speeds: FloatArray) -> FloatArray:
+    """Share of a stroke that counts, shape of ``speeds``: turns cost more at high speed.
+
+    With the mass given, samples of the turns count too, at half the speed.
+    """
+    stroke = _stroke_limit(task)
+    if stroke is None:
+        return np.ones(speeds.size)
+    whole = _USED * (stroke[1] - stroke[0]) / np.abs(speeds)
+    lost = _TURN if task.options.get("mass") is None else 0.0
+    return np.clip((whole - lost) / (whole + _TURN), 0.0, 1.0)
 
 
 def _static_samples(task: _Task) -> int:
@@ -840,7 +876,7 @@ def _static_grid(task: _Task) -> FloatArray:
         speeds = [abs(v) for pair in details.get("speeds", {}).values() for v in pair]
         high = max(speeds, default=0.0)
         low = -high
-    slow = max(2.0 * float(details.get("deadband") or 0.0), 0.1 * max(high, -low))
+    slow = max(1.5 * float(details.get("deadband") or 0.0), 0.05 * max(high, -low))
     if not (high > slow and -low > slow):
         raise UsageError(
             "the speeds allow no motion in both directions.",
@@ -918,19 +954,23 @@ def _positions(task: _Task, points: FloatArray, weights: FloatArray, errors: Flo
     )
 
 
-def _strokes(task: _Task, speeds: FloatArray, shares: FloatArray, errors: FloatArray) -> Design:
+def _strokes(
+    task: _Task, speeds: FloatArray, shares: FloatArray, errors: FloatArray, ideal: FloatArray
+) -> Design:
     """Strokes at constant speed, to and fro, that fill the duration."""
     step = task.limits.sample_time or 0.01
     duration = task.limits.duration or 10.0
-    stroke = task.limits.stroke
-    covered = task.document.validity.get("position")
-    if stroke is None and covered is not None:
-        stroke = covered.low, covered.high
-    velocity, moving = _play_strokes(speeds, shares, stroke, duration, step)
+    stroke = _stroke_limit(task)
+    velocity = _play_strokes(speeds, shares, stroke, duration, step)
     place = step * np.cumsum(velocity)
     notes = [*task.notes]
     listed = ", ".join(f"{v:.3g} m/s ({100.0 * s:.0f} %)" for v, s in zip(speeds, shares))
     notes.append(f"Speeds and their shares of the time: {listed}.")
+    scales = np.array([u.scale for u in task.unknowns])
+    notes.append(
+        f"The worst relative standard error becomes {100.0 * np.max(errors / scales):.3g} %; no "
+        f"speeds within the limits could bring it below {100.0 * np.max(ideal / scales):.3g} %."
+    )
     if stroke is None:
         notes.append(
             f"The stroke is not in the file: this one needs {np.ptp(place):.3g} m. "
@@ -942,7 +982,7 @@ def _strokes(task: _Task, speeds: FloatArray, shares: FloatArray, errors: FloatA
         time=step * np.arange(velocity.size, dtype=np.float64),
         signals={"velocity": velocity, "position": place - place.min() + (stroke or (0.0, 0.0))[0]},
         units={"velocity": "m/s", "position": "m"},
-        forecasts=_forecasts(task, errors / np.sqrt(moving)),
+        forecasts=_forecasts(task, errors),
         criterion=task.criterion,
         limits=replace(task.limits, stroke=stroke),
         binding=("amplitude", *(("stroke",) if stroke else ()), "duration"),
@@ -957,11 +997,11 @@ def _play_strokes(
     stroke: tuple[float, float] | None,
     duration: float,
     step: float,
-) -> tuple[FloatArray, float]:
-    """Velocity at the samples, shape ``(n,)`` [m/s], and the share of it at constant speed.
+) -> FloatArray:
+    """Velocity at the samples, shape ``(n,)`` [m/s].
 
-    Every forward stroke is followed by a backward one of the same length. The turn is a
-    straight line of a tenth of a second, or less where the strokes are short.
+    Every forward stroke is followed by a backward one of the same length; it speeds up and
+    slows down along straight lines.
     """
     count = round(duration / step)
     forward = sorted((v, s) for v, s in zip(speeds, shares) if v > 0.0)
@@ -970,19 +1010,17 @@ def _play_strokes(
              for k in range(max(len(forward), len(backward)))]  # fmt: skip
     total = sum(f[1] + b[1] for f, b in pairs)
     pieces: list[FloatArray] = []
-    turn = max(round(0.1 / step), 2)
+    turn = max(round(_TURN / step), 2)
     for (v, a), (w, b) in pairs:
         time = duration * (a + b) / total
-        longest = 0.9 * (stroke[1] - stroke[0]) if stroke else np.inf
+        longest = _USED * (stroke[1] - stroke[0]) if stroke else np.inf
         there, back = time / (1.0 + v / w), time / (1.0 + w / v)  # equal lengths
         laps = max(int(np.ceil(v * there / longest)), 1) if np.isfinite(longest) else 1
         for _ in range(laps):
             n, m = (max(round(t / laps / step), 2 * turn) for t in (there, back))
             pieces += [_stroke(v, n, turn), -_stroke(w, m, turn)]
     velocity = np.concatenate(pieces)[:count]
-    velocity = np.pad(velocity, (0, count - velocity.size))
-    plateau = np.isin(np.round(np.abs(velocity), 12), np.round(np.abs(speeds), 12))
-    return velocity, max(float(np.mean(plateau)), 1.0 / count)
+    return np.pad(velocity, (0, count - velocity.size))
 
 
 def _stroke(speed: float, count: int, turn: int) -> FloatArray:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -114,7 +115,7 @@ def approach(count: int, step: float, numbers: Numbers, rng: np.random.Generator
     halves = max(2 * round(count * step / (2.0 * half)), 2)
     edges = np.round(np.linspace(0, count, halves + 1)).astype(int)
     out = np.zeros(count)
-    for k, (begin, end) in enumerate(zip(edges, edges[1:])):
+    for k, (begin, end) in enumerate(pairwise(edges)):
         side, sign = ("positive", 1.0) if k % 2 == 0 else ("negative", -1.0)
         length = end - begin
         rest = int(min(max(numbers["pause"], 0.02), 0.8) * length)

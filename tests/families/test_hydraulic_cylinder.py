@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -235,7 +235,7 @@ def test_validation_simulates_from_the_command_alone() -> None:
 
 def test_bulk_modulus_is_refused_without_transients(tmp_path: Path) -> None:
     logs = []
-    for k, u in enumerate((0.6, 2.5, 5.0, -0.6, -2.5, -5.0)):
+    for k, u in enumerate((0.8, 4.0, -0.8, -4.0)):
         rows = simulate(np.full(620, u), 0.1 - 0.03 * np.sign(u), seed=k)
         logs.append(ff.read_log(write(tmp_path / f"{k}.csv", rows), window=(0.3, None)))
     with pytest.raises(NotIdentifiedError, match="bulk_modulus") as caught:
@@ -434,12 +434,10 @@ def test_real_friction_from_separate_runs_of_both_chambers() -> None:
 
 
 def test_same_logs_same_numbers() -> None:
-    again: Callable[[], FitResult] = (
-        lambda: ff.fit(  # noqa: E731
-            "hydraulic-cylinder", list(dataset())[:1], fixed={"bulk_modulus": 1e9}, **GIVEN
-        )
+    one = list(dataset())[:1]
+    first, second = (
+        ff.fit("hydraulic-cylinder", one, fixed={"bulk_modulus": 1e9}, **GIVEN) for _ in range(2)
     )
-    first, second = again(), again()
     assert {n: q.value for n, q in first.parameters.items()} == {
         n: q.value for n, q in second.parameters.items()
     }

@@ -18,7 +18,7 @@ from ..show import echo_json, echo_table, format_number, format_spread
 if TYPE_CHECKING:
     from fluidact_fit.excitation import Design, Forecast
 
-_HELP = """Design the next experiment: what to command so that the worst parameter becomes known best.
+_HELP = """Design the next experiment: what to command so that the worst parameter is known best.
 
 Predicts the standard error of every parameter of the file for many excitations within the limits
 (Fisher information at the file's values and noise) and writes the best as a CSV that a controller
@@ -83,7 +83,7 @@ def _row(f: Forecast) -> list[str]:
         f.unit,
         f"± {format_spread(f.present)}" if f.present else "not identified",
         f"± {format_spread(f.predicted)}" if f.predicted else "not identified",
-        f"{f.ratio:.2f}" if f.ratio is not None else "",
+        f"{f.ratio:.2g}" if f.ratio is not None else "",
         _interval(f.present_ci95, f.present),
         _interval(f.predicted_ci95, f.predicted),
     ]

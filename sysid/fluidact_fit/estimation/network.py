@@ -8,7 +8,9 @@ with damping [1]_ reach the accuracy of the structure in tens of iterations. Eve
 works on whole arrays and in blocks of rows, so that time and memory grow linearly.
 
 Starts are made by orthogonal matching pursuit: hinges through random samples, each taken
-for what it adds to those there are. The best of many short searches go on to the end.
+for what it adds to those there are. The best of many short searches go on to the end. The
+searches see rounded kinks, which are sharpened step by step: a hinge can only move by the
+samples that lie on its kink, and a rounded one feels them from afar.
 
 A ReLU network is affine in every region of constant activation pattern. For few units the
 regions that meet a box are enumerated by linear programs, which makes the range of the
@@ -40,7 +42,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 _BLOCK = 8192  # rows per block of the normal equations: a few megabytes
 _FEW, _MANY = 3000, 20_000  # rows of the searches, and of the fit before the last
-_HUBER = 3.0  # threshold in robust standard deviations
+_HUBER = 6.0  # threshold in robust standard deviations
+_SHARPER = (3.0, 6.0, 15.0, 40.0)  # sharpness of rounded kinks, in widths of the data
 _NARROWEST = 1e-9  # radius of a region, in widths of the box, below which it is no region
 
 
@@ -52,12 +55,14 @@ class Network:
     """Layers of a network in standardised coordinates.
 
     ``weights[l]`` has shape ``(units, inputs of the layer)``, ``biases[l]`` ``(units,)``;
-    the last layer is linear with one unit.
+    the last layer is linear with one unit. While training, a finite ``sharpness`` rounds the
+    kinks of ReLU units: ``log(1 + exp(sharpness z)) / sharpness``.
     """
 
     weights: tuple[FloatArray, ...]
     biases: tuple[FloatArray, ...]
     activation: Activation = "relu"
+    sharpness: float = np.inf
 
     @property
     def inputs(self) -> int:
@@ -83,7 +88,7 @@ class Network:
         """Output for inputs of shape ``(n, inputs)``, shape ``(n,)``."""
         a = x
         for w, b in zip(self.weights[:-1], self.biases[:-1]):
-            a = _activate(a @ w.T + b, self.activation)
+            a = _activate(a @ w.T + b, self.activation, self.sharpness)
         return np.asarray((a @ self.weights[-1].T + self.biases[-1])[:, 0])
 
     def vector(self) -> FloatArray:
@@ -102,8 +107,21 @@ class Network:
         return replace(self, weights=tuple(weights), biases=tuple(biases))
 
 
-def _activate(z: FloatArray, activation: Activation) -> FloatArray:
-    return np.maximum(z, 0.0) if activation == "relu" else np.tanh(z)
+def _activate(z: FloatArray, activation: Activation, sharpness: float = np.inf) -> FloatArray:
+    if activation == "tanh":
+        return np.asarray(np.tanh(z))
+    if np.isfinite(sharpness):
+        return np.asarray(np.logaddexp(0.0, sharpness * z) / sharpness)
+    return np.asarray(np.maximum(z, 0.0))
+
+
+def _slope(z: FloatArray, a: FloatArray, net: Network) -> FloatArray:
+    """Derivative of the activation at ``z``, where it is ``a``."""
+    if net.activation == "tanh":
+        return 1.0 - a * a
+    if np.isfinite(net.sharpness):
+        return np.asarray(0.5 * (1.0 + np.tanh(0.5 * net.sharpness * z)))
+    return np.asarray((z > 0.0).astype(float))
 
 
 def output_and_jacobian(net: Network, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -118,8 +136,8 @@ def output_and_jacobian(net: Network, x: FloatArray) -> tuple[FloatArray, FloatA
     layers, slopes, a = [x], [], x
     for w, b in zip(net.weights[:-1], net.biases[:-1]):
         z = a @ w.T + b
-        a = _activate(z, net.activation)
-        slopes.append((z > 0.0).astype(float) if net.activation == "relu" else 1.0 - a * a)
+        a = _activate(z, net.activation, net.sharpness)
+        slopes.append(_slope(z, a, net))
         layers.append(a)
     y = np.asarray((a @ net.weights[-1].T + net.biases[-1])[:, 0])
     back = np.ones((x.shape[0], 1))
@@ -248,8 +266,9 @@ def make_start(
 ) -> Network:  # fmt: skip
     """A network to start from: its first layer pursued, further ones random.
 
-    The last layer is solved for by (slightly ridged) least squares.
+    The last layer is solved for by (slightly ridged) least squares. Kinks are rounded.
     """
+    sharpness = _SHARPER[0] if activation == "relu" else np.inf
     w, b = _pursue(x, y, hidden[0], activation, rng)
     weights, biases = [w], [b]
     for inputs, units in pairwise(hidden):
@@ -257,12 +276,12 @@ def make_start(
         biases.append(0.5 * rng.standard_normal(units))
     a = x
     for w, b in zip(weights, biases):
-        a = _activate(a @ w.T + b, activation)
+        a = _activate(a @ w.T + b, activation, sharpness)
     columns = np.column_stack((a, np.ones(y.size)))
     square = columns.T @ columns
     square[np.diag_indices_from(square)] += 1e-6 * y.size
     last = np.linalg.solve(square, columns.T @ y)
-    return Network((*weights, last[None, :-1]), (*biases, last[-1:]), activation)
+    return Network((*weights, last[None, :-1]), (*biases, last[-1:]), activation, sharpness)
 
 
 def _pursue(
@@ -349,21 +368,35 @@ def search(
     few = thin(y.size, rows)
     xs, ys = x[few], y[few]
     found = [
-        train_from(make_start(xs, ys, hidden, activation, rng), xs, ys, decay=decay,
-                   iterations=iterations, tolerance=1e-4)
+        train_from(
+            make_start(xs, ys, hidden, activation, rng), xs, ys, decay=decay,
+            iterations=iterations, tolerance=1e-3,
+        )
         for _ in range(starts)
     ]  # fmt: skip
     found.sort(key=lambda t: t.cost)
-    limit = robust_limit(ys - found[0].network(xs))
+    sharp = [_sharpen(t.network, xs, ys, decay, iterations) for t in found[:finalists]]
+    limit = min(robust_limit(ys - net(xs)) for net in sharp)
     many = thin(y.size, _MANY)
     xm, ym = x[many], y[many]
     polished = [
-        train_from(t.network, xm, ym, decay=decay, limit=limit, iterations=3 * iterations,
+        train_from(net, xm, ym, decay=decay, limit=limit, iterations=3 * iterations,
                    tolerance=1e-5)
-        for t in found[:finalists]
+        for net in sharp
     ]  # fmt: skip
     polished.sort(key=lambda t: t.cost)
     return Search(tuple(polished), starts, limit)
+
+
+def _sharpen(net: Network, x: FloatArray, y: FloatArray, decay: float, iterations: int) -> Network:
+    """Train on with kinks less and less rounded; leaves true kinks."""
+    if net.activation == "relu":
+        for sharpness in _SHARPER[1:]:
+            start = replace(net, sharpness=sharpness)
+            net = train_from(
+                start, x, y, decay=decay, iterations=iterations, tolerance=1e-3
+            ).network
+    return replace(net, sharpness=np.inf)
 
 
 def cross_validate(

@@ -47,6 +47,9 @@ class NamedModel:
     nuisance
         Names of further linear unknowns, whose columns follow those of ``linear``. They
         are always free and never reported.
+    resolutions
+        Per experiment the step of the converter that logged the output [SI], 0 when
+        unknown.
     whiten
         Autoregression of the residuals, as in :class:`.separable.Problem`.
     """
@@ -58,6 +61,7 @@ class NamedModel:
     slopes: Callable[[int, Values, Sequence[str]], tuple[Basis, Slopes]] | None = None
     weights: Sequence[FloatArray | float] = ()
     nuisance: tuple[str, ...] = ()
+    resolutions: Sequence[float] = ()
     whiten: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -386,6 +390,7 @@ def fit_named(
                 robust=robust,
                 sigma_floor=sigma_floor,
                 small_sample=True,
+                readings=list(zip(model.measured, model.resolutions)),
             )
         values = dict(zip(names, (*best.eta, *best.linear)))
         worst = _least_determined(values, names, uncertainty, sensible or {}, by_name)

@@ -9,20 +9,56 @@ import numpy.typing as npt
 
 from ..errors import Notice
 from ..experiment import FloatArray
+from .rational_bezier import group
 from .uncertainty import t_quantile
 
 BoolArray = npt.NDArray[np.bool_]
 
 
 def leave_out_rails(
-    reading: FloatArray, used: BoolArray, low: float, high: float
+    reading: FloatArray, reference: FloatArray, used: BoolArray, low: float, high: float
 ) -> tuple[BoolArray, list[Notice]]:
-    """Leave out what is at or beyond given rails, and say how many."""
+    """Leave out what is at or beyond given rails, and say how many.
+
+    Of a noisy reading that is clipped, those just inside a rail are the ones whose noise
+    happened to point inwards, and would bend the ends of the curve: beside a rail that
+    clips, readings within three standard deviations of their noise are left out as well.
+    """
     clipped = used & ((reading <= low) | (reading >= high))
     if not clipped.any():
         return used, []
     count = int(clipped.sum())
-    return used & ~clipped, [_rails_notice(count, f"at or beyond the rails {low:g}:{high:g}")]
+    kept = used & ~clipped
+    notices = [_rails_notice(count, f"at or beyond the rails {low:g}:{high:g}")]
+    margin = 3.0 * _reading_noise(reading, reference, kept)
+    near = np.zeros(reading.size, dtype=bool)
+    for side, beyond in ((low, reading <= low), (high, reading >= high)):
+        if margin > 0.0 and np.count_nonzero(used & beyond) >= 3:
+            near |= kept & (np.abs(reading - side) <= margin)
+    if near.any():
+        samples = "1 sample" if near.sum() == 1 else f"{int(near.sum())} samples"
+        notices.append(
+            Notice(
+                "rails",
+                f"{samples} within {margin:.3g} of a rail, three standard deviations of the "
+                "reading's noise, left out as well: clipping has taken the others like them.",
+            )
+        )
+    return kept & ~near, notices
+
+
+def _reading_noise(reading: FloatArray, reference: FloatArray, used: BoolArray) -> float:
+    """Noise of the reading at a position [unit of the reading]; 0 where it cannot be told.
+
+    From third differences in the order of the position; the noise of the position counts as
+    well. Few samples, or ones far apart, say nothing of it.
+    """
+    at = np.flatnonzero(used)
+    if at.size < 200:
+        return 0.0
+    x = reading[at[np.argsort(reference[at], kind="stable")]]
+    noise = 1.4826 * float(np.median(np.abs(np.diff(x, 3)))) / np.sqrt(20.0)
+    return noise if noise <= 0.01 * float(np.ptp(x)) else 0.0
 
 
 def _rails_notice(count: int, place: str) -> Notice:
@@ -34,19 +70,32 @@ def _rails_notice(count: int, place: str) -> Notice:
 
 
 def find_rails(
-    reading: FloatArray, reference: FloatArray, used: BoolArray
-) -> tuple[BoolArray, list[Notice]]:
+    reading: FloatArray, reference: FloatArray, used: BoolArray, step: float = 0.0
+) -> tuple[BoolArray, list[float], list[Notice]]:
     """Find extremes that the reading rests on while the reference moves.
 
     At least three samples exactly on an extreme whose references spread three times wider
     than those of the readings beside it (their scatter about a straight line, and the
     slope of that line over one step of the converter) are left out. A lone extreme that
     is off the course of its neighbours, and by a step out of proportion, is only warned of.
+
+    Parameters
+    ----------
+    reading, reference, used : (n,)
+    step
+        Distance of the converter's codes, if known.
+
+    Returns
+    -------
+    used : (n,)
+    suspects
+        Extreme readings that are warned of and stay.
+    notices
     """
-    distinct, key = np.unique(reading[used], return_inverse=True)
+    distinct, key = group(reading[used], step)
     if distinct.size < 6:
-        return used, []
-    step = float(np.diff(distinct).min())
+        return used, [], []
+    finest = float(np.diff(distinct).min())
     count = np.bincount(key)
     mean = np.bincount(key, reference[used]) / count
     rails: list[float] = []
@@ -55,11 +104,13 @@ def find_rails(
         x, y, n = distinct[order], mean[order], count[order]
         beside = slice(1, 21)
         near = used & (np.abs(reading - x[0]) <= abs(x[beside][-1] - x[0])) & (reading != x[0])
+        if not near.any():
+            continue
         line = np.polynomial.Polynomial.fit(reading[near], reference[near], 1)
         scatter = float(np.std(reference[near] - line(reading[near])))
         slope = abs(float(line.convert().coef[-1]))
         spread = float(np.std(reference[used & (reading == x[0])]))
-        if n[0] >= 3 and spread > 3.0 * (scatter + slope * step):
+        if n[0] >= 3 and spread > 3.0 * (scatter + slope * finest):
             rails.append(float(x[0]))
         elif n[0] <= 2 and _is_off_course(x, y):
             suspects.append(float(x[0]))
@@ -69,7 +120,9 @@ def find_rails(
     ]
     if suspects:
         notices.append(_suspicion(sorted(suspects), float(distinct[0]), float(distinct[-1])))
-    return used & ~np.isin(reading, rails), notices
+    for rail in rails:
+        used = used & (reading != rail)
+    return used, suspects, notices
 
 
 def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
@@ -104,5 +157,6 @@ def _suspicion(readings: Sequence[float], lowest: float, highest: float) -> Noti
     return Notice(
         "rails-suspected",
         f"the extreme {what} clipped: {names} {follow} not follow from the readings beside it. "
-        f"Such samples were kept; give --rails {low}:{high} to leave them out.",
+        f"Such samples were kept, with little weight if they are far off the others' curve; "
+        f"give --rails {low}:{high} to leave them out.",
     )

@@ -99,6 +99,9 @@ class TransferModel:
         self.realise, self.gain, self.dead_zone = realise, gain, dead_zone
         self.confounded = confounded
         self.measured = [e[output_role] for e in experiments if output_role in e]
+        self.resolutions = [
+            e.signals[output_role].resolution for e in experiments if output_role in e
+        ]
         self.levels = [input_level(e.signals[input_role]) for e in experiments]
         logs = [e.log for e in experiments]
         self.several = [k for k in dict.fromkeys(logs) if logs.count(k) > 1]
@@ -152,7 +155,7 @@ class TransferModel:
         """The model in the form the estimation takes."""
         linear = () if self.gain is None else (self.gain,)
         nuisance = tuple(f"offset[{k}]" for k in self.several)
-        return NamedModel(tuple(nonlinear), linear, self.columns, self.measured, nuisance=nuisance)
+        return NamedModel(tuple(nonlinear), linear, self.columns, self.measured, nuisance=nuisance, resolutions=self.resolutions)
 
 
 def grid_search(

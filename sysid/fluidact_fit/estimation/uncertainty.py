@@ -145,6 +145,36 @@ def _weighted_product(jacobian: FloatArray, r: FloatArray) -> FloatArray:
     return np.asarray(jacobian.T @ product[:n])
 
 
+def _step_variance(readings: Sequence[tuple[FloatArray, float]]) -> float:
+    """Variance of the error of an ideal converter."""
+    return max((step for _, step in readings), default=0.0) ** 2 / 12.0
+
+
+def _converter_middle(
+    jacobian: Sequence[FloatArray], readings: Sequence[tuple[FloatArray, float]], sigma: float
+) -> FloatArray | None:
+    """``J' R J`` of converter errors that last as long as a reading does; None if they are few."""
+    if not readings or _step_variance(readings) < 0.3 * sigma**2:
+        return None
+    p = jacobian[0].shape[1]
+    middle = np.zeros((p, p))
+    for j, (y, step) in zip(jacobian, readings):
+        if y.size != j.shape[0]:
+            return None
+        starts = np.concatenate(([0], np.flatnonzero(np.diff(y)) + 1))
+        sums = np.add.reduceat(j, starts, axis=0)
+        middle += step**2 / 12.0 * (sums.T @ sums)
+    return middle
+
+
+def _enlarge(matrix: FloatArray, variances: FloatArray) -> FloatArray:
+    """Scale a covariance up to given variances, correlations kept."""
+    now = np.diag(matrix)
+    ratio = np.where(now > 0.0, variances / np.where(now > 0.0, now, 1.0), 1.0)
+    scale = np.sqrt(np.maximum(ratio, 1.0))
+    return np.asarray(matrix * np.outer(scale, scale))
+
+
 def _positive(matrix: FloatArray) -> FloatArray:
     """Remove the negative eigenvalues that rounding leaves in a nearly singular covariance."""
     symmetric = 0.5 * (matrix + matrix.T)
@@ -166,6 +196,7 @@ def covariance(
     robust: bool = True,
     sigma_floor: float = 0.0,
     small_sample: bool = False,
+    readings: Sequence[tuple[FloatArray, float]] = (),
 ) -> Uncertainty:
     """Covariance of least-squares unknowns, robust against coloured residuals.
 
@@ -188,6 +219,10 @@ def covariance(
         ``p / n_e`` of the variance, and an autoregression fitted to what is left, its
         coefficient too small by ``(1 + 3 rho) / n`` (Kendall 1954), some
         ``2 (p + 1) / n_e``.
+    readings
+        Per experiment the logged output, shape ``(n_i,)``, and the step of its converter.
+        While a reading stands still so does its error; where the converter makes most of
+        the residual, that is what the covariance has to know.
 
     Returns
     -------
@@ -220,6 +255,10 @@ def covariance(
             r *= max(sigma**2 / r[0], 1.0)
             middle = np.sum([_weighted_product(j, r) for j in jacobian], axis=0)
     total = sigma**2 * bread if middle is None else bread @ middle @ bread
+    steps = _converter_middle(jacobian, readings, sigma) if robust else None
+    if steps is not None:
+        held = bread @ (steps + max(sigma**2 - _step_variance(readings), 0.0) * stacked.T @ stacked)
+        total = _enlarge(total, np.diag(held @ bread))
     total = _positive(total)
     if order and small_sample:
         white = sigma**2 * np.diag(bread)

@@ -31,6 +31,14 @@ _REGISTRY = {
         "cylinder_friction:CylinderFriction",
         "Friction of a cylinder: Coulomb levels by direction and viscous friction",
     ),
+    "force-map": (
+        "force_map:ForceMap",
+        "Force map: small networks of command and force with hysteresis",
+    ),
+    "spring-cylinder": (
+        "spring_cylinder:SpringCylinder",
+        "Single-acting cylinder: pressure gain, return spring and hysteresis",
+    ),
     "hydraulic-cylinder": (
         "hydraulic_cylinder:HydraulicCylinder",
         "Hydraulic cylinder: valve gains, line losses, bulk modulus and friction",

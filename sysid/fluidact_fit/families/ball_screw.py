@@ -30,8 +30,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import LogError, Notice
-from ..estimation.inputs import PiecewiseInput, interpolation, piecewise
 from ..estimation.information import Information, sensitivity
+from ..estimation.inputs import PiecewiseInput, interpolation, piecewise
 from ..estimation.linear import Grid, make_grid
 from ..estimation.parametric import (
     Fitted,
@@ -173,6 +173,9 @@ class DriveModel:
             self.inputs.append(_on_samples(piecewise(e.signals[axis.drive]), e.time))
         outputs = [e[axis.motion] for e in experiments if axis.motion in e]
         self.measured = [self.compared.reduce(y) for y in outputs]
+        self.resolutions = [
+            e.signals[axis.motion].resolution for e in experiments if axis.motion in e
+        ]
 
     def _parameters(self, index: int, values: Values) -> tuple[StickSlip, Array]:
         """Rows of parameters and of the initial speed."""
@@ -239,7 +242,15 @@ class DriveModel:
 
     def named(self, names: Sequence[str], weights: Sequence[FloatArray] = ()) -> NamedModel:
         """The model in the form the estimation takes."""
-        return NamedModel(tuple(names), (), self.columns, self.measured, self.slopes, weights)
+        return NamedModel(
+            tuple(names),
+            (),
+            self.columns,
+            self.measured,
+            self.slopes,
+            weights,
+            resolutions=self.resolutions,
+        )
 
 
 def _on_samples(

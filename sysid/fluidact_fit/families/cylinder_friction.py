@@ -795,7 +795,7 @@ class _System:
         # of very fast strokes the unfiltered velocity is not known well enough
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.diag(found.covariance) / np.diag(matched.covariance)
-        return (matched if np.nanmin(ratio, initial=np.inf) > 2.0 else found), bare
+        return (matched if np.nanmin(ratio, initial=np.inf) > 4.0 else found), bare
 
     def _matched_uncertainty(self, x: FloatArray) -> Uncertainty:
         """Covariance from the residuals of the filtered forces and their own colour."""

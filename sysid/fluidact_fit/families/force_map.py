@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
@@ -72,7 +73,7 @@ _TARGETS = ("command", "force")
 _PAPER_UNITS = {"command": 5, "force": 7}  # hidden units of the paper
 _SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)
 _WORTH = 0.03  # relative gain of validation below which more is not worth its cost
-_DECAYS = (1e-6, 1e-5, 1e-4)
+_DECAYS = (1e-6, 1e-5, 3e-5)
 _FEWEST_FOLDS, _MOST_FOLDS = 2, 4
 _ENUMERATED = 8  # hidden units up to which the regions are enumerated
 _SETTLED = 0.1  # share of the range after a reversal within which branches change over
@@ -531,7 +532,7 @@ class _Trial:
     def row(self, span: float) -> dict[str, Any]:
         """As it stands in the file; ``span`` is the scale of the output."""
         sizes = (len(self.names), *self.hidden, 1)
-        weights = sum(a * b for a, b in zip(sizes, sizes[1:]))
+        weights = sum(a * b for a, b in pairwise(sizes))
         return {
             "inputs": ",".join(self.names),
             "hidden": list(self.hidden),
@@ -646,7 +647,7 @@ def _train(data: _Data, rows: _Rows, trial: _Trial, options: _Options, request: 
     spikes = _find_spikes(data, np.where(np.isfinite(t), t - net(z), 0.0)) & data.used
     kept = data.used & ~spikes
     last = train_from(
-        net, z[kept], t[kept], decay=trial.decay, limit=found.limit, iterations=30, tolerance=1e-5
+        net, z[kept], t[kept], decay=trial.decay, limit=found.limit, iterations=10, tolerance=1e-5
     )
     return _Fit(
         replace(data, used=kept), scaling, last.network, trial, rows.split, found,
@@ -1004,7 +1005,7 @@ class ForceMap(Family):
         if request.fixed or request.start or request.bounds:
             raise UsageError(
                 "the weights of a network cannot be fixed, started or bounded one by one",
-                remedy="Leave out --fix, --start and --bounds; --hidden, --inputs and --seed choose.",
+                remedy="Leave out --fix, --start and --bounds; --hidden and --seed choose.",
             )
         options = _Options.read(request.options)
         fit, rows = _fit(experiments, options, request)
@@ -1159,11 +1160,13 @@ def _branches(
     """Both branches at the lowest and the highest position, all other inputs at their means."""
     along = np.linspace(x[:, source].min(), x[:, source].max(), 200)
     out = []
-    ends = [("", None)]
+    ends: list[tuple[str, float | None]] = [("", None)]
     if "position" in names:
         p = x[:, names.index("position")]
         ends = [("low position", float(p.min())), ("high position", float(p.max()))]
-    states = [("loading", 1.0), ("unloading", -1.0)] if "direction" in names else [("", None)]
+    states: list[tuple[str, float | None]] = (
+        [("loading", 1.0), ("unloading", -1.0)] if "direction" in names else [("", None)]
+    )
     for place, position in ends:
         for branch, state in states:
             table = np.tile(x.mean(axis=0), (along.size, 1))

@@ -90,7 +90,7 @@ from ..signals import smooth
 _GAIN_UNIT = "m3/(s V Pa^0.5)"
 _SLOWEST = 2.5e-3  # s: at slower sampling the pressure resonance cannot be followed
 _HIDDEN = 10  # units of the networks
-_WINDOWS = 2500  # rows a network is trained on, before those near zero are repeated
+_WINDOWS = 2000  # rows a network is trained on, before those near zero are repeated
 _LAYERS = ("weights_1", "biases_1", "weights_2", "biases_2", "input_offset", "input_scale",
            "output_offset", "output_scale")  # fmt: skip
 _NETWORKS = ("flow_1", "flow_2", "friction")

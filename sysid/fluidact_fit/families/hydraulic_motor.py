@@ -30,6 +30,7 @@ from ..errors import LogError, Notice
 from ..estimation.parametric import (
     Fitted,
     NamedModel,
+    Refusal,
     Values,
     check_request,
     derive,
@@ -308,7 +309,15 @@ def _fit(
             names, (), lambda i, values: _columns(experiments[i], values),
             [e["speed"] for e in experiments], weights=weights,
         )  # fmt: skip
-        fitted = fit_named(model, specs, request, unknowns, begin, sensible=sensible)
+        fitted = fit_named(
+            model,
+            specs,
+            request,
+            unknowns,
+            begin,
+            sensible=sensible,
+            refusals=_one_way(experiments),
+        )
         rest = [e["speed"] - m for e, m in zip(experiments, fitted.solution.simulated)]
         spread = 1.4826 * float(np.median(np.abs(np.concatenate(rest))))
         new = [np.sqrt(np.minimum(1.0, 4.0 * spread / np.maximum(np.abs(r), 1e-300)))
@@ -318,6 +327,21 @@ def _fit(
         if change < 0.05:
             break
     return fitted, weights
+
+
+def _one_way(experiments: Sequence[Experiment]) -> list[Refusal]:
+    """Refuse the hysteresis where no log raises and lowers the command by a fair amount.
+
+    Going one way it only shifts the curve, which dead zone and saturation do as well.
+    """
+    top = max(float(np.abs(e["command"]).max()) for e in experiments)
+    for e in experiments:
+        u = np.abs(e["command"])
+        up = float(np.max(u - np.minimum.accumulate(u)))
+        down = float(np.max(np.maximum.accumulate(u) - u))
+        if min(up, down) > 0.25 * top:
+            return []
+    return [Refusal("hysteresis", "every log moves the command in one direction only.")]
 
 
 def _saturates(fitted: Fitted, experiments: Sequence[Experiment]) -> bool:

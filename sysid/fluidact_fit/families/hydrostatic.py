@@ -26,8 +26,8 @@ import numpy as np
 
 from ..discrete import discretise
 from ..errors import LogError, Notice, UsageError
-from ..estimation.inputs import PiecewiseInput, apply_dead_zone
 from ..estimation.information import Information, sensitivity
+from ..estimation.inputs import PiecewiseInput, apply_dead_zone
 from ..estimation.linear import scan
 from ..estimation.parametric import (
     Fitted,

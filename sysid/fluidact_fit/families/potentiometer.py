@@ -42,8 +42,10 @@ from ..estimation.rational_bezier import (
     fit_ladder,
     fit_shape,
     free_coordinates,
+    group,
     invert_rational_bezier,
     is_monotone,
+    merge,
     power_coefficients,
     rational_bezier,
     rational_bezier_slope,
@@ -70,6 +72,8 @@ __all__ = ["Potentiometer", "PotentiometerBlock", "rational_bezier", "rising_sha
 
 BoolArray = npt.NDArray[np.bool_]
 _COARSE, _FINE = 600, 4096  # rows that searches and the final fit work on
+_MANY = 20_000  # rows that are worth merging
+_LONG, _BLOCKS = 200_000, 8  # rows from which the colour of residuals is that of an excerpt
 _SECOND = ("", "_falling")
 
 
@@ -95,16 +99,28 @@ def rising_share(reading: npt.ArrayLike, dead_band: float, state: float = 0.0) -
     (n,) between 0 (falling) and 1 (rising).
     """
     values = np.asarray(reading, dtype=float)
-    out = np.empty(values.size)
-    gain = 2.0 / max(dead_band, 1e-300)
-    last = float(values[0]) if values.size else 0.0
-    for k, now in enumerate(values.tolist()):
-        if now == now:  # a reading that is missing moves nothing
-            moved = gain * (now - last) if last == last else 0.0
-            state = min(1.0, max(-1.0, state + moved))
-            last = now
-        out[k] = state
-    return 0.5 + 0.5 * out
+    if not values.size:
+        return np.zeros(0)
+    moved = np.empty(values.size)
+    moved[0] = 0.0
+    np.subtract(values[1:], values[:-1], out=moved[1:])
+    if not np.all(np.isfinite(moved)):  # a reading that is missing moves nothing
+        there = np.flatnonzero(np.isfinite(values))
+        moved[:] = 0.0
+        moved[there[1:]] = np.diff(values[there])
+    moved *= 2.0 / max(dead_band, 1e-300)
+    at = np.flatnonzero(moved)
+    states = [state]
+    for step in moved[at].tolist():
+        state += step
+        if state > 1.0:
+            state = 1.0
+        elif state < -1.0:
+            state = -1.0
+        states.append(state)
+    # between two moves the share stays
+    length = np.diff(np.concatenate(([0], at, [values.size])))
+    return 0.5 + 0.5 * np.repeat(np.array(states), length)
 
 
 # ------------------------------------------------------------------ what a controller runs
@@ -251,6 +267,8 @@ class _Data:
     used: BoolArray
     timed: bool
     unit: str
+    step: float
+    suspects: tuple[float, ...] = ()
 
     def split(self, values: FloatArray) -> list[FloatArray]:
         """Values per log."""
@@ -269,8 +287,8 @@ def _gather(experiments: Sequence[Experiment]) -> _Data:
     parts = tuple(slice(int(b - e["reading"].size), int(b)) for e, b in zip(experiments, ends))
     used = np.isfinite(reading) & np.isfinite(reference)
     timed = all(e.time.size > 0 for e in experiments)
-    unit = experiments[0].signals["reading"].unit
-    return _Data(reading, reference, parts, used, timed, unit)
+    first = experiments[0].signals["reading"]
+    return _Data(reading, reference, parts, used, timed, first.unit, first.resolution)
 
 
 # --------------------------------------------------------------------------- the options
@@ -305,21 +323,47 @@ def _rails_wanted(options: Mapping[str, Any]) -> tuple[float, float] | None:
 
 @dataclass(frozen=True)
 class _Scaled:
-    """Used samples scaled to order one: ``rows`` all of them, in the order of the logs."""
+    """Used samples scaled to order one.
+
+    ``rows`` are all of them, in the order of the logs. ``merged`` are those that share a
+    reading in one, where that says the same: ``key`` tells which of them a row went into.
+    """
 
     rows: Rows
     low: float
     span: float
     base: float
     stroke: float
+    merged: Rows
+    key: npt.NDArray[np.intp] | None
+
+    def evaluate(self, fit: CurveFit) -> FloatArray:
+        """Value of a curve at all rows."""
+        if self.key is None:
+            return fit.evaluate(self.rows.t, self.rows.rising)
+        return np.asarray(fit.evaluate(self.merged.t, self.merged.rising)[self.key])
+
+    def squares(self, fit: CurveFit) -> float:
+        """Weighted sum of squared residuals over all rows."""
+        rest = self.rows.y - self.evaluate(fit)
+        return float((self.rows.count * rest) @ rest)
 
 
-def _scale(data: _Data, rising: FloatArray) -> _Scaled:
-    x, y = data.reading[data.used], data.reference[data.used]
+def _scale(data: _Data, rising: FloatArray | None = None) -> _Scaled:
+    """Scale the used samples; without a share of the rising branch there is one curve."""
+    whole = bool(data.used.all())
+    x = data.reading if whole else data.reading[data.used]
+    y = data.reference if whole else data.reference[data.used]
     low, span, base, stroke = float(x.min()), float(np.ptp(x)), float(y.min()), float(np.ptp(y))
     one = np.ones(x.size)
-    rows = Rows((x - low) / span, (y - base) / stroke, one, rising[data.used])
-    return _Scaled(rows, low, span, base, stroke)
+    share = one if rising is None else rising[data.used]
+    rows = Rows((x - low) / span, (y - base) / stroke, one, share)
+    merged, key = rows, None
+    if rising is None and x.size > _MANY:
+        places, found = group(x, data.step)
+        if 4 * places.size < x.size:
+            key, merged = found, merge(rows, (places - low) / span, found)
+    return _Scaled(rows, low, span, base, stroke, merged, key)
 
 
 def _check_data(data: _Data) -> None:
@@ -340,9 +384,14 @@ def _check_data(data: _Data) -> None:
             )
 
 
+def _samples(rows: Rows) -> int:
+    """How many samples the rows stand for; one of little weight is one."""
+    return int(np.maximum(rows.count, 1.0).sum())
+
+
 def _check_enough(rows: Rows, shape: Shape) -> None:
     """Refuse a curve with more unknowns than the samples can determine."""
-    samples, distinct = rows.t.size, int(np.unique(rows.t).size)
+    samples, distinct = _samples(rows), int(np.unique(rows.t).size)
     needed = shape.unknowns // shape.branches
     if samples >= shape.unknowns + 2 and distinct >= needed:
         return
@@ -358,7 +407,7 @@ def _check_enough(rows: Rows, shape: Shape) -> None:
 def _highest_degree(rows: Rows, branches: int) -> int:
     """Highest degree that automatic choice tries: a quarter of the data are unknowns at most."""
     distinct = int(np.unique(rows.t).size)
-    return int(np.clip((min(distinct, rows.t.size / branches) / 2.0 - 1.0) // 2.0, 1, 5))
+    return int(np.clip((min(distinct, _samples(rows) / branches) / 2.0 - 1.0) // 2.0, 1, 5))
 
 
 def _search_degree(rows: Rows, shape: Shape, request: Request) -> tuple[CurveFit, list[Score]]:
@@ -406,11 +455,6 @@ def _pool(scores: Sequence[Sequence[Score]]) -> list[Score]:
     return pooled
 
 
-def _squares(rows: Rows, fit: CurveFit) -> float:
-    rest = rows.y - fit.evaluate(rows.t, rows.rising)
-    return float(rest @ rest)
-
-
 def _excess_tail(worse: float, better: float, extra: int, free: int) -> float:
     """Probability of an F statistic as large as that of a restricted fit."""
     from scipy.special import fdtrc
@@ -420,16 +464,19 @@ def _excess_tail(worse: float, better: float, extra: int, free: int) -> float:
     return float(fdtrc(extra, free, (worse - better) / extra / max(better / free, 1e-28)))
 
 
-def _make_monotone(rows: Rows, fit: CurveFit, wanted: bool | None) -> tuple[CurveFit, list[Notice]]:
+def _make_monotone(
+    scaled: _Scaled, fit: CurveFit, wanted: bool | None
+) -> tuple[CurveFit, list[Notice]]:
     """Keep the curve from turning back unless the data say that it does."""
     if fit.monotone or wanted is False:
         return fit, []
+    rows = scaled.merged
     direction = 1 if np.polynomial.Polynomial.fit(rows.t, rows.y, 1).convert().coef[-1] > 0 else -1
     shape = replace(fit.shape, direction=direction)
     starts = [shape.start_at(fit.curves), *shape.starts()]
     bounded = fit_shape(compress(rows, _FINE), shape, starts)
-    free, kept = _squares(rows, fit), _squares(rows, bounded)
-    n = rows.t.size - fit.shape.unknowns
+    free, kept = scaled.squares(fit), scaled.squares(bounded)
+    n = _samples(rows) - fit.shape.unknowns
     resisted = _excess_tail(kept, free, fit.shape.degree * fit.shape.branches, n) < 1e-3
     ratio = np.sqrt(kept / max(free, 1e-300))
     if wanted:
@@ -470,24 +517,22 @@ class _Spread:
 
 
 def _spread(fit: CurveFit, scaled: _Scaled, data: _Data) -> _Spread:
-    rows = scaled.rows
     coordinates = free_coordinates(fit)
     matrix = coordinates.matrix
-    # many samples share a reading: each distinct one is worked out once
-    place, key = np.unique(rows.t, return_inverse=True)
-    if fit.shape.branches == 1 and 4 * place.size < rows.t.size:
-        one = np.ones(place.size)
-        jacobian = np.take(curve_jacobian(fit, place, one) @ matrix, key, axis=0)
+    rest = scaled.rows.y - scaled.evaluate(fit)
+    if fit.shape.ends is None and rest.size > _LONG:
+        uncertainty = _long_uncertainty(fit, matrix, scaled, data, rest)
     else:
-        jacobian = curve_jacobian(fit, rows.t, rows.rising) @ matrix
-    if fit.shape.ends is not None:
-        by_ends = curve_jacobian(fit, rows.t, rows.rising) @ coordinates.pinned
-        jacobian = _with_measured_ends(jacobian, by_ends, rows.t)
-        matrix = np.hstack((coordinates.pinned, matrix))
-    rest = rows.y - fit.evaluate(rows.t, rows.rising)
-    sizes = [p.size for p in data.kept(data.reading)]
-    cuts = np.cumsum(sizes)[:-1]
-    uncertainty = covariance(np.split(jacobian, cuts), np.split(rest, cuts), robust=data.timed)
+        rows, root = scaled.rows, np.sqrt(scaled.rows.count)
+        jacobian = _jacobian(fit, scaled, slice(None)) @ matrix * root[:, None]
+        if fit.shape.ends is not None:
+            by_ends = curve_jacobian(fit, rows.t, rows.rising) @ coordinates.pinned
+            jacobian = _with_measured_ends(jacobian, by_ends * root[:, None], rows.t)
+            matrix = np.hstack((coordinates.pinned, matrix))
+        cuts = np.cumsum([p.size for p in data.kept(data.reading)])[:-1]
+        uncertainty = covariance(
+            np.split(jacobian, cuts), np.split(rest * root, cuts), robust=data.timed
+        )
     if not np.all(np.isfinite(uncertainty.covariance)):
         raise NotIdentifiedError(
             "the data cannot determine control_points: the curve does not depend on some of them.",
@@ -495,6 +540,67 @@ def _spread(fit: CurveFit, scaled: _Scaled, data: _Data) -> _Spread:
             remedy="Give a lower --degree, or record the whole range in both directions.",
         )
     return _Spread(matrix @ uncertainty.covariance @ matrix.T, uncertainty)
+
+
+def _jacobian(fit: CurveFit, scaled: _Scaled, part: slice) -> FloatArray:
+    """Derivative of the curve at some rows by all its numbers."""
+    if scaled.key is None:
+        return curve_jacobian(fit, scaled.rows.t[part], scaled.rows.rising[part])
+    table = curve_jacobian(fit, scaled.merged.t, scaled.merged.rising)
+    return np.asarray(np.take(table, scaled.key[part], axis=0))
+
+
+def _long_uncertainty(
+    fit: CurveFit, matrix: FloatArray, scaled: _Scaled, data: _Data, rest: FloatArray
+) -> Uncertainty:
+    """Covariance of a long record: its colour is that of contiguous parts of it.
+
+    With ``B = J'J`` of all rows and ``C`` the covariance and ``E = J'J`` of the excerpt,
+    ``F = E^1/2 C E^1/2`` says how much more than white noise of one unit the residuals let
+    through in every direction; the covariance of all is ``B^-1/2 F B^-1/2``.
+    """
+    rows = scaled.merged if scaled.key is not None else compress(scaled.rows, _FINE)
+    degrees = rest.size - matrix.shape[1]
+    variance = float((scaled.rows.count * rest) @ rest) / degrees
+    j = curve_jacobian(fit, rows.t, rows.rising) @ matrix
+    scale = np.linalg.norm(j, axis=0)
+    scale[scale == 0.0] = 1.0
+    j = j / scale
+    both = j.T @ (j * rows.count[:, None])
+    inner, order = variance * np.eye(scale.size), 0
+    if data.timed:
+        parts = _excerpt([p.size for p in data.kept(data.reading)])
+        columns = [_jacobian(fit, scaled, p) @ matrix / scale for p in parts]
+        found = covariance(columns, [rest[p] for p in parts])
+        stacked = np.vstack(columns)
+        part = stacked.T @ stacked
+        if found.order and np.all(np.isfinite(found.covariance)):
+            order = found.order
+            root = _power(part, 0.5)
+            inner = root @ found.covariance @ root * (variance / found.sigma**2)
+    half = _power(both, -0.5)
+    total = half @ inner @ half / np.outer(scale, scale)
+    return Uncertainty(0.5 * (total + total.T), degrees, float(np.sqrt(variance)), order)
+
+
+def _excerpt(sizes: Sequence[int]) -> list[slice]:
+    """Contiguous parts of the logs, spread over all of them."""
+    ends = np.cumsum(sizes)
+    length = _LONG // 2 // _BLOCKS
+    out = []
+    for k in np.linspace(0, int(ends[-1]) - length, _BLOCKS).astype(int).tolist():
+        log_end = int(ends[np.searchsorted(ends, k, side="right")])
+        out.append(slice(k, min(k + length, log_end)))
+    return [p for p in out if p.stop - p.start > 200]
+
+
+def _power(matrix: FloatArray, exponent: float) -> FloatArray:
+    """Symmetric power of a positive matrix; nothing in directions without any data."""
+    values, vectors = np.linalg.eigh(matrix)
+    floor = 1e-24 * float(values.max())
+    with np.errstate(divide="ignore"):
+        powers = np.where(values > floor, np.maximum(values, floor) ** exponent, 0.0)
+    return np.asarray((vectors * powers) @ vectors.T)
 
 
 def _with_measured_ends(jacobian: FloatArray, by_ends: FloatArray, t: FloatArray) -> FloatArray:
@@ -510,7 +616,7 @@ def _with_measured_ends(jacobian: FloatArray, by_ends: FloatArray, t: FloatArray
     return np.asarray(np.linalg.pinv(gains))
 
 
-def _drop_weights(rows: Rows, fit: CurveFit, spread: _Spread) -> tuple[CurveFit, list[Notice]]:
+def _drop_weights(scaled: _Scaled, fit: CurveFit, spread: _Spread) -> tuple[CurveFit, list[Notice]]:
     """Replace weights that the data say nothing about by ones.
 
     Every straight line, for one, is a curve of degree two with any of a family of weights.
@@ -520,26 +626,28 @@ def _drop_weights(rows: Rows, fit: CurveFit, spread: _Spread) -> tuple[CurveFit,
     unsure = [half[2 * n * k + n + i] for k in range(fit.shape.branches) for i in range(n)]
     if not fit.shape.rational or max(unsure) <= LOG_WEIGHT_LIMIT:
         return fit, []
+    rows = scaled.merged
     shape = replace(fit.shape, rational=False)
     plain = fit_shape(compress(rows, _FINE), shape, shape.starts()[:1])
     extra = fit.shape.degree * fit.shape.branches
     tail = _excess_tail(
-        _squares(rows, plain), _squares(rows, fit), extra, rows.t.size - fit.shape.unknowns
+        scaled.squares(plain), scaled.squares(fit), extra, _samples(rows) - fit.shape.unknowns
     )
-    advice = f"Give a --degree below {fit.shape.degree}, or --degree auto."
+    lower = f"Give a --degree below {fit.shape.degree}, or --degree auto. "
+    advice = lower if fit.shape.degree > 1 else ""
     if tail < 0.05:
         return fit, [
             Notice(
                 "degree-too-high",
                 "some weights are hardly determined: their 95 % intervals span more than a "
-                f"factor of 50 either way. {advice}",
+                f"factor of 50 either way. {advice}".rstrip(),
             )
         ]
     return plain, [
         Notice(
             "not-identified",
             "weights cannot be determined from these data: a polynomial describes them as well. "
-            f"They are written as 1, status not_identified. {advice} A record of more samples "
+            f"They are written as 1, status not_identified. {advice}A record of more samples "
             "over the whole range, the ends included, would determine them.",
         )
     ]
@@ -559,7 +667,7 @@ def _bound_notice(fit: CurveFit) -> list[Notice]:
             "weight-at-bound",
             f"{len(names)} of the weights rest on the bound of 50 that keeps the curve from "
             f"bending too sharply ({', '.join(names)}); their intervals do not count. "
-            "Give another --degree.",
+            + ("Give another --degree." if fit.shape.degree > 1 else "Give --degree 2 or more."),
         )
     ]
 
@@ -636,19 +744,19 @@ class Potentiometer(Family):
         data, notices = self._prepare(experiments, _rails_wanted(options))
         two = options.get("branches") == "two"
         band = self._dead_band(data, request) if two else 0.0
-        rising = _rising(data, band) if two else np.ones(data.reading.size)
-        scaled = _scale(data, rising)
+        scaled = _scale(data, _rising(data, band) if two else None)
         if two:
             _check_both_directions(scaled.rows)
-        ends = _ends(scaled.rows) if options.get("endpoints") == "fixed" else None
+        ends = _ends(scaled.merged) if options.get("endpoints") == "fixed" else None
         shape = Shape(_degree_wanted(options), 2 if two else 1, 0, ends)
-        _check_enough(scaled.rows, shape if shape.degree else replace(shape, degree=1))
-        fit, scores = _search_degree(scaled.rows, shape, request)
-        fit, turned = _make_monotone(scaled.rows, fit, options.get("monotone"))
+        _check_enough(scaled.merged, shape if shape.degree else replace(shape, degree=1))
+        scaled = _weigh_suspects(scaled, data, shape, request)
+        fit, scores = _search_degree(scaled.merged, shape, request)
+        fit, turned = _make_monotone(scaled, fit, options.get("monotone"))
         spread = _spread(fit, scaled, data)
-        chosen, unsure = _drop_weights(scaled.rows, fit, spread)
+        chosen, unsure = _drop_weights(scaled, fit, spread)
         if chosen is not fit:
-            fit, turned = _make_monotone(scaled.rows, chosen, options.get("monotone"))
+            fit, turned = _make_monotone(scaled, chosen, options.get("monotone"))
             spread = _spread(fit, scaled, data)
         notices += [*turned, *unsure, *_bound_notice(fit)]
         parameters, order, matrix = _quantities(fit, spread, scaled)
@@ -667,7 +775,7 @@ class Potentiometer(Family):
             _derived(fit, spread, scaled),
             order,
             matrix,
-            [self.simulate(variant, values, e, options) for e in experiments],
+            data.split(_simulate_all(data, values, two)),
             data.split(measured),
             notices,
             _details(fit, spread, scores, scaled),
@@ -681,9 +789,10 @@ class Potentiometer(Family):
         data = _gather(experiments)
         _check_data(data)
         if rails is None:
-            used, notices = find_rails(data.reading, data.reference, data.used)
+            used, suspects, notices = find_rails(data.reading, data.reference, data.used, data.step)
+            data = replace(data, suspects=tuple(suspects))
         else:
-            used, notices = leave_out_rails(data.reading, data.used, *rails)
+            used, notices = leave_out_rails(data.reading, data.reference, data.used, *rails)
         data = replace(data, used=used)
         _check_data(data)
         return data, notices
@@ -696,10 +805,10 @@ class Potentiometer(Family):
         """
         if "hysteresis_dead_band" in request.fixed:
             return float(request.fixed["hysteresis_dead_band"])
-        scaled = _scale(data, np.ones(data.reading.size))
-        shape = Shape(min(4, _highest_degree(scaled.rows, 1)))
-        pooled = fit_shape(compress(scaled.rows, _COARSE), shape, shape.starts()[:1])
-        steps = np.diff(np.unique(scaled.rows.t)) * scaled.span
+        scaled = _scale(data)
+        shape = Shape(min(4, _highest_degree(scaled.merged, 1)))
+        pooled = fit_shape(compress(scaled.merged, _COARSE), shape, shape.starts()[:1])
+        steps = np.diff(np.unique(scaled.merged.t)) * scaled.span
         finest = max(2.0 * float(steps.min()), 2e-3 * scaled.span)
         part = max(data.parts, key=lambda p: p.stop - p.start)
         part = slice(part.start, min(part.stop, part.start + 30_000))
@@ -780,6 +889,40 @@ class Potentiometer(Family):
 
 def _rising(data: _Data, dead_band: float) -> FloatArray:
     return np.concatenate([rising_share(data.reading[p], dead_band) for p in data.parts])
+
+
+def _simulate_all(data: _Data, values: Mapping[str, Value], two: bool) -> FloatArray:
+    """Position of every reading, log by log where the direction counts."""
+    block = PotentiometerBlock(values)
+    if two:
+        return np.concatenate([np.asarray(block(x)) for x in data.split(data.reading)])
+    if data.reading.size > _MANY and np.all(np.isfinite(data.reading)):
+        places, key = group(data.reading, data.step)
+        return np.asarray(np.asarray(block(places))[key])
+    return np.asarray(block(data.reading))
+
+
+def _weigh_suspects(scaled: _Scaled, data: _Data, shape: Shape, request: Request) -> _Scaled:
+    """Bound the pull of lone extremes that look clipped.
+
+    They stay in, but a clipped reading far off the course of all others must not buy a
+    degree or bend the end of the curve: its weight is ``1 / (1 + (r / 3 s)^2)`` with its
+    distance ``r`` from the curve of the others and their scatter ``s``.
+    """
+    if not data.suspects or shape.branches > 1 or scaled.key is not None:
+        return scaled
+    rows = scaled.rows
+    suspect = np.isin(data.reading[data.used], data.suspects)
+    others = rows.take(~suspect)
+    if _samples(others) < shape.unknowns + 4 or np.unique(others.t).size < 6:
+        return scaled
+    fit, _ = _search_degree(others, replace(shape, ends=None), request)
+    rest = rows.y - fit.evaluate(rows.t, rows.rising)
+    free = max(others.t.size - fit.shape.unknowns, 1)
+    scatter = np.sqrt(float(rest[~suspect] @ rest[~suspect]) / free)
+    share = rest / max(3.0 * scatter, 1e-300)
+    weighted = replace(rows, count=np.where(suspect, 1.0 / (1.0 + share**2), 1.0))
+    return replace(scaled, rows=weighted, merged=weighted)
 
 
 def _check_both_directions(rows: Rows) -> None:

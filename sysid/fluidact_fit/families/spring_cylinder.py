@@ -34,7 +34,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -399,28 +399,296 @@ def _regress(
 
 
 def _worst(found: _Solved, specs: Mapping[str, ParameterSpec]) -> tuple[str, str] | None:
-    """A parameter that came out impossible, or with an interval that says nothing."""
+    """A parameter whose interval says nothing, or that lies where it cannot."""
     quantile = t_quantile(0.975, found.uncertainty.degrees)
     for name in found.names:
         value, half = found.values[name], quantile * float(np.sqrt(found.variance(name)))
-        minimum = 0.0 if name == "coulomb" else specs[name].minimum
         if not np.isfinite(half):
             return name, "the force does not depend on it anywhere in the logs."
-        if value < minimum and value + half < minimum and name != "viscous":
-            text = f"it would be {value:.3g}, which is below {minimum:g}: check the signs."
-            raise LogError(
-                f"{name} comes out negative: {text}",
-                where=", ".join(),
-                remedy="Give --scale ROLE=-1 for a column of the wrong sign.",
-            ) if name in _GAINS.values() else _Impossible(name, text)
-        if name in ("preload", "coulomb"):
+        if name == "preload":  # zero is a value like any other
             continue
-        if half > _SENSIBLE * abs(value) and half > 0.0 and name != "viscous":
-            return name, f"its 95 % interval would be {value:.3g} ± {half:.2g}."
-        if name == "viscous" and (value < 0.0 or half > _SENSIBLE * abs(value)):
+        if value + half < 0.0 and name in (*_GAINS.values(), "stiffness"):
+            column = "position" if name == "stiffness" else "force"
+            raise LogError(
+                f"{name} would be {value:.3g} {specs[name].unit}, and it cannot be negative.",
+                expected="Expected a rod that pushes harder with more pressure and with a "
+                "shorter spring.",
+                remedy=f"Check the sign of the {column}: --scale {column}=-1 turns it.",
+            )
+        if value <= 0.0 or half > _SENSIBLE * abs(value):
             return name, f"its 95 % interval would be {value:.3g} ± {half:.2g}."
     return None
 
 
-class _Impossible(LogError):
-    """Placeholder."""
+# ----------------------------------------------------------------------------- the result
+
+
+def _values(found: _Solved, specs: Mapping[str, ParameterSpec]) -> dict[str, float]:
+    """All parameters of the file by name."""
+    both = found.values.get("coulomb")
+    return {
+        n: float(both) if both is not None and n in _LEVELS else float(found.values[n])
+        for n in specs
+    }
+
+
+def _covariance(
+    found: _Solved, specs: Mapping[str, ParameterSpec], held: Sequence[str]
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Names and covariance of what was estimated; equal levels share one unknown."""
+    order = tuple(n for n in specs if n not in held)
+    source = ["coulomb" if n in _LEVELS and "coulomb" in found.names else n for n in order]
+    rows = [found.names.index(n) for n in source]
+    return order, found.uncertainty.covariance[np.ix_(rows, rows)]
+
+
+def _quantities(
+    found: _Solved, specs: Mapping[str, ParameterSpec], fixed: Mapping[str, float],
+    refused: Mapping[str, str], unit: Mapping[str, str],
+) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray]:  # fmt: skip
+    order, matrix = _covariance(found, specs, [*fixed, *refused])
+    quantile = t_quantile(0.975, found.uncertainty.degrees)
+    out = {}
+    for name, value in _values(found, specs).items():
+        if name not in order:
+            status: Status = "fixed" if name in fixed else "not_identified"
+            out[name] = Quantity(value, unit[name], status)
+            continue
+        k = order.index(name)
+        error = float(np.sqrt(max(matrix[k, k], 0.0)))
+        low, high = value - quantile * error, value + quantile * error
+        ci = [max(low, specs[name].minimum), high]
+        out[name] = Quantity(value, unit[name], "estimated", error, ci, "wald")
+    return out, order, matrix
+
+
+def _derived(
+    found: _Solved, values: Mapping[str, float], refused: Mapping[str, str]
+) -> dict[str, Quantity]:
+    """Width of the hysteresis: known whatever is assumed of the preload."""
+    if any(n in refused for n in _LEVELS):
+        return {}
+    weights = {"coulomb": 2.0, **dict.fromkeys(_LEVELS, 1.0)}
+    w = np.array([weights.get(n, 0.0) for n in found.names])
+    error = float(np.sqrt(max(float(w @ found.uncertainty.covariance @ w), 0.0)))
+    return {"hysteresis_width": Quantity(sum(values[n] for n in _LEVELS), "N", "derived", error)}
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def _details(found: _Solved, gate: _Gate, logs: Sequence[_Log], settle: float) -> dict[str, Any]:
+    """What was done, for the file; the branches scored apart."""
+    residual = np.concatenate(found.residuals)
+    state = np.concatenate([d.direction[d.kept] for d in logs])
+    order = found.uncertainty.order
+    branches = {
+        name: {"samples": int((state == s).sum()), "rmse": _rms(residual[state == s])}
+        for name, s in (("loading", 1.0), ("unloading", -1.0))
+        if (state == s).any()
+    }
+    return {
+        "method": "linear regression, Huber weights",
+        "levels": "equal about the preload" if gate.equal else "free",
+        "robust_scale": found.scale,
+        "spikes": found.spikes,
+        "left_out": {
+            "unknown_motion_state_or_reversal": int(sum((~d.kept).sum() for d in logs)),
+            "share_of_range_after_reversal": settle,
+        },
+        "branches": branches,
+        "covariance": f"autoregressive residuals of order {order}" if order else "white",
+    }
+
+
+def _spike_notice(found: _Solved, samples: int) -> list[Notice]:
+    if not found.spikes:
+        return []
+    return [
+        Notice(
+            "force-spikes",
+            f"{found.spikes} of {samples} samples lie more than {_SPIKE:g} robust standard "
+            f"deviations ({_SPIKE * found.scale:.3g} N) off the fit and were given no weight: "
+            "spikes of the load cell, or a spring or friction that is not that of the equation. "
+            "Look at the plot; `force-map` takes any shape.",
+        )
+    ]
+
+
+# ----------------------------------------------------------------------------- the family
+
+
+def _make_variant(drive: Role, gain: ParameterSpec) -> Variant:
+    return Variant(
+        drive.name,
+        (
+            Role("time", "s", "time of each sample", required=False),
+            drive,
+            Role("position", "m", "position of the piston, growing as the spring is compressed",
+                 hold="zoh"),
+            Role("force", "N", "force of the rod, positive as it pushes out", output=True),
+            Role("velocity", "m/s", "velocity; computed from position and time where not given",
+                 required=False, hold="zoh"),
+            Role("direction", "1", "motion state: 1 loading, -1 (or 2) unloading; held sign of "
+                 "the change of command or pressure where not given", required=False, hold="zoh"),
+        ),
+        (
+            gain,
+            ParameterSpec("stiffness", "N/m", "stiffness of the return spring", neutral=0.0,
+                          minimum=0.0, remedy="Record the force at two positions or more, as far "
+                          "apart as the stroke allows."),
+            ParameterSpec("preload", "N", "force of the spring at position zero",
+                          remedy="Record at two positions or more, in both directions."),
+            *(
+                ParameterSpec(f"coulomb_{way}", "N", f"friction while {way} (magnitude)",
+                              neutral=0.0, minimum=0.0,
+                              remedy="Record cycles of the command, up and down over its range.")
+                for way in ("loading", "unloading")
+            ),
+            ParameterSpec("viscous", "N s/m", "viscous friction", neutral=0.0, minimum=0.0,
+                          remedy="Record strokes at two speeds or more, the faster the better, "
+                          "with time or velocity."),
+        ),
+    )  # fmt: skip
+
+
+class SpringCylinder(Family):
+    """Single-acting cylinder: pressure gain or area, spring, friction by motion state."""
+
+    name = "spring-cylinder"
+    title = "Single-acting cylinder: pressure gain, return spring and hysteresis"
+    equation = (
+        "force = pressure_gain * command (or area * pressure) - stiffness * position - preload "
+        "- coulomb_loading [loading] + coulomb_unloading [unloading] - viscous * velocity"
+    )
+    variants = (
+        _make_variant(
+            Role("command", "V", "command of the pressure valve", hold="zoh",
+                 alternatives=("A", "1")),
+            ParameterSpec("pressure_gain", "N/V", "force per command: valve gain times area",
+                          minimum=1e-300, any_unit=True,
+                          remedy="Record the force while the command is raised and lowered."),
+        ),
+        _make_variant(
+            Role("pressure", "Pa", "pressure in the chamber, above atmosphere", hold="zoh"),
+            ParameterSpec("area", "m2", "piston area", minimum=1e-300,
+                          remedy="Record the force while the pressure is raised and lowered."),
+        ),
+    )  # fmt: skip
+    options = (
+        Option("levels", "choice", "friction levels: equal, free (needs --fix preload=...), or "
+               "auto: free where a constant is fixed", default="auto",
+               choices=("auto", "equal", "free")),
+        Option("motion-state", "choice", "where loading and unloading are told from: a direction "
+               "column, the command or pressure, or the position; auto takes the column if there "
+               "is one", default="auto", choices=("auto", "direction", "command", "position")),
+        Option("dead-band", "float", "change that reverses the motion state, in SI (default: "
+               "from the noise)", minimum=0.0),
+        Option("settle", "float", "share of the range of command or pressure after a reversal "
+               "that is left out, while the seal still creeps", default=_SETTLED, minimum=0.0),
+    )  # fmt: skip
+
+    def estimate(
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request
+    ) -> Estimate:
+        """Solve the regression; see :meth:`Family.estimate`."""
+        check_request(variant.parameters, request)
+        if request.bounds or request.start:
+            raise UsageError(
+                "a linear regression takes no --start and no --bounds",
+                remedy="Give --fix NAME=VALUE for what is known.",
+            )
+        specs = {s.name: s for s in variant.parameters}
+        logs = [_prepare_log(e, variant, request.options) for e in experiments]
+        samples = sum(int(d.kept.sum()) for d in logs)
+        if samples < 2 * len(specs):
+            raise NotIdentifiedError(
+                f"{samples} samples with a known motion state cannot determine the cylinder.",
+                expected=f"At least {2 * len(specs)}.",
+                remedy="Record cycles of the command, or check --dead-band and --settle.",
+            )
+        found, gate, notices = _regress(variant, logs, request)
+        unit = {n: s.unit for n, s in specs.items()}
+        drive = experiments[0].signals[variant.name].unit
+        if variant.name == "command" and drive != "V":
+            unit["pressure_gain"] = "N" if drive == "1" else f"N/{drive}"
+        parameters, order, matrix = _quantities(found, specs, request.fixed, gate.refused, unit)
+        notices += _spike_notice(found, samples)
+        values = _values(found, specs)
+        numbers = _arguments(values)
+        simulated = [_predict(d, numbers) for d in logs]
+        measured = [_measured(d, r, found) for d, r in zip(logs, found.residuals)]
+        settle = float(request.options.get("settle") or 0.0)
+        return Estimate(
+            parameters, _derived(found, values, gate.refused), order, matrix, simulated, measured,
+            notices, _details(found, gate, logs, settle),
+        )  # fmt: skip
+
+    def simulate(
+        self,
+        variant: Variant,
+        parameters: Mapping[str, Value],
+        experiment: Experiment,
+        options: Mapping[str, Any],
+    ) -> FloatArray:
+        """Force from command or pressure and motion; see :meth:`Family.simulate`."""
+        return _predict(_prepare_log(experiment, variant, options), _arguments(parameters))
+
+    def model_section(
+        self, variant: Variant, parameters: Mapping[str, Value], sample_time: float, hold: Hold
+    ) -> dict[str, Any]:
+        """The force, and its inverse for feed-forward control."""
+        gain = _GAINS[variant.name]
+        friction = "coulomb_loading*(s>0) - coulomb_unloading*(s<0) + viscous*v"
+        return {
+            "cylinder": {
+                "force": f"{gain}*{variant.name} - stiffness*x - preload - ({friction})",
+                variant.name: f"(force + stiffness*x + preload + {friction})/{gain}",
+                **scalars(parameters),
+            }
+        }
+
+    def static_view(
+        self,
+        variant: Variant,
+        estimate: Estimate,
+        experiments: Sequence[Experiment],
+        options: Mapping[str, Any],
+    ) -> StaticView:
+        """Force over command or pressure, both branches at the outermost positions."""
+        logs = [_prepare_log(e, variant, options) for e in experiments]
+        drive, force, position = (
+            np.concatenate([getattr(d, k) for d in logs]) for k in ("drive", "force", "position")
+        )
+        used = np.isfinite(np.concatenate(list(estimate.measured)))
+        numbers = _arguments({n: q.value for n, q in estimate.parameters.items()})
+        ends = np.array([drive[used].min(), drive[used].max()])
+        places = (("low", float(position[used].min())), ("high", float(position[used].max())))
+        curves = [
+            Curve(f"{way}, {word} position", ends, cylinder_force(ends, x, s, 0.0, **numbers))
+            for word, x in places
+            for way, s in (("loading", 1.0), ("unloading", -1.0))
+        ]
+        return StaticView(
+            variant.name, experiments[0].signals[variant.name].unit, "force", "N",
+            drive, force, np.concatenate(list(estimate.simulated)), used, curves,
+        )  # fmt: skip
+
+    def block(self, variant: Variant, document: Mapping[str, Any]) -> SpringCylinderBlock:
+        """The force of the cylinder and its exact inverse."""
+        ranges = {n: (r["low"], r["high"]) for n, r in (document.get("validity") or {}).items()}
+        return SpringCylinderBlock(
+            {n: p["value"] for n, p in document["parameters"].items()}, ranges
+        )
+
+
+def _predict(d: _Log, numbers: Mapping[str, float]) -> FloatArray:
+    return cylinder_force(d.drive, d.position, d.direction, d.velocity, **numbers)
+
+
+def _measured(d: _Log, residual: FloatArray, found: _Solved) -> FloatArray:
+    """Force of the samples that were fitted, NaN at all others."""
+    out = np.full(d.force.size, np.nan)
+    out[d.kept] = np.where(np.abs(residual) > _SPIKE * found.scale, np.nan, d.force[d.kept])
+    return out

@@ -1,0 +1,76 @@
+"""``fluidact-fit design``: files, tables, errors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from conftest import run_here, valve_log
+
+
+@pytest.fixture(scope="module")
+def params(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A parameter file of a valve."""
+    folder = tmp_path_factory.mktemp("design")
+    log = valve_log(folder / "trial.csv")
+    done = run_here("valve", str(log), "-o", str(folder / "valve.yaml"))
+    assert done.status == 0, done.err
+    return folder / "valve.yaml"
+
+
+def test_writes_a_table_that_a_controller_can_play(params: Path, tmp_path: Path) -> None:
+    out = tmp_path / "next.csv"
+    done = run_here("design", "valve", "--from", str(params), "-o", str(out), "--duration", "2")
+    assert done.status == 0, done.err
+    assert out.read_text(encoding="utf-8").startswith("time [s],command [V]\n")
+    assert "damping_ratio" in done.out
+    assert "limits that bind: amplitude" in done.out
+    again = run_here("design", "valve", "--from", str(params), "-o", str(out))
+    assert again.status == 2
+    assert "--force" in again.err
+
+
+def test_json_holds_the_prediction(params: Path) -> None:
+    done = run_here("design", "valve", "--from", str(params), "--duration", "2", "--json")
+    found = json.loads(done.out)
+    assert found["family"] == "valve"
+    assert found["limits"]["duration"] == 2.0
+    assert {"name", "present", "predicted", "ratio"} <= set(found["parameters"][0])
+
+
+def test_limits_reach_the_design(params: Path, tmp_path: Path) -> None:
+    out = tmp_path / "next.csv"
+    done = run_here("design", "valve", "--from", str(params), "-o", str(out), "--duration", "1",
+                    "--amplitude", "1:2", "--criterion", "gain", "-v")  # fmt: skip
+    assert done.status == 0, done.err
+    levels = [float(line.split(",")[1]) for line in out.read_text().splitlines()[1:]]
+    assert 1.0 <= min(levels) < max(levels) <= 2.0
+    assert "best of each shape" in done.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["line"], 2, "holds a valve, not a line"),
+        (["valv"], 2, "Did you mean 'valve'"),
+        (["valve", "--criterion", "mass"], 2, "no such criterion"),
+        (["valve", "--amplitude", "3:1"], 2, "not below"),
+        (["valve", "--duration", "0.01"], 2, "samples"),
+    ],
+)
+def test_wrong_use_is_explained(
+    params: Path, arguments: list[str], status: int, words: str
+) -> None:
+    done = run_here("design", *arguments, "--from", str(params))
+    assert done.status == status
+    assert words in done.err
+    assert "Traceback" not in done.err
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.yaml"
+    broken.write_text("format: something else\n", encoding="utf-8")
+    done = run_here("design", "valve", "--from", str(broken))
+    assert done.status == 3
+    assert "broken.yaml" in done.err

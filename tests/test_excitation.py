@@ -1,0 +1,249 @@
+"""The next experiment: predictions against fits, limits, and what a design promises."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import fluidact_fit as ff
+from fluidact_fit.demo import load_dataset
+from fluidact_fit.errors import OutputError, UsageError
+from fluidact_fit.estimation.information import cramer_rao, optimal_measure
+from fluidact_fit.excitation import Design, design
+from fluidact_fit.families import get_family
+from fluidact_fit.parameters import ParameterDocument, make_document
+from fluidact_fit.waveforms import Waveform, limit_slope, smooth_corners
+
+ROOT = Path(__file__).parents[1]
+
+
+def fit_trial(family: str, trial: int = 0) -> ff.FitResult:
+    """Fit one log of a dataset."""
+    data = load_dataset(family)
+    log = ff.read_log(data.logs[trial], columns=dict(data.columns))
+    return ff.fit(family, log, **data.options)
+
+
+def document_of(result: ff.FitResult) -> ParameterDocument:
+    """The result's document as a reader would see it."""
+    return make_document(result.document)
+
+
+@pytest.fixture(scope="module")
+def valve() -> ff.FitResult:
+    """A fit of the valve."""
+    return fit_trial("valve")
+
+
+@pytest.fixture(scope="module")
+def valve_design(valve: ff.FitResult) -> Design:
+    """Its next experiment."""
+    return design(document_of(valve))
+
+
+@pytest.mark.parametrize("family", ["valve", "line", "hydrostatic"])
+def test_information_predicts_the_standard_errors_of_a_fit(family: str) -> None:
+    result = fit_trial(family)
+    values = {n: q.value for n, q in result.parameters.items()}
+    run = result.experiments[0]
+    found = get_family(family).information(result.variant, values, run, {})
+    assert found is not None
+    names = [n for n in found.names if result.parameters[n].status == "estimated"]
+    jacobian = found.jacobian[:, [found.names.index(n) for n in names]]
+    sigma = result.document["fit"]["rmse"]["value"]
+    errors = sigma * np.sqrt(np.diag(cramer_rao(jacobian.T @ jacobian)))
+    stated = [result.parameters[n].std_error for n in names]
+    np.testing.assert_allclose(errors, np.asarray(stated, dtype=float), rtol=0.02)
+
+
+def test_static_levels_are_bracketed_as_in_a_fit() -> None:
+    result = fit_trial("ball-screw", 1)
+    values = {n: q.value for n, q in result.parameters.items()}
+    found = get_family("ball-screw").information(
+        result.variant, values, result.experiments[0], {"viscous": "symmetric"}
+    )
+    assert found is not None
+    for name, width in found.floor.items():
+        assert width == pytest.approx(result.parameters[name].std_error, rel=0.1)
+
+
+def test_families_that_cannot_say_are_refused(valve: ff.FitResult) -> None:
+    family = get_family("potentiometer")
+    run = valve.experiments[0]
+    assert family.information(family.variants[0], {}, run, {}) is None
+
+
+def test_design_halves_the_worst_error(valve_design: Design) -> None:
+    worst = max(valve_design.forecasts, key=lambda f: (f.present or 0.0) / abs(f.value))
+    assert worst.ratio is not None
+    assert worst.ratio < 0.5
+    assert worst.predicted_ci95 is not None
+    assert worst.predicted_ci95[0] < worst.value < worst.predicted_ci95[1]
+
+
+def test_design_keeps_to_the_files_limits(valve: ff.FitResult, valve_design: Design) -> None:
+    covered = valve.document["validity"]["command"]
+    command = valve_design.signals["command"]
+    assert covered["low"] - 1e-9 <= command.min() < command.max() <= covered["high"] + 1e-9
+    assert command.size == valve_design.time.size == 1000
+    assert np.allclose(np.diff(valve_design.time), 0.01)
+    assert "amplitude" in valve_design.binding
+
+
+def test_the_designed_experiment_delivers_what_was_predicted(
+    valve: ff.FitResult, valve_design: Design, tmp_path: Path
+) -> None:
+    study = load_study()
+    data = next(d for d in study.load_generator().DATASETS if d.family == "valve")
+    rng = np.random.default_rng(5)
+    columns = study.play_valve(study.load_generator(), valve_design, rng)
+    again = study.fit_columns(data, columns, tmp_path)
+    for name in ("natural_frequency", "damping_ratio"):
+        measured = again.parameters[name].std_error
+        assert measured == pytest.approx(valve_design.predicted[name], rel=0.2)
+        truth = study.load_generator().scalar(data.truth, name)
+        assert abs(again.parameters[name].value - truth) < 4.0 * measured
+
+
+def load_study() -> Any:
+    """``studies/design.py`` as a module."""
+    name = "fluidact_studies_design"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, ROOT / "studies" / "design.py")
+        assert spec is not None
+        assert spec.loader is not None
+        sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[name])
+    return sys.modules[name]
+
+
+def test_same_seed_same_design(valve: ff.FitResult) -> None:
+    first, again = (design(document_of(valve), duration=2.0, seed=3) for _ in range(2))
+    assert first.to_csv() == again.to_csv()
+    assert first.to_dict() == again.to_dict()
+
+
+def test_rate_and_stroke_are_kept() -> None:
+    data = fit_trial("hydrostatic")
+    found = design(document_of(data), rate=60.0, stroke=(0.0, 0.004), duration=4.0)
+    slope = np.abs(np.diff(found.signals["force"])) / 0.01
+    assert slope.max() <= 60.0 * (1.0 + 1e-9)
+    values = {n: q.value for n, q in data.parameters.items()}
+    run = data.experiments[0]
+    signal = replace(
+        run.signals["force"], time=found.time, values=found.signals["force"], hold="foh"
+    )
+    played = replace(run, time=found.time, signals={"force": signal})
+    position = get_family("hydrostatic").simulate(data.variant, values, played, {})
+    assert np.ptp(position) <= 0.004
+    assert any("Start at position" in note for note in found.notes)
+
+
+def test_a_static_level_that_was_not_identified_becomes_so() -> None:
+    result = fit_trial("ball-screw", 1)
+    raw = document_of(result).to_dict()
+    entry = raw["parameters"]["breakaway_positive"]
+    entry.update(value=raw["parameters"]["coulomb_positive"]["value"], status="not_identified")
+    for key in ("std_error", "ci95", "method"):
+        entry.pop(key)
+    del raw["covariance"]
+    found = design(make_document(raw), duration=6.0)
+    forecast = next(f for f in found.forecasts if f.name == "breakaway_positive")
+    assert forecast.supposed
+    assert forecast.present is None
+    assert forecast.predicted is not None
+    assert forecast.predicted < 0.02 * forecast.value
+    assert forecast.value == pytest.approx(1.3 * 2.0e-3, rel=1e-3)
+    assert any("breakaway_positive was not identified" in note for note in found.notes)
+
+
+def test_cylinder_friction_gets_strokes_at_constant_speeds() -> None:
+    found = design(document_of(fit_trial("cylinder-friction")), stroke=(0.0, 0.055))
+    velocity, position = found.signals["velocity"], found.signals["position"]
+    assert velocity.min() < -0.05
+    assert velocity.max() > 0.05
+    assert 0.0 <= position.min() < position.max() <= 0.055
+    worst = max(f.predicted / f.value for f in found.forecasts if f.predicted)
+    present = max(f.present / f.value for f in found.forecasts if f.present)
+    assert worst < 0.75 * present
+
+
+def test_potentiometer_gets_positions_to_hold() -> None:
+    found = design(document_of(fit_trial("potentiometer")), criterion="determinant")
+    assert not found.time.size
+    assert found.signals["samples"].sum() == pytest.approx(1000, abs=20)
+    assert np.all(np.diff(found.signals["reference"]) > 0.0)
+    ratios = [f.ratio for f in found.forecasts if f.ratio is not None]
+    assert np.mean(ratios) < 1.0
+
+
+def test_save_refuses_to_overwrite(valve_design: Design, tmp_path: Path) -> None:
+    path = valve_design.save(tmp_path / "next.csv")
+    assert path.read_text(encoding="utf-8").startswith("time [s],command [V]\n0,")
+    with pytest.raises(OutputError):
+        valve_design.save(path)
+    valve_design.save(path, overwrite=True)
+    log = ff.read_log(path, columns={"time": "time [s]", "outlet": "command [V]"})
+    assert log is not None
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"criterion": "mass"}, "no such criterion"),
+        ({"amplitude": (2.0, 1.0)}, "the lower end is not below"),
+        ({"duration": 0.05}, "samples"),
+    ],
+)
+def test_impossible_wishes_are_refused(
+    valve: ff.FitResult, limits: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(UsageError, match=message):
+        design(document_of(valve), **limits)
+
+
+def test_optimal_measure_of_a_line_is_its_two_ends() -> None:
+    # D-optimal for a straight line on [-1, 1]: half of the samples at each end (textbook).
+    x = np.linspace(-1.0, 1.0, 41)
+    share = optimal_measure(np.column_stack((np.ones(41), x)), np.ones(2), "determinant")
+    np.testing.assert_allclose(share[[0, -1]], 0.5, atol=1e-3)
+
+
+def test_cramer_rao_is_infinite_where_nothing_is_known() -> None:
+    bound = cramer_rao(np.array([[4.0, 0.0], [0.0, 0.0]]))
+    assert bound[0, 0] == pytest.approx(0.25)
+    assert np.isinf(bound[1, 1])
+
+
+@pytest.mark.parametrize(
+    "waveform",
+    [
+        Waveform("steps", {"hold": 0.1, "levels": 3.0}),
+        Waveform("square", {"hold": 0.1, "last": 0.4, "duty": 1.5}),
+        Waveform("two sizes", {"hold": 0.2, "small": 0.1, "part": 0.4}),
+        Waveform("rest and go", {"hold": 0.2, "pause": 0.1}),
+        Waveform("chirp", {"first": 0.1, "last": 10.0, "log": 1.0}),
+        Waveform("multisine", {"first": 0.1, "last": 10.0}),
+        Waveform("triangle", {"period": 1.0}),
+    ],
+)
+def test_waveforms_stay_within_one(waveform: Waveform) -> None:
+    values = waveform.sample(500, 0.01)
+    assert values.shape == (500,)
+    assert np.abs(values).max() <= 1.0 + 1e-12
+    assert values.max() > 0.3
+    assert values.min() < -0.3
+    assert waveform.describe().startswith(waveform.shape)
+
+
+def test_corners_and_slopes() -> None:
+    jump = np.repeat([0.0, 1.0], 50)
+    assert np.abs(np.diff(smooth_corners(jump, 8))).max() < 0.3
+    assert smooth_corners(jump, 8)[-1] == pytest.approx(1.0)
+    assert np.abs(np.diff(limit_slope(jump, 0.1))).max() <= 0.1 + 1e-12
