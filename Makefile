@@ -6,12 +6,13 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 INSTALLED_DEV := $(VENV)/installed-dev
 
-.PHONY: help demo test lint clean
+.PHONY: help demo test lint bench clean
 
 help:
 	@echo "make demo   fit the six datasets into demo-output/"
 	@echo "make test   style, types, tests and notebooks"
 	@echo "make lint   style and types only"
+	@echo "make bench  this project against other tools, written to docs/benchmark.md"
 	@echo "make clean  remove everything that make has made"
 	@echo "Another Python: make PYTHON=/path/to/python3.12 test"
 
@@ -27,6 +28,13 @@ lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# Other tools come from PyPI into environments of their own; MATLAB and Octave do not.
+bench: $(INSTALLED)
+	$(BIN)/python bench/environments.py
+	$(BIN)/python bench/run.py $(BENCH)
+	$(BIN)/python bench/speed.py
+	$(BIN)/python bench/report.py
 
 clean:
 	rm -rf $(VENV) demo-output build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

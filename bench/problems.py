@@ -87,8 +87,8 @@ PROBLEMS: dict[str, Problem] = {
         ),
         Problem(
             "P4",
-            {"J": 11.71e-7, "b": 2.0e-5, "fkp": 2.0e-3, "fkn": 1.6e-3, "fsp": 2.9e-3, "fsn": 1.9e-3},
-            {"J": 5.0e-6, "b": 1.0e-5, "fkp": 1.0e-3, "fkn": 1.0e-3, "fsp": 1.5e-3, "fsn": 1.5e-3},
+            {"J": 1.171e-6, "b": 2e-5, "fkp": 2e-3, "fkn": 1.6e-3, "fsp": 2.9e-3, "fsn": 1.9e-3},
+            {"J": 5e-6, "b": 1e-5, "fkp": 1e-3, "fkn": 1e-3, "fsp": 1.5e-3, "fsn": 1.5e-3},
             0.0,
         ),
     )
@@ -160,16 +160,16 @@ def dead_zone(u: Array, low: float, high: float) -> Array:
     return np.maximum(u - high, 0.0) + np.minimum(u - low, 0.0)
 
 
-def hand_moved_mass(theta: Theta, drive: Array, step: float) -> Array:
+def hand_moved_mass(theta: Theta, drive: Array, step: float, fine: int = FINE) -> Array:
     """P1: position on the log's grid; the force runs straight between fine instants."""
-    h = step / FINE
+    h = step / fine
     w = dead_zone(drive, theta["dz_neg"], theta["dz_pos"]) / theta["c"]
     lag = theta["m"] / theta["c"]
     a = math.exp(-h / lag)
     speed = lfilter([1.0 - lag / h * (1.0 - a), lag / h * (1.0 - a) - a], [1.0, -a], w)
     travel = np.concatenate(([0.0], np.cumsum(0.5 * h * (w[1:] + w[:-1]))))
     # momentum: m v + c x = integral of the force
-    return np.asarray((travel - lag * (speed - speed[0]))[::FINE])
+    return np.asarray((travel - lag * (speed - speed[0]))[::fine])
 
 
 def valve(theta: Theta, drive: Array, step: float) -> Array:

@@ -1,3 +1,4 @@
+# ruff: noqa: T201 (it prints its results)
 """Long checks of the hydraulic cylinder that are no unit tests.
 
     python studies/hydraulic_cylinder.py [coverage|networks|pressures]

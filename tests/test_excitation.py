@@ -124,14 +124,14 @@ def load_study() -> Any:
 
 
 def test_same_seed_same_design(valve: ff.FitResult) -> None:
-    first, again = (design(document_of(valve), duration=2.0, seed=3) for _ in range(2))
+    first, again = (design(document_of(valve), duration=1.0, seed=3) for _ in range(2))
     assert first.to_csv() == again.to_csv()
     assert first.to_dict() == again.to_dict()
 
 
 def test_rate_and_stroke_are_kept() -> None:
     data = fit_trial("hydrostatic")
-    found = design(document_of(data), rate=60.0, stroke=(0.0, 0.004), duration=4.0)
+    found = design(document_of(data), rate=60.0, stroke=(0.0, 0.004), duration=2.0)
     slope = np.abs(np.diff(found.signals["force"])) / 0.01
     assert slope.max() <= 60.0 * (1.0 + 1e-9)
     values = {n: q.value for n, q in data.parameters.items()}
@@ -153,7 +153,7 @@ def test_a_static_level_that_was_not_identified_becomes_so() -> None:
     for key in ("std_error", "ci95", "method"):
         entry.pop(key)
     del raw["covariance"]
-    found = design(make_document(raw), duration=6.0)
+    found = design(make_document(raw), duration=3.0)
     forecast = next(f for f in found.forecasts if f.name == "breakaway_positive")
     assert forecast.supposed
     assert forecast.present is None

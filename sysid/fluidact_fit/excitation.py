@@ -324,6 +324,11 @@ def _make_task(
     hold = next((h for h in held if h), drive.hold)
     options = {**{o.name: o.default for o in family.options}, **(document.options or {})}
     notes = tuple(f"{n} was not identified; the design supposes {values[n]:.4g}." for n in supposed)
+    if hold == "zoh" and any(n.startswith("breakaway") for n in names):
+        notes += (
+            f"A static level is known to no better than the controller's own step of {drive.name} "
+            "/ 3.5, which the prediction does not know.",
+        )
     return _Task(
         document, family, variant, options, drive, hold, unit, values, unknowns, limits,
         criterion, seed, notes, progress,
@@ -556,10 +561,14 @@ class _Search:
                 errors = self.errors(self._inform(command))
                 return _Trial(waveform, command, output, errors, self.score(errors))
             stroke = self.task.limits.stroke
-            if absolute or stroke is None:
+            if stroke is None:
                 break
-            share = (stroke[1] - stroke[0]) / float(np.ptp(output))
-            waveform = replace(waveform, size=waveform.size * min(max(share, 0.4), 0.85))
+            share = min(max((stroke[1] - stroke[0]) / float(np.ptp(output)), 0.4), 0.85)
+            if absolute and waveform.then is not None:
+                then = replace(waveform.then, size=share * waveform.then.size)
+                waveform = replace(waveform, then=then)
+            else:
+                waveform = replace(waveform, size=share * waveform.size)
         nothing = np.full(len(self.task.unknowns), np.inf)
         return _Trial(waveform, command, output, nothing, np.inf)
 
@@ -655,12 +664,16 @@ def _approaches(task: _Task) -> list[Waveform]:
         levels[f"high_{side}"] = min(high / abs(limit), 1.0)
     span = task.limits.duration
     free = ("half", "pause", "push")
-    return [
-        Waveform("approach", {"half": span / n, "pause": p, "push": g, **levels}, free)
-        for n in (2.0, 4.0, 6.0, 10.0)
-        for p in (0.1, 0.25, 0.4)
-        for g in (0.03, 0.1, 0.2)
-    ]
+    out = []
+    # A fit of slow passages alone has several optima; lively motion has one.
+    for last in (10.0, 40.0):
+        band = {"first": 2.0 / span, "last": last / span, "log": 0.0}
+        lively = Waveform("chirp", band, ("first", "last"))
+        for n in (2.0, 4.0, 6.0):
+            for pause in (0.15, 0.3):
+                numbers = {"half": 0.5 * span / n, "pause": pause, "push": 0.03, **levels}
+                out.append(Waveform("approach", numbers, free, then=lively))
+    return out
 
 
 def _ramp_range(task: _Task, unknown: _Unknown, side: str) -> tuple[float, float]:
@@ -926,8 +939,8 @@ def _support(grid: FloatArray, share: FloatArray, spread: float) -> tuple[FloatA
     even = np.linspace(grid[0], grid[-1], 21)
     all_points = np.concatenate((points, even))
     all_weights = np.concatenate((weights, np.full(even.size, spread / even.size)))
-    order = np.argsort(all_points)
-    return all_points[order], all_weights[order]
+    merged, where = np.unique(np.round(all_points, 9), return_inverse=True)
+    return np.asarray(merged, dtype=float), np.bincount(where.ravel(), all_weights).astype(float)
 
 
 def _positions(task: _Task, points: FloatArray, weights: FloatArray, errors: FloatArray) -> Design:

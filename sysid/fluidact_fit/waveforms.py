@@ -190,10 +190,13 @@ class Waveform:
                 out.append(replace(self, numbers={**self.numbers, name: self.numbers[name] * f}))
         if self.shape in ("steps", "multisine"):
             out.append(replace(self, seed=self.seed + 1))
-        out += [replace(self, size=min(self.size * f, 1.0)) for f in (factor, 1.0 / factor)]
+        absolute = self.shape == "approach"  # its levels are those of the machine
+        if not absolute:
+            out += [replace(self, size=min(self.size * f, 1.0)) for f in (factor, 1.0 / factor)]
         if self.then is not None:
             out += [replace(self, then=w) for w in self.then.neighbours(factor)]
-            out += [replace(self, turn=min(max(self.turn * f, 0.05), 0.95))
+            low, high = (0.3, 0.7) if absolute else (0.05, 0.95)
+            out += [replace(self, turn=min(max(self.turn * f, low), high))
                     for f in (factor, 1.0 / factor)]  # fmt: skip
         return [w for w in out if w != self]
 

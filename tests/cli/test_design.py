@@ -3,45 +3,47 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
-from conftest import run_here, valve_log
+
+Run = Callable[..., Any]
+Log = Callable[..., Path]
 
 
-@pytest.fixture(scope="module")
-def params(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def params(here: Run, valve: Log, inside: Path) -> Path:
     """A parameter file of a valve."""
-    folder = tmp_path_factory.mktemp("design")
-    log = valve_log(folder / "trial.csv")
-    done = run_here("valve", str(log), "-o", str(folder / "valve.yaml"))
+    done = here("valve", valve("trial.csv"))
     assert done.status == 0, done.err
-    return folder / "valve.yaml"
+    return inside / "valve.yaml"
 
 
-def test_writes_a_table_that_a_controller_can_play(params: Path, tmp_path: Path) -> None:
+def test_writes_a_table_that_a_controller_can_play(here: Run, params: Path, tmp_path: Path) -> None:
     out = tmp_path / "next.csv"
-    done = run_here("design", "valve", "--from", str(params), "-o", str(out), "--duration", "2")
+    done = here("design", "valve", "--from", str(params), "-o", str(out), "--duration", "2")
     assert done.status == 0, done.err
     assert out.read_text(encoding="utf-8").startswith("time [s],command [V]\n")
     assert "damping_ratio" in done.out
     assert "limits that bind: amplitude" in done.out
-    again = run_here("design", "valve", "--from", str(params), "-o", str(out))
+    again = here("design", "valve", "--from", str(params), "-o", str(out))
     assert again.status == 2
     assert "--force" in again.err
 
 
-def test_json_holds_the_prediction(params: Path) -> None:
-    done = run_here("design", "valve", "--from", str(params), "--duration", "2", "--json")
+def test_json_holds_the_prediction(here: Run, params: Path) -> None:
+    done = here("design", "valve", "--from", str(params), "--duration", "2", "--json")
     found = json.loads(done.out)
     assert found["family"] == "valve"
     assert found["limits"]["duration"] == 2.0
     assert {"name", "present", "predicted", "ratio"} <= set(found["parameters"][0])
 
 
-def test_limits_reach_the_design(params: Path, tmp_path: Path) -> None:
+def test_limits_reach_the_design(here: Run, params: Path, tmp_path: Path) -> None:
     out = tmp_path / "next.csv"
-    done = run_here("design", "valve", "--from", str(params), "-o", str(out), "--duration", "1",
+    done = here("design", "valve", "--from", str(params), "-o", str(out), "--duration", "1",
                     "--amplitude", "1:2", "--criterion", "gain", "-v")  # fmt: skip
     assert done.status == 0, done.err
     levels = [float(line.split(",")[1]) for line in out.read_text().splitlines()[1:]]
@@ -60,17 +62,17 @@ def test_limits_reach_the_design(params: Path, tmp_path: Path) -> None:
     ],
 )
 def test_wrong_use_is_explained(
-    params: Path, arguments: list[str], status: int, words: str
+    here: Run, params: Path, arguments: list[str], status: int, words: str
 ) -> None:
-    done = run_here("design", *arguments, "--from", str(params))
+    done = here("design", *arguments, "--from", str(params))
     assert done.status == status
     assert words in done.err
     assert "Traceback" not in done.err
 
 
-def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read_is_named(here: Run, tmp_path: Path) -> None:
     broken = tmp_path / "broken.yaml"
     broken.write_text("format: something else\n", encoding="utf-8")
-    done = run_here("design", "valve", "--from", str(broken))
+    done = here("design", "valve", "--from", str(broken))
     assert done.status == 3
     assert "broken.yaml" in done.err

@@ -22,6 +22,7 @@ from fluidact_fit.family import Estimate, Request
 FAMILY = CylinderFriction()
 VARIANTS = {v.name: v for v in FAMILY.variants}
 UNITS = {"force": "N", "velocity": "m/s", "position": "m", "pressure": "Pa", "pressure_2": "Pa"}
+HAND = {"viscous": 45.0, "coulomb_positive": 2.4, "coulomb_negative": 2.4}  # datasets' truth
 TRUTH = {"coulomb_positive": 8.0, "coulomb_negative": 6.0, "viscous": 40.0}
 STEP = 0.01
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -144,6 +145,47 @@ def test_interval_holds_the_truth_95_times_in_100(colour: float) -> None:
     assert min(hits.values()) >= 0.92 * runs, hits
 
 
+def by_hand(seed: int, colour: float = 0.0, pace: float = 2.2) -> Experiment:
+    """Three sines in closed form, as in datasets/cylinder-friction, trial 3; position only."""
+    rng = np.random.default_rng([20131, seed])
+    time = STEP * np.arange(1000)
+    omega = 2.0 * np.pi * pace * np.array([1.0, 0.37, 1.61]) * rng.uniform(0.95, 1.05, 3)
+    angle = np.outer(time, omega) + rng.uniform(0.0, 2.0 * np.pi, 3)
+    size = 0.018 * np.array([1.0, 0.5, 0.25])
+    v = np.cos(angle) @ (size * omega)
+    white = rng.normal(size=time.size)
+    noise = white.copy()
+    for k in range(1, time.size):
+        noise[k] = colour * noise[k - 1] + np.sqrt(1.0 - colour**2) * white[k]
+    force = friction_force(v, **HAND) - 0.14 * np.sin(angle) @ (size * omega**2) + 0.1 * noise
+    x = np.sin(angle) @ size + 1e-5 * rng.normal(size=time.size)
+    return make_experiment(time, force=force, position=x)
+
+
+@pytest.mark.parametrize(("colour", "filtered"), [(0.0, None), (0.9, None), (0.0, 0.04)])
+def test_fast_strokes_from_position_are_not_flattened(colour: float, filtered: float) -> None:
+    runs = 150
+    off: dict[str, list[float]] = {n: [] for n in HAND}
+    for seed in range(runs):
+        e = fit([by_hand(seed, colour)], mass=0.14, filter=filtered)
+        for name, true in HAND.items():
+            off[name].append((number(e, name) - true) / e.parameters[name].std_error)  # type: ignore[operator]
+    for name, z in off.items():
+        # the quadratic filter alone put viscous friction 10 standard errors too high
+        assert abs(np.mean(z)) < 0.35, name
+        hits = np.mean(np.abs(z) < 1.97)
+        # 600 runs gave 0.95 (white) and 0.92 (coloured)
+        assert hits > 0.95 - 4.0 * np.sqrt(0.95 * 0.05 / runs), (name, hits)
+
+
+def test_motion_too_fast_for_its_samples_is_refused() -> None:
+    e = by_hand(0, pace=2.2)
+    thinned = make_experiment(e.time[::6], force=e["force"][::6], position=e["position"][::6])
+    with pytest.raises(NotIdentifiedError):
+        fit([thinned], mass=0.14)
+    assert codes(fit([e], mass=0.14)) == []
+
+
 def test_mirrored_motion_swaps_the_levels() -> None:
     e = record(TWO_SPEEDS)
     mirrored = make_experiment(e.time, force=-e["force"], position=-e["position"])
@@ -255,6 +297,59 @@ def test_force_of_the_wrong_sign_is_named() -> None:
     wrong = make_experiment(e.time, force=-e["force"], position=e["position"])
     with pytest.raises(LogError, match="--scale force=-1"):
         fit([wrong])
+
+
+def by_pressures(**other: NDArray[Any]) -> Experiment:
+    """A log without a load cell: pressures of both chambers drive."""
+    e = record(TWO_SPEEDS)
+    rod_side = 2e6 + 1e5 * np.sin(0.7 * e.time)
+    drive = (e["force"] + 1.2e-4 * rod_side) / 2e-4
+    signals = {"pressure": drive, "pressure_2": rod_side, **other}
+    return make_experiment(e.time, position=e["position"], **signals)
+
+
+def test_two_pressures_stand_in_for_the_force() -> None:
+    variant = VARIANTS["position-pressures"]
+    request = Request(options={"area": 2e-4, "area-2": 1.2e-4})
+    e = FAMILY.estimate(variant, [by_pressures()], request)
+    for name, true in TRUTH.items():
+        assert number(e, name) == pytest.approx(true, abs=0.3)
+    kept = ~np.isnan(e.measured[0])
+    # the output is the pressure of the first chamber
+    assert np.std((e.simulated[0] - e.measured[0])[kept]) < 0.1 / 2e-4
+    view = FAMILY.static_view(variant, e, [by_pressures()], request.options)
+    assert np.std((view.measured - view.fitted)[view.used]) < 0.1
+
+
+def test_levels_of_the_other_chamber_can_be_a_step() -> None:
+    log = by_pressures()
+    time = log.time
+    both = {k: s for k, s in log.signals.items() if k != "pressure_2"}
+    levels = np.where(time < 5.0, 2e6, 3e6)
+    drive = log["pressure"] + 0.6 * (levels - log["pressure_2"])
+    both["pressure"] = Signal("pressure", time, drive, "Pa")
+    both["pressure_2"] = Signal("pressure_2", np.array([5.0]), np.array([3e6]), "Pa", "zoh", 2e6)
+    stepped = Experiment("log.csv", 0, time, both, STEP, True)
+    request = Request(options={"area": 2e-4, "area-2": 1.2e-4})
+    e = FAMILY.estimate(VARIANTS["position-pressures"], [stepped], request)
+    assert number(e, "coulomb_positive") == pytest.approx(8.0, abs=0.1)
+
+
+def test_one_pressure_alone_names_the_one_that_is_missing() -> None:
+    log = by_pressures()
+    alone = make_experiment(log.time, position=log["position"], pressure=log["pressure"])
+    request = Request(options={"area": 2e-4})
+    with pytest.raises(NotIdentifiedError, match="--column pressure_2=HEADER"):
+        FAMILY.estimate(VARIANTS["position-pressures"], [alone], request)
+    with pytest.raises(UsageError, match="--area-2"):
+        FAMILY.estimate(VARIANTS["position-pressures"], [log], request)
+
+
+def test_a_force_that_never_changes_is_no_measurement() -> None:
+    time = STEP * np.arange(200)
+    constant = np.full(200, 3.5)
+    with pytest.raises(LogError, match="no sensor reads so"):
+        fit([make_experiment(time, force=constant, velocity=constant)])
 
 
 def test_options_that_do_not_fit_the_log() -> None:

@@ -185,6 +185,10 @@ def test_linear_potentiometer_with_clipped_ends() -> None:
     (message,) = [n.message for n in whole.notices if n.code == "rails-suspected"]
     assert "0 and 1022" in message
     assert "--rails 0:1022" in message
+    # kept, but they neither buy a degree nor bend the ends
+    assert np.isfinite(whole.measured[0]).all()
+    assert rms(residuals(whole)[1:-1]) < 6e-5
+    assert numbers(whole, "weights").max() < 10.0
     clipped = fit(log, rails=(0.0, 1022.0))
     assert codes(clipped) == ["rails"]
     assert "2 samples" in clipped.notices[0].message
@@ -391,6 +395,43 @@ def test_readings_that_rest_on_a_rail_are_left_out() -> None:
     dwelling = np.concatenate((np.full(50, 0.01), np.linspace(0.01, 0.05, 300), np.full(50, 0.05)))
     noisy = dwelling + 5e-5 * rng.standard_normal(dwelling.size)
     assert not fit(experiment(np.round(20.0 + 18000.0 * dwelling), noisy)).notices
+
+
+def test_readings_next_to_a_noisy_rail_are_left_out_with_it() -> None:
+    rng = np.random.default_rng(21)
+    x = np.linspace(0.0, 0.06, 4000)
+    reading = np.clip(np.round(20.0 + 18000.0 * x + 3.0 * rng.standard_normal(x.size)), 0, 1023)
+    result = fit(experiment(reading, x), rails=(-50.0, 1023.0), degree="1")
+    assert codes(result) == ["rails", "rails"]
+    assert "standard deviations" in result.notices[1].message
+    # without it the last millimetre is off by the readings that clipping has taken
+    assert float(block(result)(1010.0)) == pytest.approx((1010.0 - 20.0) / 18000.0, abs=2e-5)
+
+
+def test_degree_one_is_never_told_to_go_lower() -> None:
+    rng = np.random.default_rng(3)
+    reading = np.array([0.0, 1.0, 2.0, 998.0, 999.0, 1000.0])
+    noisy = 6e-5 * reading + 0.03 * rng.standard_normal(6)
+    result = fit(experiment(reading, noisy), degree="1")
+    assert not any("below 1" in n.message for n in result.notices)
+
+
+def test_a_long_record_has_the_errors_of_the_full_computation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from fluidact_fit.families import potentiometer
+
+    rng = np.random.default_rng(22)
+    x = 0.03 - 0.0299 * np.cos(np.arange(60_000) * 2.0 * np.pi / 3000.0)
+    colour = np.convolve(rng.standard_normal(x.size + 40), 0.9 ** np.arange(41), "valid")
+    log = experiment(np.round(saturating(x)), x + 5e-5 * colour, 0.001)
+    whole = fit(log, degree="3")
+    monkeypatch.setattr(potentiometer, "_LONG", 50_000)
+    excerpt = fit(log, degree="3")
+    assert whole.parameters["control_points"].value == excerpt.parameters["control_points"].value
+    for name in ("control_points", "weights"):
+        one, two = (np.array(e.parameters[name].std_error) for e in (whole, excerpt))
+        np.testing.assert_allclose(two, one, rtol=0.2)
 
 
 def test_a_lone_clipped_end_is_warned_of_with_rails_that_can_be_given() -> None:

@@ -343,6 +343,17 @@ def test_constant_and_clipped_signals(tmp_path: Path) -> None:
     assert codes(notices) == {"constant-signal", "saturated"}
 
 
+def test_a_signal_at_rest_on_its_extreme_is_not_said_to_be_clipped(tmp_path: Path) -> None:
+    # a drive that starts from rest, swings and comes to rest at its extreme, with a slow stop
+    time = 0.01 * np.arange(400)
+    stroke = np.clip((time - 0.5) / 3.0, 0.0, 1.0)
+    swing = (0.5 - 0.5 * np.cos(np.pi * stroke)).round(6)
+    swing[370:] = swing[370] * (1.0 - np.linspace(0.0, 0.2, 30) ** 2)
+    rows = "".join(f"{t:.2f},{np.sin(3 * t):.4f},{x}\n" for t, x in zip(time, swing))
+    _, notices = run(write(tmp_path, "time [s],force [N],position [m]\n" + rows))
+    assert "saturated" not in codes(notices)
+
+
 def test_provenance_never_tells_folders(tmp_path: Path) -> None:
     log = read_log(
         write(tmp_path, table([f"{0.1 * k:.1f}" for k in range(50)], "time,force,y")),

@@ -301,7 +301,7 @@ def make_windows(
     samples = max(round(length / max(e.sample_time, 1e-12)), 2)
     stride = max(samples // overlap, 1)
     first = np.arange(0, e.samples - samples, stride)
-    if first.size < 5:
+    if first.size < 2:
         return None
     last = first + samples
     y, time = e["position"], e.time

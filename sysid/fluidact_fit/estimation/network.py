@@ -47,6 +47,34 @@ _SHARPER = (3.0, 6.0, 15.0, 40.0)  # sharpness of rounded kinks, in widths of th
 _NARROWEST = 1e-9  # radius of a region, in widths of the box, below which it is no region
 
 
+# Threads of a linear-algebra library cost more than they gain on matrices this small, and far
+# more where other programs want the cores: products are handed over in pieces that it works
+# on alone.
+_PIECE, _PIECE_ROWS = 200_000, 8000
+
+
+def times(a: FloatArray, w: FloatArray) -> FloatArray:
+    """``a @ w.T`` for many rows and a small ``w``, shape ``(n, units)``."""
+    n, inputs = a.shape
+    rows = max(8, min(_PIECE // (inputs * w.shape[0]), _PIECE_ROWS // max(inputs, w.shape[0])))
+    whole = n - n % rows
+    out = np.empty((n, w.shape[0]))
+    pieces = np.ascontiguousarray(a[:whole]).reshape(-1, rows, inputs)
+    out[:whole] = np.matmul(pieces, w.T).reshape(whole, w.shape[0])
+    out[whole:] = a[whole:] @ w.T
+    return out
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """``a.T @ b`` for many rows and few columns."""
+    n, p, q = a.shape[0], a.shape[1], b.shape[1]
+    rows = max(8, min(_PIECE // (p * q), _PIECE_ROWS // max(p, q)))
+    whole = n - n % rows
+    left = np.ascontiguousarray(a[:whole]).reshape(-1, rows, p).transpose(0, 2, 1)
+    right = np.ascontiguousarray(b[:whole]).reshape(-1, rows, q)
+    return np.asarray(np.matmul(left, right).sum(axis=0) + a[whole:].T @ b[whole:])
+
+
 # -------------------------------------------------------------------------- the network
 
 
@@ -88,8 +116,8 @@ class Network:
         """Output for inputs of shape ``(n, inputs)``, shape ``(n,)``."""
         a = x
         for w, b in zip(self.weights[:-1], self.biases[:-1]):
-            a = _activate(a @ w.T + b, self.activation, self.sharpness)
-        return np.asarray((a @ self.weights[-1].T + self.biases[-1])[:, 0])
+            a = _activate(times(a, w) + b, self.activation, self.sharpness)
+        return np.asarray((times(a, self.weights[-1]) + self.biases[-1])[:, 0])
 
     def vector(self) -> FloatArray:
         """All parameters in one row: weights, then biases, layer by layer."""
@@ -135,17 +163,17 @@ def output_and_jacobian(net: Network, x: FloatArray) -> tuple[FloatArray, FloatA
     """
     layers, slopes, a = [x], [], x
     for w, b in zip(net.weights[:-1], net.biases[:-1]):
-        z = a @ w.T + b
+        z = times(a, w) + b
         a = _activate(z, net.activation, net.sharpness)
         slopes.append(_slope(z, a, net))
         layers.append(a)
-    y = np.asarray((a @ net.weights[-1].T + net.biases[-1])[:, 0])
+    y = np.asarray((times(a, net.weights[-1]) + net.biases[-1])[:, 0])
     back = np.ones((x.shape[0], 1))
     parts: list[FloatArray] = []
     for k in range(len(net.weights) - 1, -1, -1):
         parts += [back, (back[:, :, None] * layers[k][:, None, :]).reshape(x.shape[0], -1)]
         if k:
-            back = (back @ net.weights[k]) * slopes[k - 1]
+            back = times(back, net.weights[k].T) * slopes[k - 1]
     return y, np.concatenate(parts[::-1], axis=1)
 
 
@@ -195,8 +223,9 @@ def _normal_equations(
         if np.isfinite(limit):
             share = np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300))
             weighted = jacobian * share[:, None]
-        matrix += weighted.T @ jacobian
-        gradient += weighted.T @ r
+        both = cross(weighted, np.column_stack((jacobian, r)))
+        matrix += both[:, :-1]
+        gradient += both[:, -1]
         cost += huber_cost(r, limit)
     return matrix, gradient, cost
 
@@ -269,19 +298,25 @@ def make_start(
     The last layer is solved for by (slightly ridged) least squares. Kinks are rounded.
     """
     sharpness = _SHARPER[0] if activation == "relu" else np.inf
-    w, b = _pursue(x, y, hidden[0], activation, rng)
+    few = thin(y.size, 1500)
+    w, b = _pursue(x[few], y[few], hidden[0], activation, rng)
     weights, biases = [w], [b]
     for inputs, units in pairwise(hidden):
         weights.append(rng.standard_normal((units, inputs)) / np.sqrt(inputs))
         biases.append(0.5 * rng.standard_normal(units))
     a = x
     for w, b in zip(weights, biases):
-        a = _activate(a @ w.T + b, activation, sharpness)
+        a = _activate(times(a, w) + b, activation, sharpness)
     columns = np.column_stack((a, np.ones(y.size)))
-    square = columns.T @ columns
-    square[np.diag_indices_from(square)] += 1e-6 * y.size
-    last = np.linalg.solve(square, columns.T @ y)
+    both = cross(columns, np.column_stack((columns, y)))
+    square = both[:, :-1] + 1e-6 * y.size * np.eye(columns.shape[1])
+    last = np.linalg.solve(square, both[:, -1])
     return Network((*weights, last[None, :-1]), (*biases, last[-1:]), activation, sharpness)
+
+
+def _along(columns: FloatArray, v: FloatArray) -> FloatArray:
+    """``columns.T @ v``."""
+    return np.asarray(np.einsum("ij,i->j", columns, v))
 
 
 def _pursue(
@@ -292,20 +327,22 @@ def _pursue(
     w = rng.standard_normal((pool, x.shape[1]))
     w /= np.linalg.norm(w, axis=1)[:, None]
     b = -np.einsum("ij,ij->i", w, x[rng.integers(0, x.shape[0], pool)])
-    columns = _activate(x @ w.T + b, activation)
+    columns = _activate(times(x, w) + b, activation)
     columns -= columns.mean(axis=0)
     least = 1e-3 * np.linalg.norm(columns, axis=0) + 1e-12
     rest = y - y.mean()
     chosen: list[int] = []
     for _ in range(units):
         length = np.linalg.norm(columns, axis=0)
-        gain = np.where(length < least, -1.0, np.abs(columns.T @ rest) / np.maximum(length, least))
+        gain = np.where(
+            length < least, -1.0, np.abs(_along(columns, rest)) / np.maximum(length, least)
+        )
         gain[chosen] = -2.0
         best = int(np.argmax(gain))
         chosen.append(best)
         q = columns[:, best] / max(length[best], 1e-300)
         rest = rest - q * (q @ rest)
-        columns -= np.outer(q, q @ columns)
+        columns -= np.outer(q, _along(columns, q))
     return w[chosen], b[chosen]
 
 
@@ -593,7 +630,7 @@ def polynomial_fit(
         return np.column_stack([np.prod(z[:, list(t)], axis=1) for t in terms])
 
     c = columns(x)
-    square = c.T @ c
+    both = cross(c, np.column_stack((c, y)))
     # direction^2 = 1: columns repeat, and the shortest solution is as good as any
-    weights = np.linalg.pinv(square, rcond=1e-12, hermitian=True) @ (c.T @ y)
+    weights = np.linalg.pinv(both[:, :-1], rcond=1e-12, hermitian=True) @ both[:, -1]
     return lambda z: np.asarray(columns(z) @ weights)

@@ -223,7 +223,7 @@ def group(values: FloatArray, step: float = 0.0) -> tuple[FloatArray, npt.NDArra
 
 def merge(rows: Rows, places: FloatArray, key: npt.NDArray[np.intp]) -> Rows:
     """Rows at their distinct places: the same fit, as long as there is one branch."""
-    count = np.bincount(key, rows.count, places.size)
+    count = np.asarray(np.bincount(key, rows.count, places.size), dtype=float)
     y = np.bincount(key, rows.y * rows.count, places.size) / np.where(count > 0.0, count, 1.0)
     there = count > 0.0
     return Rows(places[there], y[there], count[there], np.ones(int(there.sum())))
@@ -238,9 +238,10 @@ def compress(rows: Rows, limit: int) -> Rows:
     if rows.t.size <= limit:
         return rows
     few = np.unique(rows.t[:: max(rows.t.size // (8 * limit), 1)]).size <= limit
-    distinct, key = np.unique(rows.t, return_inverse=True) if few else (rows.t, rows.t)
-    if distinct.size > limit:
-        key = np.minimum((rows.t * limit).astype(np.int64), limit - 1)
+    key: npt.NDArray[np.int64] = np.minimum((rows.t * limit).astype(np.int64), limit - 1)
+    if few:
+        distinct, inverse = np.unique(rows.t, return_inverse=True)
+        key = inverse if distinct.size <= limit else key
     turning = np.round(rows.rising * 4.0).astype(np.int64)
     key = key * 5 + turning
     _, key = group(key.astype(float))

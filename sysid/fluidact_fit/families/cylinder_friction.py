@@ -417,15 +417,22 @@ def _match(experiment: Experiment, role: str, motion: _Motion, force: FloatArray
     return _differentiate(experiment, integral, motion.half)[0][1]
 
 
+def _flattens(before: _Motion, now: _Motion) -> bool:
+    """Whether a longer filter takes away much of the highest speed, and not just its noise.
+
+    Noise alone raises the highest speed by up to two of its standard deviations.
+    """
+    quiet = before.noise <= 0.2 * before.fast
+    return quiet and now.fast < _FLATTENED * (before.fast - 2.0 * before.noise)
+
+
 def _choose_half_width(experiment: Experiment, role: str) -> float:
     """Shortest half-width whose velocity is quiet enough, and not too long for the strokes [s]."""
     chosen, before = 1, None
     for half in _HALF_WIDTHS:
         motion = _filter(experiment, role, half)
-        if before is not None and before.noise <= 0.2 * before.fast:
-            # noise alone raises the highest speed by up to two standard deviations
-            if motion.fast < _FLATTENED * (before.fast - 2.0 * before.noise):
-                break
+        if before is not None and _flattens(before, motion):
+            break
         chosen, before = half, motion
         if motion.noise <= _QUIET * motion.fast or 16 * half >= experiment.samples:
             break
@@ -444,7 +451,7 @@ def _motions(
             before = _filter(e, role, round(own / e.sample_time))
             while half_width > 1.5 * own:
                 now = _filter(e, role, round(half_width / e.sample_time))
-                if now.fast >= _FLATTENED * (before.fast - 2.0 * before.noise):
+                if not _flattens(before, now):
                     break
                 half_width *= 0.5
     out = []

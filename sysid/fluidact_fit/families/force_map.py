@@ -144,13 +144,13 @@ def motion_state(column: FloatArray) -> FloatArray:
 
 
 def choose_dead_band(values: FloatArray) -> float:
-    """Change that is no noise: what a median over five samples leaves, or 0.2 % of the range."""
+    """Change that is no noise: what a median over five samples leaves, or 0.5 % of the range."""
     if values.size < 8:
         return 0.0
     flicker = np.abs(values - _running_median(values, 2))
     third = np.abs(np.diff(values, 3))
     noise = 1.4826 * float(np.median(third)) / np.sqrt(20.0)
-    return float(max(3.0 * np.quantile(flicker, 0.99), 6.0 * noise, 2e-3 * float(np.ptp(values))))
+    return float(max(3.0 * np.quantile(flicker, 0.9), 6.0 * noise, 5e-3 * float(np.ptp(values))))
 
 
 def _running_median(values: FloatArray, half: int) -> FloatArray:
@@ -167,6 +167,13 @@ def _direction(e: Experiment, size: int, source: str, dead_band: float | None) -
     values = _column(e, source, size)
     band = choose_dead_band(values) if dead_band is None else dead_band
     return held_direction(values, band).astype(float)
+
+
+def _fill_start(direction: FloatArray) -> None:
+    """Give the samples before the first change its direction, in place."""
+    known = np.flatnonzero(direction)
+    if known.size:
+        direction[: known[0]] = direction[known[0]]
 
 
 def _settled(values: FloatArray, direction: FloatArray, least: float) -> BoolArray:
@@ -598,8 +605,11 @@ class _Fit:
     @property
     def predicted(self) -> FloatArray:
         """Output of the network at all samples, shape ``(n,)`` [SI]."""
-        s = self.scaling
-        return np.asarray(s.base + s.span * self.network(s.inputs(self.data.x)))
+        s, x = self.scaling, self.data.x.copy()
+        if "direction" in self.data.names:
+            for part in self.data.parts:
+                _fill_start(x[part, self.data.names.index("direction")])
+        return np.asarray(s.base + s.span * self.network(s.inputs(x)))
 
 
 def _find_spikes(data: _Data, residual: FloatArray) -> BoolArray:
@@ -616,7 +626,7 @@ def _find_spikes(data: _Data, residual: FloatArray) -> BoolArray:
         floor = 1e-6 * float(np.abs(data.y[part]).max())
         limit = max(10.0 * 1.4826 * float(np.median(off)), floor)
         alone[part] = (off > limit) & (off > 3.0 * 1.4826 * float(np.median(np.abs(r))))
-    return alone
+    return alone & data.settled  # just after a reversal a lone sample is the seal's creep
 
 
 def _choose_candidate(found: Search, scaling: _Scaling, data: _Data, source: str) -> Network:
@@ -883,6 +893,12 @@ class ForceMapBlock(Block):
         """Command or force for the inputs by name [SI]; scalars or arrays of one shape."""
         x, shape = self._table(values)
         y = force_map(self.parameters, x, self.activation)
+        if "direction" in self.inputs:  # a state that is not known lies between the branches
+            k = self.inputs.index("direction")
+            rest = x[:, k] == 0.0
+            if rest.any():
+                ends = [np.where(np.arange(x.shape[1]) == k, s, x[rest]) for s in (1.0, -1.0)]
+                y[rest] = np.mean([force_map(self.parameters, e, self.activation) for e in ends], 0)
         return float(y[0]) if not shape else y.reshape(shape)
 
     def outside(self, **values: npt.ArrayLike) -> Any:
@@ -1036,6 +1052,8 @@ class ForceMap(Family):
         chosen = _Options.read(options)
         names = chosen.inputs or _default_inputs(chosen, [experiment])
         x = _inputs(experiment, names, chosen)
+        if "direction" in names:
+            _fill_start(x[:, names.index("direction")])
         return force_map(parameters, x, chosen.activation)
 
     def model_section(

@@ -90,7 +90,7 @@ from ..signals import smooth
 _GAIN_UNIT = "m3/(s V Pa^0.5)"
 _SLOWEST = 2.5e-3  # s: at slower sampling the pressure resonance cannot be followed
 _HIDDEN = 10  # units of the networks
-_WINDOWS = 2000  # rows a network is trained on, before those near zero are repeated
+_WINDOWS = 1500  # rows a network is trained on, before those near zero are repeated
 _LAYERS = ("weights_1", "biases_1", "weights_2", "biases_2", "input_offset", "input_scale",
            "output_offset", "output_scale")  # fmt: skip
 _NETWORKS = ("flow_1", "flow_2", "friction")
@@ -1161,8 +1161,8 @@ def _why(where: str, rms: Mapping[str, float]) -> str:
             "The equations have the right shape where the valve is open; the network has to piece "
             "it together from the rows it saw."
         )
-    if net >= plain and zone >= plain:
-        return "No overlap shows: the equations need no dead zone."
+    if abs(plain - zone) < 0.1 * plain:
+        return "The equations agree on these rows with and without a dead zone: no overlap shows."
     cause = (
         "Overlap of spool and land closes the valve here, and equations without a dead zone "
         "predict flow all the same; "

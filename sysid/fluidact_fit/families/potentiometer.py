@@ -433,7 +433,8 @@ def _search_degree(rows: Rows, shape: Shape, request: Request) -> tuple[CurveFit
         return found[0], scores
     final = replace(shape, degree=degree)
     start = final.start_at([f.curves[0] for f in found])
-    fit = fit_shape(compress(rows, _FINE // shape.branches), final, [start])
+    # with two branches a bin holds up to five rows
+    fit = fit_shape(compress(rows, _FINE // (4 if shape.branches > 1 else 1)), final, [start])
     first = found[0].search
     search = replace(fit.search, tried=first.tried, agreeing=first.agreeing)
     return replace(fit, search=search), scores
@@ -449,9 +450,9 @@ def _separate(rows: Rows) -> list[Rows]:
 def _pool(scores: Sequence[Sequence[Score]]) -> list[Score]:
     """Cross-validated errors of all branches together, degree by degree."""
     pooled = []
-    for group in zip(*scores):
-        squares = np.concatenate([s.squares for s in group])
-        pooled.append(Score(group[0].degree, float(np.sqrt(squares.mean())), squares))
+    for alike in zip(*scores):
+        squares = np.concatenate([s.squares for s in alike])
+        pooled.append(Score(alike[0].degree, float(np.sqrt(squares.mean())), squares))
     return pooled
 
 
@@ -586,7 +587,7 @@ def _long_uncertainty(
 def _excerpt(sizes: Sequence[int]) -> list[slice]:
     """Contiguous parts of the logs, spread over all of them."""
     ends = np.cumsum(sizes)
-    length = _LONG // 2 // _BLOCKS
+    length = _LONG // 4 // _BLOCKS
     out = []
     for k in np.linspace(0, int(ends[-1]) - length, _BLOCKS).astype(int).tolist():
         log_end = int(ends[np.searchsorted(ends, k, side="right")])

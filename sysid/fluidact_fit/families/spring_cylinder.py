@@ -199,25 +199,27 @@ def _spread(e: Experiment, role: str, size: int) -> FloatArray:
     return np.asarray(np.append(s.before, s.values)[at])
 
 
-def _velocity(e: Experiment, position: FloatArray) -> tuple[FloatArray, bool]:
-    """Velocity, its own or from position, and whether there is any [m/s]."""
+def _velocity(e: Experiment, position: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Velocity, its own or from position [m/s], and where it can be relied upon."""
+    everywhere = np.ones(position.size, dtype=bool)
     if "velocity" in e:
-        return _spread(e, "velocity", position.size), True
+        return _spread(e, "velocity", position.size), everywhere
     if e.time.size < 12 or e.signals["position"].values.size < position.size:
-        return np.zeros(position.size), False
+        return np.zeros(position.size), everywhere
     if e.uniform:
-        return smooth(position, e.sample_time, 5).rate, True
-    return np.asarray(np.gradient(position, e.time)), True
+        motion = smooth(position, e.sample_time, 5)
+        return motion.rate, np.asarray(motion.inside)
+    return np.asarray(np.gradient(position, e.time)), everywhere
 
 
 def _prepare_log(e: Experiment, variant: Variant, options: Mapping[str, Any]) -> _Log:
     size = int(e.time.size) or max(s.values.size for s in e.signals.values())
     drive = _spread(e, variant.name, size)
     position = _spread(e, "position", size)
-    velocity, _ = _velocity(e, position)
+    velocity, inside = _velocity(e, position)
     direction = _direction(e, drive, position, options)
     force = _spread(e, "force", size) if "force" in e else np.full(size, np.nan)
-    kept = direction != 0.0
+    kept = (direction != 0.0) & inside
     kept &= _away_from_reversals(drive, direction, float(options.get("settle") or 0.0))
     return _Log(e, drive, position, velocity, direction, force, kept)
 
@@ -243,9 +245,15 @@ def _direction(
 def _away_from_reversals(drive: FloatArray, direction: FloatArray, settle: float) -> BoolArray:
     """Samples whose friction has changed over: the drive has moved on since the reversal."""
     turned = np.concatenate(([0], np.flatnonzero(np.diff(direction)) + 1))
-    last = turned[np.searchsorted(turned, np.arange(drive.size), side="right") - 1]
-    first = last == 0  # the record's start is no reversal
-    return np.asarray(first | (np.abs(drive - drive[last]) >= settle * float(np.ptp(drive))))
+    span = float(np.ptp(drive))
+    kept = np.ones(drive.size, dtype=bool)
+    for begin, end in zip(turned, [*turned[1:], drive.size]):
+        if begin:  # the record's start is no reversal
+            kept[begin:end] = np.abs(drive[begin:end] - drive[begin]) >= settle * span
+        if end < drive.size:  # the dead band notices a reversal late: from the extreme on
+            way = direction[begin] or 1.0
+            kept[begin + int(np.argmax(way * drive[begin:end])) + 1 : end] = False
+    return kept
 
 
 # ------------------------------------------------------------------------ the regression

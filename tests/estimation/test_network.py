@@ -1,0 +1,168 @@
+"""Networks: exact Jacobians, training, and bounds that hold."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fluidact_fit.estimation.network import (
+    Activation,
+    Network,
+    activation_regions,
+    cross,
+    cross_validate,
+    gradient_interval,
+    huber_cost,
+    output_and_jacobian,
+    polynomial_fit,
+    polynomial_terms,
+    search,
+    times,
+)
+
+
+def make_network(sizes: tuple[int, ...], activation: Activation = "relu", seed: int = 0) -> Network:
+    rng = np.random.default_rng(seed)
+    weights = tuple(rng.standard_normal((b, a)) for a, b in zip(sizes, sizes[1:]))
+    return Network(weights, tuple(rng.standard_normal(n) for n in sizes[1:]), activation)
+
+
+@pytest.mark.parametrize("sizes", [(3, 5, 1), (4, 7, 1), (2, 4, 3, 1)])
+@pytest.mark.parametrize("activation", ["relu", "tanh"])
+@pytest.mark.parametrize("sharpness", [np.inf, 4.0])
+def test_jacobian_is_exact(
+    sizes: tuple[int, ...], activation: Activation, sharpness: float
+) -> None:
+    net = replace(make_network(sizes, activation), sharpness=sharpness)
+    x = np.random.default_rng(1).standard_normal((40, sizes[0]))
+    y, jacobian = output_and_jacobian(net, x)
+    assert np.array_equal(y, net(x))
+    p, step = net.vector(), 1e-6
+    for k in range(p.size):
+        e = step * (np.arange(p.size) == k)
+        numeric = (net.from_vector(p + e)(x) - net.from_vector(p - e)(x)) / (2.0 * step)
+        assert np.allclose(jacobian[:, k], numeric, atol=1e-6)
+
+
+def test_papers_networks_have_26_and_43_parameters() -> None:
+    assert make_network((3, 5, 1)).parameters == 26
+    assert make_network((4, 7, 1)).parameters == 43
+
+
+@pytest.mark.parametrize("rows", [0, 1, 7, 1000, 20_011])
+def test_products_in_pieces_are_products(rows: int) -> None:
+    rng = np.random.default_rng(0)
+    a, b, w = rng.normal(size=(rows, 5)), rng.normal(size=(rows, 3)), rng.normal(size=(4, 5))
+    assert np.allclose(cross(a, b), a.T @ b)
+    assert np.allclose(times(a, w), a @ w.T)
+
+
+def test_training_finds_the_network_that_made_the_data() -> None:
+    true = make_network((2, 3, 1), seed=4)
+    rng = np.random.default_rng(2)
+    x = rng.uniform(-2.0, 2.0, (2000, 2))
+    y = true(x)
+    found = search(x, y / y.std(), (3,), np.random.default_rng(0), decay=1e-9)
+    error = y.std() * found.best.network(x) - y
+    assert np.sqrt(np.mean(error**2)) < 0.02 * y.std()
+
+
+def test_training_is_deterministic() -> None:
+    x = np.random.default_rng(0).uniform(-1.0, 1.0, (500, 2))
+    y = np.abs(x[:, 0]) + x[:, 1]
+    one, two = (search(x, y, (4,), np.random.default_rng(5)).best.network.vector() for _ in "ab")
+    assert np.array_equal(one, two)
+
+
+def test_spikes_do_not_pull() -> None:
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1.0, 1.0, (3000, 1))
+    clean = np.maximum(x[:, 0], 0.0)
+    y = clean + 0.01 * rng.standard_normal(3000)
+    y[::100] += 20.0
+    found = search(x, y, (2,), np.random.default_rng(0))
+    assert np.sqrt(np.mean((found.best.network(x) - clean) ** 2)) < 0.05
+
+
+def test_huber_cost_is_smooth_at_the_limit() -> None:
+    assert huber_cost(np.array([1.0]), 1.0) == 1.0
+    assert huber_cost(np.array([3.0]), 1.0) == 5.0
+
+
+def test_held_out_rows_are_never_trained() -> None:
+    x = np.linspace(-1.0, 1.0, 400)[:, None]
+    y = np.where(x[:, 0] > 0.5, 5.0, x[:, 0])  # a jump that only training on it could know
+    error = cross_validate(x, y, [x[:, 0] > 0.5], (3,), 0)
+    assert np.isnan(error[x[:, 0] <= 0.5]).all()
+    assert np.abs(error[x[:, 0] > 0.5]).min() > 2.0
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 8), st.integers(1, 3))
+def test_regions_are_all_there_and_their_bound_is_exact(seed: int, units: int, inputs: int) -> None:
+    net = make_network((inputs, units, 1), seed=seed)
+    low, high = -np.ones(inputs), 1.5 * np.ones(inputs)
+    regions = activation_regions(net, low, high)
+    patterns = {r.pattern for r in regions}
+    assert len(patterns) == len(regions) <= 2**units
+    x = np.random.default_rng(seed).uniform(low, high, (4000, inputs))
+    z = x @ net.weights[0].T + net.biases[0]
+    clear = np.abs(z).min(axis=1) > 1e-6
+    assert {tuple(row) for row in (z[clear] > 0.0).tolist()} <= patterns
+    down, up = gradient_interval(net, low, high)
+    for r in regions:
+        inside = net.weights[0] @ r.inside + net.biases[0]
+        assert tuple((inside > 0.0).tolist()) == r.pattern
+        step = 1e-7 * np.eye(inputs)
+        numeric = (net(r.inside + step) - net(r.inside - step)) / 2e-7
+        assert np.allclose(numeric, r.gradient, atol=1e-5) or np.abs(inside).min() < 1e-6
+        assert (down - 1e-9 <= r.gradient).all()
+        assert (r.gradient <= up + 1e-9).all()
+
+
+def test_an_input_that_is_held_is_held() -> None:
+    net = make_network((3, 6, 1))
+    low, high = np.array([-1.0, -1.0, 0.3]), np.array([1.0, 1.0, 0.3])
+    assert all(r.inside[2] == 0.3 for r in activation_regions(net, low, high))
+
+
+def test_interval_bounds_hold_for_two_layers_of_tanh() -> None:
+    net = make_network((2, 5, 4, 1), "tanh")
+    down, up = gradient_interval(net, -np.ones(2), np.ones(2))
+    x = np.random.default_rng(0).uniform(-1.0, 1.0, (500, 2))
+    for k in range(2):
+        step = 1e-6 * (np.arange(2) == k)
+        slope = (net(x + step) - net(x - step)) / 2e-6
+        assert down[k] - 1e-6 <= slope.min()
+        assert slope.max() <= up[k] + 1e-6
+
+
+def test_regions_of_other_networks_are_refused() -> None:
+    with pytest.raises(ValueError, match="one hidden layer"):
+        activation_regions(make_network((2, 3, 1), "tanh"), -np.ones(2), np.ones(2))
+
+
+def test_polynomial() -> None:
+    assert len(polynomial_terms(3, 3)) == 20
+    x = np.random.default_rng(0).standard_normal((200, 2))
+    y = 1.0 + x[:, 0] ** 3 - 2.0 * x[:, 0] * x[:, 1]
+    assert np.allclose(polynomial_fit(x, y)(x), y)
+
+
+def test_cost_grows_linearly_with_rows() -> None:
+    """Twenty times the rows of one Gauss-Newton step cost no more than forty times."""
+    net = make_network((4, 7, 1))
+    spent = []
+    for rows in (20_000, 400_000):
+        x = np.random.default_rng(0).standard_normal((rows, 4))
+        begin = time.process_time()
+        for part in range(0, rows, 8192):
+            _, jacobian = output_and_jacobian(net, x[part : part + 8192])
+            cross(jacobian, jacobian)
+        spent.append(time.process_time() - begin)
+    assert spent[1] < 40.0 * spent[0]

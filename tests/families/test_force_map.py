@@ -1,0 +1,324 @@
+"""Force maps: the paper's conditions, tables, certificates, files, and real muscles."""
+
+from __future__ import annotations
+
+import re
+import time
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import fluidact_fit as ff
+from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
+from fluidact_fit.experiment import Experiment, FloatArray, Signal
+from fluidact_fit.families.force_map import (
+    ForceMap,
+    ForceMapBlock,
+    choose_dead_band,
+    force_map,
+    motion_state,
+)
+from fluidact_fit.family import Estimate, Request
+from fluidact_fit.result import FitResult
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT / "datasets" / "force-map"
+REAL = ROOT / ".." / "shared" / "data" / "muscle"
+real = pytest.mark.skipif(
+    not REAL.is_dir(), reason="recorded logs of other people are not beside this checkout"
+)
+COLUMNS = {"time": "t [s]", "command": "u [V]", "position": "x [mm]", "force": "F [N]"}
+
+
+def read(trial: int) -> Any:
+    return ff.read_log(DATA / f"trial{trial}.csv", columns=COLUMNS)
+
+
+@cache
+def fitted(target: str = "command") -> FitResult:
+    return ff.fit("force-map", [read(1), read(2)], target=target)
+
+
+@cache
+def test_log() -> Experiment:
+    other = ff.fit("force-map", [read(3)], hidden="1", starts=1)
+    return other.experiments[0]
+
+
+test_log.__test__ = False  # type: ignore[attr-defined]
+
+
+def errors(target: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Error and measured output on the test positions, branch, and samples since a reversal."""
+    result, e = fitted(target), test_log()
+    family = ForceMap()
+    values = {k: q.value for k, q in result.parameters.items()}
+    simulated = family.simulate(result.variant, values, e, result.document["options"])
+    u = e["command"]
+    steps = np.sign(np.diff(u, prepend=u[0]) * (np.abs(np.diff(u, prepend=u[0])) > 0.02))
+    state = np.zeros(u.size)
+    since = np.zeros(u.size)
+    for k in range(1, u.size):
+        state[k] = steps[k] or state[k - 1]
+        since[k] = 0 if state[k] != state[k - 1] else since[k - 1] + 1
+    return e[target] - simulated, e[target], state, since
+
+
+def rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def test_command_network_on_the_test_positions() -> None:
+    error, command, state, _ = errors("command")
+    assert np.corrcoef(command, command - error)[0, 1] >= 0.9996
+    gain = 18.09  # N/V of the simulated cylinder
+    assert rms(gain * error) <= 1.0
+    for branch in (1.0, -1.0):
+        assert rms(gain * error[state == branch]) < 0.5
+
+
+def test_force_network_on_the_test_positions() -> None:
+    error, _, state, since = errors("force")
+    assert rms(error) <= 1.0
+    for branch in (1.0, -1.0):
+        assert rms(error[(state == branch) & (since > 20)]) < 0.5
+
+
+@pytest.mark.parametrize("target", ["command", "force"])
+def test_file_says_what_the_network_is(target: str) -> None:
+    result = fitted(target)
+    assert result.verdict == "pass", result.notices
+    options = result.document["options"]
+    inputs = {"command": "force,position,direction", "force": "command,position,velocity,direction"}
+    assert options["target"] == target
+    assert options["inputs"] == inputs[target]
+    assert options["hidden"] == {"command": "5", "force": "7"}[target]
+    details = result.document["fit"]["details"]
+    assert details["network_parameters"] == {"command": 26, "force": 43}[target]
+    assert set(details["branches"]) == {"rmse", "loading", "unloading"}
+    assert set(details["validation"]) >= {"loading", "unloading"}
+    assert details["validation"]["split_by"] == "position"
+    assert details["cubic_polynomial"]["terms"] == {"command": 20, "force": 35}[target]
+    assert details["certificate"]["exact"]
+    assert details["certificate"]["rises_with"]["certified"]
+    for name, quantity in result.parameters.items():
+        assert quantity.std_error is None, name
+
+
+def test_certified_slopes_hold() -> None:
+    result = fitted("command")
+    details = result.document["fit"]["details"]["certificate"]
+    low, high = details["slopes"]["force"]
+    rng = np.random.default_rng(0)
+    box = [details["inside"][n] for n in ("force", "position")]
+    x = np.column_stack([rng.uniform(a, b, 2000) for a, b in box] + [rng.choice([-1.0, 1.0], 2000)])
+    values = {k: q.value for k, q in result.parameters.items()}
+    step = np.array([1e-5, 0.0, 0.0])
+    slope = (force_map(values, x + step) - force_map(values, x - step)) / 2e-5
+    assert low - 1e-7 <= slope.min() <= slope.max() <= high + 1e-7
+    assert slope.min() > 0.0
+
+
+def test_block_from_file(tmp_path: Path) -> None:
+    path = fitted("command").save(tmp_path / "map.yaml")
+    block = ff.load(path)
+    assert isinstance(block, ForceMapBlock)
+    up = block(force=30.0, position=0.0116, direction=1)
+    down = block(force=30.0, position=0.0116, direction=-1)
+    assert isinstance(up, float)
+    assert isinstance(down, float)
+    assert 0.1 < up - down < 0.4  # twice the friction over the gain
+    assert down < block(force=30.0, position=0.0116, direction=0) < up
+    several = block(force=[10.0, 20.0, 30.0], position=0.01, direction=1)
+    assert np.shape(several) == (3,)
+    assert (np.diff(several) > 0.0).all()
+    assert not block.outside(force=30.0, position=0.0116, direction=1)
+    assert block.outside(force=90.0, position=0.0116, direction=1)
+    assert block.outside(force=[30.0, np.nan], position=0.0116, direction=1).tolist() == [
+        False,
+        True,
+    ]
+    with pytest.raises(UsageError, match="motion state is missing"):
+        block(force=30.0, position=0.0116)
+    with pytest.raises(UsageError, match="unknown input: speed"):
+        block(force=30.0, position=0.0116, direction=1, speed=0.0)
+
+
+def test_each_of_the_papers_networks_trains_in_time() -> None:
+    """5 s on two idle cores; processor time does not count what other programs take."""
+    begin = time.process_time()
+    ff.fit("force-map", [read(1), read(2)], target="force", seed=1)
+    assert time.process_time() - begin < 10.0
+
+
+def test_same_seed_same_numbers() -> None:
+    again = ff.fit("force-map", [read(1), read(2)])
+    assert again.parameters["weights_1"].value == fitted().parameters["weights_1"].value
+
+
+def test_input_layers_are_compared() -> None:
+    result = ff.fit("force-map", [read(1), read(2)], inputs="compare", starts=6)
+    table = result.document["fit"]["details"]["input_layers"]
+    found = {row["inputs"]: row["validation_rms"] for row in table}
+    assert len(found) == 4
+    # hysteresis: without the motion state both branches are one
+    assert found["force,position,direction"] < 0.3 * found["force,position"]
+    assert found["force,position,direction"] < 0.3 * found["force,position,velocity"]
+    assert "direction" in result.document["options"]["inputs"]
+
+
+def test_hidden_units_are_swept() -> None:
+    result = ff.fit("force-map", [read(1)], hidden="auto", starts=6)
+    details = result.document["fit"]["details"]
+    table = details["hidden_units"]
+    assert len(table) >= 5
+    assert table[0]["parameters"] == 6
+    assert set(details["accuracy_over_cost"]) == {"validation_rms", "multiplications"}
+    assert details["hidden"][0] <= 20
+
+
+def test_two_layers_of_tanh() -> None:
+    result = ff.fit("force-map", [read(1)], hidden="4,3", activation="tanh", starts=4)
+    assert np.shape(result.parameters["weights_2"].value) == (3, 4)
+    assert np.shape(result.parameters["weights_3"].value) == (1, 3)
+    assert not result.document["fit"]["details"]["certificate"]["exact"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"inputs": "force,speed"}, "'speed' is not a role"),
+        ({"inputs": "command,position"}, "is what the network predicts"),
+        ({"inputs": "force,force"}, "twice"),
+        ({"hidden": "0"}, "no such hidden layer"),
+        ({"hidden": "4,4,4"}, "no such hidden layer"),
+    ],
+)
+def test_options_that_cannot_be(options: dict[str, str], words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        ff.fit("force-map", [read(1)], **options)
+
+
+def test_weights_cannot_be_fixed() -> None:
+    with pytest.raises(UsageError, match="cannot be fixed"):
+        ff.fit("force-map", [read(1)], fixed={"output_offset": 1.0})
+
+
+# --------------------------------------------------------------------- experiments by hand
+
+
+def make(**columns: Any) -> Experiment:
+    n = max(np.size(v) for v in columns.values())
+    units = {"command": "V", "position": "m", "force": "N"}
+    signals = {
+        k: Signal(k, np.zeros(np.size(v) if np.size(v) > 1 else 1),
+                  np.atleast_1d(np.asarray(v, dtype=float)), units.get(k, "1"),
+                  before=float(np.ravel(v)[0]))
+        for k, v in columns.items()
+    }  # fmt: skip
+    assert n > 1
+    return Experiment("hand.csv", 0, np.zeros(0), signals, 0.0, False)
+
+
+def estimate(e: Experiment, **options: Any) -> Estimate:
+    family = ForceMap()
+    chosen = {o.name: o.default for o in family.options} | options
+    return family.estimate(family.variants[0], [e], Request(options=chosen))
+
+
+def cycles(n: int = 2000) -> FloatArray:
+    return np.asarray(2.0 + np.abs(np.mod(np.arange(n) / 250.0, 2.0) - 1.0))
+
+
+def test_constant_position_is_said() -> None:
+    u = cycles()
+    found = estimate(make(command=u, position=0.01, force=10.0 * u), hidden="2")
+    assert any(n.code == "input-constant" for n in found.notices)
+    assert np.asarray(found.measured[0]).size == u.size
+
+
+def test_spikes_are_counted_and_left_out() -> None:
+    u = cycles()
+    f = 10.0 * u + 0.05 * np.random.default_rng(0).standard_normal(u.size)
+    f[100::400] += 40.0
+    found = estimate(make(command=u, position=0.01, force=f), hidden="2", target="force",
+                     inputs="command,direction")  # fmt: skip
+    assert found.details["spikes"] == 5
+    assert np.isnan(found.measured[0][100::400]).all()
+
+
+def test_too_few_samples() -> None:
+    u = cycles(30)
+    with pytest.raises(NotIdentifiedError, match="cannot determine"):
+        estimate(make(command=u, position=0.01, force=u))
+
+
+def test_nothing_moves() -> None:
+    with pytest.raises(NotIdentifiedError, match="does not change"):
+        estimate(
+            make(command=np.full(900, 2.0), position=0.01, force=np.full(900, 3.0),
+                 direction=np.ones(900))
+        )  # fmt: skip
+
+
+def test_velocity_needs_time() -> None:
+    with pytest.raises(LogError, match="velocity"):
+        estimate(make(command=cycles(), position=0.01, force=cycles()), inputs="force,velocity")
+
+
+def test_a_violation_is_shown() -> None:
+    u = cycles()
+    f = np.where(u < 2.5, u, 5.0 - u) + 0.001 * np.random.default_rng(0).standard_normal(u.size)
+    found = estimate(make(command=u, position=0.01, force=f), target="force",
+                     inputs="command,direction", hidden="3")  # fmt: skip
+    assert [n.code for n in found.notices] == ["not-monotone"]
+    where = found.details["certificate"]["rises_with"]["violated_at"]
+    assert where["command"] > 2.4
+
+
+def test_motion_state_of_a_column() -> None:
+    assert motion_state(np.array([1.0, 2.0])).tolist() == [1.0, -1.0]
+    assert motion_state(np.array([-1.0, 0.0, 1.0])).tolist() == [-1.0, 0.0, 1.0]
+    assert motion_state(np.array([0.0, 1.0])).tolist() == [-1.0, 1.0]
+
+
+def test_dead_band_is_above_the_noise() -> None:
+    rng = np.random.default_rng(0)
+    assert choose_dead_band(cycles() + 0.01 * rng.standard_normal(2000)) > 0.03
+    assert choose_dead_band(cycles()) < 0.02
+
+
+# ------------------------------------------------------------------------------ real muscles
+
+
+def muscles(test: int, lengths: tuple[int, ...] = (10, 15, 20, 30)) -> list[Experiment]:
+    out = []
+    for path in sorted(REAL.glob(f"*_Test{test}.csv")):
+        match = re.match(r"10mm_(\d+)cm_(?:Unkink|kinked(\d+))", path.name)
+        assert match is not None
+        length, contraction = int(match[1]), float(match[2] or 0) / 100.0
+        if length not in lengths:
+            continue
+        force, pressure, _, state = np.loadtxt(path, delimiter=",").T
+        e = make(command=1e3 * pressure, position=contraction, length=length / 100.0,
+                 force=force, direction=state)  # fmt: skip
+        out.append(Experiment(path.name, len(out), e.time, e.signals, 0.0, False))
+    return out
+
+
+@real
+@pytest.mark.parametrize(("hidden", "limit"), [("8", 8.5)])
+def test_muscles_on_another_repeat(hidden: str, limit: float) -> None:
+    family = ForceMap()
+    options = {"target": "force", "inputs": "pressure,contraction,length,state", "hidden": hidden}
+    found = family.estimate(family.variants[1], muscles(8), Request(options=options))
+    values = {k: q.value for k, q in found.parameters.items()}
+    rest = [
+        e["force"] - family.simulate(family.variants[1], values, e, options) for e in muscles(9)
+    ]
+    assert rms(np.concatenate(rest)) <= limit
+    assert found.details["spikes"] > 0
+    assert found.details["cubic_polynomial"]["rmse"] > found.details["branches"]["rmse"]
