@@ -252,33 +252,42 @@ def speed(data: dict[str, Any]) -> list[str]:
         "",
         "## Whole processes",
         "",
-        "Wall time in s from start to end of a new process, files in the page cache: smallest "
-        "/ median / largest.",
+        "Seconds from start to end of a new process, files in the page cache: smallest / median "
+        "/ largest. Wall time holds whatever else the machine had to do (load average over 5 "
+        f"minutes at the end: {data['load']:.1f}); processor time does not.",
         "",
-        "| command | runs | s |",
-        "|---|---|---|",
+        "| command | runs | wall time, s | processor time, s |",
+        "|---|---|---|---|",
     ]
-    for name, values in data["short"].items():
+    for name, times in data["short"].items():
         what = "`--help`" if name == "--help" else f"`{name}`, the logs of `datasets/{name}`"
-        lines.append(f"| {what} | {len(values)} | {spread(values)} |")
+        lines.append(
+            f"| {what} | {len(times['fit'])} | {spread(times['fit'])} | "
+            f"{spread(times['fit, processor'])} |"
+        )
     lines += [
         "",
         f"One log of {data['rows']:,} rows, against `pandas.read_csv` of the same file, in turn. "
         "*Call*: `read_csv` alone in a new process that has imported pandas. *Process*: a new "
         "Python process that imports pandas, reads the file and ends. Ratios are of medians.",
-        "",
-        "| family | runs | fit, whole process | `read_csv`, call | ratio | process | ratio |",
-        "|---|---|---|---|---|---|---|",
     ]
-    for family, times in data["long"].items():
-        if not times["fit"]:
-            continue
-        fit, read, process = (float(np.median(times[k])) for k in ("fit", "read", "process"))
-        lines.append(
-            f"| `{family}` | {len(times['fit'])} | {spread(times['fit'])} | "
-            f"{spread(times['read'])} | {fit / read:.1f} | {spread(times['process'])} | "
-            f"{fit / process:.1f} |"
-        )
+    for clock, suffix in (("Wall", ""), ("Processor", ", processor")):
+        lines += [
+            "",
+            f"{clock} time, s:",
+            "",
+            "| family | runs | fit, whole process | `read_csv`, call | ratio | process | ratio |",
+            "|---|---|---|---|---|---|---|",
+        ]
+        for family, times in data["long"].items():
+            if "fit" not in times:
+                continue
+            every = [times[k + suffix] for k in ("fit", "read", "process")]
+            fit, read, process = (float(np.median(v)) for v in every)
+            lines.append(
+                f"| `{family}` | {len(every[0])} | {spread(every[0])} | {spread(every[1])} | "
+                f"{fit / read:.1f} | {spread(every[2])} | {fit / process:.1f} |"
+            )
     if data["failed"]:
         lines += ["", "Failed:", "", *_list((f"{k}: {v}" for k, v in data["failed"].items()), "")]
     return lines

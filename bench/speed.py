@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
+import resource
 import shlex
 import subprocess
 import sys
@@ -25,20 +27,23 @@ ROOT = Path(__file__).resolve().parents[1]
 _PROGRAM = [sys.executable, "-c", "from fluidact_fit_cli.main import main; main()"]
 _READ = (
     "import sys, time, pandas\n"
-    "began = time.perf_counter()\n"
+    "began, busy = time.perf_counter(), time.process_time()\n"
     "pandas.read_csv(sys.argv[1])\n"
-    "print(time.perf_counter() - began)\n"
+    "print(time.perf_counter() - began, time.process_time() - busy)\n"
 )
 
 
-def timed(command: list[str]) -> tuple[float, str]:
-    """Run a command in the root of the repository; returns seconds and what it said."""
+def timed(command: list[str]) -> tuple[float, float, str]:
+    """Run a command; returns wall time, processor time [s] and what it said."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     began = time.perf_counter()
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
-    seconds = time.perf_counter() - began
+    wall = time.perf_counter() - began
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     if done.returncode != 0:
         raise RuntimeError(f"{shlex.join(command[3:])}: {done.stderr.strip()[-400:]}")
-    return seconds, done.stdout
+    return wall, processor, done.stdout
 
 
 def small_fits() -> dict[str, list[str]]:
@@ -99,24 +104,36 @@ def main() -> int:
     long = long_logs(scratch, given.rows)
     cases: dict[str, list[str]] = {"--help": ["--help"]}
     cases |= {name: [*words, *output] for name, words in small_fits().items()}
-    result: dict[str, dict] = {"rows": given.rows, "short": {}, "long": {}, "failed": {}}
+    short: dict[str, dict[str, list[float]]] = {}
+    large: dict[str, dict[str, list[float]]] = {}
+    failed: dict[str, str] = {}
+
+    def note(entry: dict[str, list[float]], name: str, wall: float, processor: float) -> None:
+        entry.setdefault(name, []).append(wall)
+        entry.setdefault(f"{name}, processor", []).append(processor)
+
     for _ in range(given.repeat):
         for name, words in cases.items():
             try:
-                result["short"].setdefault(name, []).append(timed([*_PROGRAM, *words])[0])
+                note(short.setdefault(name, {}), "fit", *timed([*_PROGRAM, *words])[:2])
             except RuntimeError as error:
-                result["failed"][name] = str(error)
+                failed[name] = str(error)
     for _ in range(max(given.repeat // 2 + 1, 2)):
         for family, (path, extra) in long.items():
-            entry = result["long"].setdefault(family, {"fit": [], "read": [], "process": []})
-            process, said = timed([sys.executable, "-c", _READ, str(path)])
-            entry["process"].append(process)
-            entry["read"].append(float(said))
+            entry = large.setdefault(family, {})
+            wall, processor, said = timed([sys.executable, "-c", _READ, str(path)])
+            note(entry, "process", wall, processor)
+            note(entry, "read", *map(float, said.split()))
             try:
-                entry["fit"].append(timed([*_PROGRAM, family, str(path), *extra, *output])[0])
+                words = [*_PROGRAM, family, str(path), *extra, *output]
+                note(entry, "fit", *timed(words)[:2])
             except RuntimeError as error:
-                result["failed"][f"{family}, {given.rows} rows"] = str(error)
-            sys.stderr.write(f"{family} {entry}\n")
+                failed[f"{family}, {given.rows} rows"] = str(error)
+            sys.stderr.write(f"{family} done\n")
+    result = {
+        "rows": given.rows, "short": short, "long": large, "failed": failed,
+        "load": os.getloadavg()[1],
+    }  # fmt: skip
     (directory / "speed.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     return 0
 

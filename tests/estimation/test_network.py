@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from fluidact_fit.estimation.network import (
 
 def make_network(sizes: tuple[int, ...], activation: Activation = "relu", seed: int = 0) -> Network:
     rng = np.random.default_rng(seed)
-    weights = tuple(rng.standard_normal((b, a)) for a, b in zip(sizes, sizes[1:]))
+    weights = tuple(rng.standard_normal((b, a)) for a, b in pairwise(sizes))
     return Network(weights, tuple(rng.standard_normal(n) for n in sizes[1:]), activation)
 
 

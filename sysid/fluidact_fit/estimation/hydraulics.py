@@ -41,6 +41,7 @@ GRAY_NAMES = (
 LOSSES = {1: ("line_loss_1", "line_loss_3"), 2: ("line_loss_4", "line_loss_2")}
 _ROUND = 1e4  # Pa: pressure drop below which the square root of the gray box is rounded off
 _MOST_SUBSTEPS = 16
+_SLIP = 1e-3  # speed over which dry friction is rounded off, of the fast motion
 
 
 # ------------------------------------------------------------------------------- equations
@@ -561,7 +562,7 @@ class GrayBox:
         coulomb, viscous = friction
         mass = machine.mass or 1.0
         speeds = np.concatenate([np.abs(log.guess[:, 3]) for log in logs])
-        self.slip = max(1e-3 * float(np.quantile(speeds, 0.95)), 1e-6)
+        self.slip = max(_SLIP * float(np.quantile(speeds, 0.95)), 1e-7)
         # Runge-Kutta of order 4 is stable up to 2.78 / h and exact enough below 0.3 / omega
         stiff = step * (coulomb / (mass * self.slip) + viscous / mass) / 2.0
         self.substeps = int(np.clip(np.ceil(max(stiff, step / 5e-4)), 1, _MOST_SUBSTEPS))

@@ -95,8 +95,7 @@ class Problem:
     ``measured`` holds one array ``(n_i,)`` per experiment; ``weights`` one number or
     array ``(n_i,)`` per experiment that multiplies the residual (0 leaves a sample out).
     ``whiten`` is an autoregression of the residuals, shape ``(order,)``: its inverse is
-    applied to both sides, which is generalised least squares; the first ``order`` samples
-    of every experiment are then only its history.
+    applied to both sides, which is generalised least squares.
     """
 
     model: Model
@@ -107,18 +106,45 @@ class Problem:
     whiten: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def filter(self, rows: Array) -> Array:
-        """Pass rows (samples first) through ``1 - sum_i whiten[i] q^-(i+1)``."""
-        order = self.whiten.size
-        if order == 0:
+        """Whiten rows (samples first): what an autoregression cannot foretell of them.
+
+        The first samples, whose past is unknown, are foretold from what there is of it
+        and scaled to the same variance, so that no information is lost.
+        """
+        if self.whiten.size == 0:
             return rows
-        out = rows[order:].copy()
+        out = np.empty_like(rows)
+        order = self.whiten.size
+        for k, (a, scale) in enumerate(_predictors(self.whiten)[:-1]):
+            out[k] = scale * (rows[k] - np.tensordot(a, rows[:k][::-1], axes=1))
+        out[order:] = rows[order:]
         for i, c in enumerate(self.whiten):
-            out -= c * rows[order - 1 - i : rows.shape[0] - 1 - i]
+            out[order:] -= c * rows[order - 1 - i : rows.shape[0] - 1 - i]
         return out
 
     def weight(self, index: int) -> FloatArray | float:
         """Weight of the residuals of one experiment."""
         return self.weights[index] if self.weights else 1.0
+
+
+def _predictors(a: FloatArray) -> list[tuple[FloatArray, float]]:
+    """Predictors of order ``0..a.size`` of an autoregression, and the scale of their errors.
+
+    Levinson's recursion backwards; the scale makes every error as large as that of the
+    full order. A root on the unit circle has no stationary start: its scale is zero.
+    """
+    out = [(a, 1.0)]
+    variance = 1.0
+    while a.size:
+        reflection = float(a[-1])
+        rest = 1.0 - reflection**2
+        if rest <= 0.0:
+            a, variance = a[:-1] * 0.0, np.inf
+        else:
+            a = (a[:-1] + reflection * a[:-1][::-1]) / rest
+            variance /= rest
+        out.append((a, 1.0 / np.sqrt(variance)))
+    return out[::-1]
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ from .parametric import (
     scalars,
     shorten,
 )
-from .separable import Basis, Problem, Search, Unknown, profile, solve_from
+from .separable import Basis, Problem, Search, Unknown, evaluate, profile, solve_from
 
 Array = npt.NDArray[Any]
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
@@ -278,19 +278,30 @@ def _allow_for_input_noise(
     request.progress("allowing for the noise of the input")
     values = {**held, **fitted.values}
     noise = float(np.median([noise_of(y) for y in make(experiments).measured]))
+    plain = fitted.solution
     for _ in range(2):
-        a = whitening(build, experiments, fitted.solution, role, sigma, noise, rng)
-        white = lambda some, a=a: replace(make(some), whiten=a)  # noqa: E731
+        a = whitening(build, experiments, plain, role, sigma, noise, rng)
+        white = _whitened(make, a)
         fitted = fit_named(
             white(experiments), specs, request, unknowns, [values],
             refusals=refusals, sensible=sensible,
         )  # fmt: skip
         values = {**values, **fitted.values}
-    corrected, notice = _remove_bias(
-        lambda some: bind(white(some), unknowns, held), experiments, fitted, role, sigma, unit, rng
-    )
+        plain = evaluate(build(experiments), fitted.solution.eta)
+
+    def build_white(some: Sequence[Experiment]) -> Problem:
+        return bind(white(some), unknowns, held)
+
+    corrected, notice = _remove_bias(build_white, experiments, fitted, role, sigma, unit, rng)
     found["input_noise"]["treatment"] = "residual whitened, bias removed by extrapolation"
     return replace(corrected, notices=[*corrected.notices, *notice]), found
+
+
+def _whitened(
+    make: Callable[[Sequence[Experiment]], NamedModel], a: FloatArray
+) -> Callable[[Sequence[Experiment]], NamedModel]:
+    """The same model with its residual whitened by an autoregression."""
+    return lambda some: replace(make(some), whiten=a)
 
 
 def _remove_bias(

@@ -1,0 +1,193 @@
+"""The gray box of the single-acting cylinder: equation, inverse, truth, refusals."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import fluidact_fit as ff
+from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
+from fluidact_fit.experiment import Experiment, FloatArray, Signal
+from fluidact_fit.families.spring_cylinder import (
+    SpringCylinder,
+    SpringCylinderBlock,
+    cylinder_command,
+    cylinder_force,
+)
+from fluidact_fit.family import Estimate, Request
+from fluidact_fit.result import FitResult
+
+DATA = Path(__file__).parents[2] / "datasets" / "spring-cylinder"
+COLUMNS = {"time": "t [s]", "command": "u [V]", "position": "x [mm]", "force": "F [N]"}
+TRUTH = {
+    "pressure_gain": 18.09, "stiffness": 300.0, "preload": 5.0, "coulomb_loading": 2.4,
+    "coulomb_unloading": 2.4, "viscous": 45.0,
+}  # fmt: skip
+small = st.floats(-1e3, 1e3)
+
+
+@cache
+def fitted() -> FitResult:
+    return ff.fit(
+        "spring-cylinder", [ff.read_log(DATA / f"trial{i}.csv", columns=COLUMNS) for i in (1, 2, 3)]
+    )
+
+
+def test_truth_of_the_dataset() -> None:
+    result = fitted()
+    assert result.verdict == "pass", result.notices
+    for name, true in TRUTH.items():
+        q = result.parameters[name]
+        assert q.status == "estimated"
+        assert abs(q.value - true) < 4.0 * q.std_error, name  # type: ignore[operator]
+    details = result.document["fit"]["details"]
+    assert set(details["branches"]) == {"loading", "unloading"}
+    assert details["levels"] == "equal about the preload"
+
+
+@given(small, small, st.sampled_from([-1, 0, 1]), small, st.floats(0.1, 100.0))
+def test_inverse_is_exact(force: float, x: float, s: int, v: float, gain: float) -> None:
+    rest = {"gain": gain, "stiffness": 300.0, "preload": 5.0, "coulomb_loading": 3.0,
+            "coulomb_unloading": 2.0, "viscous": 45.0}  # fmt: skip
+    u = cylinder_command(force, x, s, v, **rest)
+    assert cylinder_force(u, x, s, v, **rest) == pytest.approx(force, rel=1e-9, abs=1e-6)
+
+
+def test_block_from_file(tmp_path: Path) -> None:
+    block = ff.load(fitted().save(tmp_path / "cylinder.yaml"))
+    assert isinstance(block, SpringCylinderBlock)
+    wanted = np.array([10.0, 20.0, 30.0])
+    command = block.inverse(wanted, 0.01, 1, 0.02)
+    assert np.allclose(block(command, 0.01, 1, 0.02), wanted)
+    assert float(block.inverse(20.0, 0.01, 1) - block.inverse(20.0, 0.01, -1)) == pytest.approx(
+        4.8 / 18.09, rel=0.01
+    )
+    assert block.outside(position=1.0)
+    assert not block.outside(position=0.014)
+    with pytest.raises(UsageError, match="no range"):
+        block.outside(temperature=1.0)
+
+
+# --------------------------------------------------------------------- experiments by hand
+
+
+def make(
+    position: Any = None, *, speed: float = 0.0, direction: FloatArray | None = None,
+    spikes: int = 0, seed: int = 0, rising: bool = False, sign: float = 1.0,
+    loading: float = 3.0, unloading: float = 2.0, timed: bool = True, drive: str = "command",
+) -> Experiment:  # fmt: skip
+    rng = np.random.default_rng(seed)
+    n = 2000
+    t = 0.01 * np.arange(n)
+    u = 2.0 + np.abs(np.mod(t / 2.0, 2.0) - 1.0)
+    if rising:
+        u = 2.0 + t / t[-1]
+    s = np.sign(np.gradient(u)) if direction is None else direction
+    x = np.repeat([0.005, 0.02], n // 2) if position is None else np.full(n, position)
+    v = speed * np.sin(np.arange(n) / 37.0)
+    f = cylinder_force(u, x, s, v, 18.0, 300.0, 5.0, loading, unloading, 45.0)
+    f = sign * f + 0.05 * rng.standard_normal(n)
+    f[rng.choice(n, spikes, replace=False)] += 60.0
+    unit, factor = ("V", 1.0) if drive == "command" else ("Pa", 9e4)
+    columns = {drive: (factor * u, unit), "position": (x, "m"), "force": (f, "N")}
+    columns |= {"velocity": (v, "m/s"), "direction": (s, "1")}
+    signals = {k: Signal(k, t, a, w, before=float(a[0])) for k, (a, w) in columns.items()}
+    return Experiment("hand.csv", 0, t if timed else np.zeros(0), signals, 0.01 * timed, timed)
+
+
+def estimate(e: Experiment, variant: int = 0, **request: Any) -> Estimate:
+    family = SpringCylinder()
+    options = {o.name: o.default for o in family.options} | request.pop("options", {})
+    return family.estimate(family.variants[variant], [e], Request(options=options, **request))
+
+
+def test_levels_apart_with_a_known_preload() -> None:
+    found = estimate(make(speed=0.05), fixed={"preload": 5.0})
+    assert found.parameters["coulomb_loading"].value == pytest.approx(3.0, abs=0.02)
+    assert found.parameters["coulomb_unloading"].value == pytest.approx(2.0, abs=0.02)
+    assert found.parameters["preload"].status == "fixed"
+
+
+def test_levels_are_equal_without_and_their_sum_is_right() -> None:
+    found = estimate(make(speed=0.05))
+    one, two = (found.parameters[f"coulomb_{w}"] for w in ("loading", "unloading"))
+    assert one.value == two.value == pytest.approx(2.5, abs=0.02)
+    assert found.derived["hysteresis_width"].value == pytest.approx(5.0, abs=0.03)
+    assert found.parameters["preload"].value == pytest.approx(5.5, abs=0.05)
+
+
+def test_free_levels_need_a_constant() -> None:
+    with pytest.raises(UsageError, match="needs one of the three"):
+        estimate(make(), options={"levels": "free"})
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_area_from_pressure(timed: bool) -> None:
+    found = estimate(make(speed=0.05, drive="pressure", timed=timed), variant=1)
+    assert found.parameters["area"].value == pytest.approx(18.0 / 9e4, rel=1e-3)
+
+
+def test_one_position_leaves_stiffness_open() -> None:
+    found = estimate(make(0.01, speed=0.05))
+    assert found.parameters["stiffness"].status == "not_identified"
+    assert found.parameters["stiffness"].value == 0.0
+    (notice,) = [n for n in found.notices if "stiffness" in n.message]
+    assert "two positions" in notice.message
+
+
+def test_one_direction_leaves_both_levels_open() -> None:
+    found = estimate(make(speed=0.05, rising=True))
+    for way in ("loading", "unloading"):
+        assert found.parameters[f"coulomb_{way}"].status == "not_identified"
+    assert found.parameters["preload"].value == pytest.approx(8.0, abs=0.3)
+    assert "hysteresis_width" not in found.derived
+
+
+def test_no_speed_leaves_viscous_friction_open() -> None:
+    found = estimate(make())
+    assert found.parameters["viscous"].status == "not_identified"
+    assert "two speeds" in " ".join(n.message for n in found.notices)
+
+
+def test_spikes_do_not_pull() -> None:
+    found = estimate(make(speed=0.05, spikes=40))
+    assert found.parameters["pressure_gain"].value == pytest.approx(18.0, rel=2e-3)
+    assert 30 <= found.details["spikes"] <= 40
+    assert [n.code for n in found.notices] == ["force-spikes"]
+
+
+def test_wrong_sign_is_told() -> None:
+    with pytest.raises(LogError, match=r"pressure_gain would be -18") as error:
+        estimate(make(speed=0.05, sign=-1.0))
+    assert "--scale force=-1" in error.value.remedy
+
+
+def test_constant_command() -> None:
+    e = make(direction=np.repeat([1.0, -1.0], 1000))
+    u = Signal("command", e.time, np.full(2000, 2.0), "V", before=2.0)
+    with pytest.raises(NotIdentifiedError, match="pressure_gain"):
+        estimate(Experiment("c.csv", 0, e.time, {**e.signals, "command": u}, 0.01, True))
+
+
+def test_direction_column_is_asked_for() -> None:
+    e = make()
+    signals = {k: s for k, s in e.signals.items() if k != "direction"}
+    bare = Experiment("b.csv", 0, e.time, signals, 0.01, True)
+    with pytest.raises(LogError, match="direction"):
+        estimate(bare, options={"motion-state": "direction"})
+    found = estimate(bare)
+    assert found.parameters["coulomb_loading"].value == pytest.approx(2.5, abs=0.05)
+
+
+def test_intervals_hold_the_truth() -> None:
+    hits = 0
+    for seed in range(60):
+        q = estimate(make(speed=0.05, seed=seed)).parameters["stiffness"]
+        hits += q.ci95[0] <= 300.0 <= q.ci95[1]  # type: ignore[index]
+    assert hits >= 52
