@@ -43,7 +43,7 @@ from the same guess. This project is given no start values, except where a row s
   yardstick.
 - **Time**: of the fit alone, without imports and reading, after one fit that was not
   counted; as the median ratio to this project's time on the same log, and in seconds. Other
-  work on the machine shows in it: single ratios are good to some ten percent.
+  work on the machine (load average over 15 minutes at the end: {load}) shows in it.
 - **Bold** is the best of a column, with everything that differs from it by less than
   {equal:g} bounds. For the time, bold is the fastest of those that reach the best accuracy
   in every column.
@@ -235,6 +235,9 @@ def variations(data: dict[str, Any]) -> list[str]:
                     one["trials"] += [
                         {**t, "trial": f"{number}.{t['trial']}"} for t in row["trials"]
                     ]
+        if not any(tool == OWN for tool, _ in merged):
+            lines += ["", f"### {name}, varied", "", "This project was left out of this run."]
+            continue
         table, some_lost, _ = _table(list(merged.values()), names, percent=False)
         lost += some_lost
         lines += ["", f"### {name}, varied", "", *table]
@@ -300,7 +303,7 @@ def main() -> int:
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "benchmark.md")
     given = parser.parse_args()
     data = json.loads((given.directory / "head-to-head.json").read_text(encoding="utf-8"))
-    lines = [_HEAD.format(equal=EQUAL, **data), "## Head to head"]
+    lines = [_HEAD.format(equal=EQUAL, **{"load": "not recorded", **data}), "## Head to head"]
     if data["variation"]:
         lines[-1] += f", variation {data['variation']}"
     parts: list[Callable[[dict[str, Any]], list[str]]] = [head_to_head, variations]

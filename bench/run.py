@@ -52,7 +52,8 @@ def main() -> int:
         return {k: p for k, p in every.items() if not given.problems or k in given.problems}
 
     main_rows = run(chosen(given.variation), workers, given.trials, given.limit)
-    slow = {(r.tool, r.fit) for r in main_rows if not _is_quick(r, given.quick)}
+    others = [r for r in main_rows if r.tool != OWN]
+    slow = {(r.tool, r.fit) for r in others if not _is_quick(r, given.quick)}
     varied = {}
     for number in range(1, given.variations + 1):
         sys.stderr.write(f"variation {number}\n")
@@ -67,6 +68,7 @@ def main() -> int:
     content = {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "cores": os.cpu_count(),
+        "load": os.getloadavg()[2],
         "python": sys.version.split()[0],
         "seed": given.seed,
         "variation": given.variation,

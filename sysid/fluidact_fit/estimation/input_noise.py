@@ -69,9 +69,7 @@ def share_of_residual(
     """Part of the residual variance that the noise of an input explains."""
     up, _ = perturb(experiments, role, sigma, rng)
     moved = evaluate(build(up), solution.eta)
-    change = sum(
-        float(np.sum((a - b) ** 2)) for a, b in zip(moved.residuals, solution.residuals)
-    )
+    change = sum(float(np.sum((a - b) ** 2)) for a, b in zip(moved.residuals, solution.residuals))
     return change / max(solution.cost, 1e-300)
 
 

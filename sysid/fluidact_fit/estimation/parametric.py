@@ -18,10 +18,12 @@ from ..errors import Notice, NotIdentifiedError, UsageError
 from ..experiment import Experiment, FloatArray, Signal
 from ..family import ParameterSpec, Quantity, Request, Value
 from .agreement_of_logs import Drift, compare_logs
-from .separable import Basis, Problem, Search, Slopes, Solution, Unknown, solve_from
+from .profile_likelihood import Interval, profile_interval
+from .separable import Basis, Problem, Search, Slopes, Solution, Unknown, solve, solve_from
 from .uncertainty import Uncertainty, covariance, score_covariance, t_quantile
 
 Array = npt.NDArray[Any]
+_PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
 _MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
 Values = Mapping[str, Any]
 
@@ -228,6 +230,7 @@ class Fitted:
     notices: list[Notice] = field(default_factory=list)
     unknowns: Mapping[str, Unknown] = field(default_factory=dict)
     remarks: Mapping[str, Any] = field(default_factory=dict)
+    intervals: Mapping[str, Interval] = field(default_factory=dict)
 
     def sensitivity(self) -> list[FloatArray]:
         """Derivative of every output by the reported parameters, nuisance projected out."""
@@ -407,7 +410,68 @@ def fit_named(
         neutral = by_name[name].neutral
         final[name] = 0.0 if neutral is None else neutral
         status[name] = "not_identified"
-    return Fitted(final, names, uncertainty, status, search, best, notices, unknowns)
+    fitted = Fitted(final, names, uncertainty, status, search, best, notices, unknowns)
+    if model.whiten.size or (channels and len(channels[0]) > 1):
+        return fitted
+    return replace(fitted, intervals=_examine_intervals(model, fitted, held, by_name))
+
+
+def _examine_intervals(
+    model: NamedModel,
+    fitted: Fitted,
+    held: Mapping[str, float],
+    specified: Mapping[str, ParameterSpec],
+) -> dict[str, Interval]:
+    """Intervals of the parameters whose cost need not be a parabola.
+
+    Those named ``dead_...`` have kinks, and those within three standard errors of a bound
+    have a side missing.
+    """
+    if sum(y.size for y in model.measured) > _PROFILED:
+        return {}
+    out = {}
+    quantile = t_quantile(0.975, fitted.uncertainty.degrees)
+    plain = covariance(
+        fitted.solution.jacobian,
+        fitted.solution.residuals,
+        local_unknowns=sum(fitted.solution.local_counts),
+        robust=False,
+    )
+    for k, name in enumerate(fitted.names):
+        if name not in model.nonlinear or name not in specified:
+            continue
+        value, se = fitted.values[name], fitted.std_error(name)
+        u = fitted.unknowns[name]
+        near = min(value - u.low, u.high - value) < 3.0 * se
+        if se <= 0.0 or not (near or name.startswith("dead_")):
+            continue
+        # coloured residuals carry less information: the cost counts for less
+        colour = max(fitted.uncertainty.covariance[k, k] / plain.covariance[k, k], 1.0)
+        rise = _make_rise(model, fitted, held, name, plain.sigma**2 * colour)
+        out[name] = profile_interval(rise, value, se, quantile, (u.low, u.high))
+    return out
+
+
+def _make_rise(
+    model: NamedModel, fitted: Fitted, held: Mapping[str, float], name: str, variance: float
+) -> Callable[[float], float]:
+    """Root of the rise of the profiled cost of one parameter, in standard deviations."""
+    order = [n for n in fitted.names if n in model.nonlinear]
+    covariance_of = fitted.uncertainty.covariance
+    k = fitted.names.index(name)
+
+    def rise(x: float) -> float:
+        problem = bind(model, fitted.unknowns, {**held, name: x})
+        step = (x - fitted.values[name]) / covariance_of[k, k]
+        start = [
+            fitted.values[n] + step * covariance_of[fitted.names.index(n), k]
+            for n in order
+            if n != name
+        ]
+        found = solve(problem, np.array(start), tolerance=0.05, max_iterations=12)
+        return float(np.sqrt(max(found.cost - fitted.solution.cost, 0.0) / variance))
+
+    return rise
 
 
 def _least_determined(
@@ -458,9 +522,11 @@ def quantities(
             out[spec.name] = Quantity(value, spec.unit, status)  # type: ignore[arg-type]
             continue
         se = fitted.std_error(spec.name)
-        low = max(value - quantile * se, spec.minimum)
-        high = min(value + quantile * se, spec.maximum)
-        out[spec.name] = Quantity(value, spec.unit, "estimated", se, [low, high], "wald")
+        found = fitted.intervals.get(spec.name)
+        if found is None:
+            found = Interval(value - quantile * se, value + quantile * se, "wald")
+        ends = [max(found.low, spec.minimum), min(found.high, spec.maximum)]
+        out[spec.name] = Quantity(value, spec.unit, "estimated", se, ends, found.method)
     # nuisance values of single logs stay behind: their rows are dropped, not conditioned on
     kept = [k for k, name in enumerate(fitted.names) if name in out]
     order = tuple(fitted.names[k] for k in kept)

@@ -155,7 +155,14 @@ class TransferModel:
         """The model in the form the estimation takes."""
         linear = () if self.gain is None else (self.gain,)
         nuisance = tuple(f"offset[{k}]" for k in self.several)
-        return NamedModel(tuple(nonlinear), linear, self.columns, self.measured, nuisance=nuisance, resolutions=self.resolutions)
+        return NamedModel(
+            tuple(nonlinear),
+            linear,
+            self.columns,
+            self.measured,
+            nuisance=nuisance,
+            resolutions=self.resolutions,
+        )
 
 
 def grid_search(
@@ -327,9 +334,7 @@ def _remove_bias(
     total = np.maximum(1.0, _ratio_of(spread, fitted.uncertainty.covariance))
     scale = np.sqrt(total)
     total = fitted.uncertainty.covariance * np.outer(scale, scale)
-    out = replace(
-        fitted, values=values, uncertainty=replace(fitted.uncertainty, covariance=total)
-    )
+    out = replace(fitted, values=values, uncertainty=replace(fitted.uncertainty, covariance=total))
     notice = Notice(
         "input-noise",
         f"'{role}' carries noise of about {sigma:.2g} {unit} rms, which an output-error fit takes "

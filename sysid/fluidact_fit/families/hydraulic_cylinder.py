@@ -35,6 +35,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -739,6 +740,7 @@ def _fit_gray(stage: _Stage, first: Fitted, rows: _FrictionRows) -> tuple[Fitted
         refused[worst[0]] = Refusal(*worst)
         start, nodes = solution.values, None
     _check_bulk_modulus(stage, box, solution, free, unknowns, bounds, channels)
+    uncertainty = _with_rounding(box, solution, free, unknowns, bounds, uncertainty)
     fitted = _as_fitted(stage, solution, free, fixed, refused, uncertainty, unknowns, notices)
     if not solution.converged:
         fitted.notices.append(
@@ -823,6 +825,28 @@ def _undetermined(
             found.append((spec.neutral is not None, ratio, name, reason))
     # what can be left out goes first: a gain may be sure once the losses are gone
     return max(found)[2:] if found else None
+
+
+def _with_rounding(
+    box: GrayBox,
+    solution: GraySolution,
+    free: Sequence[str],
+    unknowns: Mapping[str, Unknown],
+    bounds: Mapping[str, tuple[float, float]],
+    uncertainty: Uncertainty,
+) -> Uncertainty:
+    """Add what rounding off the dry friction does to the estimates.
+
+    The error is in proportion to the speed over which friction is rounded: doubling it moves the
+    estimates by as much as they are off, which noise alone does not show.
+    """
+    coarse = copy(box)
+    coarse.slip = 2.0 * box.slip
+    scales = {n: unknowns[n].scale for n in free}
+    other = solve_gray_box(coarse, solution.values, free, scales, bounds, solution.sigma,
+                           solution.nodes, max_iterations=5)  # fmt: skip
+    shift = np.array([other.values[n] - solution.values[n] for n in free])
+    return replace(uncertainty, covariance=uncertainty.covariance + np.outer(shift, shift))
 
 
 def _check_bulk_modulus(
