@@ -81,11 +81,14 @@ class Cell:
     def ahead(self, other: Cell) -> tuple[float, bool]:
         """How far this is ahead of another [bounds], and whether the trials can tell."""
         both = sorted(set(self.by_trial) & set(other.by_trial))
-        gain = np.array([other.by_trial[k] - self.by_trial[k] for k in both])
-        if gain.size < 3:
-            return other.median - self.median, False
-        error = float(np.std(gain, ddof=1)) / np.sqrt(gain.size)
-        return other.median - self.median, bool(gain.mean() > SIGNIFICANT * error)
+        mine, theirs = (np.array([c.by_trial[k] for k in both]) for c in (self, other))
+        if mine.size == 0:
+            return -np.inf, False
+        lead = float(np.median(theirs) - np.median(mine))
+        if mine.size < 3:
+            return lead, False
+        error = float(np.std(theirs - mine, ddof=1)) / np.sqrt(mine.size)
+        return lead, bool(np.mean(theirs - mine) > SIGNIFICANT * error)
 
 
 def _short(value: float) -> str:
@@ -201,7 +204,8 @@ def head_to_head(data: dict[str, Any]) -> list[str]:
             failures.append(f"{_title(row)} on {row['problem']}: {reason}")
     lines += _list((f.replace("\n", " ") for f in failures), "Everything ran.")
     lines += ["", "### Versions", ""]
-    lines += [", ".join(f"{k.strip('*')} {v}" for k, v in data["versions"].items()) + "."]
+    versions = {k.strip("*"): v for k, v in data["versions"].items() if v != "emulated"}
+    lines += [", ".join(f"{k} {v}" for k, v in versions.items()) + "."]
     lines += [
         "",
         "MATLAB and WPILib SysId cannot be run here: what is marked as emulated is their "

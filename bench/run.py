@@ -31,7 +31,7 @@ def main() -> int:
     )
     parser.add_argument("--directory", type=Path, default=HERE.parent / ".bench")
     parser.add_argument("--seed", type=int, default=2026)
-    parser.add_argument("--trials", type=int, default=10)
+    parser.add_argument("--trials", type=int, default=20)
     parser.add_argument("--limit", type=float, default=60.0, help="seconds a fit may take")
     parser.add_argument("--variation", type=int, default=0, help="0: the benchmark itself")
     parser.add_argument("--variations", type=int, default=5, help="of the second table")

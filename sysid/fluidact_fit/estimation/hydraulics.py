@@ -607,6 +607,33 @@ class GrayBox:
         slopes = out[:, :, 4:].reshape(count, length, columns, 4)
         return out[:, :, :4], np.swapaxes(slopes, 2, 3)
 
+    def close(self, log: GrayLog, initial: FloatArray, values: Mapping[str, float]) -> FloatArray:
+        """Nodes that follow from the initial state without gaps, ``(segments, 4)``.
+
+        Parameters
+        ----------
+        log
+            The log.
+        initial : (4,)
+            [Pa, Pa, m, m/s]
+        values
+            All parameters by name.
+        """
+        count = -(-(log.samples - 1) // self.segment)
+        function = _segment_function(self.machine, self.segment, self.substeps, self.slip, ())
+        theta = np.tile(np.array([[values[n]] for n in GRAY_NAMES]), (1, self.segment))
+        inputs = np.zeros((2, count * self.segment))
+        inputs[0, : log.command.size] = log.command
+        inputs[1, : log.step.size] = log.step
+        nodes = np.empty((count, 4))
+        nodes[0] = initial
+        seed = np.eye(4).reshape(-1)
+        for k in range(count - 1):
+            part = inputs[:, k * self.segment : (k + 1) * self.segment]
+            out = function(np.concatenate((nodes[k], seed)), part, theta)
+            nodes[k + 1] = np.asarray(out)[:4, -1]
+        return nodes
+
     def nodes_of(self, log: GrayLog) -> FloatArray:
         """Node states from the first guess, ``(segments, 4)``."""
         count = -(-(log.samples - 1) // self.segment)
@@ -703,23 +730,55 @@ def solve_gray_box(
     if nodes is not None:
         now.nodes = [n.copy() for n in nodes]
     _evaluate(box, now, free, sigma)
-    damping, converged, count = 1e-4, False, 0
     scale = np.array([scales[n] for n in free])
-    while count < max_iterations and not converged:
+    problem = _Problem(box, free, scale, bounds, sigma)
+    now, first, _ = _iterate(problem, now, max_iterations, closed=False)
+    # dry friction bends the states of a node so sharply that gaps can close no further: from
+    # here on the nodes follow from the initial state
+    closed = _Iterate(now.values, [box.close(log, n[0], now.values)
+                                   for log, n in zip(box.logs, now.nodes)])  # fmt: skip
+    _evaluate(box, closed, free, sigma)
+    if not np.isfinite(closed.cost):
+        return _finish(box, now, free, bounds, sigma, first, False)
+    now, second, converged = _iterate(problem, closed, max_iterations, closed=True)
+    return _finish(box, now, free, bounds, sigma, first + second, converged)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    box: GrayBox
+    free: Sequence[str]
+    scale: FloatArray
+    bounds: Mapping[str, tuple[float, float]]
+    sigma: FloatArray
+
+
+def _iterate(
+    problem: _Problem, now: _Iterate, most: int, closed: bool
+) -> tuple[_Iterate, int, bool]:
+    """Damped steps until none helps; with ``closed`` every trial is simulated without gaps."""
+    p = problem
+    damping, count = 1e-4, 0
+    while count < most:
         count += 1
-        step, initial, predicted = _propose(box, now, free, scale, bounds, sigma, damping)
-        trial = _move(box, now, free, step, initial, bounds)
-        _evaluate(box, trial, free, sigma)
+        step, initial, predicted = _propose(p.box, now, p.free, p.scale, p.bounds, p.sigma, damping)
+        trial = _move(p.box, now, p.free, step, initial, p.bounds)
+        if closed:
+            trial.nodes = [p.box.close(log, n[0], trial.values)
+                           for log, n in zip(p.box.logs, trial.nodes)]  # fmt: skip
+        _evaluate(p.box, trial, p.free, p.sigma)
         merit, new = now.cost + now.defect, trial.cost + trial.defect
         if new <= merit * (1.0 + 1e-12):
-            gained = merit - new
             now, damping = trial, max(0.1 * damping, 1e-10)
             tight = now.defect <= 1e-6 * now.cost + 1e-12
-            converged = tight and gained <= 1e-7 * merit
+            # a hundredth of one squared standard error
+            if tight and merit - new <= 1e-2:
+                return now, count, True
         else:
             damping = max(10.0 * damping, 1e-6)
-            converged = damping > 1e8 or predicted <= 1e-9 * merit
-    return _finish(box, now, free, bounds, sigma, count, converged)
+            if damping > 1e4 or predicted <= 1e-2:
+                return now, count, predicted <= 1e-2 or closed
+    return now, count, False
 
 
 def _rows(log: GrayLog, linear: _Linear, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:

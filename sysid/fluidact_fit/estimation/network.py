@@ -310,7 +310,7 @@ def make_start(
     columns = np.column_stack((a, np.ones(y.size)))
     both = cross(columns, np.column_stack((columns, y)))
     square = both[:, :-1] + 1e-6 * y.size * np.eye(columns.shape[1])
-    last = np.linalg.solve(square, both[:, -1])
+    last: FloatArray = np.asarray(np.linalg.solve(square, both[:, -1]), dtype=np.float64)
     return Network((*weights, last[None, :-1]), (*biases, last[-1:]), activation, sharpness)
 
 
@@ -567,9 +567,10 @@ def _largest_ball(w: FloatArray, b: FloatArray, sides: BoolArray) -> FloatArray 
     right = np.concatenate((sign * b, np.zeros(d), np.ones(d)))
     goal = np.append(np.zeros(d), -1.0)
     answer = linprog(goal, A_ub=rows, b_ub=right, bounds=[(None, None)] * (d + 1), method="highs")
-    if answer.status != 0 or answer.x[-1] <= _NARROWEST:
+    if answer.status != 0 or answer.x is None:
         return None
-    return np.asarray(answer.x[:-1])
+    ball = np.asarray(answer.x, dtype=np.float64)
+    return ball[:-1] if ball[-1] > _NARROWEST else None
 
 
 def gradient_interval(

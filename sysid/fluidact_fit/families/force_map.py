@@ -575,9 +575,9 @@ def _sweep(
     out: list[_Trial] = []
     for units in _SWEEP:
         request.progress(f"validating {units} hidden units")
-        out.append(_try(rows, names, (units,), options, request.seed, _DECAYS[:2]))
+        out.append(_try(rows, names, (units,), options, request.seed, _DECAYS[1:2]))
         scores = [_clipped_rms(t.error) for t in out]
-        if len(out) > 4 and min(scores[-3:]) > (1.0 - _WORTH) * min(scores[:-3]):
+        if len(out) > 4 and min(scores[-2:]) > (1.0 - _WORTH) * min(scores[:-2]):
             break
     return out
 
