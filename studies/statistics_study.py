@@ -209,8 +209,8 @@ def run(cell: Cell, pool: ProcessPoolExecutor) -> list[str]:
     """One row per parameter."""
     begin = time.perf_counter()
     limit = bound(cell, _inputs(cell))
-    found = [r for part in pool.map(repeat, [(cell, k) for k in range(cell.repetitions)], chunksize=2)
-             for r in part]  # fmt: skip
+    tasks = [(cell, k) for k in range(cell.repetitions)]
+    found = [r for part in pool.map(repeat, tasks, chunksize=2) for r in part]
     rows = []
     for name in PROBLEMS[cell.problem].truth:
         rms = float(np.sqrt(np.mean([e[name] ** 2 for e, _ in found])))
@@ -251,8 +251,9 @@ Written by `python studies/statistics_study.py` (`make study`), seed {seed}, {da
 `rms / bound` is the root-mean-square error over the Cramér-Rao bound of the same unknowns: one is
 as good as any unbiased estimate can be. `coverage` is how often the 95 % interval held the truth.
 With {few} repetitions a ratio is known to about ±{ratio:.0%}, with {many} a coverage to
-±{cover:.1f} points (one standard deviation). `white`, `ar1` (coefficient 0.9) and `adc12` (12-bit converter) are the
-noises; for the converter the signal-to-noise ratio is the converter's own.
+±{cover:.1f} points (one standard deviation). `white`, `ar1` (coefficient 0.9) and `adc12`
+(12-bit converter, another motion every time) are the noises; for the converter the
+signal-to-noise ratio is the converter's own.
 
 | parameter | noise | rate [Hz] | SNR [dB] | logs | repetitions | rms / bound | coverage [%] |
 |---|---|---|---|---|---|---|---|

@@ -11,6 +11,8 @@ import click
 
 _MOST_ROWS = 24  # of one list parameter
 
+_MANY_RUNS = 10  # more than fit on a screen beside the table
+
 
 def format_number(value: float, spread: float | None = None) -> str:
     """Return a number with as many digits as its standard error (two digits) leaves it."""
@@ -110,7 +112,13 @@ def echo_parameters(document: Mapping[str, Any], verbose: bool = False) -> None:
     rmse = fit["rmse"]
     click.echo(f"rmse {rmse['value']:.4g} {rmse['unit']}   samples {fit['samples']}   ", nl=False)
     click.echo(f"verdict {fit['verdict'].upper()}")
-    _echo_logs("fitted", fit.get("logs", []) if verbose or len(fit.get("logs", [])) > 1 else [])
+    logs = fit.get("logs", [])
+    if len(logs) > _MANY_RUNS and not verbose:
+        worst = min(logs, key=lambda entry: entry.get("fit_percent", 100.0))
+        click.echo(f"{len(logs)} runs (-v lists them all), the worst of them:")
+        _echo_logs("fitted", [worst])
+    elif verbose or len(logs) > 1:
+        _echo_logs("fitted", logs)
     _echo_logs("validation", document.get("validation", []))
 
 

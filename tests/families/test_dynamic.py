@@ -282,8 +282,10 @@ DRIVE = {
 def test_drive_with_stick_slip(hold: str) -> None:
     """The issue's figures: kinetic 0.5 %, static 3 %, inertia 0.3 %."""
     found = fit("ball-screw", [drive_log(1, hold)])
-    limits = {"inertia": 0.003, "viscous": 0.01, "coulomb_positive": 0.005,
-              "coulomb_negative": 0.005, "breakaway_positive": 0.03, "breakaway_negative": 0.03}  # fmt: skip
+    friction = {}
+    for side in ("positive", "negative"):
+        friction |= {f"coulomb_{side}": 0.005, f"breakaway_{side}": 0.03}
+    limits = {"inertia": 0.003, "viscous": 0.01, **friction}
     for name, limit in limits.items():
         q = found.parameters[name]
         assert q.value == pytest.approx(DRIVE[name], rel=limit), name

@@ -306,9 +306,9 @@ def _drift_notice(drift: Drift, label: Mapping[int, str], values: Mapping[str, f
     return Notice(
         "log-differs",
         f"{label[drift.log]} does not agree with the other logs: its own {drift.parameter} "
-        f"differs by {drift.difference:+.3g} ({share:+.1f} %), {abs(drift.deviations):.1f} standard "
-        f"errors (p = {drift.p_value:.1g}). Check whether it comes from the same machine in the "
-        "same state; leave it out or fit it apart.",
+        f"differs by {drift.difference:+.3g} ({share:+.1f} %), {abs(drift.deviations):.1f} "
+        f"standard errors (p = {drift.p_value:.1g}). Check whether it comes from the same "
+        "machine in the same state; leave it out or fit it apart.",
     )
 
 
