@@ -235,9 +235,9 @@ def _whitened(
     """Innovations of input and residual, of unit variance; None when one has none."""
     if role not in experiment or experiment.signals[role].time.size != residual.size:
         return None
-    if residual.size < 100 or not np.all(np.isfinite(residual)):
-        return None
     part = slice(0, min(residual.size, 50_000))
+    if residual.size < 100 or not np.all(np.isfinite(residual[part])):
+        return None
     out = []
     for series in (experiment[role][part], residual[part]):
         centred = series - series.mean()

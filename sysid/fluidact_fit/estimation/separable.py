@@ -315,10 +315,9 @@ class _Fit:
         for i, (r, s) in enumerate(zip(self.reduced, slopes)):
             w = self.problem.weight(i)
             j = s.known.copy()
-            for k, value in enumerate(self.linear):
-                j += value * s.shared[:, :, k]
-            for k, value in enumerate(local[i]):
-                j += value * s.local[:, :, k]
+            for columns, values in ((s.shared, self.linear), (s.local, local[i])):
+                if values.size:  # as one matrix times a vector: the columns lie interleaved
+                    j += columns.reshape(-1, values.size).dot(values).reshape(j.shape)
             j = self.problem.filter((j * w).T)
             if r.q.shape[1]:
                 j = j - r.q @ (r.q.T @ j)

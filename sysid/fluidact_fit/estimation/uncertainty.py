@@ -22,6 +22,9 @@ import numpy as np
 from ..experiment import FloatArray
 
 
+_LONG = 200_000  # samples of a series that its colour is judged by
+
+
 @dataclass(frozen=True)
 class Uncertainty:
     """Covariance of the unknowns and how it was made.
@@ -70,6 +73,14 @@ def autocovariance(series: Sequence[FloatArray], lags: int) -> FloatArray:
     return out / max(total, 1)
 
 
+def _middle(series: FloatArray) -> FloatArray:
+    """The middle of a very long series, which tells of its colour as much as the whole."""
+    if series.size <= _LONG:
+        return series
+    begin = (series.size - _LONG) // 2
+    return series[begin : begin + _LONG]
+
+
 def whiteness(residuals: Sequence[FloatArray], fitted: int = 0) -> Whiteness:
     """Ljung-Box test of the residuals against correlation in time [2]_.
 
@@ -80,7 +91,7 @@ def whiteness(residuals: Sequence[FloatArray], fitted: int = 0) -> Whiteness:
     fitted
         Number of fitted unknowns; too few samples beyond it give a p-value of one.
     """
-    kept = [r - r.mean() for r in residuals if r.size > 3]
+    kept = [r - r.mean() for r in map(_middle, residuals) if r.size > 3]
     n = sum(r.size for r in kept)
     shortest = min((r.size for r in kept), default=0)
     lags = int(min(20, n // 5, shortest - 1))
@@ -104,7 +115,7 @@ def fit_autoregression(residuals: Sequence[FloatArray], highest: int) -> tuple[F
     variance
         Variance of ``w``.
     """
-    kept = [r for r in residuals if r.size > 1]
+    kept = [_middle(r) for r in residuals if r.size > 1]
     n = sum(r.size for r in kept)
     r = autocovariance(kept, highest)
     best: tuple[FloatArray, float] = (np.zeros(0), r[0])
