@@ -838,7 +838,10 @@ def _propose(
     initial = []
     for q, t, r, j in blocks:
         rest = r - j[:, 4:] @ (step * scale)
-        initial.append(np.linalg.lstsq(t, q.T @ rest, rcond=1e-12)[0] * _STATE_SCALE)
+        # damped as well: the speed of a piston at rest is anything but linear in its friction
+        damped = np.vstack((t, np.diag(np.sqrt(damping) * np.linalg.norm(t, axis=0))))
+        target = np.concatenate((q.T @ rest, np.zeros(4)))
+        initial.append(np.linalg.lstsq(damped, target, rcond=1e-12)[0] * _STATE_SCALE)
     return step * scale, initial, float(2.0 * g @ step - step @ h @ step)
 
 

@@ -517,7 +517,7 @@ def _fit_flow(
     sensible = dict.fromkeys(names, np.inf) if lenient else _sensible(unknowns)
     if not lenient and "bulk_modulus" in names:
         sensible["bulk_modulus"] = 0.5 * unknowns["bulk_modulus"].scale
-    refusals = [] if lenient else _one_sided(stage, windows)
+    refusals = [r for r in _one_sided(stage, windows) if r.parameter not in request.fixed]
     return fit_named(
         model, stage.specs, request, unknowns, starts, refusals=refusals, sensible=sensible
     )
