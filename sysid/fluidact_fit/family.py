@@ -254,6 +254,10 @@ class Family(ABC):
     variants: ClassVar[tuple[Variant, ...]]
     options: ClassVar[tuple[Option, ...]] = ()
 
+    def variants_for(self, options: Mapping[str, Any]) -> tuple[Variant, ...]:
+        """Variants that can be meant under the given options; usually all of them."""
+        return self.variants
+
     @abstractmethod
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request

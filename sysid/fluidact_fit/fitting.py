@@ -82,10 +82,11 @@ def fit(
     if not given:
         raise UsageError("no log was given", remedy="Give at least one CSV file.")
     opened = [_open(log, hold) for log in given]
-    variant = choose_variant(opened, chosen.variants)
+    settings = _options(chosen, options)
+    variant = choose_variant(opened, chosen.variants_for(settings))
     experiments, notices = _prepare(opened, variant)
     request = Request(
-        options=_options(chosen, options),
+        options=settings,
         fixed=dict(fixed or {}),
         start=dict(start or {}),
         bounds=dict(bounds or {}),

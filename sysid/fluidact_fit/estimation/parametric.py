@@ -274,7 +274,9 @@ class Fitted:
         }
         if len(every) > 2:
             table["leave_one_log_out"] = [{"file": label[x.log], "rmse": x.rmse} for x in left_out]
-        return table, [_drift_notice(d, label, self.values) for d in drifts if d.p_value < 1e-3]
+        return table, [
+            _drift_notice(d, label, self.values) for d in drifts if _matters(d, self.values)
+        ]
 
     def details(self) -> dict[str, Any]:
         """What the search did, for the file."""
@@ -299,6 +301,11 @@ class Fitted:
         """Standard error of an estimated parameter."""
         k = self.names.index(name)
         return float(np.sqrt(max(self.uncertainty.covariance[k, k], 0.0)))
+
+
+def _matters(drift: Drift, values: Mapping[str, float]) -> bool:
+    """Whether a drift is significant, and large enough to be anything but a technicality."""
+    return drift.p_value < 1e-3 and abs(drift.difference) > 5e-3 * abs(values[drift.parameter])
 
 
 def _drift_notice(drift: Drift, label: Mapping[int, str], values: Mapping[str, float]) -> Notice:
@@ -446,7 +453,10 @@ def _examine_intervals(
         if se <= 0.0 or not (near or name.startswith("dead_")):
             continue
         # coloured residuals carry less information: the cost counts for less
-        colour = max(fitted.uncertainty.covariance[k, k] / plain.covariance[k, k], 1.0)
+        own = plain.covariance[k, k]
+        if not (np.isfinite(own) and own > 0.0 and np.isfinite(se)):
+            continue
+        colour = max(fitted.uncertainty.covariance[k, k] / own, 1.0)
         rise = _make_rise(model, fitted, held, name, plain.sigma**2 * colour)
         out[name] = profile_interval(rise, value, se, quantile, (u.low, u.high))
     return out

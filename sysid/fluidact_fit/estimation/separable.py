@@ -401,8 +401,10 @@ def solve(
             gain = (fit.cost - trial.cost) / predicted
             if gain > 1e-4:
                 x, moved = candidate, True
-                if predicted <= (10.0 * tolerance) ** 2 * noise and gain > 0.5:
-                    # the next step would be far below the tolerance: keep these slopes
+                length = float(np.sqrt(predicted / max(noise, 1e-300)))
+                if min(1.0, 4.0 * abs(1.0 - gain)) * length <= 10.0 * tolerance and gain > 0.5:
+                    # so short a step, or so exactly foretold, that the next one would be
+                    # below the tolerance: keep these slopes
                     fit, converged, moved = trial, True, False
                     break
                 damping = max(damping * (0.1 if gain > 0.5 else 0.5), 1e-12)

@@ -252,6 +252,9 @@ def covariance(
     _, s, vt = np.linalg.svd(np.linalg.qr(stacked / scale, mode="r"))
     inverse = np.where(s > 1e-12 * s.max(initial=0.0), 1.0 / np.maximum(s, 1e-300), 0.0)
     bread = (vt.T * inverse**2) @ vt / np.outer(scale, scale)
+    # directions of which the data say nothing leave every parameter in them unknown
+    silent = np.abs(vt[inverse == 0.0])
+    blind = blind | np.any(silent > 1e-4, axis=0)
     order, middle = 0, None
     if robust and n > 30:
         shortest = min(r.size for r in residuals)

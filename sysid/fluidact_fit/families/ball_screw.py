@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -457,26 +457,21 @@ class BallScrew(Family):
         held = {**{r.parameter: float(r.hold or 0.0) for r in refusals}, **request.fixed}
         problem = bind(model, unknowns, held)
         order = [u.name for u in problem.nonlinear]
-        ratios = (0.05, 0.6)
         best = None
-        for up in ratios:
-            for down in ratios:
-                first = {**guess, **held, **request.start}
-                for s, ratio in zip(_SIDES, (up, down)):
-                    first.setdefault(f"breakaway_{s}", (1 + ratio) * first[f"coulomb_{s}"])
-                    first[f"stiction_{s}"] = ratio * first[f"coulomb_{s}"]
-                    if f"breakaway_{s}" in request.start:
-                        first[f"stiction_{s}"] = max(
-                            request.start[f"breakaway_{s}"] - first[f"coulomb_{s}"], 0.0
-                        )
-                found = solve(
-                    problem,
-                    np.array([first[n] for n in order]),
-                    max_iterations=12,
-                    tolerance=0.05,
-                )
-                if best is None or found.cost < best.cost:
-                    best = found
+        # a start that the user gives is one more candidate: his guess may be a bad one
+        bases = [guess, {**guess, **request.start}] if request.start else [guess]
+        for base, up, down in product(bases, (0.05, 0.6), (0.05, 0.6)):
+            first = {**base, **held}
+            for s, ratio in zip(_SIDES, (up, down)):
+                first.setdefault(f"breakaway_{s}", (1 + ratio) * first[f"coulomb_{s}"])
+                first[f"stiction_{s}"] = ratio * first[f"coulomb_{s}"]
+                if base is not guess and f"breakaway_{s}" in request.start:
+                    asked = request.start[f"breakaway_{s}"] - first[f"coulomb_{s}"]
+                    first[f"stiction_{s}"] = max(asked, 0.0)
+            eta = np.array([first[n] for n in order])
+            found = solve(problem, eta, max_iterations=12, tolerance=0.05)
+            if best is None or found.cost < best.cost:
+                best = found
         assert best is not None
         if not best.converged:
             best = solve(problem, best.eta, max_iterations=30, tolerance=0.05)
@@ -814,7 +809,8 @@ def _bracket_static(
     seen: list[tuple[float, float]] = []
     for _ in range(4):
         for s in sides:
-            brackets[f"breakaway_{s}"] = bracket = _search_level(model, part, axis, values, s)
+            near = brackets.get(f"breakaway_{s}")
+            brackets[f"breakaway_{s}"] = bracket = _search_level(model, part, axis, values, s, near)
             values[f"breakaway_{s}"] = bracket.value
         fixed = {n: v for n, v in values.items() if n not in others}
         problem = bind(model.named(list(values)), {**unknowns, **_as_unknowns(values)}, fixed)
@@ -855,14 +851,22 @@ def _search_level(
     axis: _Axis,
     values: Mapping[str, float],
     side: str,
+    near: _Bracket | None = None,
 ) -> _Bracket:
-    """Find the step of the staircase that fits best, coarse to fine."""
+    """Find the step of the staircase that fits best, coarse to fine.
+
+    ``near`` is where an earlier pass found it: only its neighbourhood is searched again.
+    """
     sign = 1.0 if side == "positive" else -1.0
     drive = np.concatenate([sign * e.sampled(axis.drive) for e in experiments])
     kinetic = values[f"coulomb_{side}"]
     levels = np.unique(drive[drive > kinetic])
     levels = np.concatenate(([kinetic], levels))
     low, high = 0, levels.size - 1
+    if near is not None:
+        margin = 0.03 * near.value
+        low = max(int(np.searchsorted(levels, near.low - margin)) - 1, 0)
+        high = min(int(np.searchsorted(levels, near.high + margin)), levels.size - 1)
 
     def cost(level: float) -> float:
         tried = {**values, f"breakaway_{side}": level}
@@ -874,7 +878,7 @@ def _search_level(
 
     samples = sum(y.size for y in model.measured)
     while high - low > 1:
-        marks = np.unique(np.linspace(low, high, 21).astype(int))
+        marks = np.unique(np.linspace(low, high, 13 if near else 21).astype(int))
         costs = np.array([cost(0.5 * (levels[a] + levels[b])) for a, b in pairwise(marks)])
         good = np.flatnonzero(costs <= costs.min() * (1.0 + 4.0 / samples))
         finest = marks.size == high - low + 1
