@@ -1,4 +1,4 @@
-# make demo | test | lint | clean. Needs Python 3.11 or newer with pip, nothing else.
+# make demo | test | lint | study | bench | clean. Needs Python 3.11 or newer with pip, nothing else.
 
 PYTHON ?= python3
 VENV := .venv
@@ -6,12 +6,13 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 INSTALLED_DEV := $(VENV)/installed-dev
 
-.PHONY: help demo test lint bench clean
+.PHONY: help demo test lint study bench clean
 
 help:
 	@echo "make demo   fit the six datasets into demo-output/"
 	@echo "make test   style, types, tests and notebooks"
 	@echo "make lint   style and types only"
+	@echo "make study  efficiency and coverage by repetition, written to docs/statistics.md"
 	@echo "make bench  this project against other tools, written to docs/benchmark.md"
 	@echo "make clean  remove everything that make has made"
 	@echo "Another Python: make PYTHON=/path/to/python3.12 test"
@@ -28,6 +29,11 @@ lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# Takes an hour or two on two cores; make study STUDY='--scale 0.1' is a taste of it.
+study: $(INSTALLED)
+	$(BIN)/python studies/statistics_study.py $(STUDY)
+	$(BIN)/python studies/design.py
 
 # Other tools come from PyPI into environments of their own; MATLAB and Octave do not.
 bench: $(INSTALLED)

@@ -21,7 +21,6 @@ import numpy as np
 
 from ..experiment import FloatArray
 
-
 _LONG = 200_000  # samples of a series that its colour is judged by
 
 
