@@ -79,6 +79,9 @@ def test_readme_says_where_the_numbers_come_from(family: str) -> None:
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_truth_is_recovered(family: str) -> None:
+    if not load_dataset(family).truth:  # a network has no true weights: it has to fit
+        assert fitted(family).document["fit"]["fit_percent"] > 98.0
+        return
     rows = compare(load_dataset(family), fitted(family))
     assert rows
     assert all(row.good for row in rows), [row.cells for row in rows if not row.good]

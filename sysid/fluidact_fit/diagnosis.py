@@ -143,7 +143,7 @@ def _shift(
         residuals.append(y - family.simulate(variant, values, turned, request.options))
         before += float(np.sum((y - model) ** 2))
     j, r = np.vstack(estimate.sensitivity), np.concatenate(residuals)
-    if j.shape[0] != r.size or not np.all(np.isfinite(r)):
+    if j.shape[0] != r.size or j.shape[1] == 0 or not np.all(np.isfinite(r)):
         return None
     scale = np.linalg.norm(j, axis=0)
     scale[scale == 0.0] = 1.0

@@ -8,10 +8,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from .errors import UsageError
 from .estimation.inputs import PiecewiseInput
 from .estimation.linear import forced_response, transition
 from .experiment import FloatArray
 
+_LONGEST = 10_000  # samples of dead time that a controller may be asked to remember
 Method = Literal["zoh", "foh", "tustin"]
 
 
@@ -62,7 +64,18 @@ def discretise(
     dict
         ``sample_time``, ``hold``, ``numerator`` and ``denominator`` of equal length, in
         rising powers of ``1/z`` (which for equal lengths are falling powers of ``z``).
+
+    Raises
+    ------
+    UsageError
+        When the dead time spans more samples than a controller can remember.
     """
+    if dead_time > _LONGEST * sample_time:
+        raise UsageError(
+            f"a dead time of {dead_time:g} s is more than {_LONGEST} samples of {sample_time:g} s",
+            expected="A difference equation remembers every sample of its dead time.",
+            remedy="Correct the dead time, or give a longer --controller-sample-time.",
+        )
     if method == "tustin":
         num, den = _tustin(numerator, denominator, sample_time)
         whole = floor(dead_time / sample_time + 1e-9)

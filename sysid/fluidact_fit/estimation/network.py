@@ -392,7 +392,8 @@ def search(
 
     Parameters
     ----------
-    x, y
+    x : (n, inputs)
+    y : (n,)
         Standardised rows.
     starts
         Searches on ``rows`` evenly spaced rows.

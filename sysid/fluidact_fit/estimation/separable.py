@@ -402,7 +402,8 @@ def solve(
             if gain > 1e-4:
                 x, moved = candidate, True
                 length = float(np.sqrt(predicted / max(noise, 1e-300)))
-                if min(1.0, 4.0 * abs(1.0 - gain)) * length <= 10.0 * tolerance and gain > 0.5:
+                miss = min(1.0, 4.0 * abs(1.0 - gain)) if tolerance > 1e-3 else 1.0
+                if miss * length <= 10.0 * tolerance and gain > 0.5:
                     # so short a step, or so exactly foretold, that the next one would be
                     # below the tolerance: keep these slopes
                     fit, converged, moved = trial, True, False

@@ -275,8 +275,9 @@ def covariance(
     total = _positive(total)
     if order and small_sample:
         white = sigma**2 * np.diag(bread)
-        inflation = max(float(np.median(np.diag(total)[white > 0.0] / white[white > 0.0])), 1.0)
-        effective = n / inflation
+        seen = (white > 0.0) & np.isfinite(np.diag(total))
+        ratio = float(np.median(np.diag(total)[seen] / white[seen])) if seen.any() else 1.0
+        effective = n / max(ratio, 1.0) if np.isfinite(ratio) else float(p)
         total *= effective / max(effective - 3.0 * p - 2.0, 0.25 * effective)
         degrees = max(int(effective) - p, 1)
     total[blind, blind] = np.inf

@@ -378,10 +378,10 @@ class BallScrew(Family):
         if any(interpolation(e.signals[axis.drive]) != "zoh" for e in experiments):
             return before
         request.progress("bracketing the static levels")
-        brackets = _bracket_static(experiments, axis, start, static, unknowns, refusals)
+        brackets, refitted = _bracket_static(experiments, axis, start, static, unknowns, refusals)
         if not brackets:
             return before
-        held, free, asked = _hold_brackets(brackets, start, names, request)
+        held, free, asked = _hold_brackets(brackets, {**start, **refitted}, names, request)
         if _forces_beyond_model(experiments, axis, free, unknowns, held, asked, refusals):
             return start, names, request, [*refusals, *_static_out_of_reach(static, refusals)], {}
         return held, free, asked, refusals, brackets
@@ -785,12 +785,13 @@ def _bracket_static(
     static: Sequence[str],
     unknowns: Mapping[str, Unknown],
     refusals: Sequence[Refusal],
-) -> dict[str, _Bracket]:
+) -> tuple[dict[str, _Bracket], dict[str, float]]:
     """Bracket the static levels of a drive that is commanded in steps.
 
     A held torque jumps past the static level, so the motion does not depend on where
     between two commanded levels it lies: the cost is a staircase, which a gradient does
-    not see. It is searched level by level, the other parameters refitted in between.
+    not see. It is searched level by level, the other parameters refitted in between;
+    those are returned as well.
     """
     held = {r.parameter: float(r.hold or 0.0) for r in refusals}
     sides = [
@@ -821,7 +822,7 @@ def _bracket_static(
         if now == seen:
             break
         seen = now
-    return brackets
+    return brackets, {n: values[n] for n in others}
 
 
 def _as_unknowns(values: Mapping[str, float]) -> dict[str, Unknown]:
@@ -864,7 +865,7 @@ def _search_level(
     levels = np.concatenate(([kinetic], levels))
     low, high = 0, levels.size - 1
     if near is not None:
-        margin = 0.03 * near.value
+        margin = 0.15 * near.value
         low = max(int(np.searchsorted(levels, near.low - margin)) - 1, 0)
         high = min(int(np.searchsorted(levels, near.high + margin)), levels.size - 1)
 
@@ -878,7 +879,7 @@ def _search_level(
 
     samples = sum(y.size for y in model.measured)
     while high - low > 1:
-        marks = np.unique(np.linspace(low, high, 13 if near else 21).astype(int))
+        marks = np.unique(np.linspace(low, high, 15 if near else 21).astype(int))
         costs = np.array([cost(0.5 * (levels[a] + levels[b])) for a, b in pairwise(marks)])
         good = np.flatnonzero(costs <= costs.min() * (1.0 + 4.0 / samples))
         finest = marks.size == high - low + 1

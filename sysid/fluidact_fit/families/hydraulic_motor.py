@@ -132,7 +132,7 @@ def lag(target: Array, step: float, time_constant: complex, dead_time: complex) 
 def _columns(e: Experiment, values: Values) -> Basis:
     """Speed of one log, with an offset and the fading initial deviation as local unknowns."""
     width = values["hysteresis"]
-    spool, slope = play(e["command"], float(np.real(width)))
+    spool, slope = play(e.sampled("command"), float(np.real(width)))
     moved = spool + slope * (width - np.real(width))
     target = static_speed(moved, values)
     tau = values["time_constant"]
@@ -179,7 +179,7 @@ class HydraulicMotor(Family):
                 ParameterSpec(
                     "saturation_command", "A", "command from which the speed grows no more",
                     minimum=0.0, any_unit=True, optional=True,
-                    remedy="Raise the command until the speed grows no more.",
+                    remedy="Record commands that rise until the speed grows no more.",
                 ),
                 ParameterSpec(
                     "hysteresis", "A", "width of the hysteresis, in command", neutral=0.0,
@@ -334,9 +334,9 @@ def _one_way(experiments: Sequence[Experiment]) -> list[Refusal]:
 
     Going one way it only shifts the curve, which dead zone and saturation do as well.
     """
-    top = max(float(np.abs(e["command"]).max()) for e in experiments)
+    top = max(float(np.abs(e.sampled("command")).max()) for e in experiments)
     for e in experiments:
-        u = np.abs(e["command"])
+        u = np.abs(e.sampled("command"))
         up = float(np.max(u - np.minimum.accumulate(u)))
         down = float(np.max(np.maximum.accumulate(u) - u))
         if min(up, down) > 0.25 * top:
@@ -348,7 +348,7 @@ def _saturates(fitted: Fitted, experiments: Sequence[Experiment]) -> bool:
     """Whether the commands go beyond the saturation by more than its uncertainty."""
     if "saturation_command" not in fitted.names:
         return False
-    top = max(float(np.abs(e["command"]).max()) for e in experiments)
+    top = max(float(np.abs(e.sampled("command")).max()) for e in experiments)
     reach = top - 0.5 * fitted.values["hysteresis"]
     return (
         fitted.values["saturation_command"] + 2.0 * fitted.std_error("saturation_command") < reach
@@ -368,7 +368,7 @@ def _sizes(
     experiments: Sequence[Experiment],
 ) -> tuple[dict[str, float], dict[str, tuple[float, float]], list[dict[str, float]]]:
     """Typical sizes, search ranges and starts."""
-    top = max(float(np.abs(e["command"]).max()) for e in experiments)
+    top = max(float(np.abs(e.sampled("command")).max()) for e in experiments)
     speed = max(float(np.ptp(e["speed"])) for e in experiments)
     if top == 0.0 or speed == 0.0:
         raise LogError(
