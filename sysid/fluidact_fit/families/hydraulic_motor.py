@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import LogError, Notice
+from ..errors import LogError, Notice, UsageError
 from ..estimation.parametric import (
     Fitted,
     NamedModel,
@@ -209,6 +209,13 @@ class HydraulicMotor(Family):
         """Fit curve, hysteresis and lag; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         used = [_on_grid(e) for e in experiments]
+        longest = max(float(np.ptp(e.time)) for e in used)
+        if request.fixed.get("dead_time", 0.0) > longest:
+            raise UsageError(
+                f"--fix dead_time={request.fixed['dead_time']:g} is longer than the logs",
+                expected=f"Their longest takes {longest:g} s.",
+                remedy="Give the dead time in seconds.",
+            )
         if request.options["dead-time"] == "none":
             request = replace(request, fixed={"dead_time": 0.0, **request.fixed})
         notices: list[Notice] = []
