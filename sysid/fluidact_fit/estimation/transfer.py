@@ -38,6 +38,7 @@ from .parametric import (
     shorten,
 )
 from .separable import Basis, Problem, Search, Unknown, evaluate, profile, solve_from
+from .uncertainty import enlarge
 
 Array = npt.NDArray[Any]
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
@@ -331,9 +332,7 @@ def _remove_bias(
             said.append((abs(b) / max(fitted.std_error(name), 1e-300), name, b))
     size, name, b = max(said)
     # scatter by the input, plus what a residual of white noise would add by itself
-    total = np.maximum(1.0, _ratio_of(spread, fitted.uncertainty.covariance))
-    scale = np.sqrt(total)
-    total = fitted.uncertainty.covariance * np.outer(scale, scale)
+    total = enlarge(fitted.uncertainty.covariance, np.diag(spread))
     out = replace(fitted, values=values, uncertainty=replace(fitted.uncertainty, covariance=total))
     notice = Notice(
         "input-noise",
@@ -384,12 +383,6 @@ def _starts_at_rest(
         count = sum(search.best.local_counts) + len(problem.nonlinear)
         scores.append(total * np.log(max(search.best.cost, 1e-300)) + count * np.log(total))
     return bool(scores[0] <= scores[1])
-
-
-def _ratio_of(larger: FloatArray, base: FloatArray) -> FloatArray:
-    """Variances relative to others, one where those vanish."""
-    a, b = np.diag(larger), np.diag(base)
-    return np.where(b > 0.0, a / np.where(b > 0.0, b, 1.0), 1.0)
 
 
 def _vector(problem: Problem, start: Mapping[str, float]) -> FloatArray:

@@ -177,7 +177,7 @@ def _converter_middle(
     return middle
 
 
-def _enlarge(matrix: FloatArray, variances: FloatArray) -> FloatArray:
+def enlarge(matrix: FloatArray, variances: FloatArray) -> FloatArray:
     """Scale a covariance up to given variances, correlations kept."""
     now = np.diag(matrix)
     ratio = np.where(now > 0.0, variances / np.where(now > 0.0, now, 1.0), 1.0)
@@ -271,7 +271,7 @@ def covariance(
     steps = _converter_middle(jacobian, readings, sigma) if robust else None
     if steps is not None:
         held = bread @ (steps + max(sigma**2 - _step_variance(readings), 0.0) * stacked.T @ stacked)
-        total = _enlarge(total, np.diag(held @ bread))
+        total = enlarge(total, np.diag(held @ bread))
     total = _positive(total)
     if order and small_sample:
         white = sigma**2 * np.diag(bread)
