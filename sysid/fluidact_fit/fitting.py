@@ -9,6 +9,7 @@ from os import PathLike
 from typing import Any, Literal
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from .diagnosis import diagnose
 from .errors import LogError, Notice, NotIdentifiedError, UsageError
@@ -109,7 +110,10 @@ def _estimate(
 ) -> Estimate:
     """Let the family fit; values so far apart that arithmetic fails are the data's fault."""
     try:
-        return family.estimate(variant, experiments, request)
+        # Matrices are small: sharing one out among threads costs more than the product, most
+        # of all on a busy machine, and the last digits would depend on how many there are.
+        with threadpool_limits(limits=1, user_api="blas"):
+            return family.estimate(variant, experiments, request)
     except (np.linalg.LinAlgError, OverflowError, FloatingPointError) as error:
         raise NotIdentifiedError(
             f"the computation broke down ({error}).",

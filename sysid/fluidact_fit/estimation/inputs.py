@@ -168,18 +168,21 @@ def _cross(u: PiecewiseInput, index: npt.NDArray[np.intp], edge: complex) -> tup
     target = float(np.real(edge))
     low, high = np.zeros(index.size), step.copy()
     rising = c[:, 0] <= target
-    offset: Array = step * np.clip(
-        (target - c[:, 0]) / np.where(_values(c, step) == c[:, 0], 1.0, _values(c, step) - c[:, 0]),
-        0.0,
-        1.0,
-    )
+    rise = _values(c, step) - c[:, 0]
+    share = (target - c[:, 0]) / np.where(rise == 0.0, 1.0, rise)
+    offset: Array = step * np.minimum(np.maximum(share, 0.0), 1.0)
+    gradient = c[:, 1:] * np.arange(1, c.shape[1])
     for _ in range(1 if c.shape[1] == 2 else 8):  # Newton kept inside a shrinking bracket
         miss = _values(c, offset) - target
         left = (miss <= 0.0) == rising
         low, high = np.where(left, offset, low), np.where(left, high, offset)
-        slope = _values(c[:, 1:] * np.arange(1, c.shape[1]), offset)
+        slope = _values(gradient, offset)
         moved = offset - miss / np.where(slope == 0.0, np.inf, slope)
-        offset = np.where((moved >= low) & (moved <= high), moved, 0.5 * (low + high))
+        moved = np.where((moved >= low) & (moved <= high), moved, 0.5 * (low + high))
+        settled = np.all(np.abs(moved - offset) <= 1e-12 * step)
+        offset = moved
+        if settled:  # Newton squares the error: what is left is rounding
+            break
     bend = _expand(c, offset)[:, 1:]
     if np.iscomplexobj(edge):
         slope = bend[:, 0]
@@ -190,8 +193,8 @@ def _cross(u: PiecewiseInput, index: npt.NDArray[np.intp], edge: complex) -> tup
 
 def _values(c: Array, offset: Array) -> Array:
     """Values of polynomials with rising powers, one per row."""
-    total = np.zeros_like(offset)
-    for i in range(c.shape[1] - 1, -1, -1):
+    total: Array = c[:, -1]
+    for i in range(c.shape[1] - 2, -1, -1):
         total = total * offset + c[:, i]
     return total
 

@@ -14,11 +14,14 @@ References
    functions", SIAM Review 40(1), 1998.
 .. [2] C. F. Van Loan, "Computing integrals involving the matrix exponential", IEEE
    Trans. Automatic Control 23(3), 1978.
+.. [3] M. Paterson, L. Stockmeyer, "On the number of nonscalar multiplications necessary
+   to evaluate polynomials", SIAM J. Computing 2(1), 1973.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from math import ceil, factorial, log2
 from typing import Any
 
@@ -30,7 +33,9 @@ from .inputs import PiecewiseInput
 
 Array = npt.NDArray[Any]
 
-_TAYLOR_DEGREE = 15  # 0.5**16 / 16! = 7e-19: below rounding for a norm of one half
+# Taylor coefficients of exp up to degree 15, four to a row; what is left out is
+# 0.5**16 / 16! = 7e-19: below rounding for a norm of one half.
+_SERIES = 1.0 / np.array([float(factorial(k)) for k in range(16)]).reshape(4, 4)
 _HEAD = 8192  # samples within which the free response of a fast system is over
 _SAME_STEP = 1e-9  # steps closer than this share of the median step count as equal
 
@@ -72,10 +77,7 @@ def transition(
     norm = float(np.abs(m).sum(axis=1).max(initial=0.0))
     squarings = max(0, ceil(log2(norm / 0.5))) if norm > 0.5 else 0
     m /= 2.0**squarings
-    identity = np.eye(size)
-    result = identity + m / _TAYLOR_DEGREE
-    for k in range(_TAYLOR_DEGREE - 1, 0, -1):
-        result = identity + (m @ result) / k
+    result = _exponential_series(m)
     for _ in range(squarings):
         result = result @ result
     if b is None:
@@ -84,11 +86,40 @@ def transition(
     return result[:, :n, :n], result[:, :n, n:] * weights
 
 
+def _exponential_series(m: Array) -> Array:
+    """Taylor polynomial of ``exp`` of degree 15 for a stack of small matrices.
+
+    Four blocks of four terms (Paterson and Stockmeyer [3]_): six products, not fifteen.
+    """
+    square = m @ m
+    powers = np.empty((4, *m.shape), dtype=m.dtype)
+    powers[0], powers[1], powers[2] = np.eye(m.shape[-1]), m, square
+    np.matmul(square, m, out=powers[3])
+    blocks = (_SERIES @ powers.reshape(4, -1)).reshape(powers.shape)
+    fourth = square @ square
+    result = blocks[3]
+    for k in (2, 1, 0):
+        result = fourth @ result + blocks[k]
+    return np.asarray(result)
+
+
+def _powers(phi: Array, count: int) -> Array:
+    """``phi**0 ... phi**(count - 1)`` by doubling, shape ``(count, n, n)``."""
+    n = phi.shape[0]
+    out = np.empty((count, n, n), dtype=phi.dtype)
+    out[0] = np.eye(n)
+    have, top = 1, phi
+    while have < count:
+        more = min(have, count - have)
+        np.matmul(out[:more], top, out=out[have : have + more])
+        have += more
+        if have < count:
+            top = top @ top
+    return out
+
+
 def scan(phi: Array, forcing: Array, start: Array) -> Array:
     """Solve ``x[j+1] = phi[j] x[j] + forcing[j]`` in whole arrays.
-
-    The recursion is cut into about ``sqrt(m)`` blocks that advance side by side from
-    zero; the blocks' end states are then chained and added.
 
     Parameters
     ----------
@@ -100,6 +131,49 @@ def scan(phi: Array, forcing: Array, start: Array) -> Array:
     -------
     (m + 1, n), starting with ``start``.
     """
+    return (_scan_equal if phi.ndim == 2 else _scan_unequal)(phi, forcing, start)
+
+
+@cache
+def _lags(width: int) -> npt.NDArray[np.intp]:
+    """``1 + i - j`` for ``i >= j`` and 0 above, shape ``(width, width)`` of ``(j, i)``."""
+    k = np.arange(width)
+    return np.maximum(1 + k[None, :] - k[:, None], 0)
+
+
+def _scan_equal(phi: Array, forcing: Array, start: Array) -> Array:
+    """`scan` for equal steps: blocks of steps as one product with a matrix of powers.
+
+    The blocks' end states obey the same recursion with ``phi**width``, so it is solved
+    by the same function.
+    """
+    m, n = forcing.shape
+    width = 12
+    blocks = -(-m // width)
+    kind = np.result_type(phi, forcing, start)
+    powers = np.zeros((width + 2, n, n), dtype=kind)
+    powers[1:] = _powers(phi, width + 1)
+    padded = np.zeros((blocks * width, n), dtype=kind)
+    padded[:m] = forcing
+    answer = powers[_lags(width)].transpose(0, 3, 1, 2).reshape(width * n, width * n)
+    local = padded.reshape(blocks, width * n) @ answer
+    if blocks > 1:
+        carry = _scan_equal(powers[-1], local[:-1, -n:], start)
+    else:
+        carry = np.asarray(start, dtype=kind)[None]
+    local += carry @ powers[2:].transpose(2, 0, 1).reshape(n, width * n)
+    result = np.empty((m + 1, n), dtype=kind)
+    result[0] = start
+    result[1:] = local.reshape(blocks * width, n)[:m]
+    return result
+
+
+def _scan_unequal(phi: Array, forcing: Array, start: Array) -> Array:
+    """`scan` for a matrix of its own per step.
+
+    The recursion is cut into about ``sqrt(m)`` blocks that advance side by side from
+    zero; the blocks' end states are then chained and added.
+    """
     m, n = forcing.shape
     width = max(1, ceil(m**0.5))
     blocks = -(-m // width)
@@ -107,39 +181,24 @@ def scan(phi: Array, forcing: Array, start: Array) -> Array:
     padded = np.zeros((blocks * width, n), dtype=kind)
     padded[:m] = forcing
     padded = padded.reshape(blocks, width, n)
+    full = np.zeros((blocks * width, n, n), dtype=kind)
+    full[:m] = phi
+    full = full.reshape(blocks, width, n, n)
     local = np.empty((width, blocks, n), dtype=kind)
+    products = np.empty((width, blocks, n, n), dtype=kind)
     state = np.zeros((blocks, n), dtype=kind)
-    if phi.ndim == 2:
-        powers = np.empty((width, n, n), dtype=kind)
-        power = np.eye(n, dtype=kind)
-        for j in range(width):
-            state = state @ phi.T + padded[:, j]
-            local[j] = state
-            power = phi @ power
-            powers[j] = power
-        carry = np.empty((blocks, n), dtype=kind)
-        x = np.asarray(start, dtype=kind)
-        for k in range(blocks):
-            carry[k] = x
-            x = power @ x + state[k]
-        local += carry @ powers.transpose(0, 2, 1)
-    else:
-        full = np.zeros((blocks * width, n, n), dtype=kind)
-        full[:m] = phi
-        full = full.reshape(blocks, width, n, n)
-        products = np.empty((width, blocks, n, n), dtype=kind)
-        product = np.broadcast_to(np.eye(n, dtype=kind), (blocks, n, n))
-        for j in range(width):
-            state = (full[:, j] @ state[:, :, None])[:, :, 0] + padded[:, j]
-            local[j] = state
-            product = full[:, j] @ product
-            products[j] = product
-        carry = np.empty((blocks, n), dtype=kind)
-        x = np.asarray(start, dtype=kind)
-        for k in range(blocks):
-            carry[k] = x
-            x = product[k] @ x + state[k]
-        local += (products @ carry[None, :, :, None])[..., 0]
+    product = np.broadcast_to(np.eye(n, dtype=kind), (blocks, n, n))
+    for j in range(width):
+        state = (full[:, j] @ state[:, :, None])[:, :, 0] + padded[:, j]
+        local[j] = state
+        product = full[:, j] @ product
+        products[j] = product
+    carry = np.empty((blocks, n), dtype=kind)
+    x = np.asarray(start, dtype=kind)
+    for k in range(blocks):
+        carry[k] = x
+        x = product[k] @ x + state[k]
+    local += (products @ carry[None, :, :, None])[..., 0]
     result = np.empty((m + 1, n), dtype=kind)
     result[0] = start
     result[1:] = local.transpose(1, 0, 2).reshape(blocks * width, n)[:m]
@@ -225,8 +284,19 @@ def free_response(a: Array, c: Array, grid: Grid) -> Array:
 
 def _free_columns(step: Array, c: Array, m: int, n: int) -> Array:
     """Free responses over ``m`` steps, shape ``(m + 1, n)``."""
-    none = np.zeros((m, n))
-    return np.column_stack([scan(step, none, np.eye(n)[i]) @ c for i in range(n)])
+    if step.ndim == 3:
+        none = np.zeros((m, n))
+        return np.column_stack([scan(step, none, np.eye(n)[i]) @ c for i in range(n)])
+    out = np.empty((m + 1, n), dtype=np.result_type(step, c))
+    out[0] = c
+    have, top = 1, step
+    while have <= m:  # row k is c phi**k: as many again with every product
+        more = min(have, m + 1 - have)
+        np.matmul(out[:more], top, out=out[have : have + more])
+        have += more
+        if have <= m:
+            top = top @ top
+    return out
 
 
 def forced_response(
@@ -263,7 +333,10 @@ def forced_response(
     states = _states_at_nodes(a, b, u, grid, degree)
     unit = float(np.median(grid.distinct)) if grid.distinct.size else 1.0
     real = instants - np.real(dead_time)
-    before = np.searchsorted(grid.instants, real + _SAME_STEP * unit, side="right") - 1
+    # An instant that falls on a node belongs to either piece, but only the earlier one
+    # gives the slope for a longer dead time: at zero there is no other direction.
+    nudge = -_SAME_STEP if np.imag(dead_time) != 0.0 else _SAME_STEP
+    before = np.searchsorted(grid.instants, real + nudge * unit, side="right") - 1
     inside = before >= 0
     piece = np.where(inside, before, 0)
     partial = np.maximum(real - grid.instants[piece], 0.0)

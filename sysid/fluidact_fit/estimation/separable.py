@@ -523,10 +523,31 @@ def profile(problem: Problem, candidates: FloatArray) -> FloatArray:
     -------
     (k,) sums of squared weighted residuals; infinite where the model fails.
     """
-    costs = np.empty(len(candidates))
-    for k, eta in enumerate(candidates):
-        costs[k] = _value(problem, eta).cost
+    costs = np.array([_cost(problem, eta) for eta in candidates])
+    costs[~np.isfinite(costs)] = np.inf
     return costs
+
+
+def _cost(problem: Problem, eta: FloatArray) -> float:
+    """Cost at ``eta`` and nothing else: triangular factors in place of projections."""
+    blocks = []
+    for i, measured in enumerate(problem.measured):
+        b = problem.model.basis(i, eta)
+        rows = np.column_stack((b.local, b.shared, measured - b.known))
+        w = problem.weight(i)
+        rows = problem.filter(rows * (w[:, None] if isinstance(w, np.ndarray) else w))
+        if not np.all(np.isfinite(rows)):
+            return float("inf")
+        local = b.local.shape[1]
+        factor = np.asarray(np.linalg.qr(rows, mode="r"))
+        blocks.append(factor[local:, local:])
+    rest = np.vstack(blocks)
+    target = rest[:, -1]
+    if problem.linear:
+        low = np.array([u.low for u in problem.linear])
+        high = np.array([u.high for u in problem.linear])
+        target = target - rest[:, :-1] @ bounded_least_squares(rest[:, :-1], target, low, high)[0]
+    return float(target @ target)
 
 
 @dataclass(frozen=True)

@@ -167,33 +167,67 @@ class TransferModel:
 
 
 def grid_search(
-    problem: Problem, axes: Mapping[str, FloatArray], keep: int = 4
+    problem: Problem,
+    axes: Mapping[str, FloatArray],
+    dead_times: Callable[[Mapping[str, float]], FloatArray] | None = None,
+    held: Mapping[str, float] | None = None,
+    keep: int = 4,
 ) -> list[dict[str, float]]:
     """Profile the cost over a grid and return the distinct valleys, best first.
 
     A valley is a grid point that is no worse than its neighbours along every axis: dead
     times and natural frequencies have several.
+
+    Parameters
+    ----------
+    axes
+        Values to try of every nonlinear unknown but the dead time.
+    dead_times
+        Dead times to try at a point of the other axes, ascending; a slow plant needs
+        fewer. ``held`` holds values that are no unknowns, for its use.
     """
     order = [u.name for u in problem.nonlinear]
     if not order:  # everything but gains and offsets is fixed
         return [{}]
-    lists = [np.asarray(axes[n], dtype=float) for n in order]
-    mesh = np.meshgrid(*lists, indexing="ij")
-    points = np.column_stack([m.ravel() for m in mesh])
-    costs = profile(problem, points).reshape(mesh[0].shape)
-    valley = np.isfinite(costs)
-    for axis in range(costs.ndim):
-        up = np.roll(costs, -1, axis=axis)
-        down = np.roll(costs, 1, axis=axis)
-        ends = [slice(None)] * costs.ndim
-        ends[axis] = slice(-1, None)
-        up[tuple(ends)] = np.inf
-        ends[axis] = slice(0, 1)
-        down[tuple(ends)] = np.inf
-        valley &= (costs <= up) & (costs <= down)
-    found = np.flatnonzero(valley.ravel())
-    found = found[np.argsort(costs.ravel()[found])][:keep]
-    return [dict(zip(order, points[k])) for k in found]
+    outer = [n for n in order if n != "dead_time" or dead_times is None]
+    shape = tuple(len(axes[n]) for n in outer)
+    rows, costs = [], []
+    for index in np.ndindex(shape):
+        point = {n: float(axes[n][k]) for n, k in zip(outer, index)}
+        inner = np.zeros(1)
+        if dead_times is not None and "dead_time" in order:
+            inner = dead_times({**(held or {}), **point})
+        row = [{**point, "dead_time": float(x)} for x in inner]
+        rows.append((inner, row))
+        costs.append(profile(problem, np.array([[r[n] for n in order] for r in row])))
+    found = []
+    for flat, index in enumerate(np.ndindex(shape)):
+        inner, row = rows[flat]
+        for k in np.flatnonzero(_valleys(index, shape, inner, rows, costs, flat)):
+            found.append((float(costs[flat][k]), {n: row[k][n] for n in order}))
+    found.sort(key=lambda pair: pair[0])
+    return [point for _, point in found[:keep]]
+
+
+def _valleys(
+    index: tuple[int, ...],
+    shape: tuple[int, ...],
+    inner: FloatArray,
+    rows: Sequence[tuple[FloatArray, Any]],
+    costs: Sequence[FloatArray],
+    flat: int,
+) -> npt.NDArray[np.bool_]:
+    """Which points of one row of the grid are no worse than their neighbours."""
+    own = costs[flat]
+    around = np.concatenate(([np.inf], own, [np.inf]))
+    valley = np.isfinite(own) & (own <= around[:-2]) & (own <= around[2:])
+    for axis, size in enumerate(shape):
+        for other in (index[axis] - 1, index[axis] + 1):
+            if 0 <= other < size:
+                there = int(np.ravel_multi_index((*index[:axis], other, *index[axis + 1 :]), shape))
+                # rows have dead times of their own
+                valley &= own <= np.interp(inner, rows[there][0], costs[there])
+    return valley
 
 
 def fit_transfer(
@@ -413,8 +447,15 @@ def time_scales(experiments: Sequence[Experiment]) -> tuple[float, float]:
     return min(e.sample_time for e in experiments), max(float(np.ptp(e.time)) for e in experiments)
 
 
-def dead_time_axis(step: float, longest: float) -> FloatArray:
-    """Dead times to try [s]: half samples while short, in proportion when long."""
-    fine = np.arange(0.0, min(12.0 * step, longest) + 0.25 * step, 0.5 * step)
-    coarse = np.geomspace(12.0 * step, longest, 14) if longest > 12.0 * step else np.zeros(0)
-    return np.unique(np.concatenate((fine, coarse)))
+def dead_time_axis(step: float, longest: float, lag: float = 0.0) -> FloatArray:
+    """Dead times to try [s]: half samples while short, in proportion when long.
+
+    A plant with a slow ``lag`` [s] answers to a shift by a small share of it with a small
+    change, so steps need not be finer than a third of it. Whole samples are avoided: the
+    slope of the cost jumps there, and a search that starts on the wrong side stays.
+    """
+    out = [min(0.25 * step, longest)]
+    while out[-1] < longest:
+        width = 0.5 * step if out[-1] < 12.0 * step else 0.33 * out[-1]
+        out.append(min(out[-1] + max(width, 0.3 * min(lag, longest)), longest))
+    return np.array(out)

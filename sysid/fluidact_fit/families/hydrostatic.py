@@ -355,13 +355,12 @@ def _starts(
     step, span = time_scales(experiments)
     high = max(float(e["force"].max()) for e in experiments)
     low = min(float(e["force"].min()) for e in experiments)
-    shares = np.array([0.02, 0.12, 0.3, 0.55])
+    shares = np.array([0.04, 0.2, 0.5])
     axes = {
-        "mass": np.geomspace(0.3 * step, 0.1 * span, 6),
+        "mass": np.geomspace(0.5 * step, 0.05 * span, 4),
         "dead_zone_negative": min(low, 0.0) * shares,
         "dead_zone_positive": max(high, 0.0) * shares,
         "stiffness": np.array([0.1, 1.0, 10.0]) * 2.0 * np.pi / span,
-        "dead_time": dead_time_axis(step, 8.0 * step)[::3],
     }
     used = [n for n in names if n != "damping"]
     model = TransferModel(
@@ -372,7 +371,9 @@ def _starts(
     unknowns["mobility"] = Unknown("mobility", 1.0, 1e-300)
     problem = bind(model.named(used), unknowns, {})
     out = []
-    for found in grid_search(problem, axes):
+    for found in grid_search(
+        problem, axes, lambda at: dead_time_axis(step, 8.0 * step, 3.0 * step)
+    ):
         eta = np.array([found[n] for n in used])
         damping = 1.0 / max(solve(problem, eta, max_iterations=0).linear[0], 1e-300)
         start = {**found, "damping": damping, "mass": found["mass"] * damping}

@@ -119,19 +119,20 @@ class Line(Family):
             request,
             {"time_constant": (1e-3 * step, 100.0 * span), "dead_time": (0.0, longest)},
         )
-        axes = {
-            "time_constant": np.geomspace(0.3 * step, 0.5 * span, 12),
-            "dead_time": dead_time_axis(step, longest),
-        }
+        names = ("time_constant", "dead_time")
+        axes = {"time_constant": np.geomspace(0.3 * step, 0.5 * span, 9)}
         fitted = fit_transfer(
-            lambda some, rest: self._model(some, rest).named(("time_constant", "dead_time")),
+            lambda some, rest: self._model(some, rest).named(names),
             experiments,
             "outlet",
             variant.parameters,
             request,
             unknowns,
             lambda some, rest: grid_search(
-                bind(self._model(some, rest).named(tuple(axes)), unknowns, request.fixed), axes
+                bind(self._model(some, rest).named(names), unknowns, request.fixed),
+                axes,
+                lambda at: dead_time_axis(step, longest, at["time_constant"]),
+                request.fixed,
             ),
             sensible={"dead_time": 0.25 * span},
         )

@@ -132,7 +132,6 @@ class Valve(Family):
         axes = {
             "natural_frequency": np.geomspace(3.0 / span, 2.5 / step, 12),
             "damping_ratio": np.array([0.2, 0.7, 2.0]),
-            "dead_time": dead_time_axis(step, longest)[::3],
             "zero_time_constant": np.zeros(1),
         }
         fitted = fit_transfer(
@@ -143,7 +142,10 @@ class Valve(Family):
             request,
             unknowns,
             lambda some, rest: grid_search(
-                bind(self._model(some, rest).named(names), unknowns, request.fixed), axes
+                bind(self._model(some, rest).named(names), unknowns, request.fixed),
+                axes,
+                lambda at: dead_time_axis(step, longest, 2.0 / at["natural_frequency"]),
+                request.fixed,
             ),
             sensible={"dead_time": 0.25 * span, "zero_time_constant": span},
         )
