@@ -54,6 +54,9 @@ class NamedModel:
         unknown.
     whiten
         Autoregression of the residuals, as in :class:`.separable.Problem`.
+    logs
+        Per experiment the number of its log, when logs may differ in noise: those with
+        more of it then weigh less.
     """
 
     nonlinear: tuple[str, ...]
@@ -65,6 +68,18 @@ class NamedModel:
     nuisance: tuple[str, ...] = ()
     resolutions: Sequence[float] = ()
     whiten: FloatArray = field(default_factory=lambda: np.zeros(0))
+    logs: Sequence[int] = ()
+
+    def scaled(self, factors: Mapping[int, float]) -> NamedModel:
+        """The same model with the residuals of every log multiplied by a factor."""
+        if not factors:
+            return self
+        before = self.weights or [1.0] * len(self.measured)
+        return replace(
+            self,
+            weights=[w * factors.get(k, 1.0) for w, k in zip(before, self.logs)],
+            resolutions=[r * factors.get(k, 1.0) for r, k in zip(self.resolutions, self.logs)],
+        )
 
     @property
     def every_linear(self) -> tuple[str, ...]:
@@ -218,7 +233,8 @@ class Fitted:
     """A finished fit: values by name, covariance, and what is known of its quality.
 
     ``names`` is the order of ``uncertainty.covariance``. ``status`` holds a word for
-    every parameter.
+    every parameter. ``factors`` are the weights by log that made its residuals as large
+    as those of the others; ``logs`` tells the log of every experiment.
     """
 
     values: dict[str, float]
@@ -231,6 +247,8 @@ class Fitted:
     unknowns: Mapping[str, Unknown] = field(default_factory=dict)
     remarks: Mapping[str, Any] = field(default_factory=dict)
     intervals: Mapping[str, Interval] = field(default_factory=dict)
+    factors: Mapping[int, float] = field(default_factory=dict)
+    logs: Sequence[int] = ()
 
     def sensitivity(self) -> list[FloatArray]:
         """Derivative of every output by the reported parameters, nuisance projected out."""
@@ -244,7 +262,10 @@ class Fitted:
             q, _ = np.linalg.qr(stacked[:, other])
             wanted = wanted - q @ (q.T @ wanted)
         ends = np.cumsum([j.shape[0] for j in self.solution.jacobian])[:-1]
-        return list(np.split(wanted, ends))
+        parts = np.split(wanted, ends)
+        if not self.factors:
+            return list(parts)
+        return [j / self.factors[k] for j, k in zip(parts, self.logs)]
 
     def compare_logs(
         self, experiments: Sequence[Experiment]
@@ -383,8 +404,13 @@ def fit_named(
         problem = bind(model, unknowns, held)
         begin = [np.array([s[u.name] for u in problem.nonlinear]) for s in starts]
         rows = sum(y.size for y in model.measured)
-        search = solve_from(problem, begin, tolerance=1e-5 if rows < _MANY else 1e-2)
-        best = search.best
+        tolerance = 1e-5 if rows < _MANY else 1e-2
+        search = solve_from(problem, begin, tolerance=tolerance)
+        best, fair = search.best, model
+        factors = _balance(model, best)
+        if factors:
+            fair = model.scaled(factors)
+            best = solve(bind(fair, unknowns, held), best.eta, tolerance=tolerance)
         names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
         if model.whiten.size:
             # what is left is white but not everywhere equally strong
@@ -400,7 +426,7 @@ def fit_named(
                 robust=robust,
                 sigma_floor=sigma_floor,
                 small_sample=True,
-                readings=list(zip(model.measured, model.resolutions)),
+                readings=list(zip(fair.measured, fair.resolutions)),
             )
         values = dict(zip(names, (*best.eta, *best.linear)))
         worst = _least_determined(values, names, uncertainty, sensible or {}, by_name)
@@ -417,10 +443,35 @@ def fit_named(
         neutral = by_name[name].neutral
         final[name] = 0.0 if neutral is None else neutral
         status[name] = "not_identified"
-    fitted = Fitted(final, names, uncertainty, status, search, best, notices, unknowns)
+    fitted = Fitted(
+        final, names, uncertainty, status, search, best, notices, unknowns,
+        factors=factors, logs=model.logs,
+    )  # fmt: skip
     if model.whiten.size or (channels and len(channels[0]) > 1):
         return fitted
-    return replace(fitted, intervals=_examine_intervals(model, fitted, held, by_name))
+    return replace(fitted, intervals=_examine_intervals(fair, fitted, held, by_name))
+
+
+def _balance(model: NamedModel, solution: Solution) -> dict[int, float]:
+    """Factors that make the residuals of all logs equally large, or none.
+
+    With equal weights a log of twice the noise spoils what a better one knows. Logs too
+    short to tell their noise, and noises within a tenth of each other, stay as they are.
+    """
+    every = list(dict.fromkeys(model.logs))
+    if len(every) < 2:
+        return {}
+    rows = dict.fromkeys(every, 0.0)
+    cost = dict(rows)
+    counts = solution.local_counts or (0,) * len(model.logs)
+    for r, k, local in zip(solution.residuals, model.logs, counts):
+        rows[k] += r.size - local
+        cost[k] += float(r @ r)
+    sigma = {k: np.sqrt(cost[k] / max(rows[k], 1.0)) for k in every}
+    if min(rows.values()) < 100 or not 0.0 < 1.1 * min(sigma.values()) < max(sigma.values()):
+        return {}
+    common = float(np.sqrt(sum(cost.values()) / sum(rows.values())))
+    return {k: float(np.clip(common / sigma[k], 0.1, 10.0)) for k in every}
 
 
 def _examine_intervals(

@@ -104,8 +104,8 @@ class TransferModel:
             e.signals[output_role].resolution for e in experiments if output_role in e
         ]
         self.levels = [input_level(e.signals[input_role]) for e in experiments]
-        logs = [e.log for e in experiments]
-        self.several = [k for k in dict.fromkeys(logs) if logs.count(k) > 1]
+        self.logs = [e.log for e in experiments]
+        self.several = [k for k in dict.fromkeys(self.logs) if self.logs.count(k) > 1]
         self.prepared = [self._prepare(e, input_role) for e in experiments]
 
     def _prepare(self, experiment: Experiment, role: str) -> _Prepared:
@@ -163,6 +163,7 @@ class TransferModel:
             self.measured,
             nuisance=nuisance,
             resolutions=self.resolutions,
+            logs=self.logs,
         )
 
 
@@ -279,9 +280,10 @@ def fit_transfer(
         sensible=sensible,
     )
     remarks: dict[str, Any] = {"initial_state": "rest" if rest else "free"}
+    factors = fitted.factors
     fitted, found = _allow_for_input_noise(
-        lambda some: make(some, rest), experiments, specs, request, unknowns, fitted, refusals,
-        sensible,
+        lambda some: make(some, rest).scaled(factors), experiments, specs, request, unknowns,
+        fitted, refusals, sensible,
     )  # fmt: skip
     tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
     return replace(fitted, search=tried, remarks={**remarks, **found})
@@ -342,8 +344,8 @@ def _allow_for_input_noise(
 def _whitened(
     make: Callable[[Sequence[Experiment]], NamedModel], a: FloatArray
 ) -> Callable[[Sequence[Experiment]], NamedModel]:
-    """The same model with its residual whitened by an autoregression."""
-    return lambda some: replace(make(some), whiten=a)
+    """The same model with its residual whitened by an autoregression, its weights settled."""
+    return lambda some: replace(make(some), whiten=a, logs=())
 
 
 def _remove_bias(
