@@ -285,7 +285,7 @@ the same noise, so that the difference of the two is no matter of chance. `white
 (coefficient 0.9) and `adc12` (12-bit converter, another motion every time) are the noises; for
 the converter the signal-to-noise ratio is the converter's own.
 
-| parameter | noise | rate [Hz] | SNR [dB] | logs | runs | rms / bound | controlled | coverage | exact |
+| parameter | noise | Hz | dB | logs | runs | rms / bound | controlled | coverage | exact |
 |---|---|---|---|---|---|---|---|---|---|
 """
 

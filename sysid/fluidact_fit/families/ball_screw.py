@@ -63,6 +63,7 @@ from ..family import (
 from ..signals import smooth
 
 Array = npt.NDArray[Any]
+_NEAR = 4  # commanded levels on either side of a bracket that are tried as well
 _SIDES = ("positive", "negative")
 _LONG = 40_000  # samples beyond which the early stages look at a part of the log
 
@@ -822,7 +823,78 @@ def _bracket_static(
         if now == seen:
             break
         seen = now
+    values = _narrow(DriveModel(part, axis), part, axis, brackets, values, others, unknowns)
     return brackets, {n: values[n] for n in others}
+
+
+def _narrow(
+    model: DriveModel,
+    experiments: Sequence[Experiment],
+    axis: _Axis,
+    brackets: dict[str, _Bracket],
+    values: dict[str, float],
+    others: Sequence[str],
+    unknowns: Mapping[str, Unknown],
+) -> dict[str, float]:
+    """Choose among neighbouring brackets by the position itself, all else refitted.
+
+    One break-away a sample late displaces all that follows by less than a step of the
+    encoder: increments do not see it, the position does, and it would bend every other
+    parameter. ``brackets`` is changed; the refitted values are returned.
+    """
+    samples = sum(y.size for y in model.measured)
+    known = {**unknowns, **_as_unknowns(values)}
+    fixed = [n for n in values if n not in others]
+
+    def refit(tried: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+        problem = bind(model.named(list(values)), known, {n: tried[n] for n in fixed})
+        eta = np.array([tried[u.name] for u in problem.nonlinear])
+        found = solve(problem, eta, max_iterations=12, tolerance=0.05)
+        order = [u.name for u in problem.nonlinear]
+        return found.cost, {**tried, **dict(zip(order, map(float, found.eta)))}
+
+    best, values = refit(values)
+    for _ in range(3):
+        before = best
+        for name, bracket in list(brackets.items()):
+            sign = 1.0 if name.endswith("positive") else -1.0
+            drive = np.concatenate([sign * e.sampled(axis.drive) for e in experiments])
+            levels = np.unique(drive[drive > values[f"coulomb_{name.removeprefix('breakaway_')}"]])
+            if levels.size < 2:
+                continue
+            low = max(int(np.searchsorted(levels, bracket.low)) - _NEAR, 0)
+            high = min(int(np.searchsorted(levels, bracket.high)) + _NEAR, levels.size - 1)
+            edges = levels[low : high + 1]
+            middles = 0.5 * (edges[1:] + edges[:-1])
+            plain = np.array([_position_cost(model, {**values, name: x}) for x in middles])
+            # cells of the same cost have the same events: one refit stands for all of them
+            steps = np.flatnonzero(np.diff(plain) != 0.0) + 1
+            groups = np.split(np.arange(middles.size), steps)
+            found = [refit({**values, name: float(middles[g[g.size // 2]])}) for g in groups]
+            costs = np.array([cost for cost, _ in found])
+            k = int(np.argmin(costs))
+            if costs[k] >= best:
+                costs, k = np.append(costs, best), len(groups)
+            good = [g for g, c in zip(groups, costs) if c <= costs[k] * (1.0 + 4.0 / samples)]
+            if not good:
+                continue
+            brackets[name] = _Bracket(float(edges[good[0][0]]), float(edges[good[-1][-1] + 1]))
+            if k < len(groups):
+                best, values = found[k]
+            values = {**values, name: brackets[name].value}
+        if best >= before:
+            break
+    return values
+
+
+def _position_cost(model: DriveModel, values: Values) -> float:
+    """Sum of the squared errors of the position, the offset of every log taken out."""
+    total = 0.0
+    for i, y in enumerate(model.measured):
+        r = y - np.real(model.columns(i, values).known)
+        r = r - r.mean()
+        total += float(r @ r)
+    return total
 
 
 def _as_unknowns(values: Mapping[str, float]) -> dict[str, Unknown]:
