@@ -219,9 +219,11 @@ class Grid:
     which: npt.NDArray[np.intp]
 
     @property
-    def uniform(self) -> bool:
-        """Whether all steps are equal."""
-        return self.distinct.size <= 1
+    def unit(self) -> float:
+        """A typical step [s]."""
+        if self.distinct.size < 2:
+            return float(self.distinct[0]) if self.distinct.size else 1.0
+        return float(np.median(self.distinct))
 
 
 def group(lengths: FloatArray, unit: float) -> tuple[FloatArray, npt.NDArray[np.intp]]:
@@ -308,6 +310,7 @@ def forced_response(
     *,
     dead_time: complex = 0.0,
     grid: Grid | None = None,
+    states: Array | None = None,
 ) -> Array:
     """Output of ``x' = A x + B u``, ``y(t) = C x(t - dead_time)`` at given instants.
 
@@ -323,6 +326,8 @@ def forced_response(
         Any non-negative number [s].
     grid
         Grouped nodes of the input, when the caller keeps them.
+    states
+        What `states_at_nodes` returned for the same ``a``, ``b``, ``u`` and grid.
 
     Returns
     -------
@@ -330,8 +335,9 @@ def forced_response(
     """
     grid = make_grid(u.nodes) if grid is None else grid
     degree = u.coefficients.shape[1] - 1
-    states = _states_at_nodes(a, b, u, grid, degree)
-    unit = float(np.median(grid.distinct)) if grid.distinct.size else 1.0
+    if states is None:
+        states = states_at_nodes(a, b, u, grid)
+    unit = grid.unit
     real = instants - np.real(dead_time)
     # An instant that falls on a node belongs to either piece, but only the earlier one
     # gives the slope for a longer dead time: at zero there is no other direction.
@@ -355,9 +361,9 @@ def forced_response(
     return np.where(inside, y, 0.0)
 
 
-def _states_at_nodes(a: Array, b: Array, u: PiecewiseInput, grid: Grid, degree: int) -> Array:
+def states_at_nodes(a: Array, b: Array, u: PiecewiseInput, grid: Grid) -> Array:
     """States at the nodes of the input, shape ``(m, n)``, from rest."""
-    n = a.shape[0]
+    n, degree = a.shape[0], u.coefficients.shape[1] - 1
     if grid.which.size == 0:
         return np.zeros((1, n), dtype=np.result_type(a, b))
     phi, gamma = transition(a, b, grid.distinct, degree)

@@ -25,7 +25,7 @@ from .input_noise import (
     whitening,
 )
 from .inputs import PiecewiseInput, apply_dead_zone, piecewise
-from .linear import Grid, forced_response, free_response, make_grid
+from .linear import Grid, forced_response, free_response, make_grid, states_at_nodes
 from .parametric import (
     Fitted,
     NamedModel,
@@ -107,6 +107,8 @@ class TransferModel:
         self.logs = [e.log for e in experiments]
         self.several = [k for k in dict.fromkeys(self.logs) if self.logs.count(k) > 1]
         self.prepared = [self._prepare(e, input_role) for e in experiments]
+        self._states: dict[int, tuple[bytes, Array]] = {}
+        self._free: dict[int, tuple[bytes, Array]] = {}
 
     def _prepare(self, experiment: Experiment, role: str) -> _Prepared:
         signal = experiment.signals[role]
@@ -124,10 +126,16 @@ class TransferModel:
         u = p.u
         if self.dead_zone:
             u = apply_dead_zone(u, values["dead_zone_negative"], values["dead_zone_positive"])
+        states = None
+        if u is p.u:  # dead times differ in the output equation alone
+            states = _remember(
+                self._states, index, (a, b), lambda: states_at_nodes(a, b, u, p.nodes)
+            )
         y = forced_response(
-            a, b, c, u, p.samples.instants, dead_time=values.get("dead_time", 0.0), grid=p.nodes
-        )
-        local = self._local(a, c, p, values)
+            a, b, c, u, p.samples.instants,
+            dead_time=values.get("dead_time", 0.0), grid=p.nodes, states=states,
+        )  # fmt: skip
+        local = self._local(index, a, c, values)
         if not self.several:
             if self.gain is None:
                 return Basis(y, np.zeros((y.size, 0)), local)
@@ -139,11 +147,12 @@ class TransferModel:
             return Basis(y, offsets, local)
         return Basis(np.zeros(y.size), np.column_stack((y, offsets)), local)
 
-    def _local(self, a: Array, c: Array, p: _Prepared, values: Values) -> Array:
+    def _local(self, index: int, a: Array, c: Array, values: Values) -> Array:
         """Columns of the unknowns that belong to one run: initial state and own offset."""
+        p = self.prepared[index]
         columns: list[Array] = []
         if not p.rest:
-            free = free_response(a, c, p.samples)
+            free = _remember(self._free, index, (a, c), lambda: free_response(a, c, p.samples))
             skip = self.confounded(values) if p.log is None else ()
             columns += [free[:, i] for i in range(free.shape[1]) if i not in skip]
         if p.log is None:
@@ -165,6 +174,22 @@ class TransferModel:
             resolutions=self.resolutions,
             logs=self.logs,
         )
+
+
+def _remember(
+    memory: dict[int, tuple[bytes, Array]],
+    index: int,
+    of: Sequence[Array],
+    compute: Callable[[], Array],
+) -> Array:
+    """Compute unless the last real matrices were the same; complex ones never come again."""
+    if any(np.iscomplexobj(x) for x in of):
+        return compute()
+    key = b"".join(x.tobytes() for x in of)
+    known = memory.get(index)
+    if known is None or known[0] != key:
+        known = memory[index] = (key, compute())
+    return known[1]
 
 
 def grid_search(
