@@ -33,6 +33,7 @@ lint: $(INSTALLED_DEV)
 # Takes an hour or two on two cores; make study STUDY='--scale 0.1' is a taste of it.
 study: $(INSTALLED)
 	$(BIN)/python studies/statistics_study.py $(STUDY)
+	$(BIN)/python studies/ball_screw.py
 	$(BIN)/python studies/design.py
 
 # Other tools come from PyPI into environments of their own; MATLAB and Octave do not.

@@ -179,6 +179,9 @@ class Estimate:
         Optional: derivative of every experiment's output by the first entries of
         ``covariance_order``, unknowns of single logs projected out, shape ``(n_i, q)``.
         Lets the fit be examined without being repeated.
+    options
+        Options that the fit settled, such as a size that was asked for as ``auto``: the
+        file holds them, and simulation sees them, in place of the user's.
     """
 
     parameters: Mapping[str, Quantity]
@@ -190,6 +193,7 @@ class Estimate:
     notices: Sequence[Notice] = ()
     details: Mapping[str, Any] = field(default_factory=dict)
     sensitivity: Sequence[FloatArray] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

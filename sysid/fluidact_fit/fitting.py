@@ -95,6 +95,7 @@ def fit(
         progress=progress or (lambda message: None),
     )
     estimate = _estimate(chosen, variant, experiments, request)
+    request = replace(request, options={**request.options, **estimate.options})
     judged = [_open(log, hold) for log in validate]
     validation, more = _validate(chosen, variant, estimate, judged, request)
     notices = _distinct([*notices, *more, *estimate.notices])
