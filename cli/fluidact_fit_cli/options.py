@@ -80,7 +80,8 @@ def reading_options() -> list[click.Parameter]:
     return [
         _assignment("--column", "ROLE=HEADER", "force='F [N]' (or force=#3)", parse_text,
                     "The column that plays a role, by header or as #N, counted from 1. Without it "
-                    "the column named like the role is taken. Repeatable.", group),
+                    "the column named like the role is taken. Of several logs some may lack the "
+                    "column of an optional role. Repeatable.", group),
         _assignment("--unit", "ROLE=UNIT", "position=mm", parse_text,
                     "Unit of a role; wins over a unit in the header. Without either, SI.", group),
         _assignment("--scale", "ROLE=FACTOR", "torque=-1", parse_factor,
@@ -155,11 +156,14 @@ def reading_arguments(params: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
-    """Read logs with the options of the command line."""
-    from fluidact_fit.logs import read_log
+    """Read logs with the options of the command line.
+
+    Columns of optional roles may be missing in some of them, not in all.
+    """
+    from fluidact_fit.logs import read_log, share_columns
 
     arguments = reading_arguments(params)
-    return [read_log(path, **arguments) for path in paths]
+    return share_columns([read_log(path, **arguments) for path in paths])
 
 
 def check_role_names(params: Mapping[str, Any], known: Iterable[str]) -> None:

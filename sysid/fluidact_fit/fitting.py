@@ -17,7 +17,7 @@ from .estimation.inputs import interpolation, is_smooth
 from .experiment import Experiment, FloatArray, Hold
 from .families import get_family
 from .family import Estimate, Family, Request, Value, Variant
-from .logs import Log, choose_variant, provenance, read_log
+from .logs import Log, choose_variant, provenance, read_log, share_columns
 from .logs import experiments as experiments_of
 from .quality import agreement, judge, residual_whiteness
 from .result import FitResult, Simulation
@@ -82,7 +82,9 @@ def fit(
     given = [logs] if isinstance(logs, Log | str | PathLike) else list(logs)
     if not given:
         raise UsageError("no log was given", remedy="Give at least one CSV file.")
-    opened = [_open(log, hold) for log in given]
+    judged = [_open(log, hold) for log in validate]
+    together = share_columns([*(_open(log, hold) for log in given), *judged])
+    opened, judged = together[: len(given)], together[len(given) :]
     settings = _options(chosen, options)
     variant = choose_variant(opened, chosen.variants_for(settings))
     experiments, notices = _prepare(opened, variant)
@@ -96,7 +98,6 @@ def fit(
     )
     estimate = _estimate(chosen, variant, experiments, request)
     request = replace(request, options={**request.options, **estimate.options})
-    judged = [_open(log, hold) for log in validate]
     validation, more = _validate(chosen, variant, estimate, judged, request)
     notices = _distinct([*notices, *more, *estimate.notices])
     document, notices = _document(

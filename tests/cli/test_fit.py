@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from fluidact_fit.parameters import read_document
@@ -218,3 +219,92 @@ def test_a_failing_write_leaves_nothing_new(
     assert "No space left" in done.err
     assert (inside / "valve.yaml").read_text() == "mine\n"
     assert sorted(p.name for p in inside.iterdir()) == ["valve.csv", "valve.yaml"]
+
+
+def cylinder_log(path: Path, pressure: str) -> Path:
+    """Plateaus of a cylinder whose valve meters chamber 1 or 2: exact flows, one pressure."""
+    gain, area, supply, step = 5e-9, {"p1": 2e-4, "p2": 1e-4}[pressure], 4e6, 2e-3
+    command = np.repeat([1.0, -1.0, 2.0, -2.0, 3.0, -3.0], 300)
+    level = 1.5e6
+    fed = (command > 0.0) == (pressure == "p1")
+    drop = np.where(fed, supply - level, level)
+    position = 0.1 + np.concatenate(
+        ([0.0], np.cumsum(gain * command * np.sqrt(drop) / area * step))
+    )
+    noise = np.random.default_rng(len(path.name)).standard_normal((2, command.size))
+    table = [step * np.arange(command.size), command, position[:-1] + 1e-5 * noise[0]]
+    np.savetxt(path, np.column_stack((*table, level + 1e3 * noise[1])), delimiter=",",
+               header=f"t,u,y,{pressure}", comments="")  # fmt: skip
+    return path
+
+
+CYLINDER = (
+    "--column", "time=t", "--column", "command=u", "--column", "position=y",
+    "--column", "pressure_1=p1", "--column", "pressure_2=p2",
+    "--area-1", "2e-4", "--area-2", "1e-4", "--supply-pressure", "4e6",
+)  # fmt: skip
+
+
+def test_some_logs_may_lack_the_column_of_an_optional_role(here: Run, inside: Path) -> None:
+    one, two = cylinder_log(inside / "a.csv", "p1"), cylinder_log(inside / "bb.csv", "p2")
+    done = here("hydraulic-cylinder", one, two, *CYLINDER)
+    assert done.status == 0, done.err
+    document = read_document(inside / "hydraulic-cylinder.yaml")
+    for name in ("valve_gain_1", "valve_gain_2"):
+        assert document.parameters[name].value == pytest.approx(5e-9, rel=0.02)
+    recorded = [set(log.columns) for log in document.provenance.logs]
+    assert ["pressure_1" in r for r in recorded] == [True, False]
+    assert ["pressure_2" in r for r in recorded] == [False, True]
+
+
+def test_a_column_that_no_log_has_is_named(here: Run, inside: Path) -> None:
+    one = cylinder_log(inside / "a.csv", "p1")
+    done = here("hydraulic-cylinder", one, *CYLINDER)
+    assert done.status == 3
+    assert "a.csv: there is no column 'p2' for the role 'pressure_2'" in done.err
+    assert not (inside / "hydraulic-cylinder.yaml").exists()
+
+
+def test_the_log_without_any_of_two_alternatives_is_named(here: Run, inside: Path) -> None:
+    one, two = cylinder_log(inside / "a.csv", "p1"), cylinder_log(inside / "bb.csv", "p2")
+    bare = inside / "bare.csv"
+    bare.write_text("\n".join(line.rsplit(",", 1)[0] for line in one.read_text().splitlines()))
+    done = here("hydraulic-cylinder", one, two, bare, *CYLINDER)
+    assert done.status == 3
+    assert "bare.csv: neither chamber's pressure was recorded" in done.err
+    text = two.read_text().replace("t,u,y", "t,u,x")
+    two.write_text(text)
+    done = here("hydraulic-cylinder", one, two, *CYLINDER)
+    assert done.status == 3
+    assert "bb.csv: there is no column 'y' for the role 'position'" in done.err
+
+
+def test_a_judged_log_of_the_other_chamber_is_refused(here: Run, inside: Path) -> None:
+    one, two = cylinder_log(inside / "a.csv", "p1"), cylinder_log(inside / "bb.csv", "p2")
+    done = here("hydraulic-cylinder", one, *CYLINDER, "--validate", two)
+    assert done.status == 3
+    assert "bb.csv: it holds pressure_2, and the model has the valve gain of chamber 1" in done.err
+
+
+SHARED = Path(__file__).parents[3] / "shared" / "data" / "hydcyl"
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="recorded logs are not beside this checkout")
+def test_real_logs_of_either_pressure(here: Run, inside: Path) -> None:
+    columns = {"time": "t_s", "command": "u_valve_V", "position": "x_m",
+               "pressure_1": "pA_Pa", "pressure_2": "pB_Pa"}  # fmt: skip
+    given = [w for role, header in columns.items() for w in ("--column", f"{role}={header}")]
+    given += ["--area-1", "2.0106e-4", "--area-2", "1.2252e-4", "--supply-pressure", "4.45e6"]
+    done = here("hydraulic-cylinder", *sorted(SHARED.glob("p*.csv")), *given)
+    assert done.status == 0, done.err
+    document = read_document(inside / "hydraulic-cylinder.yaml")
+    low, high = document.derived["valve_gain_1_extending"].ci95  # type: ignore[misc]
+    assert 5.5e-9 < low < high < 5.8e-9  # type: ignore[operator]
+    assert 60.0 < document.derived["friction_extending"].value < 72.0  # type: ignore[operator]
+    assert -83.0 < document.derived["friction_retracting"].value < -71.0  # type: ignore[operator]
+    columns = {"time": "t_s", "position": "x_m", "pressure": "pA_Pa", "pressure_2": "pB_Pa"}
+    friction = [w for role, header in columns.items() for w in ("--column", f"{role}={header}")]
+    friction += ["--area", "2.0106e-4", "--area-2", "1.2252e-4"]
+    done = here("cylinder-friction", *sorted(SHARED.glob("p?_2V_s1.csv")), *friction)
+    assert done.status == 3
+    assert "pB_2V_s1.csv: there is no column 'pA_Pa' for the role 'pressure'" in done.err

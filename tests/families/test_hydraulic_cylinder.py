@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -16,18 +17,16 @@ from hypothesis import strategies as st
 
 import fluidact_fit as ff
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
+from fluidact_fit.estimation.gray_box import GrayBox, make_gray_log, solve_gray_box
 from fluidact_fit.estimation.hydraulics import (
     GRAY_NAMES,
-    GrayBox,
     Machine,
     chamber_flow,
     effective_command,
-    make_gray_log,
     orifice_flow,
-    solve_gray_box,
 )
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
-from fluidact_fit.families.hydraulic_cylinder import HydraulicBlock
+from fluidact_fit.families.hydraulic.block import HydraulicBlock
 from fluidact_fit.result import FitResult
 
 ROOT = Path(__file__).parents[2]
@@ -83,17 +82,25 @@ def fitted() -> FitResult:
     return ff.fit("hydraulic-cylinder", list(dataset()), **GIVEN)
 
 
-def simulate(
-    commands: Sequence[float] | FloatArray, position: float = 0.1, seed: int = 0
+def exact(
+    commands: Sequence[float] | FloatArray, position: float = 0.1, fine: int = 12
 ) -> FloatArray:
-    """Rows of time, command, pressures and position at 1 kHz, with noise."""
+    """Rows of time, command, pressures and position at 1 kHz, without noise."""
     g = generator()
     x: tuple[float, ...] = (1.2e6, 1.2e6 * g.AREA_1 / g.AREA_2, position, 0.0)
     rows = np.empty((len(commands), 5))
     for k, u in enumerate(commands):
         rows[k] = 1e-3 * k, u, x[0], x[1], x[2]
-        for _ in range(12):
-            x = g.advance(x, float(u), 1e-3 / 12)
+        for _ in range(fine):
+            x = g.advance(x, float(u), 1e-3 / fine)
+    return rows
+
+
+def simulate(
+    commands: Sequence[float] | FloatArray, position: float = 0.1, seed: int = 0
+) -> FloatArray:
+    """Rows of time, command, pressures and position at 1 kHz, with noise."""
+    rows = exact(commands, position)
     noise = np.random.default_rng(seed).standard_normal((len(commands), 3))
     rows[:, 2:] += noise * [2e4, 2e4, 5e-5]
     return rows
@@ -203,9 +210,50 @@ def test_multiple_shooting_comes_from_far_away() -> None:
     bounds = {n: (0.01 * truth()[n], 100.0 * truth()[n]) for n in free}
     found = solve_gray_box(box, start, free, scales, bounds, np.array([2e4, 2e4, 5e-5]))
     assert found.converged
-    assert found.defect < 1e-6 * found.cost
     for n in free:
         assert found.values[n] == pytest.approx(truth()[n], rel=0.05)
+
+
+def slow_triangles(samples: int) -> FloatArray:
+    """A command that passes through the dead zone slowly, back and forth."""
+    phase = np.arange(samples) / 350.0 + 0.25
+    return np.asarray(0.9 * (4.0 * np.abs(phase % 1.0 - 0.5) - 1.0))
+
+
+def test_sharp_friction_sticks_and_slips_like_the_generator() -> None:
+    """The generator stops the piston by Karnopp's rule, the gray box by a steep slope."""
+    rows = exact(slow_triangles(700), fine=150)
+    t = rows[:, 0]
+    names = ("command", "pressure_1", "pressure_2", "position")
+    signals = {n: Signal(n, t, rows[:, k + 1], "") for k, n in enumerate(names)}
+    machine = Machine(4.91e-4, 2.37e-4, 1.2446e-4, 9.906e-5, 14.54, 50e5, 0.0)
+    log = make_gray_log(Experiment("x", 0, t, signals, 1e-3, True), machine)
+    box = GrayBox([log], machine, (45.0, 4600.0))
+    start = np.append(rows[0, 2:], 0.0)
+    noise = np.array([2e4, 2e4, 5e-5])
+    errors = [
+        np.abs(b.simulate(log, start, truth())[:, :3] - rows[:, 2:]) / noise
+        for b in (box, box.rounded(0.125, most=128))
+    ]
+    assert errors[1].max() < 0.1
+    assert errors[1].max() < 0.3 * errors[0].max()
+
+
+def test_short_steps_are_needed_near_rest_only() -> None:
+    rows = exact(np.r_[np.full(60, 2.0), np.full(60, -3.0), slow_triangles(300)])
+    t = rows[:, 0]
+    names = ("command", "pressure_1", "pressure_2", "position")
+    signals = {n: Signal(n, t, rows[:, k + 1], "") for k, n in enumerate(names)}
+    machine = Machine(4.91e-4, 2.37e-4, 1.2446e-4, 9.906e-5, 14.54, 50e5, 0.0)
+    log = make_gray_log(Experiment("x", 0, t, signals, 1e-3, True), machine)
+    box = GrayBox([log], machine, (45.0, 4600.0))
+    start = np.append(rows[0, 2:], 0.0)
+    some = box.simulate(log, start, truth())
+    assert box.scheme.moving < box.scheme.resting
+    box.scheme = replace(box.scheme, moving=box.scheme.resting)
+    everywhere = box.simulate(log, start, truth())
+    assert np.abs(some - everywhere).max(axis=0) == pytest.approx(0.0, abs=500.0)
+    assert np.abs(some - everywhere)[:, 2].max() < 1e-6
 
 
 # --------------------------------------------------------------------------------- truth
@@ -228,6 +276,73 @@ def test_truth_is_recovered(names: tuple[str, ...], allowed: float) -> None:
         found = fitted().parameters[name]
         assert abs(number(fitted(), name) - truth()[name]) <= 4.0 * found.std_error  # type: ignore[operator]
     assert fitted().verdict == "pass"
+
+
+@cache
+def steps_and_passes(seed: int) -> FloatArray:
+    """Half a second of random steps, half a second through the dead zone."""
+    rng = np.random.default_rng(seed)
+    sizes = np.exp(rng.uniform(np.log(0.4), np.log(8.0), 8)) * np.resize([1.0, -1.0], 8)
+    return np.r_[np.repeat(sizes, 70), slow_triangles(525)]
+
+
+@cache
+def repetitions() -> tuple[FitResult, ...]:
+    """Six logs of a second each."""
+    import tempfile
+
+    out = []
+    with tempfile.TemporaryDirectory() as folder:
+        clean = exact(steps_and_passes(0), fine=60)
+        for run in range(6):
+            rows = clean.copy()
+            noise = np.random.default_rng(50 + run).standard_normal((rows.shape[0], 3))
+            rows[:, 2:] += noise * [2e4, 2e4, 5e-5]
+            path = write(Path(folder) / f"{run}.csv", rows)
+            out.append(ff.fit("hydraulic-cylinder", path, **GIVEN))
+    return tuple(out)
+
+
+def test_intervals_hold_the_truth_nineteen_times_in_twenty() -> None:
+    """A taste of studies/hydraulic_cylinder.py, which repeats it hundreds of times."""
+    ratios = np.array([
+        [(number(r, n) - value) / float(r.parameters[n].std_error or np.nan)
+         for n, value in truth().items()]
+        for r in repetitions()
+    ])  # fmt: skip
+    assert np.isfinite(ratios).all()
+    # 66 ratios that hang together like some 30 free ones: their rms scatters by 0.13, the share
+    # of those held by 0.04; the means of six by 0.41
+    assert np.mean(np.abs(ratios) < 1.96) > 0.85
+    assert 0.65 < np.sqrt(np.mean(ratios**2)) < 1.35
+    assert np.abs(ratios.mean(axis=0)).max() < 1.4
+
+
+@pytest.mark.parametrize("seen_by_the_valve", [False, True])
+def test_noise_of_the_command_counts_where_the_valve_did_not_see_it(
+    tmp_path: Path, seen_by_the_valve: bool
+) -> None:
+    """A reading of the command scatters beside it; the output of a noisy controller is exact."""
+    command = steps_and_passes(0)
+    noise = 0.02 * np.random.default_rng(3).standard_normal(command.size)
+    rows = simulate(command + noise if seen_by_the_valve else command)
+    rows[:, 1] = command + noise
+    found = ff.fit("hydraulic-cylinder", write(tmp_path / "x.csv", rows), **GIVEN)
+    details = found.document["fit"]["details"]
+    quiet = repetitions()[0]
+    wider = [
+        float(found.parameters[n].std_error or 0.0) / float(quiet.parameters[n].std_error or 1.0)
+        for n in ("dead_zone_negative", "dead_zone_positive")
+    ]
+    if seen_by_the_valve:
+        assert details["command_noise"] == 0.0
+        assert max(wider) < 1.5
+    else:
+        assert details["command_noise"] == pytest.approx(0.02, rel=0.1)
+        assert min(wider) > 2.0
+    for name, value in truth().items():
+        error = abs(number(found, name) - value)
+        assert error < 4.0 * float(found.parameters[name].std_error or np.nan), name
 
 
 def test_validation_simulates_from_the_command_alone() -> None:
@@ -354,6 +469,20 @@ def test_network_is_closer_near_zero_command(neural: FitResult) -> None:
         assert "Overlap" in near["why"]
         away = rows["away from zero command"]
         assert away["orifice"] <= away["network"] < 4.0 * away["orifice"]
+
+
+def test_picture_shows_the_flow_near_zero_command(neural: FitResult) -> None:
+    from fluidact_fit.report.figure import static_view
+
+    view = static_view(neural)
+    assert view is not None
+    assert (view.x_name, view.y_name) == ("command", "flow_1")
+    by_label = {c.label: c for c in view.curves}
+    assert list(by_label) == ["network", "equations, no dead zone", "equations"]
+    inside = np.abs(by_label["network"].x - 0.03) < 0.08  # between the edges, -0.12 V and 0.18 V
+    size = {n: np.abs(c.y[inside]).mean() for n, c in by_label.items()}
+    assert size["equations"] < size["network"] < 0.5 * size["equations, no dead zone"]
+    assert static_view(fitted()) is None
 
 
 def test_networks_come_back_from_the_file(neural: FitResult, tmp_path: Path) -> None:

@@ -13,12 +13,14 @@ from fluidact_fit.errors import LogError, Notice, UnitError, UsageError
 from fluidact_fit.experiment import Experiment
 from fluidact_fit.family import Role, Variant
 from fluidact_fit.logs import (
+    Log,
     StepInput,
     choose_variant,
     describe,
     experiments,
     provenance,
     read_log,
+    share_columns,
 )
 
 TIME = Role("time", "s", "")
@@ -129,6 +131,54 @@ def test_missing_column_lists_what_there_is(tmp_path: Path) -> None:
         run(path, columns={"position": "#9"})
     with pytest.raises(LogError, match="no column is named 'position'"):
         run(path)
+
+
+def mixed_logs(tmp_path: Path, columns: dict[str, str]) -> list[Log]:
+    """One log with a column 'p' and one without, read with the same bindings."""
+    out = []
+    for name, header in (("a.csv", "time,force,position,p"), ("b.csv", "time,force,position,q")):
+        rows = "".join(f"{0.1 * k},{k % 7},{k},{k % 3}\n" for k in range(9))
+        (tmp_path / name).write_text(f"{header}\n{rows}")
+        out.append(read_log(tmp_path / name, columns=columns))
+    return out
+
+
+PRESSED = Variant("pressed", (*LINEAR.roles, Role("pressure", "Pa", "", required=False)), ())
+DRIVEN = Variant("driven", (TIME, POSITION, Role("pressure", "Pa", "", output=True)), ())
+
+
+def test_some_logs_may_lack_the_column_of_an_optional_role(tmp_path: Path) -> None:
+    first, second = share_columns(mixed_logs(tmp_path, {"pressure": "p"}))
+    assert choose_variant([first, second], (PRESSED,)) is PRESSED
+    assert "pressure" in experiments(first, PRESSED)[0][0]
+    assert "pressure" not in experiments(second, PRESSED)[0][0]
+    # the header was given: a column that happens to be named like the role does not stand in
+    text = (tmp_path / "b.csv").read_text().replace(",q", ",pressure")
+    (tmp_path / "b.csv").write_text(text)
+    both = [read_log(tmp_path / n, columns={"pressure": "p"}) for n in ("a.csv", "b.csv")]
+    assert "pressure" not in experiments(share_columns(both)[1], PRESSED)[0][0]
+
+
+def test_a_column_that_no_log_holds_is_refused(tmp_path: Path) -> None:
+    for wanted in ("x", "#5"):
+        logs = share_columns(mixed_logs(tmp_path, {"pressure": wanted}))
+        with pytest.raises(LogError, match=r"a\.csv: there is no column"):
+            experiments(logs[0], PRESSED)
+
+
+def test_a_required_role_is_asked_of_the_log_that_lacks_it(tmp_path: Path) -> None:
+    logs = share_columns(mixed_logs(tmp_path, {"force": "p"}))
+    with pytest.raises(LogError, match=r"b\.csv: there is no column 'p' for the role 'force'"):
+        choose_variant(logs, (LINEAR,))
+    with pytest.raises(LogError, match=r"b\.csv: there is no column 'p' for the role 'force'"):
+        experiments(logs[1], LINEAR)
+
+
+def test_a_role_that_another_variant_requires_leaves_the_choice_open(tmp_path: Path) -> None:
+    logs = share_columns(mixed_logs(tmp_path, {"pressure": "p"}))
+    assert choose_variant(logs, (DRIVEN, PRESSED)) is PRESSED
+    with pytest.raises(LogError, match=r"b\.csv: there is no column 'p' for the role 'pressure'"):
+        choose_variant(logs, (DRIVEN,))
 
 
 def test_ambiguous_columns(tmp_path: Path) -> None:

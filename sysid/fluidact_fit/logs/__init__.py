@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .columns import share_columns
 from .describe import describe, provenance
 from .experiments import choose_variant, experiments
 from .log import Column, Dialect, Log, StepInput
@@ -17,4 +18,5 @@ __all__ = [
     "experiments",
     "provenance",
     "read_log",
+    "share_columns",
 ]

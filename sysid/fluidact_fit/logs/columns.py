@@ -135,6 +135,16 @@ def find_column(log: Log, role: str, wanted: str) -> Column:
             expected=f"It has {len(log.columns)}: {list_columns(log)}.",
             remedy=f"Give --column {role}=#N with 1 to {len(log.columns)}.",
         )
+    matches = _matching(log, wanted)
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        raise _ambiguous(log, role, wanted, matches)
+    raise _no_column(log, role, wanted)
+
+
+def _matching(log: Log, wanted: str) -> list[Column]:
+    """Columns that a header means: the closest kind of agreement that finds any."""
     text, folded = wanted.strip(), _fold(wanted)
     for matches in (
         [c for c in log.columns if c.header == text],
@@ -142,11 +152,46 @@ def find_column(log: Log, role: str, wanted: str) -> Column:
         [c for c in log.columns if c.header and c.name == text],
         [c for c in log.columns if c.header and _fold(c.name) == folded],
     ):
-        if len(matches) == 1:
-            return matches[0]
         if matches:
-            raise _ambiguous(log, role, wanted, matches)
-    raise _no_column(log, role, wanted)
+            return matches
+    return []
+
+
+def _holds(log: Log, wanted: str) -> bool:
+    """Whether ``--column role=wanted`` means any column of a log."""
+    if wanted.startswith("#") and wanted[1:].isdigit():
+        return 1 <= int(wanted[1:]) <= len(log.columns)
+    return bool(_matching(log, wanted))
+
+
+def share_columns(logs: Sequence[Log]) -> list[Log]:
+    """Let logs that were read with the same bindings lack columns that others of them hold.
+
+    Several experiments of one machine need not record the same: one pressure in some, the other
+    pressure in others. A header that no log holds is still refused where it is used, and so
+    is one of a role that cannot be done without.
+
+    Parameters
+    ----------
+    logs
+        The set.
+
+    Returns
+    -------
+    list of Log
+        With ``elsewhere`` filled in.
+    """
+    held = {
+        (role, wanted)
+        for log in logs
+        for role, wanted in log.bindings.items()
+        if _holds(log, wanted)
+    }
+    out = []
+    for log in logs:
+        lacking = {r for r, w in log.bindings.items() if (r, w) in held and not _holds(log, w)}
+        out.append(replace(log, elsewhere=frozenset(lacking)) if lacking else log)
+    return out
 
 
 def default_column(log: Log, role: str) -> Column | None:
@@ -163,6 +208,8 @@ def default_column(log: Log, role: str) -> Column | None:
 def bind_role(log: Log, role: Role) -> Binding | None:
     """Bind one role, ``None`` when no column plays it."""
     explicit = role.name in log.bindings
+    if role.name in log.elsewhere and not role.required:
+        return None
     if explicit:
         column = find_column(log, role.name, log.bindings[role.name])
     else:
@@ -217,13 +264,17 @@ def bind_roles(log: Log, roles: Sequence[Role]) -> dict[str, Binding]:
 
 def missing_roles(log: Log, roles: Sequence[Role]) -> list[str]:
     """Return required roles that neither a column, a step nor a sample time fills."""
-    bound = bind_roles(log, [role for role in roles if role.required])
+    required = [role for role in roles if role.required and role.name not in log.elsewhere]
+    bound = bind_roles(log, required)
     given = {*bound, *log.steps, *(("time",) if log.sample_time is not None else ())}
     return [role.name for role in roles if role.required and role.name not in given]
 
 
 def missing_error(log: Log, missing: Sequence[str]) -> LogError:
     """Return the error for roles that no column plays."""
+    for role in missing:
+        if role in log.elsewhere:
+            return _no_column(log, role, log.bindings[role])
     names = " and ".join(f"'{name}'" for name in missing)
     remedy = f"Give --column {missing[0]}=HEADER (or #N)."
     if missing[0] == "time":

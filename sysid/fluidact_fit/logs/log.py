@@ -118,6 +118,9 @@ class Log:
         What was odd while reading.
     bindings, units, scales, steps, holds
         Role to header, unit, factor, step and hold, as given by the user.
+    elsewhere
+        Roles of ``bindings`` whose column another log of the set holds and this one does not:
+        where such a role is optional, it was not recorded here (see ``share_columns``).
     sample_time
         Given by the user [s], replaces a time column.
     window
@@ -138,6 +141,7 @@ class Log:
     holds: Mapping[str, str] = field(default_factory=dict)
     sample_time: float | None = None
     window: tuple[float | None, float | None] | None = None
+    elsewhere: frozenset[str] = frozenset()
 
     @property
     def rows(self) -> int:

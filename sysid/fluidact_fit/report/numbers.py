@@ -115,7 +115,8 @@ def count(number: int) -> str:
 
 def plain(text: str, longest: int = 60) -> str:
     """Text from outside as a figure can show it: printable, of bounded length."""
-    kept = "".join(c if c.isprintable() and ord(c) < 0x530 else "?" for c in text)
+    known = ((c.isprintable() and ord(c) < 0x530) or c == "…" for c in text)
+    kept = "".join(c if shown else "?" for c, shown in zip(text, known))
     if len(kept) <= longest:
         return kept
     head = (longest - 1) // 2

@@ -121,8 +121,8 @@ def document_page(
         for text, svg in figures
     )
     parts = [
-        _header(d), pictures, _warnings(d), _parameters(d), _derived(d), _logs(d), _validity(d),
-        _correlation(d), _model(d), _provenance(d),
+        _header(d), pictures, _warnings(d), _parameters(d), _derived(d), _comparisons(d), _logs(d),
+        _validity(d), _correlation(d), _model(d), _provenance(d),
     ]  # fmt: skip
     title = escape(f"{d['family']}: {d['fit']['verdict']}")
     return (
@@ -231,6 +231,27 @@ def _list_table(q: Mapping[str, Any]) -> str:
     if len(values) <= 8:
         return rows
     return f"<details><summary>{escape(show(q['value']))}</summary>{rows}</details>"
+
+
+def _comparisons(d: Mapping[str, Any]) -> str:
+    """Tables in which a fit set models side by side: ``fit.details.*_comparison``."""
+    out = []
+    for name, rows in d["fit"].get("details", {}).items():
+        if not name.endswith("_comparison") or not rows or not isinstance(rows, list):
+            continue
+        heads = list(dict.fromkeys(key for row in rows for key in row))
+        numeric = [k for k, h in enumerate(heads) if isinstance(rows[0].get(h), int | float)]
+        cells = [[_cell(row.get(h, "")) for h in heads] for row in rows]
+        title = f"{name.removesuffix('_comparison').capitalize()}: models on held-out windows"
+        out.append(
+            f"<h2>{escape(title)}</h2>"
+            + _table([h.replace("_", " ") for h in heads], cells, numeric)
+        )
+    return "".join(out)
+
+
+def _cell(value: Any) -> str:
+    return escape(str(value) if isinstance(value, str | int) else short(float(value), 3))
 
 
 def _logs(d: Mapping[str, Any]) -> str:

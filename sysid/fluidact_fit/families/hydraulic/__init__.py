@@ -1,0 +1,1 @@
+"""Parts of the ``hydraulic-cylinder`` family, which alone uses them."""
