@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from fluidact_fit.estimation.information import cramer_rao, optimal_measure
 from fluidact_fit.excitation import Design, design
 from fluidact_fit.families import get_family
 from fluidact_fit.parameters import ParameterDocument, make_document
-from fluidact_fit.waveforms import Waveform, limit_slope, smooth_corners
+from fluidact_fit.waveforms import Waveform, limit_slope, smooth_corners, to_segments
 
 ROOT = Path(__file__).parents[1]
 
@@ -163,15 +164,54 @@ def test_a_static_level_that_was_not_identified_becomes_so() -> None:
     assert any("breakaway_positive was not identified" in note for note in found.notes)
 
 
-def test_cylinder_friction_gets_strokes_at_constant_speeds() -> None:
-    found = design(document_of(fit_trial("cylinder-friction")), stroke=(0.0, 0.055))
-    velocity, position = found.signals["velocity"], found.signals["position"]
-    assert velocity.min() < -0.05
-    assert velocity.max() > 0.05
+@pytest.fixture(scope="module")
+def strokes() -> Design:
+    """The next experiment after the second log of the cylinder."""
+    return design(document_of(fit_trial("cylinder-friction", 1)), stroke=(0.0, 0.055))
+
+
+def test_cylinder_friction_gets_strokes_at_constant_speeds(strokes: Design) -> None:
+    velocity, position = strokes.signals["velocity"], strokes.signals["position"]
+    assert velocity.min() < -0.12
+    assert velocity.max() > 0.12
     assert 0.0 <= position.min() < position.max() <= 0.055
-    worst = max(f.predicted / f.value for f in found.forecasts if f.predicted)
-    present = max(f.present / f.value for f in found.forecasts if f.present)
+    assert np.abs(np.diff(position) - 0.005 * (velocity[1:] + velocity[:-1])).max() < 1e-12
+    worst = max(f.predicted / f.value for f in strokes.forecasts if f.predicted)
+    present = max(f.present / f.value for f in strokes.forecasts if f.present)
     assert worst < 0.75 * present
+
+
+def test_strokes_predict_the_standard_errors_of_a_fit(strokes: Design, tmp_path: Path) -> None:
+    v = strokes.signals["velocity"]
+    drive = 45.0 * v + 2.4 * np.sign(v) + 0.14 * np.gradient(v, 0.01)
+    found: dict[str, list[float]] = {}
+    for seed in range(7):
+        rng = np.random.default_rng(seed)
+        force, noisy = drive + 0.1 * rng.normal(size=v.size), v + 1e-3 * rng.normal(size=v.size)
+        path = tmp_path / f"{seed}.csv"
+        table = np.column_stack((strokes.time, force, noisy))
+        np.savetxt(path, table, delimiter=",", header="time,force,velocity", comments="")
+        result = ff.fit("cylinder-friction", ff.read_log(path), mass=0.14)
+        for name in strokes.predicted:
+            found.setdefault(name, []).append(result.parameters[name].std_error)  # type: ignore[arg-type]
+    for name, predicted in strokes.predicted.items():
+        assert np.median(found[name]) == pytest.approx(predicted, rel=0.15)
+
+
+def test_strokes_say_what_no_speeds_could_better_and_how_long_halving_takes(
+    strokes: Design,
+) -> None:
+    (line,) = [n for n in strokes.notes if "no speeds within the limits" in n]
+    reached, least = (float(n) for n in re.findall(r"([0-9.]+) %", line))
+    assert least < reached < 1.25 * least
+    # a level is known no better than from half the samples (0.1 N of the force, 45 N s/m of
+    # 1 mm/s of the velocity)
+    assert least > 100.0 * np.hypot(0.1, 0.045) / np.sqrt(500.0) / 2.45
+    (line,) = [n for n in strokes.notes if "--duration" in n]
+    ratio, duration = (
+        float(n) for n in re.findall(r"is ([0-9.]+) times.* for ([0-9.]+) s", line)[0]
+    )
+    assert duration == pytest.approx(10.0 * (ratio / 0.5) ** 2, rel=0.02)
 
 
 def test_potentiometer_gets_positions_to_hold() -> None:
@@ -247,3 +287,14 @@ def test_corners_and_slopes() -> None:
     assert np.abs(np.diff(smooth_corners(jump, 8))).max() < 0.3
     assert smooth_corners(jump, 8)[-1] == pytest.approx(1.0)
     assert np.abs(np.diff(limit_slope(jump, 0.1))).max() <= 0.1 + 1e-12
+
+
+def test_straight_pieces_are_those_of_the_shape() -> None:
+    rng = np.random.default_rng(0)
+    held = np.repeat(rng.uniform(-1.0, 1.0, 9), rng.integers(20, 60, 9))
+    ramps = np.concatenate((held, np.linspace(-1.0, 1.0, 50), np.linspace(1.0, 0.0, 30)))
+    pieces = to_segments(ramps, 40)
+    assert pieces is not None
+    assert np.abs(pieces.sample(ramps.size, 0.01) - ramps).max() < 0.05
+    assert np.median(np.abs(pieces.sample(ramps.size, 0.01) - ramps)) < 1e-12
+    assert to_segments(np.sin(np.arange(500.0)), 40) is None

@@ -30,7 +30,7 @@ from .estimation.information import Information, cramer_rao, optimal_measure
 from .experiment import Experiment, FloatArray, Hold, Signal
 from .families import get_family
 from .family import Family, Role, Value, Variant
-from .waveforms import Waveform, limit_slope, smooth_corners
+from .waveforms import Waveform, limit_slope, smooth_corners, to_segments
 
 if TYPE_CHECKING:
     from .parameters import ParameterDocument
@@ -42,6 +42,8 @@ _SPREAD = 0.2  # share of a static design that is spread evenly, to show a wrong
 _TURN = 0.1  # s that the motion takes to reach its speed
 _USED = 0.9  # share of the stroke that strokes at constant speed use
 _LEADERS = 4  # shapes that are improved
+_PIECES = 40  # straight pieces that are shaped one by one
+_TRIES = 400  # of changes to the pieces
 _TIE = 0.05  # weight of the mean over all parameters beside the worst
 
 
@@ -437,6 +439,19 @@ def _find_unknowns(
     return tuple(found)
 
 
+def _score(task: _Task, errors: FloatArray) -> float:
+    """What is to be small: the logarithm of the criterion, and a little of all others."""
+    if not np.all(np.isfinite(errors)) or not np.all(errors > 0.0):
+        return np.inf
+    relative = np.log(errors / np.array([u.scale for u in task.unknowns]))
+    mean = float(np.mean(relative))
+    if task.criterion == "determinant":
+        return mean
+    if task.criterion == "worst":
+        return float(relative.max()) + _TIE * mean
+    return float(relative[[u.name for u in task.unknowns].index(task.criterion)]) + _TIE * mean
+
+
 # -------------------------------------------------------------------------- dynamic models
 
 
@@ -449,6 +464,7 @@ class _Trial:
     output: FloatArray
     errors: FloatArray
     score: float
+    balance: float = 0.0
 
 
 class _Search:
@@ -537,29 +553,16 @@ class _Search:
         moved = np.abs(np.gradient(output))
         return np.clip(moved / step, 0.01, 1.0)
 
-    def score(self, errors: FloatArray) -> float:
-        """What is to be small: the logarithm of the criterion, and a little of all others."""
-        task = self.task
-        if not np.all(np.isfinite(errors)):
-            return np.inf
-        relative = np.log(errors / np.array([u.scale for u in task.unknowns]))
-        mean = float(np.mean(relative))
-        if task.criterion == "determinant":
-            return mean
-        if task.criterion == "worst":
-            return float(relative.max()) + _TIE * mean
-        return float(relative[[u.name for u in task.unknowns].index(task.criterion)]) + _TIE * mean
-
     def try_out(self, waveform: Waveform) -> _Trial:
         """Simulate a waveform; smaller until it stays within the stroke."""
         for _ in range(5):
             absolute = waveform.shape == "approach"  # its levels are what matters
             drifts = self.drifts and not absolute
-            command = self._balanced(waveform) if drifts else self._command(waveform, 0.0)
+            command, balance = self._balanced(waveform) if drifts else self._command(waveform, 0.0)
             output = self._simulate(command)
             if self._within(output):
                 errors = self.errors(self._inform(command))
-                return _Trial(waveform, command, output, errors, self.score(errors))
+                return _Trial(waveform, command, output, errors, _score(self.task, errors), balance)
             stroke = self.task.limits.stroke
             if stroke is None:
                 break
@@ -572,26 +575,39 @@ class _Search:
         nothing = np.full(len(self.task.unknowns), np.inf)
         return _Trial(waveform, command, output, nothing, np.inf)
 
-    def _command(self, waveform: Waveform, balance: float) -> FloatArray:
-        """Command of a waveform after a short rest [SI]; positive ``balance`` drives upwards.
+    def straighten(self, trial: _Trial) -> Waveform | None:
+        """The straight pieces that a trial consists of; ``None`` if it does not.
+
+        Neither do slow passages, whose levels hold for whatever the static level is.
+        """
+        if trial.waveform.shape == "approach":
+            return None
+        shape, weaken = self._shape(trial.waveform, trial.balance)
+        up, down = min(1.0, 1.0 + weaken), min(1.0, 1.0 - weaken)
+        return to_segments(np.where(shape > 0.0, up, down) * shape, _PIECES)
+
+    def _shape(self, waveform: Waveform, balance: float) -> tuple[FloatArray, float]:
+        """Values between -1 and 1 after a short rest, and the balance that is left to make.
 
         A shape with a duty is balanced by how long each direction lasts, which costs no
         amplitude; any other by how strong it is.
         """
         turned = waveform.lengthen(float(np.exp(-2.0 * balance)))
         n = self.time.size
-        rest = min(max(n // 50, 2), 20)
+        rest = 0 if waveform.shape == "segments" else min(max(n // 50, 2), 20)
         shape = turned.sample(n - rest, self.task.limits.sample_time)
-        return self._to_command(
-            np.concatenate((np.zeros(rest), shape)), 0.0 if turned != waveform else balance
-        )
+        return np.concatenate((np.zeros(rest), shape)), 0.0 if turned != waveform else balance
 
-    def _balanced(self, waveform: Waveform) -> FloatArray:
+    def _command(self, waveform: Waveform, balance: float) -> tuple[FloatArray, float]:
+        """Command [SI] and its ``balance``; a positive one drives upwards."""
+        return self._to_command(*self._shape(waveform, balance)), balance
+
+    def _balanced(self, waveform: Waveform) -> tuple[FloatArray, float]:
         """Command that ends where it began, within a tenth of the stroke, if that can be."""
         stroke = self.task.limits.stroke
-        command = self._command(waveform, 0.0)
+        command, _ = self._command(waveform, 0.0)
         if stroke is None:
-            return command
+            return command, 0.0
         low, high, balance = -0.95, 0.95, 0.0
         for _ in range(6):
             y = self._simulate(command)
@@ -600,8 +616,8 @@ class _Search:
                 break
             low, high = (low, balance) if drift > 0.0 else (balance, high)
             balance = 0.5 * (low + high)
-            command = self._command(waveform, balance)
-        return command
+            command, _ = self._command(waveform, balance)
+        return command, balance
 
     def _within(self, output: FloatArray) -> bool:
         stroke = self.task.limits.stroke
@@ -701,6 +717,44 @@ def _improve(search: _Search, trial: _Trial) -> _Trial:
     return trial
 
 
+def _reshape(search: _Search, trial: _Trial) -> _Trial:
+    """Change the levels and lengths of a trial's straight pieces one by one while that helps."""
+    begun = search.straighten(trial)
+    if begun is None:
+        return trial
+    best = search.try_out(begun)
+    level, factor, left = 0.2, 1.25, _TRIES
+    while level > 0.02 and left > 0:
+        before = best
+        for name in begun.numbers:
+            if name.startswith("end_"):
+                continue
+            for sign in (1.0, -1.0):
+                tried = search.try_out(_change(best.waveform, name, sign * level, factor**sign))
+                left -= 1
+                if tried.score < best.score - 1e-4:
+                    best = tried
+                    break
+        if before.score - best.score < 0.005:
+            level, factor = 0.5 * level, 1.0 + 0.5 * (factor - 1.0)
+    return best if best.score < trial.score else trial
+
+
+def _change(waveform: Waveform, name: str, shift: float, factor: float) -> Waveform:
+    """Stretch one piece by a factor, or shift its level; of a ramp, where it begins."""
+    numbers = dict(waveform.numbers)
+    kind, _, index = name.partition("_")
+    if kind == "length":
+        numbers[name] *= factor
+        return replace(waveform, numbers=numbers)
+    flat = numbers[name] == numbers[f"end_{index}"]
+    moved = float(np.clip(numbers[name] + shift, -1.0, 1.0))
+    numbers[name] = moved
+    if flat:
+        numbers[f"end_{index}"] = moved
+    return replace(waveform, numbers=numbers)
+
+
 def _design_dynamic(task: _Task) -> Design:
     if not task.limits.sample_time:
         raise UsageError("the sample time is unknown.", remedy="Give --sample-time and --duration.")
@@ -723,6 +777,9 @@ def _design_dynamic(task: _Task) -> Design:
     for number, trial in enumerate(leaders[:_LEADERS], start=1):
         task.progress(f"improving {number} of {min(len(leaders), _LEADERS)}")
         improved.append(_improve(search, trial))
+    improved.sort(key=lambda t: t.score)
+    task.progress("shaping the best")
+    improved[:1] = [_reshape(search, trial) for trial in improved[:1]]
     ranking = sorted([*improved, *leaders[_LEADERS:]], key=lambda t: t.score)
     return _to_design(task, search, ranking)
 
@@ -826,23 +883,18 @@ def _forecasts(task: _Task, errors: FloatArray) -> tuple[Forecast, ...]:
 
 def _design_static(task: _Task) -> Design:
     """Where to sample a static map."""
-    grid = _static_grid(task)
+    if task.drive.name in ("velocity", "position"):
+        return _design_strokes(task)
+    grid = np.linspace(*task.limits.amplitude, 161)
     rows = _static_rows(task, grid)
     scales = np.array([u.scale for u in task.unknowns])
-    names = [u.name for u in task.unknowns]
     chosen: str | int = task.criterion
     if task.criterion not in ("worst", "determinant"):
-        chosen = names.index(task.criterion)
-    moving = task.drive.name in ("velocity", "position")
-    held = _held_share(task, grid) if moving else np.ones(grid.size)
-    share = optimal_measure(rows * np.sqrt(held)[:, None], scales, chosen)
-    points, counts = _support(grid, share, 0.0 if moving else _SPREAD)
+        chosen = [u.name for u in task.unknowns].index(task.criterion)
+    share = optimal_measure(rows, scales, chosen)
+    points, counts = _support(grid, share, _SPREAD)
     weights = counts * _static_samples(task)
-    if not moving:
-        return _positions(task, points, weights, _static_errors(task, points, weights))
-    errors = _static_errors(task, points, weights * _held_share(task, points))
-    ideal = optimal_measure(rows, scales, chosen) * _static_samples(task)
-    return _strokes(task, points, counts, errors, _static_errors(task, grid, ideal))
+    return _positions(task, points, weights, _static_errors(task, points, weights))
 
 
 def _static_errors(task: _Task, points: FloatArray, weights: FloatArray) -> FloatArray:
@@ -851,52 +903,12 @@ def _static_errors(task: _Task, points: FloatArray, weights: FloatArray) -> Floa
     return np.sqrt(np.diag(cramer_rao(at.T @ (weights[:, None] * at)))) * task.sigma
 
 
-def _stroke_limit(task: _Task) -> tuple[float, float] | None:
-    """Range of the position, when it was said or the file knows it [m]."""
-    covered = task.document.validity.get("position")
-    known = None if covered is None else (covered.low, covered.high)
-    return task.limits.stroke or known
-
-
-def _held_share(task: _Task, speeds: FloatArray) -> FloatArray:
-    """Share of a stroke that counts, shape of ``speeds``: turns cost more at high speed.
-
-    With the mass given, samples of the turns count too, at half the speed.
-    """
-    stroke = _stroke_limit(task)
-    if stroke is None:
-        return np.ones(speeds.size)
-    whole = _USED * (stroke[1] - stroke[0]) / np.abs(speeds)
-    lost = _TURN if task.options.get("mass") is None else 0.0
-    return np.clip((whole - lost) / (whole + _TURN), 0.0, 1.0)
-
-
 def _static_samples(task: _Task) -> int:
     """Samples of the next static experiment: those of the longest log, or the duration's."""
     limits = task.limits
     if limits.sample_time and limits.duration:
         return limits.count
     return max((source.rows for source in task.document.provenance.logs), default=1000)
-
-
-def _static_grid(task: _Task) -> FloatArray:
-    """Points at which the map could be sampled, shape ``(n,)`` [SI of the role]."""
-    low, high = task.limits.amplitude
-    if task.drive.name not in ("velocity", "position"):
-        return np.linspace(low, high, 161)
-    details = task.document.fit.details or {}
-    if task.drive.name == "position":  # the file knows strokes, not speeds
-        speeds = [abs(v) for pair in details.get("speeds", {}).values() for v in pair]
-        high = max(speeds, default=0.0)
-        low = -high
-    slow = max(1.5 * float(details.get("deadband") or 0.0), 0.05 * max(high, -low))
-    if not (high > slow and -low > slow):
-        raise UsageError(
-            "the speeds allow no motion in both directions.",
-            expected=f"Both ends have to lie beyond {slow:.3g} m/s.",
-            remedy="Give --amplitude LOW:HIGH as a range of velocities, for example -0.1:0.1.",
-        )
-    return np.concatenate((np.linspace(low, -slow, 40), np.linspace(slow, high, 40)))
 
 
 def _static_rows(task: _Task, points: FloatArray) -> FloatArray:
@@ -934,8 +946,6 @@ def _support(grid: FloatArray, share: FloatArray, spread: float) -> tuple[FloatA
     points = [float(grid[g] @ share[g] / share[g].sum()) for g in groups]
     weights = np.array([float(share[g].sum()) for g in groups])
     weights *= (1.0 - spread) / weights.sum()
-    if not spread:
-        return np.array(points), weights
     even = np.linspace(grid[0], grid[-1], 21)
     all_points = np.concatenate((points, even))
     all_weights = np.concatenate((weights, np.full(even.size, spread / even.size)))
@@ -967,23 +977,200 @@ def _positions(task: _Task, points: FloatArray, weights: FloatArray, errors: Flo
     )
 
 
-def _strokes(
-    task: _Task, speeds: FloatArray, shares: FloatArray, errors: FloatArray, ideal: FloatArray
-) -> Design:
-    """Strokes at constant speed, to and fro, that fill the duration."""
+# -------------------------------------------------------------------- strokes of a cylinder
+
+
+@dataclass(frozen=True)
+class _Strokes:
+    """Pairs of strokes to and fro at constant speed: slow ones, then fast ones.
+
+    ``slow`` and ``fast`` are the speeds forwards and backwards [m/s], magnitudes; ``share``
+    is that of the time that the slow pairs take.
+    """
+
+    slow: tuple[float, float]
+    fast: tuple[float, float]
+    share: float
+
+    def speeds(self) -> list[tuple[float, float]]:
+        """Signed speed and its share of the time; a pair goes as far to as fro."""
+        out = []
+        for (to, fro), share in ((self.slow, self.share), (self.fast, 1.0 - self.share)):
+            out += [(to, share * fro / (to + fro)), (-fro, share * to / (to + fro))]
+        return out
+
+    def play(self, stroke: tuple[float, float] | None, duration: float, step: float) -> FloatArray:
+        """Velocity at the samples, shape ``(n,)`` [m/s]; straight ramps at the turns."""
+        count, turn = round(duration / step), max(round(_TURN / step), 2)
+        pieces: list[FloatArray] = []
+        for (to, fro), share in ((self.slow, self.share), (self.fast, 1.0 - self.share)):
+            there = share * duration * fro / (to + fro)
+            longest = _USED * (stroke[1] - stroke[0]) if stroke else np.inf
+            laps = max(int(np.ceil(to * there / longest)), 1) if np.isfinite(longest) else 1
+            for _ in range(laps):
+                n, m = (max(round(t / laps / step), 2 * turn) for t in (there, there * to / fro))
+                pieces += [_stroke(to, n, turn), -_stroke(fro, m, turn)]
+        velocity = np.concatenate(pieces)[:count]
+        return np.pad(velocity, (0, count - velocity.size))
+
+
+def _design_strokes(task: _Task) -> Design:
+    """Strokes at constant speed whose speeds and shares of the time are searched."""
+    low, high = _speed_limits(task)
+    slowest = _slowest(task, low, high)
+    starts = [
+        _Strokes((k * slowest, k * slowest), (high, -low), share)
+        for k in (1.0, 2.0, 4.0)
+        for share in (0.3, 0.5, 0.7, 0.85)
+        if k * slowest < min(high, -low)
+    ]
+    tried = sorted(((_score(task, _stroke_errors(task, s)), s) for s in starts), key=lambda t: t[0])
+    if not tried or not np.isfinite(tried[0][0]):
+        raise NotIdentifiedError(
+            "no strokes within these limits determine every parameter.",
+            expected="Nothing was written.",
+            remedy="Widen --amplitude or --stroke, or give a longer --duration.",
+        )
+    best = min(
+        (_improve_strokes(task, s, (low, high), slowest) for _, s in tried[:2]),
+        key=lambda s: _score(task, _stroke_errors(task, s)),
+    )
+    return _describe_strokes(task, best, _least(task, low, high, slowest))
+
+
+def _speed_limits(task: _Task) -> tuple[float, float]:
+    """Lowest and highest velocity [m/s]."""
+    if task.drive.name == "velocity":
+        return task.limits.amplitude
+    details = task.document.fit.details or {}
+    # the file of a position knows its stroke as range, and its speeds
+    fast = max((abs(v) for pair in details.get("speeds", {}).values() for v in pair), default=0.0)
+    return -fast, fast
+
+
+def _slowest(task: _Task, low: float, high: float) -> float:
+    """Speed that is safely beyond the deadband of a fit [m/s]."""
+    details = task.document.fit.details or {}
+    # a deadband of four standard deviations, and as much again for the noise of a sample
+    slow = max(2.0 * float(details.get("deadband") or 0.0), 0.075 * max(high, -low))
+    if not (high > slow and -low > slow):
+        raise UsageError(
+            "the speeds allow no motion in both directions.",
+            expected=f"Both ends have to lie beyond {slow:.3g} m/s.",
+            remedy="Give --amplitude LOW:HIGH as a range of velocities, for example -0.1:0.1.",
+        )
+    return slow
+
+
+def _stroke_limit(task: _Task) -> tuple[float, float] | None:
+    """Range of the position, when it was said or the file knows it [m]."""
+    covered = task.document.validity.get("position")
+    known = None if covered is None else (covered.low, covered.high)
+    return task.limits.stroke or known
+
+
+def _play(task: _Task, strokes: _Strokes) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Time [s], velocity [m/s] and position [m], shape ``(n,)`` each."""
     step = task.limits.sample_time or 0.01
-    duration = task.limits.duration or 10.0
     stroke = _stroke_limit(task)
-    velocity = _play_strokes(speeds, shares, stroke, duration, step)
-    place = step * np.cumsum(velocity)
-    notes = [*task.notes]
-    listed = ", ".join(f"{v:.3g} m/s ({100.0 * s:.0f} %)" for v, s in zip(speeds, shares))
-    notes.append(f"Speeds and their shares of the time: {listed}.")
-    scales = np.array([u.scale for u in task.unknowns])
+    velocity = strokes.play(stroke, task.limits.duration or 10.0, step)
+    place = step * (np.cumsum(velocity) - 0.5 * velocity)
+    place += (stroke or (0.0, 0.0))[0] - place.min()
+    return step * np.arange(velocity.size, dtype=np.float64), velocity, place
+
+
+def _stroke_errors(task: _Task, strokes: _Strokes) -> FloatArray:
+    """Predicted standard errors of what a fit keeps of the strokes, shape ``(p,)``."""
+    time, velocity, place = _play(task, strokes)
+    name = task.drive.name
+    signal = Signal(name, time, velocity if name == "velocity" else place, task.unit)
+    run = Experiment("design", 0, time, {name: signal}, float(time[1]), True)
+    details = task.document.fit.details or {}
+    options = dict(task.options)
+    if name == "position":  # what it takes to quieten the sensor, the simulation cannot know
+        options["filter"] = details.get("velocity_filter", {}).get("half_width")
+    found = task.family.information(task.variant, task.values, run, options)
+    assert found is not None
+    rows = found.jacobian[:, [found.names.index(u.name) for u in task.unknowns]]
+    return np.sqrt(np.diag(cramer_rao(rows.T @ rows))) * _force_noise(task)
+
+
+def _force_noise(task: _Task) -> float:
+    """Standard deviation of the force about the friction line [N]."""
+    return float((task.document.fit.details or {}).get("force_noise") or task.sigma)
+
+
+def _improve_strokes(
+    task: _Task, start: _Strokes, limits: tuple[float, float], slowest: float
+) -> _Strokes:
+    """Search speeds and shares from a start."""
+    low, high = limits
+
+    def make(x: FloatArray) -> _Strokes:
+        to, fro = slowest * np.exp(np.abs(x[:2]))
+        fast = high * np.exp(-abs(x[3])), -low * np.exp(-abs(x[4]))
+        slow = min(float(to), float(fast[0])), min(float(fro), float(fast[1]))
+        share = 1.0 / (1.0 + np.exp(-x[2]))
+        return _Strokes(slow, (float(fast[0]), float(fast[1])), float(np.clip(share, 0.02, 0.98)))
+
+    at = [np.log(start.slow[0] / slowest), np.log(start.slow[1] / slowest),
+          np.log(start.share / (1.0 - start.share)), 0.0, 0.0]  # fmt: skip
+    found = _minimise(
+        lambda x: _score(task, _stroke_errors(task, make(x))),
+        np.array(at),
+        np.array([0.3, 0.3, 0.4, 0.15, 0.15]),
+        200,
+    )
+    return make(found)
+
+
+def _minimise(
+    score: Callable[[FloatArray], float], start: FloatArray, spread: FloatArray, most: int
+) -> FloatArray:
+    """Smallest score near a start, by the simplex of Nelder and Mead."""
+    from scipy.optimize import minimize
+
+    def finite(x: FloatArray, *args: Any) -> Any:
+        return min(score(x), 1e6)
+
+    options: Any = {
+        "initial_simplex": np.vstack((start, start + np.diag(spread))),
+        "maxfev": most,
+        "xatol": 1e-3,
+        "fatol": 1e-5,
+    }
+    return np.asarray(minimize(finite, start, method="Nelder-Mead", options=options).x)
+
+
+def _least(task: _Task, low: float, high: float, slowest: float) -> FloatArray:
+    """Standard errors of the best shares of the samples at any speeds, turns left out.
+
+    A straight line in either direction is known best from its ends, so the two slowest and
+    the two fastest speeds are enough.
+    """
+    rows = _static_rows(task, np.array([low, -slowest, slowest, high]))
+    size = _force_noise(task) / np.sqrt(_static_samples(task))
+
+    def errors(x: FloatArray) -> FloatArray:
+        shares = np.exp(np.append(x, 0.0) - np.max(np.append(x, 0.0)))
+        shares /= shares.sum()
+        return np.asarray(size * np.sqrt(np.diag(cramer_rao(rows.T @ (shares[:, None] * rows)))))
+
+    return errors(_minimise(lambda x: _score(task, errors(x)), np.zeros(3), np.ones(3), 600))
+
+
+def _describe_strokes(task: _Task, best: _Strokes, ideal: FloatArray) -> Design:
+    """The design in words and numbers."""
+    time, velocity, place = _play(task, best)
+    errors = _stroke_errors(task, best)
+    stroke, scales = _stroke_limit(task), np.array([u.scale for u in task.unknowns])
+    listed = ", ".join(f"{v:.3g} m/s ({100.0 * s:.0f} %)" for v, s in sorted(best.speeds()))
+    notes = [*task.notes, f"Speeds and their shares of the time: {listed}."]
     notes.append(
         f"The worst relative standard error becomes {100.0 * np.max(errors / scales):.3g} %; no "
         f"speeds within the limits could bring it below {100.0 * np.max(ideal / scales):.3g} %."
     )
+    notes += _time_to_halve(task, errors)
     if stroke is None:
         notes.append(
             f"The stroke is not in the file: this one needs {np.ptp(place):.3g} m. "
@@ -991,9 +1178,9 @@ def _strokes(
         )
     return Design(
         family=task.family.name,
-        description=f"strokes at {speeds.size} constant speeds",
-        time=step * np.arange(velocity.size, dtype=np.float64),
-        signals={"velocity": velocity, "position": place - place.min() + (stroke or (0.0, 0.0))[0]},
+        description=f"strokes at {len(best.speeds())} constant speeds",
+        time=time,
+        signals={"velocity": velocity, "position": place},
         units={"velocity": "m/s", "position": "m"},
         forecasts=_forecasts(task, errors),
         criterion=task.criterion,
@@ -1004,36 +1191,21 @@ def _strokes(
     )
 
 
-def _play_strokes(
-    speeds: FloatArray,
-    shares: FloatArray,
-    stroke: tuple[float, float] | None,
-    duration: float,
-    step: float,
-) -> FloatArray:
-    """Velocity at the samples, shape ``(n,)`` [m/s].
-
-    Every forward stroke is followed by a backward one of the same length; it speeds up and
-    slows down along straight lines.
-    """
-    count = round(duration / step)
-    forward = sorted((v, s) for v, s in zip(speeds, shares) if v > 0.0)
-    backward = sorted((-v, s) for v, s in zip(speeds, shares) if v < 0.0)
-    pairs = [(forward[min(k, len(forward) - 1)], backward[min(k, len(backward) - 1)])
-             for k in range(max(len(forward), len(backward)))]  # fmt: skip
-    total = sum(f[1] + b[1] for f, b in pairs)
-    pieces: list[FloatArray] = []
-    turn = max(round(_TURN / step), 2)
-    for (v, a), (w, b) in pairs:
-        time = duration * (a + b) / total
-        longest = _USED * (stroke[1] - stroke[0]) if stroke else np.inf
-        there, back = time / (1.0 + v / w), time / (1.0 + w / v)  # equal lengths
-        laps = max(int(np.ceil(v * there / longest)), 1) if np.isfinite(longest) else 1
-        for _ in range(laps):
-            n, m = (max(round(t / laps / step), 2 * turn) for t in (there, back))
-            pieces += [_stroke(v, n, turn), -_stroke(w, m, turn)]
-    velocity = np.concatenate(pieces)[:count]
-    return np.pad(velocity, (0, count - velocity.size))
+def _time_to_halve(task: _Task, errors: FloatArray) -> list[str]:
+    """How long these strokes have to last to halve the worst standard error there is now."""
+    scales = np.array([u.scale for u in task.unknowns])
+    present = [u.present / u.scale for u in task.unknowns if u.present is not None]
+    if len(present) < len(task.unknowns):
+        return []
+    ratio = float(np.max(errors / scales)) / max(present)
+    if ratio <= 0.5:
+        return []
+    duration = (task.limits.duration or 10.0) * (ratio / 0.5) ** 2
+    return [
+        f"That is {ratio:.2g} times the worst one now. Half of it takes such strokes for "
+        f"{duration:.3g} s: give --duration {np.ceil(duration):.0f}, or average more readings of "
+        "the force."
+    ]
 
 
 def _stroke(speed: float, count: int, turn: int) -> FloatArray:

@@ -130,6 +130,21 @@ def approach(count: int, step: float, numbers: Numbers, rng: np.random.Generator
     return np.clip(out, -1.0, 1.0)
 
 
+def segments(count: int, step: float, numbers: Numbers, rng: np.random.Generator) -> FloatArray:
+    """Straight pieces one after the other, jumps between them allowed.
+
+    Piece ``k`` takes a share ``length_k`` of the run (of the sum of all) and goes from
+    ``begin_k`` to ``end_k``.
+    """
+    pieces = sum(name.startswith("length_") for name in numbers)
+    lengths = np.array([numbers[f"length_{k}"] for k in range(pieces)])
+    edges = np.round(count * np.concatenate(([0.0], np.cumsum(lengths) / lengths.sum())))
+    out = np.zeros(count)
+    for k, (first, last) in enumerate(pairwise(edges.astype(int).tolist())):
+        out[first:last] = np.linspace(numbers[f"begin_{k}"], numbers[f"end_{k}"], last - first)
+    return np.clip(out, -1.0, 1.0)
+
+
 _SHAPES: dict[str, Shape] = {
     "steps": steps,
     "square": square,
@@ -139,6 +154,7 @@ _SHAPES: dict[str, Shape] = {
     "multisine": multisine,
     "triangle": triangle,
     "approach": approach,
+    "segments": segments,
 }
 
 
@@ -175,6 +191,9 @@ class Waveform:
 
     def describe(self) -> str:
         """In words, for a person."""
+        if self.shape == "segments":
+            pieces = sum(name.startswith("length_") for name in self.numbers)
+            return f"{pieces} straight pieces"
         shown = {k: v for k, v in self.numbers.items()
                  if not k.startswith(("low_", "high_")) and (k, v) != ("duty", 1.0)}  # fmt: skip
         text = ", ".join(f"{k} {v:.3g}" for k, v in shown.items())
@@ -199,6 +218,26 @@ class Waveform:
             out += [replace(self, turn=min(max(self.turn * f, low), high))
                     for f in (factor, 1.0 / factor)]  # fmt: skip
         return [w for w in out if w != self]
+
+
+def to_segments(values: FloatArray, most: int) -> Waveform | None:
+    """The straight pieces of a shape, shape ``(n,)``; ``None`` if there are more than ``most``."""
+    bends = np.abs(np.diff(values, 2)) > 1e-6
+    # a jump bends twice, a corner once or twice
+    marks = np.flatnonzero(bends) + 1
+    cuts = [0]
+    for mark in marks.tolist():
+        if mark + 1 - cuts[-1] > 2:
+            cuts.append(mark + 1)
+    cuts.append(values.size)
+    if len(cuts) - 1 > most:
+        return None
+    numbers: dict[str, float] = {}
+    for k, (first, last) in enumerate(pairwise(cuts)):
+        numbers[f"begin_{k}"] = float(values[first])
+        numbers[f"end_{k}"] = float(values[last - 1])
+        numbers[f"length_{k}"] = float(last - first)
+    return Waveform("segments", numbers)
 
 
 def smooth_corners(values: FloatArray, width: int) -> FloatArray:

@@ -207,10 +207,10 @@ def grid_search(
     Parameters
     ----------
     axes
-        Values to try of every nonlinear unknown but the dead time.
+        Values to try of every nonlinear unknown but the dead time, shape ``(k,)`` each.
     dead_times
-        Dead times to try at a point of the other axes, ascending; a slow plant needs
-        fewer. ``held`` holds values that are no unknowns, for its use.
+        Dead times to try [s] at a point of the other axes, ascending, shape ``(k,)``; a
+        slow plant needs fewer. ``held`` holds values that are no unknowns, for its use.
     """
     order = [u.name for u in problem.nonlinear]
     if not order:  # everything but gains and offsets is fixed

@@ -730,7 +730,11 @@ def _sides_at_rest(
     out = []
     for s in _SIDES:
         if travel[s] <= max(3.0 * resolution, 0.01 * largest):
-            reason = f"the {axis.motion} never moves in the {s} direction."
+            sign = 1.0 if s == "positive" else -1.0
+            reach = max(float((sign * e[axis.drive]).max()) for e in experiments)
+            unit = experiments[0].signals[axis.drive].unit
+            tried = f"at most {reach:.3g} {unit} push that way" if reach > 0.0 else "nothing pushes"
+            reason = f"the {axis.motion} never moves in the {s} direction ({tried})."
             out += [
                 Refusal(n, reason, 1.5 * drive if "coulomb" in n else 0.0)
                 for n in (f"coulomb_{s}", f"stiction_{s}", f"viscous_{s}")

@@ -9,11 +9,15 @@ inertia ``m a`` are taken off when the areas and the mass are given. All levels 
 magnitudes. The regression sees moving samples only [1]_: near standstill friction is a
 matter of presliding and stiction, and a smoothed sign would bias the levels.
 
-Both sides of the equation go through one filter. Whatever takes a share off the velocity
-of a fast stroke takes the same share off its force, so the friction is that of the
-unfiltered motion; windows that touch a reversal, over which the sign is not constant, are
-left out. The noise that is left in the velocity is taken off the normal equations [3]_.
-The covariance is that of the noise before the filter, carried through it.
+A *measured velocity* stands in the equation as it is. Its noise would make ``b`` too small;
+the instrument [4]_ in its place is the velocity smoothed over the neighbours of each sample,
+without its own reading, whose noise it does not share: ``Z' (F - A x) = 0``.
+
+The *slope of a position* is a weighted mean of the velocity; the force and the sign of the
+velocity go through the same mean. Whatever the filter takes off a fast stroke it takes off
+its force, so the friction is that of the unfiltered motion, reversals in the window
+included. The noise that is left in the slope is taken off the normal equations [3]_, and the
+covariance is that of the noise before the filter, carried through it.
 
 Without a second speed in at least one direction, ``b v`` cannot be told from the levels:
 ``viscous`` is then written as not identified and the levels hold all friction.
@@ -27,6 +31,8 @@ References
    equations 17 to 19: friction levels by direction with a velocity tolerance.
 .. [3] W. A. Fuller, Measurement Error Models, 1987, section 1.2: the moment estimator with
    a known variance of the error in the regressor.
+.. [4] A. Janot, P.-O. Vandanjon, M. Gautier, "A generic instrumental variable approach for
+   industrial robot identification", IEEE Trans. Control Systems Technology 22(1), 2014.
 """
 
 from __future__ import annotations
@@ -39,8 +45,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import LogError, Notice, NotIdentifiedError, UsageError
+from ..estimation.information import Information
 from ..estimation.parametric import check_request, make_unknowns, refuse, scalars
-from ..estimation.uncertainty import Uncertainty, covariance, t_quantile
+from ..estimation.uncertainty import Uncertainty, covariance, enlarge, t_quantile
 from ..experiment import Experiment, FloatArray, Hold
 from ..family import (
     Block,
@@ -64,6 +71,7 @@ _SIDES = ("positive", "negative")
 _LEVELS = ("coulomb_positive", "coulomb_negative")
 _DEGREE = 2
 _HALF_WIDTHS = (2, 4, 8, 16, 32, 64, 128)
+_LINGER = 1.5  # times the way through rest that its slope foretells: longer is a rest
 _QUIET = 0.02  # noise of the filtered speed, as a share of the highest, that is small enough
 _SLOW = 0.05  # share of the highest speed below which friction is not that of motion
 _SECOND_SPEED = 1.5  # ratio of two speeds that are clearly different
@@ -150,12 +158,19 @@ class _Options:
 
 @dataclass(frozen=True)
 class _Motion:
-    """Filtered motion of one log.
+    """Motion of one log.
 
     Attributes
     ----------
-    velocity, acceleration : (n,)
-        Filtered [m/s], and the derivative of that [m/s2]; no acceleration without time.
+    velocity : (n,)
+        Filtered; it tells which way a sample moves, and is the instrument of the regression.
+        Of a measured velocity, each sample's own reading has no part in it [m/s].
+    regressor : (n,)
+        Velocity that belongs to the matched force: the measured one as it is, or the
+        filtered slope of a position [m/s].
+    acceleration : (n,)
+        Derivative of the regressor, a measured velocity filtered before [m/s2]; ``None``
+        without time.
     bare : (n,)
         Velocity that the filter flattens (next to) nothing of: as measured, or from a
         position with the first order of what the filter took off put back [m/s].
@@ -164,19 +179,24 @@ class _Motion:
     inside : (n,)
         Whether the filter window lies within the record.
     noise
-        Standard deviation of the filtered velocity [m/s].
+        Standard deviation of ``velocity`` [m/s].
+    shared
+        Standard deviation of the noise that ``velocity`` and ``regressor`` have in common
+        [m/s].
     half
         Half-width of the filter in samples; 0: not filtered.
     kernel : (2 m + 1,)
-        What the force is smoothed with to match the velocity.
+        What the force is smoothed with to match the regressor.
     """
 
     velocity: FloatArray
+    regressor: FloatArray
     acceleration: FloatArray | None
     bare: FloatArray
     sharp: FloatArray
     inside: Mask
     noise: float
+    shared: float
     half: int
     kernel: FloatArray
 
@@ -196,8 +216,9 @@ class _Data:
     """One log, ready for the regression.
 
     ``known`` is the part of the drive that is no friction, ``friction`` the rest, and
-    ``matched`` that rest smoothed like the velocity, all of shape ``(n,)`` [N]; ``kept``
-    marks the samples that are fitted. The output is the drive divided by ``scale``.
+    ``matched`` that rest smoothed like the regressor, all of shape ``(n,)`` [N];
+    ``direction`` is the sign of the velocity, smoothed alike. ``kept`` marks the samples
+    that are fitted. The output is the drive divided by ``scale``.
     """
 
     experiment: Experiment
@@ -205,6 +226,7 @@ class _Data:
     known: FloatArray
     friction: FloatArray
     matched: FloatArray
+    direction: FloatArray
     kept: Mask
     scale: float
 
@@ -270,13 +292,14 @@ def _local_polynomial(
 
     Returns
     -------
-    rows : (3, n)
-        Value, first and second derivative.
+    rows : (4, n)
+        Value, first and second derivative, and the share of each sample's own reading in
+        its value.
     inside : (n,)
         False near the ends and where the window bridges a gap.
     """
     n, width = values.size, 2 * half + 1
-    rows, inside = np.zeros((3, n)), np.zeros(n, dtype=bool)
+    rows, inside = np.zeros((4, n)), np.zeros(n, dtype=bool)
     if n < width:
         return rows, inside
     times = np.lib.stride_tricks.sliding_window_view(time, width)
@@ -292,8 +315,9 @@ def _local_polynomial(
         good = (s[:, -1] - s[:, 0] < 3.0) & (s[:, -1] > 0.5) & (s[:, 0] < -0.5)
         moments[~good] = np.eye(3)
         found = np.linalg.solve(moments, right[:, :, None])[:, :, 0]
-        rows[:, at] = found.T / np.array([1.0, half * step, 0.5 * (half * step) ** 2])[:, None]
+        rows[:3, at] = found.T / np.array([1.0, half * step, 0.5 * (half * step) ** 2])[:, None]
         rows[0, at] += middle
+        rows[3, at] = np.linalg.inv(moments)[:, 0, 0]
         inside[at] = good
     rows[:, :half], rows[:, n - half :] = rows[:, half, None], rows[:, n - half - 1, None]
     return rows, inside
@@ -332,22 +356,24 @@ def _rough(values: FloatArray, time: FloatArray, order: int) -> FloatArray:
 def _differentiate(
     experiment: Experiment, values: FloatArray, half: int
 ) -> tuple[FloatArray, Mask]:
-    """Value, rate and curvature of a signal, shape ``(3, n)``, and where its window is whole."""
+    """Value, rate, curvature, own share: shape ``(4, n)``; and where the window is whole."""
     if experiment.uniform:
         s = smooth(values, experiment.sample_time, half, _DEGREE)
-        return np.stack([s.value, s.rate, s.curvature]), s.inside
+        own = np.full(values.size, matched_kernel(half, 0, _DEGREE)[half])
+        return np.stack([s.value, s.rate, s.curvature, own]), s.inside
     return _local_polynomial(experiment.time, values, experiment.sample_time, half)
 
 
 def _filter(experiment: Experiment, role: str, half: int) -> _Motion:
-    """Velocity and acceleration by a zero-phase quadratic over ``2 half + 1`` samples."""
+    """Motion by a zero-phase quadratic over ``2 half + 1`` samples."""
     signal = experiment.signals[role]
-    y, step = signal.values, experiment.sample_time
+    y = signal.values
     noise = _sensor_noise(y, experiment.time, signal.resolution)
     if not experiment.time.size:
         whole = np.ones(y.size, dtype=bool)
-        return _Motion(y, None, y, y, whole, noise, 0, np.ones(1))
-    half = max(1, min(half, (y.size - 1) // 2))
+        return _Motion(y, y, None, y, y, whole, noise, noise, 0, np.ones(1))
+    least = 1 if role == "position" else 2  # a parabola through three readings smooths nothing
+    half = max(least, min(half, (y.size - 1) // 2))
     rows, inside = _differentiate(experiment, y, half)
     if not inside.any():
         raise LogError(
@@ -355,21 +381,63 @@ def _filter(experiment: Experiment, role: str, half: int) -> _Motion:
             where=experiment.name,
             remedy="Give a shorter --filter, or a longer log.",
         )
-    order = 1 if role == "position" else 0
+    if role == "position":
+        return _slope_of_position(experiment, rows[1], inside, noise, half)
+    return _smoothed_velocity(experiment, y, rows, inside, noise, half)
+
+
+def _slope_of_position(
+    experiment: Experiment, slope: FloatArray, inside: Mask, noise: float, half: int
+) -> _Motion:
+    """Motion from a position: its slope is regressor and instrument at once."""
+    v = _fill(slope, inside)
+    kernel = matched_kernel(half, 1, _DEGREE)
+    sharp = _sharpen(v, kernel)
+    far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
+    inside = far if far.any() else inside
     offsets = np.arange(-half, half + 1)
-    taps = np.linalg.pinv(np.vander(offsets, _DEGREE + 1, increasing=True))[order]
-    gain = float(np.linalg.norm(taps)) / step**order
-    v = _fill(rows[order], inside)
-    kernel = matched_kernel(half, order, _DEGREE)
-    bare = sharp = v
-    if order:
-        bare = sharp = _sharpen(v, kernel)
-        far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
-        inside = far if far.any() else inside
-    else:
-        bare = y
-    slope = central_difference(v, experiment.time)
-    return _Motion(v, slope, bare, sharp, inside, noise * gain, half, kernel)
+    gain = 1.0 / (experiment.sample_time * float(np.linalg.norm(offsets)))
+    acceleration = central_difference(v, experiment.time)
+    own = noise * gain
+    return _Motion(v, v, acceleration, sharp, sharp, inside, own, own, half, kernel)
+
+
+def _smoothed_velocity(
+    experiment: Experiment,
+    measured: FloatArray,
+    rows: FloatArray,
+    inside: Mask,
+    noise: float,
+    half: int,
+) -> _Motion:
+    """Motion from a velocity: the readings are the regressor, their neighbours the instrument."""
+    smoothed, kernel = _fill(rows[0], inside), np.ones(1)
+    own, share = np.where(inside, rows[3], 0.0), float(np.median(rows[3][inside]))
+    power = share  # of a least-squares fit's value: its own share
+    if experiment.uniform:
+        once = matched_kernel(half, 0, _DEGREE)
+        smoothed = _sharpen(smoothed, once)
+        kernel = _sharpened(once)
+        reach = kernel.size // 2
+        share, power = float(kernel[reach]), float(kernel @ kernel)
+        own = np.full(measured.size, share)
+    others = (smoothed - own * measured) / (1.0 - own)
+    others = np.where(inside, others, smoothed)
+    quiet = noise * float(np.sqrt(power - share**2)) / (1.0 - share)
+    acceleration = central_difference(smoothed, experiment.time)
+    return _Motion(
+        others, measured, acceleration, measured, smoothed, inside, quiet, 0.0, half, np.ones(1)
+    )
+
+
+def _sharpened(kernel: FloatArray) -> FloatArray:
+    """Kernel of :func:`_sharpen` after this one, three times as long."""
+    twice = np.convolve(kernel, kernel)
+    out = np.convolve(twice, kernel)
+    reach = kernel.size // 2
+    out[reach:-reach] -= 3.0 * twice
+    out[2 * reach : -2 * reach] += 3.0 * kernel
+    return out
 
 
 def _pad(values: FloatArray, before: int, after: int) -> FloatArray:
@@ -401,18 +469,16 @@ def _sharpen(values: FloatArray, kernel: FloatArray) -> FloatArray:
 
 
 def _match(experiment: Experiment, role: str, motion: _Motion, force: FloatArray) -> FloatArray:
-    """Smooth a force so that the filter of the velocity shows in it as well, shape ``(n,)``.
+    """Smooth a force as the regressor is smoothed, shape ``(n,)``.
 
     The slope of a position is a weighted mean of the velocity within the window; the same
     slope of the integral of the force is the same mean of the force.
     """
-    if not motion.half:
+    if role == "velocity":
         return force
     if experiment.uniform:
         padded = np.pad(force, motion.reach, mode="edge")
         return np.convolve(padded, motion.kernel, "valid")
-    if role == "velocity":
-        return _differentiate(experiment, force, motion.half)[0][0]
     integral = antiderivative(force, experiment.time)
     return _differentiate(experiment, integral, motion.half)[0][1]
 
@@ -426,11 +492,11 @@ def _flattens(before: _Motion, now: _Motion) -> bool:
     return quiet and now.fast < _FLATTENED * (before.fast - 2.0 * before.noise)
 
 
-def _choose_half_width(experiment: Experiment, role: str) -> float:
-    """Shortest half-width whose velocity is quiet enough, and not too long for the strokes [s]."""
-    chosen, before = 1, None
+def _choose_slope(experiment: Experiment) -> float:
+    """Half-width for a position: quiet enough, and not too long for the strokes [s]."""
+    chosen, before = _HALF_WIDTHS[0], None
     for half in _HALF_WIDTHS:
-        motion = _filter(experiment, role, half)
+        motion = _filter(experiment, "position", half)
         if before is not None and _flattens(before, motion):
             break
         chosen, before = half, motion
@@ -439,26 +505,66 @@ def _choose_half_width(experiment: Experiment, role: str) -> float:
     return chosen * experiment.sample_time
 
 
+def _choose_smoothing(experiment: Experiment) -> float:
+    """Half-width for a velocity: least error of noise and flattening together [s].
+
+    ``mean((y - K y)^2) + 2 k_0 s^2`` is that error but for a constant (Mallows 1973); ``K``
+    smooths, ``k_0`` is each reading's share in itself and ``s`` the noise of the readings.
+    """
+    signal = experiment.signals["velocity"]
+    y = signal.values
+    variance = _sensor_noise(y, experiment.time, signal.resolution) ** 2
+    best, chosen = np.inf, _HALF_WIDTHS[0]
+    for half in _HALF_WIDTHS:
+        if half > _HALF_WIDTHS[0] and 16 * half >= experiment.samples:
+            break
+        motion = _filter(experiment, "velocity", half)
+        rest = (y - motion.sharp)[motion.inside]
+        # the part without the reading itself is further off by that reading's share
+        others = (y - motion.velocity)[motion.inside]
+        share = 1.0 - float(np.sum(rest**2) / max(float(rest @ others), 1e-300))
+        error = float(np.mean(rest**2)) + 2.0 * share * variance
+        if error < best:
+            best, chosen = error, half
+        if 4.0 * motion.noise <= _SLOW * motion.fast:  # the deadband is no wider for it
+            break
+    return chosen * experiment.sample_time
+
+
 def _motions(
     experiments: Sequence[Experiment], role: str, half_width: float | None
 ) -> tuple[list[_Motion], float]:
-    """Motion of every log through one filter, and its half-width [s]."""
+    """Motion of every log, and the half-width of its filter [s].
+
+    Positions go through one filter, which both sides of the equation feel; the filter of a
+    velocity is that of its own log, and the longest is returned.
+    """
     timed = [e for e in experiments if e.time.size]
-    if half_width is None:
-        wanted = [_choose_half_width(e, role) for e in timed]
-        half_width = max(wanted, default=0.0)
-        for e, own in zip(timed, wanted):  # what a slow log needs may flatten a fast one
-            before = _filter(e, role, round(own / e.sample_time))
-            while half_width > 1.5 * own:
-                now = _filter(e, role, round(half_width / e.sample_time))
-                if not _flattens(before, now):
-                    break
-                half_width *= 0.5
+    wanted = [half_width] * len(timed)
+    if half_width is None and role == "velocity":
+        wanted = [_choose_smoothing(e) for e in timed]
+    elif half_width is None and timed:
+        wanted = [_common_slope(timed)] * len(timed)
+    chosen = {id(e): w for e, w in zip(timed, wanted) if w is not None}
     out = []
     for e in experiments:
-        half = round(half_width / e.sample_time) if e.time.size else 0
+        half = round(chosen[id(e)] / e.sample_time) if e.time.size else 0
         out.append(_filter(e, role, half))
-    return out, half_width
+    return out, max(chosen.values(), default=0.0)
+
+
+def _common_slope(experiments: Sequence[Experiment]) -> float:
+    """Half-width for the positions of several logs [s]."""
+    wanted = [_choose_slope(e) for e in experiments]
+    half_width = max(wanted)
+    for e, own in zip(experiments, wanted):  # what a slow log needs may flatten a fast one
+        before = _filter(e, "position", round(own / e.sample_time))
+        while half_width > 1.5 * own:
+            now = _filter(e, "position", round(half_width / e.sample_time))
+            if not _flattens(before, now):
+                break
+            half_width *= 0.5
+    return half_width
 
 
 def _choose_deadband(motions: Sequence[_Motion]) -> float:
@@ -471,19 +577,46 @@ def _choose_deadband(motions: Sequence[_Motion]) -> float:
     return float(max(floor, _SLOW * min(moving, default=0.0)))
 
 
-def _steady(motion: _Motion, deadband: float) -> Mask:
-    """Samples that move, and so does their whole filter window in the same direction."""
+def _moving(motion: _Motion, deadband: float) -> Mask:
+    """Samples that move, and whose filter window holds no rest, shape ``(n,)``.
+
+    Near a rest the filter spreads motion over samples that stand still. A reversal in
+    passing has no rest: what lies within the deadband there is left out alone, unless the
+    matched force is a mean over it.
+    """
     v = motion.velocity
-    state = np.where(np.abs(v) > deadband, np.sign(v), 0.0)
-    changes = np.concatenate(([0], np.cumsum(state[1:] != state[:-1])))
-    moving = (state != 0.0) & motion.inside
-    h = motion.reach
-    if h:
-        whole = np.zeros(v.size, dtype=bool)
-        if v.size > 2 * h:
-            whole[h : v.size - h] = changes[2 * h :] == changes[: v.size - 2 * h]
-        moving &= whole
-    return np.asarray(moving)
+    idle = np.abs(v) <= deadband
+    lost = np.zeros(v.size + 1)
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], idle, [False])).astype(int)))
+    for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist()):
+        reach = motion.reach
+        if not _passes(v, begin, end, deadband):
+            reach = max(reach, motion.half)
+        lost[max(begin - reach, 0)] += 1.0
+        lost[min(end + reach, v.size)] -= 1.0
+    kept = (np.cumsum(lost[:-1]) < 0.5) & motion.inside
+    if motion.reach:  # reversals that follow each other so fast leave no cubic to match
+        turns = np.concatenate(([0], np.cumsum(np.sign(v[1:]) != np.sign(v[:-1]))))
+        at, last = np.arange(v.size), v.size - 1
+        span = 2 * motion.reach
+        after, before = np.minimum(at + span, last), np.maximum(at - span, 0)
+        kept &= turns[after] - turns[before] <= 1
+    return np.asarray(kept)
+
+
+def _passes(velocity: FloatArray, begin: int, end: int, deadband: float) -> bool:
+    """Whether samples ``begin`` to ``end`` are on the way from one direction to the other."""
+    if begin < 1 or end + 1 > velocity.size:
+        return False
+    before, after = float(velocity[begin - 1]), float(velocity[min(end, velocity.size - 1)])
+    if before * after >= 0.0:
+        return False
+    # as many samples as a straight line through the neighbours of the deadband would need
+    run = end - begin
+    slope = abs(after - before) / (run + 1)
+    edge = [abs(velocity[begin - 1] - velocity[max(begin - 2, 0)]),
+            abs(velocity[min(end + 1, velocity.size - 1)] - after)]  # fmt: skip
+    return bool(run <= 1 or _LINGER * slope >= 0.5 * (edge[0] + edge[1]))
 
 
 def _motion_role(variant: Variant) -> str:
@@ -547,8 +680,9 @@ def _check_chambers(experiments: Sequence[Experiment]) -> None:
         if "pressure_2" in e:
             continue
         raise NotIdentifiedError(
-            f"{e.name} has no force and the pressure of one chamber only: friction is the "
-            "difference of both chambers' forces",
+            "there is no force, and the pressure of one chamber only: friction is the difference "
+            "of both chambers' forces",
+            where=e.name,
             expected="Nothing was written.",
             remedy="Give the other chamber's as --column pressure_2=HEADER with --area-2 M2. If it "
             "was recorded in a repeat of the same command, put both columns into one log, or give "
@@ -582,7 +716,7 @@ def _prepare(
     out = []
     for e, motion in zip(experiments, motions):
         inertia: FloatArray | float = 0.0
-        kept = _steady(motion, deadband)
+        kept = _moving(motion, deadband)
         if options.mass is not None and motion.acceleration is not None:
             inertia = options.mass * motion.acceleration
         pressure = _pressure_force(e, options)
@@ -595,7 +729,8 @@ def _prepare(
         known = np.broadcast_to(pressure + inertia, (size,))
         scale = float(options.area or 1.0) if driven else 1.0
         matched = _match(e, role, motion, rest) - inertia
-        out.append(_Data(e, motion, known, rest - inertia, matched, kept, scale))
+        direction = _match(e, role, motion, np.sign(motion.velocity))
+        out.append(_Data(e, motion, known, rest - inertia, matched, direction, kept, scale))
     return out, half_width, deadband
 
 
@@ -640,8 +775,9 @@ def _leave_out_accelerations(data: Sequence[_Data]) -> tuple[list[_Data], int, l
     rows, force = [], np.concatenate([d.matched[d.kept] for d in data])
     for d in data:
         assert d.motion.acceleration is not None
-        forward = d.side("positive")
-        rows.append(np.column_stack((forward, ~forward, d.speed, d.motion.acceleration[d.kept])))
+        signs, regressor = d.direction[d.kept], d.motion.regressor[d.kept]
+        acceleration = d.motion.acceleration[d.kept]
+        rows.append(np.column_stack((1.0 + signs, 1.0 - signs, regressor, acceleration)))
     a = np.vstack(rows)
     step = min(d.experiment.sample_time for d in data)
     if np.abs(a[:, 3]).max() <= 1e-9 * np.abs(a[:, 2]).max() / step:
@@ -668,16 +804,18 @@ def _leave_out_accelerations(data: Sequence[_Data]) -> tuple[list[_Data], int, l
 
 
 def _speeds(speed: FloatArray) -> tuple[float, float] | None:
-    """Range that holds the middle 80 % of the way travelled [m/s].
+    """Range of the speeds of whole strokes [m/s].
 
     Weighted by distance, the short slow tails about a reversal weigh little and a fast
-    stroke as much as a slow one.
+    stroke as much as a slow one: the middle 80 % of the way travelled. Slow strokes that
+    take a fifth of the time are no tails, however short their way.
     """
     if speed.size < 5:
         return None
     v = np.sort(np.abs(speed))
     share = np.cumsum(v)
     low, high = np.searchsorted(share, np.array([0.1, 0.9]) * share[-1])
+    low = min(int(low), v.size // 5)
     return float(v[low]), float(v[min(int(high), v.size - 1)])
 
 
@@ -735,26 +873,34 @@ class _System:
     ) -> None:
         self.names, self.data, self.held = tuple(names), data, held
         self.limits = [limits.get(n, (-np.inf, np.inf)) for n in names]
-        self.columns = [_columns(self.names, d.speed, d.speed, i) for i, d in enumerate(data)]
-        self.right = [
-            d.matched[d.kept] - _held_force(held, d.speed, d.speed, i) for i, d in enumerate(data)
-        ]
+        self.columns, self.instruments, self.right = [], [], []
+        for i, d in enumerate(data):
+            signs, regressor = d.direction[d.kept], d.motion.regressor[d.kept]
+            self.columns.append(_columns(self.names, signs, regressor, i))
+            self.instruments.append(_columns(self.names, signs, d.speed, i))
+            self.right.append(d.matched[d.kept] - _held_force(held, signs, regressor, i))
         self.timed = all(d.experiment.time.size for d in data)
 
     def _normal(self) -> tuple[FloatArray, FloatArray]:
-        """Normal equations, the noise of the velocity taken off; shapes (p, p) and (p,)."""
-        a, y = np.vstack(self.columns), np.concatenate(self.right)
-        matrix = a.T @ a
+        """Normal equations ``Z' A x = Z' y``, common noise taken off; shapes (p, p), (p,)."""
+        a, z = np.vstack(self.columns), np.vstack(self.instruments)
+        matrix = z.T @ a
         if "viscous" in self.names:
             k = self.names.index("viscous")
-            noise = sum(int(d.kept.sum()) * d.motion.noise**2 for d in self.data)
-            own = 1.0 / max(float(_invert(matrix)[k, k]), 1e-300)
+            noise = sum(int(d.kept.sum()) * d.motion.shared**2 for d in self.data)
+            own = 1.0 / max(float(_invert(z.T @ z)[k, k]), 1e-300)
             # where noise is most of it there is a warning, and no arithmetic that helps
             matrix[k, k] -= min(noise, 0.3 * own)
-        return matrix, a.T @ y
+        return matrix, z.T @ np.concatenate(self.right)
+
+    def jacobian(self) -> FloatArray:
+        """Derivative of the unfiltered forces, shape ``(support, p)``, of all logs."""
+        inverse = _invert(self._normal()[0])
+        spread = [d.spread(z) for d, z in zip(self.data, self.instruments)]
+        return np.vstack(_equivalent(spread, inverse))
 
     def solve(self) -> _Regression:
-        """Least squares within the bounds, with the covariance of the free problem."""
+        """The estimate within the bounds, with the covariance of the free problem."""
         matrix, right = self._normal()
         inverse = _invert(matrix)
         x = inverse @ right
@@ -762,10 +908,10 @@ class _System:
         uncertainty, bare = self._uncertainty(inverse, x)
         low, high = np.array(self.limits).T
         if np.any((x < low) | (x > high)):
-            scale = np.sqrt(np.diag(matrix))
-            values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-            root = np.sqrt(np.maximum(values, 0.0))
-            a = root[:, None] * vectors.T
+            z = np.vstack(self.instruments)
+            scale = np.linalg.norm(z, axis=0)
+            scale[scale == 0.0] = 1.0
+            a = np.asarray(np.linalg.qr(z / scale, mode="r"))
             x = _bounded(a, a @ (scale * x), low * scale, high * scale) / scale
         residuals = [r - c @ x for r, c in zip(self.right, self.columns)]
         values_by_name = dict(zip(self.names, x.tolist()))
@@ -779,65 +925,81 @@ class _System:
         The estimate is ``K e`` with the noise ``e`` of the unfiltered forces; ``pinv(K)`` is a
         Jacobian whose least-squares estimate is just that.
         """
-        spread = [d.spread(c) for d, c in zip(self.data, self.columns)]
-        gains = np.vstack(spread) @ inverse
-        size = np.linalg.norm(gains, axis=0)
-        size[size == 0.0] = 1.0
-        gains = gains / size
-        jacobian = gains @ np.linalg.pinv(gains.T @ gains) / size
-        ends = np.cumsum([c.shape[0] for c in spread])[:-1]
+        spread = [d.spread(z) for d, z in zip(self.data, self.instruments)]
+        jacobian = _equivalent(spread, inverse)
         columns, residuals, bare = [], [], []
-        for i, (d, j) in enumerate(zip(self.data, np.split(jacobian, ends))):
+        for i, (d, j) in enumerate(zip(self.data, jacobian)):
             at = d.support
-            sign, speed = d.motion.velocity[at], d.motion.bare[at]
+            sign, speed = np.sign(d.motion.velocity[at]), d.motion.bare[at]
             r = d.friction[at] - _held_force(self.held, sign, speed, i)
             r = r - _columns(self.names, sign, speed, i) @ x
             bare.append(r)
             cuts = _stretches(at)
             columns += [part for part in np.split(j, cuts) if part.size]
             residuals += [part for part in np.split(r, cuts) if part.size]
-        found = covariance(columns, residuals, robust=self.timed)
-        found = _widen(found, columns, len(self.names))
-        matched = self._matched_uncertainty(x)
+        found = covariance(columns, residuals, robust=self.timed, small_sample=True)
+        found = self._with_hidden_colour(found, columns, x)
+        matched = self._matched_uncertainty(inverse, x)
         # of very fast strokes the unfiltered velocity is not known well enough
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.diag(found.covariance) / np.diag(matched.covariance)
         return (matched if np.nanmin(ratio, initial=np.inf) > 4.0 else found), bare
 
-    def _matched_uncertainty(self, x: FloatArray) -> Uncertainty:
+    def _with_hidden_colour(
+        self, found: Uncertainty, columns: Sequence[FloatArray], x: FloatArray
+    ) -> Uncertainty:
+        """Enlarge by the colour of the force that white noise of a velocity hides.
+
+        The residuals of a quiet velocity lack the noise of the readings but for the slow
+        part, which alone matters to slow regressors.
+        """
+        if all(d.motion.shared > 0.0 for d in self.data):
+            return found
+        residuals = []
+        for i, d in enumerate(self.data):
+            at = d.support
+            sign, speed = np.sign(d.motion.velocity[at]), d.motion.sharp[at]
+            r = d.friction[at] - _held_force(self.held, sign, speed, i)
+            r = r - _columns(self.names, sign, speed, i) @ x
+            residuals += [part for part in np.split(r, _stretches(at)) if part.size]
+        quiet = covariance(columns, residuals, robust=self.timed, small_sample=True)
+        before, now = np.diag(found.covariance), np.diag(quiet.covariance)
+        if not np.any(now > before):
+            return found
+        larger = enlarge(found.covariance, now)
+        return replace(
+            found,
+            covariance=larger,
+            degrees=min(found.degrees, quiet.degrees),
+            order=max(found.order, quiet.order),
+        )
+
+    def _matched_uncertainty(self, inverse: FloatArray, x: FloatArray) -> Uncertainty:
         """Covariance from the residuals of the filtered forces and their own colour."""
         columns, residuals = [], []
-        for d, c, y in zip(self.data, self.columns, self.right):
+        jacobian = _equivalent(self.instruments, inverse)
+        for d, j, c, y in zip(self.data, jacobian, self.columns, self.right):
             cuts = _stretches(d.kept)
-            columns += [part for part in np.split(c, cuts) if part.size]
+            columns += [part for part in np.split(j, cuts) if part.size]
             residuals += [part for part in np.split(y - c @ x, cuts) if part.size]
-        found = covariance(columns, residuals, robust=self.timed)
-        return _widen(found, columns, len(self.names))
+        return covariance(columns, residuals, robust=self.timed, small_sample=True)
+
+
+def _equivalent(instruments: Sequence[FloatArray], inverse: FloatArray) -> list[FloatArray]:
+    """Jacobians whose least-squares estimate has the gains ``Z inverse'``, per log."""
+    gains = np.vstack(instruments) @ inverse.T
+    size = np.linalg.norm(gains, axis=0)
+    size[size == 0.0] = 1.0
+    gains = gains / size
+    jacobian = gains @ np.linalg.pinv(gains.T @ gains) / size
+    return np.split(jacobian, np.cumsum([z.shape[0] for z in instruments])[:-1])
 
 
 def _invert(matrix: FloatArray) -> FloatArray:
-    """Inverse of a symmetric matrix of unknowns in any units."""
-    scale = np.sqrt(np.diag(matrix))
+    """Inverse of a matrix of unknowns in any units."""
+    scale = np.sqrt(np.abs(np.diag(matrix)))
     scale = np.where(scale > 0.0, scale, 1.0)
     return np.asarray(np.linalg.pinv(matrix / np.outer(scale, scale)) / np.outer(scale, scale))
-
-
-def _widen(found: Uncertainty, columns: Sequence[FloatArray], unknowns: int) -> Uncertainty:
-    """Correct the covariance of coloured residuals for a small effective sample.
-
-    ``n_e`` samples that were independent would give the same variance. Residuals of ``p``
-    unknowns lose ``p / n_e`` of their variance, and an autoregression fitted to them, its
-    coefficient too small by ``(1 + 3 rho) / n`` (Kendall 1954), some ``2 (p + 1) / n_e``.
-    """
-    a = np.vstack(columns)
-    white = found.sigma**2 * np.diag(np.linalg.pinv(a.T @ a))
-    if found.order == 0 or not np.all(white > 0.0):
-        return found
-    inflation = max(float(np.median(np.diag(found.covariance) / white)), 1.0)
-    effective = a.shape[0] / inflation
-    rest = max(effective - 3.0 * unknowns - 2.0, 0.25 * effective)
-    degrees = max(int(effective) - unknowns, 1)
-    return replace(found, covariance=found.covariance * (effective / rest), degrees=degrees)
 
 
 def _stretches(kept: Mask) -> list[int]:
@@ -854,13 +1016,13 @@ def _stretches(kept: Mask) -> list[int]:
 
 
 def _column(name: str, sign: FloatArray, speed: FloatArray, index: int) -> FloatArray:
-    """What multiplies an unknown, shape ``(n,)``; ``sign`` is that of the direction."""
+    """What multiplies an unknown, shape ``(n,)``; ``sign`` is the (smoothed) direction."""
     if name == "coulomb_positive":
-        return np.asarray(sign > 0.0, dtype=float)
+        return np.asarray(0.5 * (1.0 + sign))
     if name == "coulomb_negative":
-        return -np.asarray(sign < 0.0, dtype=float)
+        return np.asarray(-0.5 * (1.0 - sign))
     if name == "coulomb_mean":
-        return np.sign(sign)
+        return sign
     if name == "viscous":
         return speed
     return np.full(speed.size, 1.0 if name in ("offset", f"offset[{index}]") else 0.0)
@@ -908,14 +1070,24 @@ def _check_signs(data: Sequence[_Data], moved: Sequence[str]) -> None:
     if mean + half >= 0.0:
         return
     one_sided = len(names) == 1
+    remedy = (
+        "Give --scale force=-1 if the sensor counts the other way. If the force comes "
+        "from one chamber's pressure, the other chamber is missing: give both as --column "
+        "pressure=HEADER --area M2 --column pressure_2=HEADER --area-2 M2, without a force."
+    )
+    if not any("force" in d.experiment for d in data):
+        remedy = (
+            "pressure has to be that of the chamber that pushes along positive velocity, and "
+            "pressure_2 that of the other one, recorded or as levels (--step "
+            "pressure_2=FROM:TO@T in Pa). Swap them with their areas, or give --scale "
+            "position=-1 (or velocity=-1) if the sensor counts the other way."
+        )
     raise LogError(
         f"friction would be negative ({mean:.4g} N): the force left after pressure and inertia "
         "helps the motion",
         where=", ".join(d.experiment.name for d in data),
         expected="Force counts positive along positive velocity and is what drives the motion.",
-        remedy="Give --scale force=-1 if the sensor counts the other way. If the force comes "
-        "from one chamber's pressure, the other chamber is missing: give both as --column "
-        "pressure=HEADER --area M2 --column pressure_2=HEADER --area-2 M2, without a force."
+        remedy=remedy
         + (" If a constant force adds to it, record strokes in both directions." * one_sided),
     )
 
@@ -954,7 +1126,7 @@ class _Fit:
             _check_signs(self.data, self.moved)
         for s in _SIDES:
             if s not in self.moved and f"coulomb_{s}" not in self.fixed:
-                self._refuse(f"coulomb_{s}", f"nothing moves in the {s} direction.")
+                self._refuse_direction(s)
         if self.symmetric and not self._offset_possible():
             raise UsageError(
                 "an offset of the force cannot be estimated here",
@@ -993,12 +1165,35 @@ class _Fit:
         self.symmetric = True
         return self._solve()
 
-    def _refuse(self, name: str, reason: str) -> None:
+    def _refuse(self, name: str, reason: str, remedy: str) -> None:
         self.refused[name] = reason
-        self.notices.append(refuse(self.specs[name], reason))
+        self.notices.append(refuse(replace(self.specs[name], remedy=remedy), reason))
+
+    def _refuse_direction(self, side: str) -> None:
+        """Refuse the level of a direction without motion; the other one's speeds show how."""
+        other = next(s for s in _SIDES if s != side)
+        remedy = f"Record at least one stroke in the {side} direction, at steady speed"
+        if other in self.ranges:
+            low, high = self.ranges[other]
+            remedy += f": at {low:.3g} to {high:.3g} m/s, as in the {other} direction"
+        self._refuse(
+            f"coulomb_{side}",
+            f"nothing moves in the {side} direction. An offset of the force, if there is one, "
+            f"counts as friction of the {other} direction until it does.",
+            remedy + ".",
+        )
 
     def _refuse_viscous(self, reason: str) -> None:
-        self._refuse("viscous", reason + " The Coulomb levels hold all friction at that speed.")
+        wanted = " or ".join(
+            f"at {_SECOND_SPEED * high:.2g} m/s or faster, or {low / _SECOND_SPEED:.2g} m/s or "
+            f"slower, in the {s} direction"
+            for s, (low, high) in self.ranges.items()
+        )
+        self._refuse(
+            "viscous",
+            reason + " The Coulomb levels hold all friction at that speed.",
+            f"Add one stroke, or one log, at a speed {_SECOND_SPEED:g} times another: {wanted}.",
+        )
 
     def _offset_possible(self) -> bool:
         free = all(n not in self.fixed and n not in self.refused for n in _LEVELS)
@@ -1154,18 +1349,20 @@ def _disagreement(fit: _Fit) -> list[Notice]:
 
 
 def _attenuation(fit: _Fit) -> list[Notice]:
-    """Warn where noise of the velocity makes viscous friction look smaller."""
+    """Warn where viscous friction hinges on the noise of the velocity that was taken off."""
     if "viscous" not in fit.found.names:
         return []
     within = np.concatenate(
         [v - v.mean() for s in fit.moved if (v := _side_speeds(fit.data, s)).size]
     )
-    share = fit.noise**2 / max(float(np.mean(within**2)), 1e-300)
+    shared = max(d.motion.shared for d in fit.data)
+    share = shared**2 / max(float(np.mean(within**2)), 1e-300)
     if share <= 0.05:
         return []
     message = (
-        f"{100 * share:.0f} % of the variance of the speed is noise, which makes viscous friction "
-        "come out too small by about as much. Give a longer --filter, or a better velocity."
+        f"{100 * share:.0f} % of the variance of the speed is noise. It would make viscous "
+        "friction too small by as much and was taken off, but its size is known from the log "
+        "only. Give a longer --filter, or a better velocity."
     )
     return [Notice("velocity-noise", message)]
 
@@ -1179,10 +1376,12 @@ def _flattening(
 ) -> list[Notice]:
     """Warn where a filter of twice the width gives another viscous friction.
 
-    Both sides are filtered alike; what is left is motion too fast for its own samples. The
-    two estimates share their noise, so their difference varies as their variances differ.
+    A measured velocity enters the regression unfiltered, and nothing can flatten it. From a
+    position both sides are filtered alike; what is left is motion too fast for its own
+    samples. The two estimates share their noise, so their difference varies as their
+    variances differ.
     """
-    if "viscous" not in fit.found.names or half_width <= 0.0:
+    if "viscous" not in fit.found.names or all(d.motion.reach == 0 for d in fit.data):
         return []
     try:
         wider, _, _ = _prepare(variant, experiments, fit.options, 2.0 * half_width)
@@ -1344,9 +1543,35 @@ class CylinderFriction(Family):
         both = all(d.side(s).any() for s in _SIDES)
         driven = _drive(experiment, chosen) is not None
         if driven and symmetric and both and chosen.offset != "none":
-            rest = d.friction[d.kept] - friction_force(d.speed, **p)
+            rest = d.friction[d.kept] - friction_force(d.motion.sharp[d.kept], **p)
             offset = 0.5 * float(sum(np.mean(rest[d.side(s)]) for s in _SIDES))
         return _predict(d, p, offset, deadband)
+
+    def information(
+        self,
+        variant: Variant,
+        parameters: Mapping[str, Value],
+        experiment: Experiment,
+        options: Mapping[str, Any],
+    ) -> Information:
+        """What a motion would tell; see :meth:`Family.information`.
+
+        The rows are those of the force before any filter, at the samples that a fit would
+        keep. Without the mass they are those of steady speed.
+        """
+        chosen = _Options.read(options)
+        moved = next(v for v in self.variants if v.name == _motion_role(variant))
+        chosen = replace(chosen, area=None, area_2=None)
+        (d,), _, _ = _prepare(moved, [experiment], chosen)
+        slope = d.motion.acceleration
+        if chosen.mass is None and slope is not None:
+            d = replace(d, kept=d.kept & (np.abs(slope) <= 0.01 * float(np.abs(slope).max())))
+        names = ("viscous", *_LEVELS)
+        rows = np.zeros((d.kept.size, len(names)))
+        if d.kept.any():
+            rows[d.support] = _System([d], names, {}, {}).jacobian()
+        predicted = friction_force(d.motion.sharp, **scalars(parameters))
+        return Information(names, rows, predicted)
 
     def model_section(
         self, variant: Variant, parameters: Mapping[str, Value], sample_time: float, hold: Hold
@@ -1422,21 +1647,32 @@ def _check_measured(data: Sequence[_Data]) -> None:
     )
 
 
+def _instrument(data: Sequence[_Data]) -> str:
+    """What stands in for the velocity in ``Z' (F - A x) = 0``."""
+    if any(d.motion.reach > 0 for d in data):
+        return "slope of the position"
+    shared = any(d.motion.shared > 0.0 for d in data)
+    return "the velocity itself" if shared else "velocity of the neighbouring samples"
+
+
 def _details(
     fit: _Fit, half_width: float, deadband: float, counts: Mapping[str, int]
 ) -> dict[str, Any]:
     """What was done, for the file."""
     order = fit.found.uncertainty.order
+    matched = any(d.motion.reach > 0 for d in fit.data)
     out: dict[str, Any] = {
         "method": "linear regression on moving samples",
+        "instrument": _instrument(fit.data),
         "velocity_filter": {
             "type": "zero-phase local polynomial" if half_width > 0.0 else "none",
             "half_width": half_width,
             "degree": _DEGREE,
         },
-        "force_filter": "matched to the velocity filter" if half_width > 0.0 else "none",
+        "force_filter": "matched to the velocity filter" if matched else "none",
         "deadband": deadband,
         "left_out": dict(counts),
+        "force_noise": fit.found.uncertainty.sigma,
         "speeds": {s: [low, high] for s, (low, high) in fit.ranges.items()},
         "covariance": f"autoregressive residuals of order {order}" if order else "white",
     }
