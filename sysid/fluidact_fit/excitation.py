@@ -539,19 +539,13 @@ class _Search:
         names = [u.name for u in self.task.unknowns]
         used = [n for n in names if n in found.names]
         jacobian = found.jacobian[:, [found.names.index(n) for n in used]]
-        weighted = jacobian * self._independence(found.output)[:, None]
-        variance = np.diag(cramer_rao(jacobian.T @ weighted)) * self.task.sigma**2
+        bread = cramer_rao(jacobian.T @ jacobian)
+        variance = np.diag(bread) * self.task.sigma**2
+        step = (self.task.document.fit.details or {}).get("encoder_resolution")
+        if step and step >= self.task.sigma:
+            variance = np.maximum(variance, _converter_variance(bread, jacobian, found, step))
         spread = dict(zip(used, np.sqrt(np.maximum(variance, 0.0))))
         return np.array([max(spread.get(n, 0.0), found.floor.get(n, 0.0)) or np.inf for n in names])
-
-    def _independence(self, output: FloatArray) -> FloatArray:
-        """Weight of each sample: a converter that stands still repeats one and the same error."""
-        details = self.task.document.fit.details or {}
-        step = details.get("encoder_resolution")
-        if not step or step < self.task.sigma:
-            return np.ones(output.size)
-        moved = np.abs(np.gradient(output))
-        return np.clip(moved / step, 0.01, 1.0)
 
     def try_out(self, waveform: Waveform) -> _Trial:
         """Simulate a waveform; smaller until it stays within the stroke."""
@@ -1077,6 +1071,20 @@ def _play(task: _Task, strokes: _Strokes) -> tuple[FloatArray, FloatArray, Float
     place = step * (np.cumsum(velocity) - 0.5 * velocity)
     place += (stroke or (0.0, 0.0))[0] - place.min()
     return step * np.arange(velocity.size, dtype=np.float64), velocity, place
+
+
+def _converter_variance(
+    bread: FloatArray, jacobian: FloatArray, found: Information, step: float
+) -> FloatArray:
+    """Variances by the error of a converter, which lasts as long as a reading, shape ``(p,)``.
+
+    As in :func:`.estimation.uncertainty.covariance`: an axis at rest tells the same error
+    over and over again.
+    """
+    starts = np.flatnonzero(np.diff(np.floor(found.output / step), prepend=np.nan) != 0.0)
+    sums = np.add.reduceat(jacobian, starts, axis=0)
+    known = np.where(np.isfinite(bread), bread, 0.0)
+    return np.diag(known @ (sums.T @ sums) @ known) * step**2 / 12.0
 
 
 def _stroke_errors(task: _Task, strokes: _Strokes) -> FloatArray:
