@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
+from scipy.optimize import minimize
 
 import fluidact_fit as ff
 from fluidact_fit.demo import load_dataset
@@ -298,3 +300,21 @@ def test_straight_pieces_are_those_of_the_shape() -> None:
     assert np.abs(pieces.sample(ramps.size, 0.01) - ramps).max() < 0.05
     assert np.median(np.abs(pieces.sample(ramps.size, 0.01) - ramps)) < 1e-12
     assert to_segments(np.sin(np.arange(500.0)), 40) is None
+
+
+def test_worst_criterion_reaches_the_least_largest_error() -> None:
+    # friction of two directions over speed: a direct search over all shares is the yardstick
+    speed = np.linspace(-0.1, 0.1, 21)
+    rows = np.column_stack([(speed > 0.0) * 1.0, (speed < 0.0) * 1.0, speed])
+    scales = np.array([10.0, 14.0, 300.0])
+
+    def largest(share: npt.NDArray[np.float64]) -> float:
+        x = rows * scales
+        return float(np.max(np.diag(np.linalg.inv(x.T @ (share[:, None] * x)))))
+
+    found = largest(optimal_measure(rows, scales, "worst"))
+    direct = minimize(
+        lambda logits: np.log(largest(np.exp(logits) / np.exp(logits).sum())),
+        np.zeros(speed.size), method="SLSQP", options={"maxiter": 500},
+    )  # fmt: skip
+    assert found <= 1.02 * np.exp(direct.fun)
