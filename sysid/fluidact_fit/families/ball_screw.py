@@ -353,7 +353,11 @@ class BallScrew(Family):
             covariance,
             [y[: e.samples] for y, e in zip(fitted.solution.simulated, experiments)],
             [e[axis.motion] for e in experiments],
-            [*_rename_notices(fitted.notices, variant), *drift],
+            [
+                *_rename_notices(fitted.notices, variant),
+                *drift,
+                *(_beyond_notice(parameters) if beyond else ()),
+            ],
             details,
             fitted.sensitivity(),
         )
@@ -1022,6 +1026,29 @@ def _to_breakaway(fitted: Fitted) -> Fitted:
     u = fitted.uncertainty
     turned = replace(u, covariance=turn @ u.covariance @ turn.T)
     return replace(fitted, names=tuple(names), values=values, status=status, uncertainty=turned)
+
+
+def _beyond_notice(parameters: Mapping[str, Quantity]) -> list[Notice]:
+    """Warn of forces that the model does not know, and of the static levels they hide."""
+    wide = [
+        f"{name} ({100.0 * float(q.std_error) / abs(float(q.value)):.0f} %)"
+        for name, q in parameters.items()
+        if name.startswith("breakaway")
+        and isinstance(q.std_error, float)
+        and isinstance(q.value, float)
+        and q.std_error > 0.02 * abs(q.value)
+    ]
+    hidden = f" They hide the static level most: {', '.join(wide)} standard error." if wide else ""
+    return [
+        Notice(
+            "forces-beyond-model",
+            "forces that are not in this model (torque ripple, play, a load that depends on the "
+            "place) move the position by more than its noise. Speed and acceleration were "
+            "compared as well, so that they disturb less; what they add to the friction levels "
+            f"and to the inertia is not in the intervals.{hidden} Cover the same stretch in both "
+            "directions at several speeds, or give the static levels with --fix.",
+        )
+    ]
 
 
 def _rename_notices(notices: Sequence[Notice], variant: Variant) -> list[Notice]:

@@ -337,7 +337,9 @@ def _edges_out_of_reach(experiments: Sequence[Experiment], request: Request) -> 
         if reach <= 1e-3 * scale and name not in request.fixed:
             edge = 0.0 if reach <= 0.0 else reach
             hold = -edge if word == "negative" else edge
-            reason = f"the force stays between {low:.3g} and {high:.3g} N: never on the {word} side."
+            reason = (
+                f"the force stays between {low:.3g} and {high:.3g} N: never on the {word} side."
+            )
             out.append(Refusal(name, reason, hold))
     return out
 
