@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from fluidact_fit.estimation.network import (
     Activation,
+    Chords,
     Network,
     activation_regions,
     cross,
@@ -24,6 +25,7 @@ from fluidact_fit.estimation.network import (
     polynomial_terms,
     search,
     times,
+    train_from,
 )
 
 
@@ -88,6 +90,30 @@ def test_spikes_do_not_pull() -> None:
     y[::100] += 20.0
     found = search(x, y, (2,), np.random.default_rng(0))
     assert np.sqrt(np.mean((found.best.network(x) - clean) ** 2)) < 0.05
+
+
+def test_chords_measure_the_deviation_from_a_straight_line() -> None:
+    x = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 2))
+    bent = Network((np.array([[1.0, 0.0]]), np.array([[1.0]])), (np.zeros(1), np.zeros(1)))
+    chords = Chords.along(x, 0, 2.0)
+    low, between, high = (chords.points[:, k, 0] for k in range(3))
+    line = np.maximum(high, 0.0) * (between - low) / (high - low)
+    expected = 2.0 * np.mean((np.maximum(between, 0.0) - line) ** 2)
+    assert chords.cost(bent) == pytest.approx(expected, rel=1e-12)
+    assert Chords.along(x, 1, 2.0).cost(bent) == pytest.approx(0.0, abs=1e-20)
+
+
+def test_chords_straighten_one_input_only() -> None:
+    x = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 2))
+    y = np.abs(x[:, 0]) + np.abs(x[:, 1])
+    start = search(x, y, (6,), np.random.default_rng(0)).best.network
+    chords = Chords.along(x, 0, 100.0)
+    found = train_from(start, x, y, decay=1e-6, chords=chords)
+    assert chords.cost(found.network) / 100.0 < 1e-4 < chords.cost(start) / 100.0
+    rest = y - found.network(x)
+    assert rest.std() == pytest.approx(np.abs(x[:, 0]).std(), rel=0.1)
+    cost = np.mean(rest**2) + 1e-6 * sum((w**2).sum() for w in found.network.weights)
+    assert found.cost == pytest.approx(cost + chords.cost(found.network), rel=1e-9)
 
 
 def test_huber_cost_is_smooth_at_the_limit() -> None:

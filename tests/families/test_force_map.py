@@ -72,19 +72,38 @@ def rms(values: FloatArray) -> float:
 
 
 def test_command_network_on_the_test_positions() -> None:
-    error, command, state, _ = errors("command")
+    error, command, state, since = errors("command")
     assert np.corrcoef(command, command - error)[0, 1] >= 0.9996
     gain = 18.09  # N/V of the simulated cylinder
-    assert rms(gain * error) <= 1.0
-    for branch in (1.0, -1.0):
-        assert rms(gain * error[state == branch]) < 0.5
+    check_branches(gain * error, state, since)
 
 
 def test_force_network_on_the_test_positions() -> None:
     error, _, state, since = errors("force")
+    check_branches(error, state, since)
+
+
+def check_branches(error: FloatArray, state: FloatArray, since: FloatArray) -> None:
+    """Over all rows the waves at the reversals count; within a branch nearly every error does."""
     assert rms(error) <= 1.0
+    assert np.abs(error).max() > 1.0  # the waves are there
     for branch in (1.0, -1.0):
-        assert rms(error[(state == branch) & (since > 20)]) < 0.5
+        inside = error[(state == branch) & (since > 80)]  # 20 N after a reversal
+        assert rms(inside) < 0.25
+        assert np.quantile(np.abs(inside), 0.98) < 0.5
+
+
+def test_the_logs_have_the_waves_of_the_papers_figure_12() -> None:
+    """A command that knows spring and friction misses by 5 N at reversals, by 1 N over all."""
+    e = test_log()
+    up = np.arange(0.0, 61.0)
+    cycle = np.concatenate((up[1:], up[-2::-1], [0.0]))
+    wanted = np.tile(np.repeat(np.concatenate(([0.0], cycle, cycle)), 4), 4)
+    missed = wanted - e["force"]
+    assert 4.0 < np.abs(missed).max() < 6.0
+    assert 0.8 < rms(missed) < 1.1
+    _, _, _, since = errors("command")
+    assert rms(missed[since > 80]) < 0.2
 
 
 @pytest.mark.parametrize("target", ["command", "force"])
@@ -130,7 +149,7 @@ def test_block_from_file(tmp_path: Path) -> None:
     down = block(force=30.0, position=0.0116, direction=-1)
     assert isinstance(up, float)
     assert isinstance(down, float)
-    assert 0.1 < up - down < 0.4  # twice the friction over the gain
+    assert 0.6 < up - down < 0.8  # twice the friction of 6.3 to 6.6 N over the gain
     assert down < block(force=30.0, position=0.0116, direction=0) < up
     several = block(force=[10.0, 20.0, 30.0], position=0.01, direction=1)
     assert np.shape(several) == (3,)
@@ -291,6 +310,53 @@ def test_dead_band_is_above_the_noise() -> None:
     assert choose_dead_band(cycles()) < 0.02
 
 
+# ------------------------------------------------------- specimens of a few lengths, simulated
+
+
+def specimens(lengths: tuple[float, ...], odd: float) -> list[Experiment]:
+    """One log per length: force = command * (1 + length), the second weaker by a share."""
+    out = []
+    for k, length in enumerate(lengths):
+        u = cycles(1000)
+        f = (1.0 - odd * (k == 1)) * (1.0 + length) * u
+        f = f + 0.005 * np.random.default_rng(k).standard_normal(u.size)
+        e = make(command=u, position=0.01 * (k % 2), length=length, force=f)
+        out.append(Experiment(f"{length}", k, e.time, e.signals, 0.0, False))
+    return out
+
+
+def fit_specimens(logs: list[Experiment], hidden: str = "8") -> Estimate:
+    family = ForceMap()
+    options = {"target": "force", "inputs": "command,length,direction", "hidden": hidden}
+    return family.estimate(family.variants[1], logs, Request(options=options))
+
+
+def at_length(found: Estimate, length: float) -> FloatArray:
+    """Force in the middle of both branches."""
+    x = np.array([[2.5, length, 1.0], [2.5, length, -1.0]])
+    return force_map({k: q.value for k, q in found.parameters.items()}, x)
+
+
+def test_an_odd_one_of_three_does_not_bend_the_map() -> None:
+    found = fit_specimens(specimens((0.1, 0.15, 0.3), odd=0.1))
+    ends = at_length(found, 0.1), at_length(found, 0.3)
+    assert np.allclose(at_length(found, 0.2), 0.5 * (ends[0] + ends[1]), rtol=0.01)
+    assert found.details["straight"]["judged"] == []
+
+
+def test_of_four_each_is_met_and_between_them_is_judged() -> None:
+    found = fit_specimens(specimens((0.1, 0.15, 0.2, 0.3), odd=0.05))
+    straight = found.details["straight"]
+    assert [row["strength"] for row in straight["judged"]] == [0.03, 0.0, 1.0]
+    assert np.allclose(at_length(found, 0.15), 0.95 * 1.15 * 2.5, rtol=0.01)
+
+
+def test_a_length_that_moves_names_no_specimen() -> None:
+    u = cycles()
+    e = make(command=u, position=0.01, length=np.linspace(0.1, 0.3, u.size), force=10.0 * u)
+    assert "straight" not in fit_specimens([e], "2").details
+
+
 # ------------------------------------------------------------------------------ real muscles
 
 
@@ -322,3 +388,15 @@ def test_muscles_on_another_repeat(hidden: str, limit: float) -> None:
     assert rms(np.concatenate(rest)) <= limit
     assert found.details["spikes"] > 0
     assert found.details["cubic_polynomial"]["rmse"] > found.details["branches"]["rmse"]
+
+
+@real
+def test_a_muscle_of_a_length_that_was_not_trained() -> None:
+    """Judged on the repeat that was trained: another one adds what changed in between."""
+    family, others = ForceMap(), muscles(8, (10, 15, 30))
+    options = {"target": "force", "inputs": "pressure,contraction,length,state", "hidden": "8"}
+    found = family.estimate(family.variants[1], others, Request(options=options))
+    values = {k: q.value for k, q in found.parameters.items()}
+    left = muscles(8, (20,))
+    rest = [e["force"] - family.simulate(family.variants[1], values, e, options) for e in left]
+    assert rms(np.concatenate(rest)) <= 11.0

@@ -17,6 +17,12 @@ noise from reversing it. A log's own direction column may be used instead.
 Samples of one position are nearly copies of each other, so whole positions or whole logs
 are held out for validation, never random rows.
 
+A ``length`` that is the same throughout each log names the specimen. Specimens differ by more
+than their lengths: a curve through all of them is no guide to the next, so that between the
+recorded lengths the output is held near a straight line (:class:`..estimation.network.Chords`).
+How near is judged on the recorded logs alone: by the error on whole lengths held out, and by
+the error on the lengths there are.
+
 References
 ----------
 .. [1] X. Wu, H. Hua, S. Feng, Y. Zhao, Y. Yang, Z. Liao, "Data-Driven Feedforward Force
@@ -26,7 +32,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, cast
@@ -37,6 +43,7 @@ import numpy.typing as npt
 from ..errors import LogError, Notice, NotIdentifiedError, UsageError
 from ..estimation.network import (
     Activation,
+    Chords,
     Network,
     Search,
     activation_regions,
@@ -44,7 +51,7 @@ from ..estimation.network import (
     gradient_interval,
     polynomial_fit,
     polynomial_terms,
-    robust_limit,
+    robust_deviation,
     search,
     thin,
     train_from,
@@ -73,10 +80,16 @@ _TARGETS = ("command", "force")
 _PAPER_UNITS = {"command": 5, "force": 7}  # hidden units of the paper
 _SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)
 _WORTH = 0.03  # relative gain of validation below which more is not worth its cost
-_DECAYS = (1e-6, 1e-5, 3e-5)
-_FEWEST_FOLDS, _MOST_FOLDS = 2, 4
+_DECAYS = (1e-5, 1e-6, 3e-5)  # weight decay: the usual one, and rivals
+_STRAIGHT = (0.03, 0.0, 1.0)  # strength of the chords along a length, likewise
+_STRAIGHT_FEW = 1.0  # with three lengths or two: one odd specimen looks like a curve
+_OBJECTION = 0.05  # relative gain of validation from which a rival takes over
+_MOST_LENGTHS = 8  # with more of them the data say what is between
+_MOST_FOLDS = 4
+_SPIKE = 12.0  # errors beyond this many robust standard deviations do not choose a network
 _ENUMERATED = 8  # hidden units up to which the regions are enumerated
 _SETTLED = 0.1  # share of the range after a reversal within which branches change over
+_MEETING = 8  # samples after a reversal that belong to it in any case
 _ALIASES = {
     "pressure": "command", "voltage": "command", "contraction": "position",
     "state": "direction", "motion-state": "direction", "motion_state": "direction",
@@ -177,10 +190,15 @@ def _fill_start(direction: FloatArray) -> None:
 
 
 def _settled(values: FloatArray, direction: FloatArray, least: float) -> BoolArray:
-    """Samples that have moved away from the last reversal by at least ``least``."""
+    """Samples that have moved away from the last reversal by at least ``least``.
+
+    The first few do not count however far a command has jumped: a rod that left the sensor
+    meets it again in them.
+    """
     turned = np.concatenate(([0], np.flatnonzero(np.diff(direction)) + 1))
-    last = turned[np.searchsorted(turned, np.arange(values.size), side="right") - 1]
-    return np.asarray(np.abs(values - values[last]) >= least)
+    now = np.arange(values.size)
+    last = turned[np.searchsorted(turned, now, side="right") - 1]
+    return np.asarray((np.abs(values - values[last]) >= least) & (now - last >= _MEETING))
 
 
 # ------------------------------------------------------------------------------ options
@@ -509,9 +527,9 @@ def _rms(error: FloatArray) -> float:
 
 
 def _clipped_rms(error: FloatArray) -> float:
-    """Root mean square with spikes cut off at the robust limit."""
+    """Root mean square with spikes cut off."""
     found = error[np.isfinite(error)]
-    limit = 2.0 * robust_limit(found)
+    limit = _SPIKE * robust_deviation(found)
     return float(np.sqrt(np.mean(np.minimum(np.abs(found), limit) ** 2)))
 
 
@@ -520,11 +538,39 @@ def _clipped_rms(error: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Standardised used rows with their split."""
+    """Standardised used rows with their split, and the column of the specimens' length."""
 
     x: FloatArray
     y: FloatArray
     split: _Split
+    length: int | None
+
+    def chords(self, x: FloatArray, strength: float) -> Chords | None:
+        """Chords along the length, for some of the rows."""
+        if self.length is None or strength == 0.0:
+            return None
+        return Chords.along(x, self.length, strength)
+
+    @property
+    def usual_straightness(self) -> float:
+        """Strength of the chords unless validation objects."""
+        return _STRAIGHT[0] if len(self.held_lengths()) > 1 else _STRAIGHT_FEW
+
+    def held_lengths(self) -> list[BoolArray]:
+        """Rows of each length but the shortest and the longest."""
+        if self.length is None:
+            return []
+        values = self.x[:, self.length]
+        return [np.asarray(values == v) for v in np.unique(values)[1:-1]]
+
+
+def _length_column(data: _Data) -> int | None:
+    """Column of a length that names the specimens; ``None`` where there is none."""
+    if "length" not in data.names:
+        return None
+    k = data.names.index("length")
+    fixed = all(np.ptp(part) == 0.0 for part in data.split(data.x[:, k]))
+    return k if fixed and 2 <= np.unique(data.x[:, k]).size <= _MOST_LENGTHS else None
 
 
 @dataclass(frozen=True)
@@ -535,6 +581,7 @@ class _Trial:
     hidden: tuple[int, ...]
     decay: float
     error: FloatArray
+    straightness: float
 
     def row(self, span: float) -> dict[str, Any]:
         """As it stands in the file; ``span`` is the scale of the output."""
@@ -551,21 +598,79 @@ class _Trial:
 
 def _try(
     rows: _Rows, names: tuple[str, ...], hidden: tuple[int, ...], options: _Options, seed: int,
-    decays: Sequence[float] = _DECAYS,
+    decays: Sequence[float] = _DECAYS, strength: float | None = None,
 ) -> _Trial:  # fmt: skip
-    """Cross-validate a layer; the weight decay that validates best counts."""
-    best: _Trial | None = None
-    for decay in decays:
-        error = cross_validate(
-            rows.x, rows.y, rows.split.folds, hidden, seed,
-            activation=options.activation, decay=decay,
-            rows=max(1200, 12 * sum(hidden) * (rows.x.shape[1] + 1)),
+    """Cross-validate a layer with the usual weight decay, or one that is clearly better."""
+    straightness = rows.usual_straightness if strength is None else strength
+    trials = [
+        _Trial(
+            names, hidden, decay,
+            _held_out(rows, rows.split.folds, hidden, options, seed, decay, straightness),
+            straightness,
+        )
+        for decay in decays
+    ]  # fmt: skip
+    return trials[_usual_or_better([_clipped_rms(t.error) for t in trials])]
+
+
+def _usual_or_better(scores: Sequence[float]) -> int:
+    """Number of the best score if it beats the first by enough to be no accident, or 0."""
+    best = int(np.argmin(scores))
+    return best if scores[best] < (1.0 - _OBJECTION) * scores[0] else 0
+
+
+def _few_rows(rows: _Rows, hidden: tuple[int, ...]) -> int:
+    """Rows of a search for validation."""
+    return max(1200, 12 * sum(hidden) * (rows.x.shape[1] + 1))
+
+
+def _held_out(
+    rows: _Rows, folds: Sequence[BoolArray], hidden: tuple[int, ...], options: _Options, seed: int,
+    decay: float, straightness: float,
+) -> FloatArray:  # fmt: skip
+    """Errors on rows that were not trained; see :func:`cross_validate`."""
+    return cross_validate(
+        rows.x, rows.y, folds, hidden, seed, activation=options.activation, decay=decay,
+        chords=lambda x: rows.chords(x, straightness), rows=_few_rows(rows, hidden),
+    )  # fmt: skip
+
+
+def _straighten(
+    rows: _Rows, trial: _Trial, options: _Options, seed: int
+) -> tuple[_Trial, list[dict[str, float]]]:
+    """Judge how nearly straight the output has to be along the length.
+
+    Two questions weigh the same: another log of the same specimens, answered by the error of
+    the fit (rows abound), and another specimen, answered by whole lengths held out. The usual
+    strength stands unless a rival is clearly better. Of three lengths only one can be held
+    out, and between the two that are left nothing is curved: there is nothing to judge.
+
+    Returns
+    -------
+    trial
+        With the strength that is kept.
+    table
+        Strength, and both errors, standardised.
+    """
+    folds, table, scores = rows.held_lengths(), [], []
+    for strength in _STRAIGHT if len(folds) > 1 else ():
+        between = _held_out(rows, folds, trial.hidden, options, seed, trial.decay, strength)
+        few = thin(rows.y.size, _few_rows(rows, trial.hidden))
+        x, y = rows.x[few], rows.y[few]
+        found = search(
+            x, y, trial.hidden, np.random.default_rng([seed, 3]), activation=options.activation,
+            decay=trial.decay, chords=rows.chords(x, strength), starts=4, finalists=2,
+            rows=few.size, iterations=25,
         )  # fmt: skip
-        trial = _Trial(names, hidden, decay, error)
-        if best is None or _clipped_rms(error) < 0.99 * _clipped_rms(best.error):
-            best = trial
-    assert best is not None
-    return best
+        both = _clipped_rms(y - found.best.network(x)), _clipped_rms(between)
+        table.append({"strength": strength, "recorded_rms": both[0], "held_out_rms": both[1]})
+        scores.append(float(np.hypot(*both)))
+    kept = _usual_or_better(scores) if scores else 0
+    if kept == 0:
+        return trial, table
+    strength = table[kept]["strength"]
+    again = _try(rows, trial.names, trial.hidden, options, seed, (trial.decay,), strength)
+    return again, table
 
 
 def _sweep(
@@ -575,7 +680,7 @@ def _sweep(
     out: list[_Trial] = []
     for units in _SWEEP:
         request.progress(f"validating {units} hidden units")
-        out.append(_try(rows, names, (units,), options, request.seed, _DECAYS[1:2]))
+        out.append(_try(rows, names, (units,), options, request.seed, _DECAYS[:1]))
         scores = [_clipped_rms(t.error) for t in out]
         if len(out) > 4 and min(scores[-2:]) > (1.0 - _WORTH) * min(scores[:-2]):
             break
@@ -612,10 +717,12 @@ class _Fit:
         return np.asarray(s.base + s.span * self.network(s.inputs(x)))
 
 
-def _find_spikes(data: _Data, residual: FloatArray) -> BoolArray:
-    """Samples that stand alone: off the fit, and off their neighbours' residuals.
+def _find_spikes(data: _Data, output: FloatArray, residual: FloatArray) -> BoolArray:
+    """Samples that stand alone: off the fit, off their neighbours' residuals, and off them.
 
-    Misfit of the network lasts for many samples; a load-cell spike for one to three.
+    Misfit of the network lasts for many samples; a load-cell spike for one to three. A jump
+    of an input, as of a velocity, moves the residual but not what was measured. ``output``
+    and ``residual`` are standardised.
     """
     alone = np.zeros(data.y.size, dtype=bool)
     for part in data.parts:
@@ -623,9 +730,11 @@ def _find_spikes(data: _Data, residual: FloatArray) -> BoolArray:
         if r.size < 8:
             continue
         off = np.abs(r - _running_median(r, 3))
-        floor = 1e-6 * float(np.abs(data.y[part]).max())
+        floor = 1e-6 * float(np.abs(output[part]).max())
         limit = max(10.0 * 1.4826 * float(np.median(off)), floor)
-        alone[part] = (off > limit) & (off > 3.0 * 1.4826 * float(np.median(np.abs(r))))
+        jump = np.abs(output[part] - _running_median(output[part], 3))
+        far = 3.0 * 1.4826 * float(np.median(np.abs(r)))
+        alone[part] = (np.minimum(off, jump) > limit) & (off > far)
     return alone & data.settled  # just after a reversal a lone sample is the seal's creep
 
 
@@ -648,17 +757,22 @@ def _train(data: _Data, rows: _Rows, trial: _Trial, options: _Options, request: 
     request.progress(f"training {len(data.names)}-{'-'.join(map(str, trial.hidden))}-1")
     scaling = _Scaling.of(data)
     rng = np.random.default_rng([request.seed, 7])
+    chords = rows.chords(rows.x, trial.straightness)
     found = search(
         rows.x, rows.y, trial.hidden, rng, activation=options.activation, decay=trial.decay,
-        starts=options.starts, rows=max(3000, 30 * sum(trial.hidden) * (rows.x.shape[1] + 1)),
+        chords=chords, starts=options.starts,
+        rows=max(3000, 30 * sum(trial.hidden) * (rows.x.shape[1] + 1)),
     )  # fmt: skip
     net = _choose_candidate(found, scaling, data, _driver(options))
     z, t = scaling.inputs(data.x), scaling.output(data.y)
-    spikes = _find_spikes(data, np.where(np.isfinite(t), t - net(z), 0.0)) & data.used
+    measured = np.isfinite(t)
+    rest = np.where(measured, t - net(z), 0.0)
+    spikes = _find_spikes(data, np.where(measured, t, 0.0), rest) & data.used
     kept = data.used & ~spikes
     last = train_from(
-        net, z[kept], t[kept], decay=trial.decay, limit=found.limit, iterations=10, tolerance=1e-5
-    )
+        net, z[kept], t[kept], decay=trial.decay, limit=found.limit, chords=chords, iterations=10,
+        tolerance=1e-5,
+    )  # fmt: skip
     return _Fit(
         replace(data, used=kept), scaling, last.network, trial, rows.split, found,
         int(spikes.sum()), last.iterations,
@@ -1034,11 +1148,11 @@ class ForceMap(Family):
         ]
         details = _details(fit, rows, options, certificate)
         del details["_rows"]
-        _remember(request, data.names, fit.network, options)
         measured = np.where(data.used, data.y, np.nan)
         return Estimate(
             _parameters(fit), {}, (), np.zeros((0, 0)), data.split(fit.predicted),
             data.split(measured), notices, details,
+            options=_chosen(data.names, fit.network, options),
         )  # fmt: skip
 
     def simulate(
@@ -1126,7 +1240,22 @@ def _fit(
             k: [row[k] for row in table] for k in ("validation_rms", "multiplications")
         }
         units = _smallest_sufficient(swept).hidden
-    trial = _try(rows, names, units, options, request.seed)
+    # judging rivals for a network of two layers would cost ten times its training
+    rivals = len(units) == 1
+    trial = _try(rows, names, units, options, request.seed, _DECAYS if rivals else _DECAYS[:1])
+    straightness: list[dict[str, float]] = []
+    if rivals:
+        trial, straightness = _straighten(rows, trial, options, request.seed)
+    if rows.length is not None:
+        span = _Scaling.of(data).span
+        tables["straight"] = {
+            "along": "length",
+            "strength": trial.straightness,
+            "judged": [
+                {k: v * (span if k.endswith("rms") else 1.0) for k, v in row.items()}
+                for row in straightness
+            ],
+        }
     fit = _train(data, rows, trial, options, request)
     return replace(fit, tables={**tables, "_rows": np.flatnonzero(data.used)}), rows
 
@@ -1139,23 +1268,17 @@ def _prepare(
     s = _Scaling.of(data)
     split = _split(data, seed)
     x, y = s.inputs(data.x[data.used]), s.output(data.y[data.used])
-    return data, _Rows(x, y, split)
+    return data, _Rows(x, y, split, _length_column(data))
 
 
-def _remember(
-    request: Request, names: tuple[str, ...], network: Network, options: _Options
-) -> None:
-    """Write what was chosen into the options, which travel with the file.
-
-    The weights mean nothing without the order of the inputs.
-    """
-    if isinstance(request.options, MutableMapping):
-        request.options.update(
-            target=options.target,
-            inputs=",".join(names),
-            hidden=",".join(str(n) for n in network.hidden),
-            activation=network.activation,
-        )
+def _chosen(names: tuple[str, ...], network: Network, options: _Options) -> dict[str, Any]:
+    """What was chosen, for the file: weights mean nothing without the order of the inputs."""
+    return {
+        "target": options.target,
+        "inputs": ",".join(names),
+        "hidden": ",".join(str(n) for n in network.hidden),
+        "activation": network.activation,
+    }
 
 
 def _spike_notice(fit: _Fit) -> list[Notice]:
