@@ -9,10 +9,10 @@ INSTALLED_DEV := $(VENV)/installed-dev
 .PHONY: help demo test lint study bench clean
 
 help:
-	@echo "make demo   fit the six datasets into demo-output/"
+	@echo "make demo   fit the datasets into demo-output/"
 	@echo "make test   style, types, tests and notebooks"
 	@echo "make lint   style and types only"
-	@echo "make study  efficiency and coverage by repetition, written to docs/statistics.md"
+	@echo "make study  efficiency, coverage and designs by repetition, written to docs/"
 	@echo "make bench  this project against other tools, written to docs/benchmark.md"
 	@echo "make clean  remove everything that make has made"
 	@echo "Another Python: make PYTHON=/path/to/python3.12 test"
@@ -34,7 +34,9 @@ lint: $(INSTALLED_DEV)
 study: $(INSTALLED)
 	$(BIN)/python studies/statistics_study.py $(STUDY)
 	$(BIN)/python studies/ball_screw.py
-	$(BIN)/python studies/design.py
+	$(BIN)/python studies/design.py --output docs/design-study.md
+	$(BIN)/python studies/friction_coverage.py --output docs/friction-coverage.md
+	$(BIN)/python studies/hydraulic_cylinder.py coverage
 
 # Other tools come from PyPI into environments of their own; MATLAB and Octave do not.
 bench: $(INSTALLED)
