@@ -573,3 +573,21 @@ def test_same_logs_same_numbers() -> None:
     assert {n: q.value for n, q in first.parameters.items()} == {
         n: q.value for n, q in second.parameters.items()
     }
+
+
+def test_a_chamber_without_oil_is_refused() -> None:
+    with pytest.raises(ff.UsageError, match="chamber 2 would hold nothing at the position"):
+        ff.fit("hydraulic-cylinder", dataset()[0], **{**GIVEN, "dead_volume_2": 1e-6})
+
+
+@real
+def test_real_logs_that_the_gray_box_cannot_follow_fall_back_to_the_plateaus() -> None:
+    """One pressure per log at 500 Hz: mass and volumes are then left out of the file as well."""
+    logs = real_logs("A", "pressure_1") + real_logs("B", "pressure_2")
+    plain = ff.fit("hydraulic-cylinder", logs, **BENCH)
+    full = ff.fit(
+        "hydraulic-cylinder", logs, **BENCH, dead_volume_1=6e-5, dead_volume_2=6e-5, mass=1.0
+    )
+    assert "gray-box-left-out" in {n.code for n in full.notices}
+    assert number(full, "valve_gain_1") == pytest.approx(number(plain, "valve_gain_1"))
+    assert not {"mass", "dead_volume_1", "dead_volume_2"} & set(full.document["options"])

@@ -33,6 +33,7 @@ Mask = npt.NDArray[np.bool_]
 _ROUND = 1e4  # Pa: pressure drop below which the square root of the gray box is rounded off
 _SLIP = 1e-3  # speed over which dry friction is rounded off, of the fast motion
 _MOST_SUBSTEPS = 16
+_ASTRAY = 1e12  # residuals in standard deviations beyond which a simulation has run away
 _NEAR_REST = 5.0  # times the slip: the friction has reached 0.9999 of its level there
 _COARSE = 16.0  # times the slip while the search is still far away
 STATE_SCALE = np.array([1e5, 1e5, 1e-3, 1e-2])  # Pa, Pa, m, m/s
@@ -583,8 +584,9 @@ def _rows(
     log: GrayLog, states: FloatArray, slope: FloatArray, sigma: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Weighted residuals and Jacobian, channel after channel."""
-    r = [(y - states[:, c]) / sigma[c] for c, y in zip(log.channels, log.measured)]
-    j = [slope[:, c, :] / sigma[c] for c in log.channels]
+    with np.errstate(over="ignore", invalid="ignore"):  # a simulation that has run away
+        r = [(y - states[:, c]) / sigma[c] for c, y in zip(log.channels, log.measured)]
+        j = [slope[:, c, :] / sigma[c] for c in log.channels]
     return np.concatenate(r), np.vstack(j)
 
 
@@ -639,6 +641,8 @@ def _propose(
     blocks = []
     for log, linear, states in zip(problem.box.logs, now.linear, now.states or _opened(now)):
         r, j = _rows(log, states, linear.slope, problem.sigma)
+        if not (np.all(np.abs(r) < _ASTRAY) and np.all(np.abs(j) < _ASTRAY**8)):
+            raise np.linalg.LinAlgError("the simulation leaves every measured range")
         own, shared = j[:, :4] * STATE_SCALE, j[:, 4:] * scale
         q, t = np.linalg.qr(own)
         shared = shared - q @ (q.T @ shared)

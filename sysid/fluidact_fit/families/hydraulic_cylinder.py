@@ -35,11 +35,12 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ..errors import LogError, Notice
+from ..errors import LogError, Notice, NotIdentifiedError
 from ..estimation.hydraulics import GRAY_NAMES, Windows
 from ..estimation.parametric import Fitted, check_request, quantities, refuse, scalars
 from ..experiment import Experiment, FloatArray, Hold
@@ -60,7 +61,14 @@ from .hydraulic.flow import GAIN_UNIT, fit_flow, gain_of_direction, plateau_posi
 from .hydraulic.friction import FrictionRows, fit_friction, friction_levels, friction_rows
 from .hydraulic.gray import fit_gray, gray_details, resonance, simulate_gray
 from .hydraulic.networks import LAYERS, NETWORKS, fit_networks, flow_view
-from .hydraulic.stage import Stage, all_windows, read_machine, recorded_chambers, spec_of
+from .hydraulic.stage import (
+    Stage,
+    all_windows,
+    check_volumes,
+    read_machine,
+    recorded_chambers,
+    spec_of,
+)
 
 _LOSS_REMEDY = "Record strokes at large commands (a few volts) in both directions."
 _EDGE_REMEDY = (
@@ -175,6 +183,7 @@ class HydraulicCylinder(Family):
         check_request(variant.parameters, request)
         chambers = recorded_chambers(experiments)
         machine = read_machine(request.options, chambers)
+        check_volumes(machine, experiments)
         stage = Stage(variant.parameters, experiments, request, machine, chambers)
         windows = all_windows(stage)
         gray = stage.gray and (stage.uniform() or "bulk_modulus" in request.fixed)
@@ -183,34 +192,26 @@ class HydraulicCylinder(Family):
             slow = max(e.sample_time for e in experiments)
             refuse(spec, f"the logs are sampled every {slow * 1e3:.3g} ms, too slowly to follow "
                    "the pressures.")  # fmt: skip
-        first = fit_flow(stage, windows, lenient=gray)
         friction = friction_rows(stage)
-        fitted: Fitted
-        if gray:
-            fitted, solution, noise = fit_gray(stage, first, friction)
-            parameters, order, matrix = quantities(fitted, stage.specs)
-            simulated = [s[:, 2] for s in solution.states]
-            notices = list(fitted.notices)
-            details = gray_details(fitted, solution, first, noise)
-        else:
-            fitted = first
-            parameters, order, matrix, notices = _first_results(stage, first, friction)
-            simulated = plateau_positions(stage, windows, fitted.values)
-            details = {
-                "method": "flow balance over windows",
-                "windows": int(sum(w.first.size for w in windows)),
-                "covariance": first.details()["covariance"],
-            }
+        found = _by_gray_box(stage, windows, friction) if gray else None
+        settled: dict[str, Any] = {}
+        if gray and found is None:
+            # what is not used must not stand in the file, or a reader would simulate with it
+            settled = dict.fromkeys(("mass", "dead-volume-1", "dead-volume-2"))
+            plain = replace(machine, mass=None, dead_volume_1=None, dead_volume_2=None)
+            stage, gray = replace(stage, machine=plain), False
+            windows, friction = all_windows(stage), friction_rows(stage)
+        if found is None:
+            found = _by_plateaus(stage, windows, friction)
         measured = [
-            np.where(np.isfinite(s), e["position"], np.nan) for s, e in zip(simulated, experiments)
+            np.where(np.isfinite(s), e["position"], np.nan)
+            for s, e in zip(found.simulated, experiments)
         ]
-        derived = _derived(stage, windows, fitted, friction, gray)
-        nets, more = fit_networks(stage, windows, fitted, friction)
-        parameters.update(nets)
-        details.update(more)
+        derived = _derived(stage, windows, found.fitted, friction, gray)
+        nets, more = fit_networks(stage, windows, found.fitted, friction)
         return Estimate(
-            parameters, derived, order, matrix, simulated, measured,
-            [*stage.notices, *notices], details,
+            {**found.parameters, **nets}, derived, found.order, found.covariance, found.simulated,
+            measured, [*stage.notices, *found.notices], {**found.details, **more}, options=settled,
         )  # fmt: skip
 
     def simulate(
@@ -282,6 +283,59 @@ class HydraulicCylinder(Family):
         """Flow, velocity and command for a controller."""
         values = {n: p["value"] for n, p in document["parameters"].items()}
         return HydraulicBlock(values, document.get("options", {}))
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What one of the two stages found, as `Estimate` takes it."""
+
+    fitted: Fitted
+    parameters: dict[str, Quantity]
+    order: tuple[str, ...]
+    covariance: FloatArray
+    simulated: list[FloatArray]
+    notices: list[Notice]
+    details: dict[str, Any]
+
+
+def _by_gray_box(stage: Stage, windows: Sequence[Windows], friction: FrictionRows) -> _Found | None:
+    """Stage two; None, with a notice, where the equations cannot follow the logs at all."""
+    first = fit_flow(stage, windows, lenient=True)
+    both = all("pressure_1" in e and "pressure_2" in e for e in stage.experiments)
+    try:
+        fitted, solution, noise = fit_gray(stage, first, friction)
+    except (np.linalg.LinAlgError, NotIdentifiedError) as error:
+        if both and isinstance(error, NotIdentifiedError):
+            raise
+        missing = "" if both else " Each log holds the pressure of one chamber only."
+        stage.notices.append(
+            Notice(
+                "gray-box-left-out",
+                "with the given mass and dead volumes the equations of pressure and motion "
+                f"cannot follow these logs.{missing} Gains and losses are those of the plateaus; "
+                "mass and volumes are not used. Record both pressures in every log, at 1 kHz, "
+                "and check volumes, mass and whether the supply pressure is steady.",
+            )
+        )
+        return None
+    parameters, order, matrix = quantities(fitted, stage.specs)
+    return _Found(
+        fitted, parameters, order, matrix, [s[:, 2] for s in solution.states],
+        list(fitted.notices), gray_details(fitted, solution, first, noise),
+    )  # fmt: skip
+
+
+def _by_plateaus(stage: Stage, windows: Sequence[Windows], friction: FrictionRows) -> _Found:
+    """Stage one alone: flow balance over windows, friction beside it."""
+    first = fit_flow(stage, windows, lenient=False)
+    parameters, order, matrix, notices = _first_results(stage, first, friction)
+    details = {
+        "method": "flow balance over windows",
+        "windows": int(sum(w.first.size for w in windows)),
+        "covariance": first.details()["covariance"],
+    }
+    simulated = plateau_positions(stage, windows, first.values)
+    return _Found(first, parameters, order, matrix, simulated, notices, details)
 
 
 def _first_results(

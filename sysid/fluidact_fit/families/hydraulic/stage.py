@@ -103,6 +103,30 @@ def read_machine(options: Mapping[str, Any], chambers: Sequence[int]) -> Machine
     )  # fmt: skip
 
 
+def check_volumes(machine: Machine, experiments: Sequence[Experiment]) -> None:
+    """Refuse dead volumes that would leave a chamber without oil.
+
+    Raises
+    ------
+    UsageError
+        With the position at which a volume is used up, and the least that it has to be.
+    """
+    for chamber, sign in ((1, 1.0), (2, -1.0)):
+        dead = machine.dead_volume(chamber)
+        if dead is None:
+            continue
+        place = min((float((sign * e["position"]).min()), e.name) for e in experiments)
+        taken = -machine.area(chamber) * place[0]
+        if dead <= taken:
+            raise UsageError(
+                f"--dead-volume-{chamber} {dead:g}: chamber {chamber} would hold nothing at the "
+                f"position {sign * place[0]:.4g} m of {place[1]}",
+                expected=f"It is the volume at position 0 and more than {taken:.3g} m3 here.",
+                remedy="Give the volume of chamber and line with the piston at position 0 (m3), "
+                "and check the sign and the unit of the position.",
+            )
+
+
 def all_windows(stage: Stage, overlap: int = 1, shorter: float = 1.0) -> list[Windows]:
     """Windows of every recorded chamber of every log.
 
