@@ -26,7 +26,8 @@ import numpy.typing as npt
 
 from fluidact_fit.errors import FluidactError
 from fluidact_fit.experiment import Experiment, Signal
-from fluidact_fit.families.cylinder_friction import CylinderFriction, friction_force
+from fluidact_fit.families.cylinder_friction import CylinderFriction
+from fluidact_fit.families.friction.block import friction_force
 from fluidact_fit.family import Request
 
 Array = npt.NDArray[np.float64]

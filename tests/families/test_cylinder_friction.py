@@ -12,11 +12,8 @@ from numpy.typing import NDArray
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.estimation.uncertainty import t_quantile
 from fluidact_fit.experiment import Experiment, Signal
-from fluidact_fit.families.cylinder_friction import (
-    CylinderFriction,
-    FrictionBlock,
-    friction_force,
-)
+from fluidact_fit.families.cylinder_friction import CylinderFriction
+from fluidact_fit.families.friction.block import FrictionBlock, friction_force
 from fluidact_fit.family import Estimate, Request
 
 FAMILY = CylinderFriction()

@@ -1,0 +1,83 @@
+"""Waveforms that the search for a dynamic model begins with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..experiment import FloatArray
+from ..waveforms import Waveform
+from .task import Task, Unknown
+
+
+def first_waveforms(task: Task) -> list[Waveform]:
+    """Shapes to begin with; the search stretches their times and frequencies."""
+    span, step = task.limits.duration, task.limits.sample_time
+    sizes = ("hold", "small", "part")
+    holds = np.geomspace(max(4.0 * step, 0.002 * span), 0.12 * span, 8)
+    out = [Waveform("steps", {"hold": h, "levels": n, "duty": 1.0}, ("hold",), task.seed)
+           for h in holds for n in (2.0, 5.0)]  # fmt: skip
+    out += [Waveform("square", {"hold": h, "last": h * g, "duty": 1.0}, ("hold", "last"))
+            for h in holds for g in (1.0, 4.0)]  # fmt: skip
+    out += [Waveform("two sizes", {"hold": h, "small": h * g, "part": p, "duty": 1.0}, sizes)
+            for h in holds for g, p in ((1.0, 0.5), (2.0, 0.35))]  # fmt: skip
+    out += [Waveform("rest and go", {"hold": h, "pause": h * g}, ("hold", "pause"))
+            for h in holds for g in (0.3, 1.0)]  # fmt: skip
+    bands = [1.0 / (2.0 * h) for h in holds]
+    out += [Waveform("chirp", {"first": 1.0 / span, "last": f, "log": k}, ("first", "last"))
+            for f in bands[:6] for k in (0.0, 1.0)]  # fmt: skip
+    out += [Waveform("multisine", {"first": 1.0 / span, "last": f}, ("last",), task.seed)
+            for f in bands[:6]]  # fmt: skip
+    out += [Waveform("triangle", {"period": span / n}, ("period",)) for n in (1.0, 2.0, 4.0, 8.0)]
+    slow = Waveform("triangle", {"period": 0.25 * span}, ("period",))
+    for h in holds[1:6]:
+        numbers = {"hold": h, "levels": 2.0, "duty": 1.0}
+        out.append(replace(slow, then=Waveform("steps", numbers, ("hold",), task.seed)))
+    return [*out, *_mixtures(holds), *_approaches(task)]
+
+
+def _mixtures(holds: FloatArray) -> list[Waveform]:
+    """Slow squares of two sizes, which show levels and slopes, and then a quick one."""
+    out = []
+    for q in holds[1:6:2]:
+        quick = Waveform("square", {"hold": q, "last": q, "duty": 1.0}, ("hold", "last"))
+        for h in holds[4:]:
+            numbers = {"hold": h, "small": h, "part": 0.6, "duty": 1.0}
+            slow = Waveform("two sizes", numbers, ("hold", "small", "part"), then=quick)
+            out += [replace(slow, turn=turn) for turn in (0.35, 0.65)]
+    return out
+
+
+def _approaches(task: Task) -> list[Waveform]:
+    """Slow passages through the static levels, for models that have any."""
+    levels: dict[str, float] = {}
+    for side, limit in zip(("positive", "negative"), reversed(task.limits.amplitude)):
+        unknown = next((u for u in task.unknowns if u.name == f"breakaway_{side}"), None)
+        if unknown is None or not limit:
+            return []
+        low, high = _ramp_range(task, unknown, side)
+        levels[f"low_{side}"] = low / abs(limit)
+        levels[f"high_{side}"] = min(high / abs(limit), 1.0)
+    span = task.limits.duration
+    free = ("half", "pause", "push")
+    out = []
+    # A fit of slow passages alone has several optima; lively motion has one.
+    for last in (10.0, 40.0):
+        band = {"first": 2.0 / span, "last": last / span, "log": 0.0}
+        lively = Waveform("chirp", band, ("first", "last"))
+        for n in (2.0, 4.0, 6.0):
+            for pause in (0.15, 0.3):
+                numbers = {"half": 0.5 * span / n, "pause": pause, "push": 0.03, **levels}
+                out.append(Waveform("approach", numbers, free, then=lively))
+    return out
+
+
+def _ramp_range(task: Task, unknown: Unknown, side: str) -> tuple[float, float]:
+    """Levels between which a static level is sure to lie [SI of the drive]."""
+    kinetic = task.values.get(f"coulomb_{side}")
+    base = kinetic if isinstance(kinetic, float) else 0.0
+    if unknown.supposed or unknown.present is None:
+        return base, max(2.0 * base, 1.3 * unknown.value)
+    half = max(4.0 * unknown.present, 0.02 * unknown.value)
+    return max(unknown.value - half, base), unknown.value + half

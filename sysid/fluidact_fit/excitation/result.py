@@ -1,0 +1,163 @@
+"""The next experiment: its limits, its table and the standard errors to expect."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..experiment import FloatArray
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the next experiment has to keep to.
+
+    Attributes
+    ----------
+    amplitude
+        Lowest and highest value of the driving role [SI].
+    rate
+        Steepest slope of the driving role [SI/s]; ``None``: no limit.
+    stroke
+        Lowest and highest value of the output [SI]; ``None``: no limit.
+    duration, sample_time
+        [s]; both 0 for a static map without time.
+    """
+
+    amplitude: tuple[float, float]
+    rate: float | None
+    stroke: tuple[float, float] | None
+    duration: float
+    sample_time: float
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return round(self.duration / self.sample_time)
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """A parameter before and after the next experiment [``unit``].
+
+    ``present`` is the standard error in the file (``None`` when it was not identified),
+    ``predicted`` that of the new experiment alone (``None``: it would not determine it
+    either), ``ratio`` their quotient; both intervals are 95 % about ``value``.
+    ``supposed`` tells that the value is only plausible.
+    """
+
+    name: str
+    unit: str
+    value: float
+    present: float | None
+    predicted: float | None
+    ratio: float | None
+    present_ci95: tuple[float, float] | None
+    predicted_ci95: tuple[float, float] | None
+    supposed: bool = False
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An excitation that was tried: in words, and its worst relative standard error."""
+
+    description: str
+    worst_relative: float | None
+
+
+@dataclass(frozen=True)
+class Design:
+    """The next experiment.
+
+    Attributes
+    ----------
+    family
+        Name of the family.
+    description
+        The excitation in words.
+    time
+        Instants, shape ``(n,)`` [s]; empty for a static design without time.
+    signals, units
+        Columns by name, shape ``(n,)`` each [SI], and their units.
+    forecasts
+        One entry per parameter.
+    criterion
+        What was made small.
+    limits
+        What was kept to.
+    binding
+        The limits that the design reaches; loosening these would help.
+    notes
+        What a person should know.
+    candidates
+        The best of each shape, best first.
+    """
+
+    family: str
+    description: str
+    time: FloatArray
+    signals: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+    forecasts: tuple[Forecast, ...]
+    criterion: str
+    limits: Limits
+    binding: tuple[str, ...]
+    notes: tuple[str, ...]
+    candidates: tuple[Candidate, ...]
+
+    @property
+    def predicted(self) -> dict[str, float | None]:
+        """Predicted standard errors by name."""
+        return {f.name: f.predicted for f in self.forecasts}
+
+    @property
+    def present(self) -> dict[str, float | None]:
+        """Present standard errors by name."""
+        return {f.name: f.present for f in self.forecasts}
+
+    def to_csv(self) -> str:
+        """Return the table that a controller plays: a header with units, one row per sample."""
+        columns = {f"{n} [{self.units[n]}]": v for n, v in self.signals.items()}
+        if self.time.size:
+            columns = {"time [s]": self.time, **columns}
+        text = io.StringIO()
+        text.write(",".join(columns) + "\n")
+        for row in zip(*columns.values()):
+            text.write(",".join(f"{value:.10g}" for value in row) + "\n")
+        return text.getvalue()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain mappings, lists, text and numbers, without the samples."""
+        return {
+            "family": self.family,
+            "description": self.description,
+            "criterion": self.criterion,
+            "samples": int(next(iter(self.signals.values())).size),
+            "limits": {
+                "amplitude": list(self.limits.amplitude),
+                "rate": self.limits.rate,
+                "stroke": list(self.limits.stroke) if self.limits.stroke else None,
+                "duration": self.limits.duration,
+                "sample_time": self.limits.sample_time,
+            },
+            "binding": list(self.binding),
+            "parameters": [{**vars(f)} for f in self.forecasts],
+            "notes": list(self.notes),
+            "candidates": [{**vars(c)} for c in self.candidates],
+        }
+
+    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+        """Write the table atomically and return its path.
+
+        Raises
+        ------
+        OutputError
+            When the file exists and ``overwrite`` is false, or cannot be written.
+        """
+        from ..parameters import write_atomically
+
+        return write_atomically(path, self.to_csv(), overwrite=overwrite)

@@ -1,0 +1,257 @@
+"""Strokes at constant speed for the friction of a cylinder: speeds and shares of the time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import NotIdentifiedError, UsageError
+from ..estimation.information import cramer_rao
+from ..experiment import Experiment, FloatArray, Signal
+from .forecasts import make_forecasts
+from .result import Design
+from .static_map import static_rows, static_samples
+from .task import Task, score_of
+
+_TURN = 0.1  # s that the motion takes to reach its speed
+_USED = 0.9  # share of the stroke that strokes at constant speed use
+
+
+@dataclass(frozen=True)
+class _Strokes:
+    """Pairs of strokes to and fro at constant speed: slow ones, then fast ones.
+
+    ``slow`` and ``fast`` are the speeds forwards and backwards [m/s], magnitudes; ``share``
+    is that of the time that the slow pairs take.
+    """
+
+    slow: tuple[float, float]
+    fast: tuple[float, float]
+    share: float
+
+    def speeds(self) -> list[tuple[float, float]]:
+        """Signed speed and its share of the time; a pair goes as far to as fro."""
+        out = []
+        for (to, fro), share in ((self.slow, self.share), (self.fast, 1.0 - self.share)):
+            out += [(to, share * fro / (to + fro)), (-fro, share * to / (to + fro))]
+        return out
+
+    def play(self, stroke: tuple[float, float] | None, duration: float, step: float) -> FloatArray:
+        """Velocity at the samples, shape ``(n,)`` [m/s]; straight ramps at the turns."""
+        count, turn = round(duration / step), max(round(_TURN / step), 2)
+        pieces: list[FloatArray] = []
+        for (to, fro), share in ((self.slow, self.share), (self.fast, 1.0 - self.share)):
+            there = share * duration * fro / (to + fro)
+            longest = _USED * (stroke[1] - stroke[0]) if stroke else np.inf
+            laps = max(int(np.ceil(to * there / longest)), 1) if np.isfinite(longest) else 1
+            for _ in range(laps):
+                n, m = (max(round(t / laps / step), 2 * turn) for t in (there, there * to / fro))
+                pieces += [_stroke(to, n, turn), -_stroke(fro, m, turn)]
+        velocity = np.concatenate(pieces)[:count]
+        return np.pad(velocity, (0, count - velocity.size))
+
+
+def design_strokes(task: Task) -> Design:
+    """Strokes at constant speed whose speeds and shares of the time are searched."""
+    low, high = _speed_limits(task)
+    slowest = _slowest(task, low, high)
+    starts = [
+        _Strokes((k * slowest, k * slowest), (high, -low), share)
+        for k in (1.0, 2.0, 4.0)
+        for share in (0.3, 0.5, 0.7, 0.85)
+        if k * slowest < min(high, -low)
+    ]
+    tried = sorted(
+        ((score_of(task, _stroke_errors(task, s)), s) for s in starts), key=lambda t: t[0]
+    )
+    if not tried or not np.isfinite(tried[0][0]):
+        raise NotIdentifiedError(
+            "no strokes within these limits determine every parameter.",
+            expected="Nothing was written.",
+            remedy="Widen --amplitude or --stroke, or give a longer --duration.",
+        )
+    best = min(
+        (_improve_strokes(task, s, (low, high), slowest) for _, s in tried[:2]),
+        key=lambda s: score_of(task, _stroke_errors(task, s)),
+    )
+    return _describe_strokes(task, best, _least(task, low, high, slowest))
+
+
+def _speed_limits(task: Task) -> tuple[float, float]:
+    """Lowest and highest velocity [m/s]."""
+    if task.drive.name == "velocity":
+        return task.limits.amplitude
+    details = task.document.fit.details or {}
+    # the file of a position knows its stroke as range, and its speeds
+    fast = max((abs(v) for pair in details.get("speeds", {}).values() for v in pair), default=0.0)
+    return -fast, fast
+
+
+def _slowest(task: Task, low: float, high: float) -> float:
+    """Speed that is safely beyond the deadband of a fit [m/s]."""
+    details = task.document.fit.details or {}
+    # a deadband of four standard deviations, and as much again for the noise of a sample
+    slow = max(2.0 * float(details.get("deadband") or 0.0), 0.075 * max(high, -low))
+    if not (high > slow and -low > slow):
+        raise UsageError(
+            "the speeds allow no motion in both directions.",
+            expected=f"Both ends have to lie beyond {slow:.3g} m/s.",
+            remedy="Give --amplitude LOW:HIGH as a range of velocities, for example -0.1:0.1.",
+        )
+    return slow
+
+
+def _stroke_limit(task: Task) -> tuple[float, float] | None:
+    """Range of the position, when it was said or the file knows it [m]."""
+    covered = task.document.validity.get("position")
+    known = None if covered is None else (covered.low, covered.high)
+    return task.limits.stroke or known
+
+
+def _play(task: Task, strokes: _Strokes) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Time [s], velocity [m/s] and position [m], shape ``(n,)`` each."""
+    step = task.limits.sample_time or 0.01
+    stroke = _stroke_limit(task)
+    velocity = strokes.play(stroke, task.limits.duration or 10.0, step)
+    place = step * (np.cumsum(velocity) - 0.5 * velocity)
+    place += (stroke or (0.0, 0.0))[0] - place.min()
+    return step * np.arange(velocity.size, dtype=np.float64), velocity, place
+
+
+def _stroke_errors(task: Task, strokes: _Strokes) -> FloatArray:
+    """Predicted standard errors of what a fit keeps of the strokes, shape ``(p,)``."""
+    time, velocity, place = _play(task, strokes)
+    name = task.drive.name
+    signal = Signal(name, time, velocity if name == "velocity" else place, task.unit)
+    run = Experiment("design", 0, time, {name: signal}, float(time[1]), True)
+    details = task.document.fit.details or {}
+    options = dict(task.options)
+    if name == "position":  # what it takes to quieten the sensor, the simulation cannot know
+        options["filter"] = details.get("velocity_filter", {}).get("half_width")
+    found = task.family.information(task.variant, task.values, run, options)
+    assert found is not None
+    rows = found.jacobian[:, [found.names.index(u.name) for u in task.unknowns]]
+    return np.sqrt(np.diag(cramer_rao(rows.T @ rows))) * _force_noise(task)
+
+
+def _force_noise(task: Task) -> float:
+    """Standard deviation of the force about the friction line [N]."""
+    return float((task.document.fit.details or {}).get("force_noise") or task.sigma)
+
+
+def _improve_strokes(
+    task: Task, start: _Strokes, limits: tuple[float, float], slowest: float
+) -> _Strokes:
+    """Search speeds and shares from a start."""
+    low, high = limits
+
+    def make(x: FloatArray) -> _Strokes:
+        to, fro = slowest * np.exp(np.abs(x[:2]))
+        fast = high * np.exp(-abs(x[3])), -low * np.exp(-abs(x[4]))
+        slow = min(float(to), float(fast[0])), min(float(fro), float(fast[1]))
+        share = 1.0 / (1.0 + np.exp(-x[2]))
+        return _Strokes(slow, (float(fast[0]), float(fast[1])), float(np.clip(share, 0.02, 0.98)))
+
+    at = [np.log(start.slow[0] / slowest), np.log(start.slow[1] / slowest),
+          np.log(start.share / (1.0 - start.share)), 0.0, 0.0]  # fmt: skip
+    found = _minimise(
+        lambda x: score_of(task, _stroke_errors(task, make(x))),
+        np.array(at),
+        np.array([0.3, 0.3, 0.4, 0.15, 0.15]),
+        200,
+    )
+    return make(found)
+
+
+def _minimise(
+    score: Callable[[FloatArray], float], start: FloatArray, spread: FloatArray, most: int
+) -> FloatArray:
+    """Smallest score near a start, by the simplex of Nelder and Mead."""
+    from scipy.optimize import minimize
+
+    def finite(x: FloatArray, *args: Any) -> Any:
+        return min(score(x), 1e6)
+
+    options: Any = {
+        "initial_simplex": np.vstack((start, start + np.diag(spread))),
+        "maxfev": most,
+        "xatol": 1e-3,
+        "fatol": 1e-5,
+    }
+    return np.asarray(minimize(finite, start, method="Nelder-Mead", options=options).x)
+
+
+def _least(task: Task, low: float, high: float, slowest: float) -> FloatArray:
+    """Standard errors of the best shares of the samples at any speeds, turns left out.
+
+    A straight line in either direction is known best from its ends, so the two slowest and
+    the two fastest speeds are enough.
+    """
+    rows = static_rows(task, np.array([low, -slowest, slowest, high]))
+    size = _force_noise(task) / np.sqrt(static_samples(task))
+
+    def errors(x: FloatArray) -> FloatArray:
+        shares = np.exp(np.append(x, 0.0) - np.max(np.append(x, 0.0)))
+        shares /= shares.sum()
+        return np.asarray(size * np.sqrt(np.diag(cramer_rao(rows.T @ (shares[:, None] * rows)))))
+
+    return errors(_minimise(lambda x: score_of(task, errors(x)), np.zeros(3), np.ones(3), 600))
+
+
+def _describe_strokes(task: Task, best: _Strokes, ideal: FloatArray) -> Design:
+    """The design in words and numbers."""
+    time, velocity, place = _play(task, best)
+    errors = _stroke_errors(task, best)
+    stroke, scales = _stroke_limit(task), np.array([u.scale for u in task.unknowns])
+    listed = ", ".join(f"{v:.3g} m/s ({100.0 * s:.0f} %)" for v, s in sorted(best.speeds()))
+    notes = [*task.notes, f"Speeds and their shares of the time: {listed}."]
+    notes.append(
+        f"The worst relative standard error becomes {100.0 * np.max(errors / scales):.3g} %; no "
+        f"speeds within the limits could bring it below {100.0 * np.max(ideal / scales):.3g} %."
+    )
+    notes += _time_to_halve(task, errors)
+    if stroke is None:
+        notes.append(
+            f"The stroke is not in the file: this one needs {np.ptp(place):.3g} m. "
+            "Give --stroke LOW:HIGH."
+        )
+    return Design(
+        family=task.family.name,
+        description=f"strokes at {len(best.speeds())} constant speeds",
+        time=time,
+        signals={"velocity": velocity, "position": place},
+        units={"velocity": "m/s", "position": "m"},
+        forecasts=make_forecasts(task, errors),
+        criterion=task.criterion,
+        limits=replace(task.limits, stroke=stroke),
+        binding=("amplitude", *(("stroke",) if stroke else ()), "duration"),
+        notes=tuple(notes),
+        candidates=(),
+    )
+
+
+def _time_to_halve(task: Task, errors: FloatArray) -> list[str]:
+    """How long these strokes have to last to halve the worst standard error there is now."""
+    scales = np.array([u.scale for u in task.unknowns])
+    present = [u.present / u.scale for u in task.unknowns if u.present is not None]
+    if len(present) < len(task.unknowns):
+        return []
+    ratio = float(np.max(errors / scales)) / max(present)
+    if ratio <= 0.5:
+        return []
+    duration = (task.limits.duration or 10.0) * (ratio / 0.5) ** 2
+    return [
+        f"That is {ratio:.2g} times the worst one now. Half of it takes such strokes for "
+        f"{duration:.3g} s: give --duration {np.ceil(duration):.0f}, or average more readings of "
+        "the force."
+    ]
+
+
+def _stroke(speed: float, count: int, turn: int) -> FloatArray:
+    """Speed up, hold, slow down; shape ``(count,)`` [m/s]."""
+    ramp = (np.arange(turn) + 0.5) / turn
+    middle = np.ones(max(count - 2 * turn, 0))
+    return np.asarray(speed * np.concatenate((ramp, middle, ramp[::-1]))[:count])

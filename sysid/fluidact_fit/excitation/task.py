@@ -1,0 +1,220 @@
+"""What a search is to do: the drive, the unknowns, the limits and the criterion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import UsageError
+from ..experiment import FloatArray, Hold
+from ..family import Family, Role, Value, Variant
+from .result import Limits
+
+if TYPE_CHECKING:
+    from ..parameters import ParameterDocument
+
+_MOST = 200_000  # samples of a run that is searched
+_TIE = 0.05  # weight of the mean over all parameters beside the worst
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A number that the next experiment should determine."""
+
+    name: str
+    unit: str
+    value: float
+    scale: float
+    present: float | None
+    supposed: bool = False
+
+
+@dataclass(frozen=True)
+class Task:
+    """Everything a search needs to know."""
+
+    document: ParameterDocument
+    family: Family
+    variant: Variant
+    options: Mapping[str, Any]
+    drive: Role
+    hold: Hold | None
+    unit: str
+    values: Mapping[str, Value]
+    unknowns: tuple[Unknown, ...]
+    limits: Limits
+    criterion: str
+    seed: int
+    notes: tuple[str, ...]
+    progress: Callable[[str], None]
+
+    @property
+    def sigma(self) -> float:
+        """Noise of the output [SI]."""
+        return max(self.document.fit.rmse.value, 1e-300)
+
+    @property
+    def rest(self) -> float:
+        """Value of the drive at rest: zero where the limits allow it."""
+        low, high = self.limits.amplitude
+        return 0.0 if low < 0.0 < high else 0.5 * (low + high)
+
+
+def make_task(
+    document: ParameterDocument,
+    family: Family,
+    variant: Variant,
+    given: Limits,
+    criterion: str,
+    seed: int,
+    progress: Callable[[str], None],
+) -> Task:
+    """The task that a parameter file and the limits given make.
+
+    Raises
+    ------
+    UsageError
+        When a limit or the criterion cannot be.
+    """
+    drive = _driving_role(variant)
+    limits = _fill_limits(document, variant, drive, given)
+    unit = document.validity[drive.name].unit if drive.name in document.validity else drive.unit
+    values, supposed = _suppose(document, drive, limits)
+    unknowns = _find_unknowns(document, values, supposed)
+    names = [u.name for u in unknowns]
+    if criterion not in ("worst", "determinant", *names):
+        raise UsageError(
+            f"--criterion {criterion}: there is no such criterion or parameter to estimate.",
+            expected=f"One of worst, determinant, {', '.join(names)}.",
+        )
+    held = [source.columns.get(drive.name, {}).get("hold") for source in document.provenance.logs]
+    hold = next((h for h in held if h), drive.hold)
+    options = {**{o.name: o.default for o in family.options}, **(document.options or {})}
+    notes = tuple(f"{n} was not identified; the design supposes {values[n]:.4g}." for n in supposed)
+    if hold == "zoh" and any(n.startswith("breakaway") for n in names):
+        notes += (
+            f"A static level is known to no better than the controller's own step of {drive.name} "
+            "/ 3.5, which the prediction does not know.",
+        )
+    return Task(
+        document, family, variant, options, drive, hold, unit, values, unknowns, limits,
+        criterion, seed, notes, progress,
+    )  # fmt: skip
+
+
+def _driving_role(variant: Variant) -> Role:
+    """The role that drives the model; for a static map, what it is sampled over."""
+    for role in variant.roles:
+        if role.hold is not None and role.required:
+            return role
+    return next(r for r in variant.roles if r.name != "time" and not r.output and r.required)
+
+
+def _fill_limits(
+    document: ParameterDocument, variant: Variant, drive: Role, given: Limits
+) -> Limits:
+    """Take what was not said from what the file's logs covered."""
+    covered = document.validity
+    amplitude = given.amplitude
+    if amplitude == (0.0, 0.0):
+        if drive.name not in covered:
+            raise UsageError(
+                f"the file does not say which range of {drive.name} its logs covered.",
+                remedy=f"Give --amplitude LOW:HIGH in {drive.unit}.",
+            )
+        amplitude = covered[drive.name].low, covered[drive.name].high
+    stroke = given.stroke
+    if stroke is None and drive.hold is not None and variant.output.name in covered:
+        stroke = covered[variant.output.name].low, covered[variant.output.name].high
+    for name, pair in (("--amplitude", amplitude), ("--stroke", stroke)):
+        if pair is not None and not pair[0] < pair[1]:
+            raise UsageError(f"{name} {pair[0]:g}:{pair[1]:g}: the lower end is not below.")
+    step, duration = _time_base(document, given)
+    limits = Limits(amplitude, given.rate, stroke, duration, step)
+    if step and not 20 <= limits.count <= _MOST:
+        raise UsageError(
+            f"{duration:g} s in steps of {step:g} s are {duration / step:.3g} samples.",
+            expected=f"Expected 20 to {_MOST}.",
+            remedy="Change --duration or --sample-time.",
+        )
+    return limits
+
+
+def _time_base(document: ParameterDocument, given: Limits) -> tuple[float, float]:
+    """Sample time and duration [s]: said, or those of the longest log; 0 without time."""
+    spans = [
+        ((source.sample_time or 0.0) * source.rows, source.sample_time or 0.0)
+        for source in document.provenance.logs
+    ]
+    duration, step = max(spans, default=(0.0, 0.0))
+    return given.sample_time or step, given.duration or duration
+
+
+def _suppose(
+    document: ParameterDocument, drive: Role, limits: Limits
+) -> tuple[dict[str, Value], list[str]]:
+    """Values to simulate with: those of the file, plausible ones where it has none."""
+    values = dict(document.values())
+    supposed = []
+    low, high = limits.amplitude
+    for name, entry in document.parameters.items():
+        if entry.status != "not_identified" or isinstance(entry.value, list):
+            continue
+        side = low if name.endswith("negative") else high
+        if name.startswith("coulomb"):
+            values[name] = 0.2 * abs(side)
+        elif name.startswith("breakaway"):
+            kinetic = values[name.replace("breakaway", "coulomb")]
+            assert isinstance(kinetic, float)
+            values[name] = 1.3 * kinetic
+        elif name.startswith("dead_zone"):
+            values[name] = 0.2 * side
+        elif name == "dead_time":
+            values[name] = 1.5 * limits.sample_time
+        elif name.startswith("viscous"):
+            values[name] = entry.value
+        else:
+            continue
+        supposed.append(name)
+    return values, supposed
+
+
+def _find_unknowns(
+    document: ParameterDocument, values: Mapping[str, Value], supposed: Sequence[str]
+) -> tuple[Unknown, ...]:
+    """Numbers that are estimated or should be, lists entry by entry."""
+    found = []
+    for name, entry in document.parameters.items():
+        value, spread = values[name], entry.std_error
+        if isinstance(value, list):
+            errors = spread if isinstance(spread, list) else []
+            size = float(np.max(np.abs(value)))
+            for i, (v, e) in enumerate(zip(value, errors)):
+                if isinstance(v, float) and isinstance(e, float) and e > 0.0:
+                    found.append(Unknown(f"{name}[{i}]", entry.unit, v, size, e))
+        elif entry.status == "estimated" or name in supposed:
+            present = spread if isinstance(spread, float) else None
+            scale = abs(value) or present or 1.0
+            found.append(Unknown(name, entry.unit, value, scale, present, name in supposed))
+    if not found:
+        raise UsageError(
+            "the file has no estimated parameter, so there is nothing to design for.",
+            remedy="Fit without --fix.",
+        )
+    return tuple(found)
+
+
+def score_of(task: Task, errors: FloatArray) -> float:
+    """What is to be small: the logarithm of the criterion, and a little of all others."""
+    if not np.all(np.isfinite(errors)) or not np.all(errors > 0.0):
+        return np.inf
+    relative = np.log(errors / np.array([u.scale for u in task.unknowns]))
+    mean = float(np.mean(relative))
+    if task.criterion == "determinant":
+        return mean
+    if task.criterion == "worst":
+        return float(relative.max()) + _TIE * mean
+    return float(relative[[u.name for u in task.unknowns].index(task.criterion)]) + _TIE * mean

@@ -1,0 +1,1 @@
+"""Parts of the ``cylinder-friction`` family, which alone uses them."""
