@@ -336,6 +336,12 @@ def bounded_least_squares(
     y : (n,)
     low, high : (q,)
     """
+    if a.shape[1] == 1:  # a gain alone: no decomposition needed
+        column = a[:, 0]
+        square = float(column @ column)
+        best = float(column @ y) / square if square > 0.0 else 0.0
+        x = np.clip(np.array([best]), low, high)
+        return x, (x != best) | (low == high)
     scale = np.linalg.norm(a, axis=0)
     scale[scale == 0.0] = 1.0
     x = np.linalg.lstsq(a / scale, y, rcond=1e-13)[0] / scale

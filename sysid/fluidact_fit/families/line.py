@@ -120,7 +120,7 @@ class Line(Family):
             {"time_constant": (1e-3 * step, 100.0 * span), "dead_time": (0.0, longest)},
         )
         names = ("time_constant", "dead_time")
-        axes = {"time_constant": np.geomspace(0.3 * step, 0.5 * span, 9)}
+        axes = {"time_constant": np.geomspace(0.3 * step, 0.5 * span, 7)}
         fitted = fit_transfer(
             lambda some, rest: self._model(some, rest).named(names),
             experiments,
