@@ -21,7 +21,7 @@ from fluidact_fit.estimation.rational_bezier import (
 )
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families import get_family
-from fluidact_fit.families.potentiometer import PotentiometerBlock, rising_share
+from fluidact_fit.families.calibration.block import PotentiometerBlock, rising_share
 from fluidact_fit.family import Estimate, Request
 
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
@@ -419,14 +419,14 @@ def test_degree_one_is_never_told_to_go_lower() -> None:
 def test_a_long_record_has_the_errors_of_the_full_computation(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from fluidact_fit.families import potentiometer
+    from fluidact_fit.families.calibration import spread
 
     rng = np.random.default_rng(22)
     x = 0.03 - 0.0299 * np.cos(np.arange(60_000) * 2.0 * np.pi / 3000.0)
     colour = np.convolve(rng.standard_normal(x.size + 40), 0.9 ** np.arange(41), "valid")
     log = experiment(np.round(saturating(x)), x + 5e-5 * colour, 0.001)
     whole = fit(log, degree="3")
-    monkeypatch.setattr(potentiometer, "_LONG", 50_000)
+    monkeypatch.setattr(spread, "_LONG", 50_000)
     excerpt = fit(log, degree="3")
     assert whole.parameters["control_points"].value == excerpt.parameters["control_points"].value
     for name in ("control_points", "weights"):

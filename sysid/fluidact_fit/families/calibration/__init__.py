@@ -1,0 +1,1 @@
+"""Parts of the ``potentiometer`` family, which alone uses them."""

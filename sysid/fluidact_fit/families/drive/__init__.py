@@ -1,0 +1,1 @@
+"""Parts of the ``ball-screw`` family, which alone uses them."""

@@ -1,0 +1,1 @@
+"""Parts of the ``force-map`` family, which alone uses them."""
