@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import fluidact_fit as ff
+from fluidact_fit.branches import choose_dead_band, motion_state
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families.force_map import ForceMap
 from fluidact_fit.families.maps.block import ForceMapBlock
 from fluidact_fit.families.maps.equation import force_map
-from fluidact_fit.families.maps.motion import choose_dead_band, motion_state
 from fluidact_fit.family import Estimate, Request
 from fluidact_fit.result import FitResult
 

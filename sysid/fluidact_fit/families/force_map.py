@@ -38,6 +38,7 @@ from typing import Any
 
 import numpy as np
 
+from ..branches import fill_start
 from ..errors import UsageError
 from ..estimation.parametric import check_request
 from ..experiment import Experiment, FloatArray, Hold
@@ -46,12 +47,11 @@ from .maps.block import ForceMapBlock, branch_curves
 from .maps.certificates import certificate_notice, certify
 from .maps.data import column_of, data_notices, input_table, sample_count
 from .maps.equation import force_map, network_of
-from .maps.motion import choose_dead_band, fill_start, motion_state
 from .maps.options import ROLES, TARGETS, Options, default_inputs, driver, input_layers
 from .maps.results import chosen_options, file_parameters, fit_details
 from .maps.training import fit_network, spike_notice
 
-__all__ = ["ForceMap", "ForceMapBlock", "choose_dead_band", "force_map", "motion_state"]
+__all__ = ["ForceMap", "ForceMapBlock", "force_map"]
 
 
 def _spec(name: str, rank: int, text: str, optional: bool = False) -> ParameterSpec:

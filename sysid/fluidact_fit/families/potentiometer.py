@@ -41,7 +41,7 @@ from ..family import (
     Value,
     Variant,
 )
-from .calibration.block import PotentiometerBlock, curves_of, rising_share
+from .calibration.block import PotentiometerBlock, curves_of
 from .calibration.branches import check_both_directions, find_dead_band, rising_samples
 from .calibration.data import check_enough, gather, mean_ends, prepare, scale_samples
 from .calibration.results import derived_quantities, fit_details, fit_quantities, simulate_all
@@ -54,7 +54,7 @@ from .calibration.selection import (
 )
 from .calibration.spread import find_spread
 
-__all__ = ["Potentiometer", "PotentiometerBlock", "rational_bezier", "rising_share"]
+__all__ = ["Potentiometer", "PotentiometerBlock"]
 
 
 def _degree_wanted(options: Mapping[str, Any]) -> int:

@@ -39,6 +39,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..branches import choose_dead_band, motion_state
 from ..errors import LogError, Notice, NotIdentifiedError, UsageError
 from ..estimation.parametric import check_request, refuse, scalars
 from ..estimation.uncertainty import Uncertainty, covariance, t_quantile
@@ -59,7 +60,6 @@ from ..family import (
     Variant,
 )
 from ..signals import held_direction, smooth
-from .force_map import choose_dead_band, motion_state
 
 BoolArray = npt.NDArray[np.bool_]
 

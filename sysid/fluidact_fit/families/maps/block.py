@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...branches import choose_dead_band
 from ...errors import UsageError
 from ...experiment import FloatArray
 from ...family import Block, Curve, Value
 from ...signals import held_direction
 from .equation import force_map
-from .motion import choose_dead_band
 
 
 class ForceMapBlock(Block):

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ...branches import BoolArray, choose_dead_band, motion_state, settled_samples
 from ...errors import LogError, Notice, NotIdentifiedError
 from ...experiment import Experiment, FloatArray
 from ...signals import held_direction, smooth
-from .motion import BoolArray, choose_dead_band, motion_state, settled_samples
 from .options import Options
 
 _SETTLED = 0.1  # share of the range after a reversal within which branches change over

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from ...branches import BoolArray, fill_start, running_median
 from ...errors import Notice
 from ...estimation.network import Network, Search, search, train_from
 from ...experiment import Experiment, FloatArray
 from ...family import Request
 from .certificates import ENUMERATED, certify
 from .data import Data, Scaling, check_data, gather
-from .motion import BoolArray, fill_start, running_median
 from .options import PAPER_UNITS, Options, default_inputs, driver, has_velocity, input_layers
 from .validation import (
     DECAYS,

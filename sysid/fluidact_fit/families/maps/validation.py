@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...branches import BoolArray
 from ...estimation.network import Chords, cross_validate, robust_deviation, search, thin
 from ...experiment import FloatArray
 from ...family import Request
 from .data import Data
-from .motion import BoolArray
 from .options import Options
 
 _SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)

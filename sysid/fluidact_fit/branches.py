@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ...experiment import FloatArray
+from .experiment import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
 _MEETING = 8  # samples after a reversal that belong to it in any case
