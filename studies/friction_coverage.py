@@ -183,6 +183,9 @@ def main() -> None:
     chosen = parser.parse_args()
     names = "viscous, positive and negative level"
     rows = [
+        "# Intervals of the cylinder friction",
+        "",
+        "Written by `python studies/friction_coverage.py` (`make study`).",
         f"Every triple: {names}; {chosen.runs} runs of each row, seed {SEED}.",
         "",
         "| strokes | motion | colour | coverage of the 95 % interval | mean error / std error "
