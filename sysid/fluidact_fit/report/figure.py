@@ -218,7 +218,7 @@ def _label(rows: list[list[Any]], t: Scale, labels: Sequence[str]) -> None:
 def _static(figure: Figure, view: StaticView, result: FitResult) -> None:
     grid = figure.add_gridspec(
         2, 1, height_ratios=(2.6, 1.0), left=0.065, right=0.975 - _SIDE, top=0.855, bottom=0.085,
-        hspace=0.13,
+        hspace=0.13 if len(view.curves) < 4 else 0.2,  # room for a second line of the legend
     )  # fmt: skip
     upper = figure.add_subplot(grid[0])
     lower = figure.add_subplot(grid[1], sharex=upper)

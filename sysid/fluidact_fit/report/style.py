@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,6 +23,7 @@ FAINT = "#6B7278"
 VERDICT = {"pass": "#007A5A", "warn": "#9A6700", "fail": "#B3261E"}
 
 SMALL, NORMAL, LARGE = 8.0, 9.0, 15.0
+_PANEL = 125  # small characters that fit across a panel of a static map
 
 # What a user's own style must not change: a report looks the same everywhere.
 SETTINGS: dict[str, Any] = {
@@ -61,11 +65,24 @@ def head(axes: Axes, text: str) -> None:
 def legend(axes: Axes, *others: Axes, columns: int = 4) -> None:
     """Legend above a panel at the right, where no curve can pass under it.
 
-    Entries of ``others`` come first.
+    Entries of ``others`` come first; as many columns, up to ``columns``, as the panel is wide
+    enough for.
     """
     found = [pair for a in (*others, axes) for pair in zip(*a.get_legend_handles_labels())]
+    columns = _fitting_columns([text for _, text in found], columns)
     axes.legend(
         [h for h, _ in found], [text for _, text in found],
         loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, fontsize=SMALL,
         frameon=False, borderaxespad=0.1, handlelength=1.6, columnspacing=1.2,
     )  # fmt: skip
+
+
+def _fitting_columns(labels: Sequence[str], most: int) -> int:
+    """Columns whose longest entries stay within a panel, filled column by column."""
+    for columns in range(min(most, max(len(labels), 1)), 1, -1):
+        short, longer = divmod(len(labels), columns)  # the first columns hold one more
+        ends = np.cumsum([short + (k < longer) for k in range(columns)])
+        longest = [max(map(len, labels[a:b])) for a, b in zip([0, *ends], ends)]
+        if sum(longest) + 7 * columns <= _PANEL:
+            return columns
+    return 1
