@@ -45,7 +45,7 @@ Activation = Literal["relu", "tanh"]
 BoolArray = npt.NDArray[np.bool_]
 
 _BLOCK = 8192  # rows per block of the normal equations: a few megabytes
-_FEW, _MANY = 3000, 20_000  # rows of the searches, and of the fit before the last
+_FEW, _MANY = 3000, 40_000  # rows of the searches, and of the fit before the last
 _HUBER = 1.5  # threshold in robust standard deviations: nearly as efficient as squares
 _CHORDS = 1500  # lines along an input that is to be straight
 _GOLDEN = 0.6180339887  # steps of this, modulo one, spread evenly
@@ -455,7 +455,7 @@ def search(
     starts
         Searches on ``rows`` evenly spaced rows.
     finalists
-        Of them, how many are trained on up to 20 000 rows, by a robust cost whose scale
+        Of them, how many are trained on up to 40 000 rows, by a robust cost whose scale
         comes from the best start.
     iterations
         Most steps of a start.

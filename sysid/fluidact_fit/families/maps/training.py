@@ -118,10 +118,12 @@ def _train(data: Data, rows: Rows, trial: Trial, options: Options, request: Requ
     scaling = Scaling.of(data)
     rng = np.random.default_rng([request.seed, 7])
     chords = rows.chords(rows.x, trial.straightness)
+    # a larger network has more to tell apart, and more optima nearly as good
+    weights = sum(trial.hidden) * (rows.x.shape[1] + 1)
     found = search(
         rows.x, rows.y, trial.hidden, rng, activation=options.activation, decay=trial.decay,
-        chords=chords, starts=options.starts,
-        rows=max(3000, 30 * sum(trial.hidden) * (rows.x.shape[1] + 1)),
+        chords=chords, starts=options.starts, rows=int(np.clip(100 * weights, 3000, 8000)),
+        finalists=3 if sum(trial.hidden) <= ENUMERATED else 6,
     )  # fmt: skip
     net = _choose_candidate(found, scaling, data, driver(options))
     z, t = scaling.inputs(data.x), scaling.output(data.y)
