@@ -156,14 +156,11 @@ def reading_arguments(params: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
-    """Read logs with the options of the command line.
-
-    Columns of optional roles may be missing in some of them, not in all.
-    """
-    from fluidact_fit.logs import read_log, share_columns
+    """Read logs with the options of the command line."""
+    from fluidact_fit.logs import read_log
 
     arguments = reading_arguments(params)
-    return share_columns([read_log(path, **arguments) for path in paths])
+    return [read_log(path, **arguments) for path in paths]
 
 
 def check_role_names(params: Mapping[str, Any], known: Iterable[str]) -> None:

@@ -15,7 +15,7 @@ from .experiment import Experiment, FloatArray, Signal
 from .families import get_family
 from .family import Family, Quantity, Role, Variant
 from .fitting import fit
-from .logs import Log, StepInput
+from .logs import Log, StepInput, share_columns
 from .logs import experiments as experiments_of
 from .logs.columns import find_column
 from .quality import agreement
@@ -276,6 +276,7 @@ def check_logs(
         When a log does not have what the model needs.
     """
     say = progress or (lambda message: None)
+    logs = share_columns(logs)
     variant = _variant(document, get_family(document.family))
     say("simulating")
     simulations: list[Simulation] = []

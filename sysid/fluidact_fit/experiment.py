@@ -93,11 +93,14 @@ class Experiment:
     def sampled(self, role: str) -> FloatArray:
         """Return the values of a role at the samples, shape ``(n,)`` [SI].
 
-        An input that stepped and was not recorded has one node; here it is written out.
+        An input that stepped and was not recorded has one node; here it is written out, as is
+        a constant of a log without time.
         """
         signal = self.signals[role]
-        if signal.values.size == self.samples or not self.time.size:
+        if signal.values.size == self.samples:
             return signal.values
+        if not self.time.size:
+            return np.full(self.samples, signal.values[-1])
         at = np.searchsorted(signal.time, self.time, side="right")
         values: FloatArray = np.append(signal.before, signal.values)[at]
         return values

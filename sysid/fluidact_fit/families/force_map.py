@@ -45,7 +45,7 @@ from ..experiment import Experiment, FloatArray, Hold
 from ..family import Estimate, Family, Option, ParameterSpec, Request, StaticView, Value, Variant
 from .maps.block import ForceMapBlock, branch_curves
 from .maps.certificates import certificate_notice, certify
-from .maps.data import column_of, data_notices, input_table, sample_count
+from .maps.data import column_of, data_notices, input_table
 from .maps.equation import force_map, network_of
 from .maps.options import ROLES, TARGETS, Options, default_inputs, driver, input_layers
 from .maps.results import chosen_options, file_parameters, fit_details
@@ -182,7 +182,7 @@ class ForceMap(Family):
         names = chosen.inputs or default_inputs(chosen, experiments)
         source = driver(chosen) if driver(chosen) in names else names[0]
         x = np.vstack([input_table(e, names, chosen) for e in experiments])
-        raw = np.concatenate([column_of(e, chosen.target, sample_count(e)) for e in experiments])
+        raw = np.concatenate([column_of(e, chosen.target) for e in experiments])
         used = np.isfinite(np.concatenate(list(estimate.measured)))
         values = {n: q.value for n, q in estimate.parameters.items()}
         unit = experiments[0].signals[source].unit if source in experiments[0] else "m/s"

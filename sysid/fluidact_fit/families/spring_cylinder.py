@@ -188,22 +188,11 @@ class _Log:
     kept: BoolArray
 
 
-def _spread(e: Experiment, role: str, size: int) -> FloatArray:
-    """Values of a role at every sample; a constant or step is spread out."""
-    s = e.signals[role]
-    if s.values.size == size:
-        return s.values
-    if not e.time.size:
-        return np.full(size, s.values[-1])
-    at = np.searchsorted(s.time, e.time, side="right")
-    return np.asarray(np.append(s.before, s.values)[at])
-
-
 def _velocity(e: Experiment, position: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Velocity, its own or from position [m/s], and where it can be relied upon."""
     everywhere = np.ones(position.size, dtype=bool)
     if "velocity" in e:
-        return _spread(e, "velocity", position.size), everywhere
+        return e.sampled("velocity"), everywhere
     if e.time.size < 12 or e.signals["position"].values.size < position.size:
         return np.zeros(position.size), everywhere
     if e.uniform:
@@ -213,12 +202,10 @@ def _velocity(e: Experiment, position: FloatArray) -> tuple[FloatArray, BoolArra
 
 
 def _prepare_log(e: Experiment, variant: Variant, options: Mapping[str, Any]) -> _Log:
-    size = int(e.time.size) or max(s.values.size for s in e.signals.values())
-    drive = _spread(e, variant.name, size)
-    position = _spread(e, "position", size)
+    drive, position = e.sampled(variant.name), e.sampled("position")
     velocity, inside = _velocity(e, position)
     direction = _direction(e, drive, position, options)
-    force = _spread(e, "force", size) if "force" in e else np.full(size, np.nan)
+    force = e.sampled("force") if "force" in e else np.full(e.samples, np.nan)
     kept = (direction != 0.0) & inside
     kept &= _away_from_reversals(drive, direction, float(options.get("settle") or 0.0))
     return _Log(e, drive, position, velocity, direction, force, kept)
@@ -230,7 +217,7 @@ def _direction(
     """Motion state of each sample, 0 where it is not yet known."""
     source = options.get("motion-state") or "auto"
     if "direction" in e and source in ("auto", "direction"):
-        return motion_state(_spread(e, "direction", drive.size))
+        return motion_state(e.sampled("direction"))
     if source == "direction":
         raise LogError(
             "the motion state was to come from the log, and there is no 'direction'.",

@@ -11,7 +11,7 @@ from ...estimation.parametric import Refusal, Values, bind
 from ...estimation.separable import Unknown, solve
 from ...experiment import Experiment, FloatArray
 from ...family import Quantity, Request
-from .model import Axis, Compared, DriveModel
+from .model import Axis, Compared, DriveModel, held_values
 
 
 def forces_beyond_model(
@@ -28,7 +28,7 @@ def forces_beyond_model(
     While it is not, comparing the position alone is efficient. A residual far above the
     noise comes from forces that the model does not know.
     """
-    held = {**{r.parameter: float(r.hold or 0.0) for r in refusals}, **request.fixed}
+    held = held_values(refusals, request)
     problem = bind(DriveModel(experiments, axis).named(names), unknowns, held)
     eta = np.array([start[u.name] for u in problem.nonlinear])
     found = solve(problem, eta, max_iterations=10, tolerance=0.05)
@@ -58,7 +58,7 @@ def with_derivatives(
     acceleration; noise does the opposite. Each quantity is weighted by its own
     residual, so that neither the drift of one nor the noise of another decides.
     """
-    held = {**{r.parameter: float(r.hold or 0.0) for r in refusals}, **request.fixed}
+    held = held_values(refusals, request)
     request.progress("forces beyond the model: comparing speed and acceleration too")
     compared = Compared(half_width=_window(experiments, start, axis))
     model = DriveModel(experiments, axis, compared)

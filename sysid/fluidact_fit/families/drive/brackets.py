@@ -105,17 +105,39 @@ def _bracket_static(
             near = brackets.get(f"breakaway_{s}")
             brackets[f"breakaway_{s}"] = bracket = _search_level(model, part, axis, values, s, near)
             values[f"breakaway_{s}"] = bracket.value
-        fixed = {n: v for n, v in values.items() if n not in others}
-        problem = bind(model.named(list(values)), {**unknowns, **_as_unknowns(values)}, fixed)
-        eta = np.array([values[u.name] for u in problem.nonlinear])
-        found = solve(problem, eta, max_iterations=15, tolerance=0.05)
-        values.update(zip((u.name for u in problem.nonlinear), map(float, found.eta)))
+        _, values = _refit(model, values, others, unknowns)
         now = [(b.low, b.high) for b in brackets.values()]
         if now == seen:
             break
         seen = now
     values = _narrow(DriveModel(part, axis), part, axis, brackets, values, others, unknowns)
     return brackets, {n: values[n] for n in others}
+
+
+def _refit(
+    model: DriveModel,
+    values: Mapping[str, float],
+    others: Sequence[str],
+    unknowns: Mapping[str, Unknown],
+) -> tuple[float, dict[str, float]]:
+    """Cost and values after fitting ``others``, the static levels held."""
+    fixed = {n: v for n, v in values.items() if n not in others}
+    known = {**unknowns, **{n: Unknown(n, v) for n, v in fixed.items()}}
+    problem = bind(model.named(list(values)), known, fixed)
+    order = [u.name for u in problem.nonlinear]
+    eta = np.array([values[n] for n in order])
+    found = solve(problem, eta, max_iterations=15, tolerance=0.05)
+    return found.cost, {**values, **dict(zip(order, map(float, found.eta)))}
+
+
+def _commanded_levels(
+    experiments: Sequence[Experiment], axis: Axis, values: Mapping[str, float], side: str
+) -> FloatArray:
+    """The kinetic level and every commanded one above it, ascending."""
+    sign = 1.0 if side == "positive" else -1.0
+    drive = np.concatenate([sign * e.sampled(axis.drive) for e in experiments])
+    kinetic = values[f"coulomb_{side}"]
+    return np.concatenate(([kinetic], np.unique(drive[drive > kinetic])))
 
 
 def _search_level(
@@ -130,11 +152,7 @@ def _search_level(
 
     ``near`` is where an earlier pass found it: only its neighbourhood is searched again.
     """
-    sign = 1.0 if side == "positive" else -1.0
-    drive = np.concatenate([sign * e.sampled(axis.drive) for e in experiments])
-    kinetic = values[f"coulomb_{side}"]
-    levels = np.unique(drive[drive > kinetic])
-    levels = np.concatenate(([kinetic], levels))
+    levels = _commanded_levels(experiments, axis, values, side)
     low, high = 0, levels.size - 1
     if near is not None:
         margin = 0.15 * near.value
@@ -180,23 +198,12 @@ def _narrow(
     parameter. ``brackets`` is changed; the refitted values are returned.
     """
     samples = sum(y.size for y in model.measured)
-    known = {**unknowns, **_as_unknowns(values)}
-    fixed = [n for n in values if n not in others]
-
-    def refit(tried: Mapping[str, float]) -> tuple[float, dict[str, float]]:
-        problem = bind(model.named(list(values)), known, {n: tried[n] for n in fixed})
-        eta = np.array([tried[u.name] for u in problem.nonlinear])
-        found = solve(problem, eta, max_iterations=12, tolerance=0.05)
-        order = [u.name for u in problem.nonlinear]
-        return found.cost, {**tried, **dict(zip(order, map(float, found.eta)))}
-
-    best, values = refit(values)
+    best, values = _refit(model, values, others, unknowns)
     for _ in range(3):
         before = best
         for name, bracket in list(brackets.items()):
-            sign = 1.0 if name.endswith("positive") else -1.0
-            drive = np.concatenate([sign * e.sampled(axis.drive) for e in experiments])
-            levels = np.unique(drive[drive > values[f"coulomb_{name.removeprefix('breakaway_')}"]])
+            side = name.removeprefix("breakaway_")
+            levels = _commanded_levels(experiments, axis, values, side)
             if levels.size < 2:
                 continue
             low = max(int(np.searchsorted(levels, bracket.low)) - _NEAR, 0)
@@ -207,7 +214,8 @@ def _narrow(
             # cells of the same cost have the same events: one refit stands for all of them
             steps = np.flatnonzero(np.diff(plain) != 0.0) + 1
             groups = np.split(np.arange(middles.size), steps)
-            found = [refit({**values, name: float(middles[g[g.size // 2]])}) for g in groups]
+            tried = [{**values, name: float(middles[g[g.size // 2]])} for g in groups]
+            found = [_refit(model, t, others, unknowns) for t in tried]
             costs = np.array([cost for cost, _ in found])
             k = int(np.argmin(costs))
             if costs[k] >= best:
@@ -232,10 +240,6 @@ def _position_cost(model: DriveModel, values: Values) -> float:
         r = r - r.mean()
         total += float(r @ r)
     return total
-
-
-def _as_unknowns(values: Mapping[str, float]) -> dict[str, Unknown]:
-    return {n: Unknown(n, v) for n, v in values.items() if n.startswith("breakaway")}
 
 
 def _hold_brackets(

@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from ...estimation.inputs import PiecewiseInput, piecewise
 from ...estimation.linear import Grid, make_grid
-from ...estimation.parametric import NamedModel, Values
+from ...estimation.parametric import NamedModel, Refusal, Values
 from ...estimation.separable import Basis, Slopes
 from ...estimation.stick_slip import Motion, StickSlip, simulate_stick_slip
 from ...experiment import Experiment, FloatArray
-from ...family import Variant
+from ...family import Request, Variant
 
 Array = npt.NDArray[Any]
 SIDES = ("positive", "negative")
@@ -80,6 +80,11 @@ class Compared:
             slice(samples, samples + inner),
             slice(samples + inner, samples + 2 * inner),
         ]
+
+
+def held_values(refusals: Sequence[Refusal], request: Request) -> dict[str, float]:
+    """Values that are held while the rest is fitted: what was refused, and what is given."""
+    return {**{r.parameter: float(r.hold or 0.0) for r in refusals}, **request.fixed}
 
 
 class DriveModel:

@@ -13,7 +13,7 @@ from ...estimation.separable import Unknown, solve
 from ...experiment import Experiment, FloatArray
 from ...family import ParameterSpec, Request
 from ...signals import smooth
-from .model import LONG, SIDES, Axis, Compared, DriveModel, increment_lag, leading_part
+from .model import LONG, SIDES, Axis, Compared, DriveModel, held_values, increment_lag, leading_part
 
 
 def inverse_dynamics(
@@ -121,7 +121,7 @@ def fit_increments(
     lively = sorted(experiments, key=lambda e: -float(np.ptp(e[axis.motion])))[:2]
     part = [leading_part(e, LONG) for e in lively]
     model = DriveModel(part, axis, Compared(lag=increment_lag(part, axis))).named(names)
-    held = {**{r.parameter: float(r.hold or 0.0) for r in refusals}, **request.fixed}
+    held = held_values(refusals, request)
     problem = bind(model, unknowns, held)
     order = [u.name for u in problem.nonlinear]
     best = None

@@ -47,17 +47,16 @@ def gather(experiments: Sequence[Experiment], names: tuple[str, ...], options: O
     x, y, directions, settled, positions, logs = [], [], [], [], [], []
     parts, begin = [], 0
     for e in experiments:
-        size = sample_count(e)
         x.append(input_table(e, names, options))
-        y.append(column_of(e, options.target, size))
-        command = column_of(e, "command", size)
-        direction = _direction(e, size, "command", options.dead_band)
+        y.append(column_of(e, options.target))
+        command = column_of(e, "command")
+        direction = _direction(e, "command", options.dead_band)
         directions.append(direction)
         settled.append(settled_samples(command, direction, _SETTLED * float(np.ptp(command))))
-        positions.append(column_of(e, "position", size))
-        logs.append(np.full(size, e.log))
-        parts.append(slice(begin, begin + size))
-        begin += size
+        positions.append(column_of(e, "position"))
+        logs.append(np.full(e.samples, e.log))
+        parts.append(slice(begin, begin + e.samples))
+        begin += e.samples
     table = np.vstack(x)
     state = np.concatenate(directions)
     used = np.isfinite(table).all(axis=1) & np.isfinite(np.concatenate(y))
@@ -76,24 +75,18 @@ def gather(experiments: Sequence[Experiment], names: tuple[str, ...], options: O
 
 def input_table(e: Experiment, names: Sequence[str], options: Options) -> FloatArray:
     """Inputs of one experiment, shape ``(n, inputs)`` [SI]."""
-    size = sample_count(e)
     source = options.source if options.source in e else "force"
     return np.column_stack(
         [
-            _direction(e, size, source, options.dead_band if source == "command" else None)
+            _direction(e, source, options.dead_band if source == "command" else None)
             if n == "direction"
-            else column_of(e, n, size)
+            else column_of(e, n)
             for n in names
         ]
     )
 
 
-def sample_count(e: Experiment) -> int:
-    """Number of samples of one experiment."""
-    return int(e.time.size) or max(s.values.size for s in e.signals.values())
-
-
-def column_of(e: Experiment, role: str, size: int) -> FloatArray:
+def column_of(e: Experiment, role: str) -> FloatArray:
     """Values of a role at every sample; a constant given by ``--step`` is spread out.
 
     Raises
@@ -102,7 +95,7 @@ def column_of(e: Experiment, role: str, size: int) -> FloatArray:
         When the log does not hold it and it cannot be computed.
     """
     if role == "velocity" and "velocity" not in e:
-        return _velocity(e, size)
+        return _velocity(e)
     if role not in e:
         raise LogError(
             f"the network needs '{role}', and there is none.",
@@ -110,16 +103,10 @@ def column_of(e: Experiment, role: str, size: int) -> FloatArray:
             remedy=f"Give --column {role}=HEADER, --step {role}=VALUE:VALUE for a constant, or "
             "--inputs without it.",
         )
-    s = e.signals[role]
-    if s.values.size == size:
-        return s.values
-    if not e.time.size:
-        return np.full(size, s.values[-1])
-    at = np.searchsorted(s.time, e.time, side="right")
-    return np.asarray(np.append(s.before, s.values)[at])
+    return e.sampled(role)
 
 
-def _velocity(e: Experiment, size: int) -> FloatArray:
+def _velocity(e: Experiment) -> FloatArray:
     """Velocity from position: local polynomials, or differences on uneven time [m/s]."""
     if e.time.size < 5 or "position" not in e:
         raise LogError(
@@ -127,17 +114,17 @@ def _velocity(e: Experiment, size: int) -> FloatArray:
             where=e.name,
             remedy="Give --column velocity=HEADER or --column time=HEADER, or --inputs without it.",
         )
-    position = column_of(e, "position", size)
+    position = column_of(e, "position")
     if e.uniform:
         return smooth(position, e.sample_time, 5).rate
     return np.asarray(np.gradient(position, e.time))
 
 
-def _direction(e: Experiment, size: int, source: str, dead_band: float | None) -> FloatArray:
+def _direction(e: Experiment, source: str, dead_band: float | None) -> FloatArray:
     """Motion state of each sample: the log's own, or the held sign of a change."""
     if "direction" in e:
-        return motion_state(column_of(e, "direction", size))
-    values = column_of(e, source, size)
+        return motion_state(column_of(e, "direction"))
+    values = column_of(e, source)
     band = choose_dead_band(values) if dead_band is None else dead_band
     return held_direction(values, band).astype(float)
 
