@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from .families import family_names, get_family
     from .fitting import fit
     from .logs import Log, StepInput, read_log
-    from .parameters import read_document
+    from .files import read_document
     from .result import FitResult
 
 __version__ = "0.1.0"
@@ -50,7 +50,7 @@ _HOMES = {
     "Log": "logs",
     "StepInput": "logs",
     "read_log": "logs",
-    "read_document": "parameters",
+    "read_document": "files",
     "FitResult": "result",
 }  # fmt: skip
 

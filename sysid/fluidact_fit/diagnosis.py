@@ -14,9 +14,12 @@ from typing import Any
 import numpy as np
 
 from .errors import Notice
+from .estimation.inputs import choose_hold
+from .estimation.noise import noise_floor
 from .estimation.uncertainty import fit_autoregression
 from .experiment import Experiment, FloatArray, Hold
-from .family import Estimate, Family, Request, Value, Variant
+from .family import Estimate, Family, FamilyOptions, Value, Variant
+from .outcome import Simulation
 
 _LAGS = 10
 _DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one
@@ -24,55 +27,47 @@ _LONG = 200_000  # samples beyond which a part of the log answers the same quest
 
 
 def diagnose(
-    family: Family,
+    family: Family[FamilyOptions],
     variant: Variant,
-    estimate: Estimate,
-    experiments: Sequence[Experiment],
-    request: Request,
+    estimate: Estimate[FamilyOptions],
+    fitted: Sequence[Simulation],
     declared: Collection[str] = (),
 ) -> tuple[dict[str, Any], list[Notice]]:
     """Examine a finished fit; returns entries for the file and warnings.
 
-    ``declared`` are the roles whose hold the user has given: what he knows is not asked
-    again, unless the data contradict it.
+    ``fitted`` are the runs simulated with the estimate. ``declared`` are the roles whose hold
+    the user has given: what he knows is not asked again, unless the data contradict it.
     """
     details: dict[str, Any] = {}
     notices: list[Notice] = []
-    if not all(e.time.size for e in experiments):
+    if not all(s.experiment.time.size for s in fitted):
         return details, notices
-    colour = _noise_or_model(estimate, experiments)
-    if colour is not None:
-        details["residual_to_noise"] = colour
-    holds, said = _other_holds(family, variant, estimate, experiments, request, declared)
+    ratio = _noise_or_model(fitted)
+    if ratio is not None:
+        details["residual_to_noise"] = ratio
+    holds, said = _other_holds(family, variant, estimate, fitted, declared)
     if holds:
         details["intersample"] = holds
     notices += said
-    correlation, said = _cross_correlation(variant, estimate, experiments)
+    correlation, said = _cross_correlation(variant, fitted)
     if correlation:
         details["cross_correlation"] = correlation
     return details, notices + said
 
 
-def noise_floor(values: FloatArray) -> float:
-    """Standard deviation of the white part of a signal, from its third differences."""
-    if values.size < 12:
-        return 0.0
-    return float(np.sqrt(np.mean(np.diff(values, 3) ** 2) / 20.0))
-
-
-def _noise_or_model(estimate: Estimate, experiments: Sequence[Experiment]) -> float | None:
+def _noise_or_model(fitted: Sequence[Simulation]) -> float | None:
     """Residual in units of the noise that the output itself shows.
 
     Near one, the residual is noise. Far above, it is what the model does not know.
     """
     error, floor, samples = 0.0, 0.0, 0
-    for y, model in zip(estimate.measured, estimate.simulated):
-        r = y - model
+    for s in fitted:
+        y, r = s.measured, s.measured - s.simulated
         used = np.isfinite(r)
         if used.sum() < 50:
             continue
         error += float(np.sum(r[used] ** 2))
-        floor += float(used.sum()) * noise_floor(y[used]) ** 2
+        floor += float(used.sum()) * noise_floor(y[used], robust=False) ** 2
         samples += int(used.sum())
     if samples == 0 or floor <= 0.0:
         return None
@@ -90,26 +85,29 @@ class _Shift:
 
 
 def _other_holds(
-    family: Family,
+    family: Family[FamilyOptions],
     variant: Variant,
-    estimate: Estimate,
-    experiments: Sequence[Experiment],
-    request: Request,
+    estimate: Estimate[FamilyOptions],
+    fitted: Sequence[Simulation],
     declared: Collection[str],
 ) -> tuple[dict[str, Any], list[Notice]]:
     """Judge the fit under the other hold of every role that drives the model."""
+    experiments = [s.experiment for s in fitted]
     if not estimate.sensitivity or sum(e.samples for e in experiments) > _LONG:
         return {}, []
-    values = {k: q.value for k, q in estimate.parameters.items()}
     table: dict[str, Any] = {}
     notices: list[Notice] = []
-    for role in variant.roles:
+    for role in variant.driving:
         driving = [e for e in experiments if role.name in e and e.signals[role.name].time.size > 1]
-        if role.hold is None or len(driving) < len(experiments):
+        if len(driving) < len(experiments):
             continue
-        now = experiments[0].signals[role.name].hold or role.hold
-        other: Hold = "foh" if now == "zoh" else "zoh"
-        found = _shift(family, variant, estimate, experiments, values, role.name, other, request)
+        now = experiments[0].signals[role.name].hold or "zoh"
+        if now == "zoh":
+            other = choose_hold([e.signals[role.name] for e in experiments])
+            other = "foh" if other == "zoh" else other
+        else:
+            other = "zoh"
+        found = _shift(family, variant, estimate, fitted, role.name, other)
         if found is None:
             continue
         table[role.name] = {
@@ -120,28 +118,27 @@ def _other_holds(
             "standard_errors": found.deviations,
             "evidence": found.evidence,
         }
-        said = _hold_notice(role.name, now, other, found, values)
+        said = _hold_notice(role.name, now, other, found, estimate.values)
         notices += [n for n in said if n.code == "hold-doubtful" or role.name not in declared]
     return table, notices
 
 
 def _shift(
-    family: Family,
+    family: Family[FamilyOptions],
     variant: Variant,
-    estimate: Estimate,
-    experiments: Sequence[Experiment],
-    values: Mapping[str, Value],
+    estimate: Estimate[FamilyOptions],
+    fitted: Sequence[Simulation],
     role: str,
     other: Hold,
-    request: Request,
 ) -> _Shift | None:
     """One Gauss-Newton step from the optimum under another hold."""
-    residuals, before = [], 0.0
-    for e, y, model in zip(experiments, estimate.measured, estimate.simulated):
-        signal = replace(e.signals[role], hold=other, moves=None)
-        turned = replace(e, signals={**e.signals, role: signal})
-        residuals.append(y - family.simulate(variant, values, turned, request.options))
-        before += float(np.sum((y - model) ** 2))
+    turned = []
+    for s in fitted:
+        signal = replace(s.experiment.signals[role], hold=other)
+        turned.append(replace(s.experiment, signals={**s.experiment.signals, role: signal}))
+    again = family.simulate(variant, estimate.values, turned, estimate.options)
+    residuals = [s.measured - a.output for s, a in zip(fitted, again)]
+    before = sum(float(np.sum((s.measured - s.simulated) ** 2)) for s in fitted)
     j, r = np.vstack(estimate.sensitivity), np.concatenate(residuals)
     if j.shape[0] != r.size or j.shape[1] == 0 or not np.all(np.isfinite(r)):
         return None
@@ -174,8 +171,12 @@ def _hold_notice(
         if isinstance(value, float) and value
         else ""
     )
-    words = {"zoh": "held between its samples", "foh": "moving between its samples"}
-    taken = words["zoh" if now == "zoh" else "foh"]
+    words = {
+        "zoh": "held between its samples",
+        "foh": "moving on straight lines between its samples",
+        "smooth": "moving on a smooth curve through its samples",
+    }
+    taken = words[now]
     if found.evidence < -_DECISIVE:
         lead = f"the data fit better with '{role}' {words[other]} than {taken}, as it was taken"
         code = "hold-doubtful"
@@ -187,13 +188,13 @@ def _hold_notice(
             code,
             f"{lead}; with --hold {role}={other} {found.parameter} would change by "
             f"{found.shift:+.3g}{share}, {abs(found.deviations):.1f} standard errors. Commands "
-            "are held (zoh), what a sensor measures moves (foh): say which this column is.",
+            "are held (zoh), what a sensor measures moves (foh or smooth): say which this column is.",
         )
     ]
 
 
 def _cross_correlation(
-    variant: Variant, estimate: Estimate, experiments: Sequence[Experiment]
+    variant: Variant, fitted: Sequence[Simulation]
 ) -> tuple[dict[str, Any], list[Notice]]:
     """Correlation of the residual with the input before and after it.
 
@@ -202,12 +203,10 @@ def _cross_correlation(
     """
     table: dict[str, Any] = {}
     notices: list[Notice] = []
-    for role in variant.roles:
-        if role.hold is None:
-            continue
+    for role in variant.driving:
         past, future, count = np.zeros(_LAGS), np.zeros(_LAGS), 0
-        for e, y, model in zip(experiments, estimate.measured, estimate.simulated):
-            pair = _whitened(e, role.name, y - model)
+        for s in fitted:
+            pair = _whitened(s.experiment, role.name, s.measured - s.simulated)
             if pair is None:
                 continue
             u, r = pair

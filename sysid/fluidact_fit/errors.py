@@ -7,7 +7,21 @@ an exit status; a notebook shows the same text.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+
+# Options whose keyword in Python is not the same word.
+_KEYWORDS = {
+    "fix": "fixed", "column": "columns", "unit": "units", "scale": "scales", "step": "steps",
+    "accept-failed": "accept_failed",
+}  # fmt: skip
+_MAPPINGS = {"fix", "start", "bounds", "column", "unit", "scale", "step", "hold"}
+_VALUE = r"\"[^\"]*\"|'[^']*'|\[[^\]]*\]|\.\.\.|[^\s,;()]*[^\s,;().:]"
+_OPTION = re.compile(
+    rf"--(?P<name>[a-z][a-z0-9]*(?:-[a-z0-9]+)*)"
+    rf"(?:[ =](?P<key>[A-Za-z_][A-Za-z0-9_]*)=(?P<item>{_VALUE})"
+    rf"|=(?P<value>{_VALUE})| (?P<number>-?[0-9][0-9.e+-]*[0-9]|-?[0-9]|[A-Z][A-Z0-9:_]*)\b)?"
+)
 
 
 @dataclass(frozen=True)
@@ -20,6 +34,31 @@ class Notice:
 
     code: str
     message: str
+
+
+def in_python(text: str) -> str:
+    """Turn a message in the words of the command line into those of Python.
+
+    ``--fix mass=54`` becomes ``fixed={'mass': 54}``, ``--dead-time`` becomes ``dead_time=``.
+    """
+
+    def keyword(found: re.Match[str]) -> str:
+        name = found["name"]
+        word = _KEYWORDS.get(name, name.replace("-", "_"))
+        if found["key"] is None:
+            value = found["value"] or found["number"] or ""
+            return f"{word}={_quoted(value)}" if value else word
+        if name in _MAPPINGS:
+            return f"{word}={{{found['key']!r}: {_quoted(found['item'])}}}"
+        return f"{word}={_quoted(found['key'] + '=' + found['item'])}"
+
+    return _OPTION.sub(keyword, text)
+
+
+def _quoted(value: str) -> str:
+    """Text as Python writes it; numbers, placeholders and what is quoted stay as they are."""
+    plain = re.fullmatch(r"[-+0-9.e]+|[A-Z0-9:_@]+|[\"'\[].*|\.\.\.|True|False|None", value)
+    return value if plain else repr(value)
 
 
 class FluidactError(Exception):
@@ -45,7 +84,12 @@ class FluidactError(Exception):
         self.expected = expected
         self.remedy = remedy
         head = f"{where}: {what}" if where else what
-        super().__init__("\n".join(part for part in (head, expected, remedy) if part))
+        self.text = "\n".join(part for part in (head, expected, remedy) if part)
+        super().__init__(self.text)
+
+    def __str__(self) -> str:
+        """The message in the words of Python; ``text`` has those of the command line."""
+        return in_python(self.text)
 
 
 class UsageError(FluidactError):

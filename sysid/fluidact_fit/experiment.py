@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
-Hold = Literal["zoh", "foh", "linear", "cubic"]
+Hold = Literal["zoh", "foh", "smooth", "auto"]
 
 
 @dataclass(frozen=True)
@@ -29,19 +29,16 @@ class Signal:
     unit
         The SI unit, for example ``"N"``.
     hold
-        How the signal moves between its instants: ``"zoh"`` stays, ``"foh"`` moves
-        continuously (straight lines, or a cubic where the samples show that the signal
-        is smooth), ``"linear"`` and ``"cubic"`` say which. ``None`` for signals that
-        drive nothing.
+        How the signal moves between its instants: ``"zoh"`` stays, ``"foh"`` (first-order
+        hold) moves on straight lines, ``"smooth"`` on a smooth curve through the samples.
+        ``"auto"`` has yet to be settled, once for all logs of a fit, between the last two.
+        ``None`` for signals that drive nothing.
     before
         Value before the first instant [SI unit]; the first value unless a step said
         otherwise.
     resolution
         Smallest distance between two distinct neighbouring values that the log shows
         (converter or print resolution) [SI unit]; 0 when the signal is constant.
-    moves
-        What a hold of ``"foh"`` was found to mean for this signal, decided once for all
-        logs of a fit; ``None`` when nobody has looked yet.
     """
 
     role: str
@@ -51,7 +48,6 @@ class Signal:
     hold: Hold | None = None
     before: float = 0.0
     resolution: float = 0.0
-    moves: Literal["zoh", "linear", "cubic"] | None = None
 
 
 @dataclass(frozen=True)

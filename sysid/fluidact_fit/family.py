@@ -1,9 +1,8 @@
 """The contract that every model family fills in.
 
-A family is one file in ``families`` and one line in its registry. Everything else
-(the subcommand and its help, the parameter names a file may hold, the JSON Schema,
-the generic tests) iterates over the registry and knows families only through the
-types below.
+A family is one file or package in ``families`` and one line in its registry. Everything else
+(the subcommand and its help, the parameter names a file may hold, the JSON Schema, the
+generic tests) iterates over the registry and knows families only through the types below.
 """
 
 from __future__ import annotations
@@ -11,127 +10,49 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from .block import Block
 from .errors import Notice
 from .experiment import Experiment, FloatArray, Hold
+from .options import FamilyOptions
+from .parameters.document import ParameterDocument
+from .specification import ParameterSpec, Quantity, Role, Status, Value, Variant, scalars
 
-if TYPE_CHECKING:
-    from .estimation.information import Information
+__all__ = [
+    "Block",
+    "Curve",
+    "Estimate",
+    "Family",
+    "FamilyOptions",
+    "Information",
+    "ParameterDocument",
+    "ParameterSpec",
+    "Quantity",
+    "Request",
+    "Role",
+    "Simulated",
+    "StaticView",
+    "Status",
+    "Value",
+    "Variant",
+    "scalars",
+]
 
-Value = float | list[float] | list[list[float]]
-Status = Literal["estimated", "fixed", "derived", "not_identified"]
-
-
-@dataclass(frozen=True)
-class Role:
-    """A quantity that a family needs from a log.
-
-    ``hold`` is the default intersample behaviour of a role that drives the model and
-    ``None`` for all others. ``output`` marks the role that is compared with the model.
-    ``alternatives`` are SI units of other dimensions that are accepted as well: a valve
-    may be commanded in volts, amperes or as a number.
-    """
-
-    name: str
-    unit: str
-    description: str
-    required: bool = True
-    hold: Hold | None = None
-    output: bool = False
-    alternatives: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class ParameterSpec:
-    """A parameter as it stands in the file.
-
-    Attributes
-    ----------
-    name, unit, description
-        As written; SI.
-    neutral
-        The value written when the data cannot determine it; ``None`` when it has no
-        neutral value, in which case the run ends without a file.
-    minimum, maximum
-        Closed physical range every file has to respect.
-    rank
-        0 for a number, 1 for a list, 2 for a list of lists.
-    length
-        Required length of a list, ``None`` when free.
-    remedy
-        The experiment that determines the parameter, a whole sentence.
-    optional
-        Whether a file may lack it (a ``viscous`` replaced by two one-sided values).
-    any_unit
-        Whether the unit depends on the log (the gain of a valve); its dimension is then
-        not checked.
-    """
-
-    name: str
-    unit: str
-    description: str
-    neutral: float | None = None
-    minimum: float = -np.inf
-    maximum: float = np.inf
-    rank: Literal[0, 1, 2] = 0
-    length: int | None = None
-    remedy: str = ""
-    optional: bool = False
-    any_unit: bool = False
+O = TypeVar("O", bound=FamilyOptions)
 
 
 @dataclass(frozen=True)
-class Option:
-    """A family's own option; becomes ``--name`` on the command line.
-
-    ``kind`` is ``"choice"``, ``"float"``, ``"int"``, ``"flag"``, ``"text"`` or
-    ``"range"`` (``LOW:HIGH``). A value of ``None`` means: not given.
-    """
-
-    name: str
-    kind: Literal["choice", "float", "int", "flag", "text", "range"]
-    help: str
-    default: Any = None
-    choices: tuple[str, ...] = ()
-    unit: str = ""
-    minimum: float = -np.inf
-
-
-@dataclass(frozen=True)
-class Variant:
-    """A set of roles with the parameter table that goes with it.
-
-    Most families have one. ``ball-screw`` has a rotary one (torque, angle, inertia)
-    and a linear one (force, position, mass).
-    """
-
-    name: str
-    roles: tuple[Role, ...]
-    parameters: tuple[ParameterSpec, ...]
-
-    def role(self, name: str) -> Role:
-        """Return the role of that name; raises ``KeyError`` when there is none."""
-        return next(r for r in self.roles if r.name == name)
-
-    @property
-    def output(self) -> Role:
-        """The role that is compared with the model."""
-        return next(r for r in self.roles if r.output)
-
-
-@dataclass(frozen=True)
-class Request:
+class Request(Generic[O]):
     """What the user chose: everything of a fit that is not data.
 
-    ``fixed``, ``start`` and ``bounds`` are in SI and keyed by parameter name;
-    ``options`` holds the family's own options by name, defaults filled in.
+    ``fixed``, ``start`` and ``bounds`` are in SI and keyed by parameter name.
     """
 
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: O
     fixed: Mapping[str, float] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -140,23 +61,11 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """One parameter of a result.
-
-    ``method`` says how the interval was made (``"wald"``, ``"profile"``, ...).
-    """
-
-    value: Value
-    unit: str
-    status: Status = "estimated"
-    std_error: Value | None = None
-    ci95: Any | None = None
-    method: str | None = None
-
-
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(Generic[O]):
     """What a family returns from a fit.
+
+    What the model gives with these values is not part of it: that is computed by
+    :meth:`Family.simulate` from what is written, once and for everybody.
 
     Attributes
     ----------
@@ -167,10 +76,9 @@ class Estimate:
     covariance_order, covariance
         Names (list entries as ``control_points[2]``) and the matrix, shape ``(p, p)``
         [product of the units]. Both empty when there is no covariance.
-    simulated
-        Model output per experiment at the log's own instants, shape ``(n_i,)`` [SI].
-    measured
-        What it is compared with, same shapes. NaN where a sample was left out.
+    options
+        The options with everything settled that the fit chose: sizes asked for as ``auto``,
+        dead bands and filters found from the noise. The file holds them.
     notices
         Warnings.
     details
@@ -179,21 +87,65 @@ class Estimate:
         Optional: derivative of every experiment's output by the first entries of
         ``covariance_order``, unknowns of single logs projected out, shape ``(n_i, q)``.
         Lets the fit be examined without being repeated.
-    options
-        Options that the fit settled, such as a size that was asked for as ``auto``: the
-        file holds them, and simulation sees them, in place of the user's.
     """
 
     parameters: Mapping[str, Quantity]
     derived: Mapping[str, Quantity]
     covariance_order: tuple[str, ...]
     covariance: FloatArray
-    simulated: Sequence[FloatArray]
-    measured: Sequence[FloatArray]
+    options: O
     notices: Sequence[Notice] = ()
     details: Mapping[str, Any] = field(default_factory=dict)
     sensitivity: Sequence[FloatArray] = ()
-    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def values(self) -> dict[str, Value]:
+        """Plain values by name."""
+        return {k: q.value for k, q in self.parameters.items()}
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What the model gives for one run.
+
+    Attributes
+    ----------
+    output
+        At the log's own instants, shape ``(n,)`` [SI].
+    used
+        Samples that the model claims to describe, shape ``(n,)``; ``None``: all of them. Slow
+        samples of a friction map and clipped readings are not.
+    offset
+        Offset of the output that belongs to this log [SI]; ``None`` where there is none.
+    """
+
+    output: FloatArray
+    used: npt.NDArray[np.bool_] | None = None
+    offset: float | None = None
+
+
+@dataclass(frozen=True)
+class Information:
+    """Sensitivity of one experiment's output to the parameters.
+
+    Attributes
+    ----------
+    names
+        Of the columns of ``jacobian``.
+    jacobian
+        Derivative of the output, what belongs to the log projected out, shape ``(n, p)``
+        [unit of the output per unit of the parameter].
+    output
+        Simulated output from rest, shape ``(n,)`` [SI].
+    floor
+        Standard errors of parameters that are bracketed and not fitted: a static level
+        lies between two commanded ones, however small the noise [unit of the parameter].
+    """
+
+    names: tuple[str, ...]
+    jacobian: FloatArray
+    output: FloatArray
+    floor: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -235,37 +187,46 @@ class StaticView:
     points: Curve | None = None
 
 
-class Block(ABC):
-    """What a controller holds after loading a parameter file.
-
-    Static maps are called with arrays; dynamic blocks step once per sample.
-    """
-
-    family: str
-    parameters: Mapping[str, Value]
-
-
-class Family(ABC):
+class Family(ABC, Generic[O]):
     """A model family: equation, roles, parameters, estimation, and what a controller runs.
 
     Subclasses set the class attributes and fill in the abstract methods. The equation
     itself is a plain function of the module that can be used without any fitter.
+
+    Attributes
+    ----------
+    name
+        Kebab-case; the subcommand and what a file names.
+    title, equation
+        For people: one line each.
+    variants
+        Sets of roles with the parameter tables that go with them.
+    options_type
+        The family's own options (:mod:`.options`).
+    steady_offset
+        Whether the output carries an offset at rest that a controller needs, such as the
+        pressure at which a valve idles. The file then holds its mean over the logs.
     """
 
-    name: ClassVar[str]
-    title: ClassVar[str]
-    equation: ClassVar[str]
-    variants: ClassVar[tuple[Variant, ...]]
-    options: ClassVar[tuple[Option, ...]] = ()
+    name: str
+    title: str
+    equation: str
+    variants: tuple[Variant, ...]
+    options_type: type[O]
+    steady_offset: ClassVar[bool] = False
 
-    def variants_for(self, options: Mapping[str, Any]) -> tuple[Variant, ...]:
+    def variants_for(self, options: O) -> tuple[Variant, ...]:
         """Variants that can be meant under the given options; usually all of them."""
         return self.variants
 
+    def variant(self, name: str | None) -> Variant:
+        """The variant of that name; a single one need not be named."""
+        return next((v for v in self.variants if v.name == name), self.variants[0])
+
     @abstractmethod
     def estimate(
-        self, variant: Variant, experiments: Sequence[Experiment], request: Request
-    ) -> Estimate:
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request[O]
+    ) -> Estimate[O]:
         """Fit the family to the experiments.
 
         Raises
@@ -280,28 +241,50 @@ class Family(ABC):
     def simulate(
         self,
         variant: Variant,
-        parameters: Mapping[str, Value],
-        experiment: Experiment,
-        options: Mapping[str, Any],
-    ) -> FloatArray:
-        """Simulate the output of an experiment from its inputs, shape ``(n,)`` [SI].
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        options: O,
+        offset: float | None = None,
+    ) -> list[Simulated]:
+        """Simulate the outputs of experiments from their inputs.
 
-        Offset and initial state, which belong to a log and not to the machine, are
-        fitted to the experiment's own output when it has one.
+        Offset and initial state, which belong to a log and not to the machine, are fitted
+        to the experiment's own output where it has one (runs of one log share their
+        offset). Where it has none the run starts from rest, about ``offset`` [SI].
+
+        Parameters
+        ----------
+        values
+            As written in the file.
+        options
+            As settled by the fit: nothing is chosen anew.
         """
 
-    def model_section(
-        self, variant: Variant, parameters: Mapping[str, Value], sample_time: float, hold: Hold
+    @abstractmethod
+    def block(self, variant: Variant, document: ParameterDocument) -> Block:
+        """Return the object that ``fluidact_fit.load`` gives a controller."""
+
+    def model(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        options: O,
+        sample_time: float,
+        hold: Hold,
     ) -> dict[str, Any]:
-        """Return the ``model`` part of the file: what a controller runs."""
+        """Return the ``model`` part of the file: what a controller runs.
+
+        It has to change with every parameter: a reader compares it with the parameters, so
+        that neither can be edited alone.
+        """
         return {}
 
     def information(
         self,
         variant: Variant,
-        parameters: Mapping[str, Value],
+        values: Mapping[str, Value],
         experiment: Experiment,
-        options: Mapping[str, Any],
+        options: O,
     ) -> Information | None:
         """Return what an experiment would tell about the parameters, from its inputs alone.
 
@@ -312,13 +295,13 @@ class Family(ABC):
     def static_view(
         self,
         variant: Variant,
-        estimate: Estimate,
+        values: Mapping[str, Value],
         experiments: Sequence[Experiment],
-        options: Mapping[str, Any],
+        simulated: Sequence[Simulated],
+        options: O,
     ) -> StaticView | None:
-        """Return what a picture of a static map shows, ``None`` for a dynamic model."""
-        return None
+        """Return what a picture of a static map shows, ``None`` for a dynamic model.
 
-    def block(self, variant: Variant, document: Mapping[str, Any]) -> Block | None:
-        """Return the object that ``fluidact_fit.load`` gives a controller."""
+        ``simulated`` is what :meth:`simulate` gave for the experiments.
+        """
         return None

@@ -1,56 +1,41 @@
-"""What a fit returns: numbers, curves, and the document that becomes a parameter file."""
+"""What a fit returns: numbers, curves, pictures, and the document that becomes a file."""
 
 from __future__ import annotations
 
+import html
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from .errors import Notice
-from .experiment import Experiment, FloatArray
-from .family import Estimate, Quantity, Variant
+from .errors import in_python
+from .experiment import FloatArray
+from .family import Quantity
+from .logs import Log, read_log
+from .outcome import Outcome, Simulation
+from .parameters import save_document
+from .simulation import simulate_logs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
-class Simulation:
-    """A log that was simulated with the fitted parameters: judged, never fitted."""
+@dataclass(frozen=True, repr=False)
+class FitResult(Outcome):
+    """A finished fit; see :class:`.outcome.Outcome` for what it holds.
 
-    experiment: Experiment
-    simulated: FloatArray
-    measured: FloatArray
-
-
-@dataclass(frozen=True)
-class FitResult:
-    """A finished fit.
-
-    Attributes
-    ----------
-    family, variant
-        What was fitted.
-    estimate
-        Parameters, covariance, simulated output (:class:`.family.Estimate`).
-    experiments
-        The data that were fitted.
-    validation
-        Logs that were only judged.
-    document
-        The parameter document, ready to be written.
-    notices
-        All warnings, those of the reader included.
+    ``summary()`` tells it in words, ``plot()`` shows it, ``save()`` writes it, ``simulate()``
+    runs it on another log.
     """
 
-    family: str
-    variant: Variant
-    estimate: Estimate
-    experiments: Sequence[Experiment]
-    validation: Sequence[Simulation]
-    document: Mapping[str, Any]
-    notices: Sequence[Notice] = field(default_factory=tuple)
+    def __repr__(self) -> str:
+        fit = self.document.fit
+        return (
+            f"<FitResult {self.family}: verdict {fit.verdict}, {len(self.parameters)} parameters, "
+            f"rmse {fit.rmse.value:.4g} {fit.rmse.unit}, {len(self.fitted)} runs, "
+            f"{len(self.notices)} warnings>"
+        )
 
     @property
     def parameters(self) -> Mapping[str, Quantity]:
@@ -75,7 +60,37 @@ class FitResult:
     @property
     def verdict(self) -> str:
         """``pass``, ``warn`` or ``fail``."""
-        return str(self.document["fit"]["verdict"])
+        return str(self.document.fit.verdict)
+
+    def summary(self) -> str:
+        """Verdict, parameters with intervals, and warnings, as text."""
+        fit = self.document.fit
+        lines = [
+            f"{self.family}: verdict {fit.verdict}, rmse {fit.rmse.value:.4g} {fit.rmse.unit}"
+            + ("" if fit.fit_percent is None else f", fit {fit.fit_percent:.2f} %")
+        ]
+        rows = [_row(name, q) for name, q in self.parameters.items()]
+        widths = [max(len(row[k]) for row in rows) for k in range(3)]
+        lines += [
+            "  " + "  ".join((r[0].ljust(widths[0]), r[1].rjust(widths[1]), r[2].ljust(widths[2])))
+            + f"  {r[3]}"
+            for r in rows
+        ]
+        lines += [f"[{n.code}] {in_python(n.message)}" for n in self.notices]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """Table of the parameters, for notebooks."""
+        rows = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _row(name, q)) + "</tr>"
+            for name, q in self.parameters.items()
+        )
+        said = "".join(f"<li>{html.escape(in_python(n.message))}</li>" for n in self.notices)
+        head = "<tr><th>parameter</th><th>value</th><th>unit</th><th>95 % interval</th></tr>"
+        return (
+            f"<p>{html.escape(repr(self)[1:-1])}</p><table>{head}{rows}</table>"
+            + (f"<ul>{said}</ul>" if said else "")
+        )
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the parameter file atomically and return its path.
@@ -85,12 +100,34 @@ class FitResult:
         OutputError
             When the file exists and ``overwrite`` is false, or cannot be written.
         """
-        from .parameters import save_document
-
         return save_document(self.document, path, overwrite=overwrite)
+
+    def simulate(
+        self, logs: Log | str | PathLike[str] | Sequence[Log | str | PathLike[str]]
+    ) -> list[Simulation]:
+        """Simulate other logs, one entry per run; columns are bound as those of the fit were.
+
+        Raises
+        ------
+        LogError, UsageError
+            When a log does not have what the model needs.
+        """
+        given = [logs] if isinstance(logs, Log | str | PathLike) else list(logs)
+        return simulate_logs(
+            self.document, [x if isinstance(x, Log) else read_log(x) for x in given]
+        )
 
     def plot(self) -> Figure:
         """Return a figure: measured against simulated, residuals, and the curve of a map."""
         from .report import plot_result
 
         return plot_result(self)
+
+
+def _row(name: str, q: Quantity) -> tuple[str, str, str, str]:
+    """Name, value, unit and interval of a parameter as text."""
+    if isinstance(q.value, list):
+        return name, f"[{len(q.value)} entries]", q.unit, q.status.replace("_", " ")
+    if isinstance(q.ci95, list | tuple) and q.status == "estimated":
+        return name, f"{q.value:.6g}", q.unit, f"{q.ci95[0]:.6g} .. {q.ci95[1]:.6g}"
+    return name, f"{q.value:.6g}", q.unit, q.status.replace("_", " ")

@@ -2,17 +2,7 @@
 
 from __future__ import annotations
 
-from .base import ModelBlock, ValidRange
-from .drive import DriveBlock
-from .dynamic import DynamicBlock, HammersteinBlock, TransferFunction
-from .loading import load
+from ..block import Block, ValidRange
+from .loading import load, make_block
 
-__all__ = [
-    "DriveBlock",
-    "DynamicBlock",
-    "HammersteinBlock",
-    "ModelBlock",
-    "TransferFunction",
-    "ValidRange",
-    "load",
-]
+__all__ = ["Block", "ValidRange", "load", "make_block"]

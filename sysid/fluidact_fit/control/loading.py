@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Collection
 
-from ..errors import ParameterFileError
+from ..block import Block
+from ..errors import StrictError
 from ..families import get_family
-from ..family import Block, Family, Variant
-from ..parameters import ParameterDocument, read_document
-from .base import ModelBlock, Port
-from .drive import DriveBlock, has_stick_slip
-from .dynamic import DynamicBlock, HammersteinBlock
-from .section import check_agreement, read_section
+from ..parameters import read_document
+from ..parameters.document import ParameterDocument
 
 
-def load(path: str | os.PathLike[str]) -> Block:
+def load(
+    path: str | os.PathLike[str],
+    *,
+    accept_failed: bool = False,
+    accept_not_identified: bool | Collection[str] = False,
+) -> Block:
     """Load a parameter file as the block a controller runs.
 
     Only the file is read: no log, no code, and nothing the file might point to.
@@ -23,62 +26,47 @@ def load(path: str | os.PathLike[str]) -> Block:
     ----------
     path
         The file.
+    accept_failed
+        Load it although its verdict is FAIL: the model did not describe its own logs.
+    accept_not_identified
+        Names of parameters that may be used although the data could not determine them, or
+        ``True`` for all.
 
     Returns
     -------
     Block
-        A static map is called with arrays; a dynamic block (:class:`.ModelBlock`) has
-        ``step``, ``simulate``, ``reset``, ``validity`` and ``outside``.
+        A static map is called with arrays; a dynamic block has ``step``, ``simulate`` and
+        ``reset``. All have ``parameters``, ``validity``, ``outside`` and ``not_identified``.
 
     Raises
     ------
     ParameterFileError
         Naming every problem: what cannot be read, what is missing, and a model that does
         not agree with the parameters beside it.
+    StrictError
+        When the fit failed and that was not accepted.
     """
-    return make_block(read_document(path), os.fspath(path))
+    document = read_document(path, get_family)
+    block = make_block(document, accept_failed=accept_failed, where=os.fspath(path))
+    block.accept(accept_not_identified)
+    return block
 
 
-def make_block(document: ParameterDocument, where: str = "the document") -> Block:
+def make_block(
+    document: ParameterDocument, *, accept_failed: bool = False, where: str = "the document"
+) -> Block:
     """Build the block of a document that has been read.
 
     Raises
     ------
-    ParameterFileError
-        When its ``model`` part is damaged.
+    StrictError
+        When the fit failed and that was not accepted.
     """
+    if document.fit.verdict == "fail" and not accept_failed:
+        raise StrictError(
+            "the fit of this file failed: its model does not describe the logs it was fitted to",
+            where=where,
+            remedy="Fit again, or load it all the same with load(path, accept_failed=True).",
+        )
     family = get_family(document.family)
-    variant = _variant(document, family)
-    own = family.block(variant, document.to_dict())
-    return _generic(document, family, variant, where) if own is None else own
-
-
-def _variant(document: ParameterDocument, family: Family) -> Variant:
-    for variant in family.variants:
-        if variant.name == document.variant:
-            return variant
-    names = set(document.parameters)
-    return next(
-        (v for v in family.variants if names <= {p.name for p in v.parameters}),
-        family.variants[0],
-    )
-
-
-def _generic(
-    document: ParameterDocument, family: Family, variant: Variant, where: str
-) -> ModelBlock:
-    """The block that the ``model`` part describes."""
-    section = read_section(document, where)
-    check_agreement(document, family, variant, where)
-    drives = [r for r in variant.roles if r.hold is not None]
-    if not drives:
-        problem = ("model", f"{family.name} has no input that a block could run from")
-        raise ParameterFileError(where, [problem])
-    ports = [
-        Port(r.name, document.validity[r.name].unit if r.name in document.validity else r.unit)
-        for r in (drives[0], variant.output)
-    ]
-    if has_stick_slip(document):
-        return DriveBlock(document, section, *ports)
-    kind = DynamicBlock if section.dead_zone is None else HammersteinBlock
-    return kind(document, section, *ports)
+    return family.block(family.variant(document.variant), document)

@@ -25,7 +25,7 @@ import numpy as np
 
 from ..experiment import FloatArray
 from .gray_box import STATE_SCALE, GrayBox, GrayLog, GraySolution
-from .input_noise import noise_of
+from .noise import noise_floor
 from .uncertainty import Uncertainty, enlarge
 
 _ENOUGH = 20_000  # samples of a log that the likelihood looks at
@@ -66,7 +66,7 @@ def with_command_noise(
         own = solution.jacobian[k].reshape(len(log.channels), log.samples, -1)
         white = white_levels(solution.residuals[k].reshape(len(log.channels), -1))
         middle += np.einsum("c,cnp,cnq->pq", white**2, own, own)
-        sigma = noise_of(log.command)
+        sigma = noise_floor(log.command, 4)
         if sigma == 0.0:
             continue
         transition, drive = box.per_sample(log, solution.states[k], solution.values)

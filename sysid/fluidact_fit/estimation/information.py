@@ -15,40 +15,16 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..experiment import FloatArray
+from ..family import Information
 from .parametric import NamedModel, Values
 from .separable import Basis, differentiate
-
-
-@dataclass(frozen=True)
-class Information:
-    """Sensitivity of one experiment's output to the parameters.
-
-    Attributes
-    ----------
-    names
-        Of the columns of ``jacobian``.
-    jacobian
-        Derivative of the output, what belongs to the log projected out, shape ``(n, p)``
-        [unit of the output per unit of the parameter].
-    output
-        Simulated output from rest, shape ``(n,)`` [SI].
-    floor
-        Standard errors of parameters that are bracketed and not fitted: a static level
-        lies between two commanded ones, however small the noise [unit of the parameter].
-    """
-
-    names: tuple[str, ...]
-    jacobian: FloatArray
-    output: FloatArray
-    floor: Mapping[str, float] = field(default_factory=dict)
 
 
 def sensitivity(model: NamedModel, values: Values, level: float = 0.0) -> Information:

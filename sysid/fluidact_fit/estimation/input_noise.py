@@ -26,17 +26,6 @@ from .uncertainty import fit_autoregression
 _PAIRS = 16
 
 
-def noise_of(values: FloatArray) -> float:
-    """Standard deviation of the white noise on a smooth signal, from fourth differences.
-
-    The median leaves jumps and corners out: they are signal, and they are few.
-    """
-    if values.size < 30:
-        return 0.0
-    # squared weights of the fourth difference add to 70
-    return float(1.4826 * np.median(np.abs(np.diff(values, 4))) / np.sqrt(70.0))
-
-
 def moving_inputs(experiments: Sequence[Experiment]) -> list[str]:
     """Roles that a sensor measured while they moved."""
     first = experiments[0]

@@ -8,13 +8,13 @@ this point is exact for that polynomial.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import FloatArray, Signal
+from ..experiment import Experiment, FloatArray, Hold, Signal
 
 Array = npt.NDArray[Any]
 
@@ -95,18 +95,16 @@ def piecewise(signal: Signal, *, level: float = 0.0) -> PiecewiseInput:
     Parameters
     ----------
     signal
-        Values at instants, with ``hold`` ``"zoh"`` (stays), ``"linear"`` (straight
-        lines), ``"cubic"`` (spline through the samples) or ``"foh"`` (moves
-        continuously: the cubic when :func:`is_smooth`, straight lines otherwise). The
-        last value stays.
+        Values at instants, with ``hold`` ``"zoh"`` (stays), ``"foh"`` (straight lines) or
+        ``"smooth"`` (cubic spline through the samples). The last value stays.
     level
         Level of rest that is subtracted [unit of the signal].
     """
     values = signal.values - level
-    kind = interpolation(signal)
+    kind = settled_hold(signal)
     if kind == "zoh":
         return PiecewiseInput(signal.time, values[:, None])
-    if kind == "cubic":
+    if kind == "smooth":
         from scipy.interpolate import CubicSpline
 
         pieces = CubicSpline(signal.time, values).c[::-1].T
@@ -116,13 +114,43 @@ def piecewise(signal: Signal, *, level: float = 0.0) -> PiecewiseInput:
     return PiecewiseInput(signal.time, np.column_stack((values, slope)))
 
 
-def interpolation(signal: Signal) -> str:
-    """How the signal is taken to move between samples: ``zoh``, ``linear`` or ``cubic``."""
-    if signal.hold in (None, "zoh") or signal.values.size < 4:
-        return "zoh" if signal.hold in (None, "zoh") or signal.values.size < 2 else "linear"
-    if signal.hold == "foh":
-        return signal.moves or ("cubic" if is_smooth([signal]) else "linear")
-    return str(signal.hold)
+def settled_hold(signal: Signal) -> Hold:
+    """How a signal moves between its samples; too few of them hold no smooth curve."""
+    if signal.hold is None or signal.values.size < 2:
+        return "zoh"
+    if signal.hold == "smooth" and signal.values.size < 4:
+        return "foh"
+    assert signal.hold != "auto", f"the hold of {signal.role} was never settled"
+    return signal.hold
+
+
+def choose_hold(signals: Sequence[Signal]) -> Hold:
+    """Settle ``auto`` for one role of all logs: held on two levels, else lines or a smooth curve."""
+    levels = set()
+    for s in signals:
+        levels.update(np.unique(s.values[:10_000]).tolist())
+        if len(levels) > 2:
+            return "smooth" if is_smooth(signals) else "foh"
+    return "zoh"
+
+
+def settle_holds(experiments: Sequence[Experiment]) -> list[Experiment]:
+    """Replace the hold ``auto`` of every role by what the logs together show."""
+    open_roles = {r for e in experiments for r, s in e.signals.items() if s.hold == "auto"}
+    chosen = {
+        role: choose_hold([e.signals[role] for e in experiments if role in e])
+        for role in open_roles
+    }
+    return [
+        replace(
+            e,
+            signals={
+                r: replace(s, hold=chosen[r]) if s.hold == "auto" else s
+                for r, s in e.signals.items()
+            },
+        )
+        for e in experiments
+    ]
 
 
 def apply_dead_zone(u: PiecewiseInput, negative: complex, positive: complex) -> PiecewiseInput:

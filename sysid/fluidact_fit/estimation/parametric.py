@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import Notice, NotIdentifiedError, UsageError
+from ..errors import Notice, UsageError
 from ..experiment import Experiment, FloatArray, Signal
-from ..family import ParameterSpec, Quantity, Request, Value
+from ..family import ParameterSpec, Quantity, Request
 from .agreement_of_logs import Drift, compare_logs
 from .profile_likelihood import Interval, profile_interval
+from .results import Refusal, Solved, determine, left_open
 from .separable import Basis, Problem, Search, Slopes, Solution, Unknown, solve, solve_from
 from .uncertainty import Uncertainty, covariance, score_covariance, t_quantile
 
@@ -85,19 +86,6 @@ class NamedModel:
     def every_linear(self) -> tuple[str, ...]:
         """Linear parameters and nuisance unknowns, in the order of the columns."""
         return (*self.linear, *self.nuisance)
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """A parameter that the data cannot determine, and why.
-
-    ``hold`` is the value at which it is held while the others are fitted; the neutral
-    value of its specification when ``None``. That one is written in any case.
-    """
-
-    parameter: str
-    reason: str
-    hold: float | None = None
 
 
 class _Bound:
@@ -230,19 +218,22 @@ def check_request(specs: Sequence[ParameterSpec], request: Request) -> None:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A finished fit: values by name, covariance, and what is known of its quality.
+    """A finished search: values by name, covariance, and what is known of its quality.
 
-    ``names`` is the order of ``uncertainty.covariance``. ``status`` holds a word for
-    every parameter. ``factors`` are the weights by log that made its residuals as large
-    as those of the others; ``logs`` tells the log of every experiment.
+    ``names`` is the order of ``uncertainty.covariance``; names that are no parameters belong
+    to single logs. ``fixed`` and ``refused`` hold what was not estimated. ``factors`` are the
+    weights by log that made its residuals as large as those of the others; ``logs`` tells
+    the log of every experiment.
     """
 
     values: dict[str, float]
     names: tuple[str, ...]
     uncertainty: Uncertainty
-    status: dict[str, str]
     search: Search
     solution: Solution
+    specs: Mapping[str, ParameterSpec]
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    refused: Mapping[str, Refusal] = field(default_factory=dict)
     notices: list[Notice] = field(default_factory=list)
     unknowns: Mapping[str, Unknown] = field(default_factory=dict)
     remarks: Mapping[str, Any] = field(default_factory=dict)
@@ -250,11 +241,38 @@ class Fitted:
     factors: Mapping[int, float] = field(default_factory=dict)
     logs: Sequence[int] = ()
 
+    @property
+    def solved(self) -> Solved:
+        """Values and covariance, as every family hands them on."""
+        return Solved(
+            self.values, self.names, self.uncertainty.covariance, self.uncertainty.degrees,
+            self.fixed, self.refused, self.intervals,
+        )  # fmt: skip
+
+    def quantities(
+        self, specs: Sequence[ParameterSpec], units: Mapping[str, str] | None = None
+    ) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray]:
+        """As :meth:`.results.Solved.quantities`."""
+        return self.solved.quantities(specs, units)
+
+    def derive(
+        self, units: Mapping[str, str], function: Callable[[Values], Mapping[str, Any]]
+    ) -> dict[str, Quantity]:
+        """As :meth:`.results.Solved.derive`."""
+        return self.solved.derive(units, function)
+
+    def std_error(self, name: str) -> float:
+        """Standard error of an estimated value."""
+        return self.solved.std_error(name)
+
+    def _reported(self) -> list[int]:
+        return [k for k, n in enumerate(self.names) if n in self.specs]
+
     def sensitivity(self) -> list[FloatArray]:
         """Derivative of every output by the reported parameters, nuisance projected out."""
         if self.uncertainty.order < 0:
             return []  # the rows are not samples of the output alone
-        kept = [k for k, n in enumerate(self.names) if self.status.get(n) == "estimated"]
+        kept = self._reported()
         other = [k for k in range(len(self.names)) if k not in kept]
         stacked = np.vstack(self.solution.jacobian)
         wanted = stacked[:, kept]
@@ -273,7 +291,7 @@ class Fitted:
         """Leave-one-log-out errors and drift, for the file, and what is worth a warning."""
         logs = [e.log for e in experiments]
         every = list(dict.fromkeys(logs))
-        kept = [k for k, n in enumerate(self.names) if self.status.get(n) == "estimated"]
+        kept = self._reported()
         if len(every) < 2 or not kept or self.uncertainty.order < 0:
             return {}, []
         label = {e.log: e.name.split("#")[0] for e in experiments}
@@ -318,11 +336,6 @@ class Fitted:
             **self.remarks,
         }
 
-    def std_error(self, name: str) -> float:
-        """Standard error of an estimated parameter."""
-        k = self.names.index(name)
-        return float(np.sqrt(max(self.uncertainty.covariance[k, k], 0.0)))
-
 
 def _matters(drift: Drift, values: Mapping[str, float]) -> bool:
     """Whether a drift is significant, and large enough to be anything but a technicality."""
@@ -337,27 +350,6 @@ def _drift_notice(drift: Drift, label: Mapping[int, str], values: Mapping[str, f
         f"differs by {drift.difference:+.3g} ({share:+.1f} %), {abs(drift.deviations):.1f} "
         f"standard errors (p = {drift.p_value:.1g}). Check whether it comes from the same "
         "machine in the same state; leave it out or fit it apart.",
-    )
-
-
-def refuse(spec: ParameterSpec, reason: str) -> Notice:
-    """Make the warning for a parameter that is written without having been measured.
-
-    Raises
-    ------
-    NotIdentifiedError
-        When the parameter has no neutral value to write.
-    """
-    if spec.neutral is None:
-        raise NotIdentifiedError(
-            f"the data cannot determine {spec.name}: {reason}",
-            expected="Nothing was written.",
-            remedy=spec.remedy,
-        )
-    return Notice(
-        "not-identified",
-        f"{spec.name} cannot be determined from these data: {reason} "
-        f"It is written as {spec.neutral:g} {spec.unit}, status not_identified. {spec.remedy}",
     )
 
 
@@ -394,62 +386,81 @@ def fit_named(
     by_name = {s.name: s for s in specs}
     every = (*model.nonlinear, *model.linear)
     fixed = {n: float(request.fixed[n]) for n in every if n in request.fixed}
-    refused = {r.parameter: r for r in refusals if r.parameter not in fixed}
-    notices = [refuse(by_name[r.parameter], r.reason) for r in refused.values()]
-    for _ in range(len(every) + 1):
-        held = dict(fixed)
-        for name, r in refused.items():
-            hold = r.hold if r.hold is not None else by_name[name].neutral
-            held[name] = float(hold if hold is not None else 0.0)
-        problem = bind(model, unknowns, held)
-        begin = [np.array([s[u.name] for u in problem.nonlinear]) for s in starts]
-        rows = sum(y.size for y in model.measured)
-        tolerance = 1e-5 if rows < _MANY else 1e-2
-        search = solve_from(problem, begin, tolerance=tolerance)
-        best, fair = search.best, model
-        factors = _balance(model, best)
-        if factors:
-            fair = model.scaled(factors)
-            best = solve(bind(fair, unknowns, held), best.eta, tolerance=tolerance)
-        names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
-        if model.whiten.size:
-            # what is left is white but not everywhere equally strong
-            rows_of = [[slice(0, r.size)] for r in best.residuals]
-            uncertainty = score_covariance(best.jacobian, best.residuals, rows_of)
-        elif channels and len(channels[0]) > 1:
-            uncertainty = score_covariance(best.jacobian, best.residuals, channels)
-        else:
-            uncertainty = covariance(
-                best.jacobian,
-                best.residuals,
-                local_unknowns=sum(best.local_counts),
-                robust=robust,
-                sigma_floor=sigma_floor,
-                small_sample=True,
-                readings=list(zip(fair.measured, fair.resolutions)),
-            )
-        values = dict(zip(names, (*best.eta, *best.linear)))
-        worst = _least_determined(values, names, uncertainty, sensible or {}, by_name)
-        if worst is None:
-            break
-        spec = by_name[worst[0]]
-        notices.append(refuse(spec, worst[1]))
-        refused[spec.name] = Refusal(spec.name, worst[1])
-    status = {n: "estimated" for n in names if n in by_name}
-    final = {n: float(v) for n, v in values.items()}
-    for name, value in fixed.items():
-        final[name], status[name] = value, "fixed"
-    for name in refused:
-        neutral = by_name[name].neutral
-        final[name] = 0.0 if neutral is None else neutral
-        status[name] = "not_identified"
+    several = bool(channels) and len(channels[0]) > 1
+
+    def solve_with(held: Mapping[str, float]) -> _Attempt:
+        return _attempt(model, unknowns, held, starts, robust, sigma_floor, channels)
+
+    def undetermined(attempt: _Attempt) -> list[Refusal]:
+        return left_open(attempt.solved, by_name, sensible or {})
+
+    found = determine(solve_with, undetermined, by_name, fixed=fixed, refusals=refusals)
+    attempt = found.solution
+    final = {n: float(v) for n, v in attempt.solved.values.items()} | fixed
+    for name in found.refused:
+        final[name] = float(by_name[name].neutral or 0.0)
     fitted = Fitted(
-        final, names, uncertainty, status, search, best, notices, unknowns,
-        factors=factors, logs=model.logs,
+        final, attempt.solved.names, attempt.uncertainty, attempt.search, attempt.best, by_name,
+        fixed, found.refused, found.notices, unknowns, factors=attempt.factors, logs=model.logs,
     )  # fmt: skip
-    if model.whiten.size or (channels and len(channels[0]) > 1):
+    if model.whiten.size or several:
         return fitted
-    return replace(fitted, intervals=_examine_intervals(fair, fitted, held, by_name))
+    return replace(fitted, intervals=_examine_intervals(attempt, fitted, by_name))
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """One fit with some parameters held; ``fair`` weighs the logs by their noise."""
+
+    fair: NamedModel
+    held: Mapping[str, float]
+    search: Search
+    best: Solution
+    factors: Mapping[int, float]
+    uncertainty: Uncertainty
+    solved: Solved
+
+
+def _attempt(
+    model: NamedModel,
+    unknowns: Mapping[str, Unknown],
+    held: Mapping[str, float],
+    starts: Sequence[Mapping[str, float]],
+    robust: bool,
+    sigma_floor: float,
+    channels: Sequence[Sequence[slice]],
+) -> _Attempt:
+    """Solve from every start, weigh the logs, and take the covariance."""
+    problem = bind(model, unknowns, held)
+    begin = [np.array([s[u.name] for u in problem.nonlinear]) for s in starts]
+    rows = sum(y.size for y in model.measured)
+    tolerance = 1e-5 if rows < _MANY else 1e-2
+    search = solve_from(problem, begin, tolerance=tolerance)
+    best, fair = search.best, model
+    factors = _balance(model, best)
+    if factors:
+        fair = model.scaled(factors)
+        best = solve(bind(fair, unknowns, held), best.eta, tolerance=tolerance)
+    if model.whiten.size:
+        # what is left is white but not everywhere equally strong
+        parts = [[slice(0, r.size)] for r in best.residuals]
+        uncertainty = score_covariance(best.jacobian, best.residuals, parts)
+    elif channels and len(channels[0]) > 1:
+        uncertainty = score_covariance(best.jacobian, best.residuals, channels)
+    else:
+        uncertainty = covariance(
+            best.jacobian,
+            best.residuals,
+            local_unknowns=sum(best.local_counts),
+            robust=robust,
+            sigma_floor=sigma_floor,
+            small_sample=True,
+            readings=list(zip(fair.measured, fair.resolutions)),
+        )
+    names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
+    values = dict(zip(names, (*best.eta, *best.linear)))
+    solved = Solved(values, names, uncertainty.covariance, uncertainty.degrees)
+    return _Attempt(fair, held, search, best, factors, uncertainty, solved)
 
 
 def _balance(model: NamedModel, solution: Solution) -> dict[int, float]:
@@ -475,16 +486,14 @@ def _balance(model: NamedModel, solution: Solution) -> dict[int, float]:
 
 
 def _examine_intervals(
-    model: NamedModel,
-    fitted: Fitted,
-    held: Mapping[str, float],
-    specified: Mapping[str, ParameterSpec],
+    attempt: _Attempt, fitted: Fitted, specified: Mapping[str, ParameterSpec]
 ) -> dict[str, Interval]:
     """Intervals of the parameters whose cost need not be a parabola.
 
-    Those named ``dead_...`` have kinks, and those within three standard errors of a bound
+    Those that are ``curved`` have kinks, and those within three standard errors of a bound
     have a side missing.
     """
+    model, held = attempt.fair, attempt.held
     if sum(y.size for y in model.measured) > _PROFILED:
         return {}
     out = {}
@@ -501,7 +510,7 @@ def _examine_intervals(
         value, se = fitted.values[name], fitted.std_error(name)
         u = fitted.unknowns[name]
         near = min(value - u.low, u.high - value) < 3.0 * se
-        if se <= 0.0 or not (near or name.startswith("dead_")):
+        if se <= 0.0 or not (near or specified[name].curved):
             continue
         # coloured residuals carry less information: the cost counts for less
         own = plain.covariance[k, k]
@@ -533,89 +542,6 @@ def _make_rise(
         return float(np.sqrt(max(found.cost - fitted.solution.cost, 0.0) / variance))
 
     return rise
-
-
-def _least_determined(
-    values: Mapping[str, float],
-    names: Sequence[str],
-    uncertainty: Uncertainty,
-    sensible: Mapping[str, float],
-    specified: Mapping[str, ParameterSpec],
-) -> tuple[str, str] | None:
-    """The parameter whose interval says least, if it says nothing at all."""
-    variance = np.maximum(np.diag(uncertainty.covariance), 0.0)
-    quantile = t_quantile(0.975, uncertainty.degrees)
-    worst, name_worst, excess = None, "", 1.0
-    for k, name in enumerate(names):
-        if name not in specified:
-            continue  # a nuisance value is nobody's measurement
-        width = sensible.get(name, max(abs(values[name]), 1e-300))
-        if not np.isfinite(width):
-            continue
-        half = quantile * float(np.sqrt(variance[k]))
-        if not np.isfinite(half):
-            return name, "the output does not depend on it anywhere in the logs."
-        if half > width * excess:
-            excess, name_worst = half / width, name
-            worst = half
-    if worst is None:
-        return None
-    unit_free = f"its 95 % interval would be {values[name_worst]:.3g} ± {worst:.2g}, "
-    return name_worst, unit_free + "wide enough to hold every sensible value."
-
-
-def quantities(
-    fitted: Fitted, specs: Sequence[ParameterSpec]
-) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray]:
-    """Parameters with standard errors and intervals, and the covariance with its order.
-
-    Intervals are cut at the physical range: a friction level of ``[-1, 5]`` N says the
-    same as ``[0, 5]`` N.
-    """
-    quantile = t_quantile(0.975, fitted.uncertainty.degrees)
-    out: dict[str, Quantity] = {}
-    for spec in specs:
-        if spec.name not in fitted.values:
-            continue
-        value = fitted.values[spec.name]
-        status = fitted.status[spec.name]
-        if status != "estimated":
-            out[spec.name] = Quantity(value, spec.unit, status)  # type: ignore[arg-type]
-            continue
-        se = fitted.std_error(spec.name)
-        found = fitted.intervals.get(spec.name)
-        if found is None:
-            found = Interval(value - quantile * se, value + quantile * se, "wald")
-        ends = [max(found.low, spec.minimum), min(found.high, spec.maximum)]
-        out[spec.name] = Quantity(value, spec.unit, "estimated", se, ends, found.method)
-    # nuisance values of single logs stay behind: their rows are dropped, not conditioned on
-    kept = [k for k, name in enumerate(fitted.names) if name in out]
-    order = tuple(fitted.names[k] for k in kept)
-    return out, order, fitted.uncertainty.covariance[np.ix_(kept, kept)]
-
-
-def derive(
-    fitted: Fitted,
-    units: Mapping[str, str],
-    function: Callable[[Values], Mapping[str, Any]],
-) -> dict[str, Quantity]:
-    """Numbers computed from the parameters, with standard errors by the delta method.
-
-    ``function`` is analytic in its values; its gradient is taken by complex steps.
-    """
-    base = function(fitted.values)
-    step = 1e-30
-    rows = {}
-    for name in fitted.names:
-        moved = {**fitted.values, name: fitted.values[name] + 1j * step}
-        rows[name] = {k: float(np.imag(v)) / step for k, v in function(moved).items()}
-    out = {}
-    for key, value in base.items():
-        gradient = np.array([rows[n].get(key, 0.0) for n in fitted.names])
-        variance = float(gradient @ fitted.uncertainty.covariance @ gradient)
-        se = float(np.sqrt(max(variance, 0.0))) if fitted.names else None
-        out[key] = Quantity(float(value), units[key], "derived", se)
-    return out
 
 
 def shorten(
@@ -660,8 +586,3 @@ def input_level(signal: Signal) -> float:
     """The level of rest that a signal starts from [unit of the signal]."""
     stepped = signal.time.size == 1
     return signal.before if stepped else float(signal.values[0])
-
-
-def scalars(parameters: Mapping[str, Value]) -> dict[str, float]:
-    """The single-valued parameters of a file."""
-    return {k: float(v) for k, v in parameters.items() if not isinstance(v, list)}

@@ -16,27 +16,27 @@ import numpy.typing as npt
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
-from ..family import ParameterSpec, Request, Value
+from ..family import FamilyOptions, ParameterSpec, Request, Simulated
 from .input_noise import (
     extrapolate_bias,
     moving_inputs,
-    noise_of,
     share_of_residual,
     whitening,
 )
 from .inputs import PiecewiseInput, apply_dead_zone, piecewise
+from .noise import noise_floor
 from .linear import Grid, forced_response, free_response, make_grid, states_at_nodes
 from .parametric import (
     Fitted,
     NamedModel,
-    Refusal,
     Values,
     bind,
     fit_named,
     input_level,
-    scalars,
     shorten,
 )
+from .results import Refusal
+from .information import project_out
 from .separable import Basis, Problem, Search, Unknown, evaluate, profile, solve_from
 from .uncertainty import enlarge
 
@@ -146,6 +146,16 @@ class TransferModel:
         if self.gain is None:
             return Basis(y, offsets, local)
         return Basis(np.zeros(y.size), np.column_stack((y, offsets)), local)
+
+    def response(self, index: int, values: Values) -> tuple[FloatArray, FloatArray, float]:
+        """Forced response, free responses without the offset, and steady level of one run."""
+        basis = self.columns(index, values)
+        p = self.prepared[index]
+        local = basis.local if p.log is not None else basis.local[:, :-1]
+        if self.gain is None:
+            return np.asarray(basis.known), np.asarray(local), 0.0
+        gain = float(values[self.gain])
+        return gain * basis.shared[:, 0], np.asarray(local), gain * self.levels[index]
 
     def _local(self, index: int, a: Array, c: Array, values: Values) -> Array:
         """Columns of the unknowns that belong to one run: initial state and own offset."""
@@ -261,13 +271,14 @@ def fit_transfer(
     experiments: Sequence[Experiment],
     output: str,
     specs: Sequence[ParameterSpec],
-    request: Request,
+    request: Request[FamilyOptions],
     unknowns: Mapping[str, Unknown],
     find_starts: Callable[[Sequence[Experiment], bool], list[dict[str, float]]],
     *,
     sensible: Mapping[str, float] | None = None,
     refusals: Sequence[Refusal] = (),
-) -> Fitted:
+    rest: bool | None = None,
+) -> tuple[Fitted, bool]:
     """Staged fit: look for starts, refine them on an excerpt, then fit everything.
 
     Parameters
@@ -280,13 +291,21 @@ def fit_transfer(
         parameters, best first; a ``--start`` wins.
     sensible, refusals
         As in :func:`.parametric.fit_named`.
+    rest
+        Whether the runs start at rest, where that is known.
+
+    Returns
+    -------
+    tuple
+        The fit, and whether the runs were taken to start at rest.
     """
     held = dict(request.fixed)
     for r in refusals:
         held.setdefault(r.parameter, r.hold if r.hold is not None else 0.0)
     few = shorten(experiments, output)
     request.progress("searching for a start")
-    rest = _starts_at_rest(make, few, find_starts, unknowns, held, request)
+    if rest is None:
+        rest = _starts_at_rest(make, few, find_starts, unknowns, held, request)
     problem, search = _search(make, few, find_starts, unknowns, held, request, rest)
     names = [u.name for u in problem.nonlinear]
     finalists = [{**held, **dict(zip(names, s.eta))} for s in (search.best, *search.rivals[:1])]
@@ -304,21 +323,20 @@ def fit_transfer(
         refusals=refusals,
         sensible=sensible,
     )
-    remarks: dict[str, Any] = {"initial_state": "rest" if rest else "free"}
     factors = fitted.factors
     fitted, found = _allow_for_input_noise(
         lambda some: make(some, rest).scaled(factors), experiments, specs, request, unknowns,
         fitted, refusals, sensible,
     )  # fmt: skip
     tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
-    return replace(fitted, search=tried, remarks={**remarks, **found})
+    return replace(fitted, search=tried, remarks=found), rest
 
 
 def _allow_for_input_noise(
     make: Callable[[Sequence[Experiment]], NamedModel],
     experiments: Sequence[Experiment],
     specs: Sequence[ParameterSpec],
-    request: Request,
+    request: Request[FamilyOptions],
     unknowns: Mapping[str, Unknown],
     fitted: Fitted,
     refusals: Sequence[Refusal],
@@ -330,7 +348,7 @@ def _allow_for_input_noise(
     if not roles or rows > _MANY or rows < 200 * len({e.log for e in experiments}):
         return fitted, {}
     role = roles[0]
-    sigma = float(np.median([noise_of(e[role]) for e in experiments]))
+    sigma = float(np.median([noise_floor(e[role], 4) for e in experiments]))
     rng = np.random.default_rng(request.seed)
     held = {n: v for n, v in fitted.values.items() if n not in fitted.names}
     for r in refusals:
@@ -346,7 +364,7 @@ def _allow_for_input_noise(
         return fitted, found
     request.progress("allowing for the noise of the input")
     values = {**held, **fitted.values}
-    noise = float(np.median([noise_of(y) for y in make(experiments).measured]))
+    noise = float(np.median([noise_floor(y, 4) for y in make(experiments).measured]))
     plain = fitted.solution
     for _ in range(2):
         a = whitening(build, experiments, plain, role, sigma, noise, rng)
@@ -410,7 +428,7 @@ def _search(
     find_starts: Callable[[Sequence[Experiment], bool], list[dict[str, float]]],
     unknowns: Mapping[str, Unknown],
     held: Mapping[str, float],
-    request: Request,
+    request: Request[FamilyOptions],
     rest: bool,
 ) -> tuple[Problem, Search]:
     """Solve roughly from every start."""
@@ -425,7 +443,7 @@ def _starts_at_rest(
     find_starts: Callable[[Sequence[Experiment], bool], list[dict[str, float]]],
     unknowns: Mapping[str, Unknown],
     held: Mapping[str, float],
-    request: Request,
+    request: Request[FamilyOptions],
 ) -> bool:
     """Whether short runs are taken to start at rest.
 
@@ -450,23 +468,49 @@ def _vector(problem: Problem, start: Mapping[str, float]) -> FloatArray:
     return np.array([start[u.name] for u in problem.nonlinear])
 
 
-def simulate_transfer(model: TransferModel, parameters: Mapping[str, Value]) -> FloatArray:
-    """Output of the model's only experiment, offset and initial state fitted to its output.
+def simulate_transfer(
+    model: TransferModel, values: Values, offset: float | None = None
+) -> list[Simulated]:
+    """Outputs of all runs, offset by log and initial state by run fitted to their outputs.
 
-    Without a recorded output the start is at rest and the steady level is ``gain`` times
-    the input's first value.
+    Runs without a recorded output start at rest, where the output is ``gain`` times the
+    input's first value plus ``offset``.
     """
-    values: Values = scalars(parameters)
-    b = model.columns(0, values)
-    known = b.known
-    if model.gain is not None:
-        known = known + values[model.gain] * b.shared[:, 0]
+    parts = [model.response(i, values) for i in range(len(model.prepared))]
     if not model.measured:
-        level = 0.0 if model.gain is None else values[model.gain] * model.levels[0]
-        return np.asarray(known + level)
-    rest = model.measured[0] - known
-    local = np.linalg.lstsq(b.local, rest, rcond=None)[0]
-    return np.asarray(known + b.local @ local)
+        return [
+            Simulated(known + level + (offset or 0.0), offset=offset or 0.0)
+            for known, _, level in parts
+        ]
+    out: list[Simulated | None] = [None] * len(parts)
+    for log in dict.fromkeys(model.logs):
+        runs = [i for i, other in enumerate(model.logs) if other == log]
+        rest = [model.measured[i] - parts[i][0] for i in runs]
+        level, fitted = _fit_offset(rest, [parts[i][1] for i in runs])
+        for i, extra in zip(runs, fitted):
+            out[i] = Simulated(parts[i][0] + extra, offset=level - parts[i][2])
+    return [s for s in out if s is not None]
+
+
+def _fit_offset(
+    rest: Sequence[FloatArray], free: Sequence[FloatArray]
+) -> tuple[float, list[FloatArray]]:
+    """Least squares of one constant for all runs and free responses for each.
+
+    The constant is found first, from what the free responses cannot explain.
+    """
+    if len(rest) == 1:
+        columns = np.column_stack((np.ones(rest[0].size), free[0]))
+        found = np.linalg.lstsq(columns, rest[0], rcond=None)[0]
+        return float(found[0]), [np.asarray(columns @ found)]
+    left = [project_out(np.column_stack((r, np.ones(r.size))), f) for r, f in zip(rest, free)]
+    power = sum(float(p[:, 1] @ p[:, 1]) for p in left)
+    level = sum(float(p[:, 1] @ p[:, 0]) for p in left) / power if power > 0.0 else 0.0
+    out = []
+    for r, f in zip(rest, free):
+        found = np.linalg.lstsq(f, r - level, rcond=None)[0]
+        out.append(np.asarray(level + f @ found))
+    return level, out
 
 
 def time_scales(experiments: Sequence[Experiment]) -> tuple[float, float]:

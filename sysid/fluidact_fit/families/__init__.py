@@ -9,42 +9,42 @@ from typing import TYPE_CHECKING
 from ..errors import UsageError
 
 if TYPE_CHECKING:
-    from ..family import Family
+    from ..family import Family, FamilyOptions
 
 # Where each family lives, and its title: a list of commands must not import families.
 _REGISTRY = {
     "potentiometer": (
-        "potentiometer:Potentiometer",
+        "potentiometer.family:Potentiometer",
         "Potentiometer: rational Bezier calibration of position from the raw reading",
     ),
     "ball-screw": (
-        "ball_screw:BallScrew",
+        "ball_screw.family:BallScrew",
         "Ball-screw drive: inertia, viscous friction and four Coulomb levels",
     ),
     "hydrostatic": (
-        "hydrostatic:Hydrostatic",
+        "transfer.hydrostatic:Hydrostatic",
         "Hydrostatic transmission: dead zone, mass and damping",
     ),
-    "valve": ("valve:Valve", "Valve: gain, natural frequency and damping ratio"),
-    "line": ("line:Line", "Transmission line: gain, time constant and dead time"),
+    "valve": ("transfer.valve:Valve", "Valve: gain, natural frequency and damping ratio"),
+    "line": ("transfer.line:Line", "Transmission line: gain, time constant and dead time"),
     "cylinder-friction": (
-        "cylinder_friction:CylinderFriction",
+        "cylinder_friction.family:CylinderFriction",
         "Friction of a cylinder: Coulomb levels by direction and viscous friction",
     ),
     "force-map": (
-        "force_map:ForceMap",
+        "force_map.family:ForceMap",
         "Force map: small networks of command and force with hysteresis",
     ),
     "spring-cylinder": (
-        "spring_cylinder:SpringCylinder",
+        "spring_cylinder.family:SpringCylinder",
         "Single-acting cylinder: pressure gain, return spring and hysteresis",
     ),
     "hydraulic-cylinder": (
-        "hydraulic_cylinder:HydraulicCylinder",
+        "hydraulic_cylinder.family:HydraulicCylinder",
         "Hydraulic cylinder: valve gains, line losses, bulk modulus and friction",
     ),
     "hydraulic-motor": (
-        "hydraulic_motor:HydraulicMotor",
+        "hydraulic_motor.family:HydraulicMotor",
         "Hydraulic motor: dead zone, saturation, hysteresis and time constant",
     ),
 }
@@ -61,7 +61,7 @@ def family_title(name: str) -> str:
 
 
 @cache
-def get_family(name: str) -> Family:
+def get_family(name: str) -> Family[FamilyOptions]:
     """Return the family of that name.
 
     Raises
@@ -79,5 +79,5 @@ def get_family(name: str) -> Family:
             expected="Families: " + ", ".join(_REGISTRY) + ".",
         )
     module, attribute = _REGISTRY[name][0].split(":")
-    family: Family = getattr(import_module(f".{module}", __package__), attribute)()
+    family: Family[FamilyOptions] = getattr(import_module(f".{module}", __package__), attribute)()
     return family

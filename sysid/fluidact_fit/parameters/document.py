@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
-from ..family import Quantity, Status, Value
+from ..specification import Quantity, Status, Value
 
 FORMAT = "fluidact-parameters"
 
@@ -118,6 +118,8 @@ class LogFit(Part):
 
     file: str
     samples: Count | None = None
+    left_out: Count | None = None
+    offset: Measure | None = None
     rmse: Measure | None = None
     fit_percent: Annotated[Number, Field(le=100.0)] | None = None
     residual_whiteness: Whiteness | None = None

@@ -16,7 +16,8 @@ from pydantic import ValidationError
 
 from ..errors import FluidactError
 from ..experiment import FloatArray
-from ..family import Family, ParameterSpec, Variant
+from ..family import Family
+from ..specification import ParameterSpec, Variant
 from .document import TAG, ParameterDocument, Part
 from .problems import Location, Problems, suggest
 from .yaml_io import check_plain

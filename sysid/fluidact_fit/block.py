@@ -1,0 +1,174 @@
+"""What a controller holds after loading a parameter file: one base for every family."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import NotIdentifiedError, UsageError
+from .experiment import Experiment, FloatArray
+from .parameters.document import ParameterDocument
+from .specification import Value, Variant, scalars
+
+
+class ValidRange(NamedTuple):
+    """Range of a role that the fitted data covered [unit]."""
+
+    low: float
+    high: float
+    unit: str
+
+
+class Parameters(Mapping[str, Value]):
+    """Parameters by name [SI]; one that was not identified is given on request only."""
+
+    def __init__(self, document: ParameterDocument, variant: Variant) -> None:
+        self._values = document.values()
+        self._variant = variant
+        self.refused = frozenset(
+            n for n, p in document.parameters.items() if p.status == "not_identified"
+        )
+
+    def __getitem__(self, name: str) -> Value:
+        if name in self.refused:
+            remedy = self._variant.parameter(name).remedy
+            raise NotIdentifiedError(
+                f"{name} was not identified: {self._values[name]!r} stands in the file in place "
+                "of a value that the data could not determine",
+                expected=remedy,
+                remedy="To use the model with that value all the same, load it with "
+                f"accept_not_identified=[{name!r}] (or True).",
+            )
+        return self._values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __repr__(self) -> str:
+        shown = ", ".join(
+            f"{n}=not identified" if n in self.refused else f"{n}={_brief(v)}"
+            for n, v in self._values.items()
+        )
+        return f"<Parameters {shown}>"
+
+
+def _brief(value: Value) -> str:
+    return f"[{len(value)}]" if isinstance(value, list) else f"{value:.6g}"
+
+
+class Block(ABC):
+    """A loaded model. Static maps are called with arrays; dynamic blocks step once per sample.
+
+    Attributes
+    ----------
+    family
+        Name of the model family.
+    document
+        The whole parameter document: units, uncertainty, warnings, provenance.
+    parameters
+        Values by name [SI]. Looking up one that the data could not determine raises
+        ``NotIdentifiedError`` unless it was accepted, and so does every use of the model
+        that needs it.
+    not_identified
+        Names of the parameters that the data could not determine.
+    validity
+        Role to the range that the data covered; outside it the model extrapolates.
+    offset
+        Output at rest without input, mean over the fitted logs [unit of the output].
+    """
+
+    def __init__(self, document: ParameterDocument, variant: Variant) -> None:
+        self.family = document.family
+        self.document = document
+        self.variant = variant
+        self.parameters = Parameters(document, variant)
+        self.not_identified = tuple(n for n in self.parameters if n in self.parameters.refused)
+        self.validity: Mapping[str, ValidRange] = {
+            role: ValidRange(r.low, r.high, r.unit) for role, r in document.validity.items()
+        }
+        self.offset = float(document.model.get("output_offset", 0.0))
+
+    def __repr__(self) -> str:
+        lacking = f", not identified: {', '.join(self.not_identified)}" if self.not_identified else ""
+        text = f"<{type(self).__name__} {self.family}, verdict {self.verdict}{lacking}>"
+        return text if len(text) < 200 else text[:196] + "...>"
+
+    @property
+    def verdict(self) -> str:
+        """Verdict of the fit: ``pass``, ``warn`` or ``fail``."""
+        return str(self.document.fit.verdict)
+
+    def accept(self, names: bool | Collection[str]) -> None:
+        """Allow the use of parameters that were not identified: these, or all (``True``).
+
+        Raises
+        ------
+        UsageError
+            When a name is not among them.
+        """
+        given = set(self.not_identified if names is True else names or ())
+        unknown = sorted(given - set(self.parameters))
+        if unknown:
+            raise UsageError(
+                f"accept_not_identified names {unknown[0]!r}, which is no parameter of the file",
+                expected="Not identified: " + (", ".join(self.not_identified) or "none") + ".",
+            )
+        self.parameters.refused = self.parameters.refused - given
+
+    def numbers(self) -> dict[str, float]:
+        """Every single-valued parameter [SI].
+
+        Raises
+        ------
+        NotIdentifiedError
+            When one of them was not identified and not accepted.
+        """
+        return scalars(self.parameters)
+
+    def outside(self, role: str, value: npt.ArrayLike) -> Any:
+        """Whether values lie outside the range that the data covered.
+
+        Parameters
+        ----------
+        role
+            For example ``"force"``.
+        value
+            [SI unit of the role]; NaN is outside.
+
+        Returns
+        -------
+        bool, or an array of the shape of ``value``
+
+        Raises
+        ------
+        UsageError
+            When the file holds no range of that role.
+        """
+        if role not in self.validity:
+            raise UsageError(
+                f"the parameter file holds no range of {role!r}",
+                expected="Ranges it holds: " + (", ".join(self.validity) or "none") + ".",
+            )
+        v, r = np.asarray(value, dtype=float), self.validity[role]
+        out = ~((v >= r.low) & (v <= r.high))
+        return bool(out) if out.ndim == 0 else out
+
+    def reset(self) -> None:
+        """Return to rest; a static map has nothing to return from."""
+        return None
+
+    @abstractmethod
+    def predict(self, experiment: Experiment) -> FloatArray:
+        """Output at the samples of an experiment, from its inputs alone and from rest.
+
+        Returns
+        -------
+        (n,) [SI unit of the output]
+        """

@@ -1,0 +1,93 @@
+"""Dry and viscous friction by direction: one law with one set of names.
+
+    F_f = coulomb_positive + viscous_positive v      moving forwards
+    F_f = -coulomb_negative + viscous_negative v     moving backwards
+    -breakaway_negative <= F_f <= breakaway_positive at rest: what is needed
+
+All levels are magnitudes [1]_. Nothing is smoothed: at rest friction takes whatever value
+balances the other forces, up to the static level.
+
+References
+----------
+.. [1] D. B. Comber (thesis, 2013), "Fluid power actuation for MRI-guided interventions",
+   equations 1, 17 to 19 and table 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ..experiment import FloatArray
+
+
+@dataclass(frozen=True)
+class FrictionLaw:
+    """Levels [N or N m] and viscous coefficients [per m/s or rad/s] by direction.
+
+    A static level below the kinetic one means nothing: the axis would break away and stop at
+    once. It is raised to it.
+    """
+
+    coulomb_positive: float
+    coulomb_negative: float
+    viscous_positive: float = 0.0
+    viscous_negative: float = 0.0
+    breakaway_positive: float = 0.0
+    breakaway_negative: float = 0.0
+
+    def __post_init__(self) -> None:
+        for side in ("positive", "negative"):
+            static, kinetic = f"breakaway_{side}", f"coulomb_{side}"
+            object.__setattr__(self, static, max(getattr(self, static), getattr(self, kinetic)))
+
+    @classmethod
+    def of(cls, values: Mapping[str, float]) -> Self:
+        """Read the law off named parameters.
+
+        ``viscous`` and ``coulomb`` stand for both directions where there are no one-sided
+        values; whatever else the mapping holds is left alone.
+        """
+
+        def side(kind: str, way: str) -> float:
+            return float(values.get(f"{kind}_{way}", values.get(kind, 0.0)))
+
+        return cls(
+            side("coulomb", "positive"), side("coulomb", "negative"),
+            side("viscous", "positive"), side("viscous", "negative"),
+            side("breakaway", "positive"), side("breakaway", "negative"),
+        )  # fmt: skip
+
+    def moving(
+        self, velocity: npt.ArrayLike, direction: npt.ArrayLike | None = None
+    ) -> FloatArray:
+        """Friction that has to be overcome to move, shape of ``velocity``.
+
+        Parameters
+        ----------
+        velocity
+            [m/s or rad/s]
+        direction
+            Motion state where it is known better than by the sign of the velocity: positive,
+            negative, or 0 where it is unknown and the levels cancel.
+
+        Returns
+        -------
+        FloatArray
+            Zero where nothing moves.
+        """
+        v = np.asarray(velocity, dtype=float)
+        s = np.sign(v if direction is None else np.asarray(direction, dtype=float))
+        level = np.where(s > 0.0, self.coulomb_positive, self.coulomb_negative)
+        rate = np.where(v > 0.0, self.viscous_positive, self.viscous_negative)
+        return np.asarray(s * level + rate * v)
+
+    def at_rest(self, drive: npt.ArrayLike) -> FloatArray:
+        """Friction at rest under a driving force: what balances it, up to the static levels."""
+        return np.clip(
+            np.asarray(drive, dtype=float), -self.breakaway_negative, self.breakaway_positive
+        )

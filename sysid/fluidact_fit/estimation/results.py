@@ -1,0 +1,226 @@
+"""From numbers to what stands in a file: refusals, parameters with intervals, derived numbers.
+
+Every family ends its fit here, however it solved it: by nonlinear search, by regression or by
+flow balances.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from ..errors import Notice, NotIdentifiedError
+from ..experiment import FloatArray
+from ..family import ParameterSpec, Quantity
+from .profile_likelihood import Interval
+from .uncertainty import t_quantile
+
+S = TypeVar("S")
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A parameter that the data cannot determine, and why.
+
+    ``hold`` is the value at which it is held while the others are fitted; the neutral
+    value of its specification when ``None``. That one is written in any case.
+    """
+
+    parameter: str
+    reason: str
+    hold: float | None = None
+
+    def value(self, spec: ParameterSpec) -> float:
+        """Value at which the parameter is held [SI]."""
+        return float(self.hold if self.hold is not None else spec.neutral or 0.0)
+
+
+def refuse(spec: ParameterSpec, reason: str) -> Notice:
+    """Make the warning for a parameter that is written without having been measured.
+
+    Raises
+    ------
+    NotIdentifiedError
+        When the parameter has no neutral value to write.
+    """
+    if spec.neutral is None:
+        raise NotIdentifiedError(
+            f"the data cannot determine {spec.name}: {reason}",
+            expected="Nothing was written.",
+            remedy=spec.remedy,
+        )
+    return Notice(
+        "not-identified",
+        f"{spec.name} cannot be determined from these data: {reason} "
+        f"It is written as {spec.neutral:g} {spec.unit}, status not_identified. {spec.remedy}",
+    )
+
+
+@dataclass(frozen=True)
+class Determined(Generic[S]):
+    """The last of a row of fits: the solution, what was refused, and the warnings of it."""
+
+    solution: S
+    refused: Mapping[str, Refusal]
+    notices: list[Notice]
+
+
+def determine(
+    solve: Callable[[Mapping[str, float]], S],
+    undetermined: Callable[[S], Sequence[Refusal]],
+    specs: Mapping[str, ParameterSpec],
+    *,
+    fixed: Mapping[str, float],
+    refusals: Sequence[Refusal] = (),
+) -> Determined[S]:
+    """Fit, refuse what the data cannot determine, and fit the others again.
+
+    Parameters
+    ----------
+    solve
+        ``solve(held)`` fits everything but the parameters held at the given values [SI].
+    undetermined
+        Looks at a solution and returns what it leaves open, most doubtful first or several
+        that go together; empty when all is well.
+    refusals
+        What is known beforehand to be out of reach.
+
+    Raises
+    ------
+    NotIdentifiedError
+        When a parameter without a neutral value is left open.
+    """
+    refused = {r.parameter: r for r in refusals if r.parameter not in fixed}
+    notices = [refuse(specs[r.parameter], r.reason) for r in refused.values()]
+    while True:
+        held = {n: r.value(specs[n]) for n, r in refused.items()}
+        solution = solve({**held, **fixed})
+        found = [r for r in undetermined(solution) if r.parameter not in refused]
+        if not found:
+            return Determined(solution, refused, notices)
+        for r in found:
+            notices.append(refuse(specs[r.parameter], r.reason))
+            refused[r.parameter] = r
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Named values of a finished fit with their covariance: what any solver ends with.
+
+    Attributes
+    ----------
+    values
+        Every parameter, fixed and refused ones included [SI].
+    names, covariance, degrees
+        Those that were estimated, their covariance and its degrees of freedom. Names that
+        are no parameters (nuisance values of single logs) may be among them.
+    fixed, refused
+        What the user gave and what the data cannot determine.
+    intervals
+        Intervals that were found in another way than from the covariance.
+    """
+
+    values: Mapping[str, float]
+    names: tuple[str, ...]
+    covariance: FloatArray
+    degrees: float
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    refused: Mapping[str, Refusal] = field(default_factory=dict)
+    intervals: Mapping[str, Interval] = field(default_factory=dict)
+
+    def std_error(self, name: str) -> float:
+        """Standard error of an estimated value."""
+        k = self.names.index(name)
+        return float(np.sqrt(max(self.covariance[k, k], 0.0)))
+
+    def quantities(
+        self, specs: Sequence[ParameterSpec], units: Mapping[str, str] | None = None
+    ) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray]:
+        """Parameters with standard errors and intervals; covariance and its order.
+
+        Intervals are cut at the physical range: a friction level of ``[-1, 5]`` N says the
+        same as ``[0, 5]`` N. ``units`` replaces those of the table where the log decides.
+        """
+        out: dict[str, Quantity] = {}
+        for spec in specs:
+            if spec.name in self.values:
+                unit = (units or {}).get(spec.name, spec.unit)
+                out[spec.name] = self._quantity(spec, unit)
+        # nuisance values of single logs stay behind: their rows are dropped, not conditioned on
+        kept = [k for k, name in enumerate(self.names) if name in out]
+        order = tuple(self.names[k] for k in kept)
+        return out, order, self.covariance[np.ix_(kept, kept)]
+
+    def _quantity(self, spec: ParameterSpec, unit: str) -> Quantity:
+        name, value = spec.name, float(self.values[spec.name])
+        if name in self.fixed:
+            return Quantity(value, unit, "fixed")
+        if name in self.refused:
+            return Quantity(float(spec.neutral or 0.0), unit, "not_identified")
+        error = self.std_error(name)
+        found = self.intervals.get(name)
+        if found is None:
+            half = t_quantile(0.975, self.degrees) * error
+            found = Interval(value - half, value + half, "wald")
+        ends = [max(found.low, spec.minimum), min(found.high, spec.maximum)]
+        return Quantity(value, unit, "estimated", error, ends, found.method)
+
+    def derive(
+        self,
+        units: Mapping[str, str],
+        function: Callable[[Mapping[str, Any]], Mapping[str, Any]],
+    ) -> dict[str, Quantity]:
+        """Numbers computed from the values, with standard errors by the delta method.
+
+        ``function`` is analytic in its values; its gradient is taken by complex steps.
+        """
+        step = 1e-30
+        rows = {}
+        for name in self.names:
+            moved = {**self.values, name: self.values[name] + 1j * step}
+            rows[name] = {k: float(np.imag(v)) / step for k, v in function(moved).items()}
+        out = {}
+        for key, value in function(self.values).items():
+            gradient = np.array([rows[n].get(key, 0.0) for n in self.names])
+            variance = float(gradient @ self.covariance @ gradient)
+            error = float(np.sqrt(max(variance, 0.0))) if self.names else None
+            out[key] = Quantity(float(value), units[key], "derived", error)
+        return out
+
+
+def left_open(
+    solved: Solved,
+    specs: Mapping[str, ParameterSpec],
+    sensible: Mapping[str, float],
+) -> list[Refusal]:
+    """The parameter whose interval says least, if it says nothing at all.
+
+    ``sensible`` holds the half-width that a 95 % interval may have before it says nothing;
+    a parameter's own value where it is not listed.
+    """
+    quantile = t_quantile(0.975, solved.degrees)
+    worst, excess = "", 1.0
+    for k, name in enumerate(solved.names):
+        if name not in specs:
+            continue  # a nuisance value is nobody's measurement
+        width = sensible.get(name, max(abs(solved.values[name]), 1e-300))
+        if not np.isfinite(width):
+            continue
+        half = quantile * float(np.sqrt(max(solved.covariance[k, k], 0.0)))
+        if not np.isfinite(half):
+            return [Refusal(name, "the output does not depend on it anywhere in the logs.")]
+        if half > width * excess:
+            excess, worst = half / width, name
+    if not worst:
+        return []
+    half = quantile * solved.std_error(worst)
+    return [
+        Refusal(
+            worst,
+            f"its 95 % interval would be {solved.values[worst]:.3g} ± {half:.2g}, wide enough to "
+            "hold every sensible value.",
+        )
+    ]

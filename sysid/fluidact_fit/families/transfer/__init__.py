@@ -1,0 +1,1 @@
+"""Linear dynamics behind an optional dead zone: line, valve and hydrostatic transmission."""

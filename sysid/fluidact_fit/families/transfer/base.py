@@ -1,0 +1,260 @@
+"""What transfer-function families share: the fit, the simulation, the model, the block.
+
+A family is its equation (a state space as a function of named values), its parameters, and
+where a search for them begins.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Generic, TypeVar
+
+from ...estimation.discrete import discretise
+from ...errors import Notice
+from ...estimation.information import sensitivity
+from ...estimation.parametric import Fitted, Values, bind, check_request, make_unknowns
+from ...estimation.results import Refusal
+from ...estimation.separable import Unknown
+from ...estimation.transfer import (
+    TransferModel,
+    dead_time_axis,
+    fit_transfer,
+    grid_search,
+    simulate_transfer,
+    time_scales,
+)
+from ...experiment import Experiment, FloatArray, Hold
+from ...family import (
+    Estimate,
+    Family,
+    FamilyOptions,
+    Information,
+    ParameterDocument,
+    Quantity,
+    Request,
+    Simulated,
+    Value,
+    Variant,
+    scalars,
+)
+from ...options import settled
+from .block import TransferBlock
+
+
+@dataclass(frozen=True)
+class TransferOptions(FamilyOptions):
+    """What the fit of every transfer function settles."""
+
+    initial_state: str | None = settled(
+        "choice", "whether the runs begin at rest or anywhere", choices=("free", "rest")
+    )
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How the search for the parameters of one set of logs goes.
+
+    Attributes
+    ----------
+    names
+        Nonlinear parameters of the model.
+    scales, limits
+        Typical sizes and search range by name [SI].
+    axes
+        Values to try of every nonlinear parameter but the dead time, shape ``(k,)`` each.
+    lag
+        Slowest response time [s] at a point of the axes: dead times are tried in proportion.
+    sensible
+        Half-width of an interval that says nothing, by name [SI].
+    fixed
+        What is held without the user having said so.
+    refusals
+        What is known beforehand to be out of reach.
+    """
+
+    names: tuple[str, ...]
+    scales: Mapping[str, float]
+    limits: Mapping[str, tuple[float, float]]
+    axes: Mapping[str, FloatArray]
+    lag: Callable[[Mapping[str, float]], float]
+    sensible: Mapping[str, float]
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    refusals: Sequence[Refusal] = ()
+
+
+T = TypeVar("T", bound=TransferOptions)
+
+
+class TransferFamily(Family[T], Generic[T]):
+    """Base of the transfer-function families.
+
+    Attributes
+    ----------
+    gain
+        Name of the parameter that multiplies the response, ``None`` where it is part of
+        the state space.
+    dead_zone
+        Whether the input passes ``dead_zone_negative`` and ``dead_zone_positive`` first.
+    """
+
+    gain: ClassVar[str | None] = None
+    dead_zone: ClassVar[bool] = False
+
+    @abstractmethod
+    def realise(self, values: Values) -> tuple[Any, Any, Any]:
+        """State space ``(A, B, C)``, analytic in the values; of unit gain where there is one."""
+
+    @abstractmethod
+    def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
+        """Numerator and denominator, falling powers of ``s``."""
+
+    @abstractmethod
+    def plan(self, experiments: Sequence[Experiment], request: Request[T]) -> Plan:
+        """How the fit of these logs begins."""
+
+    @abstractmethod
+    def derive(self, fitted: Fitted) -> dict[str, Quantity]:
+        """Numbers computed from the parameters."""
+
+    def starts(
+        self,
+        variant: Variant,
+        plan: Plan,
+        experiments: Sequence[Experiment],
+        rest: bool,
+        unknowns: Mapping[str, Unknown],
+        request: Request[T],
+    ) -> list[dict[str, float]]:
+        """Where to begin: the valleys of the cost over a grid, best first."""
+        step, span = time_scales(experiments)
+        model = self.transfer_model(variant, experiments, rest).named(plan.names)
+        return grid_search(
+            bind(model, unknowns, request.fixed),
+            plan.axes,
+            lambda at: dead_time_axis(step, 0.5 * span, plan.lag(at)),
+            request.fixed,
+        )
+
+    def confounded(self, values: Values) -> tuple[int, ...]:
+        """States whose free response is a constant, which the offset already stands for."""
+        return ()
+
+    def units(self, experiments: Sequence[Experiment]) -> dict[str, str]:
+        """Units of the parameters that depend on the log."""
+        return {}
+
+    def compare(
+        self, parameters: Mapping[str, Quantity], options: T
+    ) -> tuple[dict[str, Quantity], list[Notice]]:
+        """What the options let the parameters be compared with: numbers and warnings."""
+        return {}, []
+
+    def transfer_model(
+        self, variant: Variant, experiments: Sequence[Experiment], rest: bool = False
+    ) -> TransferModel:
+        """The model of some experiments, as the estimation takes it."""
+        return TransferModel(
+            experiments,
+            variant.driving[0].name,
+            variant.output.name,
+            self.realise,
+            gain=self.gain,
+            dead_zone=self.dead_zone,
+            confounded=self.confounded,
+            rest=rest,
+        )
+
+    def estimate(
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request[T]
+    ) -> Estimate[T]:
+        """Output-error fit from several starts; see :meth:`Family.estimate`."""
+        check_request(variant.parameters, request)
+        plan = self.plan(experiments, request)
+        request = replace(request, fixed={**plan.fixed, **request.fixed})
+        every = (*plan.names, self.gain) if self.gain else plan.names
+        unknowns = make_unknowns(variant.parameters, every, plan.scales, request, plan.limits)
+        state = request.options.initial_state
+        fitted, rest = fit_transfer(
+            lambda some, still: self.transfer_model(variant, some, still).named(plan.names),
+            experiments,
+            variant.output.name,
+            variant.parameters,
+            request,
+            unknowns,
+            lambda some, still: self.starts(variant, plan, some, still, unknowns, request),
+            sensible=plan.sensible,
+            refusals=plan.refusals,
+            rest=None if state is None else state == "rest",
+        )
+        parameters, order, covariance = fitted.quantities(
+            variant.parameters, self.units(experiments)
+        )
+        table, drift = fitted.compare_logs(experiments)
+        more, said = self.compare(parameters, request.options)
+        return Estimate(
+            parameters,
+            {**self.derive(fitted), **more},
+            order,
+            covariance,
+            replace(request.options, initial_state="rest" if rest else "free"),
+            [*fitted.notices, *drift, *said],
+            {**fitted.details(), **table},
+            fitted.sensitivity(),
+        )
+
+    def simulate(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        options: T,
+        offset: float | None = None,
+    ) -> list[Simulated]:
+        """Output from the input; see :meth:`Family.simulate`."""
+        model = self.transfer_model(variant, experiments, options.initial_state == "rest")
+        return simulate_transfer(model, scalars(values), offset)
+
+    def information(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiment: Experiment,
+        options: T,
+    ) -> Information:
+        """Sensitivities by complex steps; see :meth:`Family.information`."""
+        v = scalars(values)
+        model = self.transfer_model(variant, [experiment])
+        level = v[self.gain] * model.levels[0] if self.gain else 0.0
+        return sensitivity(model.named([n for n in v if n != self.gain]), v, level)
+
+    def model(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        options: T,
+        sample_time: float,
+        hold: Hold,
+    ) -> dict[str, Any]:
+        """Dead zone, continuous transfer function, and the discrete one of a held input."""
+        v = scalars(values)
+        numerator, denominator = self.coefficients(v)
+        dead_time = v.get("dead_time", 0.0)
+        section: dict[str, Any] = {}
+        if self.dead_zone:
+            section["input_nonlinearity"] = {
+                "dead_zone_negative": v["dead_zone_negative"],
+                "dead_zone_positive": v["dead_zone_positive"],
+                "slope": 1.0,
+            }
+        section["continuous"] = {
+            "numerator": numerator, "denominator": denominator, "dead_time": dead_time,
+        }  # fmt: skip
+        if sample_time > 0.0:
+            section["discrete"] = discretise(numerator, denominator, sample_time, "zoh", dead_time)
+        return section
+
+    def block(self, variant: Variant, document: ParameterDocument) -> TransferBlock:
+        """The model that a controller steps; see :class:`TransferBlock`."""
+        return TransferBlock(document, variant, self.coefficients)

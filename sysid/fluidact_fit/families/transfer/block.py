@@ -1,0 +1,279 @@
+"""A linear model with dead time behind an optional dead zone, stepped once per sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ...block import Block
+from ...estimation.discrete import companion, discretise
+from ...errors import UsageError
+from ...estimation.inputs import PiecewiseInput, apply_dead_zone, piecewise
+from ...estimation.linear import forced_response
+from ...estimation.parametric import input_level
+from ...estimation.records import make_signal
+from ...experiment import Experiment, FloatArray, Hold
+from ...parameters.document import ParameterDocument
+from ...specification import Variant
+
+
+@dataclass(frozen=True)
+class TransferFunction:
+    """``exp(-dead_time s) numerator(s) / denominator(s)``, falling powers of ``s``."""
+
+    numerator: tuple[float, ...]
+    denominator: tuple[float, ...]
+    dead_time: float
+
+    @property
+    def gain(self) -> float | None:
+        """Steady output per input; ``None`` for an integrating model."""
+        last = self.denominator[-1]
+        return None if last == 0.0 else self.numerator[-1] / last
+
+
+Coefficients = Callable[[Mapping[str, float]], tuple[list[float], list[float]]]
+
+
+class TransferBlock(Block):
+    """A linear model that steps once per sample, with a dead zone before it where it has one.
+
+    The difference equation is the exact sampling of the continuous model for an input that
+    is held between samples, whatever its dead time.
+
+    Attributes
+    ----------
+    sample_time
+        Period of :meth:`step` [s]; 0 when the file holds none.
+    """
+
+    def __init__(
+        self,
+        document: ParameterDocument,
+        variant: Variant,
+        coefficients: Coefficients,
+        sample_time: float | None = None,
+    ) -> None:
+        super().__init__(document, variant)
+        self._coefficients = coefficients
+        own = document.model.get("discrete", {}).get("sample_time", 0.0)
+        self.sample_time = float(own if sample_time is None else sample_time)
+        self._level = self._start = 0.0
+        self._state: list[float] | None = None  # at rest, nothing having been put in yet
+
+    @cached_property
+    def _linear(self) -> TransferFunction:
+        values = self.numbers()
+        numerator, denominator = self._coefficients(values)
+        return TransferFunction(
+            tuple(numerator), tuple(denominator), values.get("dead_time", 0.0)
+        )
+
+    @cached_property
+    def _difference(self) -> tuple[list[float], list[float]]:
+        if self.sample_time <= 0.0:
+            raise UsageError(
+                "the parameter file holds no discrete model",
+                remedy="Use with_sample_time(...), or fit with --controller-sample-time.",
+            )
+        f = self._linear
+        d = discretise(f.numerator, f.denominator, self.sample_time, "zoh", f.dead_time)
+        return d["numerator"], d["denominator"]
+
+    @cached_property
+    def dead_zone(self) -> tuple[float, float] | None:
+        """Negative and positive edge [unit of the input]; ``None`` for a linear model."""
+        if "dead_zone_positive" not in self.parameters:
+            return None
+        values = self.numbers()
+        return values["dead_zone_negative"], values["dead_zone_positive"]
+
+    def transfer_function(self) -> TransferFunction:
+        """Return the continuous model (without a dead zone, which stands before it)."""
+        return self._linear
+
+    def difference_equation(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return numerator and denominator of the discrete model, rising powers of ``1/z``."""
+        numerator, denominator = self._difference
+        return tuple(numerator), tuple(denominator)
+
+    def with_sample_time(self, sample_time: float) -> Self:
+        """Return the same model, at rest, stepping at another period [s]."""
+        if not (np.isfinite(sample_time) and sample_time > 0.0):
+            raise UsageError(f"sample_time {sample_time!r} is not a positive number")
+        other = type(self)(self.document, self.variant, self._coefficients, sample_time)
+        other.parameters.refused = self.parameters.refused
+        return other
+
+    def actuate(self, value: float) -> float:
+        """Return what reaches the linear model [unit of the input]."""
+        if self.dead_zone is None:
+            return value
+        low, high = self.dead_zone
+        if value > high:
+            return value - high
+        return value - low if value < low else 0.0
+
+    def dead_zone_inverse(self, force: float, *, band: float = 0.0) -> float:
+        """Return the input that makes ``force`` act behind the dead zone.
+
+        ``dead_zone_inverse(w) = w + edge`` on the side of ``w``, so that the dead zone and
+        its inverse in series do nothing.
+
+        Parameters
+        ----------
+        force
+            Wanted behind the dead zone [unit of the input].
+        band
+            Half-width about zero within which the jump from edge to edge is replaced by a
+            straight line [unit of the input]: noise about zero then does not rattle.
+        """
+        low, high = self.dead_zone or (0.0, 0.0)
+        if abs(force) < band:
+            edge = high if force > 0.0 else -low
+            return force * (1.0 + edge / band)
+        if force > 0.0:
+            return force + high
+        return force + low if force < 0.0 else 0.0
+
+    def reset(self, *, input: float = 0.0, output: float | None = None) -> None:
+        """Return to rest.
+
+        Parameters
+        ----------
+        input
+            Input that was applied until now [unit of the input]. An integrating model is at
+            rest only without input: what passes its dead zone then acts from now on.
+        output
+            Output at rest [unit of the output]; what the input gives in the long run, with
+            the :attr:`offset`, when left out; 0 for an integrating model.
+        """
+        self._level, self._start = self._rest(input, output)
+        self._state = [0.0] * max(len(self._difference[0]) - 1, 1)
+
+    def _rest(self, input: float, output: float | None) -> tuple[float, float]:
+        """Input and output about which the linear model moves."""
+        gain = self._linear.gain
+        if gain is None:
+            return 0.0, 0.0 if output is None else output
+        level = self.actuate(input)
+        return level, gain * level + self.offset if output is None else output
+
+    def step(self, value: float) -> float:
+        """Take the input of this sample and return the output at the same instant.
+
+        The input acts until the next call, one ``sample_time`` later.
+
+        Parameters
+        ----------
+        value
+            [unit of the input]
+
+        Returns
+        -------
+        float
+            [unit of the output]
+
+        Raises
+        ------
+        UsageError
+            When the file holds no discrete model.
+        """
+        num, den = self._difference
+        if self._state is None:
+            self.reset()
+        state = self._state or [0.0]
+        u = self.actuate(value) - self._level
+        y = num[0] * u + state[0]
+        last = len(state) - 1
+        for i in range(last):  # direct form II transposed
+            state[i] = num[i + 1] * u - den[i + 1] * y + state[i + 1]
+        if len(num) > 1:
+            state[last] = num[last + 1] * u - den[last + 1] * y
+        return y + self._start
+
+    def simulate(
+        self,
+        values: npt.ArrayLike,
+        time: npt.ArrayLike | None = None,
+        *,
+        hold: Hold = "zoh",
+        before: float | None = None,
+        output: float | None = None,
+    ) -> FloatArray:
+        """Simulate a whole record from rest; the state of :meth:`step` is not touched.
+
+        Parameters
+        ----------
+        values : (n,)
+            Input [unit of the input].
+        time : (n,), optional
+            Instants [s], evenly spaced or not. The continuous model is then solved exactly
+            for an input that moves as ``hold`` says. Without it the samples are one
+            ``sample_time`` apart and the difference equation is stepped.
+        hold
+            ``"zoh"``, ``"foh"`` (straight lines), ``"smooth"`` or ``"auto"`` (smooth where
+            the samples show it, else straight lines).
+        before
+            Input before the first sample; the first value when left out.
+        output
+            Output before the first sample, as in :meth:`reset`.
+
+        Returns
+        -------
+        (n,)
+            Output [unit of the output].
+        """
+        if time is None:
+            return self._stepped(np.asarray(values, dtype=float), before, output)
+        role = self.variant.driving[0]
+        signal = make_signal(role.name, values, time, role.unit, hold)
+        level = float(signal.values[0]) if before is None else before
+        return self._respond(piecewise(signal), signal.time, level, output)
+
+    def predict(self, experiment: Experiment) -> FloatArray:
+        """Output from the input of an experiment, from rest; see :meth:`.Block.predict`."""
+        signal = experiment.signals[self.variant.driving[0].name]
+        return self._respond(piecewise(signal), experiment.time, input_level(signal), None)
+
+    def _respond(
+        self, u: PiecewiseInput, instants: FloatArray, before: float, output: float | None
+    ) -> FloatArray:
+        """Response to an input after a level of rest, exactly."""
+        level, start = self._rest(before, output)
+        if self.dead_zone is not None:
+            u = apply_dead_zone(u, *self.dead_zone)
+        coefficients = u.coefficients.copy()
+        coefficients[:, 0] -= level
+        a, b, c = _balanced(self._linear)
+        y = forced_response(
+            a, b, c, replace(u, coefficients=coefficients), instants,
+            dead_time=self._linear.dead_time,
+        )  # fmt: skip
+        return np.asarray(np.real(y) + start)
+
+    def _stepped(self, u: FloatArray, before: float | None, output: float | None) -> FloatArray:
+        copy = self.with_sample_time(self.sample_time) if self.sample_time else self
+        if u.size:
+            copy.reset(input=float(u[0]) if before is None else before, output=output)
+        return np.array([copy.step(v) for v in u.tolist()], dtype=float)
+
+
+def _balanced(function: TransferFunction) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """State space in a time scale in which the coefficients are of order one."""
+    den = np.asarray(function.denominator) / function.denominator[0]
+    order = den.size - 1
+    sizes = [abs(d) ** (1.0 / k) for k, d in enumerate(den) if k > 0 and d != 0.0]
+    rate = max(sizes) if sizes else 1.0
+    powers = rate ** -np.arange(order + 1.0)
+    num = np.zeros(order + 1)
+    num[order + 1 - len(function.numerator) :] = function.numerator
+    a, b, c = companion(
+        (num * powers / function.denominator[0])[1:].tolist(), (den * powers).tolist()
+    )
+    return a * rate, b * rate, c

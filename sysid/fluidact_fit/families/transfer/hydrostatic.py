@@ -1,0 +1,262 @@
+"""Hydrostatic transmission: a dead zone in series with a moving mass of fluid.
+
+    m x'' + c x' (+ k x) = DZ(F),   DZ(F) = max(F - F+, 0) + min(F - F-, 0)
+
+A Hammerstein model whose static part has slope one by construction, so that mass and
+damping keep their physical meaning. The thesis [1]_ found 53.7 kg and 1720.5 N s/m for two
+lines of 2.36 m.
+
+The force is measured while a hand moves it: it goes on moving between samples. Taking it
+as held moves the mass by ``-c Ts / 2`` (8.6 kg at 100 Hz), so it is not held by default.
+
+References
+----------
+.. [1] D. B. Comber (thesis, 2013), "Fluid power actuation for MRI-guided interventions",
+   equations 8 to 10 and figure 18.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...errors import LogError
+from ...estimation.parametric import Fitted, Values, bind
+from ...estimation.results import Refusal
+from ...estimation.separable import Unknown, solve
+from ...estimation.transfer import TransferModel, dead_time_axis, grid_search, time_scales
+from ...experiment import Experiment, FloatArray
+from ...family import ParameterSpec, Quantity, Request, Role, Variant
+from ...options import choice
+from .base import Plan, TransferFamily, TransferOptions
+
+_ASKED = ("none", "estimate")
+
+
+def realise(values: Values) -> tuple[Any, Any, Any]:
+    """State space of ``1/(m s^2 + c s + k)``, position and velocity."""
+    m = values["mass"]
+    a = np.array([[0.0, 1.0], [-values.get("stiffness", 0.0) / m, -values["damping"] / m]])
+    return a, np.array([0.0, 1.0 / m]), np.array([1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class HydrostaticOptions(TransferOptions):
+    """What is estimated beside mass, damping and dead zone."""
+
+    stiffness: str = choice("none", _ASKED, "whether to estimate a spring")
+    dead_time: str = choice("none", _ASKED, "whether to estimate a dead time")
+
+
+class Hydrostatic(TransferFamily[HydrostaticOptions]):
+    """Dead zone followed by mass, damping and an optional spring."""
+
+    name = "hydrostatic"
+    title = "Hydrostatic transmission: dead zone, mass and damping"
+    equation = "mass x'' + damping x' (+ stiffness x) = dead_zone(force)"
+    variants = (
+        Variant(
+            "hydrostatic",
+            (
+                Role("time", "s", "time of each sample"),
+                Role("force", "N", "force on the master piston", hold="auto"),
+                Role("position", "m", "position of the piston", output=True),
+            ),
+            (
+                ParameterSpec(
+                    "mass", "kg", "apparent mass of pistons and fluid", minimum=1e-12,
+                    remedy="Move faster: the mass shows above damping/mass rad/s. Record the "
+                    "force at a higher rate, or fix the mass with --fix mass=...",
+                ),
+                ParameterSpec(
+                    "damping", "N s/m", "viscous damping of the lines", minimum=1e-12,
+                    remedy="Record strokes with a force well outside the dead zone.",
+                ),
+                ParameterSpec(
+                    "stiffness", "N/m", "stiffness of a spring at the piston", minimum=0.0,
+                    neutral=0.0, optional=True,
+                    remedy="Record strokes that stop at several positions.",
+                ),
+                ParameterSpec(
+                    "dead_zone_negative", "N", "force below which the piston moves", maximum=0.0,
+                    neutral=0.0,
+                    curved=True,
+                    remedy="Record strokes in the negative direction that pass the edge of the "
+                    "dead zone slowly, several times.",
+                ),
+                ParameterSpec(
+                    "dead_zone_positive", "N", "force above which the piston moves", minimum=0.0,
+                    neutral=0.0,
+                    curved=True,
+                    remedy="Record strokes in the positive direction that pass the edge of the "
+                    "dead zone slowly, several times.",
+                ),
+                ParameterSpec(
+                    "dead_time", "s", "dead time between force and position", minimum=0.0,
+                    neutral=0.0, optional=True,
+                    curved=True,
+                    remedy="Record sharp changes of the force at a higher sampling rate.",
+                ),
+            ),
+        ),
+    )  # fmt: skip
+    options_type = HydrostaticOptions
+    dead_zone = True
+
+    def realise(self, values: Values) -> tuple[Any, Any, Any]:
+        """See :func:`realise`."""
+        return realise(values)
+
+    def confounded(self, values: Values) -> tuple[int, ...]:
+        """Without a spring the initial position is the same as an offset."""
+        return () if np.real(values.get("stiffness", 0.0)) != 0.0 else (0,)
+
+    def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
+        """``1 / (mass s^2 + damping s + stiffness)``."""
+        return [1.0], [values["mass"], values["damping"], values.get("stiffness", 0.0)]
+
+    def plan(
+        self, experiments: Sequence[Experiment], request: Request[HydrostaticOptions]
+    ) -> Plan:
+        """Typical sizes, search range and the widest useful intervals."""
+        names = ["mass", "damping", "dead_zone_negative", "dead_zone_positive"]
+        for asked, name in (
+            (request.options.stiffness, "stiffness"),
+            (request.options.dead_time, "dead_time"),
+        ):
+            if asked == "estimate" or name in request.fixed:
+                names.append(name)
+        step, span = time_scales(experiments)
+        low, high, speed = _ranges(experiments)
+        force = max(high, -low)
+        damping = force / speed
+        shares = np.array([0.04, 0.2, 0.5])
+        return Plan(
+            names=tuple(names),
+            scales={
+                "mass": damping * step,
+                "damping": damping,
+                "dead_zone_negative": force,
+                "dead_zone_positive": force,
+                "stiffness": damping / span,
+                "dead_time": step,
+            },
+            limits={
+                "mass": (1e-4 * damping * step, 1e3 * damping * span),
+                "damping": (1e-4 * damping, 1e4 * damping),
+                "dead_zone_negative": (min(low, 0.0), 0.0),
+                "dead_zone_positive": (0.0, max(high, 0.0)),
+                "dead_time": (0.0, 0.5 * span),
+            },
+            axes={
+                "mass": np.geomspace(0.5 * step, 0.05 * span, 4),  # per damping
+                "dead_zone_negative": min(low, 0.0) * shares,
+                "dead_zone_positive": max(high, 0.0) * shares,
+                "stiffness": np.array([0.1, 1.0, 10.0]) * 2.0 * np.pi / span,  # per damping
+            },
+            lag=lambda at: 3.0 * step,
+            sensible={
+                "dead_zone_negative": 0.5 * force,
+                "dead_zone_positive": 0.5 * force,
+                "dead_time": 0.25 * span,
+                "stiffness": force / max(float(np.ptp(experiments[0]["position"])), 1e-12),
+            },
+            refusals=_edges_out_of_reach(experiments, request),
+        )
+
+    def starts(
+        self,
+        variant: Variant,
+        plan: Plan,
+        experiments: Sequence[Experiment],
+        rest: bool,
+        unknowns: Mapping[str, Unknown],
+        request: Request[HydrostaticOptions],
+    ) -> list[dict[str, float]]:
+        """Profile over time constant, edges and the rest; ``1/damping`` is eliminated."""
+        step, _ = time_scales(experiments)
+        used = [n for n in plan.names if n != "damping"]
+        model = TransferModel(
+            experiments, "force", "position", _realise_per_damping, gain="mobility",
+            dead_zone=True, confounded=self.confounded, rest=rest,
+        )  # fmt: skip
+        free = {n: Unknown(n, 0.0) for n in used}
+        free["mobility"] = Unknown("mobility", 1.0, 1e-300)
+        problem = bind(model.named(used), free, {})
+        out = []
+        for found in grid_search(
+            problem, plan.axes, lambda at: dead_time_axis(step, 8.0 * step, plan.lag(at))
+        ):
+            eta = np.array([found[n] for n in used])
+            damping = 1.0 / max(solve(problem, eta, max_iterations=0).linear[0], 1e-300)
+            start = {**found, "damping": damping, "mass": found["mass"] * damping}
+            if "stiffness" in found:
+                start["stiffness"] = found["stiffness"] * damping
+            out.append(start)
+        return out
+
+    def derive(self, fitted: Fitted) -> dict[str, Quantity]:
+        """Time constant, half-width and centre of the dead zone.
+
+        The centre cannot be told from an offset of the load cell, the half-width can.
+        """
+        return fitted.derive(
+            {"time_constant": "s", "dead_zone_half_width": "N", "dead_zone_centre": "N"},
+            lambda v: {
+                "time_constant": v["mass"] / v["damping"],
+                "dead_zone_half_width": 0.5 * (v["dead_zone_positive"] - v["dead_zone_negative"]),
+                "dead_zone_centre": 0.5 * (v["dead_zone_positive"] + v["dead_zone_negative"]),
+            },
+        )
+
+
+def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
+    """Lowest and highest force [N], and the highest speed but for 2 % [m/s].
+
+    Raises
+    ------
+    LogError
+        When nothing moves.
+    """
+    high = max(float(e["force"].max()) for e in experiments)
+    low = min(float(e["force"].min()) for e in experiments)
+    speeds = np.concatenate([np.abs(np.gradient(e["position"], e.time)) for e in experiments])
+    speed = float(np.quantile(speeds, 0.98))
+    if max(high, -low) <= 0.0 or speed <= 0.0:
+        raise LogError(
+            "force or position does not change in any log",
+            remedy="Record strokes with a force that moves the piston.",
+        )
+    return low, high, speed
+
+
+def _edges_out_of_reach(
+    experiments: Sequence[Experiment], request: Request[HydrostaticOptions]
+) -> list[Refusal]:
+    """Edges on a side to which the force never goes."""
+    high = max(float(e["force"].max()) for e in experiments)
+    low = min(float(e["force"].min()) for e in experiments)
+    scale = max(high, -low)
+    out = []
+    for name, reach, word in (
+        ("dead_zone_negative", -low, "negative"),
+        ("dead_zone_positive", high, "positive"),
+    ):
+        if reach <= 1e-3 * scale and name not in request.fixed:
+            edge = 0.0 if reach <= 0.0 else reach
+            hold = -edge if word == "negative" else edge
+            reason = (
+                f"the force stays between {low:.3g} and {high:.3g} N: never on the {word} side."
+            )
+            out.append(Refusal(name, reason, hold))
+    return out
+
+
+def _realise_per_damping(values: Values) -> tuple[Any, Any, Any]:
+    """State space of ``1/(tau s^2 + s + k/c)``: the response per ``1/c`` is linear."""
+    tau = values["mass"]
+    a = np.array([[0.0, 1.0], [-values.get("stiffness", 0.0) / tau, -1.0 / tau]])
+    return a, np.array([0.0, 1.0 / tau]), np.array([1.0, 0.0])

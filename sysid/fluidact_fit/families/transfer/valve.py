@@ -1,0 +1,154 @@
+"""Proportional valve: gain, natural frequency, damping ratio.
+
+    Y(s)/U(s) = K wn^2 (T_z s + 1) exp(-T_d s) / (s^2 + 2 zeta wn s + wn^2)
+
+Dead time and zero are optional. Under- and overdamped valves are one model: the poles
+may meet and turn real without a seam.
+
+References
+----------
+.. [1] D. B. Comber (thesis, 2013), "Fluid power actuation for MRI-guided interventions",
+   equation 20: outlet pressure of a proportional valve behaves as a second-order system.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...estimation.parametric import Fitted, Values
+from ...estimation.transfer import time_scales
+from ...experiment import Experiment
+from ...family import ParameterSpec, Quantity, Request, Role, Variant
+from ...options import choice
+from ...specification import quotient_unit
+from .base import Plan, TransferFamily, TransferOptions
+
+_ASKED = ("none", "estimate")
+
+
+def realise(values: Values) -> tuple[Any, Any, Any]:
+    """State space of the valve with unit gain, balanced by scaling time with ``wn``."""
+    wn, zeta = values["natural_frequency"], values["damping_ratio"]
+    a = wn * np.array([[0.0, 1.0], [-1.0, -2.0 * zeta]])
+    b = wn * np.array([0.0, 1.0])
+    c = np.array([1.0, values.get("zero_time_constant", 0.0) * wn])
+    return a, b, c
+
+
+@dataclass(frozen=True)
+class ValveOptions(TransferOptions):
+    """What is estimated beside gain, frequency and damping."""
+
+    dead_time: str = choice("none", _ASKED, "whether to estimate a dead time")
+    zero: str = choice("none", _ASKED, "whether to estimate a zero")
+
+
+class Valve(TransferFamily[ValveOptions]):
+    """Second-order valve with optional dead time and zero."""
+
+    name = "valve"
+    title = "Valve: gain, natural frequency and damping ratio"
+    equation = (
+        "outlet(s)/command(s) = gain * natural_frequency^2 * (zero_time_constant s + 1) "
+        "* exp(-dead_time s) / (s^2 + 2 damping_ratio natural_frequency s + natural_frequency^2)"
+    )
+    variants = (
+        Variant(
+            "valve",
+            (
+                Role("time", "s", "time of each sample"),
+                Role("command", "V", "what the controller sends", hold="zoh",
+                     alternatives=("A", "1")),
+                Role("outlet", "Pa", "pressure (or flow) at the outlet", output=True,
+                     alternatives=("m3/s", "V", "1")),
+            ),
+            (
+                ParameterSpec(
+                    "gain", "Pa/V", "steady outlet per command", any_unit=True,
+                    remedy="Record at least two levels of the command, each held until the "
+                    "outlet settles.",
+                ),
+                ParameterSpec(
+                    "natural_frequency", "rad/s", "undamped natural frequency", minimum=1e-9,
+                    remedy="Record steps of the command, sampled at least ten times within the "
+                    "rise of the outlet.",
+                ),
+                ParameterSpec(
+                    "damping_ratio", "1", "damping ratio", minimum=1e-6,
+                    remedy="Record steps of the command, sampled at least ten times within the "
+                    "rise of the outlet.",
+                ),
+                ParameterSpec(
+                    "dead_time", "s", "time before the outlet begins to move",
+                    neutral=0.0, minimum=0.0, curved=True,
+                    remedy="Record sharp steps of the command at a higher sampling rate.",
+                ),
+                ParameterSpec(
+                    "zero_time_constant", "s", "time constant of the zero", neutral=0.0,
+                    optional=True,
+                    remedy="Record sharp steps of the command at a higher sampling rate.",
+                ),
+            ),
+        ),
+    )  # fmt: skip
+    options_type = ValveOptions
+    gain = "gain"
+    steady_offset = True
+
+    def realise(self, values: Values) -> tuple[Any, Any, Any]:
+        """See :func:`realise`."""
+        return realise(values)
+
+    def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
+        """``gain wn^2 (zero s + 1) / (s^2 + 2 zeta wn s + wn^2)``."""
+        wn, zeta = values["natural_frequency"], values["damping_ratio"]
+        numerator = [values["gain"] * wn**2]
+        if values.get("zero_time_constant"):
+            numerator = [numerator[0] * values["zero_time_constant"], numerator[0]]
+        return numerator, [1.0, 2.0 * zeta * wn, wn**2]
+
+    def plan(self, experiments: Sequence[Experiment], request: Request[ValveOptions]) -> Plan:
+        """Search over frequencies and dampings; a dead time and a zero where asked for."""
+        step, span = time_scales(experiments)
+        zero = request.options.zero == "estimate" or "zero_time_constant" in request.fixed
+        names = ["natural_frequency", "damping_ratio", "dead_time"]
+        return Plan(
+            names=(*names, "zero_time_constant") if zero else tuple(names),
+            scales={"natural_frequency": 1.0 / step, "dead_time": step, "zero_time_constant": step},
+            limits={
+                "natural_frequency": (1e-3 / span, 1e3 / step),
+                "damping_ratio": (1e-6, 1e3),
+                "dead_time": (0.0, 0.5 * span),
+                "zero_time_constant": (-span, span),
+            },
+            axes={
+                "natural_frequency": np.geomspace(3.0 / span, 2.5 / step, 12),
+                "damping_ratio": np.array([0.2, 0.7, 2.0]),
+                "zero_time_constant": np.zeros(1),
+            },
+            lag=lambda at: 2.0 / at["natural_frequency"],
+            sensible={"dead_time": 0.25 * span, "zero_time_constant": span},
+            fixed={"dead_time": 0.0} if request.options.dead_time == "none" else {},
+        )
+
+    def units(self, experiments: Sequence[Experiment]) -> dict[str, str]:
+        """The gain is outlet per command."""
+        signals = experiments[0].signals
+        return {"gain": quotient_unit(signals["outlet"].unit, signals["command"].unit)}
+
+    def derive(self, fitted: Fitted) -> dict[str, Quantity]:
+        """Undamped frequency in hertz, and overshoot where there is one."""
+        resonant = fitted.values["damping_ratio"] < 1.0
+
+        def function(v: Values) -> dict[str, Any]:
+            out = {"frequency": v["natural_frequency"] / (2.0 * np.pi)}
+            if resonant:
+                z = v["damping_ratio"]
+                out["overshoot"] = np.exp(-np.pi * z / np.sqrt(1.0 - z * z))
+            return out
+
+        return fitted.derive({"frequency": "Hz", "overshoot": "1"}, function)

@@ -1,0 +1,252 @@
+"""A family's own options: one typed dataclass, from which everything else is made.
+
+The command line, keyword arguments of ``fit``, the ``options`` part of a parameter file, its
+schema and the tables of the documentation are all read off the fields. A field is declared
+with one of the helpers below::
+
+    @dataclass(frozen=True)
+    class LineOptions(FamilyOptions):
+        length: float | None = number(help="length of the line", unit="m", above=0.0)
+
+Values that a fit settles (a dead band found from the noise) replace ``None`` or ``"auto"``, and
+the file holds the settled ones: whoever comes later reads them there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
+from typing import Any, Literal, Self
+
+from .errors import UsageError
+
+Kind = Literal["choice", "float", "int", "flag", "text", "range"]
+_FORMS = {
+    "float": "a number",
+    "int": "a whole number",
+    "flag": "true or false",
+    "text": "text",
+    "range": "two numbers, the lower one first",
+}
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option: what may be given, and what it means.
+
+    Attributes
+    ----------
+    name
+        As on the command line, without the hyphens before it.
+    kind, help, default, choices, unit
+        ``default`` is ``None`` where the fit chooses or the option is not needed.
+    minimum, maximum
+        Closed range of a number; ``above`` is an open lower end.
+    check
+        Returns a text in its proper form, or raises ``ValueError`` saying what is wrong.
+    settled
+        Found by the fit and kept in the file; nothing a user gives.
+    """
+
+    name: str
+    kind: Kind
+    help: str
+    default: Any = None
+    choices: tuple[str, ...] = ()
+    unit: str = ""
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    above: float = -math.inf
+    check: Callable[[str], str] | None = None
+    settled: bool = False
+
+    @property
+    def expected(self) -> str:
+        """What may be given, in words."""
+        if self.kind == "choice":
+            return "one of " + ", ".join(self.choices)
+        words = [_FORMS[self.kind]]
+        if math.isfinite(self.above):
+            words.append(f"above {self.above:g}")
+        if math.isfinite(self.minimum):
+            words.append(f"not below {self.minimum:g}")
+        if math.isfinite(self.maximum):
+            words.append(f"not above {self.maximum:g}")
+        return " ".join((words[0], ", ".join(words[1:]))).strip() + (
+            f" [{self.unit}]" if self.unit else ""
+        )
+
+    def read(self, value: Any) -> Any:
+        """Return the value in its proper type.
+
+        Raises
+        ------
+        ValueError
+            Saying what is wrong with it.
+        """
+        if value is None:
+            return None
+        if self.kind == "choice":
+            if value not in self.choices:
+                raise ValueError("there is no such choice")
+            return value
+        if self.kind == "flag":
+            if not isinstance(value, bool):
+                raise ValueError("neither true nor false")
+            return value
+        if self.kind == "text":
+            return self._read_text(value)
+        if self.kind == "range":
+            return self._read_range(value)
+        return self._read_number(value)
+
+    def _read_text(self, value: Any) -> str:
+        if isinstance(value, bool) or not isinstance(value, str | int):
+            raise ValueError("not text")
+        text = str(value).strip()
+        return self.check(text) if self.check else text
+
+    def _read_range(self, value: Any) -> tuple[float, float]:
+        if isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 2:
+            raise ValueError("not a pair of numbers")
+        low, high = (self._read_number(v) for v in value)
+        if not low < high:
+            raise ValueError(f"{low:g} is not below {high:g}")
+        return float(low), float(high)
+
+    def _read_number(self, value: Any) -> float | int:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            value = getattr(value, "item", lambda: value)()  # a numpy scalar
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError("not a number")
+        if not math.isfinite(value):
+            raise ValueError("not finite")
+        if self.kind == "int" and value != int(value):
+            raise ValueError("not a whole number")
+        if value <= self.above or value < self.minimum or value > self.maximum:
+            raise ValueError("out of range")
+        return int(value) if self.kind == "int" else float(value)
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def choice(default: str, values: tuple[str, ...], help: str) -> Any:
+    """One word out of several."""
+    return _field("choice", help, default, choices=values)
+
+
+def number(
+    default: float | None = None,
+    *,
+    help: str,
+    unit: str = "",
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+    above: float = -math.inf,
+) -> Any:
+    """A number [``unit``] of a closed range, or one above ``above``."""
+    return _field("float", help, default, unit=unit, minimum=minimum, maximum=maximum, above=above)
+
+
+def whole(
+    default: int | None = None,
+    *,
+    help: str,
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+) -> Any:
+    """A whole number."""
+    return _field("int", help, default, minimum=minimum, maximum=maximum)
+
+
+def flag(default: bool | None = None, *, help: str) -> Any:
+    """Yes or no; ``None`` where the fit decides."""
+    return _field("flag", help, default)
+
+
+def text(
+    default: str | None = None, *, help: str, check: Callable[[str], str] | None = None
+) -> Any:
+    """Text, brought into its proper form by ``check``."""
+    return _field("text", help, default, check=check)
+
+
+def interval(*, help: str, unit: str = "") -> Any:
+    """``LOW:HIGH``."""
+    return _field("range", help, None, unit=unit)
+
+
+def settled(kind: Kind, help: str, **limits: Any) -> Any:
+    """What no user gives: the fit finds it and the file holds it."""
+    return _field(kind, help, None, settled=True, **limits)
+
+
+def _field(kind: Kind, help: str, default: Any, **more: Any) -> Any:
+    return field(default=default, metadata={"option": Option("", kind, help, default, **more)})
+
+
+def describe(options: type[FamilyOptions], *, every: bool = False) -> tuple[Option, ...]:
+    """Options of a family in the order of the class; ``every`` adds the settled ones."""
+    from dataclasses import replace
+
+    found = (
+        replace(f.metadata["option"], name=f.name.replace("_", "-")) for f in fields(options)
+    )
+    return tuple(o for o in found if every or not o.settled)
+
+
+@dataclass(frozen=True)
+class FamilyOptions:
+    """Base of every family's options; without fields, a family without options."""
+
+    @classmethod
+    def read(cls, given: Mapping[str, Any], *, from_file: bool = False) -> Self:
+        """Check options by name and fill in the defaults.
+
+        Parameters
+        ----------
+        given
+            Name, with hyphens or underscores, to value; ``None`` means: not given.
+        from_file
+            Whether settled values are among them, as in a parameter file.
+
+        Raises
+        ------
+        UsageError
+            Naming the option, what may be given, and the closest name there is.
+        """
+        known = {o.name: o for o in describe(cls, every=from_file)}
+        values = {}
+        for name, value in given.items():
+            key = name.replace("_", "-")
+            if key not in known:
+                close = get_close_matches(key, known, 1)
+                raise UsageError(
+                    f"there is no option --{key}",
+                    expected="The options are: "
+                    + (", ".join(f"--{n}" for n in known) or "none")
+                    + ".",
+                    remedy=f"Did you mean --{close[0]}?" if close else "",
+                )
+            try:
+                read = known[key].read(value)
+            except ValueError as error:
+                raise UsageError(
+                    f"--{key}={_shown(value)}: {error}",
+                    expected=f"Expected {known[key].expected}.",
+                ) from None
+            if read is not None:
+                values[key.replace("-", "_")] = read
+        return cls(**values)
+
+    def given(self) -> dict[str, Any]:
+        """Return every option that has a value, named as in the file; pairs as lists."""
+        found = {f.name.replace("_", "-"): getattr(self, f.name) for f in fields(self)}
+        return {
+            k: list(v) if isinstance(v, tuple) else v for k, v in found.items() if v is not None
+        }

@@ -1,0 +1,99 @@
+"""What a fit or a simulation came to: curves beside the log, and the document."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import Notice
+from .experiment import Experiment, FloatArray
+from .family import Estimate, FamilyOptions, Simulated, StaticView, Variant
+from .parameters.document import ParameterDocument
+from .quality import Agreement, agreement
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """One run simulated with the parameters of a file.
+
+    Attributes
+    ----------
+    experiment
+        The run.
+    simulated
+        Output of the model at its samples, shape ``(n,)`` [SI].
+    measured
+        What it is compared with, same shape; NaN where nothing was recorded or the model
+        does not claim to describe the sample.
+    offset
+        Offset of the output that belongs to the log [SI], or ``None``.
+    """
+
+    experiment: Experiment
+    simulated: FloatArray
+    measured: FloatArray
+    offset: float | None = None
+
+    @classmethod
+    def of(cls, experiment: Experiment, found: Simulated, output: str) -> Simulation:
+        """Put a simulation beside what the run recorded of its output role."""
+        simulated = np.asarray(found.output, dtype=float)
+        measured = np.full(simulated.shape, np.nan)
+        if output in experiment:
+            used = np.isfinite(simulated) if found.used is None else found.used
+            measured = np.where(used, experiment.sampled(output), np.nan)
+        return cls(experiment, simulated, measured, found.offset)
+
+    @property
+    def agreement(self) -> Agreement:
+        """Measured against simulated."""
+        return agreement([self.measured], [self.simulated])
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square of the residual over the samples used [SI]."""
+        return self.agreement.rmse
+
+    @property
+    def left_out(self) -> int:
+        """Samples that the model does not claim to describe."""
+        return int(np.sum(~np.isfinite(self.measured)))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A finished fit, as pictures and pages take it.
+
+    Attributes
+    ----------
+    family, variant
+        What was fitted.
+    estimate
+        Parameters, covariance, settled options (:class:`.family.Estimate`).
+    fitted
+        Every run that was fitted, simulated with the values that are written.
+    validation
+        Runs that were only judged.
+    document
+        The parameter document, ready to be written.
+    notices
+        All warnings, those of the reader included.
+    static_view
+        What a picture of a static map shows; ``None`` for a dynamic model.
+    """
+
+    family: str
+    variant: Variant
+    estimate: Estimate[FamilyOptions]
+    fitted: Sequence[Simulation]
+    validation: Sequence[Simulation]
+    document: ParameterDocument
+    notices: Sequence[Notice]
+    static_view: StaticView | None
+
+    @property
+    def experiments(self) -> list[Experiment]:
+        """The runs that were fitted."""
+        return [s.experiment for s in self.fitted]

@@ -1,0 +1,229 @@
+"""What a parameter file predicts: for a log, or for inputs that step."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .errors import LogError, Notice, UsageError
+from .estimation.inputs import settle_holds
+from .experiment import Experiment, FloatArray, Signal
+from .families import get_family
+from .family import Role, Variant
+from .logs import Log, StepInput, share_columns
+from .logs import experiments as experiments_of
+from .logs.columns import find_column
+from .outcome import Simulation
+from .parameters.document import ParameterDocument
+from .units import conversion_factor
+
+_MOST_SAMPLES = 5_000_000
+
+
+def variant_of(document: ParameterDocument) -> Variant:
+    """The variant of a document's family."""
+    return get_family(document.family).variant(document.variant)
+
+
+def recall_columns(document: ParameterDocument, log: Log) -> Log:
+    """Bind a log's columns as the file's own logs were bound, where nothing else was said.
+
+    Of the logs in the provenance, the one counts of whose headers the log has most; for
+    roles without one, columns named like the roles are taken as ever.
+    """
+    sources = document.provenance.logs
+    if not sources:
+        return log
+    fitting = [_present(log, source.columns) for source in sources]
+    best = max(range(len(sources)), key=lambda i: len(fitting[i]))
+    known = _apply(log, fitting[best])
+    timed = "time" in {*sources[best].columns, *log.bindings}
+    if not timed and log.sample_time is None and sources[best].sample_time:
+        known = replace(known, sample_time=sources[best].sample_time)
+    return known
+
+
+def _present(log: Log, columns: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+    """Entries of a provenance that a log can follow and the user did not replace."""
+    return {
+        role: entry
+        for role, entry in columns.items()
+        if role not in log.bindings and ("header" not in entry or _has(log, role, entry["header"]))
+    }
+
+
+def _has(log: Log, role: str, header: str) -> bool:
+    try:
+        find_column(log, role, header)
+    except LogError:
+        return False
+    return True
+
+
+def _apply(log: Log, remembered: Mapping[str, Mapping[str, Any]]) -> Log:
+    bindings, units = dict(log.bindings), dict(log.units)
+    scales, steps, holds = dict(log.scales), dict(log.steps), dict(log.holds)
+    for role, entry in remembered.items():
+        if "hold" in entry and "step" not in entry:
+            holds.setdefault(role, entry["hold"])
+        if role in log.steps or (role == "time" and log.sample_time is not None):
+            continue
+        if "step" in entry:
+            step = entry["step"]
+            steps[role] = StepInput(step["from"], step["to"], step["at"])
+        elif "header" in entry:
+            bindings[role] = entry["header"]
+        if not entry.get("assumed"):
+            units.setdefault(role, entry["unit"])
+        if "scale" in entry:
+            scales.setdefault(role, entry["scale"])
+    return replace(log, bindings=bindings, units=units, scales=scales, steps=steps, holds=holds)
+
+
+def prepare_logs(
+    document: ParameterDocument, logs: Sequence[Log]
+) -> tuple[list[Experiment], list[Notice]]:
+    """Turn logs into runs, columns bound and holds settled as in the file.
+
+    The output may be missing.
+
+    Returns
+    -------
+    tuple
+        The runs of all logs, and the warnings of preparing them.
+
+    Raises
+    ------
+    UsageError, LogError
+        When a log does not have what the model needs.
+    """
+    variant = variant_of(document)
+    roles = tuple(replace(r, required=r.required and not r.output) for r in variant.roles)
+    runs: list[Experiment] = []
+    notices: list[Notice] = []
+    recalled = share_columns([recall_columns(document, log) for log in logs])
+    for index, log in enumerate(recalled):
+        some, said = experiments_of(log, replace(variant, roles=roles), index=index)
+        runs += some
+        notices += said
+    return settle_holds(runs), notices
+
+
+def simulate_runs(document: ParameterDocument, runs: Sequence[Experiment]) -> list[Simulation]:
+    """Simulate a document's model for runs that have been prepared."""
+    family, variant = get_family(document.family), variant_of(document)
+    options = family.options_type.read(document.options or {}, from_file=True)
+    offset = document.model.get("output_offset")
+    found = family.simulate(variant, document.values(), runs, options, offset)
+    return [Simulation.of(e, s, variant.output.name) for e, s in zip(runs, found, strict=True)]
+
+
+def simulate_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Simulation]:
+    """Simulate a document's model with the inputs of logs.
+
+    Everything that the fit settled is read from the file; nothing is settled here.
+
+    Parameters
+    ----------
+    document
+        The parameter file.
+    logs
+        Their output role may be missing; ``measured`` is then NaN.
+
+    Returns
+    -------
+    list of Simulation
+        One per run.
+
+    Raises
+    ------
+    UsageError, LogError
+        When a log does not have what the model needs.
+    """
+    return simulate_runs(document, prepare_logs(document, logs)[0])
+
+
+def simulate_steps(
+    document: ParameterDocument,
+    inputs: Mapping[str, StepInput],
+    units: Mapping[str, str],
+    duration: float,
+    sample_time: float,
+) -> list[Simulation]:
+    """Simulate a document's model with inputs that step, without any log.
+
+    Parameters
+    ----------
+    document
+        The parameter file.
+    inputs
+        Role to step [SI, or the unit given].
+    units
+        Role to unit of its levels.
+    duration, sample_time
+        [s]
+
+    Raises
+    ------
+    UsageError
+        When an input is missing or there would be too many samples.
+    """
+    roles = [r for r in variant_of(document).roles if r.name != "time" and not r.output]
+    for role in roles:
+        if role.required and role.name not in inputs:
+            raise UsageError(
+                f"the input '{role.name}' is missing.",
+                remedy=f"Give --input {role.name}=FROM:TO[@T], or a LOG.",
+            )
+    samples = duration / sample_time
+    if not 2 <= samples <= _MOST_SAMPLES:
+        raise UsageError(
+            f"{duration:g} s in steps of {sample_time:g} s are {samples:.3g} samples.",
+            expected=f"Expected 2 to {_MOST_SAMPLES}.",
+            remedy="Change --duration or --sample-time.",
+        )
+    time = sample_time * np.arange(round(samples) + 1, dtype=np.float64)
+    signals = {r.name: _step(r, inputs[r.name], units) for r in roles if r.name in inputs}
+    run = Experiment("inputs", 0, time, signals, sample_time, True)
+    return simulate_runs(document, [run])
+
+
+def _step(role: Role, step: StepInput, units: Mapping[str, str]) -> Signal:
+    """An input that stepped: one node, at rest before."""
+    factor = conversion_factor(units.get(role.name, role.unit), role.unit, f"--unit {role.name}")
+    size = abs(step.end - step.start) * factor
+    return Signal(
+        role.name, np.array([step.at]), np.array([step.end * factor]), role.unit, "zoh",
+        step.start * factor, size,
+    )  # fmt: skip
+
+
+def to_csv(document: ParameterDocument, simulations: Sequence[Simulation]) -> str:
+    """Return simulations as CSV: time, signals, simulated output; all in SI."""
+    text = io.StringIO()
+    output = variant_of(document).output
+    header = f"{output.name}_simulated [{output.unit}]"
+    several = len(simulations) > 1
+    for number, simulation in enumerate(simulations, start=1):
+        columns = {**({"run": np.full(simulation.simulated.shape, number)} if several else {}),
+                   **_columns(simulation.experiment, simulation.simulated, header)}  # fmt: skip
+        if number == 1:
+            text.write(",".join(columns) + "\n")
+        for row in zip(*columns.values()):
+            text.write(",".join(f"{value:.12g}" for value in row) + "\n")
+    return text.getvalue()
+
+
+def _columns(experiment: Experiment, simulated: FloatArray, header: str) -> dict[str, FloatArray]:
+    """Columns by header, inputs that stepped written out on the samples."""
+    columns: dict[str, FloatArray] = {}
+    if experiment.time.size:
+        columns["time [s]"] = experiment.time
+    for role, signal in experiment.signals.items():
+        columns[f"{role} [{signal.unit}]"] = experiment.sampled(role)
+    columns[header] = simulated
+    return columns

@@ -1,0 +1,168 @@
+"""What a family needs and gives, as plain data: roles, parameters, values with uncertainty.
+
+Below everything else, so that the parameter file and the families speak of the same things
+without knowing each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from .experiment import Hold
+from .options import FamilyOptions
+
+Value = float | list[float] | list[list[float]]
+Status = Literal["estimated", "fixed", "derived", "not_identified"]
+
+
+@dataclass(frozen=True)
+class Role:
+    """A quantity that a family needs from a log.
+
+    ``hold`` is the default intersample behaviour of a role that drives the model and
+    ``None`` for all others. ``output`` marks the role that is compared with the model.
+    ``alternatives`` are SI units of other dimensions that are accepted as well: a valve
+    may be commanded in volts, amperes or as a number.
+    """
+
+    name: str
+    unit: str
+    description: str
+    required: bool = True
+    hold: Hold | None = None
+    output: bool = False
+    alternatives: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ParameterSpec:
+    """A parameter as it stands in the file.
+
+    Attributes
+    ----------
+    name, unit, description
+        As written; SI.
+    neutral
+        The value written when the data cannot determine it; ``None`` when it has no
+        neutral value, in which case the run ends without a file.
+    minimum, maximum
+        Closed physical range every file has to respect.
+    rank
+        0 for a number, 1 for a list, 2 for a list of lists.
+    length
+        Required length of a list, ``None`` when free.
+    increasing
+        Whether the entries of a list have to increase.
+    remedy
+        The experiment that determines the parameter, a whole sentence.
+    optional
+        Whether a file may lack it (a ``viscous`` replaced by two one-sided values).
+    any_unit
+        Whether the unit depends on the log (the gain of a valve); its dimension is then
+        not checked.
+    curved
+        Whether the cost over this parameter has kinks, so that its interval is found by
+        profiling the likelihood (a dead time, an edge of a dead zone).
+    """
+
+    name: str
+    unit: str
+    description: str
+    neutral: float | None = None
+    minimum: float = -np.inf
+    maximum: float = np.inf
+    rank: Literal[0, 1, 2] = 0
+    length: int | None = None
+    increasing: bool = False
+    remedy: str = ""
+    optional: bool = False
+    any_unit: bool = False
+    curved: bool = False
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A set of roles with the parameter table that goes with it.
+
+    Most families have one. ``ball-screw`` has a rotary one (torque, angle, inertia)
+    and a linear one (force, position, mass).
+    """
+
+    name: str
+    roles: tuple[Role, ...]
+    parameters: tuple[ParameterSpec, ...]
+
+    def role(self, name: str) -> Role:
+        """Return the role of that name; raises ``KeyError`` when there is none."""
+        return next(r for r in self.roles if r.name == name)
+
+    def parameter(self, name: str) -> ParameterSpec:
+        """Return the parameter of that name; raises ``KeyError`` when there is none."""
+        return next(p for p in self.parameters if p.name == name)
+
+    @property
+    def output(self) -> Role:
+        """The role that is compared with the model."""
+        return next(r for r in self.roles if r.output)
+
+    @property
+    def driving(self) -> tuple[Role, ...]:
+        """Roles that drive the model: those with a hold."""
+        return tuple(r for r in self.roles if r.hold is not None)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One parameter of a result.
+
+    ``method`` says how the interval was made (``"wald"``, ``"profile"``, ...).
+    """
+
+    value: Value
+    unit: str
+    status: Status = "estimated"
+    std_error: Value | None = None
+    ci95: Any | None = None
+    method: str | None = None
+
+    @property
+    def number(self) -> float:
+        """The value of a single-valued parameter; ``TypeError`` for a list."""
+        if isinstance(self.value, list):
+            raise TypeError("a list is no single number")
+        return float(self.value)
+
+
+class Described(Protocol):
+    """What a reader of parameter files has to know of a family."""
+
+    name: str
+    variants: tuple[Variant, ...]
+    options_type: type[FamilyOptions]
+
+    def model(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        options: Any,
+        sample_time: float,
+        hold: Hold,
+    ) -> dict[str, Any]:
+        """Return the ``model`` part that belongs to the values."""
+        ...
+
+
+def scalars(parameters: Mapping[str, Value]) -> dict[str, float]:
+    """The single-valued parameters of a file."""
+    return {k: float(v) for k, v in parameters.items() if not isinstance(v, list)}
+
+
+def quotient_unit(top: str, bottom: str) -> str:
+    """Unit of a quotient of two quantities, for example ``Pa/V``."""
+    if top == bottom:
+        return "1"
+    return top if bottom == "1" else f"{top}/{bottom}"
