@@ -120,6 +120,7 @@ def make_parameter_document(
                 **estimate.details,
                 **details,
                 "residual_sum_of_squares": overall.sum_of_squares,
+                "output_resolution": _resolution(variant, fitted),
             },
         },
         "validation": [_log_entry(s, unit) for s in validation],
@@ -151,6 +152,12 @@ def make_parameter_document(
 
 def _distinct(notices: Sequence[Notice]) -> list[Notice]:
     return list(dict.fromkeys(notices))
+
+
+def _resolution(variant: Variant, fitted: Sequence[Simulation]) -> float:
+    """Coarsest step of a converter that the logs show in the output [SI]."""
+    name = variant.output.name
+    return max(s.experiment.signals[name].resolution for s in fitted)
 
 
 def _hold(variant: Variant, fitted: Sequence[Simulation]) -> Hold:

@@ -28,6 +28,7 @@ from ...estimation.transfer import (
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
     Estimate,
+    Excitation,
     Family,
     FamilyOptions,
     Information,
@@ -254,6 +255,23 @@ class TransferFamily(Family[T], Generic[T]):
         if sample_time > 0.0:
             section["discrete"] = discretise(numerator, denominator, sample_time, "zoh", dead_time)
         return section
+
+    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
+        """A command, played to the input; see :meth:`Family.excitation`."""
+        return Excitation("command")
+
+    def suppose(
+        self,
+        name: str,
+        values: Mapping[str, Value],
+        amplitude: tuple[float, float],
+        sample_time: float,
+    ) -> float | None:
+        """A dead zone of a fifth of the range, a dead time of one and a half samples."""
+        sides = {"dead_zone_negative": amplitude[0], "dead_zone_positive": amplitude[1]}
+        if name in sides:
+            return 0.2 * sides[name]
+        return 1.5 * sample_time if name == "dead_time" else None
 
     def block(self, variant: Variant, document: ParameterDocument) -> TransferBlock:
         """The model that a controller steps; see :class:`TransferBlock`."""

@@ -72,7 +72,7 @@ def _change(waveform: Waveform, name: str, shift: float, factor: float) -> Wavef
     return replace(waveform, numbers=numbers)
 
 
-def design_dynamic(task: Task) -> Design:
+def design_command(task: Task) -> Design:
     """Which command to play.
 
     Raises
