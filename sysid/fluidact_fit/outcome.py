@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .errors import Notice
 from .experiment import Experiment, FloatArray
-from .family import Estimate, FamilyOptions, Simulated, StaticView, Variant
+from .family import Estimate, FamilyOptions, Quantity, Simulated, StaticView, Variant
 from .parameters.document import ParameterDocument
 from .quality import Agreement, agreement
 
@@ -92,6 +92,21 @@ class Outcome:
     document: ParameterDocument
     notices: Sequence[Notice]
     static_view: StaticView | None
+
+    @property
+    def parameters(self) -> Mapping[str, Quantity]:
+        """Parameters by name: value, unit, standard error, interval, status."""
+        return self.estimate.parameters
+
+    @property
+    def derived(self) -> Mapping[str, Quantity]:
+        """Numbers computed from the parameters."""
+        return self.estimate.derived
+
+    @property
+    def verdict(self) -> str:
+        """``pass``, ``warn`` or ``fail``."""
+        return str(self.document.fit.verdict)
 
     @property
     def experiments(self) -> list[Experiment]:

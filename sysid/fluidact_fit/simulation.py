@@ -208,9 +208,12 @@ def to_csv(document: ParameterDocument, simulations: Sequence[Simulation]) -> st
     output = variant_of(document).output
     header = f"{output.name}_simulated [{output.unit}]"
     several = len(simulations) > 1
+    partly = any(0 < s.left_out < s.measured.size for s in simulations)
     for number, simulation in enumerate(simulations, start=1):
         columns = {**({"run": np.full(simulation.simulated.shape, number)} if several else {}),
                    **_columns(simulation.experiment, simulation.simulated, header)}  # fmt: skip
+        if partly:
+            columns["used"] = np.isfinite(simulation.measured).astype(float)
         if number == 1:
             text.write(",".join(columns) + "\n")
         for row in zip(*columns.values()):
