@@ -1,1 +1,1 @@
-"""Parts of the ``ball-screw`` family, which alone uses them."""
+"""Ball-screw (or any) drive: inertia, viscous friction and four Coulomb levels."""

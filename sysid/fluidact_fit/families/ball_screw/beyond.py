@@ -7,86 +7,62 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.parametric import Refusal, Values, bind
-from ...estimation.separable import Unknown, solve
+from ...estimation.noise import noise_floor
+from ...estimation.separable import solve
 from ...experiment import Experiment, FloatArray
-from ...family import Quantity, Request
-from .model import Axis, Compared, DriveModel, held_values
+from ...family import Quantity
+from .model import BREAKAWAY, Axis, Compared
+from .stage import Stage
 
 
-def forces_beyond_model(
-    experiments: Sequence[Experiment],
-    axis: Axis,
-    names: Sequence[str],
-    unknowns: Mapping[str, Unknown],
-    start: Mapping[str, float],
-    request: Request,
-    refusals: Sequence[Refusal],
-) -> bool:
+def forces_beyond_model(stage: Stage) -> bool:
     """Whether the residual of the position is far above the noise of the encoder.
 
     While it is not, comparing the position alone is efficient. A residual far above the
     noise comes from forces that the model does not know.
     """
-    held = held_values(refusals, request)
-    problem = bind(DriveModel(experiments, axis).named(names), unknowns, held)
-    eta = np.array([start[u.name] for u in problem.nonlinear])
-    found = solve(problem, eta, max_iterations=10, tolerance=0.05)
-    residual = np.sqrt(found.cost / sum(e.samples for e in experiments))
-    return bool(residual > 3.0 * max(_noise_floor(e, axis) for e in experiments))
+    found = stage.solve(stage.problem(), max_iterations=10, tolerance=0.05)
+    residual = np.sqrt(found.cost / sum(e.samples for e in stage.experiments))
+    return bool(residual > 3.0 * max(_noise_floor(e, stage.axis) for e in stage.experiments))
 
 
 def _noise_floor(experiment: Experiment, axis: Axis) -> float:
-    """Noise of the position that no motion can explain: third differences, or the encoder."""
-    y = experiment[axis.motion]
-    spread = float(np.sqrt(np.mean(np.diff(y, 3) ** 2) / 20.0)) if y.size > 8 else 0.0
-    return max(spread, experiment.signals[axis.motion].resolution / np.sqrt(12.0))
+    """Noise of the position that no motion can explain: white noise, or the encoder's."""
+    spread = noise_floor(experiment[axis.motion], robust=False)
+    return max(spread, experiment.signals[axis.motion].resolution / float(np.sqrt(12.0)))
 
 
-def with_derivatives(
-    experiments: Sequence[Experiment],
-    axis: Axis,
-    names: Sequence[str],
-    unknowns: Mapping[str, Unknown],
-    start: Mapping[str, float],
-    request: Request,
-    refusals: Sequence[Refusal],
-) -> tuple[Compared, list[FloatArray]]:
+def with_derivatives(stage: Stage) -> tuple[Compared, list[FloatArray]]:
     """Weights for comparing position, speed and acceleration together.
 
     Forces the model does not know drift in the position and are small in the
     acceleration; noise does the opposite. Each quantity is weighted by its own
     residual, so that neither the drift of one nor the noise of another decides.
     """
-    held = held_values(refusals, request)
-    request.progress("forces beyond the model: comparing speed and acceleration too")
-    compared = Compared(half_width=_window(experiments, start, axis))
-    model = DriveModel(experiments, axis, compared)
-    parts = [compared.channels(e.samples) for e in experiments]
-    plain = bind(model.named(names), unknowns, held)
-    eta = np.array([start[u.name] for u in plain.nonlinear])
-    now = solve(plain, eta, max_iterations=0)
+    compared = Compared(half_width=_window(stage))
+    parts = [compared.channels(e.samples) for e in stage.experiments]
+    now = stage.solve(stage.problem(compared), max_iterations=0, tolerance=0.0)
     weights: list[FloatArray] = []
     raw = now.residuals
     for _ in range(4):
         weights = _balance(raw, parts)
-        weighted = bind(model.named(names, weights), unknowns, held)
-        now = solve(weighted, eta, max_iterations=15, tolerance=0.02)
-        eta = now.eta
+        problem = stage.problem(compared, weights)
+        now = solve(problem, now.eta, max_iterations=15, tolerance=0.02)
         raw = [r / w for r, w in zip(now.residuals, weights)]
     return compared, weights
 
 
-def _window(experiments: Sequence[Experiment], start: Values, axis: Axis) -> int:
+def _window(stage: Stage) -> int:
     """Half-width of the window for speed and acceleration, in samples.
 
     A quarter of the coasting time constant in all: shorter windows look at vibrations
     that a rigid mass does not have, longer ones smear the reversals.
     """
+    start = stage.start
     viscous = start.get("viscous", start.get("viscous_positive", 0.0))
-    step = min(e.sample_time for e in experiments)
-    shortest = min(e.samples for e in experiments)
-    coasting = start[axis.inertia] / max(viscous, 1e-300)
+    step = min(e.sample_time for e in stage.experiments)
+    shortest = min(e.samples for e in stage.experiments)
+    coasting = start[stage.axis.inertia] / max(viscous, 1e-300)
     return int(np.clip(coasting / (8.0 * step), 2, max(shortest // 50, 2)))
 
 
@@ -105,24 +81,20 @@ def _balance(residuals: Sequence[FloatArray], parts: Sequence[list[slice]]) -> l
     return out
 
 
-def beyond_notice(parameters: Mapping[str, Quantity]) -> list[Notice]:
+def beyond_notice(parameters: Mapping[str, Quantity]) -> Notice:
     """Warn of forces that the model does not know, and of the static levels they hide."""
-    wide = [
-        f"{name} ({100.0 * float(q.std_error) / abs(float(q.value)):.0f} %)"
+    errors = {
+        name: float(q.std_error) / abs(q.number)
         for name, q in parameters.items()
-        if name.startswith("breakaway")
-        and isinstance(q.std_error, float)
-        and isinstance(q.value, float)
-        and q.std_error > 0.02 * abs(q.value)
-    ]
+        if name in BREAKAWAY.values() and isinstance(q.std_error, float) and q.number
+    }
+    wide = [f"{name} ({100.0 * e:.0f} %)" for name, e in errors.items() if e > 0.02]
     hidden = f" They hide the static level most: {', '.join(wide)} standard error." if wide else ""
-    return [
-        Notice(
-            "forces-beyond-model",
-            "forces that are not in this model (torque ripple, play, a load that depends on the "
-            "place) move the position by more than its noise. Speed and acceleration were "
-            "compared as well, so that they disturb less; what they add to the friction levels "
-            f"and to the inertia is not in the intervals.{hidden} Cover the same stretch in both "
-            "directions at several speeds, or give the static levels with --fix.",
-        )
-    ]
+    return Notice(
+        "forces-beyond-model",
+        "forces that are not in this model (torque ripple, play, a load that depends on the "
+        "place) move the position by more than its noise. Speed and acceleration were "
+        "compared as well, so that they disturb less; what they add to the friction levels "
+        f"and to the inertia is not in the intervals.{hidden} Cover the same stretch in both "
+        "directions at several speeds, or give the static levels with --fix.",
+    )

@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from math import copysign, expm1, inf, log1p
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from ..discrete import discretise
-from ..errors import UsageError
-from ..estimation.inputs import PiecewiseInput
-from ..estimation.linear import make_grid
-from ..estimation.stick_slip import StickSlip, simulate_stick_slip
-from ..experiment import FloatArray, Hold
-from ..parameters import ParameterDocument
-from .base import ModelBlock, Port
-from .dynamic import TransferFunction
-from .section import Section
-
-_NAMES = ("coulomb_positive", "coulomb_negative", "breakaway_positive", "breakaway_negative")
-
-
-def has_stick_slip(document: ParameterDocument) -> bool:
-    """Whether a document describes a mass with kinetic and static friction."""
-    return set(_NAMES) <= set(document.parameters)
+from ...block import Block
+from ...errors import UsageError
+from ...estimation.friction_law import FrictionLaw
+from ...estimation.inputs import piecewise
+from ...estimation.linear import make_grid
+from ...estimation.records import make_signal
+from ...estimation.stick_slip import StickSlip, simulate_stick_slip
+from ...experiment import Experiment, FloatArray, Hold
+from ...parameters.document import ParameterDocument
+from ...specification import Variant, scalars
+from .model import BREAKAWAY, DriveModel, axis_of
 
 
-class DriveBlock(ModelBlock):
+class DriveBlock(Block):
     """A mass or inertia with viscous and dry friction.
 
     ``J v' = tau - b v - F_k(sign v)`` while it moves; it rests while the input stays
@@ -35,56 +30,45 @@ class DriveBlock(ModelBlock):
 
     Attributes
     ----------
+    sample_time
+        Period of :meth:`step` [s]; 0 when the file holds none.
     position, velocity
         State at the instant of the latest :meth:`step` and thereafter: where the next
         step begins [unit of the output, and per second].
     """
 
     def __init__(
-        self, document: ParameterDocument, section: Section, input: Port, output: Port
+        self, document: ParameterDocument, variant: Variant, sample_time: float | None = None
     ) -> None:
-        super().__init__(document, input, output)
-        values = {k: float(v) for k, v in self.parameters.items() if isinstance(v, int | float)}
-        self._section = section
-        self._inertia = values["inertia"] if "inertia" in values else values["mass"]
-        both = values.get("viscous", 0.0)
-        self._forward = values.get("viscous_positive", both), values["coulomb_positive"]
-        self._backward = values.get("viscous_negative", both), values["coulomb_negative"]
-        # the model knows no static level below the kinetic one
-        self._upper = max(values["breakaway_positive"], values["coulomb_positive"])
-        self._lower = -max(values["breakaway_negative"], values["coulomb_negative"])
-        self._period = section.discrete.sample_time if section.discrete else 0.0
+        super().__init__(document, variant)
+        own = document.model.get("discrete", {}).get("sample_time", 0.0)
+        self.sample_time = float(own if sample_time is None else sample_time)
         self.reset()
 
-    @property
-    def sample_time(self) -> float:
-        """Period of :meth:`step` [s]; 0 when the file holds none."""
-        return self._period
-
-    @property
+    @cached_property
     def inertia(self) -> float:
         """Inertia [kg m2] or mass [kg]."""
-        return self._inertia
+        name = axis_of(self.variant).inertia
+        return scalars({name: self.parameters[name]})[name]
+
+    @cached_property
+    def _law(self) -> FrictionLaw:
+        """Friction at rest and in motion."""
+        return FrictionLaw.of(self.numbers())
+
+    @cached_property
+    def _moving(self) -> FrictionLaw:
+        """Friction in motion, which can be known without the static levels."""
+        known = [n for n in self.parameters if n not in BREAKAWAY.values()]
+        return FrictionLaw.of(scalars({n: self.parameters[n] for n in known}))
 
     def with_sample_time(self, sample_time: float) -> Self:
         """Return the same drive, at rest, stepping at another period [s]."""
         if not (np.isfinite(sample_time) and sample_time > 0.0):
             raise UsageError(f"sample_time {sample_time!r} is not a positive number")
-        other = type(self)(self.document, self._section, self.input, self.output)
-        other._period = float(sample_time)
+        other = type(self)(self.document, self.variant, sample_time)
+        other.parameters.refused = self.parameters.refused
         return other
-
-    def transfer_function(self) -> TransferFunction:
-        """Return the linear part, from input less dry friction to output."""
-        s = self._section
-        return TransferFunction(s.numerator, s.denominator, s.dead_time)
-
-    def difference_equation(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return the linear part sampled at ``sample_time``, rising powers of ``1/z``."""
-        s = self._section
-        self._need_period()
-        d = discretise(s.numerator, s.denominator, self._period, "zoh", s.dead_time)
-        return tuple(d["numerator"]), tuple(d["denominator"])
 
     def reset(self, *, output: float | None = None, velocity: float = 0.0) -> None:
         """Put the drive at a position [unit of the output], at rest or moving."""
@@ -108,7 +92,7 @@ class DriveBlock(ModelBlock):
         """
         self._need_period()
         now = self.position
-        rest, value = self._period, float(value)
+        rest, value = self.sample_time, float(value)
         for _ in range(4):  # a held input: moving, stopped, moving the other way
             rest = self._move(value, rest)
             if rest <= 0.0:
@@ -116,7 +100,7 @@ class DriveBlock(ModelBlock):
         return now
 
     def _need_period(self) -> None:
-        if self._period <= 0.0:
+        if self.sample_time <= 0.0:
             raise UsageError(
                 "the parameter file holds no sample time",
                 remedy="Use with_sample_time(...), or fit with --controller-sample-time.",
@@ -124,17 +108,17 @@ class DriveBlock(ModelBlock):
 
     def _move(self, drive: float, span: float) -> float:
         """Advance until the span ends or the motion stops; returns what is left of it [s]."""
-        v = self.velocity
-        forward = v > 0.0 if v != 0.0 else drive > self._upper
-        if v == 0.0 and not forward and drive >= self._lower:
+        v, law = self.velocity, self._law
+        forward = v > 0.0 if v != 0.0 else drive > law.breakaway_positive
+        if v == 0.0 and not forward and drive >= -law.breakaway_negative:
             return 0.0
-        viscous, level = self._forward if forward else self._backward
-        net = drive - (level if forward else -level)
-        stop = _time_to_stop(v, net, viscous, self._inertia)
+        viscous = law.viscous_positive if forward else law.viscous_negative
+        net = drive - (law.coulomb_positive if forward else -law.coulomb_negative)
+        stop = _time_to_stop(v, net, viscous, self.inertia)
         time = min(stop, span)
-        rate = viscous / self._inertia
+        rate = viscous / self.inertia
         one, two = _phi(-rate * time)
-        push = net / self._inertia * time
+        push = net / self.inertia * time
         self.position += v * time * one + push * time * two
         if stop > span:
             self.velocity = v * (1.0 - rate * time * one) + push * one
@@ -159,11 +143,9 @@ class DriveBlock(ModelBlock):
             Moving: ``b v`` plus the kinetic level, with the sign of the velocity. At rest:
             what is balanced, at most the static level.
         """
-        if velocity > 0.0:
-            return self._forward[0] * velocity + self._forward[1]
-        if velocity < 0.0:
-            return self._backward[0] * velocity - self._backward[1]
-        return min(max(torque, self._lower), self._upper)
+        if velocity != 0.0:
+            return float(self._moving.moving(velocity))
+        return float(self._law.at_rest(torque))
 
     def feedforward(
         self, velocity: float, acceleration: float = 0.0, *, band: float = 0.0
@@ -182,9 +164,11 @@ class DriveBlock(ModelBlock):
         way = velocity if velocity != 0.0 else acceleration
         if way == 0.0:
             return 0.0
-        viscous, level = self._forward if way > 0.0 else self._backward
+        law = self._moving
+        viscous = law.viscous_positive if way > 0.0 else law.viscous_negative
+        level = law.coulomb_positive if way > 0.0 else law.coulomb_negative
         share = min(abs(velocity) / band, 1.0) if band > 0.0 else 1.0
-        return self._inertia * acceleration + viscous * velocity + copysign(level, way) * share
+        return self.inertia * acceleration + viscous * velocity + copysign(level, way) * share
 
     def simulate(
         self,
@@ -205,7 +189,8 @@ class DriveBlock(ModelBlock):
         time : (n,), optional
             Instants [s], evenly spaced or not; one ``sample_time`` apart when left out.
         hold
-            How the input moves between instants, as in :meth:`DynamicBlock.simulate`.
+            How the input moves between instants: ``"zoh"``, ``"foh"`` (straight lines),
+            ``"smooth"`` or ``"auto"`` (smooth where the samples show it, else straight lines).
         before
             Not used: the drive has no dead time.
         output, velocity
@@ -218,29 +203,29 @@ class DriveBlock(ModelBlock):
         """
         if time is None:
             self._need_period()
-            time = np.arange(np.size(values)) * self._period
-        u, t, _ = self._signal(values, time, hold, before)
-        if t.size == 1:
+            time = np.arange(np.size(values)) * self.sample_time
+        role = self.variant.driving[0]
+        signal = make_signal(role.name, values, time, role.unit, hold)
+        if signal.time.size == 1:
             return np.array([output or 0.0])
         motion = simulate_stick_slip(
-            self._rows(), _at(u, t), make_grid(t),
+            self._rows(), piecewise(signal), make_grid(signal.time),
             initial_speed=velocity, initial_position=output or 0.0,
         )  # fmt: skip
         return np.asarray(np.real(motion.position[0]))
 
+    def predict(self, experiment: Experiment) -> FloatArray:
+        """Position from the input of an experiment, from rest; see :meth:`.Block.predict`."""
+        model = DriveModel([experiment], axis_of(self.variant))
+        return np.asarray(model.columns(0, self.numbers()).known)
+
     def _rows(self) -> StickSlip:
+        law = self._law
         one = [
-            self._inertia, self._forward[0], self._forward[1], self._backward[1],
-            self._upper, -self._lower, self._backward[0],
+            self.inertia, law.viscous_positive, law.coulomb_positive, law.coulomb_negative,
+            law.breakaway_positive, law.breakaway_negative, law.viscous_negative,
         ]  # fmt: skip
         return StickSlip(*(np.array([v]) for v in one))
-
-
-def _at(u: PiecewiseInput, time: FloatArray) -> PiecewiseInput:
-    """The same input; constant inputs are given with their instants as nodes."""
-    if u.nodes.size == time.size:
-        return u
-    return PiecewiseInput(time, np.repeat(u.coefficients[:1], time.size, axis=0))
 
 
 def _time_to_stop(v: float, net: float, viscous: float, inertia: float) -> float:

@@ -2,261 +2,287 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from ...estimation.inputs import interpolation
-from ...estimation.parametric import Refusal, Values, bind
-from ...estimation.separable import Unknown, solve
+from ...estimation.inputs import settled_hold
+from ...estimation.profile_likelihood import Interval
+from ...estimation.separable import Unknown
 from ...experiment import Experiment, FloatArray
-from ...family import Quantity, Request
-from .beyond import forces_beyond_model
-from .model import LONG, SIDES, Axis, Compared, DriveModel, increment_lag, leading_part
-from .refusals import static_out_of_reach
+from .model import (
+    BREAKAWAY,
+    EXCESS,
+    LONG,
+    SIDES,
+    Axis,
+    Compared,
+    DriveModel,
+    increment_lag,
+    leading_part,
+)
+from .refusals import open_levels
+from .stage import Stage
 
 _NEAR = 4  # commanded levels on either side of a bracket that are tried as well
+_CELLS = 20  # into which the first pass over the levels divides them
+_CELLS_NEAR = 14  # into which a later one does, near what an earlier one found
 
 
 @dataclass(frozen=True)
 class Bracket:
-    """A static level between the highest torque that held and the lowest that did not."""
+    """A static level between the highest torque that held and the lowest that did not.
+
+    ``value`` lies where the logs are fitted best: in the middle, unless levels in between
+    fit worse than both ends.
+    """
 
     low: float
     high: float
-
-    @property
-    def value(self) -> float:
-        return 0.5 * (self.low + self.high)
+    value: float
 
     @property
     def std_error(self) -> float:
+        """Of a value that lies anywhere in between."""
         return (self.high - self.low) / float(np.sqrt(12.0))
 
-    def quantity(self, unit: str) -> Quantity:
-        """The level with its bracket as interval."""
-        ends = [self.low, self.high]
-        return Quantity(self.value, unit, "estimated", self.std_error, ends, "bracket")
+    @property
+    def interval(self) -> Interval:
+        """The bracket as interval of the level."""
+        return Interval(self.low, self.high, "bracket")
 
 
-def static_levels(
-    experiments: Sequence[Experiment],
-    axis: Axis,
-    names: list[str],
-    static: Sequence[str],
-    unknowns: Mapping[str, Unknown],
-    start: dict[str, float],
-    request: Request,
-    refusals: list[Refusal],
-) -> tuple[dict[str, float], list[str], Request, list[Refusal], dict[str, Bracket]]:
-    """Bracket the static levels of a drive commanded in steps, when that can be done.
+def over_cells(edges: FloatArray, costs: FloatArray, most: float, margin: int = 0) -> Bracket:
+    """Bracket over every cell that is good, its value among those around the best.
 
-    Once forces beyond the model decide the instant of break-away, no level is left to
-    bracket and it is refused.
+    Parameters
+    ----------
+    edges : (n + 1,)
+        Levels between which the cells lie, ascending.
+    costs : (n,)
+        Of a level inside each cell.
+    most
+        Cost up to which a cell is good; not below the least.
+    margin
+        Cells on either side that are taken in as well.
     """
-    nothing: dict[str, Bracket] = {}
-    before = start, names, request, refusals, nothing
-    if any(interpolation(e.signals[axis.drive]) != "zoh" for e in experiments):
-        return before
-    request.progress("bracketing the static levels")
-    brackets, refitted = _bracket_static(experiments, axis, start, static, unknowns, refusals)
-    if not brackets:
-        return before
-    held, free, asked = _hold_brackets(brackets, {**start, **refitted}, names, request)
-    if forces_beyond_model(experiments, axis, free, unknowns, held, asked, refusals):
-        return start, names, request, [*refusals, *static_out_of_reach(static, refusals)], {}
-    return held, free, asked, refusals, brackets
+    best, last = int(np.argmin(costs)), costs.size - 1
+    good, bad = np.flatnonzero(costs <= most), np.flatnonzero(costs > most)
+    around = bad[bad < best].max(initial=-1) + 1, bad[bad > best].min(initial=last + 1) - 1
+
+    def ends(first: int, final: int) -> tuple[float, float]:
+        low, high = max(first - margin, 0), min(final + margin, last) + 1
+        return float(edges[low]), float(edges[high])
+
+    return Bracket(*ends(good[0], good[-1]), 0.5 * sum(ends(*around)))
 
 
-def _bracket_static(
-    experiments: Sequence[Experiment],
-    axis: Axis,
-    start: Mapping[str, float],
-    static: Sequence[str],
-    unknowns: Mapping[str, Unknown],
-    refusals: Sequence[Refusal],
-) -> tuple[dict[str, Bracket], dict[str, float]]:
+def search_level(
+    cost: Callable[[float], float],
+    levels: FloatArray,
+    slack: float,
+    near: Bracket | None = None,
+) -> Bracket:
+    """Find the steps of a staircase that fit best, coarse to fine.
+
+    Cells that fit equally well may lie apart. What counts is how much they span, not how
+    many they are: where that is nearly all that was looked at, looking again tells nothing.
+
+    Parameters
+    ----------
+    cost
+        Of a level; constant between two neighbours of ``levels``.
+    levels : (n,)
+        Commanded ones, ascending.
+    slack
+        Share by which the cost of a level may exceed the least one and still be as good.
+    near
+        Where an earlier pass found it: only its neighbourhood is searched again.
+    """
+    low, high, cells = 0, levels.size - 1, _CELLS
+    if near is not None:
+        reach, cells = 0.15 * near.value, _CELLS_NEAR
+        low = max(int(np.searchsorted(levels, near.low - reach)) - 1, 0)
+        high = min(int(np.searchsorted(levels, near.high + reach)), high)
+    if high <= low:
+        return Bracket(float(levels[low]), float(levels[low]), float(levels[low]))
+    while True:
+        marks = np.unique(np.linspace(low, high, cells + 1).astype(int))
+        costs = np.array([cost(0.5 * (levels[a] + levels[b])) for a, b in pairwise(marks)])
+        most = float(costs.min()) * (1.0 + slack)
+        first, final = np.flatnonzero(costs <= most)[[0, -1]]
+        finest = costs.size == high - low
+        if finest or final - first + 3 >= costs.size:
+            # a coarse cell is judged by its middle, so the right level may lie next to it
+            return over_cells(levels[marks], costs, most, margin=0 if finest else 1)
+        low, high = int(marks[max(first - 1, 0)]), int(marks[min(final + 2, costs.size)])
+
+
+def commanded_in_steps(stage: Stage) -> bool:
+    """Whether the drive is held between samples in every run."""
+    return all(settled_hold(e.signals[stage.axis.drive]) == "zoh" for e in stage.experiments)
+
+
+def bracket_levels(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
     """Bracket the static levels of a drive that is commanded in steps.
 
     A held torque jumps past the static level, so the motion does not depend on where
     between two commanded levels it lies: the cost is a staircase, which a gradient does
-    not see. It is searched level by level, the other parameters refitted in between;
-    those are returned as well.
+    not see. It is searched level by level, the other parameters refitted in between.
+
+    Returns
+    -------
+    tuple
+        The stage with the levels held and the others refitted, and the brackets by the
+        name of the level. Nothing is changed where there is no level to find.
     """
-    held = {r.parameter: float(r.hold or 0.0) for r in refusals}
-    sides = [
-        s for s, name in zip(SIDES, static) if name.startswith("stiction") and name not in held
-    ]
-    values = {k: v for k, v in start.items() if not k.startswith(("stiction", "breakaway"))}
+    asked = open_levels(stage.names, stage.refusals)
+    sides = [s for s in SIDES if EXCESS[s] in asked]
+    if not sides:
+        return stage, {}
+    part = [leading_part(e, LONG) for e in stage.experiments]
+    staircase = _Staircase.of(stage, part, Compared(lag=increment_lag(part, stage.axis)))
+    values = dict(stage.start)
     for s in SIDES:
-        inner = f"stiction_{s}"
-        values[f"breakaway_{s}"] = start.get(
-            f"breakaway_{s}", start[f"coulomb_{s}"] + start.get(inner, 0.0)
-        )
-    part = [leading_part(e, LONG) for e in experiments]
-    model = DriveModel(part, axis, Compared(lag=increment_lag(part, axis)))
-    others = [n for n in unknowns if n in values and n not in held and "breakaway" not in n]
+        values.setdefault(BREAKAWAY[s], values[f"coulomb_{s}"] + values.get(EXCESS[s], 0.0))
+        values.pop(EXCESS[s], None)
     brackets: dict[str, Bracket] = {}
-    seen: list[tuple[float, float]] = []
     for _ in range(4):
+        before = dict(brackets)
         for s in sides:
-            near = brackets.get(f"breakaway_{s}")
-            brackets[f"breakaway_{s}"] = bracket = _search_level(model, part, axis, values, s, near)
-            values[f"breakaway_{s}"] = bracket.value
-        _, values = _refit(model, values, others, unknowns)
-        now = [(b.low, b.high) for b in brackets.values()]
-        if now == seen:
+            found = staircase.search(values, s, brackets.get(BREAKAWAY[s]))
+            brackets[BREAKAWAY[s]] = found
+            values[BREAKAWAY[s]] = found.value
+        _, values = staircase.refit(values)
+        if brackets == before:
             break
-        seen = now
-    values = _narrow(DriveModel(part, axis), part, axis, brackets, values, others, unknowns)
-    return brackets, {n: values[n] for n in others}
+    values = _Staircase.of(stage, part, Compared()).narrow(brackets, values)
+    return _held(stage, sides, brackets, values), brackets
 
 
-def _refit(
-    model: DriveModel,
+def _held(
+    stage: Stage,
+    sides: Collection[str],
+    brackets: Mapping[str, Bracket],
     values: Mapping[str, float],
-    others: Sequence[str],
-    unknowns: Mapping[str, Unknown],
-) -> tuple[float, dict[str, float]]:
-    """Cost and values after fitting ``others``, the static levels held."""
-    fixed = {n: v for n, v in values.items() if n not in others}
-    known = {**unknowns, **{n: Unknown(n, v) for n, v in fixed.items()}}
-    problem = bind(model.named(list(values)), known, fixed)
-    order = [u.name for u in problem.nonlinear]
-    eta = np.array([values[n] for n in order])
-    found = solve(problem, eta, max_iterations=15, tolerance=0.05)
-    return found.cost, {**values, **dict(zip(order, map(float, found.eta)))}
+) -> Stage:
+    """The stage with bracketed levels held in place of the excesses."""
+    levels = {n: b.value for n, b in brackets.items()}
+    renamed = {EXCESS[s]: BREAKAWAY[s] for s in sides}
+    start = {n: values.get(n, v) for n, v in stage.start.items() if n not in renamed}
+    return replace(
+        stage,
+        names=tuple(renamed.get(n, n) for n in stage.names),
+        start={**start, **levels},
+        fixed={**stage.fixed, **levels},
+    )
 
 
-def _commanded_levels(
-    experiments: Sequence[Experiment], axis: Axis, values: Mapping[str, float], side: str
-) -> FloatArray:
-    """The kinetic level and every commanded one above it, ascending."""
-    sign = 1.0 if side == "positive" else -1.0
-    drive = np.concatenate([sign * e.sampled(axis.drive) for e in experiments])
-    kinetic = values[f"coulomb_{side}"]
-    return np.concatenate(([kinetic], np.unique(drive[drive > kinetic])))
+@dataclass(frozen=True)
+class _Staircase:
+    """Cost over the static levels; ``others`` are refitted beside them."""
 
+    model: DriveModel
+    experiments: Sequence[Experiment]
+    axis: Axis
+    unknowns: Mapping[str, Unknown]
+    others: tuple[str, ...]
 
-def _search_level(
-    model: DriveModel,
-    experiments: Sequence[Experiment],
-    axis: Axis,
-    values: Mapping[str, float],
-    side: str,
-    near: Bracket | None = None,
-) -> Bracket:
-    """Find the step of the staircase that fits best, coarse to fine.
+    @classmethod
+    def of(cls, stage: Stage, part: Sequence[Experiment], compared: Compared) -> _Staircase:
+        """Cost of what is compared in a part of the logs."""
+        kept = {*stage.held, *BREAKAWAY.values(), *EXCESS.values()}
+        others = [n for n in stage.names if n not in kept]
+        model = DriveModel(part, stage.axis, compared)
+        return cls(model, part, stage.axis, stage.unknowns, tuple(others))
 
-    ``near`` is where an earlier pass found it: only its neighbourhood is searched again.
-    """
-    levels = _commanded_levels(experiments, axis, values, side)
-    low, high = 0, levels.size - 1
-    if near is not None:
-        margin = 0.15 * near.value
-        low = max(int(np.searchsorted(levels, near.low - margin)) - 1, 0)
-        high = min(int(np.searchsorted(levels, near.high + margin)), levels.size - 1)
+    @property
+    def slack(self) -> float:
+        """Share of the cost that does not count as a difference."""
+        return 4.0 / sum(y.size for y in self.model.measured)
 
-    def cost(level: float) -> float:
-        tried = {**values, f"breakaway_{side}": level}
+    def levels(self, values: Mapping[str, float], side: str) -> FloatArray:
+        """The kinetic level and every commanded one above it, ascending."""
+        sign = 1.0 if side == "positive" else -1.0
+        drive = np.concatenate([sign * e.sampled(self.axis.drive) for e in self.experiments])
+        kinetic = values[f"coulomb_{side}"]
+        return np.concatenate(([kinetic], np.unique(drive[drive > kinetic])))
+
+    def cost(self, values: Mapping[str, float]) -> float:
+        """Sum of squared errors, the offset of the position of every run taken out."""
         total = 0.0
-        for i, y in enumerate(model.measured):
-            r = y - model.columns(i, tried).known
+        for i, y in enumerate(self.model.measured):
+            r = y - np.real(self.model.columns(i, values).known)
+            if not self.model.compared.lag:
+                r = r - r.mean()
             total += float(r @ r)
         return total
 
-    samples = sum(y.size for y in model.measured)
-    while high - low > 1:
-        marks = np.unique(np.linspace(low, high, 15 if near else 21).astype(int))
-        costs = np.array([cost(0.5 * (levels[a] + levels[b])) for a, b in pairwise(marks)])
-        good = np.flatnonzero(costs <= costs.min() * (1.0 + 4.0 / samples))
-        finest = marks.size == high - low + 1
-        # a coarse cell is judged by its middle, so the right level may lie next to it
-        margin = 0 if finest else 1
-        low = int(marks[max(good[0] - margin, 0)])
-        high = int(marks[min(good[-1] + 1 + margin, marks.size - 1)])
-        if finest or good.size + 2 >= marks.size - 1:
-            break
-    return Bracket(float(levels[low]), float(levels[high]))
+    def search(self, values: Mapping[str, float], side: str, near: Bracket | None) -> Bracket:
+        """The level of one direction, all else held."""
+        name = BREAKAWAY[side]
+        return search_level(
+            lambda x: self.cost({**values, name: x}), self.levels(values, side), self.slack, near
+        )
+
+    def refit(self, values: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+        """Cost and values after fitting the others, the static levels held."""
+        fixed = {n: v for n, v in values.items() if n not in self.others}
+        stage = Stage(
+            self.experiments, self.axis, tuple(values),
+            {**self.unknowns, **{n: Unknown(n, v) for n, v in fixed.items()}}, values, fixed,
+        )  # fmt: skip
+        problem = stage.problem(self.model.compared)
+        found = stage.solve(problem, max_iterations=15, tolerance=0.05)
+        order = [u.name for u in problem.nonlinear]
+        return found.cost, {**values, **dict(zip(order, map(float, found.eta)))}
+
+    def narrow(self, brackets: dict[str, Bracket], values: dict[str, float]) -> dict[str, float]:
+        """Choose among neighbouring brackets by the position itself, all else refitted.
+
+        One break-away a sample late displaces all that follows by less than a step of the
+        encoder: increments do not see it, the position does, and it would bend every other
+        parameter. ``brackets`` is changed; the refitted values are returned.
+        """
+        best, values = self.refit(values)
+        for _ in range(3):
+            before = best
+            for name in brackets:
+                best, values = self._narrow_one(name, brackets, best, values)
+            if best >= before:
+                break
+        return values
+
+    def _narrow_one(
+        self, name: str, brackets: dict[str, Bracket], best: float, values: dict[str, float]
+    ) -> tuple[float, dict[str, float]]:
+        levels = self.levels(values, name.removeprefix("breakaway_"))
+        if levels.size < 2:
+            return best, values
+        low = max(int(np.searchsorted(levels, brackets[name].low)) - _NEAR, 0)
+        high = min(int(np.searchsorted(levels, brackets[name].high)) + _NEAR, levels.size - 1)
+        edges = levels[low : high + 1]
+        middles = 0.5 * (edges[1:] + edges[:-1])
+        plain = np.array([self.cost({**values, name: x}) for x in middles])
+        # cells of the same cost have the same events: one refit stands for all of them
+        groups = np.split(np.arange(middles.size), np.flatnonzero(np.diff(plain) != 0.0) + 1)
+        found = [self.refit({**values, name: float(middles[g[g.size // 2]])}) for g in groups]
+        least, refitted = min(found, key=lambda f: f[0])
+        most = min(least, best) * (1.0 + self.slack)
+        if least > most:
+            return best, values
+        costs = np.repeat([cost for cost, _ in found], [g.size for g in groups])
+        brackets[name] = over_cells(edges, costs, most)
+        if least < best:
+            best, values = least, refitted
+        return best, {**values, name: brackets[name].value}
 
 
-def _narrow(
-    model: DriveModel,
-    experiments: Sequence[Experiment],
-    axis: Axis,
-    brackets: dict[str, Bracket],
-    values: dict[str, float],
-    others: Sequence[str],
-    unknowns: Mapping[str, Unknown],
+def bracket_widths(
+    drive: FloatArray, speed: FloatArray, values: Mapping[str, float]
 ) -> dict[str, float]:
-    """Choose among neighbouring brackets by the position itself, all else refitted.
-
-    One break-away a sample late displaces all that follows by less than a step of the
-    encoder: increments do not see it, the position does, and it would bend every other
-    parameter. ``brackets`` is changed; the refitted values are returned.
-    """
-    samples = sum(y.size for y in model.measured)
-    best, values = _refit(model, values, others, unknowns)
-    for _ in range(3):
-        before = best
-        for name, bracket in list(brackets.items()):
-            side = name.removeprefix("breakaway_")
-            levels = _commanded_levels(experiments, axis, values, side)
-            if levels.size < 2:
-                continue
-            low = max(int(np.searchsorted(levels, bracket.low)) - _NEAR, 0)
-            high = min(int(np.searchsorted(levels, bracket.high)) + _NEAR, levels.size - 1)
-            edges = levels[low : high + 1]
-            middles = 0.5 * (edges[1:] + edges[:-1])
-            plain = np.array([_position_cost(model, {**values, name: x}) for x in middles])
-            # cells of the same cost have the same events: one refit stands for all of them
-            steps = np.flatnonzero(np.diff(plain) != 0.0) + 1
-            groups = np.split(np.arange(middles.size), steps)
-            tried = [{**values, name: float(middles[g[g.size // 2]])} for g in groups]
-            found = [_refit(model, t, others, unknowns) for t in tried]
-            costs = np.array([cost for cost, _ in found])
-            k = int(np.argmin(costs))
-            if costs[k] >= best:
-                costs, k = np.append(costs, best), len(groups)
-            good = [g for g, c in zip(groups, costs) if c <= costs[k] * (1.0 + 4.0 / samples)]
-            if not good:
-                continue
-            brackets[name] = Bracket(float(edges[good[0][0]]), float(edges[good[-1][-1] + 1]))
-            if k < len(groups):
-                best, values = found[k]
-            values = {**values, name: brackets[name].value}
-        if best >= before:
-            break
-    return values
-
-
-def _position_cost(model: DriveModel, values: Values) -> float:
-    """Sum of the squared errors of the position, the offset of every log taken out."""
-    total = 0.0
-    for i, y in enumerate(model.measured):
-        r = y - np.real(model.columns(i, values).known)
-        r = r - r.mean()
-        total += float(r @ r)
-    return total
-
-
-def _hold_brackets(
-    brackets: Mapping[str, Bracket],
-    start: Mapping[str, float],
-    names: Sequence[str],
-    request: Request,
-) -> tuple[dict[str, float], list[str], Request]:
-    """Hold bracketed levels while the rest is fitted."""
-    levels = {n: b.value for n, b in brackets.items()}
-    replaced = {n.replace("breakaway", "stiction") for n in levels}
-    kept = {n: v for n, v in start.items() if n not in replaced}
-    free = [n if n not in replaced else n.replace("stiction", "breakaway") for n in names]
-    return {**kept, **levels}, free, replace(request, fixed={**request.fixed, **levels})
-
-
-def bracket_widths(drive: FloatArray, speed: FloatArray, values: Values) -> dict[str, float]:
     """Standard errors that held torques leave to the static levels.
 
     A level lies between the highest torque that held and the lowest that broke away;
@@ -269,14 +295,5 @@ def bracket_widths(drive: FloatArray, speed: FloatArray, values: Values) -> dict
         broke = u[stuck & ~holds & (u > 0.0)]
         low = max(u[stuck & holds].max(initial=0.0), values[f"coulomb_{s}"])
         high = broke.min(initial=np.inf)
-        out[f"breakaway_{s}"] = max(float(high) - low, 0.0) / float(np.sqrt(12.0))
-    return out
-
-
-def append_variance(covariance: FloatArray, variance: float) -> FloatArray:
-    """Add an independent parameter to a covariance."""
-    size = covariance.shape[0]
-    out = np.zeros((size + 1, size + 1))
-    out[:size, :size] = covariance
-    out[size, size] = variance
+        out[BREAKAWAY[s]] = max(float(high) - low, 0.0) / float(np.sqrt(12.0))
     return out

@@ -5,7 +5,7 @@
 
 Kinetic and static level may differ and both may differ by direction [1]_. A linear axis is
 the same with mass, force and position. The motion is solved with events
-(:mod:`..estimation.stick_slip`); nothing is smoothed in the estimate.
+(:mod:`...estimation.stick_slip`); nothing is smoothed in the estimate.
 
 Three stages: the inverse dynamics by linear least squares on smoothed derivatives, then
 increments of position (no drift), then position. A one-shot fit of the position from a
@@ -22,30 +22,41 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ..estimation.information import Information, sensitivity
-from ..estimation.inputs import interpolation
-from ..estimation.parametric import (
-    Fitted,
-    Values,
-    check_request,
-    derive,
-    fit_named,
-    quantities,
+from ...estimation.information import sensitivity
+from ...estimation.inputs import settled_hold
+from ...estimation.parametric import check_request, fit_named, make_unknowns
+from ...estimation.results import Refusal
+from ...experiment import Experiment, FloatArray, Hold
+from ...family import (
+    Estimate,
+    Excitation,
+    Family,
+    FamilyOptions,
+    Information,
+    ParameterDocument,
+    ParameterSpec,
+    Request,
+    Role,
+    Simulated,
+    Value,
+    Variant,
     scalars,
 )
-from ..experiment import Experiment, FloatArray, Hold
-from ..family import Estimate, Family, Option, ParameterSpec, Request, Role, Value, Variant
-from .drive.beyond import beyond_notice, forces_beyond_model, with_derivatives
-from .drive.brackets import append_variance, bracket_widths, static_levels
-from .drive.model import SIDES, Axis, Compared, DriveModel, axis_of
-from .drive.refusals import sides_at_rest, without_breakaway
-from .drive.starts import fit_increments, initial_speeds, inverse_dynamics, make_drive_unknowns
-from .drive.stiction import rename_notices, stiction_specs, to_breakaway
+from ...options import choice, settled
+from .beyond import beyond_notice, forces_beyond_model, with_derivatives
+from .block import DriveBlock
+from .brackets import Bracket, bracket_levels, bracket_widths, commanded_in_steps
+from .model import BREAKAWAY, EXCESS, SIDES, Compared, DriveModel, axis_of
+from .refusals import UNKNOWN_FORCES, open_levels, sides_at_rest, without_breakaway, withstood
+from .reported import Reported, excess_specs, in_levels
+from .run import follow
+from .stage import Stage
+from .starts import fit_increments, initial_speeds, inverse_dynamics, search_limits, speed_unknowns
 
 
 def _variant(name: str, drive: str, drive_unit: str, motion: str, motion_unit: str,
@@ -73,12 +84,26 @@ def _variant(name: str, drive: str, drive_unit: str, motion: str, motion_unit: s
                             neutral=0.0, minimum=0.0,
                             remedy=f"Record motion in the {s} direction.") for s in SIDES),
             *(ParameterSpec(f"breakaway_{s}", drive_unit, f"static friction, {s} direction",
-                            neutral=0.0, minimum=0.0, remedy=slow) for s in SIDES),
+                            neutral=0.0, minimum=0.0, remedy=slow, threshold=s,
+                            base=f"coulomb_{s}") for s in SIDES),
         ),
     )  # fmt: skip
 
 
-class BallScrew(Family):
+@dataclass(frozen=True)
+class BallScrewOptions(FamilyOptions):
+    """Symmetry of the friction, and what the fit compares."""
+
+    viscous: str = choice(
+        "symmetric", ("symmetric", "asymmetric"), "one viscous value, or one per direction"
+    )
+    compared: str | None = settled(
+        "choice", "whether speed and acceleration were compared beside the position",
+        choices=("position", "derivatives"),
+    )  # fmt: skip
+
+
+class BallScrew(Family[BallScrewOptions]):
     """Stick-slip drive with asymmetric kinetic and static friction."""
 
     name = "ball-screw"
@@ -90,172 +115,198 @@ class BallScrew(Family):
         _variant("rotary", "torque", "N m", "angle", "rad", "inertia", "kg m2", "N m s/rad"),
         _variant("linear", "force", "N", "position", "m", "mass", "kg", "N s/m"),
     )
-    options = (
-        Option("viscous", "choice", "one viscous value, or one per direction", "symmetric",
-               ("symmetric", "asymmetric")),
-    )  # fmt: skip
+    options_type = BallScrewOptions
 
     def estimate(
-        self, variant: Variant, experiments: Sequence[Experiment], request: Request
-    ) -> Estimate:
+        self,
+        variant: Variant,
+        experiments: Sequence[Experiment],
+        request: Request[BallScrewOptions],
+    ) -> Estimate[BallScrewOptions]:
         """Fit inertia and friction in three stages; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         axis = axis_of(variant)
-        one_sided = request.options["viscous"] == "asymmetric"
-        viscous = [f"viscous_{s}" for s in SIDES] if one_sided else ["viscous"]
-        direct = {*request.fixed, *request.bounds}
-        static = [
-            f"breakaway_{s}" if f"breakaway_{s}" in direct else f"stiction_{s}" for s in SIDES
-        ]
-        names = [axis.inertia, *viscous, *(f"coulomb_{s}" for s in SIDES), *static]
-        specs = [*variant.parameters, *stiction_specs(variant)]
-        request.progress("inverse dynamics")
-        guess = inverse_dynamics(experiments, axis, one_sided)
-        moving = initial_speeds(experiments, axis)
-        unknowns = make_drive_unknowns(specs, names, guess, moving, request)
-        refusals = sides_at_rest(experiments, axis, viscous)
-        start = fit_increments(experiments, axis, names, unknowns, guess, request, refusals)
-        start = {**start, **moving}
-        model = DriveModel(experiments, axis)
-        refusals += without_breakaway(model, start, static, refusals)
+        resting = withstood(experiments, axis)
+        stage = _first_stages(variant, experiments, request, resting)
         request.progress("fitting positions")
-        start, names, request, refusals, brackets = static_levels(
-            experiments, axis, [*names, *moving], static, unknowns, start, request, refusals
-        )
-        beyond = forces_beyond_model(experiments, axis, names, unknowns, start, request, refusals)
-        drive = max(float(np.abs(e[axis.drive]).max()) for e in experiments)
-        resolution = max(e.signals[axis.motion].resolution for e in experiments)
-        sensible = {
-            **dict.fromkeys(unknowns, drive),
-            **_widths(experiments, axis, drive, viscous),
-            axis.inertia: start[axis.inertia],
-            **dict.fromkeys(moving, np.inf),
-        }
-        compared = Compared()
-        weights: list[FloatArray] = []
+        stage, brackets, beyond = _levels_and_forces(stage, request)
+        compared, weights = Compared(), list[FloatArray]()
         if beyond:
-            compared, weights = with_derivatives(
-                experiments, axis, names, unknowns, start, request, refusals
-            )
+            request.progress("forces beyond the model: comparing speed and acceleration too")
+            compared, weights = with_derivatives(stage)
         fitted = fit_named(
-            DriveModel(experiments, axis, compared).named(names, weights),
-            specs,
-            request,
-            unknowns,
-            [start],
-            refusals=refusals,
-            sensible=sensible,
-            sigma_floor=0.0 if compared.half_width else resolution / np.sqrt(12.0),
+            DriveModel(experiments, axis, compared).named(stage.names, weights),
+            [*variant.parameters, *excess_specs(variant)],
+            replace(request, fixed=stage.fixed),
+            stage.unknowns,
+            [stage.start],
+            refusals=stage.refusals,
+            sensible=_sensible(stage),
+            sigma_floor=0.0 if beyond else stage.resolution / np.sqrt(12.0),
             channels=[compared.channels(e.samples) for e in experiments],
         )
-        fitted = to_breakaway(fitted)
-        table, drift = fitted.compare_logs(experiments)
-        parameters, order, covariance = quantities(fitted, variant.parameters)
-        for name, bracket in brackets.items():
-            parameters[name] = bracket.quantity(parameters[name].unit)
-            order = (*order, name)
-            covariance = append_variance(covariance, bracket.std_error**2)
-        last = "position, speed and acceleration" if compared.half_width else "position"
-        details = {**fitted.details(), **table, "encoder_resolution": resolution,
-                   "stages": ["inverse dynamics", "increments", last]}  # fmt: skip
+        found = Reported(variant, in_levels(fitted), brackets, resting)
+        parameters, order, covariance = found.quantities()
+        table, drift = found.fitted.compare_logs(experiments)
+        last = "position, speed and acceleration" if beyond else "position"
         return Estimate(
             parameters,
-            _derived(fitted, axis, variant),
+            found.derived(axis),
             order,
             covariance,
-            [y[: e.samples] for y, e in zip(fitted.solution.simulated, experiments)],
-            [e[axis.motion] for e in experiments],
-            [
-                *rename_notices(fitted.notices, variant),
-                *drift,
-                *(beyond_notice(parameters) if beyond else ()),
-            ],
-            details,
-            fitted.sensitivity(),
+            replace(request.options, compared="derivatives" if beyond else "position"),
+            [*found.notices(), *drift, *([beyond_notice(parameters)] if beyond else [])],
+            {**fitted.details(), **table, "stages": ["inverse dynamics", "increments", last]},
+            found.fitted.sensitivity(),
         )
-
-    def information(
-        self,
-        variant: Variant,
-        parameters: Mapping[str, Value],
-        experiment: Experiment,
-        options: Mapping[str, Any],
-    ) -> Information:
-        """Sensitivities by complex steps; see :meth:`Family.information`."""
-        values = scalars(parameters)
-        axis = axis_of(variant)
-        model = DriveModel([experiment], axis)
-        held = interpolation(experiment.signals[axis.drive]) == "zoh"
-        names = [n for n in values if not (held and n.startswith("breakaway"))]
-        found = sensitivity(model.named(names), values)
-        if not held:
-            return found
-        motion, samples = model.motion(0, values)
-        drive = experiment.sampled(axis.drive)
-        speed = np.real(motion.velocity[0, samples])
-        return replace(found, floor=bracket_widths(drive, speed, values))
 
     def simulate(
         self,
         variant: Variant,
-        parameters: Mapping[str, Value],
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        options: BallScrewOptions,
+        offset: float | None = None,
+    ) -> list[Simulated]:
+        """Position from the torque or force; see :meth:`Family.simulate`.
+
+        The axis may have been anywhere, and moving, when a run began: both belong to the run.
+        """
+        return [follow(e, axis_of(variant), scalars(values), offset or 0.0) for e in experiments]
+
+    def information(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
         experiment: Experiment,
-        options: Mapping[str, Any],
-    ) -> FloatArray:
-        """Position from the drive's torque or force; see :meth:`Family.simulate`."""
-        axis = axis_of(variant)
-        values: dict[str, Any] = dict(scalars(parameters))
-        if axis.motion in experiment:
-            values["initial_speed[0]"] = initial_speeds([experiment], axis).get(
-                "initial_speed[0]", 0.0
-            )
+        options: BallScrewOptions,
+    ) -> Information:
+        """Sensitivities by complex steps; see :meth:`Family.information`."""
+        v, axis = scalars(values), axis_of(variant)
         model = DriveModel([experiment], axis)
-        y = np.real(model.columns(0, values).known)
-        if axis.motion in experiment:
-            y = y + float(np.mean(experiment[axis.motion] - y))
-        return y
-
-    def model_section(
-        self, variant: Variant, parameters: Mapping[str, Value], sample_time: float, hold: Hold
-    ) -> dict[str, Any]:
-        """Linear part of the drive; friction is compensated from the parameters."""
-        from ..discrete import discretise
-
-        v = scalars(parameters)
-        b = v.get(
-            "viscous", 0.5 * (v.get("viscous_positive", 0.0) + v.get("viscous_negative", 0.0))
+        held = settled_hold(experiment.signals[axis.drive]) == "zoh"
+        found = sensitivity(
+            model.named([n for n in v if not (held and n in BREAKAWAY.values())]), v
         )
-        num, den = [1.0], [v[axis_of(variant).inertia], b, 0.0]
-        section: dict[str, Any] = {
-            "continuous": {"numerator": num, "denominator": den, "dead_time": 0.0}
-        }
+        if not held:
+            return found
+        motion, samples = model.motion(0, v)
+        speed = np.real(motion.velocity[0, samples])
+        return replace(found, floor=bracket_widths(experiment.sampled(axis.drive), speed, v))
+
+    def model(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        options: BallScrewOptions,
+        sample_time: float,
+        hold: Hold,
+    ) -> dict[str, Any]:
+        """Inertia and friction, and the period of the controller."""
+        friction = scalars(values)
+        name = axis_of(variant).inertia
+        section: dict[str, Any] = {name: friction.pop(name), "friction": friction}
         if sample_time > 0.0:
-            section["discrete"] = discretise(num, den, sample_time, "zoh")
+            section["discrete"] = {"sample_time": sample_time, "hold": "zoh"}
         return section
 
+    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
+        """A torque or force, played to the drive; see :meth:`Family.excitation`."""
+        return Excitation("command")
 
-def _widths(
-    experiments: Sequence[Experiment], axis: Axis, drive: float, viscous: Sequence[str]
-) -> dict[str, float]:
-    """Viscous friction that alone would use up the whole drive at the highest speed."""
-    speed = max(
-        float(np.quantile(np.abs(np.gradient(e[axis.motion], e.time)), 0.99)) for e in experiments
-    )
-    return dict.fromkeys(viscous, drive / max(speed, 1e-300))
+    def suppose(
+        self,
+        name: str,
+        values: Mapping[str, Value],
+        amplitude: tuple[float, float],
+        sample_time: float,
+    ) -> float | None:
+        """A kinetic level of a fifth of the range, a static one that is higher by a third."""
+        v = scalars(values)
+        for s, limit in zip(SIDES, reversed(amplitude)):
+            if name == f"coulomb_{s}":
+                return 0.2 * abs(limit)
+            if name == BREAKAWAY[s]:
+                return 1.3 * v[f"coulomb_{s}"]
+        return v[name]
+
+    def block(self, variant: Variant, document: ParameterDocument) -> DriveBlock:
+        """The drive that a controller steps; see :class:`DriveBlock`."""
+        return DriveBlock(document, variant)
 
 
-def _derived(fitted: Fitted, axis: Axis, variant: Variant) -> Mapping[str, Any]:
-    """Offset and mean of the kinetic levels, and the time constant of coasting."""
+def _first_stages(
+    variant: Variant,
+    experiments: Sequence[Experiment],
+    request: Request[BallScrewOptions],
+    resting: Mapping[str, float],
+) -> Stage:
+    """Inverse dynamics and increments of position: where the fit of the position begins."""
+    axis, one_sided = axis_of(variant), request.options.viscous == "asymmetric"
+    viscous = [f"viscous_{s}" for s in SIDES] if one_sided else ["viscous"]
+    direct = {*request.fixed, *request.bounds}
+    static = [BREAKAWAY[s] if BREAKAWAY[s] in direct else EXCESS[s] for s in SIDES]
+    names = (axis.inertia, *viscous, *(f"coulomb_{s}" for s in SIDES), *static)
+    specs = [*variant.parameters, *excess_specs(variant)]
+    request.progress("inverse dynamics")
+    guess = inverse_dynamics(experiments, axis, one_sided)
+    unknowns = make_unknowns(specs, names, guess, request, search_limits(names, guess, viscous))
+    stage = Stage(experiments, axis, names, unknowns, guess, dict(request.fixed))
     unit = variant.role(axis.drive).unit
+    refusals = sides_at_rest(resting, axis, unit, 1.5 * stage.largest_drive, viscous)
+    stage = replace(stage, refusals=tuple(refusals))
+    request.progress("fitting increments of position")
+    start = fit_increments(stage, request.start)
+    moving = initial_speeds(experiments, axis)
+    start = {**start, **moving}
+    refusals += without_breakaway(DriveModel(experiments, axis), start, static, refusals)
+    return replace(
+        stage,
+        names=(*names, *moving),
+        unknowns={**unknowns, **speed_unknowns(moving)},
+        start=start,
+        refusals=tuple(refusals),
+    )
 
-    def function(v: Values) -> dict[str, Any]:
-        out = {
-            "coulomb_mean": 0.5 * (v["coulomb_positive"] + v["coulomb_negative"]),
-            "coulomb_offset": 0.5 * (v["coulomb_positive"] - v["coulomb_negative"]),
-        }
-        if fitted.values.get("viscous", 0.0) > 0.0:
-            out["time_constant"] = v[axis.inertia] / v["viscous"]
-        return out
 
-    units = {"coulomb_mean": unit, "coulomb_offset": unit, "time_constant": "s"}
-    return derive(fitted, units, function)
+def _levels_and_forces(
+    stage: Stage, request: Request[BallScrewOptions]
+) -> tuple[Stage, dict[str, Bracket], bool]:
+    """Bracket the static levels where that can be done, and weigh what the model leaves out.
+
+    Once forces beyond the model decide the instant of break-away, no level is left to
+    bracket and it is refused. A file says which of both it was.
+    """
+    settled_before = request.options.compared
+    brackets: dict[str, Bracket] = {}
+    held, stepped = stage, commanded_in_steps(stage)
+    if stepped and settled_before != "derivatives":
+        request.progress("bracketing the static levels")
+        held, brackets = bracket_levels(stage)
+    if settled_before:
+        beyond = settled_before == "derivatives"
+    else:
+        beyond = forces_beyond_model(held)
+    if not (beyond and stepped):
+        return held, brackets, beyond
+    hidden = [Refusal(n, UNKNOWN_FORCES, 0.0) for n in open_levels(stage.names, stage.refusals)]
+    return replace(stage, refusals=(*stage.refusals, *hidden)), {}, True
+
+
+def _sensible(stage: Stage) -> dict[str, float]:
+    """Half-widths of intervals that say nothing.
+
+    Viscous friction that alone would use up the whole drive at the highest speed is one.
+    """
+    axis, drive = stage.axis, stage.largest_drive
+    speed = max(
+        float(np.quantile(np.abs(np.gradient(e[axis.motion], e.time)), 0.99))
+        for e in stage.experiments
+    )
+    out = dict.fromkeys(stage.unknowns, drive)
+    for n in out:
+        if n.startswith("viscous"):
+            out[n] = drive / max(speed, 1e-300)
+        if n.startswith("initial_speed"):
+            out[n] = np.inf
+    return {**out, axis.inertia: stage.start[axis.inertia]}

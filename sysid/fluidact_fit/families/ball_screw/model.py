@@ -11,14 +11,16 @@ import numpy.typing as npt
 
 from ...estimation.inputs import PiecewiseInput, piecewise
 from ...estimation.linear import Grid, make_grid
-from ...estimation.parametric import NamedModel, Refusal, Values
+from ...estimation.parametric import NamedModel, Values
 from ...estimation.separable import Basis, Slopes
 from ...estimation.stick_slip import Motion, StickSlip, simulate_stick_slip
-from ...experiment import Experiment, FloatArray
-from ...family import Request, Variant
+from ...experiment import Experiment, FloatArray, Signal
+from ...family import Variant
 
 Array = npt.NDArray[Any]
 SIDES = ("positive", "negative")
+BREAKAWAY = {s: f"breakaway_{s}" for s in SIDES}  # static level
+EXCESS = {s: f"excess_{s}" for s in SIDES}  # of the static level over the kinetic one
 LONG = 40_000  # samples beyond which the early stages look at a part of the log
 
 
@@ -82,16 +84,11 @@ class Compared:
         ]
 
 
-def held_values(refusals: Sequence[Refusal], request: Request) -> dict[str, float]:
-    """Values that are held while the rest is fitted: what was refused, and what is given."""
-    return {**{r.parameter: float(r.hold or 0.0) for r in refusals}, **request.fixed}
-
-
 class DriveModel:
     """Stick-slip response of one or several logs as a named model.
 
-    Static levels enter as ``stiction_* = breakaway_* - coulomb_* >= 0`` unless a
-    ``breakaway_*`` value is given. ``initial_speed[i]`` is a nuisance value of the logs
+    Static levels enter as ``excess_* = breakaway_* - coulomb_* >= 0`` unless a
+    ``breakaway_*`` value is given. ``initial_speed[i]`` is a nuisance value of the runs
     that do not start at rest.
     """
 
@@ -101,7 +98,7 @@ class DriveModel:
         self.axis, self.compared = axis, compared or Compared()
         self.inputs: list[tuple[PiecewiseInput, Grid, npt.NDArray[np.intp]]] = []
         for e in experiments:
-            self.inputs.append(_on_samples(piecewise(e.signals[axis.drive]), e.time))
+            self.inputs.append(_on_samples(e.signals[axis.drive], e.time))
         outputs = [e[axis.motion] for e in experiments if axis.motion in e]
         self.measured = [self.compared.reduce(y) for y in outputs]
         self.resolutions = [
@@ -122,11 +119,11 @@ class DriveModel:
         static = []
         for s in SIDES:
             kinetic = row(f"coulomb_{s}")
-            if f"breakaway_{s}" in rows:
-                given = row(f"breakaway_{s}")
+            if BREAKAWAY[s] in rows:
+                given = row(BREAKAWAY[s])
                 static.append(np.where(np.real(given) > np.real(kinetic), given, kinetic))
             else:
-                static.append(kinetic + row(f"stiction_{s}"))
+                static.append(kinetic + row(EXCESS[s]))
         forward = row("viscous_positive", rows.get("viscous"))
         backward = row("viscous_negative", rows.get("viscous"))
         p = StickSlip(
@@ -185,14 +182,17 @@ class DriveModel:
 
 
 def _on_samples(
-    u: PiecewiseInput, time: FloatArray
+    signal: Signal, time: FloatArray
 ) -> tuple[PiecewiseInput, Grid, npt.NDArray[np.intp]]:
     """Split the input at the samples, so that every sample is a node."""
+    u = piecewise(signal)
     if u.nodes.shape == time.shape and np.array_equal(u.nodes, time):
         return u, make_grid(time), np.arange(time.size)
-    nodes = np.union1d(u.nodes, time)
+    nodes = np.union1d(u.nodes[(u.nodes > time[0]) & (u.nodes < time[-1])], time)
     piece = np.searchsorted(u.nodes, nodes, side="right") - 1
-    coefficients = np.where(piece[:, None] >= 0, u.coefficients[np.maximum(piece, 0)], 0.0)
+    coefficients = u.coefficients[np.maximum(piece, 0)]
+    coefficients[piece < 0] = 0.0
+    coefficients[piece < 0, 0] = signal.before
     return PiecewiseInput(nodes, coefficients), make_grid(nodes), np.searchsorted(nodes, time)
 
 

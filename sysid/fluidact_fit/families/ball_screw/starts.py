@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
 from ...errors import LogError
-from ...estimation.parametric import Refusal, bind, make_unknowns
 from ...estimation.separable import Unknown, solve
 from ...experiment import Experiment, FloatArray
-from ...family import ParameterSpec, Request
 from ...signals import smooth
-from .model import LONG, SIDES, Axis, Compared, DriveModel, held_values, increment_lag, leading_part
+from .model import BREAKAWAY, EXCESS, LONG, SIDES, Axis, Compared, increment_lag, leading_part
+from .stage import Stage
 
 
 def inverse_dynamics(
@@ -59,7 +59,7 @@ def _as_guess(
     x: FloatArray, experiments: Sequence[Experiment], axis: Axis, one_sided: bool
 ) -> dict[str, float]:
     """Linear estimate as a start: positive, and never more than the drive can give."""
-    drive = max(float(np.abs(e[axis.drive]).max()) for e in experiments)
+    drive = max(float(np.abs(e.sampled(axis.drive)).max()) for e in experiments)
     speed = max(float(np.ptp(e[axis.motion]) / np.ptp(e.time)) for e in experiments) or 1.0
     step = min(e.sample_time for e in experiments)
     kinetic = np.clip(x[-2:], 0.02 * drive, 0.9 * drive)
@@ -68,17 +68,19 @@ def _as_guess(
     guess = {axis.inertia: inertia, **{f"coulomb_{s}": k for s, k in zip(SIDES, kinetic)}}
     names = [f"viscous_{s}" for s in SIDES] if one_sided else ["viscous"]
     guess.update(zip(names, viscous))
-    guess.update({f"stiction_{s}": 0.2 * k for s, k in zip(SIDES, kinetic)})
-    guess.update({f"breakaway_{s}": 1.2 * k for s, k in zip(SIDES, kinetic)})
+    guess.update({EXCESS[s]: 0.2 * k for s, k in zip(SIDES, kinetic)})
+    guess.update({BREAKAWAY[s]: 1.2 * k for s, k in zip(SIDES, kinetic)})
     return {k: float(v) for k, v in guess.items()}
 
 
 def initial_speeds(experiments: Sequence[Experiment], axis: Axis) -> dict[str, float]:
-    """Initial speeds of the logs that do not start at rest."""
+    """Initial speeds of the runs that do not start at rest."""
     out = {}
     for i, e in enumerate(experiments):
         y = e[axis.motion]
         half = min(4, (y.size - 1) // 2)
+        if half < 1:
+            continue
         head = y[: 2 * half + 1]
         slope = float(np.polyfit(np.arange(head.size) * e.sample_time, head, 1)[0])
         typical = float(np.std(np.gradient(y, e.time))) or 1.0
@@ -88,53 +90,34 @@ def initial_speeds(experiments: Sequence[Experiment], axis: Axis) -> dict[str, f
     return out
 
 
-def make_drive_unknowns(
-    specs: Sequence[ParameterSpec],
-    names: Sequence[str],
-    guess: Mapping[str, float],
-    moving: Mapping[str, float],
-    request: Request,
-) -> dict[str, Unknown]:
-    """Unknowns with a search range of four decades around the linear estimate."""
+def search_limits(
+    names: Sequence[str], guess: Mapping[str, float], viscous: Sequence[str]
+) -> dict[str, tuple[float, float]]:
+    """Search range of four decades around the linear estimate, inertia first of the names."""
     limits = {n: (0.0, 1e4 * abs(guess[n])) for n in names}
     limits[names[0]] = (1e-3 * guess[names[0]], 1e3 * guess[names[0]])
-    for n in names:
-        if n.startswith("viscous"):
-            limits[n] = (1e-6 * abs(guess[n]), 1e4 * abs(guess[n]))
-    unknowns = make_unknowns(specs, names, guess, request, limits)
-    for name, speed in moving.items():
-        unknowns[name] = Unknown(name, speed, scale=abs(speed) or 1.0)
-    return unknowns
+    for n in viscous:
+        limits[n] = (1e-6 * abs(guess[n]), 1e4 * abs(guess[n]))
+    return limits
 
 
-def fit_increments(
-    experiments: Sequence[Experiment],
-    axis: Axis,
-    names: Sequence[str],
-    unknowns: Mapping[str, Unknown],
-    guess: Mapping[str, float],
-    request: Request,
-    refusals: Sequence[Refusal],
-) -> dict[str, float]:
-    """Second stage: match increments of position from several break-away guesses."""
-    request.progress("fitting increments of position")
-    lively = sorted(experiments, key=lambda e: -float(np.ptp(e[axis.motion])))[:2]
+def speed_unknowns(moving: Mapping[str, float]) -> dict[str, Unknown]:
+    """Unknowns of the initial speeds."""
+    return {n: Unknown(n, v, scale=abs(v) or 1.0) for n, v in moving.items()}
+
+
+def fit_increments(stage: Stage, asked: Mapping[str, float]) -> dict[str, float]:
+    """Second stage: match increments of position from several break-away guesses.
+
+    ``asked`` is where the user says to start. It is one more candidate: it may be bad.
+    """
+    axis, held = stage.axis, stage.held
+    lively = sorted(stage.experiments, key=lambda e: -float(np.ptp(e[axis.motion])))[:2]
     part = [leading_part(e, LONG) for e in lively]
-    model = DriveModel(part, axis, Compared(lag=increment_lag(part, axis))).named(names)
-    held = held_values(refusals, request)
-    problem = bind(model, unknowns, held)
+    problem = replace(stage, experiments=part).problem(Compared(lag=increment_lag(part, axis)))
     order = [u.name for u in problem.nonlinear]
     best = None
-    # a start that the user gives is one more candidate: his guess may be a bad one
-    bases = [guess, {**guess, **request.start}] if request.start else [guess]
-    for base, up, down in product(bases, (0.05, 0.6), (0.05, 0.6)):
-        first = {**base, **held}
-        for s, ratio in zip(SIDES, (up, down)):
-            first.setdefault(f"breakaway_{s}", (1 + ratio) * first[f"coulomb_{s}"])
-            first[f"stiction_{s}"] = ratio * first[f"coulomb_{s}"]
-            if base is not guess and f"breakaway_{s}" in request.start:
-                asked = request.start[f"breakaway_{s}"] - first[f"coulomb_{s}"]
-                first[f"stiction_{s}"] = max(asked, 0.0)
+    for first in _candidates(stage.start, asked, held):
         eta = np.array([first[n] for n in order])
         found = solve(problem, eta, max_iterations=12, tolerance=0.05)
         if best is None or found.cost < best.cost:
@@ -143,3 +126,18 @@ def fit_increments(
     if not best.converged:
         best = solve(problem, best.eta, max_iterations=30, tolerance=0.05)
     return {**held, **dict(zip(order, map(float, best.eta)))}
+
+
+def _candidates(
+    guess: Mapping[str, float], asked: Mapping[str, float], held: Mapping[str, float]
+) -> Iterator[dict[str, float]]:
+    """Starts with small and large static levels in either direction."""
+    bases = [(guess, {}), ({**guess, **asked}, asked)] if asked else [(guess, {})]
+    for (base, own), *ratios in product(bases, (0.05, 0.6), (0.05, 0.6)):
+        first = {**base, **held}
+        for s, ratio in zip(SIDES, ratios):
+            kinetic = first[f"coulomb_{s}"]
+            first[EXCESS[s]] = ratio * kinetic
+            if BREAKAWAY[s] in own:
+                first[EXCESS[s]] = max(own[BREAKAWAY[s]] - kinetic, 0.0)
+        yield first
