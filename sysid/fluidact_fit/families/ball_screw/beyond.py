@@ -14,16 +14,20 @@ from ...family import Quantity
 from .model import BREAKAWAY, Axis, Compared
 from .stage import Stage
 
+DECISIVE = 3.0  # residual per noise above which forces are at work that the model lacks
+BEYOND_HELP = 30.0  # above which no other instant of a break-away would make it small
 
-def forces_beyond_model(stage: Stage) -> bool:
-    """Whether the residual of the position is far above the noise of the encoder.
 
-    While it is not, comparing the position alone is efficient. A residual far above the
-    noise comes from forces that the model does not know.
+def residual_to_noise(stage: Stage) -> float:
+    """Residual of the position, all parameters but those held fitted, per noise of the encoder.
+
+    While it is near one, comparing the position alone is efficient. Far above, the residual
+    comes from forces that the model does not know.
     """
     found = stage.solve(stage.problem(), max_iterations=10, tolerance=0.05)
     residual = np.sqrt(found.cost / sum(e.samples for e in stage.experiments))
-    return bool(residual > 3.0 * max(_noise_floor(e, stage.axis) for e in stage.experiments))
+    noise = max(_noise_floor(e, stage.axis) for e in stage.experiments)
+    return float(residual / noise) if noise > 0.0 else np.inf
 
 
 def _noise_floor(experiment: Experiment, axis: Axis) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -29,6 +29,7 @@ from .stage import Stage
 _NEAR = 4  # commanded levels on either side of a bracket that are tried as well
 _CELLS = 20  # into which the first pass over the levels divides them
 _CELLS_NEAR = 14  # into which a later one does, near what an earlier one found
+_CELLS_REFITTED = 40  # at most, inside a bracket, when everything is refitted beside them
 
 
 @dataclass(frozen=True)
@@ -144,10 +145,7 @@ def bracket_levels(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
         return stage, {}
     part = [leading_part(e, LONG) for e in stage.experiments]
     staircase = _Staircase.of(stage, part, Compared(lag=increment_lag(part, stage.axis)))
-    values = dict(stage.start)
-    for s in SIDES:
-        values.setdefault(BREAKAWAY[s], values[f"coulomb_{s}"] + values.get(EXCESS[s], 0.0))
-        values.pop(EXCESS[s], None)
+    values = _in_levels(stage.start)
     brackets: dict[str, Bracket] = {}
     for _ in range(4):
         before = dict(brackets)
@@ -158,19 +156,36 @@ def bracket_levels(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
         _, values = staircase.refit(values)
         if brackets == before:
             break
-    values = _Staircase.of(stage, part, Compared()).narrow(brackets, values)
-    return _held(stage, sides, brackets, values), brackets
+    return _held(stage, brackets, values), brackets
 
 
-def _held(
-    stage: Stage,
-    sides: Collection[str],
-    brackets: Mapping[str, Bracket],
-    values: Mapping[str, float],
-) -> Stage:
+def narrow_levels(
+    stage: Stage, brackets: Mapping[str, Bracket]
+) -> tuple[Stage, dict[str, Bracket]]:
+    """Choose among neighbouring brackets by the position itself, all else refitted.
+
+    One break-away a sample late displaces all that follows by less than a step of the
+    encoder: increments do not see it, the position does, and it would bend every other
+    parameter.
+    """
+    part = [leading_part(e, LONG) for e in stage.experiments]
+    staircase = _Staircase.of(stage, part, Compared())
+    found, values = staircase.narrow(brackets, _in_levels(stage.start))
+    return _held(stage, found, values), found
+
+
+def _in_levels(start: Mapping[str, float]) -> dict[str, float]:
+    """Values with static levels in place of excesses."""
+    values = {n: v for n, v in start.items() if n not in EXCESS.values()}
+    for s in SIDES:
+        values.setdefault(BREAKAWAY[s], start[f"coulomb_{s}"] + start.get(EXCESS[s], 0.0))
+    return values
+
+
+def _held(stage: Stage, brackets: Mapping[str, Bracket], values: Mapping[str, float]) -> Stage:
     """The stage with bracketed levels held in place of the excesses."""
     levels = {n: b.value for n, b in brackets.items()}
-    renamed = {EXCESS[s]: BREAKAWAY[s] for s in sides}
+    renamed = {EXCESS[s]: BREAKAWAY[s] for s in SIDES if BREAKAWAY[s] in levels}
     start = {n: values.get(n, v) for n, v in stage.start.items() if n not in renamed}
     return replace(
         stage,
@@ -239,31 +254,32 @@ class _Staircase:
         order = [u.name for u in problem.nonlinear]
         return found.cost, {**values, **dict(zip(order, map(float, found.eta)))}
 
-    def narrow(self, brackets: dict[str, Bracket], values: dict[str, float]) -> dict[str, float]:
-        """Choose among neighbouring brackets by the position itself, all else refitted.
-
-        One break-away a sample late displaces all that follows by less than a step of the
-        encoder: increments do not see it, the position does, and it would bend every other
-        parameter. ``brackets`` is changed; the refitted values are returned.
-        """
+    def narrow(
+        self, brackets: Mapping[str, Bracket], values: dict[str, float]
+    ) -> tuple[dict[str, Bracket], dict[str, float]]:
+        """Brackets by name and values; see :func:`narrow_levels`."""
+        found = dict(brackets)
         best, values = self.refit(values)
         for _ in range(3):
             before = best
-            for name in brackets:
-                best, values = self._narrow_one(name, brackets, best, values)
+            for name, bracket in found.items():
+                levels = self.levels(values, name.removeprefix("breakaway_"))
+                if levels.size > 1:
+                    edges = _around(levels, bracket)
+                    found[name], best, values = self._choose(name, bracket, edges, best, values)
             if best >= before:
                 break
-        return values
+        return found, values
 
-    def _narrow_one(
-        self, name: str, brackets: dict[str, Bracket], best: float, values: dict[str, float]
-    ) -> tuple[float, dict[str, float]]:
-        levels = self.levels(values, name.removeprefix("breakaway_"))
-        if levels.size < 2:
-            return best, values
-        low = max(int(np.searchsorted(levels, brackets[name].low)) - _NEAR, 0)
-        high = min(int(np.searchsorted(levels, brackets[name].high)) + _NEAR, levels.size - 1)
-        edges = levels[low : high + 1]
+    def _choose(
+        self,
+        name: str,
+        bracket: Bracket,
+        edges: FloatArray,
+        best: float,
+        values: dict[str, float],
+    ) -> tuple[Bracket, float, dict[str, float]]:
+        """The bracket of one level over the cells between edges; cost and values there."""
         middles = 0.5 * (edges[1:] + edges[:-1])
         plain = np.array([self.cost({**values, name: x}) for x in middles])
         # cells of the same cost have the same events: one refit stands for all of them
@@ -272,12 +288,21 @@ class _Staircase:
         least, refitted = min(found, key=lambda f: f[0])
         most = min(least, best) * (1.0 + self.slack)
         if least > most:
-            return best, values
+            return bracket, best, values
         costs = np.repeat([cost for cost, _ in found], [g.size for g in groups])
-        brackets[name] = over_cells(edges, costs, most)
+        bracket = over_cells(edges, costs, most)
         if least < best:
             best, values = least, refitted
-        return best, {**values, name: brackets[name].value}
+        return bracket, best, {**values, name: bracket.value}
+
+
+def _around(levels: FloatArray, bracket: Bracket) -> FloatArray:
+    """Commanded levels about a bracket: its neighbours, and not too many inside."""
+    low, high = (int(k) for k in np.searchsorted(levels, (bracket.low, bracket.high)))
+    inside = np.linspace(low, high, _CELLS_REFITTED + 1).astype(int)
+    ends = (np.arange(k - _NEAR, k + _NEAR + 1) for k in (low, high))
+    kept = np.unique(np.concatenate((inside, *ends)))
+    return np.asarray(levels[kept[(kept >= 0) & (kept < levels.size)]])
 
 
 def bracket_widths(

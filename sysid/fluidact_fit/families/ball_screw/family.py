@@ -48,9 +48,15 @@ from ...family import (
     scalars,
 )
 from ...options import choice, settled
-from .beyond import beyond_notice, forces_beyond_model, with_derivatives
+from .beyond import BEYOND_HELP, DECISIVE, beyond_notice, residual_to_noise, with_derivatives
 from .block import DriveBlock
-from .brackets import Bracket, bracket_levels, bracket_widths, commanded_in_steps
+from .brackets import (
+    Bracket,
+    bracket_levels,
+    bracket_widths,
+    commanded_in_steps,
+    narrow_levels,
+)
 from .model import BREAKAWAY, EXCESS, SIDES, Compared, DriveModel, axis_of
 from .refusals import UNKNOWN_FORCES, open_levels, sides_at_rest, without_breakaway, withstood
 from .reported import Reported, excess_specs, in_levels
@@ -277,16 +283,17 @@ def _levels_and_forces(
     Once forces beyond the model decide the instant of break-away, no level is left to
     bracket and it is refused. A file says which of both it was.
     """
-    settled_before = request.options.compared
+    known = request.options.compared
     brackets: dict[str, Bracket] = {}
     held, stepped = stage, commanded_in_steps(stage)
-    if stepped and settled_before != "derivatives":
+    if stepped and known != "derivatives":
         request.progress("bracketing the static levels")
         held, brackets = bracket_levels(stage)
-    if settled_before:
-        beyond = settled_before == "derivatives"
-    else:
-        beyond = forces_beyond_model(held)
+    ratio = residual_to_noise(held) if known is None else 0.0
+    if brackets and ratio < BEYOND_HELP:
+        held, brackets = narrow_levels(held, brackets)
+        ratio = residual_to_noise(held) if known is None else 0.0
+    beyond = known == "derivatives" or ratio > DECISIVE
     if not (beyond and stepped):
         return held, brackets, beyond
     hidden = [Refusal(n, UNKNOWN_FORCES, 0.0) for n in open_levels(stage.names, stage.refusals)]
