@@ -77,11 +77,12 @@ def judge(
     ):
         reasons.append(
             Notice(
-                "residuals-coloured",
+                "residuals-autocorrelated",
                 f"the residuals are {residual_to_noise:.0f} times the noise of the output and "
-                "hang together in time: this machine does something that the model does not. The "
-                "intervals allow for the colour, not for a wrong model; look at the picture "
-                "(--plot) and judge whether the misfit matters where the model will be used.",
+                "autocorrelated: this machine does something that the model does not. The "
+                "intervals allow for the autocorrelation, not for a wrong model; look at the "
+                "picture (--plot) and judge whether the misfit matters where the model will be "
+                "used.",
             )
         )
     if overall.fit_percent < 20.0:
