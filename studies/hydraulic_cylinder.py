@@ -23,7 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "datasets"))
 
-import generate_hydraulic as simulator
+import generators.hydraulic_cylinder as simulator
 
 import fluidact_fit as ff
 
