@@ -10,12 +10,7 @@ import numpy as np
 from .errors import Notice
 from .estimation.uncertainty import Whiteness, whiteness
 from .experiment import FloatArray
-
-# Notices that tell what was done with the log and leave the fit as good as it is.
-_INFORMATION = {
-    "unit-assumed", "time-restarts", "time-wrapped", "partial-lines", "truncated-line",
-    "run-too-short", "time-ignored", "uneven-sampling", "thesis-method", "rails",
-}  # fmt: skip
+from .notices import is_information
 
 
 @dataclass(frozen=True)
@@ -102,6 +97,6 @@ def judge(
                 "one; look at the picture (--plot) before using the numbers.",
             )
         )
-    if any(n.code not in _INFORMATION for n in (*notices, *reasons)):
+    if not all(is_information(n.code) for n in (*notices, *reasons)):
         return "warn", reasons
     return "pass", reasons
