@@ -10,7 +10,8 @@ import pytest
 
 from fluidact_fit.errors import Notice
 from fluidact_fit.notices import CODES, GROUPS
-from fluidact_fit.quality import Agreement, judge
+from fluidact_fit.assessment import judge
+from fluidact_fit.outcome import Agreement
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted([*(ROOT / "sysid").rglob("*.py"), *(ROOT / "cli").rglob("*.py")])

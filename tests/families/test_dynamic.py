@@ -12,7 +12,7 @@ import pytest
 from scipy.signal import lfilter
 
 from fluidact_fit import NotIdentifiedError, UsageError
-from fluidact_fit.diagnosis import diagnose
+from fluidact_fit.assessment import diagnose
 from fluidact_fit.estimation.inputs import settle_holds
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family

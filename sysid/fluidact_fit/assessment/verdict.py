@@ -1,58 +1,21 @@
-"""How well a model describes logs, and what verdict that deserves."""
+"""What verdict a fit deserves, and why."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import Notice
-from .estimation.uncertainty import Whiteness, whiteness
-from .experiment import FloatArray
-from .notices import is_information
+from ..errors import Notice
+from ..estimation.uncertainty import Whiteness, whiteness
+from ..notices import is_information
+from ..outcome import Agreement, Simulation
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """Measured against simulated: RMSE [unit of the output], fit [%], samples used."""
-
-    rmse: float
-    fit_percent: float
-    samples: int
-    sum_of_squares: float
-
-
-def agreement(measured: Sequence[FloatArray], simulated: Sequence[FloatArray]) -> Agreement:
-    """Pooled agreement; every log is compared with its own mean, samples at NaN left out.
-
-    ``fit = 100 (1 - ||y - y_model|| / ||y - mean(y)||)`` as in MATLAB's ``compare``.
-    """
-    error, spread, samples = 0.0, 0.0, 0
-    for y, model in zip(measured, simulated):
-        used = np.isfinite(y) & np.isfinite(model)
-        if not used.any():
-            continue
-        error += float(np.sum((y[used] - model[used]) ** 2))
-        spread += float(np.sum((y[used] - y[used].mean()) ** 2))
-        samples += int(used.sum())
-    rmse = float(np.sqrt(error / max(samples, 1)))
-    if spread > 0.0:
-        fit = 100.0 * (1.0 - float(np.sqrt(error / spread)))
-    else:
-        fit = 100.0 if error == 0.0 else 0.0
-    return Agreement(rmse, fit, samples, error)
-
-
-def residual_whiteness(
-    measured: Sequence[FloatArray], simulated: Sequence[FloatArray], unknowns: int
-) -> Whiteness:
-    """Ljung-Box test of the residuals of all logs."""
-    rest = []
-    for y, model in zip(measured, simulated):
-        r = y - model
-        rest.append(r[np.isfinite(r)])
-    return whiteness(rest, unknowns)
+def residual_whiteness(fitted: Sequence[Simulation], unknowns: int) -> Whiteness:
+    """Ljung-Box test of the residuals of all runs."""
+    rest = (s.measured - s.simulated for s in fitted)
+    return whiteness([r[np.isfinite(r)] for r in rest], unknowns)
 
 
 def judge(
