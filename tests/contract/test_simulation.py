@@ -39,9 +39,9 @@ def test_python_gives_the_rmse_of_the_file(trial: Any) -> None:
     used = [int(np.isfinite(r.measured).sum()) for r in runs]
     assert used == [entry["samples"] for entry in fit["logs"]]
     due = [entry["rmse"]["value"] for entry in fit["logs"]]
-    assert [r.rmse for r in runs] == pytest.approx(due, rel=EXACT)
+    assert [r.rmse for r in runs] == pytest.approx(due, rel=EXACT, abs=0.0)
     total = sum(n * r.rmse**2 for n, r in zip(used, runs))
-    assert np.sqrt(total / sum(used)) == pytest.approx(fit["rmse"]["value"], rel=EXACT)
+    assert np.sqrt(total / sum(used)) == pytest.approx(fit["rmse"]["value"], rel=EXACT, abs=0.0)
 
 
 def test_each_log_alone_gives_its_rmse(trial: Any, here: Callable[..., Any]) -> None:
@@ -51,7 +51,9 @@ def test_each_log_alone_gives_its_rmse(trial: Any, here: Callable[..., Any]) -> 
         assert done.status == 0, done.err
         total, used = squares(read_table(done.out), output)
         assert used == entry["samples"], log.name
-        assert np.sqrt(total / used) == pytest.approx(entry["rmse"]["value"], rel=PRINTED), log.name
+        assert np.sqrt(total / used) == pytest.approx(
+            entry["rmse"]["value"], rel=PRINTED, abs=0.0
+        ), log.name
 
 
 def test_all_logs_together_give_the_rmse_of_the_file(
@@ -63,7 +65,7 @@ def test_all_logs_together_give_the_rmse_of_the_file(
     assert "rmse" in done.out
     total, used = squares(read_table(target.read_text(encoding="utf-8")), trial.variant.output.name)
     assert used == fit["samples"]
-    assert np.sqrt(total / used) == pytest.approx(fit["rmse"]["value"], rel=PRINTED)
+    assert np.sqrt(total / used) == pytest.approx(fit["rmse"]["value"], rel=PRINTED, abs=0.0)
 
 
 def test_json_holds_the_rmse_of_every_log(trial: Any, here: Callable[..., Any]) -> None:
@@ -74,7 +76,7 @@ def test_json_holds_the_rmse_of_every_log(trial: Any, here: Callable[..., Any]) 
     for entry, other in zip(found, due):
         assert entry["samples"] == other["samples"]
         assert entry["rmse"]["unit"] == other["rmse"]["unit"]
-        assert entry["rmse"]["value"] == pytest.approx(other["rmse"]["value"], rel=EXACT)
+        assert entry["rmse"]["value"] == pytest.approx(other["rmse"]["value"], rel=EXACT, abs=0.0)
 
 
 def test_inputs_that_step_are_simulated_or_refused(trial: Any, here: Callable[..., Any]) -> None:
@@ -92,4 +94,4 @@ def test_inputs_that_step_are_simulated_or_refused(trial: Any, here: Callable[..
         assert simulated.size == 81
         assert np.isfinite(simulated).all()
     else:
-        assert trial.family in done.err, "the message says for which family it cannot be done"
+        assert done.err.strip(), "the message says why not"

@@ -15,10 +15,10 @@ Change = Callable[[np.ndarray], np.ndarray]
 
 
 def change_column(header: str, change: Change) -> Callable[[Path, Path], Path]:
-    """A way to copy a log with one column changed."""
+    """A way to copy the first rows of a log with one column changed."""
 
     def copy_log(log: Path, path: Path) -> Path:
-        head, *lines = log.read_text(encoding="utf-8").splitlines()
+        head, *lines = log.read_text(encoding="utf-8").splitlines()[:501]
         mark, point = (";", ",") if ";" in head else (",", ".")
         at, rows = head.split(mark).index(header), [line.split(mark) for line in lines]
         values = change(np.array([float(row[at].replace(point, ".")) for row in rows]))
@@ -64,7 +64,8 @@ def test_the_dead_band_of_the_velocity_stands_in_the_file(
     dataset: Callable[..., Any], here: Callable[..., Any]
 ) -> None:
     trial = fit_file(dataset("cylinder-friction"), here)
-    assert trial.raw["options"]["deadband"] > 0.0
+    settled = {name.replace("-", ""): value for name, value in trial.raw["options"].items()}
+    assert settled["deadband"] > 0.0
 
 
 @pytest.mark.parametrize(
@@ -82,7 +83,7 @@ def test_a_noisy_input_gives_the_rmse_of_the_parameters_written(
     done = here(*trial.command(trial.path), "--accept-failed")
     assert done.status == 0, done.err
     due = trial.raw["fit"]["rmse"]["value"]
-    assert simulated_rmse(trial) == pytest.approx(due, rel=1e-9)
+    assert simulated_rmse(trial) == pytest.approx(due, rel=1e-9, abs=0.0)
 
 
 def test_the_inlet_of_a_fit_is_taken_as_the_fit_took_it(
@@ -140,7 +141,7 @@ def test_a_step_of_the_velocity_gives_the_levels_of_the_friction(
     positive = offset + p["coulomb_positive"] + 0.1 * p["viscous"]
     away = np.abs(np.arange(force.size) - 50) > 1  # the step itself is an impulse of the mass
     due = np.where(np.arange(force.size) < 50, negative, positive)
-    assert force[away] == pytest.approx(due[away], rel=1e-6)
+    assert force[away] == pytest.approx(due[away], rel=1e-6, abs=0.0)
     block = ff.load(trial.path)
     assert offset + np.asarray(block(np.array([-0.1, 0.1]))) == pytest.approx([negative, positive])
 
@@ -158,7 +159,7 @@ def test_the_offset_of_a_sensor_reaches_the_controller(
     offsets = [entry["offset"] for entry in plain["fit"]["logs"]]
     assert {entry["unit"] for entry in offsets} == {"Pa"}
     mean = np.mean([entry["value"] for entry in offsets])
-    assert plain["model"]["output_offset"] == pytest.approx(mean, rel=1e-9)
+    assert plain["model"]["output_offset"] == pytest.approx(mean, rel=1e-9, abs=0.0)
     assert mean == pytest.approx(0.5e5, abs=0.1e5)
     block = ff.load(trial.path, accept_not_identified=True)
     assert block.offset == plain["model"]["output_offset"]
