@@ -21,12 +21,16 @@ def change_value(value: Any) -> Any:
 
 
 def edited(trial: Any, folder: Path) -> Iterator[tuple[str, Path]]:
-    """One file for each parameter, that parameter changed."""
+    """One file for each parameter, that parameter changed.
+
+    Its interval goes as well: a value outside its own interval shows without any model.
+    """
     for name in trial.raw["parameters"]:
 
         def change(raw: dict[str, Any], name: str = name) -> None:
             entry = raw["parameters"][name]
             entry["value"] = change_value(entry["value"])
+            entry.pop("ci95", None)
 
         yield name, trial.edit(folder / f"{name}.yaml", change)
 
