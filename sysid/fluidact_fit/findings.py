@@ -55,11 +55,12 @@ class Findings:
 
 
 def mean_offset(family: Family[FamilyOptions], fitted: Sequence[Simulation]) -> float | None:
-    """Offset of the output at rest, mean over the logs; ``None`` where it means nothing."""
-    by_log = {s.experiment.log: s.offset for s in fitted if s.offset is not None}
-    if not family.steady_offset or not by_log:
+    """Offset of the output at rest, mean over all samples; ``None`` where it means nothing."""
+    known = [(s.offset, s.experiment.samples) for s in fitted if s.offset is not None]
+    if not family.steady_offset or not known:
         return None
-    return float(np.mean(list(by_log.values())))
+    offsets, samples = zip(*known)
+    return float(np.average(offsets, weights=samples))
 
 
 def make_parameter_document(

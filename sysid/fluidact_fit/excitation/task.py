@@ -123,7 +123,13 @@ def _driving_role(variant: Variant) -> Role:
     for role in variant.roles:
         if role.hold is not None and role.required:
             return role
-    return next(r for r in variant.roles if r.name != "time" and not r.output and r.required)
+    for role in variant.roles:
+        if role.required and not role.output and role.name != "time":
+            return role
+    raise UsageError(
+        "the next experiment cannot be designed: nothing drives this model.",
+        remedy="Its warnings and refusals say which experiments it needs.",
+    )
 
 
 def _fill_limits(
