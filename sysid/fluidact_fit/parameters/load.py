@@ -11,9 +11,10 @@ from ..errors import ParameterFileError
 from .atomic import write_atomically
 from .document import ParameterDocument
 from .migrations import is_newer, migrate
+from .plain import to_plain
 from .problems import Location, Problems
 from .validation import Lookup, validate
-from .yaml_io import dump_yaml, parse_yaml, read_yaml, to_plain
+from .yaml_io import dump_yaml, parse_yaml, read_yaml
 
 _REMEDY = "Correct these, or fit again and use the new file."
 

@@ -19,8 +19,8 @@ from ..experiment import FloatArray
 from ..family import Family
 from ..specification import ParameterSpec, Variant
 from .document import TAG, ParameterDocument, Part
+from .plain import check_plain
 from .problems import Location, Problems, suggest
-from .yaml_io import check_plain
 
 Lookup = Callable[[str], Family]
 
