@@ -117,6 +117,22 @@ def test_dimensions() -> None:
     assert not units.is_known_unit("import os")
 
 
+@pytest.mark.parametrize(
+    "text", ["9^9^9", "m^9^9^9", "(m^9)^9", "m^99999", "2**99999999", "__import__('os')", "m;s"]
+)
+def test_pint_is_not_asked_to_compute(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse() -> None:
+        raise AssertionError(text)
+
+    monkeypatch.setattr(units, "_registry", refuse)
+    assert not units.is_known_unit(text)
+
+
+@pytest.mark.parametrize("unit", ["m3/(s V Pa^0.5)", "N/(m/s)", "kg.m2", "N m s^-1", "%/s", "kΩ"])
+def test_expressions_are_known(unit: str) -> None:
+    assert units.is_known_unit(unit)
+
+
 def test_common_units_do_not_import_pint() -> None:
     code = (
         "import sys; from fluidact_fit.units import conversion_factor as c;"
