@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ParameterFileError
+from ..specification import Described
+from .agreement import check_agreement
 from .atomic import write_atomically
 from .document import ParameterDocument
 from .migrations import is_newer, migrate
 from .plain import to_plain
 from .problems import Location, Problems
 from .validation import Lookup, validate
-from .yaml_io import dump_yaml, parse_yaml, read_yaml
+from .yaml_io import YamlText, dump_yaml, parse_yaml, read_yaml
 
 _REMEDY = "Correct these, or fit again and use the new file."
 
@@ -35,7 +37,7 @@ def read_document(path: str | os.PathLike[str], lookup: Lookup | None = None) ->
         Naming every problem with its path and line.
     """
     text = read_yaml(path)
-    return _checked(os.fspath(path), text.data, text.problems, text.lines, lookup)
+    return _checked_text(os.fspath(path), text, lookup)
 
 
 def parse_document(
@@ -48,8 +50,7 @@ def parse_document(
     ParameterFileError
         Naming every problem with its path and line.
     """
-    parsed = parse_yaml(text, where)
-    return _checked(where, parsed.data, parsed.problems, parsed.lines, lookup)
+    return _checked_text(where, parse_yaml(text, where), lookup)
 
 
 def make_document(
@@ -103,6 +104,12 @@ def save_document(
     return write_atomically(path, dump_document(document, lookup), overwrite=overwrite)
 
 
+def _checked_text(where: str, text: YamlText, lookup: Lookup | None) -> ParameterDocument:
+    document = _checked(where, text.data, text.problems, text.lines, lookup)
+    check_agreement(document, (lookup or _registered)(document.family), where)
+    return document
+
+
 def _checked(
     where: str,
     data: dict[str, Any],
@@ -112,7 +119,13 @@ def _checked(
 ) -> ParameterDocument:
     # What a newer version calls a problem is unknown here: nothing else is worth saying.
     migrated = migrate(data, problems)
-    document = None if is_newer(data) else validate(migrated, problems, lookup)
+    document = None if is_newer(data) else validate(migrated, problems, lookup or _registered)
     if document is None:
         raise ParameterFileError(where, problems.listed(lines), _REMEDY)
     return document
+
+
+def _registered(name: str) -> Described:
+    from ..families import get_family
+
+    return get_family(name)

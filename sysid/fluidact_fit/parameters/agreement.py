@@ -1,0 +1,88 @@
+"""Whether the ``model`` part of a document is the one that its parameters give."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ..errors import FluidactError, ParameterFileError
+from ..specification import Described
+from .document import ParameterDocument
+
+_SAME = 1e-4  # relative; an edited parameter shows, one rounded to six digits does not
+_SMALL = 1e-9  # of the largest number of a list
+_REMEDY = "One of the two was changed by hand. Fit again with --fix NAME=VALUE instead."
+
+
+def check_agreement(
+    document: ParameterDocument, family: Described, where: str = "the document"
+) -> None:
+    """Compare the ``model`` part with the one the parameters give.
+
+    A parameter changed by hand would otherwise leave a controller with the old model.
+
+    Parameters
+    ----------
+    document
+        The document, valid for the family.
+    family
+        Its family.
+    where
+        The file, for the message.
+
+    Raises
+    ------
+    ParameterFileError
+        Naming what disagrees.
+    """
+    variant = next((v for v in family.variants if v.name == document.variant), family.variants[0])
+    discrete = document.model.get("discrete")
+    settings = discrete if isinstance(discrete, Mapping) else {}
+    step, hold = settings.get("sample_time", 0.0), settings.get("hold", "zoh")
+    if not (_is_number(step) and isinstance(hold, str)):
+        raise ParameterFileError(where, [("model.discrete", "is damaged")], _REMEDY)
+    try:
+        options = family.options_type.read(document.options or {}, from_file=True)
+        due = family.model(variant, document.values(), options, float(step), hold)
+    except FluidactError as error:
+        message = f"cannot be made from the parameters: {error.what}"
+        raise ParameterFileError(where, [("model", message)], _REMEDY) from None
+    problems = [
+        (
+            f"model.{key}",
+            "does not agree with the parameters" if key in document.model else "missing",
+        )
+        for key, value in due.items()
+        if not agree(document.model.get(key), value)
+    ]
+    if problems:
+        raise ParameterFileError(where, problems, _REMEDY)
+
+
+def agree(found: Any, due: Any) -> bool:
+    """Return whether two parts hold the same keys and, nearly, the same numbers.
+
+    What ``found`` holds beyond ``due`` is left alone.
+    """
+    if isinstance(due, Mapping):
+        return isinstance(found, Mapping) and all(
+            key in found and agree(found[key], value) for key, value in due.items()
+        )
+    if isinstance(due, (list, tuple)):
+        if not isinstance(found, (list, tuple)) or len(found) != len(due):
+            return False
+        if not all(map(_is_number, due)):
+            return all(map(agree, found, due))
+        slack = _SMALL * max(map(abs, due), default=0.0)
+        return all(map(_is_number, found)) and all(
+            abs(a - b) <= _SAME * abs(b) + slack for a, b in zip(found, due)
+        )
+    if _is_number(due):
+        return _is_number(found) and abs(found - due) <= _SAME * abs(due)
+    return bool(found == due)
+
+
+def _is_number(value: object) -> bool:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return number and math.isfinite(value)  # type: ignore[arg-type]
