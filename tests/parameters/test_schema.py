@@ -83,6 +83,17 @@ def _without(document, *keys):
         lambda d: d["parameters"]["weights"].update(value=[1.0, 2.0]),
         lambda d: d["parameters"]["weights"].update(value=[1.0, 2.0, 0.0]),
         lambda d: d["parameters"]["layer"].update(value=[1.0]),
+        lambda d: d["options"].update(hiden=4),
+        lambda d: d["options"].update(hidden=0),
+        lambda d: d["options"].update(length=0.0),
+        lambda d: d["options"].update(ends="loose"),
+        lambda d: d["options"].update(monotone=1),
+        lambda d: d["options"].update(rails=[0.0]),
+        lambda d: d["options"].update({"spike-limit": -1.0}),
+        lambda d: d["fit"]["rmse"].update(value=-1.0),
+        lambda d: d["fit"]["logs"][0].update(left_out=-1),
+        lambda d: d["provenance"]["logs"][0]["columns"]["force"].update(hold="auto"),
+        lambda d: d["provenance"]["logs"][0]["columns"]["force"].update(scal=1.0),
         lambda d: d["validity"].update(other={"low": 0.0, "high": 1.0, "unit": "N"}),
     ],
 )
@@ -94,7 +105,7 @@ def test_what_is_wrong_is_rejected(document, validator, spoil):
 
 
 def test_every_variant_has_its_own_parameters(document, validator):
-    document |= {"family": "twin", "validity": {}}
+    document |= {"family": "twin", "validity": {}, "options": {}}
     mass = {"value": 2.0, "unit": "kg", "status": "fixed"}
     document["parameters"] = {"mass": mass}
     assert validator.is_valid(document)

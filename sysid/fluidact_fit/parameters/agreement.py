@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, get_args
 
 from ..errors import FluidactError, ParameterFileError
+from ..experiment import Hold
 from ..specification import Described
 from .document import ParameterDocument
 
@@ -38,15 +39,22 @@ def check_agreement(
     """
     variant = next((v for v in family.variants if v.name == document.variant), family.variants[0])
     discrete = document.model.get("discrete")
-    settings = discrete if isinstance(discrete, Mapping) else {}
-    step, hold = settings.get("sample_time", 0.0), settings.get("hold", "zoh")
-    if not (_is_number(step) and isinstance(hold, str)):
-        raise ParameterFileError(where, [("model.discrete", "is damaged")], _REMEDY)
+    settings = {"sample_time": 0.0, "hold": "zoh"} if discrete is None else discrete
+    if not isinstance(settings, Mapping):
+        raise ParameterFileError(where, [("model.discrete", "is not a mapping")], _REMEDY)
+    step: Any = settings.get("sample_time")
+    hold: Any = settings.get("hold")
+    if not _is_number(step) or (discrete is not None and step <= 0.0):
+        problem = ("model.discrete.sample_time", f"{step!r} is not a positive number")
+        raise ParameterFileError(where, [problem], _REMEDY)
+    if hold not in get_args(Hold):
+        problem = ("model.discrete.hold", f"{hold!r} is not known")
+        raise ParameterFileError(where, [problem], _REMEDY)
     try:
         options = family.options_type.read(document.options or {}, from_file=True)
         due = family.model(variant, document.values(), options, float(step), hold)
-    except FluidactError as error:
-        message = f"cannot be made from the parameters: {error.what}"
+    except (FluidactError, ArithmeticError, ValueError) as error:
+        message = f"cannot be made from the parameters: {error}"
         raise ParameterFileError(where, [("model", message)], _REMEDY) from None
     problems = [
         (
@@ -83,6 +91,6 @@ def agree(found: Any, due: Any) -> bool:
     return bool(found == due)
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: Any) -> bool:
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return number and math.isfinite(value)  # type: ignore[arg-type]
+    return number and math.isfinite(value)

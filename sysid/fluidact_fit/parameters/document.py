@@ -23,7 +23,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from ..experiment import FloatArray, Hold
+from ..experiment import FloatArray
 from ..specification import Quantity, Status, Value
 from .problems import Location, suggest
 
@@ -297,7 +297,7 @@ class Column(Part):
     unit: str
     scale: Number | None = None
     assumed: bool | None = None
-    hold: Hold | None = None
+    hold: Literal["zoh", "foh", "smooth"] | None = None
 
 
 class LogSource(Part):

@@ -141,7 +141,9 @@ def _find_family(document: dict[str, Any], problems: Problems, lookup: Lookup) -
     return None
 
 
-def _find_variant(document: dict[str, Any], family: Described, problems: Problems) -> Variant | None:
+def _find_variant(
+    document: dict[str, Any], family: Described, problems: Problems
+) -> Variant | None:
     """Return the variant named, or the one that the parameters fit best."""
     name = document.get("variant")
     if name is not None:
@@ -207,11 +209,22 @@ def _check_options(document: dict[str, Any], family: Described, problems: Proble
     options = document.get("options", {})
     if not isinstance(options, dict):
         return  # said already
+    wrong = _refused(options, family)
+    each = {name: _refused({name: value}, family) for name, value in options.items()}
+    for name, words in each.items() if wrong else ():
+        if words:
+            problems.add(("options", name), words)
+    if wrong and not any(each.values()):
+        problems.add(("options",), wrong)
+
+
+def _refused(options: dict[str, Any], family: Described) -> str:
+    """Return what the family objects to in some options; empty when nothing."""
     try:
         family.options_type.read(options, from_file=True)
     except UsageError as error:
-        words = " ".join(part for part in (f"{error.what};", error.expected) if part)
-        problems.add(("options",), words)
+        return f"{error.what}. {error.expected}".strip()
+    return ""
 
 
 # ------------------------------------------------------------------------------ units
