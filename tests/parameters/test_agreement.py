@@ -9,8 +9,10 @@ import pytest
 
 from fluidact_fit.errors import ParameterFileError, UsageError
 from fluidact_fit.parameters import dump_document, make_document
-from fluidact_fit.parameters.agreement import agree, check_agreement
+from fluidact_fit.parameters.agreement import check_agreement, disagreements
 from fluidact_fit.parameters.load import parse_document
+
+CONTINUOUS = "model.continuous"
 
 
 @pytest.fixture
@@ -63,13 +65,26 @@ def test_a_value_rounded_to_six_digits_still_agrees(document, lookup):
 @pytest.mark.parametrize(
     ("change", "path", "words"),
     [
-        (lambda d: d["parameters"]["mass"].update(value=107.42), "model.continuous", "agree"),
-        (lambda d: d["parameters"]["mass"].update(value=53.72), "model.continuous", "agree"),
+        (
+            lambda d: d["parameters"]["mass"].update(value=107.42),
+            f"{CONTINUOUS}.denominator",
+            "agree",
+        ),
+        (
+            lambda d: d["parameters"]["mass"].update(value=53.72),
+            f"{CONTINUOUS}.denominator",
+            "agree",
+        ),
         (lambda d: d["parameters"]["weights"].update(value=[1.0, 3.0, 2e20]), "model.norm", "agr"),
         (lambda d: d["options"].update(hidden=5), "model.units", "agree"),
         (lambda d: d["model"].pop("norm"), "model.norm", "missing"),
-        (lambda d: d["model"]["continuous"].update(numerator=[1.0, 0.0]), "model.continuous", "ag"),
-        (lambda d: d["model"].update(continuous=[1.0]), "model.continuous", "agree"),
+        (lambda d: d["model"]["continuous"].pop("numerator"), f"{CONTINUOUS}.numerator", "missing"),
+        (
+            lambda d: d["model"]["continuous"].update(numerator=[1.0, 0.0]),
+            f"{CONTINUOUS}.numerator",
+            "",
+        ),
+        (lambda d: d["model"].update(continuous=[1.0]), CONTINUOUS, "agree"),
         (lambda d: d["model"].update(discrete=[1.0]), "model.discrete", "not a mapping"),
         (lambda d: d["model"]["discrete"].pop("sample_time"), "model.discrete.sample_time", "None"),
         (
@@ -117,4 +132,4 @@ def test_what_was_changed_by_hand_is_refused(document, lookup, change, path, wor
     ],
 )
 def test_agreement(found, due, same):
-    assert agree(found, due) is same
+    assert (not list(disagreements(found, due))) is same

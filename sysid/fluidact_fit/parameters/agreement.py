@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
 from ..errors import FluidactError, ParameterFileError
 from ..experiment import Hold
 from ..specification import Described
 from .document import ParameterDocument
+from .problems import Location, format_path
 
 _SAME = 1e-4  # relative; an edited parameter shows, one rounded to six digits does not
 _SMALL = 1e-9  # of the largest number of a list
@@ -57,37 +58,38 @@ def check_agreement(
         message = f"cannot be made from the parameters: {error}"
         raise ParameterFileError(where, [("model", message)], _REMEDY) from None
     problems = [
-        (
-            f"model.{key}",
-            "does not agree with the parameters" if key in document.model else "missing",
-        )
-        for key, value in due.items()
-        if not agree(document.model.get(key), value)
+        (format_path(place), words)
+        for place, words in disagreements(document.model, due, ("model",))
     ]
     if problems:
         raise ParameterFileError(where, problems, _REMEDY)
 
 
-def agree(found: Any, due: Any) -> bool:
-    """Return whether two parts hold the same keys and, nearly, the same numbers.
+def disagreements(found: Any, due: Any, place: Location = ()) -> Iterator[tuple[Location, str]]:
+    """Yield every place where a part lacks something or holds, not even nearly, the same.
 
     What ``found`` holds beyond ``due`` is left alone.
     """
-    if isinstance(due, Mapping):
-        return isinstance(found, Mapping) and all(
-            key in found and agree(found[key], value) for key, value in due.items()
-        )
+    if isinstance(due, Mapping) and isinstance(found, Mapping):
+        for key, value in due.items():
+            if key in found:
+                yield from disagreements(found[key], value, (*place, key))
+            else:
+                yield (*place, key), "missing"
+    elif not _agree(found, due):
+        yield place, "does not agree with the parameters"
+
+
+def _agree(found: Any, due: Any, slack: float = 0.0) -> bool:
     if isinstance(due, (list, tuple)):
         if not isinstance(found, (list, tuple)) or len(found) != len(due):
             return False
-        if not all(map(_is_number, due)):
-            return all(map(agree, found, due))
-        slack = _SMALL * max(map(abs, due), default=0.0)
-        return all(map(_is_number, found)) and all(
-            abs(a - b) <= _SAME * abs(b) + slack for a, b in zip(found, due)
-        )
+        slack = _SMALL * max((abs(v) for v in due if _is_number(v)), default=0.0)
+        return all(_agree(a, b, slack) for a, b in zip(found, due))
     if _is_number(due):
-        return _is_number(found) and abs(found - due) <= _SAME * abs(due)
+        return _is_number(found) and abs(found - due) <= _SAME * abs(due) + slack
+    if isinstance(due, Mapping):
+        return isinstance(found, Mapping) and not any(disagreements(found, due))
     return bool(found == due)
 
 

@@ -28,9 +28,9 @@ def _from_0(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _settle_holds(document: dict[str, Any]) -> dict[str, Any]:
-    """Early files of version 1 left it open how a hold of ``foh`` moves, and told apart.
+    """Early files of version 1 say beside a hold of ``foh`` what it was found to mean.
 
-    Their ``linear`` is ``foh`` now, and their ``cubic`` is ``smooth``.
+    Their ``linear`` is called ``foh`` now, and their ``cubic`` ``smooth``.
     """
     provenance = document.get("provenance")
     logs = provenance.get("logs") if isinstance(provenance, dict) else None
