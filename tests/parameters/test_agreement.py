@@ -44,14 +44,14 @@ def document(document: dict[str, Any]) -> dict[str, Any]:
 
 def problems_of(document: dict[str, Any], lookup: Any) -> dict[str, str]:
     with pytest.raises(ParameterFileError) as caught:
-        parse_document(dump_document(document, lookup), lookup, "p.yaml")
+        parse_document(dump_document(make_document(document, lookup)), lookup, "p.yaml")
     assert str(caught.value).startswith("p.yaml: ")
     assert caught.value.remedy
     return dict(caught.value.problems)
 
 
 def test_what_agrees_is_read(document, lookup):
-    text = dump_document(document, lookup)
+    text = dump_document(make_document(document, lookup))
     read = parse_document(text, lookup)
     assert dump_document(read) == text
     check_agreement(make_document(document, lookup), lookup("dummy"))
@@ -59,7 +59,7 @@ def test_what_agrees_is_read(document, lookup):
 
 def test_a_value_rounded_to_six_digits_still_agrees(document, lookup):
     document["parameters"]["mass"]["value"] = 53.7101
-    parse_document(dump_document(document, lookup), lookup)
+    parse_document(dump_document(make_document(document, lookup)), lookup)
 
 
 @pytest.mark.parametrize(

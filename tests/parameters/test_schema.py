@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from fluidact_fit.families import family_names, get_family
-from fluidact_fit.parameters import build_schema, dump_document, shipped_schema
+from fluidact_fit.parameters import build_schema, dump_document, make_document, shipped_schema
 from fluidact_fit.parameters.schema import FILE_NAME, schema_text
 
 
@@ -36,9 +36,7 @@ def validator(families):
 def test_the_committed_schema_is_the_one_built(registered):
     built = schema_text(build_schema(registered))
     committed = resources.files("fluidact_fit.parameters").joinpath(FILE_NAME)
-    assert committed.read_text(encoding="utf-8") == built, (
-        "run python -m fluidact_fit.parameters.schema"
-    )
+    assert committed.read_text(encoding="utf-8") == built, "run make schema"
 
 
 def test_the_shipped_schema_is_a_schema_with_every_family(registered):
@@ -50,7 +48,7 @@ def test_the_shipped_schema_is_a_schema_with_every_family(registered):
 
 
 def test_what_is_written_is_accepted(document, lookup, validator):
-    validator.validate(yaml.safe_load(dump_document(document, lookup)))
+    validator.validate(yaml.safe_load(dump_document(make_document(document, lookup))))
 
 
 def _without(document, *keys):

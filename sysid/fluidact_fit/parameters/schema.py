@@ -1,6 +1,6 @@
 """The JSON Schema of the parameter file, generated from the models and the registry.
 
-``python -m fluidact_fit.parameters.schema`` rewrites the committed file.
+``make schema`` rewrites the committed file.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ import json
 import math
 from collections.abc import Iterable
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 from ..options import Option, describe
@@ -139,15 +138,3 @@ def _parameter_schema(spec: ParameterSpec) -> dict[str, Any]:
             "unit": {"type": "string"} if spec.any_unit else {"const": spec.unit},
         },
     }
-
-
-def _main() -> None:
-    from ..families import family_names, get_family
-
-    path = Path(__file__).with_name(FILE_NAME)
-    schema = build_schema(get_family(name) for name in family_names())
-    path.write_text(schema_text(schema), encoding="utf-8", newline="\n")
-
-
-if __name__ == "__main__":
-    _main()
