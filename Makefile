@@ -59,7 +59,7 @@ docs: schema
 	$(COG) -r $(PAGES)
 
 schema: $(INSTALLED_DEV)
-	$(BIN)/python -m fluidact_fit.parameters.schema
+	$(BIN)/python tools/schema.py
 
 # Always from PyPI itself, whatever index this machine is set up with.
 lock: $(INSTALLED_DEV)

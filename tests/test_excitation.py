@@ -19,9 +19,9 @@ from fluidact_fit.demo import load_dataset
 from fluidact_fit.errors import OutputError, UsageError
 from fluidact_fit.estimation.information import cramer_rao, optimal_measure
 from fluidact_fit.excitation import Design, design
+from fluidact_fit.excitation.waveforms import Waveform, limit_slope, smooth_corners, to_segments
 from fluidact_fit.families import get_family
 from fluidact_fit.parameters import ParameterDocument, make_document
-from fluidact_fit.excitation.waveforms import Waveform, limit_slope, smooth_corners, to_segments
 
 ROOT = Path(__file__).parents[1]
 

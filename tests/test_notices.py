@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from fluidact_fit.assessment import judge
 from fluidact_fit.errors import Notice
 from fluidact_fit.notices import CODES, GROUPS
-from fluidact_fit.assessment import judge
 from fluidact_fit.outcome import Agreement
 
 ROOT = Path(__file__).parents[1]
