@@ -31,7 +31,7 @@ demo: $(INSTALLED)
 	$(BIN)/fluidact-fit demo demo-output
 
 test: lint
-	$(BIN)/python -m pytest -n 2 tests
+	$(BIN)/python -m pytest -n 2 --dist loadgroup tests
 	$(BIN)/python -m pytest --nbmake notebooks
 
 # What hangs on the interfaces of the dependencies; the estimates are left to `test`. Old releases

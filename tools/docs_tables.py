@@ -25,8 +25,9 @@ from pydantic.fields import FieldInfo
 
 import fluidact_fit as ff
 from fluidact_fit.families import family_title
-from fluidact_fit.family import Family, Option, ParameterSpec, Role, Variant
+from fluidact_fit.family import Family, FamilyOptions, ParameterSpec, Role, Variant
 from fluidact_fit.notices import GROUPS, Code
+from fluidact_fit.options import Option, describe
 from fluidact_fit.parameters.document import ParameterDocument
 
 ROOT = Path(__file__).parents[1]
@@ -127,12 +128,18 @@ def _parameter(spec: ParameterSpec) -> tuple[str, ...]:
     return _code(spec.name), spec.unit, neutral, text
 
 
-def options_table(family: Family) -> str:
-    """Options: name, values with the default, what they do; empty without options."""
-    if not family.options:
-        return ""
-    rows = [(_flags(option), _values(option), option.help) for option in family.options]
-    return table(("option", "values", "what"), rows)
+def options_table(family: Family[FamilyOptions]) -> str:
+    """Options: name, values with the default, what they do; empty without options.
+
+    What the fit alone settles stands below: a reader of files meets it there.
+    """
+    every = describe(family.options_type, every=True)
+    given = [(_flags(o), _values(o), o.help) for o in every if not o.settled]
+    found = [(_code(o.name), _values(o), o.help) for o in every if o.settled]
+    parts = [table(("option", "values", "what"), given)] if given else []
+    if found:
+        parts.append(table(("settled by the fit", "values", "what"), found))
+    return "\n\n".join(parts)
 
 
 _KINDS = {"float": "number", "int": "whole number", "text": "text", "range": "LOW:HIGH"}

@@ -5,19 +5,31 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 import docs_tables as docs
 import fluidact_fit as ff
-from fluidact_fit.family import Family, Option, ParameterSpec, Role, Variant
+from fluidact_fit.family import Family, FamilyOptions, ParameterSpec, Role, Variant
+from fluidact_fit.options import choice, flag, number, settled
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "families.md").read_text(encoding="utf-8")
 
 
-class Leak(Family):
+@dataclass(frozen=True)
+class LeakOptions(FamilyOptions):
+    """Options of every kind that the table tells apart."""
+
+    method: str = choice("exact", ("exact", "rough"), "how")
+    volume: float | None = number(help="volume of the chamber", unit="m3")
+    warm: bool | None = flag(False, help="whether it is warm")
+    start: float | None = settled("float", "instant of the first drop", unit="s")
+
+
+class Leak(Family[LeakOptions]):
     """A chamber that leaks."""
 
     name = "leak"
@@ -33,13 +45,9 @@ class Leak(Family):
             (ParameterSpec("ambient", "Pa", "final pressure", neutral=0.0, optional=True),),
         ),
     )
-    options = (
-        Option("method", "choice", "how", "exact", choices=("exact", "rough")),
-        Option("volume", "float", "volume of the chamber", unit="m3"),
-        Option("warm", "flag", "whether it is warm", False),
-    )
+    options_type = LeakOptions
 
-    estimate = simulate = None  # type: ignore[assignment]
+    estimate = simulate = block = None  # type: ignore[assignment]
 
 
 @pytest.fixture
@@ -72,6 +80,7 @@ def test_tables_hold_what_the_family_says(with_leak: None) -> None:
     assert "| `ambient` | Pa | 0 | final pressure (optional) |" in text
     assert "| `--method` | `exact` or `rough`, default `exact` | how |" in text
     assert "| `--volume` | number [m3] | volume of the chamber |" in text
+    assert "| `start` | number [s] | instant of the first drop |" in text
     assert Leak.equation in docs.equation("leak")
 
 
