@@ -23,7 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "datasets"))
 
-import generate_hydraulic as simulator
+import generators.hydraulic_cylinder as simulator
 
 import fluidact_fit as ff
 
@@ -117,7 +117,7 @@ def networks(folder: Path) -> None:
     logs = [record(12.0, seed, folder / f"n{seed}.csv") for seed in range(3)]
     given = {n: v for n, v in GIVEN.items() if n != "mass"}
     result = ff.fit("hydraulic-cylinder", logs, flow="mlp", friction="mlp", **given)
-    details = result.document["fit"]["details"]
+    details = result.document.fit.details
     for row in (*details["flow_comparison"], *details["friction_comparison"]):
         print(row)
 

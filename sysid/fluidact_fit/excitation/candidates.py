@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..experiment import FloatArray
-from ..waveforms import Waveform
+from .waveforms import Waveform
 from .task import Task, Unknown
 
 

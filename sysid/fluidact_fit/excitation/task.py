@@ -103,8 +103,8 @@ def make_task(
             f"--criterion {criterion}: there is no such criterion or parameter to estimate.",
             expected=f"One of worst, determinant, {', '.join(names)}.",
         )
-    held = [source.columns.get(drive.name, {}).get("hold") for source in document.provenance.logs]
-    hold = next((h for h in held if h), drive.hold)
+    columns = [source.columns.get(drive.name) for source in document.provenance.logs]
+    hold = next((c.hold for c in columns if c and c.hold), drive.hold)
     options = family.options_type.read(document.options or {}, from_file=True)
     notes = tuple(f"{n} was not identified; the design supposes {values[n]:.4g}." for n in supposed)
     if hold == "zoh" and any(u.spec.threshold for u in unknowns):
@@ -123,7 +123,13 @@ def _driving_role(variant: Variant) -> Role:
     for role in variant.roles:
         if role.hold is not None and role.required:
             return role
-    return next(r for r in variant.roles if r.name != "time" and not r.output and r.required)
+    for role in variant.roles:
+        if role.required and not role.output and role.name != "time":
+            return role
+    raise UsageError(
+        "the next experiment cannot be designed: nothing drives this model.",
+        remedy="Its warnings and refusals say which experiments it needs.",
+    )
 
 
 def _fill_limits(

@@ -9,8 +9,7 @@ import numpy as np
 
 from ..families import get_family
 from ..family import StaticView
-from ..outcome import Outcome
-from ..quality import agreement
+from ..outcome import Outcome, agreement
 from .numbers import Scale, choose_scale, count, percent, plain, short
 from .panels import (
     correlation_panel,

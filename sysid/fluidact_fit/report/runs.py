@@ -9,8 +9,7 @@ import numpy as np
 
 from ..experiment import FloatArray, Signal
 from ..family import Variant
-from ..outcome import Outcome, Simulation
-from ..quality import agreement
+from ..outcome import Outcome, Simulation, agreement
 
 MOST_COLUMNS = 3
 MOST_OVERLAID = 60

@@ -19,6 +19,7 @@ from ...estimation.results import Refusal
 from ...estimation.separable import Unknown
 from ...estimation.transfer import (
     TransferModel,
+    are_short,
     dead_time_axis,
     fit_transfer,
     grid_search,
@@ -50,6 +51,11 @@ class TransferOptions(FamilyOptions):
 
     initial_state: str | None = settled(
         "choice", "whether the runs begin at rest or anywhere", choices=("free", "rest")
+    )
+    offset_of: str | None = settled(
+        "choice",
+        "what an offset of the output belongs to: a run, or where runs are short, their log",
+        choices=("run", "log"),
     )
 
 
@@ -153,7 +159,11 @@ class TransferFamily(Family[T], Generic[T]):
         return {}, []
 
     def transfer_model(
-        self, variant: Variant, experiments: Sequence[Experiment], rest: bool = False
+        self,
+        variant: Variant,
+        experiments: Sequence[Experiment],
+        rest: bool = False,
+        common_offset: bool = False,
     ) -> TransferModel:
         """The model of some experiments, as the estimation takes it."""
         return TransferModel(
@@ -165,6 +175,7 @@ class TransferFamily(Family[T], Generic[T]):
             dead_zone=self.dead_zone,
             confounded=self.confounded,
             rest=rest,
+            common_offset=common_offset,
         )
 
     def estimate(
@@ -176,9 +187,12 @@ class TransferFamily(Family[T], Generic[T]):
         request = replace(request, fixed={**plan.fixed, **request.fixed})
         every = (*plan.names, self.gain) if self.gain else plan.names
         unknowns = make_unknowns(variant.parameters, every, plan.scales, request, plan.limits)
-        state = request.options.initial_state
+        state, owner = request.options.initial_state, request.options.offset_of
+        common = are_short(experiments) if owner is None else owner == "log"
         fitted, rest = fit_transfer(
-            lambda some, still: self.transfer_model(variant, some, still).named(plan.names),
+            lambda some, still: self.transfer_model(variant, some, still, common).named(
+                plan.names
+            ),
             experiments,
             variant.output.name,
             variant.parameters,
@@ -199,7 +213,11 @@ class TransferFamily(Family[T], Generic[T]):
             {**self.derive(fitted), **more},
             order,
             covariance,
-            replace(request.options, initial_state="rest" if rest else "free"),
+            replace(
+                request.options,
+                initial_state="rest" if rest else "free",
+                offset_of="log" if common else "run",
+            ),
             [*fitted.notices, *drift, *said],
             {**fitted.details(), **table},
             fitted.sensitivity(),
@@ -214,7 +232,9 @@ class TransferFamily(Family[T], Generic[T]):
         offset: float | None = None,
     ) -> list[Simulated]:
         """Output from the input; see :meth:`Family.simulate`."""
-        model = self.transfer_model(variant, experiments, options.initial_state == "rest")
+        model = self.transfer_model(
+            variant, experiments, options.initial_state == "rest", options.offset_of == "log"
+        )
         return simulate_transfer(model, scalars(values), offset)
 
     def information(
