@@ -73,14 +73,14 @@ def experiment(trial: Trial, y: Array, number: int) -> Experiment:
     return Experiment(f"log{number}", number, trial.log.t, signals, P4.sample_time, True)
 
 
-def fit(experiments: list[Experiment]) -> Estimate:
+def fit(experiments: list[Experiment]) -> Estimate[FamilyOptions]:
     """Fit the rotary drive."""
     family = get_family("ball-screw")
     request = Request(options=family.options_type())
     return family.estimate(family.variants[0], settle_holds(experiments), request)
 
 
-def table(estimates: list[Estimate]) -> list[str]:
+def table(estimates: list[Estimate[FamilyOptions]]) -> list[str]:
     """Errors, standard errors and coverage per parameter, a row each."""
     rows = []
     for key, name in NAMES.items():

@@ -265,7 +265,7 @@ class _Staircase:
             for name, bracket in found.items():
                 levels = self.levels(values, name.removeprefix("breakaway_"))
                 if levels.size > 1:
-                    edges = _around(levels, bracket)
+                    edges = narrowing_edges(levels, bracket)
                     found[name], best, values = self._choose(name, bracket, edges, best, values)
             if best >= before:
                 break
@@ -296,7 +296,7 @@ class _Staircase:
         return bracket, best, {**values, name: bracket.value}
 
 
-def _around(levels: FloatArray, bracket: Bracket) -> FloatArray:
+def narrowing_edges(levels: FloatArray, bracket: Bracket) -> FloatArray:
     """Commanded levels about a bracket: its neighbours, and not too many inside."""
     low, high = (int(k) for k in np.searchsorted(levels, (bracket.low, bracket.high)))
     inside = np.linspace(low, high, _CELLS_REFITTED + 1).astype(int)

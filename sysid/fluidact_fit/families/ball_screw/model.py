@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +18,9 @@ from ...experiment import Experiment, FloatArray, Signal
 from ...family import Variant
 
 Array = npt.NDArray[Any]
-SIDES = ("positive", "negative")
-BREAKAWAY = {s: f"breakaway_{s}" for s in SIDES}  # static level
-EXCESS = {s: f"excess_{s}" for s in SIDES}  # of the static level over the kinetic one
+SIDES: tuple[Literal["positive"], Literal["negative"]] = ("positive", "negative")
+BREAKAWAY: dict[str, str] = {s: f"breakaway_{s}" for s in SIDES}  # static level
+EXCESS: dict[str, str] = {s: f"excess_{s}" for s in SIDES}  # of the static level over the kinetic one
 LONG = 40_000  # samples beyond which the early stages look at a part of the log
 
 
