@@ -12,10 +12,7 @@ import numpy.typing as npt
 from ...block import Block
 from ...errors import UsageError
 from ...estimation.friction_law import FrictionLaw
-from ...estimation.inputs import piecewise
-from ...estimation.linear import make_grid
 from ...estimation.records import make_signal
-from ...estimation.stick_slip import StickSlip, simulate_stick_slip
 from ...experiment import Experiment, FloatArray, Hold
 from ...parameters.document import ParameterDocument
 from ...specification import Variant, scalars
@@ -206,26 +203,19 @@ class DriveBlock(Block):
             time = np.arange(np.size(values)) * self.sample_time
         role = self.variant.driving[0]
         signal = make_signal(role.name, values, time, role.unit, hold)
+        place = output or 0.0
         if signal.time.size == 1:
-            return np.array([output or 0.0])
-        motion = simulate_stick_slip(
-            self._rows(), piecewise(signal), make_grid(signal.time),
-            initial_speed=velocity, initial_position=output or 0.0,
-        )  # fmt: skip
-        return np.asarray(np.real(motion.position[0]))
+            return np.array([place])
+        run = Experiment("record", 0, signal.time, {role.name: signal}, 0.0, False)
+        return place + self._follow(run, velocity)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Position from the input of an experiment, from rest; see :meth:`.Block.predict`."""
-        model = DriveModel([experiment], axis_of(self.variant))
-        return np.asarray(model.columns(0, self.numbers()).known)
+        return self._follow(experiment, 0.0)
 
-    def _rows(self) -> StickSlip:
-        law = self._law
-        one = [
-            self.inertia, law.viscous_positive, law.coulomb_positive, law.coulomb_negative,
-            law.breakaway_positive, law.breakaway_negative, law.viscous_negative,
-        ]  # fmt: skip
-        return StickSlip(*(np.array([v]) for v in one))
+    def _follow(self, experiment: Experiment, velocity: float) -> FloatArray:
+        model = DriveModel([experiment], axis_of(self.variant))
+        return np.real(model.columns(0, {**self.numbers(), "initial_speed[0]": velocity}).known)
 
 
 def _time_to_stop(v: float, net: float, viscous: float, inertia: float) -> float:

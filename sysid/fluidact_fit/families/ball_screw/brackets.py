@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -10,14 +10,12 @@ import numpy as np
 
 from ...estimation.inputs import settled_hold
 from ...estimation.profile_likelihood import Interval
-from ...estimation.separable import Unknown
-from ...experiment import Experiment, FloatArray
+from ...experiment import FloatArray
 from .model import (
     BREAKAWAY,
     EXCESS,
     LONG,
     SIDES,
-    Axis,
     Compared,
     DriveModel,
     increment_lag,
@@ -143,8 +141,7 @@ def bracket_levels(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
     sides = [s for s in SIDES if EXCESS[s] in asked]
     if not sides:
         return stage, {}
-    part = [leading_part(e, LONG) for e in stage.experiments]
-    staircase = _Staircase.of(stage, part, Compared(lag=increment_lag(part, stage.axis)))
+    staircase = _Staircase(stage, lag=True)
     values = _in_levels(stage.start)
     brackets: dict[str, Bracket] = {}
     for _ in range(4):
@@ -168,9 +165,7 @@ def narrow_levels(
     encoder: increments do not see it, the position does, and it would bend every other
     parameter.
     """
-    part = [leading_part(e, LONG) for e in stage.experiments]
-    staircase = _Staircase.of(stage, part, Compared())
-    found, values = staircase.narrow(brackets, _in_levels(stage.start))
+    found, values = _Staircase(stage, lag=False).narrow(brackets, _in_levels(stage.start))
     return _held(stage, found, values), found
 
 
@@ -195,33 +190,23 @@ def _held(stage: Stage, brackets: Mapping[str, Bracket], values: Mapping[str, fl
     )
 
 
-@dataclass(frozen=True)
 class _Staircase:
-    """Cost over the static levels; ``others`` are refitted beside them."""
+    """Cost of the logs over the static levels; the ``others`` are refitted beside them."""
 
-    model: DriveModel
-    experiments: Sequence[Experiment]
-    axis: Axis
-    unknowns: Mapping[str, Unknown]
-    others: tuple[str, ...]
-
-    @classmethod
-    def of(cls, stage: Stage, part: Sequence[Experiment], compared: Compared) -> _Staircase:
-        """Cost of what is compared in a part of the logs."""
+    def __init__(self, stage: Stage, lag: bool) -> None:
+        part = [leading_part(e, LONG) for e in stage.experiments]
+        self.stage, self.axis = replace(stage, experiments=part, refusals=()), stage.axis
+        self.compared = Compared(lag=increment_lag(part, stage.axis) if lag else 0)
+        self.model = DriveModel(part, stage.axis, self.compared)
         kept = {*stage.held, *BREAKAWAY.values(), *EXCESS.values()}
-        others = [n for n in stage.names if n not in kept]
-        model = DriveModel(part, stage.axis, compared)
-        return cls(model, part, stage.axis, stage.unknowns, tuple(others))
-
-    @property
-    def slack(self) -> float:
-        """Share of the cost that does not count as a difference."""
-        return 4.0 / sum(y.size for y in self.model.measured)
+        self.others = [n for n in stage.names if n not in kept]
+        # share of the cost that does not count as a difference
+        self.slack = 4.0 / sum(y.size for y in self.model.measured)
 
     def levels(self, values: Mapping[str, float], side: str) -> FloatArray:
         """The kinetic level and every commanded one above it, ascending."""
         sign = 1.0 if side == "positive" else -1.0
-        drive = np.concatenate([sign * e.sampled(self.axis.drive) for e in self.experiments])
+        drive = np.concatenate([sign * e.sampled(self.axis.drive) for e in self.stage.experiments])
         kinetic = values[f"coulomb_{side}"]
         return np.concatenate(([kinetic], np.unique(drive[drive > kinetic])))
 
@@ -230,7 +215,7 @@ class _Staircase:
         total = 0.0
         for i, y in enumerate(self.model.measured):
             r = y - np.real(self.model.columns(i, values).known)
-            if not self.model.compared.lag:
+            if not self.compared.lag:
                 r = r - r.mean()
             total += float(r @ r)
         return total
@@ -245,11 +230,8 @@ class _Staircase:
     def refit(self, values: Mapping[str, float]) -> tuple[float, dict[str, float]]:
         """Cost and values after fitting the others, the static levels held."""
         fixed = {n: v for n, v in values.items() if n not in self.others}
-        stage = Stage(
-            self.experiments, self.axis, tuple(values),
-            {**self.unknowns, **{n: Unknown(n, v) for n, v in fixed.items()}}, values, fixed,
-        )  # fmt: skip
-        problem = stage.problem(self.model.compared)
+        stage = replace(self.stage, names=tuple(values), start=values, fixed=fixed)
+        problem = stage.problem(self.compared)
         found = stage.solve(problem, max_iterations=15, tolerance=0.05)
         order = [u.name for u in problem.nonlinear]
         return found.cost, {**values, **dict(zip(order, map(float, found.eta)))}
@@ -265,8 +247,7 @@ class _Staircase:
             for name, bracket in found.items():
                 levels = self.levels(values, name.removeprefix("breakaway_"))
                 if levels.size > 1:
-                    edges = narrowing_edges(levels, bracket)
-                    found[name], best, values = self._choose(name, bracket, edges, best, values)
+                    found[name], best, values = self._choose(name, bracket, levels, best, values)
             if best >= before:
                 break
         return found, values
@@ -275,11 +256,13 @@ class _Staircase:
         self,
         name: str,
         bracket: Bracket,
-        edges: FloatArray,
+        levels: FloatArray,
         best: float,
         values: dict[str, float],
     ) -> tuple[Bracket, float, dict[str, float]]:
-        """The bracket of one level over the cells between edges; cost and values there."""
+        """The bracket of one level among the commanded ones; cost and values there."""
+        edges = narrowing_edges(levels, bracket)
+        skipped = edges.size < np.ptp(np.searchsorted(levels, edges)) + 1
         middles = 0.5 * (edges[1:] + edges[:-1])
         plain = np.array([self.cost({**values, name: x}) for x in middles])
         # cells of the same cost have the same events: one refit stands for all of them
@@ -290,7 +273,7 @@ class _Staircase:
         if least > most:
             return bracket, best, values
         costs = np.repeat([cost for cost, _ in found], [g.size for g in groups])
-        bracket = over_cells(edges, costs, most)
+        bracket = over_cells(edges, costs, most, margin=int(skipped))
         if least < best:
             best, values = least, refitted
         return bracket, best, {**values, name: bracket.value}

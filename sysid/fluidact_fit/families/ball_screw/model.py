@@ -20,7 +20,7 @@ from ...family import Variant
 Array = npt.NDArray[Any]
 SIDES: tuple[Literal["positive"], Literal["negative"]] = ("positive", "negative")
 BREAKAWAY: dict[str, str] = {s: f"breakaway_{s}" for s in SIDES}  # static level
-EXCESS: dict[str, str] = {s: f"excess_{s}" for s in SIDES}  # of the static level over the kinetic one
+EXCESS: dict[str, str] = {s: f"excess_{s}" for s in SIDES}  # of the static level
 LONG = 40_000  # samples beyond which the early stages look at a part of the log
 
 
