@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from fluidact_fit.estimation.inputs import settle_holds
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
 from fluidact_fit.family import Estimate, Request
-from fluidact_fit.estimation.inputs import settle_holds
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "bench"))

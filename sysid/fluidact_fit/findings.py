@@ -39,7 +39,9 @@ class Findings:
     request: Request[FamilyOptions]
     estimate: Estimate[FamilyOptions]
 
-    def raw(self, experiments: Sequence[Experiment], offset: float | None = None) -> list[Simulated]:
+    def raw(
+        self, experiments: Sequence[Experiment], offset: float | None = None
+    ) -> list[Simulated]:
         """What the model gives with the values and options that are written."""
         e = self.estimate
         return self.family.simulate(self.variant, e.values, experiments, e.options, offset)

@@ -245,7 +245,9 @@ def _with_holds(
         replace(
             e,
             signals={
-                r: s if s.hold is None or s.time.size == 1 else replace(s, hold=holds.get(r, s.hold))
+                r: s
+                if s.hold is None or s.time.size == 1
+                else replace(s, hold=holds.get(r, s.hold))
                 for r, s in e.signals.items()
             },
         )

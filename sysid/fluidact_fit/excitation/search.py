@@ -8,8 +8,8 @@ import numpy as np
 
 from ..estimation.information import Information, cramer_rao
 from ..experiment import Experiment, FloatArray, Signal
-from .waveforms import Waveform, limit_slope, smooth_corners, to_segments
 from .task import Task, score_of
+from .waveforms import Waveform, limit_slope, smooth_corners, to_segments
 
 RISE = 8  # samples in which a command that moves on between samples crosses its range
 _PIECES = 40  # straight pieces that are shaped one by one
