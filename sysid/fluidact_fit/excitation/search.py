@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.information import Information, cramer_rao
+from ..estimation.information import cramer_rao
 from ..experiment import Experiment, FloatArray, Signal
+from ..family import Information
 from .task import Task, score_of
 from .waveforms import Waveform, limit_slope, smooth_corners, to_segments
 
