@@ -70,9 +70,7 @@ class Fit:
         return self.solved.derive(units, function)
 
 
-def fit_friction(
-    variant: Variant, data: Sequence[Data], request: Request[FrictionOptions]
-) -> Fit:
+def fit_friction(variant: Variant, data: Sequence[Data], request: Request[FrictionOptions]) -> Fit:
     """Fit, refuse what is not determined, and let an offset in where one must be.
 
     Raises
@@ -159,9 +157,7 @@ def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
     )
 
 
-def _with_remedy(
-    spec: ParameterSpec, ranges: Mapping[str, tuple[float, float]]
-) -> ParameterSpec:
+def _with_remedy(spec: ParameterSpec, ranges: Mapping[str, tuple[float, float]]) -> ParameterSpec:
     """The specification with a remedy in numbers: the speeds there are show which are missing."""
     if spec.name == "viscous":
         wanted = " or ".join(

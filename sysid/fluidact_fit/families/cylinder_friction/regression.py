@@ -112,17 +112,17 @@ class System:
             columns += [part for part in np.split(j, cuts) if part.size]
             residuals += [part for part in np.split(r, cuts) if part.size]
         found = covariance(columns, residuals, robust=self.timed, small_sample=True)
-        found = self._with_hidden_colour(found, columns, x)
+        found = self._with_hidden_correlation(found, columns, x)
         matched = self._matched_uncertainty(inverse, x)
         # of very fast strokes the unfiltered velocity is not known well enough
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.diag(found.covariance) / np.diag(matched.covariance)
         return (matched if np.nanmin(ratio, initial=np.inf) > 4.0 else found), bare
 
-    def _with_hidden_colour(
+    def _with_hidden_correlation(
         self, found: Uncertainty, columns: Sequence[FloatArray], x: FloatArray
     ) -> Uncertainty:
-        """Enlarge by the colour of the force that white noise of a velocity hides.
+        """Enlarge by the autocorrelation of the force that white noise of a velocity hides.
 
         The residuals of a quiet velocity lack the noise of the readings but for the slow
         part, which alone matters to slow regressors.
@@ -149,7 +149,7 @@ class System:
         )
 
     def _matched_uncertainty(self, inverse: FloatArray, x: FloatArray) -> Uncertainty:
-        """Covariance from the residuals of the filtered forces and their own colour."""
+        """Covariance from the residuals of the filtered forces and their autocorrelation."""
         columns, residuals = [], []
         jacobian = _equivalent(self.instruments, inverse)
         for d, j, c, y in zip(self.data, jacobian, self.columns, self.right):

@@ -60,9 +60,7 @@ def _settle(
         elif not recorded:
             options = replace(options, motion_state="command")
     if options.dead_band is None:
-        values = [
-            s for e in experiments if (s := _turning(e, variant, options)) is not None
-        ]
+        values = [s for e in experiments if (s := _turning(e, variant, options)) is not None]
         options = replace(options, dead_band=max(map(choose_dead_band, values), default=None))
     return options
 

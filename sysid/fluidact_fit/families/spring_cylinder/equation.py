@@ -52,8 +52,8 @@ class SpringLaw:
     def of(cls, values: Mapping[str, float]) -> Self:
         """Read the law off the parameters of a file."""
         gain = next(values[n] for n in GAINS.values() if n in values)
-        viscous = values["viscous"]
-        friction = FrictionLaw(*(values[n] for n in LEVELS), viscous, viscous)
+        (loading, unloading), viscous = (values[n] for n in LEVELS), values["viscous"]
+        friction = FrictionLaw(loading, unloading, viscous, viscous)
         return cls(gain, values["stiffness"], values["preload"], friction)
 
     def _lost(
