@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError, UsageError
 from ...estimation.parametric import make_unknowns
-from ...estimation.results import Refusal, Solved, determine
+from ...estimation.results import Determined, Refusal, Solved, determine
 from ...family import ParameterSpec, Quantity, Request, Variant
 from .options import FrictionOptions
 from .regression import Regression, System
@@ -22,38 +22,25 @@ _MEAN = "coulomb_mean"  # stands for both levels where they are equal about an o
 
 @dataclass(frozen=True)
 class Fit:
-    """A finished fit.
+    """A finished fit: ``data`` as fitted, ``options`` with everything settled.
 
-    Attributes
-    ----------
-    data, options
-        Runs with the samples that were fitted, and everything settled.
-    found, solved
-        The regression in its own unknowns, and the same by parameters and offsets.
-    fixed, limits
-        Values and ranges that the unknowns were held at [SI].
-    refused
-        Parameters that the logs cannot determine.
-    moved, ranges
-        Directions with motion, and slowest and fastest speed by direction [m/s].
-    notices
-        What there is to say.
+    ``found`` is the regression in its own unknowns, ``solved`` the same by parameters and
+    offsets; ``limits`` are the ranges it was held in, ``moved`` the directions with motion and
+    ``ranges`` the slowest and fastest speed by direction [m/s].
     """
 
     data: list[Data]
     options: FrictionOptions
     found: Regression
     solved: Solved
-    fixed: Mapping[str, float]
     limits: Mapping[str, tuple[float, float]]
-    refused: Mapping[str, Refusal]
     moved: list[str]
     ranges: Mapping[str, tuple[float, float]]
     notices: list[Notice]
 
     def derived(self) -> dict[str, Quantity]:
         """Mean and half difference of the levels, and the offset of the force."""
-        known = not any(n in self.refused for n in LEVELS)
+        known = not any(n in self.solved.refused for n in LEVELS)
         offsets = [n for n in self.solved.names if n.startswith("offset")]
 
         def function(v: Mapping[str, float]) -> dict[str, float]:
@@ -104,18 +91,14 @@ def fit_friction(variant: Variant, data: Sequence[Data], request: Request[Fricti
         return _undetermined(found, data, ranges, noise)
 
     end = determine(problem.solve, undetermined, specs, fixed=fixed, refusals=refusals)
-    found, notices = end.solution, end.notices
-    held = {**dict.fromkeys(end.refused, 0.0), **fixed}
-    symmetric = _MEAN in found.names
-    fit = Fit(
-        list(data), replace(options, force_offset=symmetric), found,
-        _by_parameter(found, specs, held, fixed, end.refused), fixed, limits, end.refused, moved,
-        ranges, notices,
-    )  # fmt: skip
+    symmetric = _MEAN in end.solution.names
+    options = replace(options, force_offset=symmetric)
+    solved = _by_parameter(end, specs, fixed)
+    fit = Fit(list(data), options, end.solution, solved, limits, moved, ranges, end.notices)
     if symmetric:
-        notices += _explain_offset(fit)
-    elif _levels_impossible(found):
-        notices += _explain_negative(fit)
+        fit.notices.extend(_explain_offset(fit))
+    elif _levels_impossible(fit.found):
+        fit.notices.extend(_explain_negative(fit))
     return fit
 
 
@@ -290,23 +273,17 @@ def _levels_impossible(found: Regression) -> bool:
 
 
 def _by_parameter(
-    found: Regression,
-    specs: Mapping[str, ParameterSpec],
-    held: Mapping[str, float],
-    fixed: Mapping[str, float],
-    refused: Mapping[str, Refusal],
+    end: Determined[Regression], specs: Mapping[str, ParameterSpec], fixed: Mapping[str, float]
 ) -> Solved:
     """The regression by parameters: equal levels are one unknown under two names."""
+    found, held = end.solution, {**dict.fromkeys(end.refused, 0.0), **fixed}
     source = {n: _MEAN if n in LEVELS and _MEAN in found.names else n for n in specs}
     source |= {n: n for n in found.names if n.startswith("offset")}
     names = tuple(n for n in source if n not in held)
     rows = [found.names.index(source[n]) for n in names]
     values = {**held, **{n: found.values[source[n]] for n in names}}
-    uncertainty = found.uncertainty
-    return Solved(
-        values, names, uncertainty.covariance[np.ix_(rows, rows)], uncertainty.degrees, fixed,
-        refused,
-    )  # fmt: skip
+    matrix, degrees = found.uncertainty.covariance[np.ix_(rows, rows)], found.uncertainty.degrees
+    return Solved(values, names, matrix, degrees, fixed, end.refused)
 
 
 def _explain_offset(fit: Fit) -> list[Notice]:

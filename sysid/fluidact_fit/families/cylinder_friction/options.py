@@ -21,15 +21,13 @@ class FrictionOptions(FamilyOptions):
     area_2: float | None = number(help="area that pressure_2 acts on", unit="m2", minimum=0)
     mass: float | None = number(help="moving mass, to take inertia off", unit="kg", minimum=0)
     filter: float | None = number(
-        help="half-width of the zero-phase velocity filter (default: from the noise)",
-        unit="s",
+        help="half-width of the zero-phase velocity filter (default: from the noise)", unit="s",
         minimum=0,
-    )
+    )  # fmt: skip
     deadband: float | None = number(
-        help="samples slower than this are left out (default: from noise and speed)",
-        unit="m/s",
+        help="samples slower than this are left out (default: from noise and speed)", unit="m/s",
         minimum=0,
-    )
+    )  # fmt: skip
     offset: str = choice(
         "auto",
         ("auto", "estimate", "none"),

@@ -94,7 +94,7 @@ def warn_of_flattening(
         both = [replace(w, kept=w.kept & d.kept) for w, d in zip(wider, fit.data)]
         if any(2 * w.kept.sum() < d.kept.sum() for w, d in zip(both, fit.data)):
             return []
-        again = System(both, fit.found.names, fit.fixed, fit.limits).solve()
+        again = System(both, fit.found.names, fit.solved.fixed, fit.limits).solve()
     except LogError:
         return []
     first, second = (f.std_error({"viscous": 1.0}) for f in (fit.found, again))

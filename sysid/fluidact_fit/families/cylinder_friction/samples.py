@@ -165,30 +165,25 @@ def prepare(
             inertia = options.mass * motion.acceleration
         size = motion.velocity.size
         rest = np.zeros(size) if drive is None else np.asarray(drive - pressure)
+        known = np.broadcast_to(pressure + inertia, (size,))
+        matched = match_force(e, role, motion, rest) - inertia
+        direction = match_force(e, role, motion, np.sign(motion.velocity))
         slow = 0.0 if motion.exact else deadband
+        moving = np.abs(motion.velocity) > slow
+        kept = _moving(motion, slow) & _described(motion, options)
+        driven = drive is not None
         out.append(
-            Data(
-                e,
-                motion,
-                known=np.broadcast_to(pressure + inertia, (size,)),
-                friction=rest - inertia,
-                matched=match_force(e, role, motion, rest) - inertia,
-                direction=match_force(e, role, motion, np.sign(motion.velocity)),
-                moving=np.abs(motion.velocity) > slow,
-                kept=_moving(motion, slow) & _described(motion, options),
-                scale=scale,
-                driven=drive is not None,
-            )
+            Data(e, motion, known, rest - inertia, matched, direction, moving, kept, scale, driven)
         )
     return out, options
 
 
 def _described(motion: Motion, options: FrictionOptions) -> Mask:
     """Samples within the accelerations and speeds that a fit has settled, shape ``(n,)``."""
-    out = np.ones(motion.velocity.size, dtype=bool)
-    if options.acceleration_limit is not None and motion.acceleration is not None:
-        out &= np.abs(motion.acceleration) <= options.acceleration_limit
-    return out & at_speeds(motion, options.speeds)
+    near = at_speeds(motion, options.speeds)
+    if options.acceleration_limit is None or motion.acceleration is None:
+        return near
+    return near & (np.abs(motion.acceleration) <= options.acceleration_limit)
 
 
 def at_speeds(motion: Motion, speeds: Mapping[str, tuple[float, float]]) -> Mask:
@@ -240,11 +235,8 @@ def _find_offsets(data: Sequence[Data], law: FrictionLaw) -> dict[int, float]:
     for log in dict.fromkeys(d.experiment.log for d in data):
         runs = [d for d in data if d.experiment.log == log and d.driven]
         rests = [d.friction[d.kept] - law.moving(d.motion.sharp[d.kept]) for d in runs]
-        means = []
-        for side in SIDES:
-            some = [r[d.side(side)] for d, r in zip(runs, rests)]
-            if some and (pooled := np.concatenate(some)).size:
-                means.append(float(np.mean(pooled)))
+        sides = [[r[d.side(s)] for d, r in zip(runs, rests)] for s in SIDES]
+        means = [np.mean(np.concatenate(r)) for r in sides if any(part.size for part in r)]
         if means:
             out[log] = float(np.mean(means))
     return out

@@ -12,6 +12,8 @@ from .data import prepare
 from .equation import SpringLaw
 from .options import SpringOptions
 
+_Array = npt.ArrayLike
+
 
 class SpringCylinderBlock(Block):
     """Force of the cylinder, and the command for a wanted force.
@@ -24,21 +26,13 @@ class SpringCylinderBlock(Block):
         return SpringLaw.of(self.numbers())
 
     def __call__(
-        self,
-        drive: npt.ArrayLike,
-        position: npt.ArrayLike,
-        direction: npt.ArrayLike = 0.0,
-        velocity: npt.ArrayLike = 0.0,
+        self, drive: _Array, position: _Array, direction: _Array = 0.0, velocity: _Array = 0.0
     ) -> FloatArray:
         """Force [N] at a command [V] or pressure [Pa], position [m] and velocity [m/s]."""
         return self._law.force(drive, position, direction, velocity)
 
     def inverse(
-        self,
-        force: npt.ArrayLike,
-        position: npt.ArrayLike,
-        direction: npt.ArrayLike = 0.0,
-        velocity: npt.ArrayLike = 0.0,
+        self, force: _Array, position: _Array, direction: _Array = 0.0, velocity: _Array = 0.0
     ) -> FloatArray:
         """Command [V] or pressure [Pa] for a wanted force [N]; exact."""
         return self._law.command(force, position, direction, velocity)

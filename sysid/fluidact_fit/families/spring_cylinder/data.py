@@ -8,12 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import LogError
-from ...estimation.motion_state import (
-    BoolArray,
-    choose_dead_band,
-    held_direction,
-    motion_state,
-)
+from ...estimation.motion_state import BoolArray, choose_dead_band, held_direction, motion_state
 from ...experiment import Experiment, FloatArray
 from ...signals import smooth
 from ...specification import Variant

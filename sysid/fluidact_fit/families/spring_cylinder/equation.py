@@ -35,6 +35,7 @@ import numpy.typing as npt
 from ...estimation.friction_law import FrictionLaw
 from ...experiment import FloatArray
 
+_Array = npt.ArrayLike
 LEVELS = ("coulomb_loading", "coulomb_unloading")
 GAINS = {"command": "pressure_gain", "pressure": "area"}  # by variant
 
@@ -56,19 +57,13 @@ class SpringLaw:
         friction = FrictionLaw(loading, unloading, viscous, viscous)
         return cls(gain, values["stiffness"], values["preload"], friction)
 
-    def _lost(
-        self, position: npt.ArrayLike, direction: npt.ArrayLike, velocity: npt.ArrayLike
-    ) -> FloatArray:
+    def _lost(self, position: _Array, direction: _Array, velocity: _Array) -> FloatArray:
         """Force of the spring and of friction [N]."""
         spring = self.stiffness * np.asarray(position, dtype=float) + self.preload
         return np.asarray(spring + self.friction.moving(velocity, direction))
 
     def force(
-        self,
-        drive: npt.ArrayLike,
-        position: npt.ArrayLike,
-        direction: npt.ArrayLike,
-        velocity: npt.ArrayLike,
+        self, drive: _Array, position: _Array, direction: _Array, velocity: _Array
     ) -> FloatArray:
         """Force of the rod (equation 6) [N].
 
@@ -87,11 +82,7 @@ class SpringLaw:
         return np.asarray(driving - self._lost(position, direction, velocity))
 
     def command(
-        self,
-        force: npt.ArrayLike,
-        position: npt.ArrayLike,
-        direction: npt.ArrayLike,
-        velocity: npt.ArrayLike,
+        self, force: _Array, position: _Array, direction: _Array, velocity: _Array
     ) -> FloatArray:
         """Command or pressure for a wanted force (equation 5), inverse of :meth:`force`."""
         wanted = np.asarray(force, dtype=float)

@@ -116,9 +116,8 @@ class SpringCylinder(Family[SpringOptions]):
             )
         end = regress(variant, runs, replace(request, options=options))
         found = end.solution
-        solved = by_parameter(found, variant, end.refused, request.fixed)
-        drive = experiments[0].signals[variant.name].unit
-        units = {"pressure_gain": quotient_unit("N", drive)}
+        solved = by_parameter(end, variant, request.fixed)
+        units = {"pressure_gain": quotient_unit("N", experiments[0].signals[variant.name].unit)}
         parameters, order, matrix = solved.quantities(variant.parameters, units)
         derived = {}
         if not any(n in end.refused for n in LEVELS):  # known whatever is assumed of the preload

@@ -104,35 +104,25 @@ def regress(
             free = [_EQUAL if n == LEVELS[0] else n for n in free if n != LEVELS[1]]
         return _solve(runs, tuple(free), held, resolution, request.options.spike or 0.0)
 
+    known = _out_of_reach(runs, variant, request.fixed)
     return determine(
-        solve,
-        lambda found: _undetermined(found, specs),
-        specs,
-        fixed=request.fixed,
-        refusals=_out_of_reach(runs, variant, request.fixed),
-    )
+        solve, lambda found: _undetermined(found, specs), specs, fixed=request.fixed,
+        refusals=known,
+    )  # fmt: skip
 
 
 def by_parameter(
-    found: Regression,
-    variant: Variant,
-    refused: Mapping[str, Refusal],
-    fixed: Mapping[str, float],
+    end: Determined[Regression], variant: Variant, fixed: Mapping[str, float]
 ) -> Solved:
     """The regression by parameters: equal levels are one unknown under two names."""
-    source = {s.name: s.name for s in variant.parameters}
+    found, source = end.solution, {s.name: s.name for s in variant.parameters}
     if found.equal:
         source |= dict.fromkeys(LEVELS, _EQUAL)
     names = tuple(n for n in source if source[n] in found.names)
     rows = [found.names.index(source[n]) for n in names]
-    return Solved(
-        {n: found.values[s] for n, s in source.items()},
-        names,
-        found.uncertainty.covariance[np.ix_(rows, rows)],
-        found.uncertainty.degrees,
-        fixed,
-        refused,
-    )
+    values = {n: found.values[s] for n, s in source.items()}
+    matrix, degrees = found.uncertainty.covariance[np.ix_(rows, rows)], found.uncertainty.degrees
+    return Solved(values, names, matrix, degrees, fixed, end.refused)
 
 
 def _column_of(name: str, d: Run) -> FloatArray:
@@ -154,12 +144,9 @@ def _column_of(name: str, d: Run) -> FloatArray:
 
 
 def _solve(
-    runs: Sequence[Run],
-    names: tuple[str, ...],
-    held: Mapping[str, float],
-    minimum: float,
+    runs: Sequence[Run], names: tuple[str, ...], held: Mapping[str, float], minimum: float,
     spike: float,
-) -> Regression:
+) -> Regression:  # fmt: skip
     """Huber regression by iterated reweighting [1]_; lone spikes get no weight at all.
 
     ``minimum`` is the least scale of the residuals, ``spike`` the least distance at which a
@@ -173,15 +160,15 @@ def _solve(
     a, y = np.vstack(columns), np.concatenate(sides)
     norm = np.linalg.norm(a, axis=0)
     norm[norm == 0.0] = 1.0
-    weight, p, scale = np.ones(y.size), np.zeros(len(names)), 0.0
+    weight, p, scale, limit = np.ones(y.size), np.zeros(len(names)), 0.0, np.inf
     for _ in range(30):
         root = np.sqrt(weight)[:, None]
         now = np.linalg.lstsq(root * a / norm, root[:, 0] * y, rcond=1e-12)[0] / norm
         r = y - a @ now
         scale = max(1.4826 * float(np.median(np.abs(r))), minimum)
-        size = np.abs(r)
+        size, limit = np.abs(r), max(SPIKE * scale, spike)
         weight = np.minimum(1.0, _HUBER * scale / np.maximum(size, 1e-300))
-        weight[size > max(SPIKE * scale, spike)] = 0.0
+        weight[size > limit] = 0.0
         done = np.all(np.abs(now - p) <= 1e-10 * (np.abs(now) + scale / norm))
         p = now
         if done:
@@ -194,7 +181,6 @@ def _solve(
         robust=all(d.experiment.time.size > 0 for d in runs),
     )  # fmt: skip
     values = {**held, **dict(zip(names, p.tolist()))}
-    limit = max(SPIKE * scale, spike)
     return Regression(names, values, np.split(residuals, lengths), uncertainty, scale, limit)
 
 
