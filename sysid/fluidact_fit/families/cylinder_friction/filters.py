@@ -1,12 +1,13 @@
-"""Zero-phase filters of a record: local polynomials, sharpening, the noise of a sensor."""
+"""Zero-phase filters of a record: local polynomials, sharpening, derivatives, sensor noise."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
+from ...estimation.noise import noise_floor
 from ...experiment import Experiment, FloatArray
-from ...signals import matched_kernel, smooth
+from ...signals import smooth
 
 Mask = npt.NDArray[np.bool_]
 DEGREE = 2
@@ -50,41 +51,25 @@ def _local_polynomial(
     return rows, inside
 
 
-def sensor_noise(values: FloatArray, time: FloatArray, resolution: float) -> float:
+def sensor_noise(experiment: Experiment, role: str) -> float:
     """Noise that no motion explains: high differences, or the resolution if that is more.
 
     A handful of exact levels, as in a table of plateaus, is no resolution.
     """
+    signal = experiment.signals[role]
+    values, resolution = signal.values, signal.resolution
     if np.ptp(values) < 20.0 * resolution:
         resolution = 0.0
-    floor = float(resolution / np.sqrt(12.0))
-    if values.size < 8:
-        return floor
-    found = [float(np.median(np.abs(_rough(values, time, order)))) for order in (3, 5)]
-    return max(1.4826 * min(found), floor)
-
-
-def _rough(values: FloatArray, time: FloatArray, order: int) -> FloatArray:
-    """Divided differences, scaled so that white noise keeps its size; without time: as even."""
-    if not time.size:
-        time = np.arange(values.size, dtype=float)
-    n = values.size - order
-    t = np.stack([time[k : n + k] for k in range(order + 1)])
-    t = (t - t[0]) / max(float(np.median(t[order] - t[0])), 1e-300)
-    weights = []
-    for k in range(order + 1):
-        gaps = t[k] - np.delete(t, k, axis=0)
-        weights.append(1.0 / np.prod(gaps, axis=0))
-    w = np.stack(weights)
-    w /= np.sqrt(np.sum(w**2, axis=0))
-    return np.asarray(np.sum(w * np.stack([values[k : n + k] for k in range(order + 1)]), axis=0))
+    time = None if experiment.uniform or not experiment.time.size else experiment.time
+    found = [noise_floor(values, k, time=time) for k in (3, 5) if values.size >= 4 * k]
+    return max(min(found, default=0.0), float(resolution / np.sqrt(12.0)))
 
 
 def differentiate(experiment: Experiment, values: FloatArray, half: int) -> tuple[FloatArray, Mask]:
     """Value, rate, curvature, own share: shape ``(4, n)``; and where the window is whole."""
     if experiment.uniform:
         s = smooth(values, experiment.sample_time, half, DEGREE)
-        own = np.full(values.size, matched_kernel(half, 0, DEGREE)[half])
+        own = np.full(values.size, matched_kernel(half, 0)[half])
         return np.stack([s.value, s.rate, s.curvature, own]), s.inside
     return _local_polynomial(experiment.time, values, experiment.sample_time, half)
 
@@ -124,4 +109,57 @@ def sharpen(values: FloatArray, kernel: FloatArray) -> FloatArray:
     for _ in range(2):
         lost = lost - np.convolve(_pad(lost, reach, reach), kernel, "valid")
         out = out + lost
+    return out
+
+
+def matched_kernel(half_width: int, order: int) -> FloatArray:
+    """Kernel that smooths a signal as a local polynomial smooths the one it belongs to.
+
+    The slope of a polynomial fitted to a position is a weighted mean of the velocity within
+    the window. This is the same mean for a signal that is sampled at the same instants and
+    moves as a cubic between them.
+
+    Parameters
+    ----------
+    half_width
+        Samples on either side of the local polynomial.
+    order
+        1 for what belongs to its slope, 0 for what belongs to its value.
+
+    Returns
+    -------
+    FloatArray
+        Symmetric weights with sum one: ``2 half_width + 1`` of them for the value, two more
+        for the slope.
+    """
+    offsets = np.arange(-half_width, half_width + 1)
+    degree = min(DEGREE, 2 * half_width)
+    taps = np.linalg.pinv(np.vander(offsets, degree + 1, increasing=True))[order]
+    if order == 0:
+        return np.asarray(taps)
+    share = -np.cumsum(taps)[:-1]  # of the velocity in the interval after each sample
+    return np.convolve(share, np.array([-1.0, 13.0, 13.0, -1.0]) / 24.0)
+
+
+def antiderivative(values: FloatArray, time: FloatArray) -> FloatArray:
+    """Integrate a signal over any time base, shape ``(n,)``; zero at the first sample.
+
+    By Hermite cubics with slopes from parabolas: exact to the third power of the step.
+    """
+    step = np.diff(time)
+    slope = np.gradient(values, time)
+    parts = 0.5 * step * (values[1:] + values[:-1]) + step**2 * (slope[:-1] - slope[1:]) / 12.0
+    return np.concatenate(([0.0], np.cumsum(parts)))
+
+
+def central_difference(values: FloatArray, time: FloatArray) -> FloatArray:
+    """Derivative of a smooth signal over any time base, shape ``(n,)``.
+
+    With five points where the base is even, to the fourth power of the step, else with three.
+    """
+    out = np.asarray(np.gradient(values, time))
+    step = np.diff(time)
+    if values.size >= 5 and np.ptp(step) < 1e-3 * float(step.mean()):
+        d = 8.0 * (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])
+        out[2:-2] = d / (12.0 * float(step.mean()))
     return out

@@ -43,43 +43,45 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import Notice
-from ..estimation.information import Information
-from ..estimation.parametric import check_request, scalars
-from ..experiment import Experiment, FloatArray, Hold
-from ..family import (
+from ...errors import Notice
+from ...estimation.friction_law import FrictionLaw
+from ...estimation.parametric import check_request
+from ...experiment import Experiment, Hold
+from ...family import (
     Curve,
     Estimate,
     Family,
-    Option,
+    Information,
+    ParameterDocument,
     ParameterSpec,
     Request,
     Role,
+    Simulated,
     StaticView,
     Value,
     Variant,
+    scalars,
 )
-from .friction.block import FrictionBlock, friction_force
-from .friction.fit import LEVELS, Fit
-from .friction.options import PRESSURES, Options, motion_role
-from .friction.regression import System
-from .friction.report import (
+from .block import FrictionBlock
+from .fit import LEVELS, fit_friction
+from .options import PRESSURES, FrictionOptions, motion_role
+from .regression import System
+from .remarks import (
     fit_details,
     warn_of_attenuation,
     warn_of_disagreement,
     warn_of_flattening,
     warn_of_spikes,
 )
-from .friction.samples import (
+from .samples import (
     SIDES,
-    Data,
     check_measured,
-    driving_force,
     leave_out_accelerations,
     prepare,
     sides_moved,
+    simulate_force,
 )
-from .friction.speeds import SECOND_SPEED
+from .speeds import SECOND_SPEED
 
 
 def _variant(motion: str, unit: str, time_required: bool, pressures: bool = False) -> Variant:
@@ -93,7 +95,7 @@ def _variant(motion: str, unit: str, time_required: bool, pressures: bool = Fals
         else Role("pressure", "Pa", "pressure whose force is no friction", required=False)
     )
     # with a hold, --step can stand for a pressure of which only the levels are known
-    other = Role("pressure_2", "Pa", "pressure of the other chamber", required=False, hold="foh")
+    other = Role("pressure_2", "Pa", "pressure of the other chamber", required=False, hold="auto")
     return Variant(
         motion + PRESSURES if pressures else motion,
         (
@@ -128,7 +130,7 @@ def _variant(motion: str, unit: str, time_required: bool, pressures: bool = Fals
     )
 
 
-class CylinderFriction(Family):
+class CylinderFriction(Family[FrictionOptions]):
     """Coulomb and viscous friction of a cylinder by regression on moving samples."""
 
     name = "cylinder-friction"
@@ -144,119 +146,92 @@ class CylinderFriction(Family):
         _variant("velocity", "m/s", False, pressures=True),
         _variant("position", "m", True, pressures=True),
     )
-    options = (
-        Option("area", "float", "piston area that the pressure acts on", unit="m2", minimum=0.0),
-        Option("area-2", "float", "area that pressure_2 acts on", unit="m2", minimum=0.0),
-        Option("mass", "float", "moving mass, to take inertia off", unit="kg", minimum=0.0),
-        Option(
-            "filter",
-            "float",
-            "half-width of the zero-phase velocity filter (default: from the noise)",
-            unit="s",
-            minimum=0.0,
-        ),
-        Option(
-            "deadband",
-            "float",
-            "samples slower than this are left out (default: from noise and speed)",
-            unit="m/s",
-            minimum=0.0,
-        ),
-        Option(
-            "offset",
-            "choice",
-            "constant offset of the force: estimated where the levels need one, always, or never",
-            default="auto",
-            choices=("auto", "estimate", "none"),
-        ),
-    )
+    options_type = FrictionOptions
+    steady_offset = True
 
     def estimate(
-        self, variant: Variant, experiments: Sequence[Experiment], request: Request
-    ) -> Estimate:
+        self,
+        variant: Variant,
+        experiments: Sequence[Experiment],
+        request: Request[FrictionOptions],
+    ) -> Estimate[FrictionOptions]:
         """Fit levels and viscous friction; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
-        options = Options.read(request.options)
-        data, half_width, deadband = prepare(variant, experiments, options)
-        slow = sum(d.kept.size - int(d.kept.sum()) for d in data)
+        data, options = prepare(variant, experiments, request.options)
+        every, moving = sum(d.kept.size for d in data), sum(int(d.kept.sum()) for d in data)
         sides_moved(data)
         check_measured(data)
-        accelerating = 0
         notices: list[Notice] = []
-        if options.mass is None:
-            data, accelerating, notices = leave_out_accelerations(data)
-        fit = Fit(variant, data, request, options)
+        if options.mass is None and not options.is_settled:
+            data, options, notices = leave_out_accelerations(data, options)
+        quiet = sum(int(d.kept.sum()) for d in data)
+        fit = fit_friction(variant, data, replace(request, options=options))
         notices += [
             *fit.notices,
             *warn_of_spikes(fit),
             *warn_of_disagreement(fit),
             *warn_of_attenuation(fit),
+            *warn_of_flattening(fit, variant, experiments),
         ]
-        notices += warn_of_flattening(fit, variant, experiments, half_width)
-        ends = int(sum(d.kept.sum() for d in data) - sum(d.kept.sum() for d in fit.data))
-        data = fit.data
-        order, matrix = fit.covariance()
-        p = scalars({n: q.value for n, q in fit.quantities().items()})
-        simulated = [_predict(d, p, fit.log_offset(i), deadband) for i, d in enumerate(data)]
-        measured = [np.where(d.kept, d.experiment[variant.output.name], np.nan) for d in data]
-        counts = {"slow_or_reversing": slow, "accelerating": accelerating, "stroke_ends": ends}
-        details = fit_details(fit, half_width, deadband, counts)
+        fitted = sum(int(d.kept.sum()) for d in fit.data)
+        counts = {
+            "slow_or_reversing": every - moving,
+            "accelerating": moving - quiet,
+            "stroke_ends": quiet - fitted,
+        }
+        parameters, order, matrix = fit.solved.quantities(variant.parameters)
         return Estimate(
-            fit.quantities(), fit.derived(), order, matrix, simulated, measured, notices, details
-        )
+            parameters, fit.derived(), order, matrix, fit.options, notices,
+            fit_details(fit, counts),
+        )  # fmt: skip
 
     def simulate(
         self,
         variant: Variant,
-        parameters: Mapping[str, Value],
-        experiment: Experiment,
-        options: Mapping[str, Any],
-    ) -> FloatArray:
-        """Force needed for the motion of a log; see :meth:`Family.simulate`.
-
-        Equal levels are levels about an offset of the force, which belongs to the log and
-        is then fitted to it.
-        """
-        chosen = Options.read(options)
-        (d,), _, deadband = prepare(variant, [experiment], chosen)
-        p = scalars(parameters)
-        offset = 0.0
-        symmetric = p["coulomb_positive"] == p["coulomb_negative"] > 0.0
-        both = all(d.side(s).any() for s in SIDES)
-        driven = driving_force(experiment, chosen) is not None
-        if driven and symmetric and both and chosen.offset != "none":
-            rest = d.friction[d.kept] - friction_force(d.motion.sharp[d.kept], **p)
-            offset = 0.5 * float(sum(np.mean(rest[d.side(s)]) for s in SIDES))
-        return _predict(d, p, offset, deadband)
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        options: FrictionOptions,
+        offset: float | None = None,
+    ) -> list[Simulated]:
+        """Force needed for the motion of every run; see :meth:`Family.simulate`."""
+        law = FrictionLaw.of(scalars(values))
+        return simulate_force(variant, law, experiments, options, offset)
 
     def information(
         self,
         variant: Variant,
-        parameters: Mapping[str, Value],
+        values: Mapping[str, Value],
         experiment: Experiment,
-        options: Mapping[str, Any],
+        options: FrictionOptions,
     ) -> Information:
         """What a motion would tell; see :meth:`Family.information`.
 
         The rows are those of the force before any filter, at the samples that a fit would
-        keep. Without the mass they are those of steady speed.
+        keep. Without the mass they are those of steady speed. Other speeds than those of the
+        file are as good.
         """
-        chosen = Options.read(options)
-        moved = next(v for v in self.variants if v.name == motion_role(variant))
-        chosen = replace(chosen, area=None, area_2=None)
-        (d,), _, _ = prepare(moved, [experiment], chosen)
+        moved = self.variant(motion_role(variant))
+        free = replace(
+            options, area=None, area_2=None, acceleration_limit=None, speeds_positive=None,
+            speeds_negative=None, force_offset=None,
+        )  # fmt: skip
+        (d,), _ = prepare(moved, [experiment], free)
         slope = d.motion.acceleration
-        if chosen.mass is None and slope is not None:
+        if free.mass is None and slope is not None:
             d = replace(d, kept=d.kept & (np.abs(slope) <= 0.01 * float(np.abs(slope).max())))
         names = ("viscous", *LEVELS)
         rows = np.zeros((d.kept.size, len(names)))
         if d.kept.any():
             rows[d.support] = System([d], names, {}, {}).jacobian()
-        predicted = friction_force(d.motion.sharp, **scalars(parameters))
-        return Information(names, rows, predicted)
+        return Information(names, rows, FrictionLaw.of(scalars(values)).moving(d.motion.sharp))
 
-    def model_section(
-        self, variant: Variant, parameters: Mapping[str, Value], sample_time: float, hold: Hold
+    def model(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        options: FrictionOptions,
+        sample_time: float,
+        hold: Hold,
     ) -> dict[str, Any]:
         """The static map for feed-forward compensation."""
         return {
@@ -264,46 +239,35 @@ class CylinderFriction(Family):
                 "equation": "coulomb_positive*(v>0) - coulomb_negative*(v<0) + viscous*v",
                 "input": {"name": "velocity", "unit": "m/s"},
                 "output": {"name": "force", "unit": "N"},
-                **scalars(parameters),
+                **scalars(values),
             }
         }
 
     def static_view(
         self,
         variant: Variant,
-        estimate: Estimate,
+        values: Mapping[str, Value],
         experiments: Sequence[Experiment],
-        options: Mapping[str, Any],
+        simulated: Sequence[Simulated],
+        options: FrictionOptions,
     ) -> StaticView:
         """Friction over velocity: force less pressure, inertia and offset, and the fitted lines."""
-        data, _, _ = prepare(variant, experiments, Options.read(options))
-        p = scalars({n: q.value for n, q in estimate.parameters.items()})
+        data, _ = prepare(variant, experiments, options)
+        law = FrictionLaw.of(scalars(values))
         v = np.concatenate([d.motion.sharp for d in data])
-        model = friction_force(v, **p)
-        used = np.isfinite(np.concatenate(list(estimate.measured)))
-        # slow samples are predicted without friction: only what is fitted has its own offset
-        friction = np.concatenate([d.friction for d in data])
-        drive = np.concatenate([d.known + d.friction for d in data])
-        predicted = [d.scale * y for d, y in zip(data, estimate.simulated)]
-        rest = drive - np.concatenate(predicted)
+        used = np.concatenate([d.kept for d in data])
+        offsets = [d.scale * (s.offset or 0.0) for d, s in zip(data, simulated)]
+        friction = np.concatenate([d.friction - c for d, c in zip(data, offsets)])
         lines = []
         for side, sign in (("positive", 1.0), ("negative", -1.0)):
             speeds = v[used & (v * sign > 0.0)]
             if speeds.size:
                 x = np.array([0.0, speeds.max() if sign > 0.0 else speeds.min()])
-                level = sign * p[f"coulomb_{side}"]
-                lines.append(Curve(f"fitted, {side}", x, level + p["viscous"] * x))
+                lines.append(Curve(f"fitted, {side}", x, law.moving(x, np.full(2, sign))))
         return StaticView(
-            "velocity", "m/s", "friction", "N",
-            v, np.where(used, model + rest, friction), model, used, lines,
-        )  # fmt: skip
+            "velocity", "m/s", "friction", "N", v, friction, law.moving(v), used, lines
+        )
 
-    def block(self, variant: Variant, document: Mapping[str, Any]) -> FrictionBlock:
+    def block(self, variant: Variant, document: ParameterDocument) -> FrictionBlock:
         """The friction map that a controller calls with a velocity."""
-        return FrictionBlock({n: p["value"] for n, p in document["parameters"].items()})
-
-
-def _predict(d: Data, p: Mapping[str, float], offset: float, deadband: float) -> FloatArray:
-    """Output that the model predicts at every sample; no friction within the deadband."""
-    v = np.where(np.abs(d.motion.velocity) > deadband, d.motion.sharp, 0.0)
-    return np.asarray((d.known + friction_force(v, **p) + offset) / d.scale)
+        return FrictionBlock(document, variant)

@@ -1,4 +1,4 @@
-"""Linear regression with instruments, and the covariance of coloured noise."""
+"""Linear regression with instruments, and the covariance of autocorrelated noise."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ class System:
         self.names, self.data, self.held = tuple(names), data, held
         self.limits = [limits.get(n, (-np.inf, np.inf)) for n in names]
         self.columns, self.instruments, self.right = [], [], []
-        for i, d in enumerate(data):
+        for d in data:
+            i = d.experiment.log
             signs, regressor = d.direction[d.kept], d.motion.regressor[d.kept]
             self.columns.append(_columns(self.names, signs, regressor, i))
             self.instruments.append(_columns(self.names, signs, d.speed, i))
@@ -101,8 +102,8 @@ class System:
         spread = [d.spread(z) for d, z in zip(self.data, self.instruments)]
         jacobian = _equivalent(spread, inverse)
         columns, residuals, bare = [], [], []
-        for i, (d, j) in enumerate(zip(self.data, jacobian)):
-            at = d.support
+        for d, j in zip(self.data, jacobian):
+            at, i = d.support, d.experiment.log
             sign, speed = np.sign(d.motion.velocity[at]), d.motion.bare[at]
             r = d.friction[at] - _held_force(self.held, sign, speed, i)
             r = r - _columns(self.names, sign, speed, i) @ x
@@ -111,17 +112,17 @@ class System:
             columns += [part for part in np.split(j, cuts) if part.size]
             residuals += [part for part in np.split(r, cuts) if part.size]
         found = covariance(columns, residuals, robust=self.timed, small_sample=True)
-        found = self._with_hidden_colour(found, columns, x)
+        found = self._with_hidden_correlation(found, columns, x)
         matched = self._matched_uncertainty(inverse, x)
         # of very fast strokes the unfiltered velocity is not known well enough
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.diag(found.covariance) / np.diag(matched.covariance)
         return (matched if np.nanmin(ratio, initial=np.inf) > 4.0 else found), bare
 
-    def _with_hidden_colour(
+    def _with_hidden_correlation(
         self, found: Uncertainty, columns: Sequence[FloatArray], x: FloatArray
     ) -> Uncertainty:
-        """Enlarge by the colour of the force that white noise of a velocity hides.
+        """Enlarge by the autocorrelation of the force that white noise of a velocity hides.
 
         The residuals of a quiet velocity lack the noise of the readings but for the slow
         part, which alone matters to slow regressors.
@@ -129,8 +130,8 @@ class System:
         if all(d.motion.shared > 0.0 for d in self.data):
             return found
         residuals = []
-        for i, d in enumerate(self.data):
-            at = d.support
+        for d in self.data:
+            at, i = d.support, d.experiment.log
             sign, speed = np.sign(d.motion.velocity[at]), d.motion.sharp[at]
             r = d.friction[at] - _held_force(self.held, sign, speed, i)
             r = r - _columns(self.names, sign, speed, i) @ x
@@ -148,7 +149,7 @@ class System:
         )
 
     def _matched_uncertainty(self, inverse: FloatArray, x: FloatArray) -> Uncertainty:
-        """Covariance from the residuals of the filtered forces and their own colour."""
+        """Covariance from the residuals of the filtered forces and their autocorrelation."""
         columns, residuals = [], []
         jacobian = _equivalent(self.instruments, inverse)
         for d, j, c, y in zip(self.data, jacobian, self.columns, self.right):
@@ -188,7 +189,7 @@ def _stretches(kept: Mask) -> list[int]:
     return out
 
 
-def _column(name: str, sign: FloatArray, speed: FloatArray, index: int) -> FloatArray:
+def _column(name: str, sign: FloatArray, speed: FloatArray, log: int) -> FloatArray:
     """What multiplies an unknown, shape ``(n,)``; ``sign`` is the (smoothed) direction."""
     if name == "coulomb_positive":
         return np.asarray(0.5 * (1.0 + sign))
@@ -198,20 +199,20 @@ def _column(name: str, sign: FloatArray, speed: FloatArray, index: int) -> Float
         return sign
     if name == "viscous":
         return speed
-    return np.full(speed.size, 1.0 if name in ("offset", f"offset[{index}]") else 0.0)
+    return np.full(speed.size, 1.0 if name in ("offset", f"offset[{log}]") else 0.0)
 
 
-def _columns(names: Sequence[str], sign: FloatArray, speed: FloatArray, index: int) -> FloatArray:
-    return np.column_stack([_column(n, sign, speed, index) for n in names])
+def _columns(names: Sequence[str], sign: FloatArray, speed: FloatArray, log: int) -> FloatArray:
+    return np.column_stack([_column(n, sign, speed, log) for n in names])
 
 
 def _held_force(
-    held: Mapping[str, float], sign: FloatArray, speed: FloatArray, index: int
+    held: Mapping[str, float], sign: FloatArray, speed: FloatArray, log: int
 ) -> FloatArray:
     """Force of what is not estimated, shape ``(n,)`` [N]."""
     out = np.zeros(speed.size)
     for name, value in held.items():
-        out += value * _column(name, sign, speed, index)
+        out += value * _column(name, sign, speed, log)
     return out
 
 

@@ -1,18 +1,19 @@
-"""Samples for the regression: friction force of every log, and those that move."""
+"""Samples of every log: its friction force, which of them are described, what the model gives."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError
+from ...estimation.friction_law import FrictionLaw
 from ...experiment import Experiment, FloatArray
-from ...family import Variant
+from ...family import Simulated, Variant
 from .filters import Mask
 from .motion import SLOW, Motion, make_motions, match_force
-from .options import PRESSURES, Options, check_options, motion_role
+from .options import FrictionOptions, check_options, driven_by_pressure, motion_role
 
 SIDES = ("positive", "negative")
 _LINGER = 1.5  # times the way through rest that its slope foretells: longer is a rest
@@ -21,12 +22,13 @@ _SMALL = 0.05  # share of the friction that inertia may have before it matters
 
 @dataclass(frozen=True)
 class Data:
-    """One log, ready for the regression.
+    """One run, ready for the regression.
 
-    ``known`` is the part of the drive that is no friction, ``friction`` the rest, and
-    ``matched`` that rest smoothed like the regressor, all of shape ``(n,)`` [N];
-    ``direction`` is the sign of the velocity, smoothed alike. ``kept`` marks the samples
-    that are fitted. The output is the drive divided by ``scale``.
+    ``known`` is the part of the drive that is no friction, ``friction`` the rest (zero where
+    no force was recorded), and ``matched`` that rest smoothed like the regressor, all of shape
+    ``(n,)`` [N]; ``direction`` is the sign of the velocity, smoothed alike. ``moving`` marks
+    the samples outside the deadband, ``kept`` those that are fitted. The output is the drive
+    divided by ``scale``; ``driven`` tells whether it was recorded.
     """
 
     experiment: Experiment
@@ -35,8 +37,10 @@ class Data:
     friction: FloatArray
     matched: FloatArray
     direction: FloatArray
+    moving: Mask
     kept: Mask
     scale: float
+    driven: bool
 
     @property
     def speed(self) -> FloatArray:
@@ -95,7 +99,7 @@ def _moving(motion: Motion, deadband: float) -> Mask:
     edges = np.flatnonzero(np.diff(np.concatenate(([False], idle, [False])).astype(int)))
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist()):
         reach = motion.reach
-        if not _passes(v, begin, end, deadband):
+        if not _passes(v, begin, end):
             reach = max(reach, motion.half)
         lost[max(begin - reach, 0)] += 1.0
         lost[min(end + reach, v.size)] -= 1.0
@@ -109,7 +113,7 @@ def _moving(motion: Motion, deadband: float) -> Mask:
     return np.asarray(kept)
 
 
-def _passes(velocity: FloatArray, begin: int, end: int, deadband: float) -> bool:
+def _passes(velocity: FloatArray, begin: int, end: int) -> bool:
     """Whether samples ``begin`` to ``end`` are on the way from one direction to the other."""
     if begin < 1 or end + 1 > velocity.size:
         return False
@@ -124,56 +128,118 @@ def _passes(velocity: FloatArray, begin: int, end: int, deadband: float) -> bool
     return bool(run <= 1 or _LINGER * slope >= 0.5 * (edge[0] + edge[1]))
 
 
-def _pressure_force(experiment: Experiment, options: Options) -> FloatArray | float:
-    """Force of the chambers, ``A_1 p_1 - A_2 p_2`` [N]."""
-    out: FloatArray | float = 0.0
-    for role, area, sign in (("pressure", options.area, 1.0), ("pressure_2", options.area_2, -1.0)):
-        if area is not None and role in experiment:
-            out = out + sign * area * experiment.sampled(role)
-    return out
+def _pressure_force(experiment: Experiment, role: str, area: float | None) -> FloatArray | float:
+    """Force of one chamber, shape ``(n,)`` [N]; zero where it is not known."""
+    if area is None or role not in experiment:
+        return 0.0
+    return area * experiment.sampled(role)
 
 
-def driving_force(experiment: Experiment, options: Options) -> FloatArray | None:
-    """What drives the motion [N]: the force, or the first chamber's without one."""
-    if "force" in experiment:
-        return experiment["force"]
-    if "pressure" in experiment and options.area is not None:
-        return np.asarray(options.area * experiment["pressure"])
-    return None
+def _drive(
+    variant: Variant, experiment: Experiment, options: FrictionOptions
+) -> tuple[FloatArray | float | None, FloatArray | float]:
+    """What drives the motion, ``None`` where it was not recorded, and what pressure opposes [N]."""
+    first = _pressure_force(experiment, "pressure", options.area)
+    second = _pressure_force(experiment, "pressure_2", options.area_2)
+    recorded = variant.output.name in experiment
+    if driven_by_pressure(variant):
+        return first if recorded else None, second
+    return experiment.sampled("force") if recorded else None, first - second
 
 
 def prepare(
-    variant: Variant,
-    experiments: Sequence[Experiment],
-    options: Options,
-    half_width: float | None = None,
-) -> tuple[list[Data], float, float]:
-    """Friction force and moving samples per log; filter half-width [s], deadband [m/s]."""
+    variant: Variant, experiments: Sequence[Experiment], options: FrictionOptions
+) -> tuple[list[Data], FrictionOptions]:
+    """Friction force and described samples per run; options with filter and deadband settled."""
     check_options(variant, experiments, options)
     role = motion_role(variant)
-    driven = variant.name.endswith(PRESSURES)
-    wanted = options.half_width if half_width is None else half_width
-    motions, half_width = make_motions(experiments, role, wanted)
+    motions, half_width = make_motions(experiments, role, options.filter)
     deadband = _choose_deadband(motions) if options.deadband is None else options.deadband
+    options = replace(options, filter=half_width or 0.0, deadband=deadband)
+    scale = float(options.area or 1.0) if driven_by_pressure(variant) else 1.0
     out = []
     for e, motion in zip(experiments, motions):
+        drive, pressure = _drive(variant, e, options)
         inertia: FloatArray | float = 0.0
-        kept = _moving(motion, deadband)
         if options.mass is not None and motion.acceleration is not None:
             inertia = options.mass * motion.acceleration
-        pressure = _pressure_force(e, options)
-        drive = driving_force(e, options)
-        if driven:
-            assert options.area is not None
-            pressure = options.area * e.sampled("pressure") - pressure  # that of the other one
         size = motion.velocity.size
-        rest = np.zeros(size) if drive is None else drive - pressure
+        rest = np.zeros(size) if drive is None else np.asarray(drive - pressure)
         known = np.broadcast_to(pressure + inertia, (size,))
-        scale = float(options.area or 1.0) if driven else 1.0
         matched = match_force(e, role, motion, rest) - inertia
         direction = match_force(e, role, motion, np.sign(motion.velocity))
-        out.append(Data(e, motion, known, rest - inertia, matched, direction, kept, scale))
-    return out, half_width, deadband
+        slow = 0.0 if motion.exact else deadband
+        moving = np.abs(motion.velocity) > slow
+        kept = _moving(motion, slow) & _described(motion, options)
+        driven = drive is not None
+        out.append(
+            Data(e, motion, known, rest - inertia, matched, direction, moving, kept, scale, driven)
+        )
+    return out, options
+
+
+def _described(motion: Motion, options: FrictionOptions) -> Mask:
+    """Samples within the accelerations and speeds that a fit has settled, shape ``(n,)``."""
+    near = at_speeds(motion, options.speeds)
+    if options.acceleration_limit is None or motion.acceleration is None:
+        return near
+    return near & (np.abs(motion.acceleration) <= options.acceleration_limit)
+
+
+def at_speeds(motion: Motion, speeds: Mapping[str, tuple[float, float]]) -> Mask:
+    """Samples whose speed lies in the range of their direction, if there are such ranges."""
+    if not speeds:
+        return np.ones(motion.velocity.size, dtype=bool)
+    near = np.zeros(motion.velocity.size, dtype=bool)
+    for side, (low, high) in speeds.items():
+        v = motion.velocity if side == "positive" else -motion.velocity
+        near |= (v >= low) & (v <= high)
+    return near
+
+
+def simulate_force(
+    variant: Variant,
+    law: FrictionLaw,
+    experiments: Sequence[Experiment],
+    options: FrictionOptions,
+    offset: float | None = None,
+) -> list[Simulated]:
+    """Force, or first pressure, that the motion of every run needs; see ``Family.simulate``.
+
+    Within the deadband a measured velocity is noise and nothing is known of friction: it
+    counts as zero there, and the sample as not described.
+    """
+    data, options = prepare(variant, experiments, options)
+    offsets: dict[int, float] = {}
+    if options.force_offset:
+        offsets = {d.experiment.log: (offset or 0.0) * d.scale for d in data}
+        offsets |= _find_offsets(data, law)
+    out = []
+    for d in data:
+        v = np.where(d.moving, d.motion.sharp, 0.0)
+        own = offsets.get(d.experiment.log)
+        force = d.known + law.moving(v) + (own or 0.0)
+        out.append(
+            Simulated(np.asarray(force / d.scale), d.kept, None if own is None else own / d.scale)
+        )
+    return out
+
+
+def _find_offsets(data: Sequence[Data], law: FrictionLaw) -> dict[int, float]:
+    """Offset of the force of every log in which something moved [N].
+
+    Both directions count alike, however long each of them lasted: wrong levels then leave it
+    as it is.
+    """
+    out = {}
+    for log in dict.fromkeys(d.experiment.log for d in data):
+        runs = [d for d in data if d.experiment.log == log and d.driven]
+        rests = [d.friction[d.kept] - law.moving(d.motion.sharp[d.kept]) for d in runs]
+        sides = [[r[d.side(s)] for d, r in zip(runs, rests)] for s in SIDES]
+        means = [np.mean(np.concatenate(r)) for r in sides if any(part.size for part in r)]
+        if means:
+            out[log] = float(np.mean(means))
+    return out
 
 
 def sides_moved(data: Sequence[Data]) -> list[str]:
@@ -226,14 +292,17 @@ def half_range(data: Sequence[Data]) -> float:
     return 0.5 * float(np.mean(force[forward]) - np.mean(force[~forward]))
 
 
-def leave_out_accelerations(data: Sequence[Data]) -> tuple[list[Data], int, list[Notice]]:
-    """Leave out samples in which an unknown mass would show.
+def leave_out_accelerations(
+    data: Sequence[Data], options: FrictionOptions
+) -> tuple[list[Data], FrictionOptions, list[Notice]]:
+    """Leave out samples in which an unknown mass would show, and settle which these are.
 
     The mass is estimated along with friction, only to see where its force exceeds a share
     of the friction.
     """
+    unchanged = list(data), options
     if any(d.motion.acceleration is None for d in data):
-        return list(data), 0, []
+        return *unchanged, []
     rows, force = [], np.concatenate([d.matched[d.kept] for d in data])
     for d in data:
         assert d.motion.acceleration is not None
@@ -243,23 +312,21 @@ def leave_out_accelerations(data: Sequence[Data]) -> tuple[list[Data], int, list
     a = np.vstack(rows)
     step = min(d.experiment.sample_time for d in data)
     if np.abs(a[:, 3]).max() <= 1e-9 * np.abs(a[:, 2]).max() / step:
-        return list(data), 0, []  # rounding, no acceleration
+        return *unchanged, []  # rounding, no acceleration
     a = a[:, np.any(a != 0.0, axis=0)]
     scale = np.linalg.norm(a, axis=0)
     mass = float((np.linalg.lstsq(a / scale, force, rcond=None)[0] / scale)[-1])
-    limit = _SMALL * abs(half_range(data))
-    if mass * float(np.quantile(np.abs(a[:, -1]), 0.999)) <= limit:
-        return list(data), 0, []
-    quiet = [
-        replace(d, kept=d.kept & (np.abs(np.asarray(d.motion.acceleration)) * mass <= limit))
-        for d in data
-    ]
+    share = _SMALL * abs(half_range(data))
+    if mass * float(np.quantile(np.abs(a[:, -1]), 0.999)) <= share:
+        return *unchanged, []
+    options = replace(options, acceleration_limit=share / mass)
+    quiet = [replace(d, kept=d.kept & _described(d.motion, options)) for d in data]
     for s in SIDES:
         before, after = (sum(int(d.side(s).sum()) for d in some) for some in (data, quiet))
         if after < 0.2 * before:
             message = (
                 f"accelerating takes more than {100 * _SMALL:.0f} % of the friction in most of "
-                f"the moving samples (about {mass:.3g} kg). Give --mass KG to take it off."
+                f"the moving samples (about {mass:.3g} kg). Give --mass=KG to take it off."
             )
-            return list(data), 0, [Notice("inertia-matters", message)]
-    return quiet, int(sum(d.kept.sum() for d in data) - sum(d.kept.sum() for d in quiet)), []
+            return *unchanged, [Notice("inertia-matters", message)]
+    return quiet, options, []

@@ -77,7 +77,7 @@ def _side_speeds(data: Sequence[Data], side: str) -> FloatArray:
 
 
 def warn_of_flattening(
-    fit: Fit, variant: Variant, experiments: Sequence[Experiment], half_width: float
+    fit: Fit, variant: Variant, experiments: Sequence[Experiment]
 ) -> list[Notice]:
     """Warn where a filter of twice the width gives another viscous friction.
 
@@ -88,12 +88,13 @@ def warn_of_flattening(
     """
     if "viscous" not in fit.found.names or all(d.motion.reach == 0 for d in fit.data):
         return []
+    half_width = fit.options.filter or 0.0
     try:
-        wider, _, _ = prepare(variant, experiments, fit.options, 2.0 * half_width)
+        wider, _ = prepare(variant, experiments, replace(fit.options, filter=2.0 * half_width))
         both = [replace(w, kept=w.kept & d.kept) for w, d in zip(wider, fit.data)]
         if any(2 * w.kept.sum() < d.kept.sum() for w, d in zip(both, fit.data)):
             return []
-        again = System(both, fit.found.names, fit.fixed, fit.limits).solve()
+        again = System(both, fit.found.names, fit.solved.fixed, fit.limits).solve()
     except LogError:
         return []
     first, second = (f.std_error({"viscous": 1.0}) for f in (fit.found, again))
@@ -118,13 +119,11 @@ def _instrument(data: Sequence[Data]) -> str:
     return "the velocity itself" if shared else "velocity of the neighbouring samples"
 
 
-def fit_details(
-    fit: Fit, half_width: float, deadband: float, counts: Mapping[str, int]
-) -> dict[str, Any]:
+def fit_details(fit: Fit, counts: Mapping[str, int]) -> dict[str, Any]:
     """What was done, for the file."""
-    order = fit.found.uncertainty.order
+    order, half_width = fit.found.uncertainty.order, fit.options.filter or 0.0
     matched = any(d.motion.reach > 0 for d in fit.data)
-    out: dict[str, Any] = {
+    return {
         "method": "linear regression on moving samples",
         "instrument": _instrument(fit.data),
         "velocity_filter": {
@@ -133,12 +132,9 @@ def fit_details(
             "degree": DEGREE,
         },
         "force_filter": "matched to the velocity filter" if matched else "none",
-        "deadband": deadband,
+        "deadband": fit.options.deadband,
         "left_out": dict(counts),
         "force_noise": fit.found.uncertainty.sigma,
         "speeds": {s: [low, high] for s, (low, high) in fit.ranges.items()},
         "covariance": f"autoregressive residuals of order {order}" if order else "white",
     }
-    if fit.symmetric:
-        out["force_offsets"] = [fit.log_offset(i) for i in range(len(fit.data))]
-    return out

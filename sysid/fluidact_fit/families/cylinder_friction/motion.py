@@ -7,10 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import LogError
+from ...errors import LogError, UsageError
 from ...experiment import Experiment, FloatArray
-from ...signals import antiderivative, central_difference, matched_kernel
-from .filters import DEGREE, Mask, differentiate, fill, sensor_noise, sharpen, sharpened
+from .filters import (
+    Mask,
+    antiderivative,
+    central_difference,
+    differentiate,
+    fill,
+    matched_kernel,
+    sensor_noise,
+    sharpen,
+    sharpened,
+)
 
 _HALF_WIDTHS = (2, 4, 8, 16, 32, 64, 128)
 _QUIET = 0.02  # noise of the filtered speed, as a share of the highest, that is small enough
@@ -49,6 +58,8 @@ class Motion:
         Half-width of the filter in samples; 0: not filtered.
     kernel : (2 m + 1,)
         What the force is smoothed with to match the regressor.
+    exact
+        Whether it was given as a step and not measured: nothing in it is noise.
     """
 
     velocity: FloatArray
@@ -61,6 +72,7 @@ class Motion:
     shared: float
     half: int
     kernel: FloatArray
+    exact: bool = False
 
     @property
     def fast(self) -> float:
@@ -75,9 +87,10 @@ class Motion:
 
 def _filter(experiment: Experiment, role: str, half: int) -> Motion:
     """Motion by a zero-phase quadratic over ``2 half + 1`` samples."""
-    signal = experiment.signals[role]
-    y = signal.values
-    noise = sensor_noise(y, experiment.time, signal.resolution)
+    y = experiment[role]
+    if y.size != experiment.samples:
+        return _stepped(experiment, role)
+    noise = sensor_noise(experiment, role)
     if not experiment.time.size:
         whole = np.ones(y.size, dtype=bool)
         return Motion(y, y, None, y, y, whole, noise, noise, 0, np.ones(1))
@@ -95,12 +108,32 @@ def _filter(experiment: Experiment, role: str, half: int) -> Motion:
     return _smoothed_velocity(experiment, y, rows, inside, noise, half)
 
 
+def _stepped(experiment: Experiment, role: str) -> Motion:
+    """Motion that was not recorded but given as a step, and is taken as it stands.
+
+    Raises
+    ------
+    UsageError
+        For a position: where it steps, no velocity is known.
+    """
+    if role == "position":
+        raise UsageError(
+            "a position that steps cannot be simulated: its velocity is infinite at the step and "
+            "zero at all other times, and friction follows the velocity",
+            where=experiment.name,
+            remedy="Give a LOG with a recorded position (a force need not be in it).",
+        )
+    v = experiment.sampled(role)
+    still, whole = np.zeros(v.size), np.ones(v.size, dtype=bool)
+    return Motion(v, v, still, v, v, whole, 0.0, 0.0, 0, np.ones(1), exact=True)
+
+
 def _slope_of_position(
     experiment: Experiment, slope: FloatArray, inside: Mask, noise: float, half: int
 ) -> Motion:
     """Motion from a position: its slope is regressor and instrument at once."""
     v = fill(slope, inside)
-    kernel = matched_kernel(half, 1, DEGREE)
+    kernel = matched_kernel(half, 1)
     sharp = sharpen(v, kernel)
     far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
     inside = far if far.any() else inside
@@ -124,7 +157,7 @@ def _smoothed_velocity(
     own, share = np.where(inside, rows[3], 0.0), float(np.median(rows[3][inside]))
     power = share  # of a least-squares fit's value: its own share
     if experiment.uniform:
-        once = matched_kernel(half, 0, DEGREE)
+        once = matched_kernel(half, 0)
         smoothed = sharpen(smoothed, once)
         kernel = sharpened(once)
         reach = kernel.size // 2
@@ -176,52 +209,57 @@ def _choose_slope(experiment: Experiment) -> float:
     return chosen * experiment.sample_time
 
 
-def _choose_smoothing(experiment: Experiment) -> float:
-    """Half-width for a velocity: least error of noise and flattening together [s].
+def _common_smoothing(experiments: Sequence[Experiment]) -> float:
+    """Half-width for the velocities of all logs: least error of noise and flattening [s].
 
     ``mean((y - K y)^2) + 2 k_0 s^2`` is that error but for a constant (Mallows 1973); ``K``
     smooths, ``k_0`` is each reading's share in itself and ``s`` the noise of the readings.
     """
-    signal = experiment.signals["velocity"]
-    y = signal.values
-    variance = sensor_noise(y, experiment.time, signal.resolution) ** 2
+    step, samples = min(e.sample_time for e in experiments), min(e.samples for e in experiments)
+    noises = [sensor_noise(e, "velocity") for e in experiments]
     best, chosen = np.inf, _HALF_WIDTHS[0]
     for half in _HALF_WIDTHS:
-        if half > _HALF_WIDTHS[0] and 16 * half >= experiment.samples:
+        if half > _HALF_WIDTHS[0] and 16 * half >= samples:
             break
-        motion = _filter(experiment, "velocity", half)
-        rest = (y - motion.sharp)[motion.inside]
-        # the part without the reading itself is further off by that reading's share
-        others = (y - motion.velocity)[motion.inside]
-        share = 1.0 - float(np.sum(rest**2) / max(float(rest @ others), 1e-300))
-        error = float(np.mean(rest**2)) + 2.0 * share * variance
+        motions = _filter_all(experiments, "velocity", half * step)
+        error = 0.0
+        for e, motion, noise in zip(experiments, motions, noises):
+            error += e.samples * _smoothing_error(e["velocity"], motion, noise)
         if error < best:
             best, chosen = error, half
-        if 4.0 * motion.noise <= SLOW * motion.fast:  # the deadband is no wider for it
-            break
-    return chosen * experiment.sample_time
+        if max(m.noise for m in motions) <= 0.25 * SLOW * min(m.fast for m in motions):
+            break  # the deadband is no wider for the noise
+    return chosen * step
+
+
+def _smoothing_error(measured: FloatArray, motion: Motion, noise: float) -> float:
+    """Mean square of what a filter leaves in and takes off, but for a constant [(m/s)2]."""
+    rest = (measured - motion.sharp)[motion.inside]
+    # the part without the reading itself is further off by that reading's share
+    others = (measured - motion.velocity)[motion.inside]
+    share = 1.0 - float(np.sum(rest**2) / max(float(rest @ others), 1e-300))
+    return float(np.mean(rest**2)) + 2.0 * share * noise**2
+
+
+def _filter_all(experiments: Sequence[Experiment], role: str, half_width: float) -> list[Motion]:
+    """Motion of every log by a filter of one half-width [s]."""
+    halves = [round(half_width / e.sample_time) if e.time.size else 0 for e in experiments]
+    return [_filter(e, role, half) for e, half in zip(experiments, halves)]
 
 
 def make_motions(
     experiments: Sequence[Experiment], role: str, half_width: float | None
-) -> tuple[list[Motion], float]:
-    """Motion of every log, and the half-width of its filter [s].
+) -> tuple[list[Motion], float | None]:
+    """Motion of every log, and the half-width of the filter of all of them [s].
 
-    Positions go through one filter, which both sides of the equation feel; the filter of a
-    velocity is that of its own log, and the longest is returned.
+    It is chosen where none is given, and there is none without time. What is chosen for a
+    velocity suits all logs together; both sides of the equation feel that of a position.
     """
-    timed = [e for e in experiments if e.time.size]
-    wanted = [half_width] * len(timed)
-    if half_width is None and role == "velocity":
-        wanted = [_choose_smoothing(e) for e in timed]
-    elif half_width is None and timed:
-        wanted = [_common_slope(timed)] * len(timed)
-    chosen = {id(e): w for e, w in zip(timed, wanted) if w is not None}
-    out = []
-    for e in experiments:
-        half = round(chosen[id(e)] / e.sample_time) if e.time.size else 0
-        out.append(_filter(e, role, half))
-    return out, max(chosen.values(), default=0.0)
+    measured = [e for e in experiments if e.time.size and e[role].size == e.samples]
+    if half_width is None and measured:
+        choose = _common_smoothing if role == "velocity" else _common_slope
+        half_width = choose(measured)
+    return _filter_all(experiments, role, half_width or 0.0), half_width
 
 
 def _common_slope(experiments: Sequence[Experiment]) -> float:

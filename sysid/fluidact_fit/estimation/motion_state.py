@@ -1,11 +1,16 @@
-"""Motion state of a recording: loading or unloading, and which samples are well within it."""
+"""Motion state of a recording: loading or unloading, and which samples are well within it.
+
+The state is held: the sign of the last change of a signal that was no noise. A signal that rests
+stays in the state that brought it there, and so does the friction that goes with it.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from .experiment import FloatArray
+from ..experiment import FloatArray
+from .noise import noise_floor
 
 BoolArray = npt.NDArray[np.bool_]
 _MEETING = 8  # samples after a reversal that belong to it in any case
@@ -30,9 +35,32 @@ def choose_dead_band(values: FloatArray) -> float:
     if values.size < 8:
         return 0.0
     flicker = np.abs(values - running_median(values, 2))
-    third = np.abs(np.diff(values, 3))
-    noise = 1.4826 * float(np.median(third)) / np.sqrt(20.0)
-    return float(max(3.0 * np.quantile(flicker, 0.9), 6.0 * noise, 5e-3 * float(np.ptp(values))))
+    noise = 6.0 * noise_floor(values)
+    return float(max(3.0 * np.quantile(flicker, 0.9), noise, 5e-3 * float(np.ptp(values))))
+
+
+def held_direction(values: FloatArray, dead_band: float) -> FloatArray:
+    """Sign of the last change that exceeded a dead band: -1, 0 (not yet known) or 1.
+
+    Parameters
+    ----------
+    values : (n,)
+    dead_band
+        Changes smaller than this leave the direction as it was [unit of values].
+    """
+    direction = np.zeros(values.size)
+    anchor, now = values[0], 0
+    for k, v in enumerate(values.tolist()):
+        if v - anchor > dead_band:
+            now, anchor = 1, v
+        elif anchor - v > dead_band:
+            now, anchor = -1, v
+        elif now > 0:
+            anchor = max(anchor, v)
+        elif now < 0:
+            anchor = min(anchor, v)
+        direction[k] = now
+    return direction
 
 
 def running_median(values: FloatArray, half: int) -> FloatArray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -53,16 +52,9 @@ def one_speed(ranges: Mapping[str, tuple[float, float]], noise: float) -> bool:
     return True
 
 
-def at_speed(data: Sequence[Data], ranges: Mapping[str, tuple[float, float]]) -> list[Data]:
-    """Leave out the ends of the strokes: the levels are to be those of the one speed."""
-    out = []
-    for d in data:
-        near = np.zeros(d.kept.size, dtype=bool)
-        for s, (low, high) in ranges.items():
-            v = d.motion.velocity if s == "positive" else -d.motion.velocity
-            near |= (v >= 0.9 * low) & (v <= 1.1 * high)
-        out.append(replace(d, kept=d.kept & near))
-    return out
+def around(ranges: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """Ranges that leave out the ends of the strokes: levels are to be those of the one speed."""
+    return {s: (0.9 * low, 1.1 * high) for s, (low, high) in ranges.items()}
 
 
 def describe_speeds(ranges: Mapping[str, tuple[float, float]]) -> str:
