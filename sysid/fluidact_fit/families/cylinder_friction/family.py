@@ -50,6 +50,7 @@ from ...experiment import Experiment, Hold
 from ...family import (
     Curve,
     Estimate,
+    Excitation,
     Family,
     Information,
     ParameterDocument,
@@ -224,6 +225,36 @@ class CylinderFriction(Family[FrictionOptions]):
         if d.kept.any():
             rows[d.support] = System([d], names, {}, {}).jacobian()
         return Information(names, rows, FrictionLaw.of(scalars(values)).moving(d.motion.sharp))
+
+    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
+        """Strokes at constant speeds; see :meth:`Family.excitation`.
+
+        Slow ones keep clear of the dead band by as much again, for the noise of a sample.
+        """
+        options = self.options_type.read(document.options or {}, from_file=True)
+        details = document.fit.details or {}
+        fast = max((abs(v) for pair in details["speeds"].values() for v in pair), default=0.0)
+        if motion_role(variant) == "velocity":  # what noise the filter met, a design has not
+            options = replace(options, filter=None)
+        return Excitation(
+            "strokes",
+            fastest=(-fast, fast),
+            slowest=2.0 * (options.deadband or 0.0),
+            noise=float(details["force_noise"]),
+            options=options,
+        )
+
+    def suppose(
+        self,
+        name: str,
+        values: Mapping[str, Value],
+        amplitude: tuple[float, float],
+        sample_time: float,
+    ) -> float | None:
+        """No viscous friction, and a level like that of the other direction."""
+        if name == "viscous":
+            return 0.0
+        return max(scalars(values)[level] for level in LEVELS)
 
     def model(
         self,
