@@ -1,4 +1,4 @@
-# make demo | test | lint | study | bench | clean. Needs Python 3.11 or newer with pip, nothing else.
+# make demo | test | lint | acceptance | study | bench | clean. Needs Python 3.11 or newer with pip, nothing else.
 
 PYTHON ?= python3
 VENV := .venv
@@ -6,15 +6,16 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 INSTALLED_DEV := $(VENV)/installed-dev
 
-.PHONY: help demo test lint study bench clean
+.PHONY: help demo test lint acceptance study bench clean
 
 help:
-	@echo "make demo   fit the datasets into demo-output/"
-	@echo "make test   style, types, tests and notebooks"
-	@echo "make lint   style and types only"
-	@echo "make study  efficiency, coverage and designs by repetition, written to docs/"
-	@echo "make bench  this project against other tools, written to docs/benchmark.md"
-	@echo "make clean  remove everything that make has made"
+	@echo "make demo        fit the datasets into demo-output/"
+	@echo "make test        style, types, tests and notebooks"
+	@echo "make lint        style and types only"
+	@echo "make acceptance  every headline figure again, beside docs/acceptance.md"
+	@echo "make study       efficiency, coverage and designs by repetition, written to docs/"
+	@echo "make bench       this project against other tools, written to docs/benchmark.md"
+	@echo "make clean       remove everything that make has made"
 	@echo "Another Python: make PYTHON=/path/to/python3.12 test"
 
 demo: $(INSTALLED)
@@ -29,6 +30,11 @@ lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# Some ten minutes on two cores; ACCEPTANCE='--only readme' runs a part, ACCEPTANCE=--write writes
+# the table anew.
+acceptance: $(INSTALLED)
+	$(BIN)/python -m studies.acceptance $(ACCEPTANCE)
 
 # Takes an hour or two on two cores; make study STUDY='--scale 0.1' is a taste of it.
 study: $(INSTALLED)
