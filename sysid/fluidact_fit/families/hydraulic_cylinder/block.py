@@ -52,8 +52,8 @@ class HydraulicBlock(Block):
         net = network_of(self.parameters, name)
         if net is None:
             raise UsageError(
-                f"the file holds no network of {name.replace('_', ' of chamber ')}",
-                remedy=f"Fit with --{option} mlp.",
+                f"the file holds no network of the {name.replace('_', ' of chamber ')}",
+                remedy=f"Fit with --{option}=mlp.",
             )
         return net
 

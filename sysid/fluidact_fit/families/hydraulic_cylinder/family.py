@@ -253,7 +253,6 @@ class _Found:
     """What one of the stages found; ``gray`` only by the gray box."""
 
     friction: FrictionRows
-    values: Mapping[str, float]
     parameters: dict[str, Quantity]
     order: tuple[str, ...]
     covariance: FloatArray
@@ -261,6 +260,11 @@ class _Found:
     notices: list[Notice]
     details: dict[str, Any]
     gray: Solved | None = None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Every parameter [SI]."""
+        return {n: q.number for n, q in self.parameters.items()}
 
 
 def _stage(case: Case) -> str:
@@ -302,7 +306,7 @@ def _by_gray_box(case: Case) -> _Found | None:
         return None
     parameters, order, matrix = found.solved.quantities(case.variant.parameters)
     return _Found(
-        friction, found.solved.values, parameters, order, matrix, found.settle(case.options),
+        friction, parameters, order, matrix, found.settle(case.options),
         found.notices, found.details(), found.solved,
     )  # fmt: skip
 
@@ -342,7 +346,7 @@ def _by_flow_balance(case: Case, stage: str) -> _Found:
         {**fixed, **dict.fromkeys(open_ones, 0.0)}, (), np.zeros((0, 0)), 1, fixed, open_ones
     )
     return _Found(
-        rows, first.values, {**parameters, **rest.quantities(specs)[0]}, order, matrix,
+        rows, {**parameters, **rest.quantities(specs)[0]}, order, matrix,
         replace(case.options, stage=stage), [*notices, *_not_recorded(case)],
         {
             "method": "flow balance over windows",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,8 +20,9 @@ from .windows import Windows
 GAIN_UNIT = "m3/(s V Pa^0.5)"
 
 
-def _unknowns(case: Case, windows: Sequence[Windows]) -> dict[str, Unknown]:
+def _unknowns(case: Case) -> dict[str, Unknown]:
     """Sizes and search ranges of the parameters of the flow."""
+    windows = case.windows
     head = case.machine.supply - case.machine.tank
     volts = max(float(np.abs(w.command).max()) for w in windows)
     if volts == 0.0:
@@ -64,9 +64,9 @@ def sensible_widths(unknowns: Mapping[str, Unknown]) -> dict[str, float]:
     return out
 
 
-def one_sided(case: Case, windows: Sequence[Windows]) -> list[Refusal]:
+def one_sided(case: Case) -> list[Refusal]:
     """Parameters of a direction in which the valve is never opened, or only wide open."""
-    out = []
+    out, windows = [], case.windows
     levels = np.concatenate([w.mean(w.command) for w in windows])
     near = 0.25 * float(np.abs(levels).max())
     for sign, word in ((1.0, "positive"), (-1.0, "negative")):
@@ -95,19 +95,9 @@ def _one_speed(windows: Sequence[Windows], chamber: int, sign: float) -> bool:
     return bool(size.size and np.quantile(size, 0.95) < 1.2 * np.quantile(size, 0.05))
 
 
-def fit_flow(
-    case: Case, lenient: bool, windows: Sequence[Windows] = (), without: Sequence[str] = ()
-) -> Fitted:
-    """Regression of the flow over windows, those of the case unless others are given.
-
-    ``lenient`` refuses nothing, for a start of the gray box or a comparison; ``without`` names
-    parameters that are held at zero.
-    """
-    windows = windows or case.windows
-    unknowns = _unknowns(case, windows)
-    request = case.request
-    if without:
-        request = replace(request, fixed={**request.fixed, **dict.fromkeys(without, 0.0)})
+def fit_flow(case: Case, lenient: bool) -> Fitted:
+    """Regression of the flow over windows; ``lenient`` refuses nothing, for a start."""
+    windows, unknowns = case.windows, _unknowns(case)
     names = tuple(unknowns)
 
     def columns(index: int, values: Mapping[str, Any]) -> Basis:
@@ -130,13 +120,13 @@ def fit_flow(
                 start[n] = share * u.scale
             elif n.startswith("dead_zone"):
                 start[n] = 0.2 * u.scale * (1.0 if n.endswith("positive") else -1.0)
-        starts.append({**start, **request.start})
+        starts.append({**start, **case.request.start})
     sensible = dict.fromkeys(names, np.inf) if lenient else sensible_widths(unknowns)
     if not lenient and "bulk_modulus" in names:
         sensible["bulk_modulus"] = 0.5 * unknowns["bulk_modulus"].scale
     return fit_named(
-        model, case.variant.parameters, request, unknowns, starts,
-        refusals=one_sided(case, windows), sensible=sensible,
+        model, case.variant.parameters, case.request, unknowns, starts,
+        refusals=one_sided(case), sensible=sensible,
     )  # fmt: skip
 
 

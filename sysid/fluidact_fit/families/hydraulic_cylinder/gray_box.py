@@ -59,12 +59,13 @@ def make_gray_log(e: Experiment, machine: Machine) -> GrayLog:
         if role in e:
             guess[:, k] = smooth(e.sampled(role), e.sample_time, max(1, half // 2), 2).value
             channels.append(k)
-    area_1, area_2, mass = machine.area(1), machine.area(2), machine.mass or 0.0
-    inertia = mass * motion.curvature
+    inertia = (machine.mass or 0.0) * motion.curvature
+    if not channels:
+        guess[:, 0] = machine.at_rest(0.0)[0]
     if 1 not in channels:
-        guess[:, 1] = (guess[:, 0] * area_1 - inertia) / area_2
-    if 0 not in channels:
-        guess[:, 0] = (guess[:, 1] * area_2 + inertia) / area_1
+        guess[:, 1] = (guess[:, 0] * machine.area(1) - inertia) / machine.area(2)
+    elif 0 not in channels:
+        guess[:, 0] = (guess[:, 1] * machine.area(2) + inertia) / machine.area(1)
     guess[:, :2] = np.clip(guess[:, :2], machine.tank, machine.supply)
     channels.append(2)
     measured = np.array([e.sampled(CHANNELS[k]) for k in channels])

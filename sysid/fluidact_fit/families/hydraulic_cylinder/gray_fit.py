@@ -169,7 +169,7 @@ def fit_gray(case: Case, first: Fitted, rows: FrictionRows) -> GrayFit:
     specs = {s.name: s for s in case.variant.parameters}
     found = determine(
         search.solve, search.undetermined, specs,
-        fixed=fixed, refusals=one_sided(case, case.windows),
+        fixed=fixed, refusals=one_sided(case),
     )  # fmt: skip
     attempt, notices = found.solution, found.notices
     solution = attempt.solution

@@ -14,8 +14,7 @@ from ...experiment import FloatArray
 from ...family import Curve, Quantity, StaticView, Value, scalars
 from .case import Case
 from .equations import Mask, chamber_flow
-from .flow import fit_flow
-from .friction import FrictionRows, fit_friction
+from .friction import FrictionRows
 from .windows import Windows
 
 LAYERS = ("weights_1", "biases_1", "weights_2", "biases_2", "input_offset", "input_scale",
@@ -124,7 +123,11 @@ def fit_networks(
     nets: dict[str, Network] = {}
     tables: list[dict[str, Any]] = []
     if case.options.flow == "mlp":
-        nets, table = _flow_networks(case, values)
+        windows, table = _quiet_windows(case), []
+        for chamber in case.chambers:
+            own = [w for w in windows if w.chamber == chamber]
+            nets[f"flow_{chamber}"], found = _flow_network(case, own, values)
+            table += [{"chamber": chamber, **row} for row in found]
         tables.append({"title": "Flow: models on held-out windows", "rows": table})
     if case.options.friction == "mlp":
         if rows.speed.size < 40:
@@ -134,7 +137,7 @@ def fit_networks(
                 remedy="Record both pressures in one log and give both areas, or leave out "
                 "--friction mlp.",
             )
-        nets["friction"], table = _friction_network(case, rows)
+        nets["friction"], table = _friction_network(rows, values, case.request.seed)
         tables.append({"title": "Friction: models on held-out windows", "rows": table})
     layers = {
         f"{name}_{layer}": Quantity(getattr(net, layer).tolist(), "1", "estimated")
@@ -175,76 +178,35 @@ def _chosen(w: Windows, rows: Mask) -> Windows:
     return replace(w, **{n: getattr(w, n)[rows] for n in names})
 
 
-@dataclass(frozen=True)
-class _Bands:
-    """Sizes of the command [V]: largest edge of the dead zone, near zero, largest of all."""
-
-    edge: float
-    near: float
-    volts: float
-
-    @classmethod
-    def of(cls, windows: Sequence[Windows], values: Mapping[str, float]) -> _Bands:
-        volts = max(float(np.abs(w.command).max()) for w in windows)
-        edge = max(abs(values[z]) for z in _EDGES)
-        return cls(edge, min(max(2.0 * edge, 0.05 * volts), 0.3 * volts), volts)
+def _near_zero(windows: Sequence[Windows], values: Mapping[str, float]) -> float:
+    """Command up to which the dead zone matters [V]."""
+    volts = max(float(np.abs(w.command).max()) for w in windows)
+    edge = max(abs(values[z]) for z in _EDGES)
+    return min(max(2.0 * edge, 0.05 * volts), 0.3 * volts)
 
 
-def _flow_networks(
-    case: Case, values: Mapping[str, float]
-) -> tuple[dict[str, Network], list[dict[str, Any]]]:
-    """Networks of the flow from command and pressure, and how they compare.
+def _flow_network(
+    case: Case, windows: Sequence[Windows], values: Mapping[str, float]
+) -> tuple[Network, list[dict[str, Any]]]:
+    """Network of one chamber's flow from command and pressure, beside the equations.
 
-    Three models see the same training windows and are judged on the same others: the
-    equations without a dead zone (those of the paper), with it, and the network.
-
-    Returns
-    -------
-    networks
-        By name of the flow.
-    table
-        Errors by chamber and size of the command.
+    Rows near zero command are repeated until they are half of all. Their flows are small:
+    unweighted, they would hardly count.
     """
-    windows = _quiet_windows(case)
-    shown = [_chosen(w, ~_held_out(case, w)) for w in windows]
-    shown = [w for w in shown if w.first.size]
-    judged = [_chosen(w, _held_out(case, w)) for w in windows]
-    stiff = {n: v for n, v in values.items() if n == "bulk_modulus"}
-    known = replace(case.request, fixed={**case.request.fixed, **stiff})
-    part = replace(case, request=known)
-    laws = {
-        "orifice_without_dead_zone": fit_flow(part, True, shown, without=_EDGES).values,
-        "orifice": fit_flow(part, True, shown).values,
-    }
-    bands = _Bands.of(windows, values)
-    nets, table = {}, []
-    for chamber in case.chambers:
-        seen = _flow_rows([w for w in shown if w.chamber == chamber], values)
-        net = _train_on_flow(*seen, bands.near, case.request.seed)
-        nets[f"flow_{chamber}"] = net
-        tests = [w for w in judged if w.chamber == chamber and w.first.size]
-        if tests:
-            inputs, flow = _flow_rows(tests, values)
-            found = {
-                name: np.real(np.concatenate([w.flow(law, case.machine) for w in tests]))
-                for name, law in laws.items()
-            }
-            errors = {n: f - flow for n, f in {**found, "network": net(inputs)}.items()}
-            table += _compare_flows(chamber, inputs[:, 0], errors, bands)
-    return nets, table
-
-
-def _train_on_flow(inputs: FloatArray, flow: FloatArray, near: float, seed: int) -> Network:
-    """Network of the flow, rows near zero command repeated until they are half of all.
-
-    Their flows are small: unweighted, they would hardly count.
-    """
-    thin = max(1, -(-flow.size // _WINDOWS))
-    rows = np.arange(0, flow.size, thin)
+    near, held = _near_zero(windows, values), [_held_out(case, w) for w in windows]
+    inputs, flow = _flow_rows([_chosen(w, ~h) for w, h in zip(windows, held)], values)
+    rows = np.arange(0, flow.size, max(1, -(-flow.size // _WINDOWS)))
     close = rows[np.abs(inputs[rows, 0]) < near]
     if close.size:
         rows = np.concatenate((rows, np.tile(close, max(rows.size // close.size - 1, 0))))
-    return train_network(inputs[rows], flow[rows], _HIDDEN, seed)
+    net = train_network(inputs[rows], flow[rows], _HIDDEN, case.request.seed)
+    tests = [_chosen(w, h) for w, h in zip(windows, held)]
+    inputs, flow = _flow_rows(tests, values)
+    law = np.real(np.concatenate([w.flow(values, case.machine) for w in tests]))
+    errors = {"orifice": law - flow, "network": net(inputs) - flow}
+    table = _compare(np.abs(inputs[:, 0]), near, errors)
+    words = ("near zero command", "away from zero command")
+    return net, [{"where": words[k], "limit": near, "unit": "m3/s", **row} for k, row in table]
 
 
 def _flow_rows(
@@ -260,50 +222,30 @@ def _flow_rows(
     return np.concatenate(inputs), np.concatenate(flows)
 
 
-def _compare_flows(
-    chamber: int, command: FloatArray, errors: Mapping[str, FloatArray], bands: _Bands
-) -> list[dict[str, Any]]:
-    """Error of every model by size of the command, near zero first, as in figure 9."""
+def _friction_network(
+    rows: FrictionRows, values: Mapping[str, float], seed: int
+) -> tuple[Network, list[dict[str, Any]]]:
+    """Network of the friction over speed, beside Coulomb and viscous friction."""
+    held = (np.arange(rows.speed.size) // 20) % 4 == 3
+    net = train_network(rows.speed[~held, None], rows.force[~held], 6, seed)
+    v, f = rows.speed[held], rows.force[held]
+    edge = 0.1 * float(np.quantile(np.abs(rows.speed), 0.95))
+    errors = {"coulomb": FrictionLaw.of(values).moving(v) - f, "network": net(v[:, None]) - f}
+    table = _compare(np.abs(v), edge, errors)
+    words = ("slow", "moving")
+    return net, [{"where": words[k], "limit": edge, "unit": "N", **row} for k, row in table]
+
+
+def _compare(
+    size: FloatArray, limit: float, errors: Mapping[str, FloatArray]
+) -> list[tuple[int, dict[str, Any]]]:
+    """Root mean squares of the errors below a limit of the input (0) and above it (1)."""
     out = []
-    for label, low, high in (
-        ("inside the dead zone", 0.0, bands.edge),
-        ("near zero command", 0.0, bands.near),
-        ("away from zero command", bands.near, np.inf),
-    ):
-        rows = (np.abs(command) >= low) & (np.abs(command) < high)
-        if rows.sum() < _FEW:
-            continue
-        rms = {n: float(np.sqrt(np.mean(e[rows] ** 2))) for n, e in errors.items()}
-        out.append({
-            "chamber": chamber, "where": label, "command_from": low,
-            "command_to": float(min(high, bands.volts)), "windows": int(rows.sum()),
-            "unit": "m3/s", **rms, "closest": min(rms, key=lambda n: rms[n]),
-            "why": _why(label, rms),
-        })  # fmt: skip
+    for k, rows in enumerate((size <= limit, size > limit)):
+        if rows.sum() >= _FEW:
+            rms = {n: float(np.sqrt(np.mean(e[rows] ** 2))) for n, e in errors.items()}
+            out.append((k, {"windows": int(rows.sum()), **rms}))
     return out
-
-
-def _why(where: str, rms: Mapping[str, float]) -> str:
-    """One sentence on what the numbers of a row come from."""
-    plain, zone, net = (rms[n] for n in ("orifice_without_dead_zone", "orifice", "network"))
-    if where.startswith("away"):
-        if net <= zone:
-            return "The network follows what the equations leave out."
-        return (
-            "The equations have the right shape where the valve is open; the network has to piece "
-            "it together from the rows it saw."
-        )
-    if abs(plain - zone) < 0.1 * plain:
-        return "The equations agree on these rows with and without a dead zone: no overlap shows."
-    cause = (
-        "Overlap of spool and land closes the valve here, and equations without a dead zone "
-        "predict flow all the same; "
-    )
-    if net >= plain:
-        return cause + "the network saw too few rows to learn it."
-    if zone <= net:
-        return cause + "the network has learnt it, equations with a fitted dead zone know it best."
-    return cause + "the network follows the shape of the edges, which no dead zone has."
 
 
 def flow_view(case: Case, parameters: Mapping[str, Value]) -> StaticView | None:
@@ -318,7 +260,7 @@ def flow_view(case: Case, parameters: Mapping[str, Value]) -> StaticView | None:
     if net is None:
         return None
     windows = _quiet_windows(case)
-    reach = 2.0 * _Bands.of(windows, values).near
+    reach = 2.0 * _near_zero(windows, values)
     inputs, flow = _flow_rows([w for w in windows if w.chamber == chamber], values)
     used = np.abs(inputs[:, 0]) <= reach
     seen, pressure = inputs[used].T
@@ -351,22 +293,3 @@ def _running_mean(command: FloatArray, seen: FloatArray, flow: FloatArray) -> Fl
     near = max(seen.size // 50, 1)
     closest = np.argpartition(np.abs(command[:, None] - seen), near - 1, axis=1)[:, :near]
     return np.asarray(flow[closest].mean(axis=1))
-
-
-def _friction_network(case: Case, rows: FrictionRows) -> tuple[Network, list[dict[str, Any]]]:
-    """Network of the friction over speed, beside Coulomb and viscous friction."""
-    judged = (np.arange(rows.speed.size) // 20) % 4 == 3
-    net = train_network(rows.speed[~judged, None], rows.force[~judged], 6, case.request.seed)
-    shown = FrictionRows(rows.speed[~judged], rows.force[~judged], rows.source)
-    found = fit_friction(case, shown, lenient=True).values
-    v, f = rows.speed[judged], rows.force[judged]
-    line = FrictionLaw.of(found).moving(v)
-    edge = 0.1 * float(np.quantile(np.abs(rows.speed), 0.95))
-    table = []
-    for label, chosen in (("slow", np.abs(v) <= edge), ("moving", np.abs(v) > edge)):
-        if chosen.any():
-            pairs = (("coulomb", line), ("network", net(v[:, None])))
-            rms = {n: float(np.sqrt(np.mean((m - f)[chosen] ** 2))) for n, m in pairs}
-            table.append({"where": label, "speed_limit": edge, "windows": int(chosen.sum()),
-                          "unit": "N", **rms})  # fmt: skip
-    return net, table

@@ -52,17 +52,14 @@ def simulate_run(e: Experiment, values: Values, options: HydraulicCylinderOption
 
 
 def _no_pressure(e: Experiment, known: Sequence[int]) -> UsageError:
-    have = [f"pressure_{i}" for i in (1, 2) if f"pressure_{i}" in e]
-    wanted = " or ".join(f"pressure_{i}" for i in known)
+    wanted = [f"pressure_{i}" for i in known]
     return UsageError(
-        f"it holds {' and '.join(have) or 'no pressure'}, and this file of {_NAME} was fitted to "
-        "the flow of the valve under a measured pressure: it cannot predict the pressures, as it "
-        f"has no pressure dynamics, and its valve gains are those of chamber "
-        f"{' and '.join(map(str, known))}.",
+        f"{' or '.join(wanted)} is missing: without mass and both dead volumes a file of {_NAME} "
+        "knows how the flow follows from command and pressure, and not how the pressure comes "
+        "about.",
         where=e.name,
-        expected=f"Expected {wanted}.",
-        remedy=f"Give --input {wanted.split(' ')[0]}=FROM:TO, or a LOG with that column; or fit "
-        "with --mass and both dead volumes to logs that hold both pressures.",
+        remedy=f"Give --input {wanted[0]}=FROM:TO, or a LOG with that column; or fit with --mass, "
+        "--dead-volume-1 and --dead-volume-2 to logs that hold both pressures.",
     )
 
 
