@@ -21,7 +21,7 @@ import numpy.typing as npt
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
 from fluidact_fit.family import Estimate, Request
-from fluidact_fit.fitting import settle_holds
+from fluidact_fit.estimation.inputs import settle_holds
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "bench"))
@@ -67,7 +67,7 @@ def with_ripple(trial: Trial, amplitude: float, rng: np.random.Generator) -> Arr
 def experiment(trial: Trial, y: Array, number: int) -> Experiment:
     """The log as the fit sees it."""
     u = trial.log.u
-    torque = Signal("torque", trial.log.t, u, "N m", "foh", float(u[0]))
+    torque = Signal("torque", trial.log.t, u, "N m", "auto", float(u[0]))
     angle = Signal("angle", trial.log.t, y, "rad", resolution=COUNT)
     signals = {"torque": torque, "angle": angle}
     return Experiment(f"log{number}", number, trial.log.t, signals, P4.sample_time, True)
@@ -76,7 +76,7 @@ def experiment(trial: Trial, y: Array, number: int) -> Experiment:
 def fit(experiments: list[Experiment]) -> Estimate:
     """Fit the rotary drive."""
     family = get_family("ball-screw")
-    request = Request(options={"viscous": "symmetric"})
+    request = Request(options=family.options_type())
     return family.estimate(family.variants[0], settle_holds(experiments), request)
 
 

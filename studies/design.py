@@ -4,7 +4,7 @@
 
 For every dynamic family and every trial of its dataset: fit the one log, design the next
 experiment from that file within the same duration, amplitude and stroke, play it to the
-dataset's own simulator (``datasets/generate.py``: true parameters, its noise, its
+dataset's own simulator (``datasets/generators``: true parameters, its noise, its
 converters), fit again, and compare with logs of the trial's own kind of excitation.
 
 ``cylinder-friction`` is a static map, and its bound is known: whatever the motion, half the
@@ -17,13 +17,13 @@ Cramer-Rao bounds with every sample used.
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from types import ModuleType
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -39,18 +39,14 @@ FAMILIES = ("ball-screw", "hydrostatic", "valve", "line", "cylinder-friction")
 STROKES = {"cylinder-friction": (0.0, 0.055)}  # range of its position sensor [m]
 
 
-def load_generator() -> ModuleType:
-    """Return ``datasets/generate.py`` as a module."""
-    name = "fluidact_datasets_generate"
-    if name in sys.modules:
-        return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, ROOT / "datasets" / "generate.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
+def load_generator() -> SimpleNamespace:
+    """Return the simulators of ``datasets/generators`` under one roof."""
+    if str(ROOT / "datasets") not in sys.path:
+        sys.path.insert(0, str(ROOT / "datasets"))
+    names = ("signals", "writing", *(f.replace("-", "_") for f in FAMILIES))
+    modules = [import_module(f"generators.{name}") for name in names]
+    found = {key: value for module in modules for key, value in vars(module).items()}
+    return SimpleNamespace(**found, DATASETS=[m.DATASET for m in modules[2:]])
 
 
 def move_smoothly(g: Any, command: Array) -> Array:
@@ -248,19 +244,19 @@ def study(family: str, trial: int, seeds: int) -> Outcome:
     truth = {n: g.scalar(data.truth, n) for n in data.truth}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        first = np.random.default_rng([g.SEED, data.number, trial])
+        first = np.random.default_rng([*data.seed, trial])
         present = fit_columns(data, data.simulate(first, trial), folder)
         present.save(folder / "present.yaml")
         plan = design(folder / "present.yaml", stroke=STROKES.get(family))
         own, designed = [present], []
         for k in range(seeds):
-            rng = np.random.default_rng([g.SEED, data.number, trial, 1000 + k])
+            rng = np.random.default_rng([*data.seed, trial, 1000 + k])
             designed.append(fit_columns(data, PLAYERS[family](g, plan, rng), folder))
             if k:
                 own.append(fit_columns(data, data.simulate(rng, trial), folder))
     least = None
     if family == "cylinder-friction":
-        rng = np.random.default_rng([g.SEED, data.number, trial])
+        rng = np.random.default_rng([*data.seed, trial])
         least = least_ratio(1e-3 * data.simulate(rng, trial)[3], truth)
     before, after = collect(own, truth), collect(designed, truth)
     return Outcome(family, trial, truth, before, after, plan, least)

@@ -23,7 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "datasets"))
 
-import generate_hydraulic as simulator
+import generators.hydraulic_cylinder as simulator
 
 import fluidact_fit as ff
 
@@ -115,16 +115,11 @@ def coverage(folder: Path, runs: int, command_noise: float) -> None:
 def networks(folder: Path) -> None:
     """Print the comparisons, with the dead zone and with the paper's equations, which have none."""
     logs = [record(12.0, seed, folder / f"n{seed}.csv") for seed in range(3)]
-    given = {n: v for n, v in GIVEN.items() if n != "mass"} | {"flow": "mlp", "friction": "mlp"}
-    zero = {"dead_zone_negative": 0.0, "dead_zone_positive": 0.0}
-    for label, fixed in (("dead zone fitted", {}), ("no dead zone", zero)):
-        result = ff.fit(
-            "hydraulic-cylinder", logs, flow="mlp", friction="mlp", fixed=fixed, **given
-        )
-        for table in result.document.fit.details["comparisons"]:
-            print(f"{table['title']}, {label}")
-            for row in table["rows"]:
-                print("  ", row)
+    given = {n: v for n, v in GIVEN.items() if n != "mass"}
+    result = ff.fit("hydraulic-cylinder", logs, flow="mlp", friction="mlp", **given)
+    details = result.document.fit.details
+    for row in (*details["flow_comparison"], *details["friction_comparison"]):
+        print(row)
 
 
 def pressures(folder: Path) -> None:

@@ -101,9 +101,9 @@ def line(p: dict[str, float], u: np.ndarray, n: int, step: float) -> np.ndarray:
 
 PROBLEMS = {
     "P1": Problem(
-        "hydrostatic", ("force", "position"), "foh",
+        "hydrostatic", ("force", "position"), "auto",
         {"mass": 53.7, "damping": 1720.5, "dead_zone_negative": -3.0, "dead_zone_positive": 1.2},
-        {"stiffness": "none", "dead-time": "none", "method": "output-error"},
+        {"stiffness": "none", "dead-time": "none"},
         hand_force, hydrostatic, FINE,
     ),
     "P2": Problem(
@@ -189,7 +189,7 @@ def repeat(task: tuple[Cell, int]) -> Outcome:
     from fluidact_fit.experiment import Experiment, Signal
     from fluidact_fit.families import get_family
     from fluidact_fit.family import Request
-    from fluidact_fit.fitting import settle_holds
+    from fluidact_fit.estimation.inputs import settle_holds
 
     cell, number = task
     p = PROBLEMS[cell.problem]
@@ -212,7 +212,7 @@ def repeat(task: tuple[Cell, int]) -> Outcome:
         }
         experiments.append(Experiment(f"log{k}", k, time_axis, signals, step, True))
     estimate = family.estimate(
-        family.variants[0], settle_holds(experiments), Request(options=p.options)
+        family.variants[0], settle_holds(experiments), Request(options=family.options_type.read(p.options))
     )
     found = [estimate.parameters[name] for name in p.truth]
     truth = np.array(list(p.truth.values()))

@@ -19,9 +19,9 @@ from fluidact_fit.demo import load_dataset
 from fluidact_fit.errors import OutputError, UsageError
 from fluidact_fit.estimation.information import cramer_rao, optimal_measure
 from fluidact_fit.excitation import Design, design
+from fluidact_fit.excitation.waveforms import Waveform, limit_slope, smooth_corners, to_segments
 from fluidact_fit.families import get_family
 from fluidact_fit.parameters import ParameterDocument, make_document
-from fluidact_fit.waveforms import Waveform, limit_slope, smooth_corners, to_segments
 
 ROOT = Path(__file__).parents[1]
 
@@ -35,7 +35,7 @@ def fit_trial(family: str, trial: int = 0) -> ff.FitResult:
 
 def document_of(result: ff.FitResult) -> ParameterDocument:
     """The result's document as a reader would see it."""
-    return make_document(result.document)
+    return make_document(result.document.to_dict(), get_family)
 
 
 @pytest.fixture(scope="module")
@@ -55,11 +55,11 @@ def test_information_predicts_the_standard_errors_of_a_fit(family: str) -> None:
     result = fit_trial(family)
     values = {n: q.value for n, q in result.parameters.items()}
     run = result.experiments[0]
-    found = get_family(family).information(result.variant, values, run, {})
+    found = get_family(family).information(result.variant, values, run, result.estimate.options)
     assert found is not None
     names = [n for n in found.names if result.parameters[n].status == "estimated"]
     jacobian = found.jacobian[:, [found.names.index(n) for n in names]]
-    sigma = result.document["fit"]["rmse"]["value"]
+    sigma = result.document.fit.rmse.value
     errors = sigma * np.sqrt(np.diag(cramer_rao(jacobian.T @ jacobian)))
     stated = [result.parameters[n].std_error for n in names]
     np.testing.assert_allclose(errors, np.asarray(stated, dtype=float), rtol=0.02)
@@ -69,17 +69,16 @@ def test_static_levels_are_bracketed_as_in_a_fit() -> None:
     result = fit_trial("ball-screw", 1)
     values = {n: q.value for n, q in result.parameters.items()}
     found = get_family("ball-screw").information(
-        result.variant, values, result.experiments[0], {"viscous": "symmetric"}
+        result.variant, values, result.experiments[0], result.estimate.options
     )
     assert found is not None
     for name, width in found.floor.items():
         assert width == pytest.approx(result.parameters[name].std_error, rel=0.1)
 
 
-def test_families_that_cannot_say_are_refused(valve: ff.FitResult) -> None:
-    family = get_family("potentiometer")
-    run = valve.experiments[0]
-    assert family.information(family.variants[0], {}, run, {}) is None
+def test_families_that_cannot_say_are_refused_with_the_reason() -> None:
+    with pytest.raises(UsageError, match="cannot be designed"):
+        design(document_of(fit_trial("spring-cylinder")))
 
 
 def test_design_halves_the_worst_error(valve_design: Design) -> None:
@@ -91,9 +90,9 @@ def test_design_halves_the_worst_error(valve_design: Design) -> None:
 
 
 def test_design_keeps_to_the_files_limits(valve: ff.FitResult, valve_design: Design) -> None:
-    covered = valve.document["validity"]["command"]
+    covered = valve.document.validity["command"]
     command = valve_design.signals["command"]
-    assert covered["low"] - 1e-9 <= command.min() < command.max() <= covered["high"] + 1e-9
+    assert covered.low - 1e-9 <= command.min() < command.max() <= covered.high + 1e-9
     assert command.size == valve_design.time.size == 1000
     assert np.allclose(np.diff(valve_design.time), 0.01)
     assert "amplitude" in valve_design.binding
@@ -140,11 +139,13 @@ def test_rate_and_stroke_are_kept() -> None:
     values = {n: q.value for n, q in data.parameters.items()}
     run = data.experiments[0]
     signal = replace(
-        run.signals["force"], time=found.time, values=found.signals["force"], hold="foh"
+        run.signals["force"], time=found.time, values=found.signals["force"], hold="smooth"
     )
     played = replace(run, time=found.time, signals={"force": signal})
-    position = get_family("hydrostatic").simulate(data.variant, values, played, {})
-    assert np.ptp(position) <= 0.004
+    (simulated,) = get_family("hydrostatic").simulate(
+        data.variant, values, [played], data.estimate.options
+    )
+    assert np.ptp(simulated.output) <= 0.004
     assert any("Start at position" in note for note in found.notes)
 
 
@@ -156,7 +157,7 @@ def test_a_static_level_that_was_not_identified_becomes_so() -> None:
     for key in ("std_error", "ci95", "method"):
         entry.pop(key)
     del raw["covariance"]
-    found = design(make_document(raw), duration=3.0)
+    found = design(make_document(raw, get_family), duration=3.0)
     forecast = next(f for f in found.forecasts if f.name == "breakaway_positive")
     assert forecast.supposed
     assert forecast.present is None

@@ -22,14 +22,14 @@ TITLE = "**fluidact-fit**"
 
 # problem: family, headers of the columns, hold of the input, parameters, fixed ones
 _HOW: dict[str, tuple[str, tuple[str, str], tuple[str, str], dict[str, str], dict[str, float]]] = {
-    "P1": ("hydrostatic", ("force [N]", "position [m]"), ("force", "foh"),
+    "P1": ("hydrostatic", ("force [N]", "position [m]"), ("force", "auto"),
            {"dz_neg": "dead_zone_negative", "dz_pos": "dead_zone_positive", "m": "mass",
             "c": "damping"}, {}),
     "P2": ("valve", ("command [V]", "outlet [V]"), ("command", "zoh"),
            {"wn": "natural_frequency", "z": "damping_ratio"}, {"gain": 1.0}),
     "P3": ("line", ("inlet [Pa]", "outlet [Pa]"), ("inlet", "zoh"),
            {"K": "gain", "tau": "time_constant", "L": "dead_time"}, {}),
-    "P4": ("ball-screw", ("torque [N m]", "angle [rad]"), ("torque", "foh"),
+    "P4": ("ball-screw", ("torque [N m]", "angle [rad]"), ("torque", "auto"),
            {"J": "inertia", "b": "viscous", "fkp": "coulomb_positive", "fkn": "coulomb_negative",
             "fsp": "breakaway_positive", "fsn": "breakaway_negative"}, {}),
 }  # fmt: skip

@@ -78,7 +78,7 @@ def report_error(error: BaseException) -> int:
 def explain(error: BaseException) -> tuple[str, int]:
     """Return the message and the exit status of an error."""
     if isinstance(error, FluidactError):
-        return str(error), error.exit_status
+        return error.text, error.exit_status
     if isinstance(error, click.exceptions.Exit):
         return "", error.exit_code
     if isinstance(error, (click.Abort, KeyboardInterrupt)):

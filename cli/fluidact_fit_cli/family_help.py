@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import click
 
-from fluidact_fit import family as contract
+from fluidact_fit.options import Option as FamilyOption
+from fluidact_fit.options import describe
+from fluidact_fit.specification import Described, ParameterSpec, Role
 
 from .options import Option
 from .parse import Parsed, parse_number, parse_range, parse_text
@@ -18,7 +20,7 @@ _PREFIX = "family_option_"
 _WIDTH = 76
 
 
-def help_text(family: contract.Family) -> str:
+def help_text(family: Described) -> str:
     """Return title, equation, roles and parameters of a family."""
     parts = [family.title + ".", _block(["Equation:", *_indent(family.equation)])]
     several = len(family.variants) > 1
@@ -55,7 +57,7 @@ def _definitions(rows: Iterable[tuple[str, str]]) -> list[str]:
     return lines
 
 
-def _role(role: contract.Role) -> tuple[str, str]:
+def _role(role: Role) -> tuple[str, str]:
     unit = " or ".join((role.unit, *role.alternatives))
     remarks = [
         "" if role.required else "optional",
@@ -66,7 +68,7 @@ def _role(role: contract.Role) -> tuple[str, str]:
     return role.name, f"[{unit}] {role.description}" + (f" ({said})" if said else "")
 
 
-def _parameter(spec: contract.ParameterSpec) -> tuple[str, str]:
+def _parameter(spec: ParameterSpec) -> tuple[str, str]:
     rank = {0: "", 1: "list: ", 2: "table: "}[spec.rank]
     remarks = [
         "depends on the options" if spec.optional else "",
@@ -78,12 +80,12 @@ def _parameter(spec: contract.ParameterSpec) -> tuple[str, str]:
     return spec.name, f"[{spec.unit}] {rank}{spec.description}" + (f" ({said})" if said else "")
 
 
-def family_options(family: contract.Family) -> list[click.Parameter]:
+def family_options(family: Described) -> list[click.Parameter]:
     """Return the command-line options of a family's own options."""
-    return [_option(option) for option in family.options]
+    return [_option(option) for option in describe(family.options_type)]
 
 
-def _option(option: contract.Option) -> Option:
+def _option(option: FamilyOption) -> Option:
     name, dest = f"--{option.name}", _PREFIX + option.name.replace("-", "_")
     default = "" if option.default is None else f" Default: {_shown(option)}."
     unit = f" [{option.unit}]" if option.unit else ""
@@ -94,32 +96,30 @@ def _option(option: contract.Option) -> Option:
     return Option([name, dest], type=_type(option), help=text, group="Model")
 
 
-def _shown(option: contract.Option) -> str:
+def _shown(option: FamilyOption) -> str:
     if option.kind == "flag":
         return f"--{option.name}" if option.default else f"--no-{option.name}"
-    if isinstance(option.default, (tuple, list)):
-        return ":".join(f"{value:g}" for value in option.default)
     return str(option.default)
 
 
-def _type(option: contract.Option) -> click.ParamType[Any]:
-    name = f"--{option.name}"
+def _type(option: FamilyOption) -> click.ParamType[Any]:
+    """How the text is parsed; what may be given is the option's own business."""
     if option.kind == "choice":
         return click.Choice(option.choices)
-    if option.kind == "int":
-        low = int(option.minimum) if math.isfinite(option.minimum) else None
-        return click.IntRange(min=low)
-    if option.kind == "float":
-        return Parsed("NUMBER", f"{name} 1.5", lambda text: _at_least(option, text))
-    if option.kind == "range":
-        return Parsed("LOW:HIGH", f"{name} 0:10", parse_range)
-    return Parsed("TEXT", f"{name} {option.default or 'auto'}", parse_text)
+    forms: dict[str, tuple[str, str, Callable[[str], Any]]] = {
+        "int": ("N", "4", _whole),
+        "float": ("NUMBER", "1.5", parse_number),
+        "range": ("LOW:HIGH", "0:10", parse_range),
+        "text": ("TEXT", str(option.default or "auto"), parse_text),
+    }
+    metavar, example, parse = forms[option.kind]
+    return Parsed(metavar, f"--{option.name} {example}", lambda text: option.read(parse(text)))
 
 
-def _at_least(option: contract.Option, text: str) -> float:
-    if (value := parse_number(text)) < option.minimum:
-        raise ValueError(f"'{text}' is below {option.minimum:g}")
-    return value
+def _whole(text: str) -> int:
+    if (value := parse_number(text)) != int(value):
+        raise ValueError(f"'{text}' is not a whole number")
+    return int(value)
 
 
 def chosen_options(params: Mapping[str, Any]) -> dict[str, Any]:

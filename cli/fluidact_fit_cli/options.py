@@ -100,9 +100,10 @@ def reading_options() -> list[click.Parameter]:
 def hold_option(group: str) -> Option:
     """How inputs move between samples."""
     return _assignment(
-        "--hold", "ROLE=zoh|foh|linear|cubic", "force=foh", parse_hold,
-        "How an input moves between its samples: zoh stays; foh moves continuously (straight "
-        "lines, or a smooth curve where the samples show one); linear and cubic say which.",
+        "--hold", "ROLE=zoh|foh|smooth|auto", "force=foh", parse_hold,
+        "How an input moves between its samples: zoh stays; foh moves on straight lines; smooth "
+        "on a smooth curve through the samples; auto chooses between the last two (two levels "
+        "alone are held), and the file says which.",
         group,
     )  # fmt: skip
 

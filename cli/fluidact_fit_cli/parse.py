@@ -86,8 +86,8 @@ def parse_step(text: str) -> tuple[float, float, float]:
 
 def parse_hold(text: str) -> str:
     """Return how an input moves between its samples."""
-    if text not in ("zoh", "foh", "linear", "cubic"):
-        raise ValueError(f"'{text}' is no hold; choose zoh, foh, linear or cubic")
+    if text not in ("zoh", "foh", "smooth", "auto"):
+        raise ValueError(f"'{text}' is no hold; choose zoh, foh, smooth or auto")
     return text
 
 

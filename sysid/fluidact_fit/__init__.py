@@ -13,6 +13,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .version import __version__
+
 if TYPE_CHECKING:
     from .control import load
     from .errors import (
@@ -32,8 +34,6 @@ if TYPE_CHECKING:
     from .logs import Log, StepInput, read_log
     from .files import read_document
     from .result import FitResult
-
-__version__ = "0.1.0"
 
 _HOMES = {
     "load": "control",
@@ -68,6 +68,7 @@ __all__ = [
     "StrictError",
     "UnitError",
     "UsageError",
+    "__version__",
     "family_names",
     "fit",
     "get_family",

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from .errors import NotIdentifiedError, UsageError
 from .experiment import Experiment, FloatArray
 from .parameters.document import ParameterDocument
-from .specification import Value, Variant, scalars
+from .specification import Role, Value, Variant, scalars
 
 
 class ValidRange(NamedTuple):
@@ -21,6 +21,16 @@ class ValidRange(NamedTuple):
     low: float
     high: float
     unit: str
+
+
+class Port(NamedTuple):
+    """Name and unit of the input or output of a block."""
+
+    role: str
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.role} [{self.unit}]"
 
 
 class Parameters(Mapping[str, Value]):
@@ -96,9 +106,28 @@ class Block(ABC):
         self.offset = float(document.model.get("output_offset", 0.0))
 
     def __repr__(self) -> str:
-        lacking = f", not identified: {', '.join(self.not_identified)}" if self.not_identified else ""
-        text = f"<{type(self).__name__} {self.family}, verdict {self.verdict}{lacking}>"
+        words = [f"{self.family}: {self.input} -> {self.output}", f"verdict {self.verdict}"]
+        if self.not_identified:
+            words.append(f"not identified: {', '.join(self.not_identified)}")
+        text = f"<{type(self).__name__} {', '.join(words)}>"
         return text if len(text) < 200 else text[:196] + "...>"
+
+    @property
+    def input(self) -> Port:
+        """What drives the model: its first role with a hold, or the argument of a map."""
+        roles = self.variant.driving or [
+            r for r in self.variant.roles if not r.output and r.name != "time"
+        ]
+        return self._port(roles[0])
+
+    @property
+    def output(self) -> Port:
+        """What the model gives."""
+        return self._port(self.variant.output)
+
+    def _port(self, role: Role) -> Port:
+        known = self.validity.get(role.name)
+        return Port(role.name, known.unit if known else role.unit)
 
     @property
     def verdict(self) -> str:

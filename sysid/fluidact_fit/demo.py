@@ -8,9 +8,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from . import fit
+import numpy as np
+
 from .errors import OutputError
+from .experiment import Experiment, Signal
 from .families import family_names, get_family
+from .fitting import fit
 from .logs import Log, read_log
 from .result import FitResult
 
@@ -146,7 +149,7 @@ def run_demo(directory: str | Path, echo: Callable[[str], None], *, overwrite: b
 
 def compare(dataset: Dataset, result: FitResult) -> list[Row]:
     """Compare a result with the truth, one row per parameter."""
-    fit_percent = f"{result.document['fit']['fit_percent']:.2f} %"
+    fit_percent = f"{result.document.fit.fit_percent:.2f} %"
     if dataset.curve:
         return [_compare_curve(dataset, result, fit_percent)]
     return list(_compare_numbers(dataset, result, fit_percent))
@@ -168,19 +171,23 @@ def _compare_numbers(dataset: Dataset, result: FitResult, fit_percent: str) -> I
 
 
 def _compare_curve(dataset: Dataset, result: FitResult, fit_percent: str) -> Row:
-    """Largest distance of two curves over the readings of the logs [mm]."""
-    family = get_family(dataset.family)
-    found = {name: {"value": quantity.value} for name, quantity in result.parameters.items()}
-    readings = result.document["validity"]["reading"]
-    span = range(int(readings["low"]), int(readings["high"]) + 1)
-    curves: list[Any] = [
-        family.block(result.variant, {"parameters": values}) for values in (dataset.truth, found)
+    """Largest distance of two curves over the range of the logs."""
+    family, variant = get_family(dataset.family), result.variant
+    role = next(r for r in variant.roles if r.required and not r.output and r.name != "time")
+    covered = result.document.validity[role.name]
+    points = np.linspace(covered.low, covered.high, 1001)
+    signal = Signal(role.name, np.zeros(0), points, covered.unit)
+    run = Experiment("points", 0, np.zeros(0), {role.name: signal}, 0.0, False)
+    truth = {name: entry["value"] for name, entry in dataset.truth.items()}
+    curves = [
+        family.simulate(variant, values, [run], result.estimate.options)[0].output
+        for values in (truth, result.estimate.values)
     ]
-    distance = max(abs(float(curves[0](x)) - float(curves[1](x))) for x in span)
+    distance = float(np.max(np.abs(curves[0] - curves[1])))
     tolerance = dataset.curve["tolerance"]
-    truth = f"± {1e3 * tolerance:g} mm"
-    estimate = f"off by {1e3 * distance:.3f} mm at most"
-    cells = (dataset.family, "curve", truth, estimate, "-", fit_percent)
+    unit = dataset.curve["unit"]
+    stated, estimate = f"± {tolerance:g} {unit}", f"off by {distance:.3g} {unit} at most"
+    cells = (dataset.family, "curve", stated, estimate, "-", fit_percent)
     return Row(cells, distance <= tolerance)
 
 

@@ -19,7 +19,8 @@ _MAPPINGS = {"fix", "start", "bounds", "column", "unit", "scale", "step", "hold"
 _VALUE = r"\"[^\"]*\"|'[^']*'|\[[^\]]*\]|\.\.\.|[^\s,;()]*[^\s,;().:]"
 _OPTION = re.compile(
     rf"--(?P<name>[a-z][a-z0-9]*(?:-[a-z0-9]+)*)"
-    rf"(?:[ =](?P<key>[A-Za-z_][A-Za-z0-9_]*)=(?P<item>{_VALUE})"
+    rf"(?:[ =]\"(?P<quoted>[A-Za-z_][A-Za-z0-9_]*)=(?P<text>[^\"]*)\""
+    rf"|[ =](?P<key>[A-Za-z_][A-Za-z0-9_]*)=(?P<item>{_VALUE})"
     rf"|=(?P<value>{_VALUE})| (?P<number>-?[0-9][0-9.e+-]*[0-9]|-?[0-9]|[A-Z][A-Z0-9:_]*)\b)?"
 )
 
@@ -45,6 +46,8 @@ def in_python(text: str) -> str:
     def keyword(found: re.Match[str]) -> str:
         name = found["name"]
         word = _KEYWORDS.get(name, name.replace("-", "_"))
+        if found["quoted"] is not None:
+            return f"{word}={{{found['quoted']!r}: {found['text']!r}}}"
         if found["key"] is None:
             value = found["value"] or found["number"] or ""
             return f"{word}={_quoted(value)}" if value else word
@@ -57,7 +60,7 @@ def in_python(text: str) -> str:
 
 def _quoted(value: str) -> str:
     """Text as Python writes it; numbers, placeholders and what is quoted stay as they are."""
-    plain = re.fullmatch(r"[-+0-9.e]+|[A-Z0-9:_@]+|[\"'\[].*|\.\.\.|True|False|None", value)
+    plain = re.fullmatch(r"[-+0-9.e]+|nan|inf|[A-Z0-9:_@]+|[\"'\[].*|\.\.\.|True|False|None", value)
     return value if plain else repr(value)
 
 

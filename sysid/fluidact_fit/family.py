@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,7 @@ __all__ = [
     "Block",
     "Curve",
     "Estimate",
+    "Excitation",
     "Family",
     "FamilyOptions",
     "Information",
@@ -146,6 +147,36 @@ class Information:
     jacobian: FloatArray
     output: FloatArray
     floor: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """How the next experiment of a machine can be designed.
+
+    Attributes
+    ----------
+    kind
+        ``"command"`` plays a waveform to the driving role, ``"strokes"`` moves at constant
+        speeds to and fro, ``"points"`` holds a static map at chosen points; ``"none"``: it
+        cannot be designed.
+    reason
+        Why there is none, a clause.
+    fastest
+        Lowest and highest speed of strokes [m/s].
+    slowest
+        Speed beyond which a fit keeps samples [m/s].
+    noise
+        Standard deviation of the output about the static map [SI].
+    options
+        Options with which strokes are judged, where they differ from those of the file.
+    """
+
+    kind: Literal["command", "strokes", "points", "none"]
+    reason: str = ""
+    fastest: tuple[float, float] = (0.0, 0.0)
+    slowest: float = 0.0
+    noise: float = 0.0
+    options: FamilyOptions | None = None
 
 
 @dataclass(frozen=True)
@@ -289,6 +320,35 @@ class Family(ABC, Generic[O]):
         """Return what an experiment would tell about the parameters, from its inputs alone.
 
         ``None`` for a family that cannot say: its next experiment cannot be designed.
+        """
+        return None
+
+    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
+        """Return how the next experiment can be designed from a file of this family."""
+        return Excitation("none", "the family does not say what an experiment would tell")
+
+    def suppose(
+        self,
+        name: str,
+        values: Mapping[str, Value],
+        amplitude: tuple[float, float],
+        sample_time: float,
+    ) -> float | None:
+        """Plausible value of a parameter that was not identified, to design an experiment for.
+
+        Parameters
+        ----------
+        name, values
+            The parameter, and all values of the file.
+        amplitude
+            Lowest and highest value of the driving role [SI].
+        sample_time
+            [s]
+
+        Returns
+        -------
+        float or None
+            ``None`` where nothing is plausible: the design then leaves it out.
         """
         return None
 

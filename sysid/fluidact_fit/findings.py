@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from . import __version__
-from .diagnosis import diagnose
+from .assessment import diagnose, judge, residual_whiteness
 from .errors import Notice
 from .experiment import Experiment, Hold
 from .families import get_family
@@ -24,9 +23,9 @@ from .family import (
     Variant,
 )
 from .logs import Log, provenance
-from .outcome import Simulation
+from .outcome import Simulation, agreement
 from .parameters import make_document
-from .quality import agreement, judge, residual_whiteness
+from .version import __version__
 
 
 @dataclass(frozen=True)
@@ -56,11 +55,12 @@ class Findings:
 
 
 def mean_offset(family: Family[FamilyOptions], fitted: Sequence[Simulation]) -> float | None:
-    """Offset of the output at rest, mean over the logs; ``None`` where it means nothing."""
-    by_log = {s.experiment.log: s.offset for s in fitted if s.offset is not None}
-    if not family.steady_offset or not by_log:
+    """Offset of the output at rest, mean over all samples; ``None`` where it means nothing."""
+    known = [(s.offset, s.experiment.samples) for s in fitted if s.offset is not None]
+    if not family.steady_offset or not known:
         return None
-    return float(np.mean(list(by_log.values())))
+    offsets, samples = zip(*known)
+    return float(np.average(offsets, weights=samples))
 
 
 def make_parameter_document(
@@ -75,10 +75,9 @@ def make_parameter_document(
     family, variant, estimate, request = found.family, found.variant, found.estimate, found.request
     unit = found.experiments[0].signals[variant.output.name].unit
     declared = {role for log in found.logs for role in log.holds}
-    measured, simulated = [s.measured for s in fitted], [s.simulated for s in fitted]
     details, warned = diagnose(family, variant, estimate, fitted, declared)
-    overall = agreement(measured, simulated)
-    white = residual_whiteness(measured, simulated, len(estimate.covariance_order))
+    overall = agreement([s.measured for s in fitted], [s.simulated for s in fitted])
+    white = residual_whiteness(fitted, len(estimate.covariance_order))
     notices = _distinct([*notices, *estimate.notices, *warned])
     verdict, reasons = judge(overall, notices, details.get("residual_to_noise"), white)
     every = _distinct([*notices, *reasons])
@@ -120,6 +119,7 @@ def make_parameter_document(
                 **estimate.details,
                 **details,
                 "residual_sum_of_squares": overall.sum_of_squares,
+                "output_resolution": _resolution(variant, fitted),
             },
         },
         "validation": [_log_entry(s, unit) for s in validation],
@@ -151,6 +151,12 @@ def make_parameter_document(
 
 def _distinct(notices: Sequence[Notice]) -> list[Notice]:
     return list(dict.fromkeys(notices))
+
+
+def _resolution(variant: Variant, fitted: Sequence[Simulation]) -> float:
+    """Coarsest step of a converter that the logs show in the output [SI]."""
+    name = variant.output.name
+    return max(s.experiment.signals[name].resolution for s in fitted)
 
 
 def _hold(variant: Variant, fitted: Sequence[Simulation]) -> Hold:

@@ -86,9 +86,9 @@ def fit(
     opened, judged = together[: len(given)], together[len(given) :]
     request = Request(
         options=chosen.options_type.read(options),
-        fixed=dict(fixed or {}),
-        start=dict(start or {}),
-        bounds=dict(bounds or {}),
+        fixed=_numbers("--fix", fixed),
+        start=_numbers("--start", start),
+        bounds=_pairs(bounds),
         seed=seed,
         progress=progress or (lambda message: None),
     )
@@ -111,6 +111,35 @@ def fit(
         variant, estimate.values, experiments, found.raw(experiments), estimate.options
     )
     return FitResult(family, variant, estimate, simulated, validation, document, said, view)
+
+
+def _numbers(option: str, given: Mapping[str, float] | None) -> dict[str, float]:
+    """Values by name as finite numbers; ``UsageError`` for anything else."""
+    out = {}
+    for name, value in (given or {}).items():
+        try:
+            out[name] = float(value)
+        except (TypeError, ValueError):
+            raise UsageError(
+                f"{option} {name}={value!r} is not a number", remedy="Give a number, in SI."
+            ) from None
+        if not np.isfinite(out[name]):
+            raise UsageError(f"{option} {name}={value!r} is not finite")
+    return out
+
+
+def _pairs(given: Mapping[str, tuple[float, float]] | None) -> dict[str, tuple[float, float]]:
+    """Bounds by name as pairs of numbers; ``UsageError`` for anything else."""
+    out = {}
+    for name, value in (given or {}).items():
+        if isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 2:
+            raise UsageError(
+                f"--bounds {name}={value!r} is not a pair of numbers",
+                remedy="Give the lower and the upper end, in SI.",
+            )
+        low, high = (_numbers("--bounds", {name: v})[name] for v in value)
+        out[name] = (low, high)
+    return out
 
 
 def refit(

@@ -2,16 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .errors import Notice
 from .experiment import Experiment, FloatArray
-from .family import Estimate, FamilyOptions, Simulated, StaticView, Variant
+from .family import Estimate, FamilyOptions, Quantity, Simulated, StaticView, Variant
 from .parameters.document import ParameterDocument
-from .quality import Agreement, agreement
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Measured against simulated: RMSE [unit of the output], fit [%], samples used."""
+
+    rmse: float
+    fit_percent: float
+    samples: int
+    sum_of_squares: float
+
+
+def agreement(measured: Sequence[FloatArray], simulated: Sequence[FloatArray]) -> Agreement:
+    """Pooled agreement; every log is compared with its own mean, samples at NaN left out.
+
+    ``fit = 100 (1 - ||y - y_model|| / ||y - mean(y)||)`` as in MATLAB's ``compare``.
+    """
+    error, spread, samples = 0.0, 0.0, 0
+    for y, model in zip(measured, simulated):
+        used = np.isfinite(y) & np.isfinite(model)
+        if not used.any():
+            continue
+        error += float(np.sum((y[used] - model[used]) ** 2))
+        spread += float(np.sum((y[used] - y[used].mean()) ** 2))
+        samples += int(used.sum())
+    rmse = float(np.sqrt(error / max(samples, 1)))
+    if spread > 0.0:
+        fit = 100.0 * (1.0 - float(np.sqrt(error / spread)))
+    else:
+        fit = 100.0 if error == 0.0 else 0.0
+    return Agreement(rmse, fit, samples, error)
 
 
 @dataclass(frozen=True)
@@ -92,6 +122,21 @@ class Outcome:
     document: ParameterDocument
     notices: Sequence[Notice]
     static_view: StaticView | None
+
+    @property
+    def parameters(self) -> Mapping[str, Quantity]:
+        """Parameters by name: value, unit, standard error, interval, status."""
+        return self.estimate.parameters
+
+    @property
+    def derived(self) -> Mapping[str, Quantity]:
+        """Numbers computed from the parameters."""
+        return self.estimate.derived
+
+    @property
+    def verdict(self) -> str:
+        """``pass``, ``warn`` or ``fail``."""
+        return str(self.document.fit.verdict)
 
     @property
     def experiments(self) -> list[Experiment]:

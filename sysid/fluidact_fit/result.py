@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -38,16 +38,6 @@ class FitResult(Outcome):
         )
 
     @property
-    def parameters(self) -> Mapping[str, Quantity]:
-        """Parameters by name: value, unit, standard error, interval, status."""
-        return self.estimate.parameters
-
-    @property
-    def derived(self) -> Mapping[str, Quantity]:
-        """Numbers computed from the parameters."""
-        return self.estimate.derived
-
-    @property
     def covariance(self) -> FloatArray:
         """Covariance matrix in the order of :attr:`covariance_order`, shape ``(p, p)``."""
         return self.estimate.covariance
@@ -56,11 +46,6 @@ class FitResult(Outcome):
     def covariance_order(self) -> tuple[str, ...]:
         """Names of the rows of :attr:`covariance`."""
         return self.estimate.covariance_order
-
-    @property
-    def verdict(self) -> str:
-        """``pass``, ``warn`` or ``fail``."""
-        return str(self.document.fit.verdict)
 
     def summary(self) -> str:
         """Verdict, parameters with intervals, and warnings, as text."""

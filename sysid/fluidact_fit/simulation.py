@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from .logs import Log, StepInput, share_columns
 from .logs import experiments as experiments_of
 from .logs.columns import find_column
 from .outcome import Simulation
-from .parameters.document import ParameterDocument
+from .parameters.document import Column, ParameterDocument
 from .units import conversion_factor
 
 _MOST_SAMPLES = 5_000_000
@@ -47,12 +46,12 @@ def recall_columns(document: ParameterDocument, log: Log) -> Log:
     return known
 
 
-def _present(log: Log, columns: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+def _present(log: Log, columns: Mapping[str, Column]) -> dict[str, Column]:
     """Entries of a provenance that a log can follow and the user did not replace."""
     return {
         role: entry
         for role, entry in columns.items()
-        if role not in log.bindings and ("header" not in entry or _has(log, role, entry["header"]))
+        if role not in log.bindings and (entry.header is None or _has(log, role, entry.header))
     }
 
 
@@ -64,23 +63,22 @@ def _has(log: Log, role: str, header: str) -> bool:
     return True
 
 
-def _apply(log: Log, remembered: Mapping[str, Mapping[str, Any]]) -> Log:
+def _apply(log: Log, remembered: Mapping[str, Column]) -> Log:
     bindings, units = dict(log.bindings), dict(log.units)
     scales, steps, holds = dict(log.scales), dict(log.steps), dict(log.holds)
     for role, entry in remembered.items():
-        if "hold" in entry and "step" not in entry:
-            holds.setdefault(role, entry["hold"])
+        if entry.hold is not None and entry.step is None:
+            holds.setdefault(role, entry.hold)
         if role in log.steps or (role == "time" and log.sample_time is not None):
             continue
-        if "step" in entry:
-            step = entry["step"]
-            steps[role] = StepInput(step["from"], step["to"], step["at"])
-        elif "header" in entry:
-            bindings[role] = entry["header"]
-        if not entry.get("assumed"):
-            units.setdefault(role, entry["unit"])
-        if "scale" in entry:
-            scales.setdefault(role, entry["scale"])
+        if entry.step is not None:
+            steps[role] = StepInput(entry.step.start, entry.step.end, entry.step.at)
+        elif entry.header is not None:
+            bindings[role] = entry.header
+        if not entry.assumed:
+            units.setdefault(role, entry.unit)
+        if entry.scale is not None:
+            scales.setdefault(role, entry.scale)
     return replace(log, bindings=bindings, units=units, scales=scales, steps=steps, holds=holds)
 
 
@@ -208,9 +206,12 @@ def to_csv(document: ParameterDocument, simulations: Sequence[Simulation]) -> st
     output = variant_of(document).output
     header = f"{output.name}_simulated [{output.unit}]"
     several = len(simulations) > 1
+    partly = any(0 < s.left_out < s.measured.size for s in simulations)
     for number, simulation in enumerate(simulations, start=1):
         columns = {**({"run": np.full(simulation.simulated.shape, number)} if several else {}),
                    **_columns(simulation.experiment, simulation.simulated, header)}  # fmt: skip
+        if partly:
+            columns["used"] = np.isfinite(simulation.measured).astype(float)
         if number == 1:
             text.write(",".join(columns) + "\n")
         for row in zip(*columns.values()):

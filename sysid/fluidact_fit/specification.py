@@ -67,6 +67,11 @@ class ParameterSpec:
     curved
         Whether the cost over this parameter has kinks, so that its interval is found by
         profiling the likelihood (a dead time, an edge of a dead zone).
+    threshold
+        ``"positive"`` or ``"negative"`` for a level of the drive at which the motion changes
+        at once: a designed experiment passes it slowly in that direction.
+    base
+        Parameter that a threshold cannot lie below.
     """
 
     name: str
@@ -82,6 +87,8 @@ class ParameterSpec:
     optional: bool = False
     any_unit: bool = False
     curved: bool = False
+    threshold: Literal["", "positive", "negative"] = ""
+    base: str = ""
 
 
 @dataclass(frozen=True)

@@ -14,167 +14,68 @@ from typing import Any
 
 from .errors import UnitError
 
-# Exponents of metre, kilogram, second, ampere and radian. The radian counts here although
-# SI calls it dimensionless: "counts" or "Hz" must not pass for an angle or a speed in rad/s.
-Signature = tuple[float, float, float, float, float]
-
-_ONE: Signature = (0, 0, 0, 0, 0)
-_LENGTH: Signature = (1, 0, 0, 0, 0)
-_AREA: Signature = (2, 0, 0, 0, 0)
-_VOLUME: Signature = (3, 0, 0, 0, 0)
-_MASS: Signature = (0, 1, 0, 0, 0)
-_TIME: Signature = (0, 0, 1, 0, 0)
-_FREQUENCY: Signature = (0, 0, -1, 0, 0)
-_FORCE: Signature = (1, 1, -2, 0, 0)
-_TORQUE: Signature = (2, 1, -2, 0, 0)
-_PRESSURE: Signature = (-1, 1, -2, 0, 0)
-_VOLTAGE: Signature = (2, 1, -3, -1, 0)
-_CURRENT: Signature = (0, 0, 0, 1, 0)
-_ANGLE: Signature = (0, 0, 0, 0, 1)
-_ANGULAR_SPEED: Signature = (0, 0, -1, 0, 1)
-_ANGULAR_ACCELERATION: Signature = (0, 0, -2, 0, 1)
-_SPEED: Signature = (1, 0, -1, 0, 0)
-_ACCELERATION: Signature = (1, 0, -2, 0, 0)
-_FLOW: Signature = (3, 0, -1, 0, 0)
-
-_DIMENSION_NAMES: dict[Signature, str] = {
-    _ONE: "a plain number",
-    _LENGTH: "a length",
-    _AREA: "an area",
-    _VOLUME: "a volume",
-    _MASS: "a mass",
-    _TIME: "a time",
-    _FREQUENCY: "a frequency",
-    _FORCE: "a force",
-    _TORQUE: "a torque",
-    _PRESSURE: "a pressure",
-    _VOLTAGE: "a voltage",
-    _CURRENT: "a current",
-    _ANGLE: "an angle",
-    _ANGULAR_SPEED: "an angular speed",
-    _ANGULAR_ACCELERATION: "an angular acceleration",
-    _SPEED: "a speed",
-    _ACCELERATION: "an acceleration",
-    _FLOW: "a volume flow",
-    (-1, 1, -1, 0, 0): "a dynamic viscosity",
-    (0, 1, -1, 0, 0): "a linear damping",
-    (0, 1, -2, 0, 0): "a stiffness",
-    (2, 1, 0, 0, 0): "a moment of inertia",
-    (2, 1, -3, 0, 0): "a power",
+# What is measured, and the common units of it with their factors to SI (the first one).
+# The radian counts here although SI calls it dimensionless: "counts" or "Hz" must not pass
+# for an angle or a speed in rad/s.
+_QUANTITIES: dict[str, dict[str, float]] = {
+    "a plain number": {"1": 1.0, "%": 0.01},
+    "a time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+    "a length": {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "inch": 0.0254},
+    "an area": {"m^2": 1.0, "cm^2": 1e-4, "mm^2": 1e-6},
+    "a volume": {"m^3": 1.0, "cm^3": 1e-6, "mm^3": 1e-9, "l": 1e-3},
+    "a mass": {"kg": 1.0, "g": 1e-3},
+    "a frequency": {"Hz": 1.0, "1/s": 1.0, "kHz": 1e3},
+    "a force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": 4.4482216152605},
+    "a torque": {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N cm": 1e-2},
+    "a pressure": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2}
+    | {"psi": 6894.757293168361},
+    "a voltage": {"V": 1.0, "mV": 1e-3},
+    "a current": {"A": 1.0, "mA": 1e-3},
+    "an angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "rev": 2 * math.pi},
+    "an angular speed": {"rad/s": 1.0, "deg/s": math.pi / 180, "rev/s": 2 * math.pi}
+    | {"rpm": math.pi / 30},
+    "an angular acceleration": {"rad/s^2": 1.0},
+    "a speed": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
+    "an acceleration": {"m/s^2": 1.0},
+    "a volume flow": {"m^3/s": 1.0, "l/min": 1e-3 / 60},
+    "a dynamic viscosity": {"Pa s": 1.0},
+    "a linear damping": {"N s/m": 1.0},
+    "a stiffness": {"N/m": 1.0},
+    "a moment of inertia": {"kg m^2": 1.0},
+    "a power": {"W": 1.0},
 }
+_NUMBER, _SCALE = "a plain number", "a scale with an offset"
+_TABLE = {unit: (size, what) for what, units in _QUANTITIES.items() for unit, size in units.items()}
 
-# Unit -> (factor to SI, signature).
-_TABLE: dict[str, tuple[float, Signature]] = {
-    "1": (1.0, _ONE),
-    "-": (1.0, _ONE),
-    "count": (1.0, _ONE),
-    "counts": (1.0, _ONE),
-    "%": (0.01, _ONE),
-    "s": (1.0, _TIME),
-    "sec": (1.0, _TIME),
-    "ms": (1e-3, _TIME),
-    "us": (1e-6, _TIME),
-    "ns": (1e-9, _TIME),
-    "min": (60.0, _TIME),
-    "h": (3600.0, _TIME),
-    "m": (1.0, _LENGTH),
-    "dm": (0.1, _LENGTH),
-    "cm": (1e-2, _LENGTH),
-    "mm": (1e-3, _LENGTH),
-    "um": (1e-6, _LENGTH),
-    "in": (0.0254, _LENGTH),
-    "inch": (0.0254, _LENGTH),
-    "m^2": (1.0, _AREA),
-    "cm^2": (1e-4, _AREA),
-    "mm^2": (1e-6, _AREA),
-    "m^3": (1.0, _VOLUME),
-    "cm^3": (1e-6, _VOLUME),
-    "mm^3": (1e-9, _VOLUME),
-    "l": (1e-3, _VOLUME),
-    "kg": (1.0, _MASS),
-    "g": (1e-3, _MASS),
-    "Hz": (1.0, _FREQUENCY),
-    "1/s": (1.0, _FREQUENCY),
-    "kHz": (1e3, _FREQUENCY),
-    "N": (1.0, _FORCE),
-    "kN": (1e3, _FORCE),
-    "mN": (1e-3, _FORCE),
-    "lbf": (4.4482216152605, _FORCE),
-    "N m": (1.0, _TORQUE),
-    "Nm": (1.0, _TORQUE),
-    "mN m": (1e-3, _TORQUE),
-    "mNm": (1e-3, _TORQUE),
-    "kN m": (1e3, _TORQUE),
-    "kNm": (1e3, _TORQUE),
-    "Ncm": (1e-2, _TORQUE),
-    "Pa": (1.0, _PRESSURE),
-    "hPa": (1e2, _PRESSURE),
-    "kPa": (1e3, _PRESSURE),
-    "MPa": (1e6, _PRESSURE),
-    "bar": (1e5, _PRESSURE),
-    "mbar": (1e2, _PRESSURE),
-    "psi": (6894.757293168361, _PRESSURE),
-    "V": (1.0, _VOLTAGE),
-    "mV": (1e-3, _VOLTAGE),
-    "A": (1.0, _CURRENT),
-    "mA": (1e-3, _CURRENT),
-    "rad": (1.0, _ANGLE),
-    "mrad": (1e-3, _ANGLE),
-    "deg": (math.pi / 180, _ANGLE),
-    "rev": (2 * math.pi, _ANGLE),
-    "rad/s": (1.0, _ANGULAR_SPEED),
-    "deg/s": (math.pi / 180, _ANGULAR_SPEED),
-    "rpm": (2 * math.pi / 60, _ANGULAR_SPEED),
-    "rev/s": (2 * math.pi, _ANGULAR_SPEED),
-    "rad/s^2": (1.0, _ANGULAR_ACCELERATION),
-    "m/s": (1.0, _SPEED),
-    "cm/s": (1e-2, _SPEED),
-    "mm/s": (1e-3, _SPEED),
-    "m/s^2": (1.0, _ACCELERATION),
-    "m^3/s": (1.0, _FLOW),
-    "l/min": (1e-3 / 60, _FLOW),
+# Other spellings, as loggers and people use them; each is looked up after normalisation.
+_SPELLINGS = {
+    "1": ("", "-", "count", "counts", "raw", "LSB", "lsb", "digit", "digits", "ADC", "none"),
+    "%": ("percent", "pct"),
+    "s": ("sec", "secs", "second", "seconds"),
+    "ms": ("msec",),
+    "us": ("usec",),
+    "inch": ("in",),
+    "l": ("L",),
+    "l/min": ("L/min", "lpm"),
+    "N m": ("Nm", "N.m", "N*m"),
+    "mN m": ("mNm", "mN*m", "Nmm"),
+    "kN m": ("kNm",),
+    "N cm": ("Ncm",),
+    "V": ("volt", "volts"),
+    "deg": ("degrees",),
+    "rpm": ("1/min", "U/min", "rev/min", "r/min"),
 }
-
-# Spellings that loggers use. Left: after normalisation; right: an entry of the table.
-_ALIASES: dict[str, str] = {
-    "": "1",
-    "Nmm": "mN m",
-    "N.m": "N m",
-    "N*m": "N m",
-    "mN*m": "mN m",
-    "percent": "%",
-    "pct": "%",
-    "secs": "s",
-    "seconds": "s",
-    "second": "s",
-    "msec": "ms",
-    "usec": "us",
-    "volt": "V",
-    "volts": "V",
-    "degrees": "deg",
-    "L": "l",
-    "L/min": "l/min",
-    "lpm": "l/min",
-    "1/min": "rpm",
-    "U/min": "rpm",
-    "rev/min": "rpm",
-    "r/min": "rpm",
-    "raw": "1",
-    "LSB": "1",
-    "lsb": "1",
-    "digit": "1",
-    "digits": "1",
-    "ADC": "1",
-    "none": "1",
-}
+_ALIASES = {spelling: unit for unit, several in _SPELLINGS.items() for spelling in several}
 
 # Case may be ignored only where no other unit is meant by another case (not: mPa, MPa).
-_ANY_CASE = {"bar", "mbar", "psi", "rpm", "kpa", "deg", "rad", "sec", "volt", "volts", "percent"}
+_ANY_CASE = {u: u for u in ("bar", "mbar", "psi", "rpm", "deg", "rad", "volt", "volts", "percent")}
+_ANY_CASE |= {"kpa": "kPa", "sec": "s"}
 
-# Spellings pint does not know.
-_FOR_PINT = {"-": "dimensionless", "1": "dimensionless", "%": "percent", "Nm": "N*m"}
-_FOR_PINT |= {"mNm": "mN*m", "kNm": "kN*m", "Ncm": "N*cm", "in": "inch", "sec": "s"}
-_FOR_PINT |= {"Nmm": "N*mm", "counts": "count"}
+# What may be asked of pint: names with small powers, products and quotients. Its own grammar
+# computes what it reads, and 9^9^9 takes for ever.
+_EXPRESSION = re.compile(r"(?:(?:(?:[^\W\d_]\w*|%)(?:\^-?\d(?:\.\d)?)?|1)(?![\w^%])|[*/ .()])+")
+_LONGEST = 60
+_FOR_PINT = {"1": "dimensionless"}
 
 # Suffixes that mean a unit behind an underscore. ``A``, ``a``, ``in``, ``g`` and ``min``
 # are not among them: ``p_A``, ``p_in``, ``motor_a`` and ``x_min`` are names.
@@ -202,83 +103,62 @@ def normalise_unit(unit: str) -> str:
     text = re.sub(r"\s*([/*^])\s*", r"\1", re.sub(r"\s+", " ", text))
     # "m2", "s2": an exponent that lost its caret. "1/s" and "1" stay as they are.
     text = re.sub(r"(?<=[A-Za-z])([23])\b", r"^\1", text)
-    if text not in _TABLE and text.casefold() in _ANY_CASE:
-        text = {"kpa": "kPa"}.get(text.casefold(), text.casefold())
+    if text not in _TABLE:
+        text = _ANY_CASE.get(text.casefold(), text)
     return _ALIASES.get(text, text)
 
 
 @lru_cache(maxsize=1)
-def _registry() -> Any:
-    """Return pint's registry; imported on first need because that is slow."""
+def _registry() -> tuple[Any, dict[Any, str]]:
+    """Return pint's registry and the names of dimensions; slow, so only on first need."""
     import pint
 
-    return pint.UnitRegistry()
+    registry = pint.UnitRegistry()
+    registry.define("@alias revolution = rev")
+    first = {what: next(iter(units)) for what, units in _QUANTITIES.items()}
+    si = {what: registry.parse_units(_FOR_PINT.get(unit, unit)) for what, unit in first.items()}
+    return registry, {_dimension((1.0 * unit).to_base_units()): what for what, unit in si.items()}
 
 
-def _ask_pint(text: str) -> tuple[float, Signature] | None:
-    """Return factor and signature from pint, ``None`` when it does not know the unit.
+def _dimension(quantity: Any) -> frozenset[tuple[str, float]]:
+    # Not pint's own dimensionality, which takes the radian for a number.
+    items = quantity.unit_items()
+    return frozenset((name, float(power)) for name, power in items if name != "count")
 
-    Raises
-    ------
-    UnitError
-        When the unit has an offset (a temperature scale): a factor cannot convert it.
-    """
-    registry = _registry()
-    expression = re.sub(r"\brev\b", "revolution", _FOR_PINT.get(text, text))
-    if not expression.isprintable() or len(expression) > 60:
+
+def _ask_pint(text: str) -> tuple[float, str] | None:
+    """Return the factor to SI and what is measured, ``None`` for what pint does not know."""
+    if len(text) > _LONGEST or not (text in _FOR_PINT or _EXPRESSION.fullmatch(text)):
         return None
+    registry, names = _registry()
     try:
-        quantity = registry.parse_units(expression)
-        definition = 1.0 * quantity
-        if not definition._is_multiplicative:
-            raise UnitError(
-                f"unit '{text}' has an offset and cannot be converted by a factor.",
-                remedy="Convert the column to an absolute scale first.",
-            )
-        base = definition.to_base_units()
-    except UnitError:
-        raise
+        quantity = 1.0 * registry.parse_units(_FOR_PINT.get(text, text.replace("%", "percent")))
+        if not quantity._is_multiplicative:
+            return math.nan, _SCALE
+        base = quantity.to_base_units()
     except Exception:  # pint raises whatever its tokenizer meets: anything means "unknown"
         return None
-    order = ("meter", "kilogram", "second", "ampere", "radian")
-    parts = dict(base.unit_items())
-    parts.pop("count", None)
-    if set(parts) - set(order):
-        # Candela, kelvin, byte: known, but no role can ask for them. Their dimension is
-        # told apart by an exponent nothing else has.
-        return float(base.magnitude), (math.nan, 0, 0, 0, 0)
-    exponents = [float(parts.get(name, 0)) for name in order]
-    return float(base.magnitude), (
-        exponents[0],
-        exponents[1],
-        exponents[2],
-        exponents[3],
-        exponents[4],
-    )
+    dimension = _dimension(base)
+    return float(base.magnitude), names.get(dimension, str(sorted(dimension)))
 
 
 @lru_cache(maxsize=512)
-def _look_up(unit: str) -> tuple[float, Signature] | None:
-    """Return factor and signature of a unit, ``None`` when nobody knows it."""
+def _look_up(unit: str) -> tuple[float, str] | None:
+    """Return the factor to SI and what is measured, ``None`` when nobody knows the unit."""
     text = normalise_unit(unit)
     return _TABLE[text] if text in _TABLE else _ask_pint(text)
 
 
 def is_known_unit(unit: str) -> bool:
     """Return whether a unit can be converted by a factor."""
-    try:
-        return _look_up(unit) is not None
-    except UnitError:
-        return False
+    found = _look_up(unit)
+    return found is not None and found[1] != _SCALE
 
 
 def same_dimension(a: str, b: str) -> bool:
     """Return whether two units measure the same quantity; false when one is unknown."""
-    try:
-        first, second = _look_up(a), _look_up(b)
-    except UnitError:
-        return False
-    return first is not None and second is not None and first[1] == second[1]
+    first, second = _look_up(a), _look_up(b)
+    return is_known_unit(a) and first is not None and second is not None and first[1] == second[1]
 
 
 def dimension_name(unit: str) -> str:
@@ -286,7 +166,7 @@ def dimension_name(unit: str) -> str:
     found = _look_up(unit)
     if found is None:
         return "unknown"
-    return _DIMENSION_NAMES.get(found[1], "another quantity")
+    return found[1] if found[1] in (*_QUANTITIES, _SCALE) else "another quantity"
 
 
 def conversion_factor(unit: str, si_unit: str, where: str = "") -> float:
@@ -315,14 +195,16 @@ def conversion_factor(unit: str, si_unit: str, where: str = "") -> float:
     UnitError
         When the unit is unknown, has an offset or measures another quantity.
     """
-    try:
-        found = _look_up(unit)
-    except UnitError as error:
-        raise UnitError(error.what, where=where, remedy=error.remedy) from None
-    wanted = _look_up(si_unit)
+    found, wanted = _look_up(unit), _look_up(si_unit)
+    if found is not None and found[1] == _SCALE:
+        raise UnitError(
+            f"unit '{unit}' has an offset and cannot be converted by a factor.",
+            where=where,
+            remedy="Convert the column to an absolute scale first.",
+        )
     if wanted is None:
         raise UnitError(f"unit '{si_unit}' is not known.", where=where)
-    if wanted[1] == _ONE:
+    if wanted[1] == _NUMBER:
         return 0.01 if found is not None and normalise_unit(unit) == "%" else 1.0
     if found is None:
         raise UnitError(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fluidact_fit.parameters import read_document
+from fluidact_fit import read_document
 
 Run = Callable[..., Any]
 Log = Callable[..., Path]

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from fluidact_fit.families import get_family
-from fluidact_fit.parameters import save_document
+from fluidact_fit.parameters import make_document, save_document
 
 VALUES: dict[str, tuple[str, dict[str, float]]] = {
     "line": ("line", {"gain": 0.9, "time_constant": 0.12, "dead_time": 0.0147}),
@@ -57,7 +57,8 @@ def build(
         "parameters": {
             n: {"value": v, "unit": specs[n].unit, "status": "fixed"} for n, v in values.items()
         },
-        "model": family.model_section(variant, values, sample_time, "zoh"),
+        "options": family.options_type().given(),
+        "model": family.model(variant, values, family.options_type(), sample_time, "zoh"),
         "validity": {
             r.name: {"low": -1.0, "high": 2.0, "unit": r.unit}
             for r in variant.roles
@@ -84,7 +85,7 @@ def write(tmp_path: Path) -> Callable[..., Path]:
         family: str, values: dict[str, float] | None = None, sample_time: float = 0.01
     ) -> Path:
         return save_document(
-            build(family, values, sample_time), tmp_path / f"{family}.yaml", overwrite=True
+            make_document(build(family, values, sample_time), get_family), tmp_path / f"{family}.yaml", overwrite=True
         )
 
     return writer

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
 from fluidact_fit.errors import UsageError
 from fluidact_fit.family import Family, ParameterSpec, Role, Variant
+from fluidact_fit.options import FamilyOptions, choice, flag, interval, number, settled, text, whole
 
 _ROLES = (
     Role("time", "s", "instants", required=False),
@@ -18,12 +20,26 @@ _ROLES = (
 )
 
 
-class Dummy(Family):
+@dataclass(frozen=True)
+class DummyOptions(FamilyOptions):
+    """One option of every kind."""
+
+    degree: str | None = text("auto", help="degree of the curve")
+    hidden: int | None = whole(help="hidden units", minimum=1)
+    length: float | None = number(help="length of the line", unit="m", above=0.0)
+    ends: str = choice("free", ("free", "fixed"), help="ends of the curve")
+    monotone: bool | None = flag(help="whether the curve only rises")
+    rails: tuple[float, float] | None = interval(help="rails of the converter", unit="V")
+    spike_limit: float | None = settled("float", "largest residual that was kept", minimum=0.0)
+
+
+class Dummy(Family[FamilyOptions]):
     """A mass with a calibration curve."""
 
     name = "dummy"
     title = "Dummy"
     equation = "y = x"
+    options_type: type[FamilyOptions] = DummyOptions
     variants = (
         Variant(
             "plain",
@@ -35,6 +51,9 @@ class Dummy(Family):
                 ParameterSpec("weights", "1", "weights", minimum=1e-9, rank=1, length=3),
                 ParameterSpec("layer", "1", "network layer", rank=2, optional=True),
                 ParameterSpec("viscous", "N s/m", "friction", minimum=0.0, optional=True),
+                ParameterSpec(
+                    "reading_range", "1", "ends", rank=1, length=2, increasing=True, optional=True
+                ),
             ),
         ),
     )
@@ -42,7 +61,10 @@ class Dummy(Family):
     def estimate(self, variant: Any, experiments: Any, request: Any) -> Any:
         raise NotImplementedError
 
-    def simulate(self, variant: Any, parameters: Any, experiment: Any, options: Any) -> Any:
+    def simulate(self, *inputs: Any, **more: Any) -> Any:
+        raise NotImplementedError
+
+    def block(self, variant: Any, document: Any) -> Any:
         raise NotImplementedError
 
 
@@ -50,6 +72,7 @@ class Twin(Dummy):
     """A family of two variants."""
 
     name = "twin"
+    options_type = FamilyOptions
     variants = (
         Variant("rotary", _ROLES, (ParameterSpec("inertia", "kg m2", "inertia", minimum=0.0),)),
         Variant("linear", _ROLES, (ParameterSpec("mass", "kg", "mass", minimum=0.0),)),
@@ -80,7 +103,15 @@ _DOCUMENT: dict[str, Any] = {
     "format": "fluidact-parameters",
     "format_version": 1,
     "family": "dummy",
-    "options": {"degree": "auto", "hidden": 4},
+    "options": {
+        "degree": "auto",
+        "hidden": 4,
+        "length": 2.5,
+        "ends": "fixed",
+        "monotone": True,
+        "rails": [0.0, 5.0],
+        "spike-limit": 0.01,
+    },
     "parameters": {
         "mass": {
             "value": 53.71,
@@ -127,6 +158,8 @@ _DOCUMENT: dict[str, Any] = {
                 "samples": 1000,
                 "rmse": {"value": 1e-05, "unit": "m"},
                 "fit_percent": 98.0,
+                "left_out": 12,
+                "offset": {"value": -0.25, "unit": "m"},
             }
         ],
         "details": {"starts": 3, "filter": {"order": 2, "cut_off": 12.5}},
@@ -143,7 +176,15 @@ _DOCUMENT: dict[str, Any] = {
                 "sha256": "0" * 63 + "f",
                 "rows": 1000,
                 "sample_time": 0.01,
-                "columns": {"force": {"header": "F [N]", "unit": "N", "hold": "foh"}},
+                "columns": {
+                    "time": {"header": "#1", "unit": "s", "assumed": True},
+                    "force": {"header": "F [N]", "unit": "N", "scale": -1.0, "hold": "smooth"},
+                    "reading": {
+                        "step": {"from": 0.0, "to": 4.0, "at": 0.5},
+                        "unit": "1",
+                        "hold": "zoh",
+                    },
+                },
             }
         ],
         "seed": 0,

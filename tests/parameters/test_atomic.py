@@ -10,7 +10,7 @@ import stat
 import pytest
 
 from fluidact_fit.errors import OutputError
-from fluidact_fit.parameters import read_document, save_document, write_atomically
+from fluidact_fit.parameters import make_document, read_document, save_document, write_atomically
 
 
 def test_writes_text_and_bytes(tmp_path):
@@ -127,7 +127,7 @@ def test_links_stay_links_and_devices_devices(tmp_path):
 
 
 def test_save_and_read(document, lookup, tmp_path):
-    path = save_document(document, tmp_path / "p.yaml", lookup=lookup)
+    path = save_document(make_document(document, lookup), tmp_path / "p.yaml")
     read = read_document(path, lookup)
     with pytest.raises(OutputError):
         save_document(read, path)

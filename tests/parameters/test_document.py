@@ -7,10 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from fluidact_fit.errors import Notice, ParameterFileError
 from fluidact_fit.family import Quantity
-from fluidact_fit.parameters import dump_document, make_document, read_document
+from fluidact_fit.parameters import (
+    ParameterDocument,
+    dump_document,
+    make_document,
+    read_document,
+)
 from fluidact_fit.parameters.load import parse_document
 
 DELETE = object()
@@ -47,6 +53,7 @@ def test_a_whole_document_is_accepted(document, lookup):
     assert {key: plain[key] for key in document} == document
 
 
+COLUMNS, COLUMN = "provenance/logs/0/columns", "provenance.logs[0].columns."
 REJECTIONS = [
     ("format", "x", "format", "expected 'fluidact-parameters'"),
     ("format", DELETE, "format", "missing"),
@@ -147,6 +154,21 @@ REJECTIONS = [
     ("provenance/tool/version", 0.1, "provenance.tool.version", "not text"),
     ("provenance/logs/0/sha256", "abc", "provenance.logs[0].sha256", "does not look right"),
     ("provenance/seed", "0", "provenance.seed", "whole number"),
+    ("options/hiden", 4, "options.hiden", "no option --hiden"),
+    ("options/hidden", 0, "options.hidden", "out of range"),
+    ("options/length", -5.0, "options.length", "above 0"),
+    ("options/ends", "loose", "options.ends", "one of free, fixed"),
+    ("options/rails", [5.0, 0.0], "options.rails", "not below"),
+    ("fit/rmse/value", -1e-5, "fit.rmse.value", "greater than or equal to 0"),
+    ("fit/logs/0/rmse/value", -1e-5, "fit.logs[0].rmse.value", "greater than or equal to 0"),
+    ("fit/logs/0/left_out", -1, "fit.logs[0].left_out", "greater than or equal to 0"),
+    ("fit/logs/0/offset", 0.2, "fit.logs[0].offset", "not a mapping"),
+    ("fit/logs/0/offset/unit", "kg", "fit.logs[0].offset.unit", "wrong dimension"),
+    (f"{COLUMNS}/force/hold", "auto", f"{COLUMN}force.hold", "expected 'zoh', 'foh' or 'smooth'"),
+    (f"{COLUMNS}/force/scal", 2.0, f"{COLUMN}force.scal", "'scale'"),
+    (f"{COLUMNS}/force/unit", DELETE, f"{COLUMN}force.unit", "missing"),
+    (f"{COLUMNS}/reading/step/at", "0.5 s", f"{COLUMN}reading.step.at", "not a number"),
+    (f"{COLUMNS}/reading/step/from", DELETE, f"{COLUMN}reading.step.from", "missing"),
     ("colour", "red", "colour", "unknown key"),
     ("covarience", {}, "covarience", "'covariance'"),
     ("k" * 201, "red", "k" * 201, "longer"),
@@ -167,6 +189,65 @@ def test_each_problem_is_named_with_its_path(document, lookup, where, value, pat
         "parameters.mass.ci95",
     }
     assert "Input should" not in problems[path]
+
+
+@pytest.mark.parametrize("method", ["wald", "profile", "bracket"])
+def test_an_edited_value_shows_beside_its_interval(document, lookup, method):
+    document["parameters"]["mass"] |= {"value": 2 * 53.71, "method": method}
+    assert "does not contain" in problems_of(document, lookup)["parameters.mass.ci95"]
+
+
+def test_a_list_that_has_to_increase_does(document, lookup):
+    entry = {"value": [4.9, 0.1], "unit": "1", "status": "estimated"}
+    document["parameters"]["reading_range"] = entry
+    problems = problems_of(document, lookup)
+    assert problems == {"parameters.reading_range.value": "its entries do not increase"}
+
+
+def test_the_document_checks_itself_when_it_is_made(document):
+    document["covariance"]["matrix"][0][1] = 1.0
+    document["parameters"]["mass"]["std_error"] = -1.0
+    document["validity"]["force"]["low"] = 100.0
+    with pytest.raises(ValidationError) as caught:
+        ParameterDocument.model_validate(document)
+    assert {item["msg"] for item in caught.value.errors()} == {
+        "is not symmetric: [0][1] and [1][0] differ",
+        "-1.0 is negative",
+        "100.0 is above high, 12.1",
+    }
+
+
+def test_the_parts_are_typed(document, lookup):
+    read = make_document(document, lookup)
+    (log,) = read.fit.logs
+    assert (log.left_out, log.offset.value, log.offset.unit) == (12, -0.25, "m")
+    columns = read.provenance.logs[0].columns
+    assert (columns["force"].header, columns["force"].scale) == ("F [N]", -1.0)
+    assert columns["force"].hold == "smooth"
+    assert columns["time"].assumed
+    step = columns["reading"].step
+    assert (step.start, step.end, step.at) == (0.0, 4.0, 0.5)
+
+
+def test_a_document_says_in_one_line_what_it_is(document, lookup):
+    read = make_document(document, lookup)
+    assert repr(read) == "<ParameterDocument dummy: 5 parameters, pass>"
+    assert str(read) == repr(read)
+
+
+def test_early_names_of_holds_are_understood(document, lookup):
+    columns = document["provenance"]["logs"][0]["columns"]
+    early = {
+        "time": ("linear", None, "foh"),
+        "force": ("foh", "cubic", "smooth"),
+        "reading": ("zoh", None, "zoh"),
+        "position": ("foh", "linear", "foh"),
+    }
+    for role, (hold, interpolation, _) in early.items():
+        columns[role] = {"header": role, "unit": "s", "hold": hold, "interpolation": interpolation}
+    read = make_document(document, lookup).provenance.logs[0].columns
+    assert {role: read[role].hold for role in early} == {k: v[2] for k, v in early.items()}
+    assert "interpolation" in columns["force"]  # the given one is left alone
 
 
 def test_all_problems_are_named_at_once(document, lookup):
@@ -230,7 +311,7 @@ def test_without_covariance_and_optional_parts(document, lookup):
 
 
 def test_the_variant_is_inferred_from_the_parameters(document, lookup):
-    document |= {"family": "twin", "covariance": None, "validity": {}}
+    document |= {"family": "twin", "options": {}, "covariance": None, "validity": {}}
     document["parameters"] = {"mass": {"value": 2.0, "unit": "kg", "status": "fixed"}}
     read = make_document(document, lookup)
     assert read.variant == "linear"
@@ -272,7 +353,7 @@ def test_a_file_that_is_right_is_read_without_the_units(document, lookup, monkey
 
 
 def test_problems_of_a_file_come_with_lines(document, lookup, tmp_path):
-    text = dump_document(document, lookup).replace("value: 53.71", 'value: "53.71"')
+    text = dump_document(make_document(document, lookup)).replace("value: 53.71", 'value: "53.71"')
     path = tmp_path / "p.yaml"
     path.write_text(text.replace("unit: kg", "unit: m"), encoding="utf-8")
     with pytest.raises(ParameterFileError) as caught:
@@ -289,7 +370,7 @@ def test_problems_of_a_file_come_with_lines(document, lookup, tmp_path):
 
 
 def test_duplicate_keys_and_empty_values_are_named_with_the_rest(document, lookup):
-    text = dump_document(document, lookup)
+    text = dump_document(make_document(document, lookup))
     text = text.replace("  seed: 0", "  seed: 0\n  seed: 1\n  command:\n  created: null")
     text = text.replace("status: estimated, method", "status: estimated, status: fixed, method")
     with pytest.raises(ParameterFileError) as caught:
@@ -304,7 +385,9 @@ def test_duplicate_keys_and_empty_values_are_named_with_the_rest(document, looku
 
 
 def test_an_empty_value_is_a_problem(document, lookup):
-    text = dump_document(document, lookup).replace("status: fixed}", "status: fixed, method: }")
+    text = dump_document(make_document(document, lookup)).replace(
+        "status: fixed}", "status: fixed, method: }"
+    )
     with pytest.raises(ParameterFileError) as caught:
         parse_document(text, lookup)
     ((path, message),) = caught.value.problems
@@ -327,4 +410,4 @@ def test_whole_numbers_by_hand_are_numbers(document, lookup):
 def test_what_the_reader_rejects_is_not_written(document, lookup):
     document["parameters"]["mass"]["value"] = math.nan
     with pytest.raises(ParameterFileError, match=r"parameters\.mass\.value"):
-        dump_document(document, lookup)
+        dump_document(make_document(document, lookup))

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from fluidact_fit.families import family_names, get_family
-from fluidact_fit.parameters import build_schema, dump_document, shipped_schema
+from fluidact_fit.parameters import build_schema, dump_document, make_document, shipped_schema
 from fluidact_fit.parameters.schema import FILE_NAME, schema_text
 
 
@@ -36,9 +36,7 @@ def validator(families):
 def test_the_committed_schema_is_the_one_built(registered):
     built = schema_text(build_schema(registered))
     committed = resources.files("fluidact_fit.parameters").joinpath(FILE_NAME)
-    assert committed.read_text(encoding="utf-8") == built, (
-        "run python -m fluidact_fit.parameters.schema"
-    )
+    assert committed.read_text(encoding="utf-8") == built, "run make schema"
 
 
 def test_the_shipped_schema_is_a_schema_with_every_family(registered):
@@ -50,7 +48,7 @@ def test_the_shipped_schema_is_a_schema_with_every_family(registered):
 
 
 def test_what_is_written_is_accepted(document, lookup, validator):
-    validator.validate(yaml.safe_load(dump_document(document, lookup)))
+    validator.validate(yaml.safe_load(dump_document(make_document(document, lookup))))
 
 
 def _without(document, *keys):
@@ -83,6 +81,17 @@ def _without(document, *keys):
         lambda d: d["parameters"]["weights"].update(value=[1.0, 2.0]),
         lambda d: d["parameters"]["weights"].update(value=[1.0, 2.0, 0.0]),
         lambda d: d["parameters"]["layer"].update(value=[1.0]),
+        lambda d: d["options"].update(hiden=4),
+        lambda d: d["options"].update(hidden=0),
+        lambda d: d["options"].update(length=0.0),
+        lambda d: d["options"].update(ends="loose"),
+        lambda d: d["options"].update(monotone=1),
+        lambda d: d["options"].update(rails=[0.0]),
+        lambda d: d["options"].update({"spike-limit": -1.0}),
+        lambda d: d["fit"]["rmse"].update(value=-1.0),
+        lambda d: d["fit"]["logs"][0].update(left_out=-1),
+        lambda d: d["provenance"]["logs"][0]["columns"]["force"].update(hold="auto"),
+        lambda d: d["provenance"]["logs"][0]["columns"]["force"].update(scal=1.0),
         lambda d: d["validity"].update(other={"low": 0.0, "high": 1.0, "unit": "N"}),
     ],
 )
@@ -94,7 +103,7 @@ def test_what_is_wrong_is_rejected(document, validator, spoil):
 
 
 def test_every_variant_has_its_own_parameters(document, validator):
-    document |= {"family": "twin", "validity": {}}
+    document |= {"family": "twin", "validity": {}, "options": {}}
     mass = {"value": 2.0, "unit": "kg", "status": "fixed"}
     document["parameters"] = {"mass": mass}
     assert validator.is_valid(document)

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from fluidact_fit.errors import ParameterFileError
-from fluidact_fit.parameters import dump_document, dump_yaml, read_yaml
+from fluidact_fit.parameters import dump_document, dump_yaml, make_document, read_yaml
 from fluidact_fit.parameters.load import parse_document
 from fluidact_fit.parameters.yaml_io import MAX_BYTES, parse_yaml
 
@@ -122,7 +122,7 @@ def test_layout(document, lookup):
         "std_error": None,
         "ci95": None,
     }
-    lines = dump_document(document, lookup).splitlines()
+    lines = dump_document(make_document(document, lookup)).splitlines()
     assert lines[0].startswith("# ")
     assert lines[1] == "format: fluidact-parameters"
     (mass,) = [line for line in lines if line.strip().startswith("mass:")]
@@ -156,7 +156,7 @@ def test_documents_round_trip(document, lookup, value, error, points, message, d
     document["covariance"] = {"order": ["mass"], "matrix": [[min(error, 1e150) ** 2]]}
     document["warnings"] = [{"code": "c", "message": message}]
     document["fit"]["details"] = details
-    text = dump_document(document, lookup)
+    text = dump_document(make_document(document, lookup))
     read = parse_document(text, lookup)
     assert same(yaml.safe_load(text), read.to_dict())
     assert dump_document(read) == text

@@ -36,16 +36,16 @@ The model no longer fits (exit status 5) when
 
 def check(params_file: str, logs: tuple[str, ...], as_json: bool, **params: Any) -> None:
     """Simulate, fit again, compare."""
-    from fluidact_fit.check import check_logs, recall_columns, roles_of
-    from fluidact_fit.parameters import read_document
+    from fluidact_fit.check import check_logs
+    from fluidact_fit.files import read_document
+    from fluidact_fit.simulation import variant_of
 
     document = read_document(params_file)
-    check_role_names(params, roles_of(document))
+    check_role_names(params, [role.name for role in variant_of(document).roles])
     progress = Progress(params["quiet"], params["verbose"])
     try:
         progress("reading")
-        read = [recall_columns(document, log) for log in read_logs(logs, params)]
-        found = check_logs(document, read, progress=progress)
+        found = check_logs(document, read_logs(logs, params), progress=progress)
     finally:
         progress.clear()
     if not params["quiet"]:

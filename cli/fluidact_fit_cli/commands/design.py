@@ -35,7 +35,7 @@ def design(
 ) -> None:
     """Search, show, write."""
     from fluidact_fit.excitation import design as make_design
-    from fluidact_fit.parameters import read_document
+    from fluidact_fit.files import read_document
 
     check_names("FAMILY", "family", [family], family_names())
     if output is not None:

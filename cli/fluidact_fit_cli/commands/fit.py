@@ -40,7 +40,7 @@ from ..progress import Progress
 from ..show import echo_json, echo_parameters, echo_warnings
 
 if TYPE_CHECKING:
-    from fluidact_fit.family import Family
+    from fluidact_fit.family import Family, FamilyOptions
     from fluidact_fit.result import FitResult
 
 
@@ -102,7 +102,7 @@ def _judging_options() -> list[click.Parameter]:
     ]  # fmt: skip
 
 
-def run_fit(family: Family, params: Mapping[str, Any], invocation: Invocation) -> None:
+def run_fit(family: Family[FamilyOptions], params: Mapping[str, Any], invocation: Invocation) -> None:
     """Check what was asked, fit, judge, write, show: in this order."""
     targets = _targets(family.name, params)
     _check_arguments(family, params, targets)
@@ -111,9 +111,9 @@ def run_fit(family: Family, params: Mapping[str, Any], invocation: Invocation) -
     if not params["quiet"]:
         echo_warnings(result.notices)
     if params["as_json"]:
-        echo_json(result.document)
+        echo_json(result.document.to_dict())
     elif not params["quiet"]:
-        echo_parameters(result.document, params["verbose"])
+        echo_parameters(result.document.to_dict(), params["verbose"])
         click.echo("written to " + ", ".join(target.path for target in targets))
 
 
@@ -131,7 +131,7 @@ def _targets(name: str, params: Mapping[str, Any]) -> list[Target]:
     return targets
 
 
-def _check_arguments(family: Family, params: Mapping[str, Any], targets: Sequence[Target]) -> None:
+def _check_arguments(family: Family[FamilyOptions], params: Mapping[str, Any], targets: Sequence[Target]) -> None:
     """Refuse what can be known to be wrong before any log is read."""
     logs, judged = params["logs"], params["validate"]
     check_role_names(params, [r.name for v in family.variants for r in v.roles])
@@ -146,7 +146,7 @@ def _check_arguments(family: Family, params: Mapping[str, Any], targets: Sequenc
     check_targets(targets, (*logs, *judged), params["force"])
 
 
-def _check_parameter_names(family: Family, params: Mapping[str, Any]) -> None:
+def _check_parameter_names(family: Family[FamilyOptions], params: Mapping[str, Any]) -> None:
     specs = [p for v in family.variants for p in v.parameters]
     for option, key in (("--fix", "fix"), ("--start", "start"), ("--bounds", "bounds")):
         for name in params[key]:
@@ -158,7 +158,7 @@ def _check_parameter_names(family: Family, params: Mapping[str, Any]) -> None:
         check_names(option, "parameter", params[key], [p.name for p in specs if p.rank == 0])
 
 
-def _fit(family: Family, params: Mapping[str, Any], invocation: Invocation) -> FitResult:
+def _fit(family: Family[FamilyOptions], params: Mapping[str, Any], invocation: Invocation) -> FitResult:
     from fluidact_fit.fitting import fit
 
     progress = Progress(params["quiet"], params["verbose"])
@@ -223,10 +223,9 @@ def _judge(result: FitResult, params: Mapping[str, Any]) -> FitResult:
             expected="\n".join(f"  {n.code}: {n.message}" for n in result.notices),
             remedy="Correct the cause, or give --accept-failed to write the file nevertheless.",
         )
-    from fluidact_fit.parameters import make_document
-
-    marked = make_document({**result.document, "accepted_failed": True})
-    return replace(result, document=marked.to_dict())
+    return replace(
+        result, document=result.document.model_copy(update={"accepted_failed": True})
+    )
 
 
 def _render(result: FitResult, targets: Sequence[Target]) -> dict[str, bytes | str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -22,13 +22,15 @@ from ..show import echo_warnings
 
 if TYPE_CHECKING:
     from fluidact_fit.parameters import ParameterDocument
-    from fluidact_fit.result import Simulation
+    from fluidact_fit.outcome import Simulation
 
-_HELP = """Simulate the model in PARAMS with the inputs recorded in LOG, or with --input steps.
+_HELP = """Simulate the model in PARAMS with the inputs recorded in LOGs, or with --input steps.
 
 Writes CSV with time, inputs, the measured output where the log has one, and the simulated output,
 in SI. The columns of the log are those the file was fitted with, unless options say otherwise.
-Offset and initial state are fitted to the measured output where there is one, else zero.
+Offset and initial state are fitted to the measured output where there is one; else the model
+starts from rest, with the file's offset. A column `used` is 0 for samples that the model does not
+claim to describe, where there are any.
 
 \b
 Examples:
@@ -37,59 +39,71 @@ Examples:
 
 
 def simulate(
-    params_file: str, log: str | None, output: str | None, force: bool, **params: Any
+    params_file: str, logs: tuple[str, ...], output: str | None, force: bool, **params: Any
 ) -> None:
     """Simulate and write CSV."""
-    from fluidact_fit.check import roles_of, to_csv
-    from fluidact_fit.parameters import read_document
+    from fluidact_fit.files import read_document
+    from fluidact_fit.simulation import to_csv, variant_of
 
-    _check_source(log, params)
+    _check_source(logs, params)
     if output is not None:
-        read = [params_file, *([log] if log else [])]
-        check_targets([Target("-o", output)], read, force)
+        check_targets([Target("-o", output)], [params_file, *logs], force)
     document = read_document(params_file)
-    roles = roles_of(document)
+    roles = [role.name for role in variant_of(document).roles]
     check_role_names(params, roles)
     check_names("--input", "role", params["input"], roles)
-    runs = _with_log(document, log, params) if log else _with_steps(document, params)
+    runs = _with_logs(document, logs, params) if logs else _with_steps(document, params)
     text = to_csv(document, runs)
     if output is None:
         click.echo(text, nl=False)
-        return
-    write_all({output: text}, force)
+    else:
+        write_all({output: text}, force)
     if not params["quiet"]:
+        _show(runs, output)
+
+
+def _show(runs: Sequence[Simulation], output: str | None) -> None:
+    """Agreement with each log, on standard error: the table may stand on standard output."""
+    for run in runs:
+        if run.agreement.samples:
+            left = f", {run.left_out} samples left out" if run.left_out else ""
+            click.echo(
+                f"{run.experiment.name}: rmse {run.rmse:.6g}, fit "
+                f"{run.agreement.fit_percent:.2f} %{left}",
+                err=True,
+            )
+    if output is not None:
         click.echo(f"written to {output}")
 
 
-def _check_source(log: str | None, params: Mapping[str, Any]) -> None:
+def _check_source(logs: Sequence[str], params: Mapping[str, Any]) -> None:
     """Either a log, or everything that stands for one."""
     example = "for example --input command=0:2@0.1 --duration 1 --sample-time 0.001"
-    if log is not None and (params["input"] or params["duration"] is not None):
+    if logs and (params["input"] or params["duration"] is not None):
         raise click.UsageError(
             "--input and --duration stand for a LOG; give one or the other. A role that the log "
             "lacks is given with --step."
         )
-    if log is None and not params["input"]:
+    if not logs and not params["input"]:
         raise click.UsageError(f"there is nothing to simulate: give a LOG, or steps, {example}.")
-    if log is None and (params["duration"] is None or params["sample_time"] is None):
+    if not logs and (params["duration"] is None or params["sample_time"] is None):
         raise click.UsageError(f"--input needs --duration and --sample-time, {example}.")
 
 
-def _with_log(
-    document: ParameterDocument, path: str, params: Mapping[str, Any]
+def _with_logs(
+    document: ParameterDocument, paths: Sequence[str], params: Mapping[str, Any]
 ) -> list[Simulation]:
-    from fluidact_fit.check import recall_columns, simulate_log
+    from fluidact_fit.simulation import prepare_logs, simulate_runs
 
-    (log,) = read_logs([path], params)
-    runs, notices = simulate_log(document, recall_columns(document, log))
+    runs, notices = prepare_logs(document, read_logs(paths, params))
     if not params["quiet"]:
         echo_warnings(notices)
-    return runs
+    return simulate_runs(document, runs)
 
 
 def _with_steps(document: ParameterDocument, params: Mapping[str, Any]) -> list[Simulation]:
-    from fluidact_fit.check import simulate_steps
     from fluidact_fit.logs import StepInput
+    from fluidact_fit.simulation import simulate_steps
 
     steps = {role: StepInput(*step) for role, step in params["input"].items()}
     return simulate_steps(
@@ -101,7 +115,7 @@ command = Command(
     "simulate",
     params=[
         click.Argument(["params_file"], metavar="PARAMS"),
-        click.Argument(["log"], metavar="[LOG]", required=False),
+        click.Argument(["logs"], metavar="[LOG...]", nargs=-1),
         Option(["--output", "-o"], metavar="FILE.csv", group="Output",
                help="CSV file; without it the table goes to standard output."),
         Option(["--force", "-f"], is_flag=True, group="Output", help="Replace existing files."),

@@ -1,7 +1,7 @@
 """Noise on a measured input: how much of it there is, and what it does to the estimates.
 
 An output-error fit takes its input for exact. Noise of a load cell passes through the
-model into the residual, where it is strongly coloured (integrated, for a position), and
+model into the residual, where it is strongly autocorrelated (integrated, for a position), and
 it blurs the edges of a dead zone, which biases them. The first is met by whitening the
 residual with an autoregression (generalised least squares), the second by adding the same
 noise once more and extrapolating back (SIMEX [1]_).

@@ -512,12 +512,12 @@ def _examine_intervals(
         near = min(value - u.low, u.high - value) < 3.0 * se
         if se <= 0.0 or not (near or specified[name].curved):
             continue
-        # coloured residuals carry less information: the cost counts for less
+        # autocorrelated residuals carry less information: the cost counts for less
         own = plain.covariance[k, k]
         if not (np.isfinite(own) and own > 0.0 and np.isfinite(se)):
             continue
-        colour = max(fitted.uncertainty.covariance[k, k] / own, 1.0)
-        rise = _make_rise(model, fitted, held, name, plain.sigma**2 * colour)
+        excess = max(fitted.uncertainty.covariance[k, k] / own, 1.0)
+        rise = _make_rise(model, fitted, held, name, plain.sigma**2 * excess)
         out[name] = profile_interval(rise, value, se, quantile, (u.low, u.high))
     return out
 

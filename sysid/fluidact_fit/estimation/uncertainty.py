@@ -1,7 +1,7 @@
 """Covariance, intervals and residual tests.
 
 With white residuals the covariance is ``s^2 (J'J)^-1``. Residuals of real machines are
-coloured; then ``J'J`` claims far too much. The robust version fits an autoregression to
+autocorrelated; then ``J'J`` claims far too much. The robust version fits an autoregression to
 the residuals, takes its autocovariances ``R`` and returns
 ``(J'J)^-1 (J' R J) (J'J)^-1`` [1]_.
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from ..experiment import FloatArray
 
-_LONG = 200_000  # samples of a series that its colour is judged by
+_LONG = 200_000  # samples of a series that its autocorrelation is judged by
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def autocovariance(series: Sequence[FloatArray], lags: int) -> FloatArray:
 
 
 def _middle(series: FloatArray) -> FloatArray:
-    """The middle of a very long series, which tells of its colour as much as the whole."""
+    """The middle of a very long series, which tells of its autocorrelation as much as the whole."""
     if series.size <= _LONG:
         return series
     begin = (series.size - _LONG) // 2
@@ -208,7 +208,7 @@ def covariance(
     small_sample: bool = False,
     readings: Sequence[tuple[FloatArray, float]] = (),
 ) -> Uncertainty:
-    """Covariance of least-squares unknowns, robust against coloured residuals.
+    """Covariance of least-squares unknowns, robust against autocorrelated residuals.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def covariance(
         Known smallest standard deviation of the noise, such as that of a converter;
         the residuals of a deterministic fit can fall below it.
     small_sample
-        Whether to correct coloured residuals for their small effective number: of ``n_e``
+        Whether to correct autocorrelated residuals for their small effective number: of ``n_e``
         samples that were independent would give the same variance, ``p`` unknowns take
         ``p / n_e`` of the variance, and an autoregression fitted to what is left, its
         coefficient too small by ``(1 + 3 rho) / n`` (Kendall 1954), some
@@ -264,7 +264,7 @@ def covariance(
             variance *= n / degrees
             length = max(r.size for r in residuals)
             r = _ar_autocovariance(a, variance, length)
-            # the fitted colour keeps the residuals' own size, floor included
+            # the fitted autocorrelation keeps the residuals' own size, floor included
             r *= max(sigma**2 / r[0], 1.0)
             middle = np.sum([_weighted_product(j, r) for j in jacobian], axis=0)
     total = sigma**2 * bread if middle is None else bread @ middle @ bread

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..experiment import FloatArray
-from ..waveforms import Waveform
+from .waveforms import Waveform
 from .task import Task, Unknown
 
 
@@ -53,10 +53,10 @@ def _approaches(task: Task) -> list[Waveform]:
     """Slow passages through the static levels, for models that have any."""
     levels: dict[str, float] = {}
     for side, limit in zip(("positive", "negative"), reversed(task.limits.amplitude)):
-        unknown = next((u for u in task.unknowns if u.name == f"breakaway_{side}"), None)
+        unknown = next((u for u in task.unknowns if u.spec.threshold == side), None)
         if unknown is None or not limit:
             return []
-        low, high = _ramp_range(task, unknown, side)
+        low, high = _ramp_range(task, unknown)
         levels[f"low_{side}"] = low / abs(limit)
         levels[f"high_{side}"] = min(high / abs(limit), 1.0)
     span = task.limits.duration
@@ -73,10 +73,10 @@ def _approaches(task: Task) -> list[Waveform]:
     return out
 
 
-def _ramp_range(task: Task, unknown: Unknown, side: str) -> tuple[float, float]:
+def _ramp_range(task: Task, unknown: Unknown) -> tuple[float, float]:
     """Levels between which a static level is sure to lie [SI of the drive]."""
-    kinetic = task.values.get(f"coulomb_{side}")
-    base = kinetic if isinstance(kinetic, float) else 0.0
+    below = task.values.get(unknown.spec.base)
+    base = below if isinstance(below, float) else 0.0
     if unknown.supposed or unknown.present is None:
         return base, max(2.0 * base, 1.3 * unknown.value)
     half = max(4.0 * unknown.present, 0.02 * unknown.value)

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from ..families import get_family
-from .dynamic import design_dynamic
-from .positions import design_positions
+from ..files import read_document
+from ..parameters.document import ParameterDocument
+from .command import design_command
+from .points import design_points
 from .result import Design, Limits
 from .strokes import design_strokes
 from .task import make_task
-
-if TYPE_CHECKING:
-    from ..parameters import ParameterDocument
 
 
 def design(
@@ -62,18 +60,10 @@ def design(
     NotIdentifiedError
         When no excitation within the limits determines the parameters.
     """
-    from ..parameters import ParameterDocument, read_document
-
     if not isinstance(document, ParameterDocument):
         document = read_document(document)
-    family = get_family(document.family)
-    variant = next((v for v in family.variants if v.name == document.variant), family.variants[0])
     given = Limits(amplitude or (0.0, 0.0), rate, stroke, duration or 0.0, sample_time or 0.0)
-    task = make_task(
-        document, family, variant, given, criterion, seed, progress or (lambda message: None)
-    )
-    if task.drive.hold is not None:
-        return design_dynamic(task)
-    if task.drive.name in ("velocity", "position"):
-        return design_strokes(task)
-    return design_positions(task)
+    say = progress or (lambda message: None)
+    task = make_task(document, get_family(document.family), given, criterion, seed, say)
+    kinds = {"command": design_command, "strokes": design_strokes, "points": design_points}
+    return kinds[task.excitation.kind](task)

@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import UsageError
 from ..estimation.information import Information, cramer_rao
 from ..experiment import Experiment, FloatArray, Signal
-from ..waveforms import Waveform, limit_slope, smooth_corners, to_segments
+from .waveforms import Waveform, limit_slope, smooth_corners, to_segments
 from .task import Task, score_of
 
 RISE = 8  # samples in which a command that moves on between samples crosses its range
@@ -35,7 +34,6 @@ class Search:
         self.task = task
         limits = task.limits
         self.time = limits.sample_time * np.arange(limits.count, dtype=np.float64)
-        self._inform(np.full(self.time.size, task.rest))  # refuses a family that cannot say
         self.drifts = self._drifts()
 
     def _drifts(self) -> bool:
@@ -79,20 +77,14 @@ class Search:
     def _simulate(self, command: FloatArray) -> FloatArray:
         task = self.task
         run = self._run(command)
-        y = task.family.simulate(task.variant, task.values, run, task.options)
-        return np.asarray(y, dtype=float)
+        (found,) = task.family.simulate(task.variant, task.values, [run], task.options)
+        return np.asarray(found.output, dtype=float)
 
     def _inform(self, command: FloatArray) -> Information:
         task = self.task
         run = self._run(command)
         found = task.family.information(task.variant, task.values, run, task.options)
-        if found is None:
-            raise UsageError(
-                f"the next experiment of {task.family.name} cannot be designed: the family does "
-                "not say what an experiment would tell.",
-                expected="It can be for ball-screw, hydrostatic, valve, line, cylinder-friction "
-                "and potentiometer.",
-            )
+        assert found is not None, f"{task.family.name} is driven by a command and tells nothing"
         return found
 
     def errors(self, found: Information) -> FloatArray:
@@ -102,7 +94,7 @@ class Search:
         jacobian = found.jacobian[:, [found.names.index(n) for n in used]]
         bread = cramer_rao(jacobian.T @ jacobian)
         variance = np.diag(bread) * self.task.sigma**2
-        step = (self.task.document.fit.details or {}).get("encoder_resolution")
+        step = (self.task.document.fit.details or {}).get("output_resolution")
         if step and step >= self.task.sigma:
             variance = np.maximum(variance, _converter_variance(bread, jacobian, found, step))
         spread = dict(zip(used, np.sqrt(np.maximum(variance, 0.0))))

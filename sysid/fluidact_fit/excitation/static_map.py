@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UsageError
-from ..experiment import FloatArray
+from ..experiment import Experiment, FloatArray, Signal
+from ..family import Role, Variant
 from .task import Task
 
 
@@ -39,8 +39,21 @@ def evaluate_map(task: Task, name: str, value: float, points: FloatArray) -> Flo
         values[head][int(index[:-1])] = value
     else:
         values[head] = value
-    entries = {k: {"value": v} for k, v in values.items()}
-    block: Any = task.family.block(task.variant, {"parameters": entries})
-    if block is None or not callable(block):
-        raise UsageError(f"the next experiment of {task.family.name} cannot be designed.")
-    return np.asarray(block(points), dtype=float)
+    variant = _over(task)
+    role = next(r for r in variant.roles if r.name != "time" and not r.output and r.required)
+    signal = Signal(role.name, np.zeros(0), points, role.unit, role.hold)
+    run = Experiment("design", 0, np.zeros(0), {role.name: signal}, 0.0, False)
+    (found,) = task.family.simulate(variant, values, [run], task.options)
+    return np.asarray(found.output, dtype=float)
+
+
+def _over(task: Task) -> Variant:
+    """The variant whose map is over what is chosen: of strokes, the speed itself."""
+    if task.excitation.kind != "strokes":
+        return task.variant
+    return next(v for v in task.family.variants if any(is_speed(r) for r in v.roles))
+
+
+def is_speed(role: Role) -> bool:
+    """Whether a role is a speed, by its unit."""
+    return role.unit.endswith("/s")

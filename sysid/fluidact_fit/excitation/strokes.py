@@ -13,7 +13,7 @@ from ..estimation.information import cramer_rao
 from ..experiment import Experiment, FloatArray, Signal
 from .forecasts import make_forecasts
 from .result import Design
-from .static_map import static_rows, static_samples
+from .static_map import is_speed, static_rows, static_samples
 from .task import Task, score_of
 
 _TURN = 0.1  # s that the motion takes to reach its speed
@@ -57,7 +57,7 @@ class _Strokes:
 def design_strokes(task: Task) -> Design:
     """Strokes at constant speed whose speeds and shares of the time are searched."""
     low, high = _speed_limits(task)
-    slowest = _slowest(task, low, high)
+    slowest = max(task.excitation.slowest, 0.075 * max(high, -low))
     starts = [
         _Strokes((k * slowest, k * slowest), (high, -low), share)
         for k in (1.0, 2.0, 4.0)
@@ -81,27 +81,21 @@ def design_strokes(task: Task) -> Design:
 
 
 def _speed_limits(task: Task) -> tuple[float, float]:
-    """Lowest and highest velocity [m/s]."""
-    if task.drive.name == "velocity":
-        return task.limits.amplitude
-    details = task.document.fit.details or {}
-    # the file of a position knows its stroke as range, and its speeds
-    fast = max((abs(v) for pair in details.get("speeds", {}).values() for v in pair), default=0.0)
-    return -fast, fast
+    """Lowest and highest velocity [m/s]: as said, or what the file knows of its logs.
 
-
-def _slowest(task: Task, low: float, high: float) -> float:
-    """Speed that is safely beyond the deadband of a fit [m/s]."""
-    details = task.document.fit.details or {}
-    # a deadband of four standard deviations, and as much again for the noise of a sample
-    slow = max(2.0 * float(details.get("deadband") or 0.0), 0.075 * max(high, -low))
-    if not (high > slow and -low > slow):
+    Raises
+    ------
+    UsageError
+        When they allow no motion in both directions.
+    """
+    low, high = task.limits.amplitude if is_speed(task.drive) else task.excitation.fastest
+    if not (high > task.excitation.slowest and -low > task.excitation.slowest):
         raise UsageError(
             "the speeds allow no motion in both directions.",
-            expected=f"Both ends have to lie beyond {slow:.3g} m/s.",
+            expected=f"Both ends have to lie beyond {task.excitation.slowest:.3g} m/s.",
             remedy="Give --amplitude LOW:HIGH as a range of velocities, for example -0.1:0.1.",
         )
-    return slow
+    return low, high
 
 
 def _stroke_limit(task: Task) -> tuple[float, float] | None:
@@ -124,22 +118,14 @@ def _play(task: Task, strokes: _Strokes) -> tuple[FloatArray, FloatArray, FloatA
 def _stroke_errors(task: Task, strokes: _Strokes) -> FloatArray:
     """Predicted standard errors of what a fit keeps of the strokes, shape ``(p,)``."""
     time, velocity, place = _play(task, strokes)
-    name = task.drive.name
-    signal = Signal(name, time, velocity if name == "velocity" else place, task.unit)
-    run = Experiment("design", 0, time, {name: signal}, float(time[1]), True)
-    details = task.document.fit.details or {}
-    options = dict(task.options)
-    if name == "position":  # what it takes to quieten the sensor, the simulation cannot know
-        options["filter"] = details.get("velocity_filter", {}).get("half_width")
+    drive = task.drive
+    signal = Signal(drive.name, time, velocity if is_speed(drive) else place, task.unit)
+    run = Experiment("design", 0, time, {drive.name: signal}, float(time[1]), True)
+    options = task.excitation.options or task.options
     found = task.family.information(task.variant, task.values, run, options)
     assert found is not None
     rows = found.jacobian[:, [found.names.index(u.name) for u in task.unknowns]]
-    return np.sqrt(np.diag(cramer_rao(rows.T @ rows))) * _force_noise(task)
-
-
-def _force_noise(task: Task) -> float:
-    """Standard deviation of the force about the friction line [N]."""
-    return float((task.document.fit.details or {}).get("force_noise") or task.sigma)
+    return np.sqrt(np.diag(cramer_rao(rows.T @ rows))) * task.excitation.noise
 
 
 def _improve_strokes(
@@ -191,7 +177,7 @@ def _least(task: Task, low: float, high: float, slowest: float) -> FloatArray:
     the two fastest speeds are enough.
     """
     rows = static_rows(task, np.array([low, -slowest, slowest, high]))
-    size = _force_noise(task) / np.sqrt(static_samples(task))
+    size = task.excitation.noise / np.sqrt(static_samples(task))
 
     def errors(x: FloatArray) -> FloatArray:
         shares = np.exp(np.append(x, 0.0) - np.max(np.append(x, 0.0)))

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import UsageError
 from ..experiment import FloatArray, Hold
-from ..family import Family, Role, Value, Variant
+from ..family import (
+    Excitation,
+    Family,
+    FamilyOptions,
+    ParameterDocument,
+    ParameterSpec,
+    Role,
+    Value,
+    Variant,
+)
 from .result import Limits
-
-if TYPE_CHECKING:
-    from ..parameters import ParameterDocument
 
 _MOST = 200_000  # samples of a run that is searched
 _TIE = 0.05  # weight of the mean over all parameters beside the worst
@@ -22,13 +27,14 @@ _TIE = 0.05  # weight of the mean over all parameters beside the worst
 
 @dataclass(frozen=True)
 class Unknown:
-    """A number that the next experiment should determine."""
+    """A number that the next experiment should determine; ``spec`` is that of its parameter."""
 
     name: str
     unit: str
     value: float
     scale: float
     present: float | None
+    spec: ParameterSpec
     supposed: bool = False
 
 
@@ -37,9 +43,10 @@ class Task:
     """Everything a search needs to know."""
 
     document: ParameterDocument
-    family: Family
+    family: Family[FamilyOptions]
     variant: Variant
-    options: Mapping[str, Any]
+    options: FamilyOptions
+    excitation: Excitation
     drive: Role
     hold: Hold | None
     unit: str
@@ -65,8 +72,7 @@ class Task:
 
 def make_task(
     document: ParameterDocument,
-    family: Family,
-    variant: Variant,
+    family: Family[FamilyOptions],
     given: Limits,
     criterion: str,
     seed: int,
@@ -77,31 +83,38 @@ def make_task(
     Raises
     ------
     UsageError
-        When a limit or the criterion cannot be.
+        When a limit or the criterion cannot be, or the family cannot be designed for.
     """
+    variant = family.variant(document.variant)
+    excitation = family.excitation(variant, document)
+    if excitation.kind == "none":
+        raise UsageError(
+            f"the next experiment of {family.name} cannot be designed: {excitation.reason}.",
+            remedy="Its warnings and refusals say which experiments it needs.",
+        )
     drive = _driving_role(variant)
     limits = _fill_limits(document, variant, drive, given)
     unit = document.validity[drive.name].unit if drive.name in document.validity else drive.unit
-    values, supposed = _suppose(document, drive, limits)
-    unknowns = _find_unknowns(document, values, supposed)
+    values, supposed = _suppose(document, family, variant, limits)
+    unknowns = _find_unknowns(document, variant, values, supposed)
     names = [u.name for u in unknowns]
     if criterion not in ("worst", "determinant", *names):
         raise UsageError(
             f"--criterion {criterion}: there is no such criterion or parameter to estimate.",
             expected=f"One of worst, determinant, {', '.join(names)}.",
         )
-    held = [source.columns.get(drive.name, {}).get("hold") for source in document.provenance.logs]
-    hold = next((h for h in held if h), drive.hold)
-    options = {**{o.name: o.default for o in family.options}, **(document.options or {})}
+    columns = [source.columns.get(drive.name) for source in document.provenance.logs]
+    hold = next((c.hold for c in columns if c and c.hold), drive.hold)
+    options = family.options_type.read(document.options or {}, from_file=True)
     notes = tuple(f"{n} was not identified; the design supposes {values[n]:.4g}." for n in supposed)
-    if hold == "zoh" and any(n.startswith("breakaway") for n in names):
+    if hold == "zoh" and any(u.spec.threshold for u in unknowns):
         notes += (
             f"A static level is known to no better than the controller's own step of {drive.name} "
             "/ 3.5, which the prediction does not know.",
         )
     return Task(
-        document, family, variant, options, drive, hold, unit, values, unknowns, limits,
-        criterion, seed, notes, progress,
+        document, family, variant, options, excitation, drive, hold, unit, values, unknowns,
+        limits, criterion, seed, notes, progress,
     )  # fmt: skip
 
 
@@ -110,7 +123,13 @@ def _driving_role(variant: Variant) -> Role:
     for role in variant.roles:
         if role.hold is not None and role.required:
             return role
-    return next(r for r in variant.roles if r.name != "time" and not r.output and r.required)
+    for role in variant.roles:
+        if role.required and not role.output and role.name != "time":
+            return role
+    raise UsageError(
+        "the next experiment cannot be designed: nothing drives this model.",
+        remedy="Its warnings and refusals say which experiments it needs.",
+    )
 
 
 def _fill_limits(
@@ -154,51 +173,44 @@ def _time_base(document: ParameterDocument, given: Limits) -> tuple[float, float
 
 
 def _suppose(
-    document: ParameterDocument, drive: Role, limits: Limits
+    document: ParameterDocument,
+    family: Family[FamilyOptions],
+    variant: Variant,
+    limits: Limits,
 ) -> tuple[dict[str, Value], list[str]]:
     """Values to simulate with: those of the file, plausible ones where it has none."""
     values = dict(document.values())
     supposed = []
-    low, high = limits.amplitude
     for name, entry in document.parameters.items():
         if entry.status != "not_identified" or isinstance(entry.value, list):
             continue
-        side = low if name.endswith("negative") else high
-        if name.startswith("coulomb"):
-            values[name] = 0.2 * abs(side)
-        elif name.startswith("breakaway"):
-            kinetic = values[name.replace("breakaway", "coulomb")]
-            assert isinstance(kinetic, float)
-            values[name] = 1.3 * kinetic
-        elif name.startswith("dead_zone"):
-            values[name] = 0.2 * side
-        elif name == "dead_time":
-            values[name] = 1.5 * limits.sample_time
-        elif name.startswith("viscous"):
-            values[name] = entry.value
-        else:
-            continue
-        supposed.append(name)
+        value = family.suppose(name, values, limits.amplitude, limits.sample_time)
+        if value is not None:
+            values[name] = value
+            supposed.append(name)
     return values, supposed
 
 
 def _find_unknowns(
-    document: ParameterDocument, values: Mapping[str, Value], supposed: Sequence[str]
+    document: ParameterDocument,
+    variant: Variant,
+    values: Mapping[str, Value],
+    supposed: Sequence[str],
 ) -> tuple[Unknown, ...]:
     """Numbers that are estimated or should be, lists entry by entry."""
     found = []
     for name, entry in document.parameters.items():
-        value, spread = values[name], entry.std_error
+        value, spread, spec = values[name], entry.std_error, variant.parameter(name)
         if isinstance(value, list):
             errors = spread if isinstance(spread, list) else []
             size = float(np.max(np.abs(value)))
             for i, (v, e) in enumerate(zip(value, errors)):
                 if isinstance(v, float) and isinstance(e, float) and e > 0.0:
-                    found.append(Unknown(f"{name}[{i}]", entry.unit, v, size, e))
+                    found.append(Unknown(f"{name}[{i}]", entry.unit, v, size, e, spec))
         elif entry.status == "estimated" or name in supposed:
             present = spread if isinstance(spread, float) else None
             scale = abs(value) or present or 1.0
-            found.append(Unknown(name, entry.unit, value, scale, present, name in supposed))
+            found.append(Unknown(name, entry.unit, value, scale, present, spec, name in supposed))
     if not found:
         raise UsageError(
             "the file has no estimated parameter, so there is nothing to design for.",

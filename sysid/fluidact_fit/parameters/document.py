@@ -1,39 +1,49 @@
 """The parameter document, version 1: every key a parameter file may hold.
 
-What a key *means* for a family (units, ranges, lengths) is checked in ``validation``.
+A document checks itself whenever it is made. What a key *means* for a family (units,
+ranges, lengths) is checked in ``validation``.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Callable, Iterable
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+import numpy as np
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from ..experiment import FloatArray
 from ..specification import Quantity, Status, Value
-
-FORMAT = "fluidact-parameters"
+from .problems import Location, suggest
 
 # Tags of union members start with a character that no key of a document starts with, so
 # that they can be taken out of the path of a problem again.
 TAG = "~"
 
-
-def _rank(value: Any) -> str:
-    rank = 0
-    while isinstance(value, (list, tuple)) and value and rank < 3:
-        value = value[0]
-        rank += 1
-    if isinstance(value, (list, tuple)):
-        rank += 1
-    return f"{TAG}{min(rank, 3)}"
+# Rounding of printed numbers is no reason to reject a file.
+_RELATIVE = 1e-9
+_EIGENVALUE = 1e-8
 
 
-def _value_rank(value: Any) -> str:
-    return min(_rank(value), f"{TAG}2")
+def _nested(least: int, most: int) -> Callable[[Any], str]:
+    def tag(value: Any) -> str:
+        depth = 0
+        while isinstance(value, (list, tuple)) and depth < most:
+            value, depth = value[0] if value else None, depth + 1
+        return f"{TAG}{max(depth, least)}"
 
-
-def _interval_rank(value: Any) -> str:
-    return max(_rank(value), f"{TAG}1")
+    return tag
 
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -44,20 +54,43 @@ Pairs = Annotated[list[Pair], Field(min_length=1)]
 PairTable = Annotated[list[Pairs], Field(min_length=1)]
 AnyValue = Annotated[
     Annotated[Number, Tag("~0")] | Annotated[Row, Tag("~1")] | Annotated[Table, Tag("~2")],
-    Discriminator(_value_rank),
+    Discriminator(_nested(0, 2)),
 ]
 AnyInterval = Annotated[
     Annotated[Pair, Tag("~1")] | Annotated[Pairs, Tag("~2")] | Annotated[PairTable, Tag("~3")],
-    Discriminator(_interval_rank),
+    Discriminator(_nested(1, 3)),
 ]
 Free = dict[str, Any]  # numbers, text and lists of them; what they mean is up to the family
 Count = Annotated[int, Field(ge=0)]
+Percent = Annotated[Number, Field(le=100.0)]
+Verdict = Literal["pass", "warn", "fail"]
+
+
+def refuse(objections: Iterable[tuple[Location, str]]) -> None:
+    """Raise what a validator objects to, each with its place below what is validated."""
+    errors = [
+        InitErrorDetails(
+            type=PydanticCustomError("objection", "{words}", {"words": words}),
+            loc=place,
+            input=None,
+        )
+        for place, words in objections
+    ]
+    if errors:
+        raise ValidationError.from_exception_data("document", errors)
 
 
 class Part(BaseModel):
     """A mapping of the document: its own keys and no others."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, populate_by_name=True)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the part as plain dicts, lists, text and numbers.
+
+        Keys stand in the order of the file; keys without a value are left out.
+        """
+        return self.model_dump(exclude_none=True, by_alias=True)
 
 
 class Derived(Part):
@@ -70,16 +103,50 @@ class Derived(Part):
     status: Status | None = None
     method: str | None = None
 
+    @field_validator("value", "std_error", "ci95")
+    @classmethod
+    def _fit_each_other(cls, found: Any, info: ValidationInfo) -> Any:
+        value = found if info.field_name == "value" else info.data.get("value")
+        if found is not None and value is not None:
+            refuse(_misfits(str(info.field_name), _array(found), _array(value)))
+        return found
 
-class Parameter(Part):
+
+class Parameter(Derived):
     """A physical parameter: SI value, unit, uncertainty, and where it came from."""
 
-    value: AnyValue
-    unit: str
-    std_error: AnyValue | None = None
-    ci95: AnyInterval | None = None
     status: Status
-    method: str | None = None
+
+
+def _array(value: Any) -> FloatArray:
+    """Return numbers as an array, an empty one when the lists are ragged."""
+    try:
+        return np.array(value, dtype=np.float64)
+    except ValueError:
+        return np.zeros(0)
+
+
+def _misfits(key: str, found: FloatArray, value: FloatArray) -> Iterable[tuple[Location, str]]:
+    def where(wrong: Any, words: str, numbers: FloatArray = value) -> Iterable[Any]:
+        for index in map(tuple, np.argwhere(wrong).tolist()):
+            yield index, words.format(float(numbers[index]))
+
+    if key == "value":
+        if not value.size:
+            yield (), "its rows differ in length"
+    elif key == "std_error":
+        if found.shape != value.shape:
+            yield (), "does not have the shape of the value"
+        else:
+            yield from where(found < 0.0, "{!r} is negative", found)
+    elif found.shape != (*value.shape, 2):
+        yield (), "is not one [low, high] for each number of the value"
+    else:
+        low, high = found[..., 0], found[..., 1]
+        slack = _RELATIVE * np.maximum(np.abs(value), np.abs(found).max(axis=-1))
+        yield from where(low > high, "low is above high")
+        outside = (value < low - slack) | (value > high + slack)
+        yield from where(outside & (low <= high), "does not contain the value {!r}")
 
 
 class Covariance(Part):
@@ -87,6 +154,46 @@ class Covariance(Part):
 
     order: list[str]
     matrix: list[list[Number]]
+
+    @field_validator("order")
+    @classmethod
+    def _name_once(cls, order: list[str]) -> list[str]:
+        twice = [i for i, name in enumerate(order) if name in order[:i]]
+        refuse([((i,), f"{order[i]!r} stands there twice") for i in twice])
+        return order
+
+    @field_validator("matrix")
+    @classmethod
+    def _is_covariance(cls, matrix: list[list[float]], info: ValidationInfo) -> list[list[float]]:
+        rows, widths = len(matrix), sorted({len(row) for row in matrix})
+        names = len(info.data.get("order", matrix))
+        if widths not in ([], [rows]):
+            entries = " or ".join(map(str, widths))
+            refuse([((), f"is not square: {rows} rows of {entries} entries")])
+        if names != rows:
+            refuse([((), f"has {rows} rows, but order has {names} names")])
+        if rows:
+            refuse(_flaws(_array(matrix)))
+        return matrix
+
+
+def _flaws(matrix: FloatArray) -> Iterable[tuple[Location, str]]:
+    variances = np.diag(matrix)
+    for index in np.flatnonzero(variances < 0.0).tolist():
+        yield (index, index), "is a negative variance"
+    # Parameters differ by many powers of ten: what is small is only known after scaling.
+    # What does not vary cannot vary along with anything.
+    spread = np.sqrt(np.where(variances > 0.0, variances, np.finfo(np.float64).tiny))
+    with np.errstate(all="ignore"):
+        scaled = matrix / spread[:, None] / spread
+        skew = np.argwhere(np.abs(scaled - scaled.T) > _RELATIVE).tolist()
+    if skew:
+        row, column = skew[0]
+        yield (), f"is not symmetric: [{row}][{column}] and [{column}][{row}] differ"
+    elif np.all(variances >= 0.0):
+        bounded = np.all(np.abs(scaled) <= 1.0 + _EIGENVALUE)
+        if not bounded or np.linalg.eigvalsh(scaled)[0] < -_EIGENVALUE:
+            yield (), "is not positive semidefinite"
 
 
 class Range(Part):
@@ -96,12 +203,24 @@ class Range(Part):
     high: Number
     unit: str
 
+    @model_validator(mode="after")
+    def _is_range(self) -> Self:
+        if self.low > self.high:
+            refuse([(("low",), f"{self.low!r} is above high, {self.high!r}")])
+        return self
+
 
 class Measure(Part):
     """A number with its SI unit."""
 
     value: Number
     unit: str
+
+
+class Deviation(Measure):
+    """A root mean square, which has no sign."""
+
+    value: Annotated[Number, Field(ge=0.0)]
 
 
 class Whiteness(Part):
@@ -114,16 +233,20 @@ class Whiteness(Part):
 
 
 class LogFit(Part):
-    """How well the model describes one log."""
+    """How well the model describes one log.
+
+    ``offset`` is what was added to the model's output for this log; ``left_out`` counts the
+    samples that the model does not claim to describe.
+    """
 
     file: str
     samples: Count | None = None
     left_out: Count | None = None
     offset: Measure | None = None
-    rmse: Measure | None = None
-    fit_percent: Annotated[Number, Field(le=100.0)] | None = None
+    rmse: Deviation | None = None
+    fit_percent: Percent | None = None
     residual_whiteness: Whiteness | None = None
-    verdict: Literal["pass", "warn", "fail"] | None = None
+    verdict: Verdict | None = None
     details: Free | None = None
 
 
@@ -131,10 +254,10 @@ class Fit(Part):
     """How well the model describes the data it was fitted to."""
 
     samples: Count
-    rmse: Measure
-    fit_percent: Annotated[Number, Field(le=100.0)] | None = None
+    rmse: Deviation
+    fit_percent: Percent | None = None
     residual_whiteness: Whiteness | None = None
-    verdict: Literal["pass", "warn", "fail"]
+    verdict: Verdict
     method: str | None = None
     logs: list[LogFit] = []
     details: Free | None = None
@@ -154,6 +277,29 @@ class Tool(Part):
     version: str
 
 
+class Step(Part):
+    """A signal that was not recorded: a step at an instant [s], in the column's unit."""
+
+    start: Number = Field(alias="from")
+    end: Number = Field(alias="to")
+    at: Number
+
+
+class Column(Part):
+    """Where a role came from, and what was made of it on the way to SI.
+
+    ``assumed`` says that neither the log nor the user named the unit; ``hold`` is how the
+    fit took the signal to move between its samples.
+    """
+
+    header: str | None = None
+    step: Step | None = None
+    unit: str
+    scale: Number | None = None
+    assumed: bool | None = None
+    hold: Literal["zoh", "foh", "smooth"] | None = None
+
+
 class LogSource(Part):
     """A recorded log, as it was read."""
 
@@ -161,7 +307,7 @@ class LogSource(Part):
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     rows: Count
     sample_time: Annotated[Number, Field(ge=0.0)] | None = None
-    columns: dict[str, Free] = {}
+    columns: dict[str, Column] = {}
     details: Free | None = None
 
 
@@ -195,27 +341,38 @@ class ParameterDocument(Part):
     warnings: list[WarningEntry] = []
     provenance: Provenance
 
+    @field_validator("covariance")
+    @classmethod
+    def _names_parameters(cls, covariance: Covariance | None, info: ValidationInfo) -> Any:
+        parameters: dict[str, Parameter] | None = info.data.get("parameters")
+        if covariance is None or parameters is None:
+            return covariance
+        names = {
+            name + "".join(f"[{i}]" for i in index)
+            for name, entry in parameters.items()
+            for index in np.ndindex(np.shape(entry.value))
+        }
+        refuse(
+            (
+                ("order", place),
+                f"{name!r} is not a number among the parameters"
+                + suggest(name.partition("[")[0], parameters),
+            )
+            for place, name in enumerate(covariance.order)
+            if name not in names
+        )
+        return covariance
+
     def values(self) -> dict[str, Value]:
         """Return the parameter values by name [SI], in the family's order."""
         return {name: entry.value for name, entry in self.parameters.items()}
 
     def quantities(self) -> dict[str, Quantity]:
         """Return the parameters with their uncertainty by name, in the family's order."""
-        return {
-            name: Quantity(
-                value=entry.value,
-                unit=entry.unit,
-                status=entry.status,
-                std_error=entry.std_error,
-                ci95=entry.ci95,
-                method=entry.method,
-            )
-            for name, entry in self.parameters.items()
-        }
+        return {name: Quantity(**dict(entry)) for name, entry in self.parameters.items()}
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the document as plain dicts, lists, text and numbers.
+    def __repr__(self) -> str:
+        count = len(self.parameters)
+        return f"<ParameterDocument {self.family}: {count} parameters, {self.fit.verdict}>"
 
-        Keys stand in the order of the file; keys without a value are left out.
-        """
-        return self.model_dump(exclude_none=True)
+    __str__ = __repr__

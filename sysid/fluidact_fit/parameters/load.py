@@ -8,17 +8,19 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ParameterFileError
+from .agreement import check_agreement
 from .atomic import write_atomically
 from .document import ParameterDocument
 from .migrations import is_newer, migrate
+from .plain import to_plain
 from .problems import Location, Problems
 from .validation import Lookup, validate
-from .yaml_io import dump_yaml, parse_yaml, read_yaml, to_plain
+from .yaml_io import YamlText, dump_yaml, parse_yaml, read_yaml
 
 _REMEDY = "Correct these, or fit again and use the new file."
 
 
-def read_document(path: str | os.PathLike[str], lookup: Lookup | None = None) -> ParameterDocument:
+def read_document(path: str | os.PathLike[str], lookup: Lookup) -> ParameterDocument:
     """Read, migrate and check a parameter file.
 
     Parameters
@@ -26,20 +28,17 @@ def read_document(path: str | os.PathLike[str], lookup: Lookup | None = None) ->
     path
         The file.
     lookup
-        Finds a family by name; the registry by default.
+        Finds a family by name.
 
     Raises
     ------
     ParameterFileError
         Naming every problem with its path and line.
     """
-    text = read_yaml(path)
-    return _checked(os.fspath(path), text.data, text.problems, text.lines, lookup)
+    return _read(read_yaml(path), lookup, os.fspath(path))
 
 
-def parse_document(
-    text: str, lookup: Lookup | None = None, where: str = "the document"
-) -> ParameterDocument:
+def parse_document(text: str, lookup: Lookup, where: str = "the document") -> ParameterDocument:
     """Read a parameter document from text, as ``read_document`` does from a file.
 
     Raises
@@ -47,12 +46,11 @@ def parse_document(
     ParameterFileError
         Naming every problem with its path and line.
     """
-    parsed = parse_yaml(text, where)
-    return _checked(where, parsed.data, parsed.problems, parsed.lines, lookup)
+    return _read(parse_yaml(text, where), lookup, where)
 
 
 def make_document(
-    document: Mapping[str, Any], lookup: Lookup | None = None, where: str = "the document"
+    document: Mapping[str, Any], lookup: Lookup, where: str = "the document"
 ) -> ParameterDocument:
     """Check a document held in memory.
 
@@ -64,50 +62,39 @@ def make_document(
     ParameterFileError
         Naming every problem with its path.
     """
-    return _checked(where, to_plain(document), Problems(), {}, lookup)
+    return _check(to_plain(document), Problems(), {}, lookup, where)
 
 
-def dump_document(
-    document: ParameterDocument | Mapping[str, Any], lookup: Lookup | None = None
-) -> str:
-    """Return a document as the text of a parameter file.
-
-    What the reader would reject is not written.
-
-    Raises
-    ------
-    ParameterFileError
-        Naming every problem with its path.
-    """
-    if not isinstance(document, ParameterDocument):
-        document = make_document(document, lookup)
+def dump_document(document: ParameterDocument) -> str:
+    """Return a document as the text of a parameter file."""
     return dump_yaml(document.to_dict())
 
 
 def save_document(
-    document: ParameterDocument | Mapping[str, Any],
-    path: str | os.PathLike[str],
-    overwrite: bool = False,
-    lookup: Lookup | None = None,
+    document: ParameterDocument, path: str | os.PathLike[str], overwrite: bool = False
 ) -> Path:
     """Write a parameter file, whole or not at all.
 
     Raises
     ------
-    ParameterFileError
-        When the document is not valid.
     OutputError
         When the file exists and may not be replaced, or cannot be written.
     """
-    return write_atomically(path, dump_document(document, lookup), overwrite=overwrite)
+    return write_atomically(path, dump_document(document), overwrite=overwrite)
 
 
-def _checked(
-    where: str,
+def _read(text: YamlText, lookup: Lookup, where: str) -> ParameterDocument:
+    document = _check(text.data, text.problems, text.lines, lookup, where)
+    check_agreement(document, lookup(document.family), where)
+    return document
+
+
+def _check(
     data: dict[str, Any],
     problems: Problems,
     lines: Mapping[Location, int],
-    lookup: Lookup | None,
+    lookup: Lookup,
+    where: str,
 ) -> ParameterDocument:
     # What a newer version calls a problem is unknown here: nothing else is worth saying.
     migrated = migrate(data, problems)

@@ -27,6 +27,22 @@ def _from_0(document: dict[str, Any]) -> dict[str, Any]:
     return document
 
 
+def _settle_holds(document: dict[str, Any]) -> dict[str, Any]:
+    """Early files of version 1 say beside a hold of ``foh`` what it was found to mean.
+
+    Their ``linear`` is called ``foh`` now, and their ``cubic`` ``smooth``.
+    """
+    provenance = document.get("provenance")
+    logs = provenance.get("logs") if isinstance(provenance, dict) else None
+    for log in logs if isinstance(logs, list) else ():
+        columns = log.get("columns") if isinstance(log, dict) else None
+        for column in columns.values() if isinstance(columns, dict) else ():
+            if isinstance(column, dict) and "hold" in column:
+                hold = column.pop("interpolation", column["hold"])
+                column["hold"] = {"linear": "foh", "cubic": "smooth"}.get(hold, hold)
+    return document
+
+
 MIGRATIONS: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]] = {0: _from_0}
 
 
@@ -58,4 +74,5 @@ def migrate(document: Mapping[str, Any], problems: Problems) -> dict[str, Any]:
         for step in range(version, CURRENT_VERSION):
             migrated = MIGRATIONS[step](migrated)
             migrated["format_version"] = step + 1
+        migrated = _settle_holds(migrated)
     return migrated

@@ -1,6 +1,6 @@
 """The JSON Schema of the parameter file, generated from the models and the registry.
 
-``python -m fluidact_fit.parameters.schema`` rewrites the committed file.
+``make schema`` rewrites the committed file.
 """
 
 from __future__ import annotations
@@ -9,15 +9,15 @@ import json
 import math
 from collections.abc import Iterable
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
-from ..family import Family, ParameterSpec, Variant
+from ..options import Option, describe
+from ..specification import Described, ParameterSpec, Variant
 
 FILE_NAME = "fluidact-parameters-1.schema.json"
 
 
-def build_schema(families: Iterable[Family]) -> dict[str, Any]:
+def build_schema(families: Iterable[Described]) -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of a parameter file.
 
     Parameters
@@ -75,18 +75,24 @@ def _tidied(node: Any) -> Any:
     }
 
 
-def _family_branch(family: Family) -> dict[str, Any]:
-    variants = [_variant_schema(variant) for variant in family.variants]
+def _family_branch(family: Described) -> dict[str, Any]:
+    options = describe(family.options_type, every=True)
+    shape = {
+        "properties": {option.name: _option_schema(option) for option in options},
+        "additionalProperties": False,
+    }
+    variants = [_variant_schema(variant, shape) for variant in family.variants]
     return {
         "if": {"properties": {"family": {"const": family.name}}, "required": ["family"]},
         "then": variants[0] if len(variants) == 1 else {"anyOf": variants},
     }
 
 
-def _variant_schema(variant: Variant) -> dict[str, Any]:
+def _variant_schema(variant: Variant, options: dict[str, Any]) -> dict[str, Any]:
     return {
         "properties": {
             "variant": {"const": variant.name},
+            "options": options,
             "parameters": {
                 "properties": {spec.name: _parameter_schema(spec) for spec in variant.parameters},
                 "required": [spec.name for spec in variant.parameters if not spec.optional],
@@ -95,6 +101,24 @@ def _variant_schema(variant: Variant) -> dict[str, Any]:
             "validity": {"propertyNames": {"enum": [role.name for role in variant.roles]}},
         }
     }
+
+
+def _option_schema(option: Option) -> dict[str, Any]:
+    shapes: dict[str, dict[str, Any]] = {
+        "choice": {"enum": list(option.choices)},
+        "float": {"type": "number"},
+        "int": {"type": "integer"},
+        "flag": {"type": "boolean"},
+        "text": {"type": ["string", "integer"]},
+        "range": {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2},
+    }
+    limits = {
+        "minimum": option.minimum,
+        "maximum": option.maximum,
+        "exclusiveMinimum": option.above,
+    }
+    finite = {key: float(limit) for key, limit in limits.items() if math.isfinite(limit)}
+    return {"description": option.help, **shapes[option.kind], **finite}
 
 
 def _parameter_schema(spec: ParameterSpec) -> dict[str, Any]:
@@ -114,15 +138,3 @@ def _parameter_schema(spec: ParameterSpec) -> dict[str, Any]:
             "unit": {"type": "string"} if spec.any_unit else {"const": spec.unit},
         },
     }
-
-
-def _main() -> None:
-    from ..families import family_names, get_family
-
-    path = Path(__file__).with_name(FILE_NAME)
-    schema = build_schema(get_family(name) for name in family_names())
-    path.write_text(schema_text(schema), encoding="utf-8", newline="\n")
-
-
-if __name__ == "__main__":
-    _main()

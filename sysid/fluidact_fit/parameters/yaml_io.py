@@ -6,38 +6,27 @@ on which YAML 1.1 and YAML 1.2 readers agree.
 
 from __future__ import annotations
 
-import dataclasses
-import math
+import io
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
+from yaml.composer import Composer
+from yaml.constructor import SafeConstructor
+from yaml.resolver import BaseResolver
 
 from ..errors import ParameterFileError
+from .plain import check_plain, to_plain
 from .problems import Location, Problems
 
 MAX_BYTES = 10_000_000
 MAX_DEPTH = 32
-HEADER = "# Written by fluidact-fit. All values are SI."
+_TAG = "tag:yaml.org,2002:"
 
 # ---------------------------------------------------------------------------- reading
-
-_INT = re.compile(r"[-+]?(0|[1-9][0-9]*)")
-_FLOAT = re.compile(r"[-+]?([0-9]+\.[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[-+]?[0-9]+[eE][-+]?[0-9]+")
-_WORDS: dict[str, Any] = {
-    **dict.fromkeys(("", "~", "null", "Null", "NULL"), None),
-    **dict.fromkeys(("true", "True", "TRUE"), True),
-    **dict.fromkeys(("false", "False", "FALSE"), False),
-    **dict.fromkeys((".inf", ".Inf", ".INF", "+.inf", "+.Inf", "+.INF"), math.inf),
-    **dict.fromkeys(("-.inf", "-.Inf", "-.INF"), -math.inf),
-    **dict.fromkeys((".nan", ".NaN", ".NAN"), math.nan),
-}
 
 
 @dataclass(frozen=True)
@@ -68,17 +57,27 @@ def read_yaml(path: str | os.PathLike[str]) -> YamlText:
         When the file cannot be read, or is not UTF-8 YAML with a mapping at the top.
     """
     where = os.fspath(path)
-    content = _read_bytes(where)
+    if os.path.isdir(where):
+        raise _refusal(where, "is a directory", "Give the parameter file inside it.")
+    try:
+        with open(where, "rb") as file:
+            content = file.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise _refusal(where, "does not exist", "Check the name of the file.") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        remedy = "Check the name and the permissions of the file."
+        raise _refusal(where, f"cannot be read: {reason}", remedy) from None
+    if len(content) > MAX_BYTES:
+        raise _refusal(where, f"is larger than {MAX_BYTES // 1_000_000} MB, too large to be one")
     if b"\0" in content:
         raise _refusal(where, "is binary, not text", "Give a parameter file (.yaml).")
     try:
-        text = content.decode("utf-8-sig")
+        return parse_yaml(content.decode("utf-8-sig"), where)
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
-        raise _refusal(
-            f"{where}, line {line}", "is not UTF-8 text", "Save the file as UTF-8."
-        ) from None
-    return parse_yaml(text, where)
+        remedy = "Save the file as UTF-8."
+        raise _refusal(f"{where}, line {line}", "is not UTF-8 text", remedy) from None
 
 
 def parse_yaml(text: str, where: str) -> YamlText:
@@ -90,211 +89,154 @@ def parse_yaml(text: str, where: str) -> YamlText:
         When the text is not YAML, has more than one document, an alias, nesting deeper
         than ``MAX_DEPTH``, or anything but a mapping at the top.
     """
-    # libyaml is ten times faster, but not every PyYAML is built with it.
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        return _Composer(where, yaml.parse(text, Loader=loader)).compose()
+        loader: Any = _Loader(text, where)
+        if not loader.check_data():
+            raise _refusal(where, "is empty")
+        data = loader.get_data()
+        if loader.check_data():
+            raise _refusal(where, "holds a second document", "Keep one document per file.")
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f", line {mark.line + 1}" if mark else ""
         reason = error.problem or error.context or "cannot be parsed"
         raise _refusal(f"{where}{line}", f"is not YAML: {reason}") from None
     except yaml.YAMLError as error:
-        reason = str(error).splitlines()[0]
-        raise _refusal(where, f"is not YAML: {reason}") from None
-
-
-def _read_bytes(where: str) -> bytes:
-    if os.path.isdir(where):
-        raise _refusal(where, "is a directory", "Give the parameter file inside it.")
-    try:
-        with open(where, "rb") as file:
-            content = file.read(MAX_BYTES + 1)
-    except FileNotFoundError:
-        raise _refusal(where, "does not exist", "Check the name of the file.") from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise _refusal(
-            where, f"cannot be read: {reason}", "Check the name and the permissions of the file."
-        ) from None
-    if len(content) > MAX_BYTES:
-        raise _refusal(where, f"is larger than {MAX_BYTES // 1_000_000} MB, too large to be one")
-    return content
+        raise _refusal(where, f"is not YAML: {str(error).splitlines()[0]}") from None
+    if not isinstance(data, dict):
+        raise _refusal(where, "is not a mapping of keys to values")
+    return YamlText(data, loader.problems, loader.lines)
 
 
 def _refusal(where: str, what: str, remedy: str = "") -> ParameterFileError:
-    return ParameterFileError(
-        where, [("", what)], remedy or "Give a parameter file written by fluidact-fit."
-    )
+    remedy = remedy or "Give a parameter file written by fluidact-fit."
+    return ParameterFileError(where, [("", what)], remedy)
 
 
-class _Composer:
-    """Builds plain data from parse events.
+class _Loader(Composer, SafeConstructor, BaseResolver):
+    """PyYAML's safe loader, with the scalars of YAML 1.2 and without its liberties.
 
-    PyYAML's own composer follows aliases and merges, and drops duplicate keys and line
-    numbers; working from its events leaves none of that to undo.
+    It watches the nodes being composed, where places and lines are still known. What is
+    only a blemish is noted as a problem, and the entry taken as if it were not there.
     """
 
-    def __init__(self, where: str, events: Iterator[Any]) -> None:
-        self.where = where
-        self.events = events
-        self.problems = Problems()
+    def __init__(self, text: str, where: str) -> None:
+        # libyaml is ten times faster, but not every PyYAML is built with it.
+        parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)(text)
+        self.check_event, self.peek_event = parser.check_event, parser.peek_event
+        self.get_event = parser.get_event
+        Composer.__init__(self)
+        SafeConstructor.__init__(self)
+        BaseResolver.__init__(self)
+        self.where, self.problems = where, Problems()
+        self.place: Location = ()
         self.lines: dict[Location, int] = {}
 
-    def compose(self) -> YamlText:
-        next(self.events)  # stream start
-        if isinstance(next(self.events), yaml.StreamEndEvent):
-            raise _refusal(self.where, "is empty")
-        data = self._node(next(self.events), ())
-        next(self.events)  # document end
-        following = next(self.events)
-        if not isinstance(following, yaml.StreamEndEvent):
-            raise self._fatal(following, "holds a second document", "Keep one document per file.")
-        if not isinstance(data, dict):
-            raise _refusal(self.where, "is not a mapping of keys to values")
-        return YamlText(data, self.problems, self.lines)
-
-    def _node(self, event: Any, location: Location) -> Any:
-        self._check(event, location)
-        self.lines.setdefault(location, event.start_mark.line + 1)
-        if isinstance(event, yaml.ScalarEvent):
-            return event.value if event.style else _resolve(event.value)
-        if isinstance(event, yaml.SequenceStartEvent):
-            items: list[Any] = []
-            while not isinstance(event := next(self.events), yaml.SequenceEndEvent):
-                items.append(self._node(event, (*location, len(items))))
-            return items
-        return self._mapping(location)
-
-    def _mapping(self, location: Location) -> dict[str, Any]:
-        mapping: dict[str, Any] = {}
-        while not isinstance(event := next(self.events), yaml.MappingEndEvent):
-            key = self._key(event, location)
-            place = (*location, key)
-            line = event.start_mark.line + 1
-            if key not in mapping:
-                self.lines[place] = line
-                mapping[key] = self._node(next(self.events), place)
-                continue
-            first = self.lines[place]
-            # The first one stands, and so do its lines.
-            kept, self.lines = self.lines, {}
-            self._node(next(self.events), place)
-            self.lines = kept
-            self.problems.add(place, f"duplicate key in lines {first} and {line}")
-        return mapping
-
-    def _key(self, event: Any, location: Location) -> str:
-        if not isinstance(event, yaml.ScalarEvent):
-            if isinstance(event, yaml.AliasEvent):
-                self._check(event, location)
-            raise self._fatal(event, "has a list or mapping as a key", "Keys are words.")
-        self._check(event, (*location, event.value))
-        if not event.style and not isinstance(_resolve(event.value), str):
-            self.problems.add((*location, event.value), "key is not text; put it in quotes")
-        return str(event.value)
-
-    def _check(self, event: Any, location: Location) -> None:
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event = self.peek_event()
+        above, key = self.place, isinstance(parent, yaml.MappingNode) and index is None
         if isinstance(event, yaml.AliasEvent):
-            raise self._fatal(
-                event, f"has an alias (*{event.anchor})", "Write the value out where it is used."
-            )
-        if len(location) > MAX_DEPTH:
+            remedy = "Write the value out where it is used."
+            raise self._fatal(event, f"has an alias (*{event.anchor})", remedy)
+        if key and not isinstance(event, yaml.ScalarEvent):
+            raise self._fatal(event, "has a list or mapping as a key", "Keys are words.")
+        if parent is not None:
+            part = event.value if key else index.value if isinstance(index, yaml.Node) else index
+            self.place = (*above, part)
+        if len(self.place) > MAX_DEPTH:
             raise self._fatal(event, f"is nested deeper than {MAX_DEPTH} levels")
+        self._note(event, key)
+        node = super().compose_node(parent, index)
+        self.place = above
+        return node
+
+    def _note(self, event: Any, key: bool) -> None:
         if event.anchor is not None:
-            self.problems.add(location, f"has an anchor (&{event.anchor}); remove it")
+            self.problems.add(self.place, f"has an anchor (&{event.anchor}); remove it")
         if event.tag is not None:
-            self.problems.add(location, f"has a tag ({event.tag}); remove it")
+            self.problems.add(self.place, f"has a tag ({event.tag}); remove it")
+        event.anchor = event.tag = None
+        line = event.start_mark.line + 1
+        resolve: Any = self.resolve
+        if key and resolve(yaml.ScalarNode, event.value, event.implicit) != f"{_TAG}str":
+            self.problems.add(self.place, "key is not text; put it in quotes")
+        inside = any(self.place[:size] in self.problems.found for size in range(len(self.place)))
+        if key and not inside and self.place in self.lines:
+            lines = f"lines {self.lines[self.place]} and {line}"
+            self.problems.add(self.place, f"duplicate key in {lines}")
+        self.lines.setdefault(self.place, line)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        mapping: dict[Any, Any] = {}
+        for key, value in node.value:  # of two entries of one name the first stands
+            mapping.setdefault(key.value, self.construct_object(value, deep))
+        return mapping
 
     def _fatal(self, event: Any, what: str, remedy: str = "") -> ParameterFileError:
         return _refusal(f"{self.where}, line {event.start_mark.line + 1}", what, remedy)
 
 
-def _resolve(text: str) -> Any:
-    if text in _WORDS:
-        return _WORDS[text]
-    if _INT.fullmatch(text):
-        try:
-            return int(text)
-        except ValueError:  # more digits than Python converts
-            return math.inf
-    if _FLOAT.fullmatch(text):
-        return float(text)
-    return text
-
+for _kind, _form in {
+    "null": r"(~|null|Null|NULL|)\Z",
+    "bool": r"(true|True|TRUE|false|False|FALSE)\Z",
+    "int": r"[-+]?(0|[1-9][0-9]{0,3999})\Z",
+    "float": r"[-+]?(([0-9]+\.[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+"
+    r"|[1-9][0-9]{4000,}|\.(inf|Inf|INF))\Z|\.(nan|NaN|NAN)\Z",  # Python reads 4300 digits
+}.items():
+    _Loader.add_implicit_resolver(f"{_TAG}{_kind}", re.compile(_form), None)
 
 # ---------------------------------------------------------------------------- writing
 
-_WIDTH = 100
-_MAPPING_WIDTH = 160  # a parameter with value, error and interval stays on one line
-_MAX_KEY = 200  # YAML allows 1024, but a key of that size is a mistake
+_HEADER = "# Written by fluidact-fit. All values are SI.\n"
+_WIDTH = 175  # a parameter with value, error and interval stays on one line
 
 # What every reader takes for text without quotes. Everything doubtful is quoted.
 _PLAIN = re.compile(r"[A-Za-z/_]([A-Za-z0-9_./()+*^%=@ -]*[A-Za-z0-9_./()+*^%=@-])?")
 # "y" and "n" are booleans to the letter of YAML 1.1: a unit of N goes in quotes.
 _DOUBTFUL = frozenset(("null", "true", "false", "yes", "no", "on", "off", "y", "n", "nan", "inf"))
-_ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
 
 
-def to_plain(value: Any) -> Any:
-    """Return a value as plain dicts, lists, text and numbers.
+class _Dumper(yaml.SafeDumper):
+    """PyYAML's safe dumper, with doubtful text in quotes and short parts on one line."""
 
-    Numpy scalars and arrays, tuples, paths and dataclasses are converted; keys whose
-    value is ``None`` are left out. Anything else is returned as it is.
+    def represent_str(self, text: str) -> yaml.ScalarNode:
+        plain = _PLAIN.fullmatch(text) and text.lower() not in _DOUBTFUL
+        return self.represent_scalar(f"{_TAG}str", text, None if plain else '"')
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+    def check_simple_key(self) -> bool:
+        return True  # PyYAML takes only shorter ones for simple
+
+    def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:
+        super().increase_indent(flow, False)  # lists stand farther in than their key
+
+
+_Dumper.add_representer(str, _Dumper.represent_str)
+
+
+def _set_style(node: Any, depth: int = 0, column: int = 0) -> int:
+    """Choose between one line and several for a node; return its width on one line.
+
+    The top two levels stand on several, so that each parameter has a line of its own;
+    below them whatever fits stands on one, and so do the rows of a list of lists.
     """
-    if isinstance(value, Mapping):
-        return {_clean(k): to_plain(v) for k, v in value.items() if v is not None}
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return to_plain({f.name: getattr(value, f.name) for f in dataclasses.fields(value)})
-    if isinstance(value, np.ndarray):
-        return to_plain(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return [to_plain(item) for item in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value)
-    if isinstance(value, Path):
-        return _clean(os.fspath(value))
-    return _clean(value)
-
-
-def _clean(value: Any) -> Any:
-    # File names may carry bytes that are not UTF-8 as lone surrogates; no YAML holds those.
-    if isinstance(value, str):
-        return str(value).encode("utf-8", "surrogatepass").decode("utf-8", "replace")
-    return value
-
-
-def check_plain(value: Any, problems: Problems, location: Location = ()) -> None:
-    """Note everything in a value that a parameter file cannot hold."""
-    if isinstance(value, dict):
-        for key, item in value.items():
-            if not isinstance(key, str):
-                problems.add((*location, str(key)), "key is not text")
-            elif len(key) > _MAX_KEY:
-                problems.add((*location, key), f"key is longer than {_MAX_KEY} characters")
-            else:
-                check_plain(item, problems, (*location, key))
-    elif isinstance(value, list):
-        for index, item in enumerate(value):
-            check_plain(item, problems, (*location, index))
-    elif value is None:
-        problems.add(location, "is empty; give a value or remove the key")
-    elif isinstance(value, float):
-        if not math.isfinite(value):
-            problems.add(location, f"{value} is not finite")
-    elif not isinstance(value, (str, int)):
-        problems.add(location, f"a {type(value).__name__} cannot stand in a parameter file")
+    if isinstance(node, yaml.ScalarNode):
+        return len(node.value) + 2 * bool(node.style)
+    if isinstance(node, yaml.MappingNode):
+        at = {key: 2 * depth + len(key.value) + 2 for key, _ in node.value}
+        width = sum(at[k] - 2 * depth + _set_style(v, depth + 1, at[k]) + 2 for k, v in node.value)
+        node.flow_style = not node.value or (depth > 1 and column + width <= _WIDTH)
+        return width
+    width = sum(_set_style(item, depth + 1, 2 * depth + 2) + 2 for item in node.value)
+    inner = {type(item) for item in node.value} - {yaml.ScalarNode}
+    node.flow_style = not inner or (yaml.MappingNode not in inner and column + width <= _WIDTH)
+    return width
 
 
 def dump_yaml(document: Mapping[str, Any]) -> str:
     """Return a document as YAML text that every YAML reader reads alike.
-
-    Short mappings and lists stand on one line; those at the top two levels do not, so
-    that each parameter has a line of its own.
 
     Raises
     ------
@@ -306,100 +248,7 @@ def dump_yaml(document: Mapping[str, Any]) -> str:
     check_plain(plain, problems)
     if problems.found:
         raise ParameterFileError("the document", problems.listed({}))
-    return "\n".join((HEADER, *_mapping_lines(plain, 0))) + "\n"
-
-
-def _mapping_lines(mapping: dict[str, Any], depth: int) -> list[str]:
-    lines: list[str] = []
-    keys = {key: _scalar(key) for key in mapping}
-    texts = {key: _one_line(item, depth + 1) for key, item in mapping.items()}
-    table = len(mapping) > 1 and all(isinstance(item, dict) for item in mapping.values())
-    pad = max(map(len, keys.values())) if table and None not in texts.values() else 0
-    for key, item in mapping.items():
-        text = texts[key]
-        if text is None:
-            lines.append(f"{keys[key]}:")
-            lines += ["  " + line for line in _lines(item, depth + 1)]
-        else:
-            lines.append(f"{keys[key] + ':':<{pad + 1}} {text}")
-    return lines
-
-
-def _lines(value: Any, depth: int) -> list[str]:
-    text = _one_line(value, depth)
-    if text is not None:
-        return [text]
-    if isinstance(value, dict):
-        return _mapping_lines(value, depth)
-    if not any(isinstance(item, (dict, list)) for item in value):
-        return _wrapped([_flow(item) for item in value])
-    lines: list[str] = []
-    for item in value:
-        first, *rest = _lines(item, depth + 1)
-        lines += ["- " + first, *("  " + line for line in rest)]
-    return lines
-
-
-def _one_line(value: Any, depth: int) -> str | None:
-    """Return the value on one line, ``None`` when it reads better on several."""
-    if isinstance(value, dict):
-        if value and depth < 2:
-            return None
-        text = _flow(value)
-        return text if len(text) <= _MAPPING_WIDTH else None
-    if isinstance(value, list):
-        if any(isinstance(item, dict) for item in value):
-            return None
-        text = _flow(value)
-        return text if len(text) <= _WIDTH else None
-    return _scalar(value)
-
-
-def _flow(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{_scalar(k)}: {_flow(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_flow, value)) + "]"
-    return _scalar(value)
-
-
-def _wrapped(items: list[str]) -> list[str]:
-    lines, line = [], "["
-    for item, following in pairwise((*items, "")):
-        if len(line) > 1 and len(line) + len(item) > _WIDTH:
-            lines.append(line.rstrip())
-            line = " "
-        line += item + (", " if following else "]")
-    return [*lines, line]
-
-
-def _scalar(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        return _float(value)
-    if isinstance(value, int):
-        return str(value)
-    text = str(value)
-    if _PLAIN.fullmatch(text) and text.lower() not in _DOUBTFUL:
-        return text
-    return '"' + "".join(map(_escape, text)) + '"'
-
-
-def _float(value: float) -> str:
-    # YAML 1.1 takes 1e-07 for text: it wants both a decimal point and a signed exponent.
-    mantissa, mark, exponent = repr(value).partition("e")
-    if "." not in mantissa:
-        mantissa += ".0"
-    return mantissa + mark + exponent
-
-
-def _escape(character: str) -> str:
-    if character in _ESCAPES:
-        return _ESCAPES[character]
-    if character.isprintable():
-        return character
-    code = ord(character)
-    if code <= 0xFF:
-        return f"\\x{code:02x}"
-    return f"\\u{code:04x}" if code <= 0xFFFF else f"\\U{code:08x}"
+    node = _Dumper(io.StringIO(), sort_keys=False).represent_data(plain)
+    _set_style(node)
+    text: str = yaml.serialize(node, Dumper=_Dumper, width=_WIDTH, allow_unicode=True)
+    return _HEADER + text

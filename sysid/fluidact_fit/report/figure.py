@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..families import get_family
-from ..family import Estimate, StaticView, Variant
-from ..quality import agreement
-from ..result import FitResult
+from ..family import StaticView
+from ..outcome import Outcome, agreement
 from .numbers import Scale, choose_scale, count, percent, plain, short
 from .panels import (
     correlation_panel,
@@ -33,7 +32,7 @@ _SIZE = (13.0, 7.6)  # inches
 _SIDE = 4.3 / 13.0  # share of the text column
 
 
-def plot_result(result: FitResult) -> Figure:
+def plot_result(result: Outcome) -> Figure:
     """Draw a fit: the model against the data, the residuals, and the numbers.
 
     A dynamic model shows measured against simulated output over time, residuals with a
@@ -69,7 +68,7 @@ def plot_result(result: FitResult) -> Figure:
     return figure
 
 
-def plot_validation(result: FitResult) -> Figure | None:
+def plot_validation(result: Outcome) -> Figure | None:
     """Draw the logs that were judged and not fitted; ``None`` when there are none."""
     import matplotlib
     from matplotlib.figure import Figure
@@ -86,18 +85,16 @@ def plot_validation(result: FitResult) -> Figure | None:
     return figure
 
 
-def static_view(result: FitResult) -> StaticView | None:
+def static_view(result: Outcome) -> StaticView | None:
     """What a static map shows, from the family or, where nothing is driven, its first input."""
-    family = get_family(result.family)
-    options = result.document.get("options", {})
-    view = family.static_view(result.variant, result.estimate, result.experiments, options)
-    if view is not None or drive_role(result.variant):
-        return view
-    return _plain_view(result.variant, result.estimate, result)
+    if result.static_view is not None or drive_role(result.variant):
+        return result.static_view
+    return _plain_view(result)
 
 
-def _plain_view(variant: Variant, estimate: Estimate, result: FitResult) -> StaticView | None:
+def _plain_view(result: Outcome) -> StaticView | None:
     """Output over the first input of a map that says nothing about its picture."""
+    variant = result.variant
     first = result.experiments[0]
     inputs = [r.name for r in variant.roles if not r.output and r.name != "time"]
     role = next((r for r in inputs if r in first), None)
@@ -105,29 +102,28 @@ def _plain_view(variant: Variant, estimate: Estimate, result: FitResult) -> Stat
         return None
     output = variant.output.name
     raw = np.concatenate([e[output] for e in result.experiments])
-    measured = np.concatenate(list(estimate.measured))
+    measured = np.concatenate([s.measured for s in result.fitted])
     return StaticView(
         role, first.signals[role].unit, output, first.signals[output].unit,
         np.concatenate([e[role] for e in result.experiments]),
         raw if raw.size == measured.size else measured,
-        np.concatenate(list(estimate.simulated)),
+        np.concatenate([s.simulated for s in result.fitted]),
         np.isfinite(measured),
     )  # fmt: skip
 
 
-def _title(figure: Figure, result: FitResult) -> None:
-    fit: Mapping[str, Any] = result.document["fit"]
-    unit = str(fit["rmse"]["unit"])
-    rmse = choose_scale(unit, float(fit["rmse"]["value"]))
+def _title(figure: Figure, result: Outcome) -> None:
+    fit = result.document.fit
+    rmse = choose_scale(fit.rmse.unit, fit.rmse.value)
     logs = len({e.log for e in result.experiments})
     runs = len(result.experiments)
     parts = [
-        f"fit {percent(fit.get('fit_percent'))}",
-        f"rmse {short(float(fit['rmse']['value']) * rmse.factor, 3)} {rmse.unit}".rstrip(),
-        f"{count(int(fit['samples']))} samples",
+        f"fit {percent(fit.fit_percent)}",
+        f"rmse {short(fit.rmse.value * rmse.factor, 3)} {rmse.unit}".rstrip(),
+        f"{count(fit.samples)} samples",
         f"{logs} log{'s' * (logs > 1)}" + (f", {runs} runs" if runs > logs else ""),
     ]
-    judged = [v["fit_percent"] for v in result.document.get("validation", ())]
+    judged = [v.fit_percent for v in result.document.validation if v.fit_percent is not None]
     if judged:
         parts.append(f"validation fit {percent(min(judged))}" + (" (worst)" * (len(judged) > 1)))
     _heading(figure, get_family(result.family).title, result.verdict, "   ·   ".join(parts))
@@ -154,7 +150,7 @@ def _side(figure: Figure) -> list[Any]:
     return [figure.add_subplot(grid[k]) for k in range(2)]
 
 
-def _dynamic(figure: Figure, runs: Sequence[Run], result: FitResult, right: float) -> None:
+def _dynamic(figure: Figure, runs: Sequence[Run], result: Outcome, right: float) -> None:
     """Columns of output, residual and input, one per run or all in one."""
     choice = choose(runs)
     shown = choice.runs
@@ -215,7 +211,7 @@ def _label(rows: list[list[Any]], t: Scale, labels: Sequence[str]) -> None:
         row[0].figure.align_ylabels([r[0] for r in rows])
 
 
-def _static(figure: Figure, view: StaticView, result: FitResult) -> None:
+def _static(figure: Figure, view: StaticView, result: Outcome) -> None:
     grid = figure.add_gridspec(
         2, 1, height_ratios=(2.6, 1.0), left=0.065, right=0.975 - _SIDE, top=0.855, bottom=0.085,
         hspace=0.13 if len(view.curves) < 4 else 0.2,  # room for a second line of the legend
@@ -237,9 +233,9 @@ def _static(figure: Figure, view: StaticView, result: FitResult) -> None:
     histogram_panel(side[1], rest, e)
 
 
-def _whiteness(result: FitResult) -> str:
-    w = result.document["fit"].get("residual_whiteness")
-    if not w:
+def _whiteness(result: Outcome) -> str:
+    w = result.document.fit.residual_whiteness
+    if w is None:
         return ""
-    p = float(w["p_value"])
+    p = w.p_value
     return f"test for white noise: p = {p:.2g}" if p >= 1e-4 else "test for white noise: p < 0.0001"

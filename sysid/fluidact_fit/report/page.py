@@ -12,8 +12,8 @@ from typing import Any
 
 from ..errors import FluidactError, UsageError
 from ..families import get_family
-from ..parameters import ParameterDocument, dump_yaml, make_document, write_atomically
-from ..result import FitResult
+from ..outcome import Outcome
+from ..parameters import ParameterDocument, dump_yaml, write_atomically
 from .figure import plot_result, plot_validation
 from .numbers import count, flatten, percent, pretty_unit, short, show
 from .save import render
@@ -50,7 +50,7 @@ td code { overflow-wrap: anywhere; }
 """
 
 
-def write_html(result: FitResult, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+def write_html(result: Outcome, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
     """Write the report of a fit as one HTML file with its pictures inside.
 
     Parameters
@@ -74,7 +74,7 @@ def write_html(result: FitResult, path: str | os.PathLike[str], *, overwrite: bo
 
 
 def write_document_html(
-    document: ParameterDocument | Mapping[str, Any],
+    document: ParameterDocument,
     path: str | os.PathLike[str],
     *,
     overwrite: bool = False,
@@ -93,7 +93,7 @@ def _check_suffix(path: str | os.PathLike[str]) -> None:
         )
 
 
-def result_page(result: FitResult) -> str:
+def result_page(result: Outcome) -> str:
     """The page of a fit, pictures included."""
     figures = [("The model against the data it was fitted to", render(plot_result(result), "svg"))]
     judged = plot_validation(result)
@@ -103,7 +103,7 @@ def result_page(result: FitResult) -> str:
 
 
 def document_page(
-    document: ParameterDocument | Mapping[str, Any], figures: Sequence[tuple[str, bytes]] = ()
+    document: ParameterDocument, figures: Sequence[tuple[str, bytes]] = ()
 ) -> str:
     """The page of a parameter document.
 
@@ -114,8 +114,7 @@ def document_page(
     figures
         Description and SVG of each picture.
     """
-    checked = document if isinstance(document, ParameterDocument) else make_document(document)
-    d = checked.to_dict()
+    d = document.to_dict()
     pictures = "".join(
         f'<img alt="{escape(text)}" src="data:image/svg+xml;base64,{b64encode(svg).decode()}">\n'
         for text, svg in figures
@@ -234,15 +233,12 @@ def _list_table(q: Mapping[str, Any]) -> str:
 
 
 def _comparisons(d: Mapping[str, Any]) -> str:
-    """Tables in which a fit set models side by side: ``fit.details.*_comparison``."""
+    """Tables in which a fit set models side by side: ``fit.details.comparisons``."""
     out = []
-    for name, rows in d["fit"].get("details", {}).items():
-        if not name.endswith("_comparison") or not rows or not isinstance(rows, list):
-            continue
+    for title, rows in d["fit"].get("details", {}).get("comparisons", {}).items():
         heads = list(dict.fromkeys(key for row in rows for key in row))
         numeric = [k for k, h in enumerate(heads) if isinstance(rows[0].get(h), int | float)]
         cells = [[_cell(row.get(h, "")) for h in heads] for row in rows]
-        title = f"{name.removesuffix('_comparison').capitalize()}: models on held-out windows"
         out.append(
             f"<h2>{escape(title)}</h2>"
             + _table([h.replace("_", " ") for h in heads], cells, numeric)

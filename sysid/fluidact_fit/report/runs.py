@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..experiment import Experiment, FloatArray, Signal
+from ..experiment import FloatArray, Signal
 from ..family import Variant
-from ..quality import agreement
-from ..result import FitResult
+from ..outcome import Outcome, Simulation, agreement
 
 MOST_COLUMNS = 3
 MOST_OVERLAID = 60
@@ -48,39 +47,28 @@ class Choice:
 
 def drive_role(variant: Variant) -> str:
     """Name of the first role that drives the model, empty when there is none."""
-    return next((r.name for r in variant.roles if r.hold is not None), "")
+    return next((r.name for r in variant.driving), "")
 
 
-def make_runs(
-    variant: Variant,
-    experiments: Sequence[Experiment],
-    measured: Sequence[FloatArray],
-    simulated: Sequence[FloatArray],
-) -> list[Run]:
-    """Pair experiments with their curves."""
+def make_runs(variant: Variant, simulations: Sequence[Simulation]) -> list[Run]:
+    """Simulations as a picture shows them, over time or, without one, by number."""
     role = drive_role(variant)
     out = []
-    for e, y, model in zip(experiments, measured, simulated):
-        time = e.time if e.time.size == y.size else np.arange(y.size, dtype=float)
-        out.append(Run(e.name, time, y, model, e.signals.get(role)))
+    for s in simulations:
+        e, size = s.experiment, s.measured.size
+        time = e.time if e.time.size == size else np.arange(size, dtype=float)
+        out.append(Run(e.name, time, s.measured, s.simulated, e.signals.get(role)))
     return out
 
 
-def fitted_runs(result: FitResult) -> list[Run]:
+def fitted_runs(result: Outcome) -> list[Run]:
     """Runs of the logs that were fitted."""
-    e = result.estimate
-    return make_runs(result.variant, result.experiments, e.measured, e.simulated)
+    return make_runs(result.variant, result.fitted)
 
 
-def validated_runs(result: FitResult) -> list[Run]:
+def validated_runs(result: Outcome) -> list[Run]:
     """Runs of the logs that were only judged."""
-    v = result.validation
-    return make_runs(
-        result.variant,
-        [s.experiment for s in v],
-        [s.measured for s in v],
-        [s.simulated for s in v],
-    )
+    return make_runs(result.variant, result.validation)
 
 
 def choose(runs: Sequence[Run]) -> Choice:

@@ -19,6 +19,7 @@ from ...estimation.results import Refusal
 from ...estimation.separable import Unknown
 from ...estimation.transfer import (
     TransferModel,
+    are_short,
     dead_time_axis,
     fit_transfer,
     grid_search,
@@ -28,6 +29,7 @@ from ...estimation.transfer import (
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
     Estimate,
+    Excitation,
     Family,
     FamilyOptions,
     Information,
@@ -49,6 +51,11 @@ class TransferOptions(FamilyOptions):
 
     initial_state: str | None = settled(
         "choice", "whether the runs begin at rest or anywhere", choices=("free", "rest")
+    )
+    offset_of: str | None = settled(
+        "choice",
+        "what an offset of the output belongs to: a run, or where runs are short, their log",
+        choices=("run", "log"),
     )
 
 
@@ -152,7 +159,11 @@ class TransferFamily(Family[T], Generic[T]):
         return {}, []
 
     def transfer_model(
-        self, variant: Variant, experiments: Sequence[Experiment], rest: bool = False
+        self,
+        variant: Variant,
+        experiments: Sequence[Experiment],
+        rest: bool = False,
+        common_offset: bool = False,
     ) -> TransferModel:
         """The model of some experiments, as the estimation takes it."""
         return TransferModel(
@@ -164,6 +175,7 @@ class TransferFamily(Family[T], Generic[T]):
             dead_zone=self.dead_zone,
             confounded=self.confounded,
             rest=rest,
+            common_offset=common_offset,
         )
 
     def estimate(
@@ -175,9 +187,12 @@ class TransferFamily(Family[T], Generic[T]):
         request = replace(request, fixed={**plan.fixed, **request.fixed})
         every = (*plan.names, self.gain) if self.gain else plan.names
         unknowns = make_unknowns(variant.parameters, every, plan.scales, request, plan.limits)
-        state = request.options.initial_state
+        state, owner = request.options.initial_state, request.options.offset_of
+        common = are_short(experiments) if owner is None else owner == "log"
         fitted, rest = fit_transfer(
-            lambda some, still: self.transfer_model(variant, some, still).named(plan.names),
+            lambda some, still: self.transfer_model(variant, some, still, common).named(
+                plan.names
+            ),
             experiments,
             variant.output.name,
             variant.parameters,
@@ -198,7 +213,11 @@ class TransferFamily(Family[T], Generic[T]):
             {**self.derive(fitted), **more},
             order,
             covariance,
-            replace(request.options, initial_state="rest" if rest else "free"),
+            replace(
+                request.options,
+                initial_state="rest" if rest else "free",
+                offset_of="log" if common else "run",
+            ),
             [*fitted.notices, *drift, *said],
             {**fitted.details(), **table},
             fitted.sensitivity(),
@@ -213,7 +232,9 @@ class TransferFamily(Family[T], Generic[T]):
         offset: float | None = None,
     ) -> list[Simulated]:
         """Output from the input; see :meth:`Family.simulate`."""
-        model = self.transfer_model(variant, experiments, options.initial_state == "rest")
+        model = self.transfer_model(
+            variant, experiments, options.initial_state == "rest", options.offset_of == "log"
+        )
         return simulate_transfer(model, scalars(values), offset)
 
     def information(
@@ -254,6 +275,23 @@ class TransferFamily(Family[T], Generic[T]):
         if sample_time > 0.0:
             section["discrete"] = discretise(numerator, denominator, sample_time, "zoh", dead_time)
         return section
+
+    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
+        """A command, played to the input; see :meth:`Family.excitation`."""
+        return Excitation("command")
+
+    def suppose(
+        self,
+        name: str,
+        values: Mapping[str, Value],
+        amplitude: tuple[float, float],
+        sample_time: float,
+    ) -> float | None:
+        """A dead zone of a fifth of the range, a dead time of one and a half samples."""
+        sides = {"dead_zone_negative": amplitude[0], "dead_zone_positive": amplitude[1]}
+        if name in sides:
+            return 0.2 * sides[name]
+        return 1.5 * sample_time if name == "dead_time" else None
 
     def block(self, variant: Variant, document: ParameterDocument) -> TransferBlock:
         """The model that a controller steps; see :class:`TransferBlock`."""

@@ -14,7 +14,7 @@ from .task import Task
 _SPREAD = 0.2  # share of a static design that is spread evenly, to show a wrong model
 
 
-def design_positions(task: Task) -> Design:
+def design_points(task: Task) -> Design:
     """Where to sample a static map."""
     grid = np.linspace(*task.limits.amplitude, 161)
     rows = static_rows(task, grid)

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from .errors import Notice
-from .estimation.inputs import choose_hold
-from .estimation.noise import noise_floor
-from .estimation.uncertainty import fit_autoregression
-from .experiment import Experiment, FloatArray, Hold
-from .family import Estimate, Family, FamilyOptions, Value, Variant
-from .outcome import Simulation
+from ..errors import Notice
+from ..estimation.inputs import choose_hold
+from ..estimation.noise import noise_floor
+from ..estimation.uncertainty import fit_autoregression
+from ..experiment import Experiment, FloatArray, Hold
+from ..family import Estimate, Family, FamilyOptions, Value, Variant
+from ..outcome import Simulation
 
 _LAGS = 10
 _DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one

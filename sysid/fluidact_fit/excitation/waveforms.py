@@ -19,7 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from .experiment import FloatArray
+from ..experiment import FloatArray
 
 Numbers = Mapping[str, float]
 Shape = Callable[[int, float, Numbers, np.random.Generator], FloatArray]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import NotIdentifiedError, UsageError
-from ..waveforms import Waveform
+from .waveforms import Waveform
 from .candidates import first_waveforms
 from .forecasts import finite_or_none, make_forecasts
 from .result import Candidate, Design
@@ -72,7 +72,7 @@ def _change(waveform: Waveform, name: str, shift: float, factor: float) -> Wavef
     return replace(waveform, numbers=numbers)
 
 
-def design_dynamic(task: Task) -> Design:
+def design_command(task: Task) -> Design:
     """Which command to play.
 
     Raises

@@ -1,0 +1,65 @@
+"""What verdict a fit deserves, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..errors import Notice
+from ..estimation.uncertainty import Whiteness, whiteness
+from ..notices import is_information
+from ..outcome import Agreement, Simulation
+
+
+def residual_whiteness(fitted: Sequence[Simulation], unknowns: int) -> Whiteness:
+    """Ljung-Box test of the residuals of all runs."""
+    rest = (s.measured - s.simulated for s in fitted)
+    return whiteness([r[np.isfinite(r)] for r in rest], unknowns)
+
+
+def judge(
+    overall: Agreement,
+    notices: Sequence[Notice],
+    residual_to_noise: float | None = None,
+    white: Whiteness | None = None,
+) -> tuple[str, list[Notice]]:
+    """Verdict ``pass``, ``warn`` or ``fail`` and the reasons as notices."""
+    reasons: list[Notice] = []
+    if (
+        residual_to_noise is not None
+        and white is not None
+        and residual_to_noise > 3.0
+        and white.p_value < 1e-3
+        and overall.fit_percent < 99.0
+    ):
+        reasons.append(
+            Notice(
+                "residuals-autocorrelated",
+                f"the residuals are {residual_to_noise:.0f} times the noise of the output and "
+                "autocorrelated: this machine does something that the model does not. The "
+                "intervals allow for the autocorrelation, not for a wrong model; look at the "
+                "picture (--plot) and judge whether the misfit matters where the model will be "
+                "used.",
+            )
+        )
+    if overall.fit_percent < 20.0:
+        reasons.append(
+            Notice(
+                "poor-fit",
+                f"the simulated output explains {overall.fit_percent:.1f} % of the measured one. "
+                "Check the columns, units and signs, or whether this family describes the machine.",
+            )
+        )
+        return "fail", reasons
+    if overall.fit_percent < 60.0:
+        reasons.append(
+            Notice(
+                "weak-fit",
+                f"the simulated output explains only {overall.fit_percent:.1f} % of the measured "
+                "one; look at the picture (--plot) before using the numbers.",
+            )
+        )
+    if not all(is_information(n.code) for n in (*notices, *reasons)):
+        return "warn", reasons
+    return "pass", reasons

@@ -1,0 +1,266 @@
+"""Every warning code: how serious it is, what it means and what to do about it.
+
+The page ``docs/warnings.md`` is made from this table, and a test holds it against the sources.
+The message of a notice has the numbers of the case; what stands here holds for all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+Severity = Literal["information", "warning"]
+
+
+@dataclass(frozen=True)
+class Code:
+    """What a warning code stands for.
+
+    Attributes
+    ----------
+    severity
+        ``information`` tells what was done with the log and leaves the fit as good as it is;
+        ``warning`` turns the verdict from ``pass`` to ``warn``.
+    meaning
+        What was found, one sentence.
+    remedy
+        What to do, one sentence.
+    """
+
+    severity: Severity
+    meaning: str
+    remedy: str
+
+
+def _information(meaning: str, remedy: str) -> Code:
+    return Code("information", meaning, remedy)
+
+
+def _warning(meaning: str, remedy: str) -> Code:
+    return Code("warning", meaning, remedy)
+
+
+_READING = {
+    "constant-signal": _warning(
+        "A signal has one and the same value in the whole log.",
+        "Check that the right column was taken and that the sensor was connected.",
+    ),
+    "cut-last-line": _information(
+        "The last line of the log is incomplete and was left out.",
+        "Nothing, if the recording was stopped by hand; otherwise check for lost data.",
+    ),
+    "gap": _warning(
+        "Samples are missing: somewhere the time between two of them is many times the usual one.",
+        "Check how the inputs moved during the gap, or keep to one side of it with `--window`.",
+    ),
+    "overprinted-lines": _warning(
+        "Lines with an impossible time stamp were left out: two lines were printed into one.",
+        "Look at the lines that are named; a slower or buffered serial output avoids them.",
+    ),
+    "partial-lines": _information(
+        "Lines with the wrong number of fields were left out.",
+        "Nothing, if they are few; otherwise check how the log was written.",
+    ),
+    "run-too-short": _information(
+        "Runs with too few samples to be fitted were left out.",
+        "Nothing, unless a run that you need is among them.",
+    ),
+    "saturated": _warning(
+        "A measured signal stays at its highest or lowest value for many samples in a row.",
+        "Check whether the sensor or its converter was clipped; cut that part with `--window`.",
+    ),
+    "time-out-of-order": _warning(
+        "Lines whose time does not follow that of the line before were left out.",
+        "Check the lines that are named; `--sample-time` replaces the time column.",
+    ),
+    "time-replaced": _information(
+        "The log has a time column, but `--sample-time` was given and replaces it.",
+        "Leave out `--sample-time` to use the recorded times.",
+    ),
+    "time-restarts": _information(
+        "Time starts again within the log; each run was taken as an experiment of its own.",
+        "Nothing, if the log holds several runs; otherwise check the time column.",
+    ),
+    "time-ties": _warning(
+        "Several samples have the same printed time; they were spread within its last digit.",
+        "Record time with more digits.",
+    ),
+    "time-unit-doubtful": _warning(
+        "Time has no unit and was taken as seconds, but looks like milliseconds.",
+        "State the unit, for example `--unit time=ms`.",
+    ),
+    "time-unusable": _warning(
+        "The time column cannot be read as time and was ignored; static data do not need it.",
+        "Mend the column, name another one with `--column time=...`, or give `--sample-time`.",
+    ),
+    "time-wrapped": _information(
+        "The time counter overflowed and was continued.",
+        "Nothing.",
+    ),
+    "uneven-sampling": _information(
+        "The samples are not equally spaced; they were used at their own times.",
+        "Nothing, unless the times themselves are doubtful.",
+    ),
+    "unit-assumed": _information(
+        "A column has no unit, so SI was assumed.",
+        "Put the unit into the header or give `--unit ROLE=UNIT`.",
+    ),
+}
+
+_JUDGEMENT = {
+    "closed-loop": _warning(
+        "The input reacts to the noise of the output: the log was recorded under feedback, which "
+        "biases the parameters.",
+        "Record with the controller off, with an added excitation, or with a cleaner sensor.",
+    ),
+    "hold-doubtful": _warning(
+        "The data fit better with the other assumption about how an input moves between samples.",
+        "Say with `--hold` whether the column is a held command or a measured signal.",
+    ),
+    "hold-matters": _warning(
+        "A parameter depends on how an input moves between samples, and the data cannot tell.",
+        "Say with `--hold` whether the column is a held command or a measured signal.",
+    ),
+    "input-noise": _warning(
+        "A measured input is noisy enough to bias the fit; the bias was estimated and removed.",
+        "Use a cleaner sensor for that input to narrow the intervals.",
+    ),
+    "log-differs": _warning(
+        "One log gives a significantly different value of a parameter than the others do.",
+        "Check that it shows the same machine in the same state; leave it out or fit it alone.",
+    ),
+    "not-compared": _warning(
+        "`check` could not fit the new logs, so only the simulation was compared with them.",
+        "Check with logs that determine all parameters, as those of the fit did.",
+    ),
+    "not-converged": _warning(
+        "The search stopped before it had converged.",
+        "Check the given constants and units, or give better starting values with `--start`.",
+    ),
+    "not-identified": _warning(
+        "The data cannot determine a parameter; its neutral value was written instead, with the "
+        "status `not_identified`.",
+        "Do the experiment that the message names; do not use the value.",
+    ),
+    "poor-fit": _warning(
+        "The model explains so little of the output that the fit has failed.",
+        "Check columns, units and signs, and whether this family describes the machine.",
+    ),
+    "residuals-coloured": _warning(
+        "The residuals are autocorrelated and far larger than the noise of the output: the "
+        "machine does something that the model does not.",
+        "Look at the picture (`--plot`) and judge whether the misfit matters for your use.",
+    ),
+    "weak-fit": _warning(
+        "The model explains only part of the output.",
+        "Look at the picture (`--plot`) before you use the numbers.",
+    ),
+}
+
+_FAMILIES = {
+    "chamber-not-recorded": _warning(
+        "No log holds the pressure of one chamber, so its gain and losses are not in the file.",
+        "Record that pressure, in the same run or in another, and give all the logs.",
+    ),
+    "dead-time-not-travel-time": _warning(
+        "The dead time of the line is not its length divided by the sound speed.",
+        "Look for delays of valve, sensor or bus, or for late time stamps; check `--length`.",
+    ),
+    "degree-too-high": _warning(
+        "Some weights of the curve are hardly determined by the data.",
+        "Give a lower `--degree`, or record more samples over the whole range.",
+    ),
+    "force-offset": _warning(
+        "The force has an offset, which the data cannot tell from a difference of the two Coulomb "
+        "levels; the levels were taken as equal.",
+        "Remove the offset (zero the load cell, record the other chamber) or give `--offset none`.",
+    ),
+    "force-spikes": _warning(
+        "Some samples of the force lie far off all others.",
+        "Look at the picture (`--plot`); if the load cell is sound, the model may be wrong there.",
+    ),
+    "forces-beyond-model": _warning(
+        "Forces that the model does not know, such as torque ripple or play, move the axis by "
+        "more than the noise of its position.",
+        "Cover the same stretch in both directions at several speeds, or fix the static levels.",
+    ),
+    "gray-box-left-out": _warning(
+        "The equations of pressure and motion cannot follow the logs, so the gains and losses "
+        "come from the plateaus alone.",
+        "Record both pressures at 1 kHz; check mass, dead volumes and supply pressure.",
+    ),
+    "inertia-matters": _warning(
+        "Inertia takes a large part of the force in most samples and was not taken off.",
+        "Weigh what moves and give `--mass`.",
+    ),
+    "input-constant": _warning(
+        "An input of the network has one value in all logs, so nothing is known of others.",
+        "Record other values of it, or leave it out of `--inputs`.",
+    ),
+    "logs-disagree": _warning(
+        "The logs do not share one friction.",
+        "Fit logs of different pressure or condition one by one.",
+    ),
+    "negative-friction": _warning(
+        "A Coulomb level would be negative and was held at zero.",
+        "Remove an offset of the force, or record both directions at several speeds.",
+    ),
+    "not-monotone": _warning(
+        "The fitted curve or map turns back somewhere within the range of the data.",
+        "Choose another `--degree` or number of `--hidden` units, or record more data there.",
+    ),
+    "rails": _information(
+        "Readings at the end of the converter's range were left out.",
+        "Nothing; a clipped reading says nothing about the position.",
+    ),
+    "rails-suspected": _warning(
+        "The extreme readings look clipped, but nothing proves it; they were kept.",
+        "Give `--rails LOW:HIGH` to leave them out.",
+    ),
+    "saturation-not-reached": _warning(
+        "The speed keeps growing up to the largest command, so no saturation was found.",
+        "Record larger commands if you need `saturation_command`.",
+    ),
+    "thesis-method": _information(
+        "The discrete method of the thesis was used, whose mass depends on the sample time.",
+        "Use `--method output-error`, unless you want to compare with published numbers.",
+    ),
+    "velocity-flattened": _warning(
+        "Viscous friction depends on the width of the velocity filter.",
+        "Sample faster, move more slowly, or record the velocity itself.",
+    ),
+    "velocity-noise": _warning(
+        "Much of the variation of the velocity is noise; its effect on viscous friction was "
+        "taken off.",
+        "Give a wider `--filter`, or record a better velocity.",
+    ),
+    "weight-at-bound": _warning(
+        "Weights of the curve rest on their bound, so their intervals mean nothing.",
+        "Give another `--degree`.",
+    ),
+}
+
+# By the part of the work that finds them; the page has one table for each.
+GROUPS: Mapping[str, Mapping[str, Code]] = MappingProxyType(
+    {
+        "Reading the log": _READING,
+        "Judging the fit": _JUDGEMENT,
+        "Found by a model family": _FAMILIES,
+    }
+)
+CODES: Mapping[str, Code] = MappingProxyType(
+    {code: entry for group in GROUPS.values() for code, entry in group.items()}
+)
+
+
+def is_information(code: str) -> bool:
+    """Whether a notice of this code leaves the verdict as it is.
+
+    Raises
+    ------
+    KeyError
+        When there is no such code.
+    """
+    return CODES[code].severity == "information"

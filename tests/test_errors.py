@@ -1,0 +1,34 @@
+"""Messages in the words of the caller."""
+
+from __future__ import annotations
+
+import pytest
+
+from fluidact_fit.errors import UsageError, in_python
+
+
+@pytest.mark.parametrize(
+    ("command_line", "python"),
+    [
+        ("Give --fix mass=54.", "Give fixed={'mass': 54}."),
+        ("--hold force=zoh, as", "hold={'force': 'zoh'}, as"),
+        ("--scale force=-1 turns it.", "scales={'force': -1} turns it."),
+        ("--column reading=... if", "columns={'reading': ...} if"),
+        ('--column "reference=D (mm)"', "columns={'reference': 'D (mm)'}"),
+        ("--length=-5: out of range", "length=-5: out of range"),
+        ("--dead-time=estimate.", "dead_time='estimate'."),
+        ("Leave out --fix, --start and --bounds;", "Leave out fixed, start and bounds;"),
+        ("give --sound-speed)", "give sound_speed)"),
+        ("--sample-time S, or", "sample_time=S, or"),
+        ("--area M2.", "area=M2."),
+        ("well-known, 3--4, a -- b", "well-known, 3--4, a -- b"),
+    ],
+)
+def test_options_become_keywords(command_line: str, python: str) -> None:
+    assert in_python(command_line) == python
+
+
+def test_an_error_speaks_python_and_keeps_the_words_of_the_command_line() -> None:
+    error = UsageError("--mass was given", where="a.csv", remedy="Leave --mass out.")
+    assert str(error) == "a.csv: mass was given\nLeave mass out."
+    assert error.text == "a.csv: --mass was given\nLeave --mass out."

@@ -1,0 +1,106 @@
+"""Generated parts of the pages: what a new family gets, and what a hand edit brings."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+import docs_tables as docs
+import fluidact_fit as ff
+from fluidact_fit.family import Family, FamilyOptions, ParameterSpec, Role, Variant
+from fluidact_fit.options import choice, flag, number, settled
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "families.md").read_text(encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class LeakOptions(FamilyOptions):
+    """Options of every kind that the table tells apart."""
+
+    method: str = choice("exact", ("exact", "rough"), "how")
+    volume: float | None = number(help="volume of the chamber", unit="m3")
+    warm: bool | None = flag(False, help="whether it is warm")
+    start: float | None = settled("float", "instant of the first drop", unit="s")
+
+
+class Leak(Family[LeakOptions]):
+    """A chamber that leaks."""
+
+    name = "leak"
+    title = "Leak: time constant of a chamber"
+    equation = "pressure' = -(pressure - ambient) / time_constant"
+    variants = (
+        Variant(
+            "leak",
+            (
+                Role("pressure", "Pa", "pressure in the chamber", output=True),
+                Role("valve", "V", "a | b", required=False, hold="zoh", alternatives=("A",)),
+            ),
+            (ParameterSpec("ambient", "Pa", "final pressure", neutral=0.0, optional=True),),
+        ),
+    )
+    options_type = LeakOptions
+
+    estimate = simulate = block = None  # type: ignore[assignment]
+
+
+@pytest.fixture
+def with_leak(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The registry with one more family, between its first two."""
+    monkeypatch.setattr(Family, "__abstractmethods__", frozenset(), raising=False)
+    first, *others = ff.family_names()
+    real = ff.get_family
+    monkeypatch.setattr(ff, "family_names", lambda: (first, "leak", *others))
+    monkeypatch.setattr(ff, "get_family", lambda name: Leak() if name == "leak" else real(name))
+
+
+def test_page_has_its_sections_in_order() -> None:
+    assert docs.arrange_sections(PAGE) == PAGE, "run: make docs"
+
+
+def test_new_family_gets_a_section_in_its_place(with_leak: None) -> None:
+    page = docs.arrange_sections(PAGE)
+    first, second = (page.index(f"## {name}\n") for name in ("potentiometer", "ball-screw"))
+    section = page[page.index("## leak\n") :]
+    assert first < page.index("## leak\n") < second
+    assert "A chamber that leaks." in section
+    assert docs.arrange_sections(page) == page
+
+
+def test_tables_hold_what_the_family_says(with_leak: None) -> None:
+    text = docs.family("leak")
+    assert "| `pressure` | Pa | | pressure in the chamber (compared with the model) |" in text
+    assert "| `valve` | V or A | `zoh` | a \\| b (optional) |" in text
+    assert "| `ambient` | Pa | 0 | final pressure (optional) |" in text
+    assert "| `--method` | `exact` or `rough`, default `exact` | how |" in text
+    assert "| `--volume` | number [m3] | volume of the chamber |" in text
+    assert "| `start` | number [s] | instant of the first drop |" in text
+    assert Leak.equation in docs.equation("leak")
+
+
+def test_section_of_a_family_that_is_gone_goes() -> None:
+    assert docs.arrange_sections(PAGE + "\n## windmill\n\ntext\n") == PAGE
+
+
+def test_file_parts_all_say_what_they_hold() -> None:
+    assert "| |\n" not in docs.parts()
+
+
+def check_page(path: Path) -> int:
+    command = [sys.executable, "-m", "cogapp", "-P", "-I", str(ROOT / "tools"), "-p",
+               "import docs_tables as docs", "--check", str(path)]  # fmt: skip
+    return subprocess.run(command, capture_output=True, check=False).returncode
+
+
+def test_hand_edit_of_a_generated_table_is_found(tmp_path: Path) -> None:
+    copy = Path(shutil.copy(ROOT / "docs" / "warnings.md", tmp_path))
+    assert check_page(copy) == 0
+    text = copy.read_text(encoding="utf-8")
+    copy.write_text(text.replace("| `gap` | warning |", "| `gap` | information |"))
+    assert check_page(copy) != 0

@@ -1,0 +1,67 @@
+"""What stands beside ``pyproject.toml`` and has to agree with it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+import oldest
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+LOCK = tomllib.loads((ROOT / "uv.lock").read_text(encoding="utf-8"))
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+
+
+def locked(name: str) -> dict[str, object]:
+    (package,) = (package for package in LOCK["package"] if package["name"] == name)
+    return package
+
+
+def normal(requirement: str) -> tuple[str, str]:
+    name, specifier = re.fullmatch(r"([\w.-]+)(.*)", requirement).groups()
+    return name.lower().replace("_", "-"), specifier
+
+
+def test_lock_is_of_these_requirements() -> None:
+    metadata = locked("fluidact-fit")["metadata"]
+    held = {(entry["name"], entry["specifier"]) for entry in metadata["requires-dist"]}
+    assert held == {*map(normal, PROJECT["project"]["dependencies"])}, "run: make lock"
+    for group, held in metadata["requires-dev"].items():
+        wanted = {normal(r) for r in PROJECT["dependency-groups"][group] if isinstance(r, str)}
+        assert wanted <= {(entry["name"], entry["specifier"]) for entry in held}, "run: make lock"
+
+
+def test_lock_names_public_addresses_only() -> None:
+    text = (ROOT / "uv.lock").read_text(encoding="utf-8")
+    hosts = {*re.findall(r'"((?:https?|file)://[^/"]*)', text)}
+    assert hosts == {"https://pypi.org", "https://files.pythonhosted.org"}
+
+
+def test_oldest_pins_every_dependency() -> None:
+    pins = oldest.oldest(PROJECT["project"]["dependencies"])
+    assert len(pins) == len(PROJECT["project"]["dependencies"])
+    assert oldest.oldest(["numpy>=1.26"]) == ["numpy==1.26"]
+    with pytest.raises(ValueError, match="name>=version"):
+        oldest.oldest(["numpy~=1.26"])
+
+
+def test_help_names_every_target() -> None:
+    (phony,) = re.findall(r"^\.PHONY: (.*)$", MAKEFILE, re.MULTILINE)
+    done = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True)
+    named = {*re.findall(r"^make (\S+)", done.stdout, re.MULTILINE)}
+    assert named == {*phony.split()} - {"help"}
+
+
+@pytest.mark.parametrize("path", [".github/workflows/test.yml", ".pre-commit-config.yaml"])
+def test_hosted_checks_call_make(path: str) -> None:
+    text = (ROOT / path).read_text(encoding="utf-8")
+    assert yaml.safe_load(text)
+    targets = {*re.findall(r"\bmake ([\w-]+)", text)}
+    assert targets <= {*re.findall(r"^([\w-]+):", MAKEFILE, re.MULTILINE)}
+    assert targets

@@ -1,0 +1,303 @@
+"""Parts of the pages that follow from the program: cog puts them between markers.
+
+``make docs`` writes them, ``make lint`` fails where a page is behind. A page calls one of the
+functions below, each of which returns Markdown, in a comment:
+
+    <!-- [[[cog print(docs.family("line")) ]]] -->
+    <!-- [[[end]]] -->
+
+Run as a program, this module gives every family of the registry a section in
+``docs/families.md`` and every section its place; what a section says beside the tables stays.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import get_args
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+import fluidact_fit as ff
+from fluidact_fit.families import family_title
+from fluidact_fit.family import Family, FamilyOptions, ParameterSpec, Role, Variant
+from fluidact_fit.notices import GROUPS, Code
+from fluidact_fit.options import Option, describe
+from fluidact_fit.parameters.document import ParameterDocument
+
+ROOT = Path(__file__).parents[1]
+FAMILIES_PAGE = ROOT / "docs" / "families.md"
+_SECTION = re.compile(r"^## (.+)$", re.MULTILINE)
+
+# ------------------------------------------------------------------------------- Markdown
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table; a ``|`` within a cell is escaped."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("|" + "".join(map(_cell, line)) for line in lines)
+
+
+def _cell(text: str) -> str:
+    return " {} |".format(text.replace("|", "\\|")) if text else " |"
+
+
+def _paragraphs(*parts: str) -> str:
+    """Parts with an empty line around each, as comments and tables want it."""
+    return "\n" + "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _code(name: str) -> str:
+    return f"`{name}`"
+
+
+# ------------------------------------------------------------------------------- families
+
+
+def families() -> str:
+    """Every family with its title and its notebook, for the top of a page."""
+    rows = []
+    for number, name in enumerate(ff.family_names(), 1):
+        notebook = f"{number:02}_{name.replace('-', '_')}.ipynb"
+        rows.append(
+            (f"[{name}](#{name})", family_title(name), f"[{notebook}](../notebooks/{notebook})")
+        )
+    return _paragraphs(table(("family", "what", "notebook"), rows))
+
+
+def family_list() -> str:
+    """Every family with its title and a link to its section, for the README."""
+    rows = [
+        (f"[{name}](docs/families.md#{name})", family_title(name)) for name in ff.family_names()
+    ]
+    return _paragraphs(table(("family", "what"), rows))
+
+
+def equation(name: str) -> str:
+    """Title and equation of a family."""
+    family = ff.get_family(name)
+    return _paragraphs(f"{family.title}.", f"```text\n{family.equation}\n```")
+
+
+def family(name: str) -> str:
+    """Roles, parameters and options of a family."""
+    found = ff.get_family(name)
+    parts = []
+    for variant in found.variants:
+        of = f" (variant `{variant.name}`)" if len(found.variants) > 1 else ""
+        parts += [f"**Roles**{of}", roles_table(variant)]
+        parts += [f"**Parameters**{of}", parameters_table(variant)]
+    if options := options_table(found):
+        parts += ["**Options**", options]
+    return _paragraphs(*parts)
+
+
+def roles_table(variant: Variant) -> str:
+    """Roles: name, units, hold, what they are."""
+    rows = [
+        (_code(role.name), _units(role), _code(role.hold) if role.hold else "", _role_text(role))
+        for role in variant.roles
+    ]
+    return table(("role", "unit", "hold", "what"), rows)
+
+
+def _units(role: Role) -> str:
+    return " or ".join((role.unit, *role.alternatives))
+
+
+def _role_text(role: Role) -> str:
+    remarks = ("" if role.required else " (optional)") + (
+        " (compared with the model)" if role.output else ""
+    )
+    return role.description + remarks
+
+
+def parameters_table(variant: Variant) -> str:
+    """Parameters: name, unit, neutral value, what they are."""
+    return table(("parameter", "unit", "neutral", "what"), map(_parameter, variant.parameters))
+
+
+def _parameter(spec: ParameterSpec) -> tuple[str, ...]:
+    neutral = "" if spec.neutral is None else f"{spec.neutral:g}"
+    text = spec.description + (" (optional)" if spec.optional else "")
+    return _code(spec.name), spec.unit, neutral, text
+
+
+def options_table(family: Family[FamilyOptions]) -> str:
+    """Options: name, values with the default, what they do; empty without options.
+
+    What the fit alone settles stands below: a reader of files meets it there.
+    """
+    every = describe(family.options_type, every=True)
+    given = [(_flags(o), _values(o), o.help) for o in every if not o.settled]
+    found = [(_code(o.name), _values(o), o.help) for o in every if o.settled]
+    parts = [table(("option", "values", "what"), given)] if given else []
+    if found:
+        parts.append(table(("settled by the fit", "values", "what"), found))
+    return "\n\n".join(parts)
+
+
+_KINDS = {"float": "number", "int": "whole number", "text": "text", "range": "LOW:HIGH"}
+
+
+def _flags(option: Option) -> str:
+    name = f"`--{option.name}`"
+    return f"{name} / `--no-{option.name}`" if option.kind == "flag" else name
+
+
+def _values(option: Option) -> str:
+    if option.kind == "flag":
+        return ""
+    values = " or ".join(map(_code, option.choices)) or _KINDS[option.kind]
+    unit = f" [{option.unit}]" if option.unit else ""
+    default = "" if option.default is None else f", default `{option.default}`"
+    return f"{values}{unit}{default}"
+
+
+# ------------------------------------------------------------------------------- commands
+
+
+def fits() -> str:
+    """A command for every family, as its dataset's README has it."""
+    parts = []
+    for name in ff.family_names():
+        text = (ROOT / "datasets" / name / "README.md").read_text(encoding="utf-8")
+        (command,) = re.findall(r"```sh\n.*?```", text, re.DOTALL)
+        parts += [f"### {name}", command]
+    return _paragraphs(*parts)
+
+
+def exit_statuses() -> str:
+    """Exit statuses, each with the errors that end in it."""
+    meanings: dict[int, list[str]] = {0: ["done"], 1: ["a fault of the program"]}
+    errors = [getattr(ff, name) for name in ff.__all__]
+    for error in errors:
+        if not isinstance(error, type) or not issubclass(error, ff.FluidactError):
+            continue
+        if error is not ff.FluidactError:
+            meanings.setdefault(error.exit_status, []).append(_error_text(error))
+    rows = [(str(status), "; ".join(meanings[status])) for status in sorted(meanings)]
+    return _paragraphs(table(("status", "meaning"), rows))
+
+
+def _error_text(error: type) -> str:
+    """First sentence of an error's docstring without its exit status."""
+    first = (inspect.getdoc(error) or "").partition("\n\n")[0]
+    text = re.sub(r"\s*\(exit status \d\)", "", " ".join(first.split())).rstrip(".")
+    return _lower(text).replace("``", "`")
+
+
+def _lower(text: str) -> str:
+    """A sentence as part of another one."""
+    return text[:1].lower() + text[1:]
+
+
+# ------------------------------------------------------------------------------- warnings
+
+
+def warnings() -> str:
+    """Every warning code, by the part of the work that finds it."""
+    parts = []
+    for title, codes in GROUPS.items():
+        parts += [f"## {title}", _codes_table(codes)]
+    return _paragraphs(*parts)
+
+
+def _codes_table(codes: Mapping[str, Code]) -> str:
+    rows = [(_code(name), code.severity, code.meaning, code.remedy) for name, code in codes.items()]
+    return table(("code", "severity", "what it means", "what to do"), rows)
+
+
+# ------------------------------------------------------------------------------- the file
+
+# What the document's own types do not say: parts that are text, or free in form.
+_PARTS = {
+    "format": "always `fluidact-parameters`",
+    "format_version": "version of the layout; older files are migrated when they are read",
+    "family": "the model family",
+    "variant": "which of the family's variants",
+    "options": "the family's options as the fit settled them",
+    "accepted_failed": "`true` when the verdict was `fail` and the file was written all the same",
+    "model": "what a controller runs: transfer functions with falling powers of `s` and of `z`, "
+    "curves, dead zones",
+    "validation": "logs given with `--validate`: simulated, never fitted",
+}
+
+
+def parts() -> str:
+    """Every key of a parameter file with the keys it holds."""
+    rows = [
+        (_code(name), _keys(field), _part_text(name, field))
+        for name, field in ParameterDocument.model_fields.items()
+    ]
+    return _paragraphs(table(("part", "keys", "what it holds"), rows))
+
+
+def _models(annotation: object) -> list[type[BaseModel]]:
+    """Models within an annotation: that of ``list[Part] | None``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models(part)]
+
+
+def _keys(field: FieldInfo) -> str:
+    named = [", ".join(map(_code, model.model_fields)) for model in _models(field.annotation)]
+    container = str(field.annotation).partition("[")[0]
+    each = {"dict": "by name: ", "list": "each: "}.get(container, "") if named else ""
+    return each + "; ".join(named)
+
+
+def _part_text(name: str, field: FieldInfo) -> str:
+    models = [_lower(inspect.getdoc(model) or "") for model in _models(field.annotation)]
+    text = field.description or _PARTS.get(name) or " ".join(models)
+    return " ".join(text.split()).rstrip(".")
+
+
+# --------------------------------------------------------------------- sections of families
+
+
+def new_section(name: str) -> str:
+    """The section of a family that has none: its docstring between the generated blocks."""
+    prose = inspect.getdoc(type(ff.get_family(name))) or ""
+    return textwrap.dedent(
+        f"""\
+        ## {name}
+
+        <!-- [[[cog print(docs.equation("{name}")) ]]] -->
+        <!-- [[[end]]] -->
+
+        @
+
+        <!-- [[[cog print(docs.family("{name}")) ]]] -->
+        <!-- [[[end]]] -->
+
+        """
+    ).replace("@", prose)
+
+
+def arrange_sections(page: str) -> str:
+    """One section per family in the order of the registry; those of others are dropped."""
+    starts = [found.start() for found in _SECTION.finditer(page)]
+    bounds = [*starts, len(page)]
+    sections = {}
+    for start, end in pairwise(bounds):
+        text = page[start:end]
+        sections[text.partition("\n")[0].removeprefix("## ")] = text.rstrip() + "\n\n"
+    ordered = [sections.get(name) or new_section(name) for name in ff.family_names()]
+    return page[: bounds[0]] + "".join(ordered).rstrip() + "\n"
+
+
+def main() -> None:
+    """Give every family its section in ``docs/families.md``."""
+    page = FAMILIES_PAGE.read_text(encoding="utf-8")
+    if (arranged := arrange_sections(page)) != page:
+        FAMILIES_PAGE.write_text(arranged, encoding="utf-8", newline="\n")
+
+
+if __name__ == "__main__":
+    main()
