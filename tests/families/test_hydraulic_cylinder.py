@@ -464,7 +464,7 @@ def neural(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
 
 def test_networks_are_compared_with_the_equations(neural: FitResult) -> None:
     """Near zero command the network follows the dead zone, elsewhere the equations lead."""
-    tables = {t["title"]: t["rows"] for t in (neural.document.fit.details or {})["comparisons"]}
+    tables = (neural.document.fit.details or {})["comparisons"]
     table = tables["Flow: models on held-out windows"]
     for chamber in (1, 2):
         rows = {r["where"]: r for r in table if r["chamber"] == chamber}

@@ -110,7 +110,7 @@ def network_of(parameters: Mapping[str, Any], name: str) -> Network | None:
 
 def fit_networks(
     case: Case, values: Mapping[str, float], rows: FrictionRows
-) -> tuple[dict[str, Quantity], list[dict[str, Any]]]:
+) -> tuple[dict[str, Quantity], dict[str, Any]]:
     """Train what was asked for and compare it with the equations on rows held out.
 
     Returns
@@ -118,17 +118,17 @@ def fit_networks(
     parameters
         The layers; the standardisation is in the SI units of inputs and output.
     comparisons
-        Tables with a title, for the file and the report.
+        Rows of tables by title, for the file and the report.
     """
     nets: dict[str, Network] = {}
-    tables: list[dict[str, Any]] = []
+    tables: dict[str, list[dict[str, Any]]] = {}
     if case.options.flow == "mlp":
         windows, table = _quiet_windows(case), []
         for chamber in case.chambers:
             own = [w for w in windows if w.chamber == chamber]
             nets[f"flow_{chamber}"], found = _flow_network(case, own, values)
             table += [{"chamber": chamber, **row} for row in found]
-        tables.append({"title": "Flow: models on held-out windows", "rows": table})
+        tables["Flow: models on held-out windows"] = table
     if case.options.friction == "mlp":
         if rows.speed.size < 40:
             raise LogError(
@@ -138,13 +138,13 @@ def fit_networks(
                 "--friction mlp.",
             )
         nets["friction"], table = _friction_network(rows, values, case.request.seed)
-        tables.append({"title": "Friction: models on held-out windows", "rows": table})
+        tables["Friction: models on held-out windows"] = table
     layers = {
         f"{name}_{layer}": Quantity(getattr(net, layer).tolist(), "1", "estimated")
         for name, net in nets.items()
         for layer in LAYERS
     }
-    return layers, tables
+    return layers, {title: table for title, table in tables.items() if table}
 
 
 def _quiet_windows(case: Case) -> list[Windows]:
