@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -58,16 +59,10 @@ COLUMNS = {
 @cache
 def generator() -> ModuleType:
     """The generator of the dataset: an independent simulator."""
-    import sys
-
-    path = ROOT / "datasets" / "generate_hydraulic.py"
-    spec = importlib.util.spec_from_file_location("generate_hydraulic", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    folder = str(ROOT / "datasets")
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    return importlib.import_module("generators.hydraulic_cylinder")
 
 
 @cache
