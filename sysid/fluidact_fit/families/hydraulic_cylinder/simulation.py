@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import UsageError
+from ...errors import LogError, UsageError
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Simulated
 from .case import check_volumes, read_machine
@@ -32,7 +32,7 @@ def simulate_run(e: Experiment, values: Values, options: HydraulicCylinderOption
 
     Raises
     ------
-    UsageError
+    UsageError, LogError
         When an input is missing, or the piston would leave the range of the equations.
     """
     known = [i for i in (1, 2) if f"valve_gain_{i}" in values]
@@ -51,14 +51,22 @@ def simulate_run(e: Experiment, values: Values, options: HydraulicCylinderOption
     return Simulated(_over_windows(e, chambers, machine, values, options.window or 0.0))
 
 
-def _no_pressure(e: Experiment, known: Sequence[int]) -> UsageError:
-    wanted = [f"pressure_{i}" for i in known]
+def _no_pressure(e: Experiment, known: Sequence[int]) -> UsageError | LogError:
+    """What to say of a log of the other chamber, and of inputs without any pressure."""
+    wanted = f"pressure_{known[0]}"
+    have = [f"pressure_{i}" for i in (1, 2) if f"pressure_{i}" in e]
+    if have:
+        return LogError(
+            f"it holds {have[0]}, and the model has the valve gain of chamber {known[0]} only",
+            where=e.name,
+            remedy=f"Give a log with {wanted}, or fit logs of the other chamber as well.",
+        )
     return UsageError(
-        f"{' or '.join(wanted)} is missing: without mass and both dead volumes a file of {_NAME} "
-        "knows how the flow follows from command and pressure, and not how the pressure comes "
-        "about.",
+        f"{' or '.join(f'pressure_{i}' for i in known)} is missing: without mass and both dead "
+        f"volumes a file of {_NAME} knows how the flow follows from command and pressure, and not "
+        "how the pressure comes about.",
         where=e.name,
-        remedy=f"Give --input {wanted[0]}=FROM:TO, or a LOG with that column; or fit with --mass, "
+        remedy=f"Give --input {wanted}=FROM:TO, or a LOG with that column; or fit with --mass, "
         "--dead-volume-1 and --dead-volume-2 to logs that hold both pressures.",
     )
 
