@@ -85,7 +85,8 @@ class Estimate(Generic[ReadT]):
     notices
         Warnings.
     details
-        Anything else worth keeping in the file under ``fit`` (method, starts, filter).
+        Anything else worth keeping in the file under ``fit`` (method, starts, filter). Tables
+        under ``comparisons``, rows by title, are shown by the report.
     sensitivity
         Optional: derivative of every experiment's output by the first entries of
         ``covariance_order``, unknowns of single logs projected out, shape ``(n_i, q)``.

@@ -3,35 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ...errors import LogError
-from ...estimation.hydraulics import (
-    LOSSES,
-    Windows,
-    flow_columns,
-)
-from ...estimation.parametric import (
-    Fitted,
-    NamedModel,
-    Refusal,
-    fit_named,
-    make_unknowns,
-)
-from ...estimation.separable import Unknown
+from ...estimation.parametric import Fitted, NamedModel, fit_named, make_unknowns
+from ...estimation.results import Refusal
+from ...estimation.separable import Basis, Unknown
 from ...estimation.uncertainty import covariance, t_quantile
-from ...experiment import FloatArray
 from ...family import Quantity
-from .stage import Stage
+from .case import Case
+from .equations import LOSSES
+from .windows import Windows
 
 GAIN_UNIT = "m3/(s V Pa^0.5)"
 
 
-def _unknowns(stage: Stage, windows: Sequence[Windows]) -> dict[str, Unknown]:
+def _unknowns(case: Case) -> dict[str, Unknown]:
     """Sizes and search ranges of the parameters of the flow."""
-    head = stage.machine.supply - stage.machine.tank
+    windows = case.windows
+    head = case.machine.supply - case.machine.tank
     volts = max(float(np.abs(w.command).max()) for w in windows)
     if volts == 0.0:
         raise LogError("the command is zero throughout", remedy="Record strokes of the valve.")
@@ -43,7 +35,7 @@ def _unknowns(stage: Stage, windows: Sequence[Windows]) -> dict[str, Unknown]:
     }
     scales["dead_zone_negative"] = scales["dead_zone_positive"] = 0.05 * volts
     names = ["dead_zone_negative", "dead_zone_positive"]
-    for chamber in stage.chambers:
+    for chamber in case.chambers:
         flow = max(_largest(windows, chamber), 1e-12)
         gain = flow / (volts * np.sqrt(0.5 * head))
         scales[f"valve_gain_{chamber}"] = gain
@@ -51,9 +43,9 @@ def _unknowns(stage: Stage, windows: Sequence[Windows]) -> dict[str, Unknown]:
         names += [f"valve_gain_{chamber}", *LOSSES[chamber]]
         scales |= dict.fromkeys(LOSSES[chamber], 0.3 * head / flow)
         limits |= dict.fromkeys(LOSSES[chamber], (0.0, 2.0 * head / flow))
-        if stage.machine.dead_volume(chamber) is not None and "bulk_modulus" not in names:
+        if case.machine.dead_volume(chamber) is not None and "bulk_modulus" not in names:
             names.append("bulk_modulus")
-    return make_unknowns(stage.specs, names, scales, stage.request, limits)
+    return make_unknowns(case.variant.parameters, names, scales, case.request, limits)
 
 
 def _largest(windows: Sequence[Windows], chamber: int) -> float:
@@ -72,27 +64,27 @@ def sensible_widths(unknowns: Mapping[str, Unknown]) -> dict[str, float]:
     return out
 
 
-def one_sided(stage: Stage, windows: Sequence[Windows]) -> list[Refusal]:
+def one_sided(case: Case) -> list[Refusal]:
     """Parameters of a direction in which the valve is never opened, or only wide open."""
-    out = []
+    out, windows = [], case.windows
     levels = np.concatenate([w.mean(w.command) for w in windows])
     near = 0.25 * float(np.abs(levels).max())
     for sign, word in ((1.0, "positive"), (-1.0, "negative")):
         side = sign * levels[sign * levels > 0.0]
         edge = f"dead_zone_{word}"
         if not side.size:
-            losses = [LOSSES[c][0 if sign > 0 else 1] for c in stage.chambers]
+            losses = [LOSSES[c][0 if sign > 0 else 1] for c in case.chambers]
             reason = f"no usable part of the logs has a {word} command."
             out += [Refusal(n, reason) for n in (edge, *losses)]
         elif side.min() > near:
             # a straight line through large commands would be drawn back over volts
             reason = f"the smallest {word} command in use is {side.min():.3g} V, far from the edge."
             out.append(Refusal(edge, reason))
-        for chamber in stage.chambers if side.size else ():
+        for chamber in case.chambers if side.size else ():
             if _one_speed(windows, chamber, sign):
                 reason = f"all {word} commands are the same: gain and loss cannot be told apart."
                 out.append(Refusal(LOSSES[chamber][0 if sign > 0.0 else 1], reason))
-    return [r for r in out if r.parameter not in stage.request.fixed]
+    return [r for r in out if r.parameter not in case.request.fixed]
 
 
 def _one_speed(windows: Sequence[Windows], chamber: int, sign: float) -> bool:
@@ -103,25 +95,22 @@ def _one_speed(windows: Sequence[Windows], chamber: int, sign: float) -> bool:
     return bool(size.size and np.quantile(size, 0.95) < 1.2 * np.quantile(size, 0.05))
 
 
-def fit_flow(
-    stage: Stage, windows: Sequence[Windows], lenient: bool, without: Sequence[str] = ()
-) -> Fitted:
-    """Regression of the flow over windows.
-
-    ``lenient`` refuses nothing, for a start of the gray box or a comparison; ``without`` names
-    parameters that are held at zero.
-    """
-    unknowns = _unknowns(stage, windows)
-    request = stage.request
-    if without:
-        request = replace(request, fixed={**request.fixed, **dict.fromkeys(without, 0.0)})
+def fit_flow(case: Case, lenient: bool) -> Fitted:
+    """Regression of the flow over windows; ``lenient`` refuses nothing, for a start."""
+    windows, unknowns = case.windows, _unknowns(case)
     names = tuple(unknowns)
+
+    def columns(index: int, values: Mapping[str, Any]) -> Basis:
+        flow = windows[index].modelled(values, case.machine)
+        empty = np.zeros((flow.size, 0))
+        return Basis(flow, empty, empty)
+
     model = NamedModel(
         nonlinear=names,
         linear=(),
-        columns=flow_columns(windows, stage.machine),
+        columns=columns,
         measured=[w.motion for w in windows],
-        weights=[1.0 / stage.machine.area(w.chamber) for w in windows],
+        weights=[1.0 / case.machine.area(w.chamber) for w in windows],
     )
     starts = []
     for share in (0.0, 1.0):
@@ -131,68 +120,37 @@ def fit_flow(
                 start[n] = share * u.scale
             elif n.startswith("dead_zone"):
                 start[n] = 0.2 * u.scale * (1.0 if n.endswith("positive") else -1.0)
-        starts.append({**start, **request.start})
+        starts.append({**start, **case.request.start})
     sensible = dict.fromkeys(names, np.inf) if lenient else sensible_widths(unknowns)
     if not lenient and "bulk_modulus" in names:
         sensible["bulk_modulus"] = 0.5 * unknowns["bulk_modulus"].scale
-    refusals = [r for r in one_sided(stage, windows) if r.parameter not in request.fixed]
     return fit_named(
-        model, stage.specs, request, unknowns, starts, refusals=refusals, sensible=sensible
-    )
-
-
-def plateau_positions(
-    stage: Stage, windows: Sequence[Windows], values: Mapping[str, float]
-) -> list[FloatArray]:
-    """Position by integrating the flow of the measured pressure over runs of windows."""
-    out = [np.full(e.samples, np.nan) for e in stage.experiments]
-    for w in sorted(windows, key=lambda w: -w.chamber):  # chamber 1 overwrites chamber 2
-        e, machine = stage.experiments[w.experiment], stage.machine
-        flow = w.flow(values, machine)
-        if "bulk_modulus" in values:
-            flow = flow + w.swelling / values["bulk_modulus"]
-        starts = np.flatnonzero(np.r_[True, w.first[1:] != w.last[:-1]])
-        for a, b in zip(starts, np.r_[starts[1:], w.first.size]):
-            knots = np.r_[w.first[a], w.last[a:b]]
-            steps = flow[a:b] * w.duration[a:b] / machine.area(w.chamber)
-            path = np.r_[0.0, np.cumsum(steps)]
-            rows = slice(int(knots[0]), int(knots[-1]) + 1)
-            position = np.interp(e.time[rows], e.time[knots], path)
-            out[w.experiment][rows] = position + float(np.mean(e["position"][rows] - position))
-    return out
+        model, case.variant.parameters, case.request, unknowns, starts,
+        refusals=one_sided(case), sensible=sensible,
+    )  # fmt: skip
 
 
 def gain_of_direction(
-    stage: Stage,
-    windows: Sequence[Windows],
-    values: Mapping[str, float],
-    chamber: int,
-    sign: float,
+    case: Case, values: Mapping[str, float], chamber: int, sign: float
 ) -> Quantity | None:
     """Gain of one chamber from the windows of one direction, all else as fitted.
 
     The flow is nearly proportional to the gain; one Gauss-Newton step from the common gain.
     """
     name = f"valve_gain_{chamber}"
-    flows, slopes = [], []
-    for w in windows:
-        chosen = (w.chamber == chamber) & (sign * w.mean(w.command) > 0.0)
-        if not np.any(chosen) or w.chamber != chamber:
-            continue
-        moved = {**values, name: values[name] * (1.0 + 1e-30j)}
-        model = w.flow(moved, stage.machine)
-        rest = w.motion - np.real(model)
-        if "bulk_modulus" in values:
-            rest = rest - w.swelling / values["bulk_modulus"]
-        flows.append(rest[chosen])
-        slopes.append((np.imag(model) / 1e-30)[chosen])
-    if not flows or sum(f.size for f in flows) < 5:
-        return None
-    j, r = np.concatenate(slopes), np.concatenate(flows)
-    if not float(j @ j) > 0.0:
+    moved = {**values, name: values[name] * (1.0 + 1e-30j)}
+    residuals, slopes = [], []
+    for w in case.windows:
+        chosen = sign * w.mean(w.command) > 0.0
+        if w.chamber == chamber and chosen.any():
+            model = w.modelled(moved, case.machine)
+            residuals.append((w.motion - np.real(model))[chosen])
+            slopes.append((np.imag(model) / 1e-30)[chosen])
+    j, r = (np.concatenate(x) if x else np.zeros(0) for x in (slopes, residuals))
+    if j.size < 5 or not float(j @ j) > 0.0:
         return None
     share = float(j @ r / (j @ j))
-    parts = [f - s * share for f, s in zip(flows, slopes)]
+    parts = [r - s * share for r, s in zip(residuals, slopes)]
     found = covariance([s[:, None] for s in slopes], parts)
     se = float(np.sqrt(found.covariance[0, 0])) * values[name]
     value = values[name] * (1.0 + share)

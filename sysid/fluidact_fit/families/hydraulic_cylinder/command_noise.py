@@ -23,10 +23,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..experiment import FloatArray
-from .gray_box import STATE_SCALE, GrayBox, GrayLog, GraySolution
-from .noise import noise_floor
-from .uncertainty import Uncertainty, enlarge
+from ...estimation.noise import noise_floor
+from ...estimation.uncertainty import Uncertainty, enlarge
+from ...experiment import FloatArray
+from .gray_box import GrayBox, GrayLog
+from .gray_search import STATE_SCALE, GraySolution
 
 _ENOUGH = 20_000  # samples of a log that the likelihood looks at
 _SURE = 2.0  # by which the likelihood has to favour an exact command
@@ -79,14 +80,8 @@ def with_command_noise(
 
 
 def white_levels(residuals: FloatArray) -> FloatArray:
-    """Standard deviation of the white part of every channel, from second differences.
-
-    Parameters
-    ----------
-    residuals : (channels, n)
-    """
-    second = np.diff(residuals, 2, axis=1)
-    return np.asarray(np.sqrt(np.mean(second**2, axis=1) / 6.0))
+    """Standard deviation of the white part of every channel of ``(channels, n)``."""
+    return np.array([noise_floor(r, 2, robust=False) for r in residuals])
 
 
 def _score_slopes(
