@@ -9,7 +9,7 @@ OLDEST := .venv-oldest
 COG := $(BIN)/cog -P -I tools -p 'import docs_tables as docs' --verbosity 1
 PAGES := README.md $(wildcard docs/*.md)
 
-.PHONY: help demo test test-oldest lint format docs schema lock house study bench clean
+.PHONY: help demo test test-oldest lint format docs schema lock house acceptance study bench clean
 
 help:
 	@echo "make demo         fit the datasets into demo-output/"
@@ -20,6 +20,7 @@ help:
 	@echo "make docs         write what the pages and the JSON Schema take from the program"
 	@echo "make schema       write the shipped JSON Schema only"
 	@echo "make lock         write uv.lock anew"
+	@echo "make acceptance   every headline figure again, against docs/acceptance.md"
 	@echo "make house        count lines, long functions, long signatures and uses of Any"
 	@echo "make study        efficiency, coverage and designs by repetition, written to docs/"
 	@echo "make bench        this project against other tools, written to docs/benchmark.md"
@@ -68,6 +69,11 @@ lock: $(INSTALLED_DEV)
 
 house:
 	@$(PYTHON) tools/house.py
+
+# Some ten minutes on two cores; ACCEPTANCE='--only readme' runs a part, ACCEPTANCE=--write writes
+# the table anew.
+acceptance: $(INSTALLED)
+	$(BIN)/python -m studies.acceptance $(ACCEPTANCE)
 
 # Takes an hour or two on two cores; make study STUDY='--scale 0.1' is a taste of it.
 study: $(INSTALLED)

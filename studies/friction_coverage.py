@@ -25,9 +25,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fluidact_fit.errors import FluidactError
+from fluidact_fit.estimation.friction_law import FrictionLaw
 from fluidact_fit.experiment import Experiment, Signal
-from fluidact_fit.families.cylinder_friction import CylinderFriction
-from fluidact_fit.families.friction.block import friction_force
+from fluidact_fit.families.cylinder_friction.family import CylinderFriction
+from fluidact_fit.families.cylinder_friction.options import FrictionOptions
 from fluidact_fit.family import Request
 
 Array = npt.NDArray[np.float64]
@@ -101,7 +102,7 @@ def bound(velocity: Array, white: Array) -> Array:
 def record(rng: np.random.Generator, cell: Cell) -> tuple[Experiment, Array]:
     """A log and the true velocity."""
     position, velocity, acceleration = move(rng, cell.pace)
-    force = MASS * acceleration + friction_force(velocity, **TRUTH)
+    force = MASS * acceleration + FrictionLaw.of(TRUTH).moving(velocity)
     force = force + FORCE_NOISE * colour_noise(rng, cell.colour)
     motion = (velocity if cell.role == "velocity" else position) + cell.noise * rng.standard_normal(
         SAMPLES
@@ -131,7 +132,7 @@ def run(cell: Cell, runs: int) -> Result:
     """Fit many logs of a cell."""
     family = CylinderFriction()
     variant = next(v for v in family.variants if v.name == cell.role)
-    request = Request(options={"mass": MASS})
+    request = Request(options=FrictionOptions(mass=MASS))
     white = whitener(cell)
     hits, off, bounds, refused, warned = [], [], [], 0, 0
     for k in range(runs):

@@ -113,13 +113,16 @@ def coverage(folder: Path, runs: int, command_noise: float) -> None:
 
 
 def networks(folder: Path) -> None:
-    """Print the comparison of the flows."""
+    """Print the comparisons, with the dead zone and with the paper's equations, which have none."""
     logs = [record(12.0, seed, folder / f"n{seed}.csv") for seed in range(3)]
-    given = {n: v for n, v in GIVEN.items() if n != "mass"}
-    result = ff.fit("hydraulic-cylinder", logs, flow="mlp", friction="mlp", **given)
-    details = result.document.fit.details
-    for row in (*details["flow_comparison"], *details["friction_comparison"]):
-        print(row)
+    given = {n: v for n, v in GIVEN.items() if n != "mass"} | {"flow": "mlp", "friction": "mlp"}
+    zero = {"dead_zone_negative": 0.0, "dead_zone_positive": 0.0}
+    for label, fixed in (("dead zone fitted", {}), ("no dead zone", zero)):
+        result = ff.fit("hydraulic-cylinder", logs, fixed=fixed, **given)
+        for title, rows in result.document.fit.details["comparisons"].items():
+            print(f"{title}, {label}")
+            for row in rows:
+                print("  ", row)
 
 
 def pressures(folder: Path) -> None:

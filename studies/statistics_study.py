@@ -186,10 +186,10 @@ class Outcome:
 
 def repeat(task: tuple[Cell, int]) -> Outcome:
     """Simulate and fit one repetition."""
+    from fluidact_fit.estimation.inputs import settle_holds
     from fluidact_fit.experiment import Experiment, Signal
     from fluidact_fit.families import get_family
     from fluidact_fit.family import Request
-    from fluidact_fit.estimation.inputs import settle_holds
 
     cell, number = task
     p = PROBLEMS[cell.problem]
@@ -212,7 +212,9 @@ def repeat(task: tuple[Cell, int]) -> Outcome:
         }
         experiments.append(Experiment(f"log{k}", k, time_axis, signals, step, True))
     estimate = family.estimate(
-        family.variants[0], settle_holds(experiments), Request(options=family.options_type.read(p.options))
+        family.variants[0],
+        settle_holds(experiments),
+        Request(options=family.options_type.read(p.options)),
     )
     found = [estimate.parameters[name] for name in p.truth]
     truth = np.array(list(p.truth.values()))

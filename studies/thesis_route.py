@@ -17,6 +17,7 @@ References
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -71,20 +72,21 @@ class DiscreteRoute:
 
 def main() -> None:
     """Print both estimates of the dataset's logs."""
+    say = sys.stdout.write
     data = load_dataset("hydrostatic")
     exact = ff.fit("hydrostatic", data.read(), **data.options)
     start = {n: exact.parameters[n].number for n in NAMES}
     route = DiscreteRoute(exact.experiments).fit(start)
-    print("parameter            truth      exact      discrete route")
+    say("parameter            truth      exact      discrete route\n")
     for n in NAMES:
         q = exact.parameters[n]
-        print(
+        say(
             f"{n:20s} {data.truth[n]['value']:9.4g}  {q.number:9.5g} ± {q.std_error:.2g}  "
-            f"{route.values[n]:9.5g} ± {route.std_error(n):.2g}"
+            f"{route.values[n]:9.5g} ± {route.std_error(n):.2g}\n"
         )
     shift = -0.5 * exact.parameters["damping"].number * exact.experiments[0].sample_time
-    print(f"pole taken for one: {route.values['integrator_pole']:.6f}")
-    print(f"a held force alone would move the mass by {shift:+.3g} kg")
+    say(f"pole taken for one: {route.values['integrator_pole']:.6f}\n")
+    say(f"a held force alone would move the mass by {shift:+.3g} kg\n")
 
 
 if __name__ == "__main__":

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
         UsageError,
     )
     from .families import family_names, get_family
+    from .files import read_document
     from .fitting import fit
     from .logs import Log, StepInput, read_log
-    from .files import read_document
     from .result import FitResult
 
 _HOMES = {

@@ -191,7 +191,7 @@ class Block(ABC):
 
     def reset(self) -> None:
         """Return to rest; a static map has nothing to return from."""
-        return None
+        return
 
     @abstractmethod
     def predict(self, experiment: Experiment) -> FloatArray:

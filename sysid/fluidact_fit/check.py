@@ -197,5 +197,3 @@ def _reasons(logs: Sequence[LogCheck], drifts: Sequence[Drift]) -> tuple[str, ..
                 f"{drift.sigmas:.1f} combined standard errors."
             )
     return tuple(found)
-
-

@@ -43,17 +43,19 @@ __all__ = [
     "scalars",
 ]
 
-O = TypeVar("O", bound=FamilyOptions)
+OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
+# what is only read may hold the options of any family
+ReadT = TypeVar("ReadT", bound=FamilyOptions, covariant=True)
 
 
 @dataclass(frozen=True)
-class Request(Generic[O]):
+class Request(Generic[ReadT]):
     """What the user chose: everything of a fit that is not data.
 
     ``fixed``, ``start`` and ``bounds`` are in SI and keyed by parameter name.
     """
 
-    options: O
+    options: ReadT
     fixed: Mapping[str, float] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -62,7 +64,7 @@ class Request(Generic[O]):
 
 
 @dataclass(frozen=True)
-class Estimate(Generic[O]):
+class Estimate(Generic[ReadT]):
     """What a family returns from a fit.
 
     What the model gives with these values is not part of it: that is computed by
@@ -83,7 +85,8 @@ class Estimate(Generic[O]):
     notices
         Warnings.
     details
-        Anything else worth keeping in the file under ``fit`` (method, starts, filter).
+        Anything else worth keeping in the file under ``fit`` (method, starts, filter). Tables
+        under ``comparisons``, rows by title, are shown by the report.
     sensitivity
         Optional: derivative of every experiment's output by the first entries of
         ``covariance_order``, unknowns of single logs projected out, shape ``(n_i, q)``.
@@ -94,7 +97,7 @@ class Estimate(Generic[O]):
     derived: Mapping[str, Quantity]
     covariance_order: tuple[str, ...]
     covariance: FloatArray
-    options: O
+    options: ReadT
     notices: Sequence[Notice] = ()
     details: Mapping[str, Any] = field(default_factory=dict)
     sensitivity: Sequence[FloatArray] = ()
@@ -218,7 +221,7 @@ class StaticView:
     points: Curve | None = None
 
 
-class Family(ABC, Generic[O]):
+class Family(ABC, Generic[OptionsT]):
     """A model family: equation, roles, parameters, estimation, and what a controller runs.
 
     Subclasses set the class attributes and fill in the abstract methods. The equation
@@ -243,10 +246,10 @@ class Family(ABC, Generic[O]):
     title: str
     equation: str
     variants: tuple[Variant, ...]
-    options_type: type[O]
+    options_type: type[OptionsT]
     steady_offset: ClassVar[bool] = False
 
-    def variants_for(self, options: O) -> tuple[Variant, ...]:
+    def variants_for(self, options: OptionsT) -> tuple[Variant, ...]:
         """Variants that can be meant under the given options; usually all of them."""
         return self.variants
 
@@ -256,8 +259,8 @@ class Family(ABC, Generic[O]):
 
     @abstractmethod
     def estimate(
-        self, variant: Variant, experiments: Sequence[Experiment], request: Request[O]
-    ) -> Estimate[O]:
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request[OptionsT]
+    ) -> Estimate[OptionsT]:
         """Fit the family to the experiments.
 
         Raises
@@ -274,7 +277,7 @@ class Family(ABC, Generic[O]):
         variant: Variant,
         values: Mapping[str, Value],
         experiments: Sequence[Experiment],
-        options: O,
+        options: OptionsT,
         offset: float | None = None,
     ) -> list[Simulated]:
         """Simulate the outputs of experiments from their inputs.
@@ -299,7 +302,7 @@ class Family(ABC, Generic[O]):
         self,
         variant: Variant,
         values: Mapping[str, Value],
-        options: O,
+        options: OptionsT,
         sample_time: float,
         hold: Hold,
     ) -> dict[str, Any]:
@@ -315,7 +318,7 @@ class Family(ABC, Generic[O]):
         variant: Variant,
         values: Mapping[str, Value],
         experiment: Experiment,
-        options: O,
+        options: OptionsT,
     ) -> Information | None:
         """Return what an experiment would tell about the parameters, from its inputs alone.
 
@@ -358,7 +361,7 @@ class Family(ABC, Generic[O]):
         values: Mapping[str, Value],
         experiments: Sequence[Experiment],
         simulated: Sequence[Simulated],
-        options: O,
+        options: OptionsT,
     ) -> StaticView | None:
         """Return what a picture of a static map shows, ``None`` for a dynamic model.
 

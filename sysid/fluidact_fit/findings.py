@@ -39,19 +39,19 @@ class Findings:
     request: Request[FamilyOptions]
     estimate: Estimate[FamilyOptions]
 
-    def raw(self, experiments: Sequence[Experiment], offset: float | None = None) -> list[Simulated]:
+    def simulate(
+        self, experiments: Sequence[Experiment], offset: float | None = None
+    ) -> list[Simulated]:
         """What the model gives with the values and options that are written."""
         e = self.estimate
         return self.family.simulate(self.variant, e.values, experiments, e.options, offset)
 
-    def simulate(
-        self, experiments: Sequence[Experiment], offset: float | None = None
+    def compare(
+        self, experiments: Sequence[Experiment], found: Sequence[Simulated]
     ) -> list[Simulation]:
-        """The same beside what was measured."""
+        """Simulations beside what was measured."""
         output = self.variant.output.name
-        return [
-            Simulation.of(e, s, output) for e, s in zip(experiments, self.raw(experiments, offset))
-        ]
+        return [Simulation.of(e, s, output) for e, s in zip(experiments, found, strict=True)]
 
 
 def mean_offset(family: Family[FamilyOptions], fitted: Sequence[Simulation]) -> float | None:

@@ -96,20 +96,20 @@ def fit(
     experiments, notices = _prepare(opened, variant)
     estimate = _estimate(chosen, variant, experiments, request)
     found = Findings(chosen, variant, opened, experiments, request, estimate)
-    simulated = found.simulate(experiments)
+    raw = found.simulate(experiments)
+    simulated = found.compare(experiments, raw)
     validation: list[Simulation] = []
     if judged:
         others, more = _prepare(judged, variant)
         notices += more
         offset = mean_offset(chosen, simulated)
         holds = {r: s.hold for r, s in experiments[0].signals.items()}
-        validation = found.simulate(_with_holds(others, holds), offset)
+        others = _with_holds(others, holds)
+        validation = found.compare(others, found.simulate(others, offset))
     document, said = make_parameter_document(
         found, simulated, validation, notices, controller_sample_time, command
     )
-    view = chosen.static_view(
-        variant, estimate.values, experiments, found.raw(experiments), estimate.options
-    )
+    view = chosen.static_view(variant, estimate.values, experiments, raw, estimate.options)
     return FitResult(family, variant, estimate, simulated, validation, document, said, view)
 
 
@@ -245,7 +245,9 @@ def _with_holds(
         replace(
             e,
             signals={
-                r: s if s.hold is None or s.time.size == 1 else replace(s, hold=holds.get(r, s.hold))
+                r: s
+                if s.hold is None or s.time.size == 1
+                else replace(s, hold=holds.get(r, s.hold))
                 for r, s in e.signals.items()
             },
         )

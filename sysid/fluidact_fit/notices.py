@@ -148,7 +148,7 @@ _JUDGEMENT = {
         "The model explains so little of the output that the fit has failed.",
         "Check columns, units and signs, and whether this family describes the machine.",
     ),
-    "residuals-coloured": _warning(
+    "residuals-autocorrelated": _warning(
         "The residuals are autocorrelated and far larger than the noise of the output: the "
         "machine does something that the model does not.",
         "Look at the picture (`--plot`) and judge whether the misfit matters for your use.",

@@ -194,9 +194,7 @@ def describe(options: type[FamilyOptions], *, every: bool = False) -> tuple[Opti
     """Options of a family in the order of the class; ``every`` adds the settled ones."""
     from dataclasses import replace
 
-    found = (
-        replace(f.metadata["option"], name=f.name.replace("_", "-")) for f in fields(options)
-    )
+    found = (replace(f.metadata["option"], name=f.name.replace("_", "-")) for f in fields(options))
     return tuple(o for o in found if every or not o.settled)
 
 

@@ -57,7 +57,8 @@ class FitResult(Outcome):
         rows = [_row(name, q) for name, q in self.parameters.items()]
         widths = [max(len(row[k]) for row in rows) for k in range(3)]
         lines += [
-            "  " + "  ".join((r[0].ljust(widths[0]), r[1].rjust(widths[1]), r[2].ljust(widths[2])))
+            "  "
+            + "  ".join((r[0].ljust(widths[0]), r[1].rjust(widths[1]), r[2].ljust(widths[2])))
             + f"  {r[3]}"
             for r in rows
         ]
@@ -72,9 +73,8 @@ class FitResult(Outcome):
         )
         said = "".join(f"<li>{html.escape(in_python(n.message))}</li>" for n in self.notices)
         head = "<tr><th>parameter</th><th>value</th><th>unit</th><th>95 % interval</th></tr>"
-        return (
-            f"<p>{html.escape(repr(self)[1:-1])}</p><table>{head}{rows}</table>"
-            + (f"<ul>{said}</ul>" if said else "")
+        return f"<p>{html.escape(repr(self)[1:-1])}</p><table>{head}{rows}</table>" + (
+            f"<ul>{said}</ul>" if said else ""
         )
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:

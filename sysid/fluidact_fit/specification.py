@@ -148,6 +148,8 @@ class Described(Protocol):
     """What a reader of parameter files has to know of a family."""
 
     name: str
+    title: str
+    equation: str
     variants: tuple[Variant, ...]
     options_type: type[FamilyOptions]
 

@@ -74,7 +74,8 @@ def test_numpy_warnings_do_not_reach_the_user(
 
     monkeypatch.setattr(fluidact_fit.fitting, "fit", noisy)
     done = here("valve", valve())
-    assert (done.status, done.err) == (0, "")
+    assert done.status == 0
+    assert "RuntimeWarning" not in done.err
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes differ")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -82,10 +81,8 @@ def test_help_loads_nothing_heavy(option: str) -> None:
         "loaded |= {m for m in sys.modules if m.startswith('fluidact_fit.families.')}\n"
         "assert not loaded, loaded\n"
     )
-    begun = time.monotonic()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert time.monotonic() - begun < 2.0  # 0.06 s on the machine this was written on
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,9 @@ def write(tmp_path: Path) -> Callable[..., Path]:
         family: str, values: dict[str, float] | None = None, sample_time: float = 0.01
     ) -> Path:
         return save_document(
-            make_document(build(family, values, sample_time), get_family), tmp_path / f"{family}.yaml", overwrite=True
+            make_document(build(family, values, sample_time), get_family),
+            tmp_path / f"{family}.yaml",
+            overwrite=True,
         )
 
     return writer

@@ -10,7 +10,7 @@ from scipy.signal import lsim
 from fluidact_fit.estimation.inputs import (
     PiecewiseInput,
     apply_dead_zone,
-    interpolation,
+    choose_hold,
     is_smooth,
     piecewise,
 )
@@ -71,7 +71,7 @@ def test_scan_is_the_plain_recursion(m: int, varying: bool) -> None:
     np.testing.assert_allclose(scan(phi, forcing, x), want, atol=1e-9)
 
 
-@pytest.mark.parametrize("hold", ["zoh", "linear"])
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
 @pytest.mark.parametrize("zeta", [0.4, 1.0, 2.5])
 def test_forced_response_agrees_with_a_fine_simulation(hold: str, zeta: float) -> None:
     time = np.arange(60) * 0.02
@@ -89,7 +89,7 @@ def test_forced_response_agrees_with_a_fine_simulation(hold: str, zeta: float) -
 @given(
     dead_time=st.floats(0.0, 0.3),
     jitter=st.lists(st.floats(0.004, 0.05), min_size=20, max_size=40),
-    hold=st.sampled_from(["zoh", "linear"]),
+    hold=st.sampled_from(["zoh", "foh"]),
 )
 @settings(max_examples=40, deadline=None)
 def test_dead_time_of_any_fraction_and_uneven_sampling(
@@ -107,7 +107,7 @@ def test_dead_time_of_any_fraction_and_uneven_sampling(
 
 def test_derivatives_by_complex_steps_are_exact() -> None:
     time = np.arange(200) * 0.01
-    u = piecewise(signal(time, np.sin(3 * time) * 5.0, "cubic"))
+    u = piecewise(signal(time, np.sin(3 * time) * 5.0, "smooth"))
 
     def y(m: complex, edge: complex, dead_time: complex) -> np.ndarray:
         a = np.array([[0.0, 1.0], [0.0, -20.0 / m]])
@@ -130,11 +130,11 @@ def test_derivatives_by_complex_steps_are_exact() -> None:
 def test_dead_zone_kinks_lie_between_the_samples() -> None:
     """The answer to a ramp through an edge is known in closed form."""
     time = np.array([0.0, 1.0, 2.0])
-    ramp = piecewise(signal(time, np.array([0.0, 1.0, 2.0]), "linear"))
+    ramp = piecewise(signal(time, np.array([0.0, 1.0, 2.0]), "foh"))
     a, b, c = np.array([[0.0]]), np.array([1.0]), np.array([1.0])
     y = forced_response(a, b, c, apply_dead_zone(ramp, -1.0, 0.4), time)
     np.testing.assert_allclose(y, [0.0, 0.5 * 0.6**2, 0.5 * 1.6**2], atol=1e-14)
-    mirrored = piecewise(signal(time, -np.array([0.0, 1.0, 2.0]), "linear"))
+    mirrored = piecewise(signal(time, -np.array([0.0, 1.0, 2.0]), "foh"))
     z = forced_response(a, b, c, apply_dead_zone(mirrored, -0.4, 1.0), time)
     np.testing.assert_allclose(z, -y, atol=1e-14)
 
@@ -165,9 +165,17 @@ def test_rounded_time_stamps_are_one_grid() -> None:
     ],
 )
 def test_only_smooth_signals_are_taken_for_smooth(values: np.ndarray, smooth: bool) -> None:
-    s = signal(np.arange(400) * 0.01, values, "foh")
+    s = signal(np.arange(400) * 0.01, values, "auto")
     assert is_smooth([s]) is smooth
-    assert interpolation(s) == ("cubic" if smooth else "linear")
+    assert choose_hold([s]) == ("smooth" if smooth else "foh")
+
+
+def test_two_levels_are_held() -> None:
+    values = (np.sin(np.arange(400) * 0.05) > 0.0).astype(float)
+    halves = [signal(np.arange(200) * 0.01, v, "auto") for v in (values[:200], values[200:])]
+    assert choose_hold(halves) == "zoh"
+    one = signal(np.arange(400) * 0.01, values + (np.arange(400) > 390), "auto")
+    assert choose_hold([one]) == "foh"
 
 
 def test_a_cubic_reproduces_a_smooth_force_between_samples() -> None:
@@ -177,10 +185,10 @@ def test_a_cubic_reproduces_a_smooth_force_between_samples() -> None:
     a, b, c = np.array([[0.0, 1.0], [0.0, -30.0]]), np.array([0.0, 1.0]), np.array([1.0, 0.0])
     truth = lsim((a, b[:, None], c[None, :], np.zeros((1, 1))), np.sin(25 * fine), fine)[1][::50]
     errors = {}
-    for hold in ("linear", "cubic"):
+    for hold in ("foh", "smooth"):
         u = piecewise(signal(time, np.sin(25 * time), hold))
         errors[hold] = np.abs(forced_response(a, b, c, u, time) - truth).max()
-    assert errors["cubic"] < 0.1 * errors["linear"]
+    assert errors["smooth"] < 0.1 * errors["foh"]
 
 
 def test_input_before_its_first_node_is_zero() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from itertools import pairwise
 
@@ -179,17 +178,3 @@ def test_polynomial() -> None:
     x = np.random.default_rng(0).standard_normal((200, 2))
     y = 1.0 + x[:, 0] ** 3 - 2.0 * x[:, 0] * x[:, 1]
     assert np.allclose(polynomial_fit(x, y)(x), y)
-
-
-def test_cost_grows_linearly_with_rows() -> None:
-    """Twenty times the rows of one Gauss-Newton step cost no more than forty times."""
-    net = make_network((4, 7, 1))
-    spent = []
-    for rows in (20_000, 400_000):
-        x = np.random.default_rng(0).standard_normal((rows, 4))
-        begin = time.process_time()
-        for part in range(0, rows, 8192):
-            _, jacobian = output_and_jacobian(net, x[part : part + 8192])
-            cross(jacobian, jacobian)
-        spent.append(time.process_time() - begin)
-    assert spent[1] < 40.0 * spent[0]

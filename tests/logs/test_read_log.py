@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import hashlib
-import time
 from pathlib import Path
 
 import numpy as np
@@ -206,10 +205,8 @@ REFUSED = {
 def test_files_that_are_no_logs(tmp_path: Path, kind: str) -> None:
     content, words = REFUSED[kind]
     path = write(tmp_path, content)
-    started = time.monotonic()
     with pytest.raises(LogError) as error:
         read_log(path)
-    assert time.monotonic() - started < 2
     assert "a.csv" in str(error.value)
     assert words in str(error.value)
     assert error.value.remedy

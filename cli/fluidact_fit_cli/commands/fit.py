@@ -102,7 +102,9 @@ def _judging_options() -> list[click.Parameter]:
     ]  # fmt: skip
 
 
-def run_fit(family: Family[FamilyOptions], params: Mapping[str, Any], invocation: Invocation) -> None:
+def run_fit(
+    family: Family[FamilyOptions], params: Mapping[str, Any], invocation: Invocation
+) -> None:
     """Check what was asked, fit, judge, write, show: in this order."""
     targets = _targets(family.name, params)
     _check_arguments(family, params, targets)
@@ -131,7 +133,9 @@ def _targets(name: str, params: Mapping[str, Any]) -> list[Target]:
     return targets
 
 
-def _check_arguments(family: Family[FamilyOptions], params: Mapping[str, Any], targets: Sequence[Target]) -> None:
+def _check_arguments(
+    family: Family[FamilyOptions], params: Mapping[str, Any], targets: Sequence[Target]
+) -> None:
     """Refuse what can be known to be wrong before any log is read."""
     logs, judged = params["logs"], params["validate"]
     check_role_names(params, [r.name for v in family.variants for r in v.roles])
@@ -158,7 +162,9 @@ def _check_parameter_names(family: Family[FamilyOptions], params: Mapping[str, A
         check_names(option, "parameter", params[key], [p.name for p in specs if p.rank == 0])
 
 
-def _fit(family: Family[FamilyOptions], params: Mapping[str, Any], invocation: Invocation) -> FitResult:
+def _fit(
+    family: Family[FamilyOptions], params: Mapping[str, Any], invocation: Invocation
+) -> FitResult:
     from fluidact_fit.fitting import fit
 
     progress = Progress(params["quiet"], params["verbose"])
@@ -223,9 +229,7 @@ def _judge(result: FitResult, params: Mapping[str, Any]) -> FitResult:
             expected="\n".join(f"  {n.code}: {n.message}" for n in result.notices),
             remedy="Correct the cause, or give --accept-failed to write the file nevertheless.",
         )
-    return replace(
-        result, document=result.document.model_copy(update={"accepted_failed": True})
-    )
+    return replace(result, document=result.document.model_copy(update={"accepted_failed": True}))
 
 
 def _render(result: FitResult, targets: Sequence[Target]) -> dict[str, bytes | str]:

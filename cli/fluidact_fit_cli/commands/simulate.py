@@ -21,8 +21,8 @@ from ..parse import Assigned, Parsed, collect, parse_positive, parse_step
 from ..show import echo_warnings
 
 if TYPE_CHECKING:
-    from fluidact_fit.parameters import ParameterDocument
     from fluidact_fit.outcome import Simulation
+    from fluidact_fit.parameters import ParameterDocument
 
 _HELP = """Simulate the model in PARAMS with the inputs recorded in LOGs, or with --input steps.
 

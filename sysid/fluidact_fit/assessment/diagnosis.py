@@ -188,7 +188,7 @@ def _hold_notice(
             code,
             f"{lead}; with --hold {role}={other} {found.parameter} would change by "
             f"{found.shift:+.3g}{share}, {abs(found.deviations):.1f} standard errors. Commands "
-            "are held (zoh), what a sensor measures moves (foh or smooth): say which this column is.",
+            "are held (zoh), what a sensor measures moves (foh or smooth): say which this is.",
         )
     ]
 

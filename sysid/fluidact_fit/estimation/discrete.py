@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import UsageError
+from ..experiment import FloatArray
 from .inputs import PiecewiseInput
 from .linear import forced_response, transition
-from ..experiment import FloatArray
 
 _LONGEST = 10_000  # samples of dead time that a controller may be asked to remember
 Method = Literal["zoh", "foh", "tustin"]

@@ -62,9 +62,7 @@ class FrictionLaw:
             side("breakaway", "positive"), side("breakaway", "negative"),
         )  # fmt: skip
 
-    def moving(
-        self, velocity: npt.ArrayLike, direction: npt.ArrayLike | None = None
-    ) -> FloatArray:
+    def moving(self, velocity: npt.ArrayLike, direction: npt.ArrayLike | None = None) -> FloatArray:
         """Friction that has to be overcome to move, shape of ``velocity``.
 
         Parameters

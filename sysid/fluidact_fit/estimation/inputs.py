@@ -125,7 +125,7 @@ def settled_hold(signal: Signal) -> Hold:
 
 
 def choose_hold(signals: Sequence[Signal]) -> Hold:
-    """Settle ``auto`` for one role of all logs: held on two levels, else lines or a smooth curve."""
+    """Settle ``auto`` for a role of all logs: held on two levels, else lines or a smooth curve."""
     levels = set()
     for s in signals:
         levels.update(np.unique(s.values[:10_000]).tolist())

@@ -17,8 +17,10 @@ from ..experiment import FloatArray
 _NORMAL = 1.4826  # standard deviation of a normal variable per median of its absolute value
 
 
-def noise_floor(values: FloatArray, order: int = 3, *, robust: bool = True) -> float:
-    """Standard deviation of the white part of an evenly sampled signal.
+def noise_floor(
+    values: FloatArray, order: int = 3, *, robust: bool = True, time: FloatArray | None = None
+) -> float:
+    """Standard deviation of the white part of a sampled signal.
 
     Parameters
     ----------
@@ -29,6 +31,8 @@ def noise_floor(values: FloatArray, order: int = 3, *, robust: bool = True) -> f
     robust
         From the median of the absolute differences, which jumps and spikes leave as it is;
         else from their mean square, which sees steps of a converter that mostly rests.
+    time : (n,)
+        Instants where they are not evenly spaced, for divided differences [any unit].
 
     Returns
     -------
@@ -37,8 +41,23 @@ def noise_floor(values: FloatArray, order: int = 3, *, robust: bool = True) -> f
     """
     if values.size < 4 * order:
         return 0.0
-    differences = np.diff(values, order)
-    gain = sqrt(comb(2 * order, order))
+    if time is None:
+        white = np.diff(values, order) / sqrt(comb(2 * order, order))
+    else:
+        white = _divided_differences(values, time, order)
     if robust:
-        return _NORMAL * float(np.median(np.abs(differences))) / gain
-    return sqrt(float(np.mean(differences**2))) / gain
+        return _NORMAL * float(np.median(np.abs(white)))
+    return sqrt(float(np.mean(white**2)))
+
+
+def _divided_differences(values: FloatArray, time: FloatArray, order: int) -> FloatArray:
+    """Divided differences, scaled so that white noise keeps its size; shape ``(n - order,)``."""
+    n = values.size - order
+    t = np.stack([time[k : n + k] for k in range(order + 1)])
+    t = (t - t[0]) / max(float(np.median(t[order] - t[0])), 1e-300)
+    weights = np.stack(
+        [1.0 / np.prod(t[k] - np.delete(t, k, axis=0), axis=0) for k in range(order + 1)]
+    )
+    weights /= np.sqrt(np.sum(weights**2, axis=0))
+    samples = np.stack([values[k : n + k] for k in range(order + 1)])
+    return np.asarray(np.sum(weights * samples, axis=0))

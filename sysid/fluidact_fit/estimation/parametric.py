@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ..errors import Notice, UsageError
 from ..experiment import Experiment, FloatArray, Signal
-from ..family import ParameterSpec, Quantity, Request
+from ..family import FamilyOptions, ParameterSpec, Quantity, Request
 from .agreement_of_logs import Drift, compare_logs
 from .profile_likelihood import Interval, profile_interval
 from .results import Refusal, Solved, determine, left_open
@@ -149,7 +149,7 @@ def make_unknowns(
     specs: Sequence[ParameterSpec],
     names: Sequence[str],
     scales: Mapping[str, float],
-    request: Request,
+    request: Request[FamilyOptions],
     limits: Mapping[str, tuple[float, float]] | None = None,
 ) -> dict[str, Unknown]:
     """Unknowns with the physical range, the search range and the user's bounds applied.
@@ -179,7 +179,7 @@ def make_unknowns(
     return out
 
 
-def check_request(specs: Sequence[ParameterSpec], request: Request) -> None:
+def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions]) -> None:
     """Reject names and values in ``--fix``, ``--start`` and ``--bounds`` that cannot be.
 
     Raises
@@ -356,7 +356,7 @@ def _drift_notice(drift: Drift, label: Mapping[int, str], values: Mapping[str, f
 def fit_named(
     model: NamedModel,
     specs: Sequence[ParameterSpec],
-    request: Request,
+    request: Request[FamilyOptions],
     unknowns: Mapping[str, Unknown],
     starts: Sequence[Mapping[str, float]],
     *,

@@ -129,7 +129,7 @@ class Solved:
     values: Mapping[str, float]
     names: tuple[str, ...]
     covariance: FloatArray
-    degrees: float
+    degrees: int
     fixed: Mapping[str, float] = field(default_factory=dict)
     refused: Mapping[str, Refusal] = field(default_factory=dict)
     intervals: Mapping[str, Interval] = field(default_factory=dict)

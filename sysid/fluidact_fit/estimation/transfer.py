@@ -17,6 +17,7 @@ import numpy.typing as npt
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from ..family import FamilyOptions, ParameterSpec, Request, Simulated
+from .information import project_out
 from .input_noise import (
     extrapolate_bias,
     moving_inputs,
@@ -24,8 +25,8 @@ from .input_noise import (
     whitening,
 )
 from .inputs import PiecewiseInput, apply_dead_zone, piecewise
-from .noise import noise_floor
 from .linear import Grid, forced_response, free_response, make_grid, states_at_nodes
+from .noise import noise_floor
 from .parametric import (
     Fitted,
     NamedModel,
@@ -36,7 +37,6 @@ from .parametric import (
     shorten,
 )
 from .results import Refusal
-from .information import project_out
 from .separable import Basis, Problem, Search, Unknown, evaluate, profile, solve_from
 from .uncertainty import enlarge
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..experiment import FloatArray
-from .waveforms import Waveform
 from .task import Task, Unknown
+from .waveforms import Waveform
 
 
 def first_waveforms(task: Task) -> list[Waveform]:

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import NotIdentifiedError, UsageError
-from .waveforms import Waveform
 from .candidates import first_waveforms
 from .forecasts import finite_or_none, make_forecasts
 from .result import Candidate, Design
 from .search import RISE, Search, Trial
 from .task import Task
+from .waveforms import Waveform
 
 _LEADERS = 4  # shapes that are improved
 _TRIES = 400  # of changes to the pieces

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.information import Information, cramer_rao
+from ..estimation.information import cramer_rao
 from ..experiment import Experiment, FloatArray, Signal
-from .waveforms import Waveform, limit_slope, smooth_corners, to_segments
+from ..family import Information
 from .task import Task, score_of
+from .waveforms import Waveform, limit_slope, smooth_corners, to_segments
 
 RISE = 8  # samples in which a command that moves on between samples crosses its range
 _PIECES = 40  # straight pieces that are shaped one by one

@@ -102,9 +102,7 @@ def result_page(result: Outcome) -> str:
     return document_page(result.document, figures)
 
 
-def document_page(
-    document: ParameterDocument, figures: Sequence[tuple[str, bytes]] = ()
-) -> str:
+def document_page(document: ParameterDocument, figures: Sequence[tuple[str, bytes]] = ()) -> str:
     """The page of a parameter document.
 
     Parameters

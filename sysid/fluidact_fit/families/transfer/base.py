@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Generic, TypeVar
 
-from ...estimation.discrete import discretise
 from ...errors import Notice
+from ...estimation.discrete import discretise
 from ...estimation.information import sensitivity
 from ...estimation.parametric import Fitted, Values, bind, check_request, make_unknowns
 from ...estimation.results import Refusal
@@ -190,9 +190,7 @@ class TransferFamily(Family[T], Generic[T]):
         state, owner = request.options.initial_state, request.options.offset_of
         common = are_short(experiments) if owner is None else owner == "log"
         fitted, rest = fit_transfer(
-            lambda some, still: self.transfer_model(variant, some, still, common).named(
-                plan.names
-            ),
+            lambda some, still: self.transfer_model(variant, some, still, common).named(plan.names),
             experiments,
             variant.output.name,
             variant.parameters,

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...block import Block
-from ...estimation.discrete import companion, discretise
 from ...errors import UsageError
+from ...estimation.discrete import companion, discretise
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, piecewise
 from ...estimation.linear import forced_response
 from ...estimation.parametric import input_level
@@ -70,9 +70,7 @@ class TransferBlock(Block):
     def _linear(self) -> TransferFunction:
         values = self.numbers()
         numerator, denominator = self._coefficients(values)
-        return TransferFunction(
-            tuple(numerator), tuple(denominator), values.get("dead_time", 0.0)
-        )
+        return TransferFunction(tuple(numerator), tuple(denominator), values.get("dead_time", 0.0))
 
     @cached_property
     def _difference(self) -> tuple[list[float], list[float]]:

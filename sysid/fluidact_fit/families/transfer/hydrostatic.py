@@ -28,7 +28,7 @@ from ...estimation.parametric import Fitted, Values, bind
 from ...estimation.results import Refusal
 from ...estimation.separable import Unknown, solve
 from ...estimation.transfer import TransferModel, dead_time_axis, grid_search, time_scales
-from ...experiment import Experiment, FloatArray
+from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice
 from .base import Plan, TransferFamily, TransferOptions
@@ -118,9 +118,7 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         """``1 / (mass s^2 + damping s + stiffness)``."""
         return [1.0], [values["mass"], values["damping"], values.get("stiffness", 0.0)]
 
-    def plan(
-        self, experiments: Sequence[Experiment], request: Request[HydrostaticOptions]
-    ) -> Plan:
+    def plan(self, experiments: Sequence[Experiment], request: Request[HydrostaticOptions]) -> Plan:
         """Typical sizes, search range and the widest useful intervals."""
         names = ["mass", "damping", "dead_zone_negative", "dead_zone_positive"]
         for asked, name in (

@@ -1,0 +1,55 @@
+"""The friction map that a controller calls."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from ...block import Block
+from ...estimation.friction_law import FrictionLaw
+from ...experiment import Experiment, FloatArray
+from ...parameters.document import ParameterDocument
+from ...specification import Variant
+from .options import FrictionOptions
+from .samples import simulate_force
+
+
+class FrictionBlock(Block):
+    """Friction force over velocity, for feed-forward compensation.
+
+    Attributes
+    ----------
+    width
+        Speed over which the sign is rounded as ``tanh(v / width)`` [m/s]; 0: not at all. A
+        controller that compensates all friction at the exact sign chatters about rest.
+    """
+
+    def __init__(self, document: ParameterDocument, variant: Variant, width: float = 0.0) -> None:
+        super().__init__(document, variant)
+        self.width = width
+
+    @cached_property
+    def _law(self) -> FrictionLaw:
+        return FrictionLaw.of(self.numbers())
+
+    def __call__(self, velocity: npt.ArrayLike, width: float | None = None) -> FloatArray:
+        """Return the friction force, shape of ``velocity`` [N]; ``velocity`` in m/s."""
+        v = np.asarray(velocity, dtype=float)
+        width = self.width if width is None else width
+        if width <= 0.0:
+            return self._law.moving(v)
+        level = replace(self._law, viscous_positive=0.0, viscous_negative=0.0).moving(v)
+        viscous = self._law.moving(v) - level
+        return np.asarray(np.abs(level) * np.tanh(v / width) + viscous)
+
+    def predict(self, experiment: Experiment) -> FloatArray:
+        """Force, or first pressure, that a motion needs; see :meth:`Block.predict`."""
+        signals = {r: s for r, s in experiment.signals.items() if r != self.variant.output.name}
+        options = FrictionOptions.read(self.document.options or {}, from_file=True)
+        (found,) = simulate_force(
+            self.variant, self._law, [replace(experiment, signals=signals)], options, self.offset
+        )
+        return found.output

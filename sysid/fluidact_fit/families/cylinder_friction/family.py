@@ -1,0 +1,304 @@
+"""Friction of a cylinder: two Coulomb levels and viscous friction.
+
+    F_f = F_c+ [v > 0] - F_c- [v < 0] + b v
+    F_f = F - (A_1 p_1 - A_2 p_2) - m a      with a load cell
+    F_f = A_1 p_1 - A_2 p_2 - m a            without: the pressures drive
+
+``F`` is what drives the motion, positive along positive velocity; pressure forces and the
+inertia ``m a`` are taken off when the areas and the mass are given. All levels are
+magnitudes. The regression sees moving samples only [1]_: near standstill friction is a
+matter of presliding and stiction, and a smoothed sign would bias the levels.
+
+A *measured velocity* stands in the equation as it is. Its noise would make ``b`` too small;
+the instrument [4]_ in its place is the velocity smoothed over the neighbours of each sample,
+without its own reading, whose noise it does not share: ``Z' (F - A x) = 0``.
+
+The *slope of a position* is a weighted mean of the velocity; the force and the sign of the
+velocity go through the same mean. Whatever the filter takes off a fast stroke it takes off
+its force, so the friction is that of the unfiltered motion, reversals in the window
+included. The noise that is left in the slope is taken off the normal equations [3]_, and the
+covariance is that of the noise before the filter, carried through it.
+
+Without a second speed in at least one direction, ``b v`` cannot be told from the levels:
+``viscous`` is then written as not identified and the levels hold all friction.
+
+References
+----------
+.. [1] A. Janot, M. Gautier, M. Brunot, "Data set and reference models of EMPS", Nonlinear
+   System Identification Benchmarks, 2019: regression on filtered velocity with slow
+   samples left out.
+.. [2] D. B. Comber (thesis, 2013), "Fluid power actuation for MRI-guided interventions",
+   equations 17 to 19: friction levels by direction with a velocity tolerance.
+.. [3] W. A. Fuller, Measurement Error Models, 1987, section 1.2: the moment estimator with
+   a known variance of the error in the regressor.
+.. [4] A. Janot, P.-O. Vandanjon, M. Gautier, "A generic instrumental variable approach for
+   industrial robot identification", IEEE Trans. Control Systems Technology 22(1), 2014.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import Notice
+from ...estimation.friction_law import FrictionLaw
+from ...estimation.parametric import check_request
+from ...experiment import Experiment, Hold
+from ...family import (
+    Curve,
+    Estimate,
+    Excitation,
+    Family,
+    Information,
+    ParameterDocument,
+    ParameterSpec,
+    Request,
+    Role,
+    Simulated,
+    StaticView,
+    Value,
+    Variant,
+    scalars,
+)
+from .block import FrictionBlock
+from .fit import LEVELS, fit_friction
+from .options import PRESSURES, FrictionOptions, motion_role
+from .regression import System
+from .remarks import (
+    fit_details,
+    warn_of_attenuation,
+    warn_of_disagreement,
+    warn_of_flattening,
+    warn_of_spikes,
+)
+from .samples import (
+    SIDES,
+    check_measured,
+    leave_out_accelerations,
+    prepare,
+    sides_moved,
+    simulate_force,
+)
+from .speeds import SECOND_SPEED
+
+
+def _variant(motion: str, unit: str, time_required: bool, pressures: bool = False) -> Variant:
+    """Roles and parameters with velocity or position as the motion, by force or pressures."""
+    force = Role(
+        "force", "N", "force that drives the motion, positive along positive velocity", output=True
+    )
+    drive = (
+        Role("pressure", "Pa", "pressure that drives positive motion (with --area)", output=True)
+        if pressures
+        else Role("pressure", "Pa", "pressure whose force is no friction", required=False)
+    )
+    # with a hold, --step can stand for a pressure of which only the levels are known
+    other = Role("pressure_2", "Pa", "pressure of the other chamber", required=False, hold="auto")
+    return Variant(
+        motion + PRESSURES if pressures else motion,
+        (
+            Role("time", "s", "time of each sample", required=time_required),
+            *(() if pressures else (force,)),
+            Role(motion, unit, f"{motion} of the piston"),
+            drive,
+            other,
+        ),
+        (
+            ParameterSpec(
+                "viscous",
+                "N s/m",
+                "viscous friction",
+                neutral=0.0,
+                minimum=0.0,
+                remedy="Add one stroke, or one log, at another speed in the same direction: "
+                f"{SECOND_SPEED:g} times faster or more.",
+            ),
+            *(
+                ParameterSpec(
+                    f"coulomb_{s}",
+                    "N",
+                    f"kinetic friction, {s} direction (magnitude)",
+                    neutral=0.0,
+                    minimum=0.0,
+                    remedy=f"Record at least one stroke in the {s} direction, at steady speed.",
+                )
+                for s in SIDES
+            ),
+        ),
+    )
+
+
+class CylinderFriction(Family[FrictionOptions]):
+    """Coulomb and viscous friction of a cylinder by regression on moving samples."""
+
+    name = "cylinder-friction"
+    title = "Friction of a cylinder: Coulomb levels by direction and viscous friction"
+    equation = (
+        "force - (area * pressure - area_2 * pressure_2) - mass * acceleration = "
+        "coulomb_positive [v > 0] - coulomb_negative [v < 0] + viscous * v; without a force, "
+        "area * pressure - area_2 * pressure_2 drives"
+    )
+    variants = (
+        _variant("velocity", "m/s", False),
+        _variant("position", "m", True),
+        _variant("velocity", "m/s", False, pressures=True),
+        _variant("position", "m", True, pressures=True),
+    )
+    options_type = FrictionOptions
+    steady_offset = True
+
+    def estimate(
+        self,
+        variant: Variant,
+        experiments: Sequence[Experiment],
+        request: Request[FrictionOptions],
+    ) -> Estimate[FrictionOptions]:
+        """Fit levels and viscous friction; see :meth:`Family.estimate`."""
+        check_request(variant.parameters, request)
+        data, options = prepare(variant, experiments, request.options)
+        every, moving = sum(d.kept.size for d in data), sum(int(d.kept.sum()) for d in data)
+        sides_moved(data)
+        check_measured(data)
+        notices: list[Notice] = []
+        if options.mass is None and not options.is_settled:
+            data, options, notices = leave_out_accelerations(data, options)
+        quiet = sum(int(d.kept.sum()) for d in data)
+        fit = fit_friction(variant, data, replace(request, options=options))
+        notices += [
+            *fit.notices,
+            *warn_of_spikes(fit),
+            *warn_of_disagreement(fit),
+            *warn_of_attenuation(fit),
+            *warn_of_flattening(fit, variant, experiments),
+        ]
+        fitted = sum(int(d.kept.sum()) for d in fit.data)
+        counts = {
+            "slow_or_reversing": every - moving,
+            "accelerating": moving - quiet,
+            "stroke_ends": quiet - fitted,
+        }
+        parameters, order, matrix = fit.solved.quantities(variant.parameters)
+        return Estimate(
+            parameters, fit.derived(), order, matrix, fit.options, notices,
+            fit_details(fit, counts),
+        )  # fmt: skip
+
+    def simulate(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        options: FrictionOptions,
+        offset: float | None = None,
+    ) -> list[Simulated]:
+        """Force needed for the motion of every run; see :meth:`Family.simulate`."""
+        law = FrictionLaw.of(scalars(values))
+        return simulate_force(variant, law, experiments, options, offset)
+
+    def information(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiment: Experiment,
+        options: FrictionOptions,
+    ) -> Information:
+        """What a motion would tell; see :meth:`Family.information`.
+
+        The rows are those of the force before any filter, at the samples that a fit would
+        keep. Without the mass they are those of steady speed. Other speeds than those of the
+        file are as good.
+        """
+        moved = self.variant(motion_role(variant))
+        free = replace(
+            options, area=None, area_2=None, acceleration_limit=None, speeds_positive=None,
+            speeds_negative=None, force_offset=None,
+        )  # fmt: skip
+        (d,), _ = prepare(moved, [experiment], free)
+        slope = d.motion.acceleration
+        if free.mass is None and slope is not None:
+            d = replace(d, kept=d.kept & (np.abs(slope) <= 0.01 * float(np.abs(slope).max())))
+        names = ("viscous", *LEVELS)
+        rows = np.zeros((d.kept.size, len(names)))
+        if d.kept.any():
+            rows[d.support] = System([d], names, {}, {}).jacobian()
+        return Information(names, rows, FrictionLaw.of(scalars(values)).moving(d.motion.sharp))
+
+    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
+        """Strokes at constant speeds; see :meth:`Family.excitation`.
+
+        Slow ones keep clear of the dead band by as much again, for the noise of a sample.
+        """
+        options = self.options_type.read(document.options or {}, from_file=True)
+        details = document.fit.details or {}
+        fast = max((abs(v) for pair in details["speeds"].values() for v in pair), default=0.0)
+        if motion_role(variant) == "velocity":  # what noise the filter met, a design has not
+            options = replace(options, filter=None)
+        return Excitation(
+            "strokes",
+            fastest=(-fast, fast),
+            slowest=2.0 * (options.deadband or 0.0),
+            noise=float(details["force_noise"]),
+            options=options,
+        )
+
+    def suppose(
+        self,
+        name: str,
+        values: Mapping[str, Value],
+        amplitude: tuple[float, float],
+        sample_time: float,
+    ) -> float | None:
+        """No viscous friction, and a level like that of the other direction."""
+        if name == "viscous":
+            return 0.0
+        return max(scalars(values)[level] for level in LEVELS)
+
+    def model(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        options: FrictionOptions,
+        sample_time: float,
+        hold: Hold,
+    ) -> dict[str, Any]:
+        """The static map for feed-forward compensation."""
+        return {
+            "friction": {
+                "equation": "coulomb_positive*(v>0) - coulomb_negative*(v<0) + viscous*v",
+                "input": {"name": "velocity", "unit": "m/s"},
+                "output": {"name": "force", "unit": "N"},
+                **scalars(values),
+            }
+        }
+
+    def static_view(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+        options: FrictionOptions,
+    ) -> StaticView:
+        """Friction over velocity: force less pressure, inertia and offset, and the fitted lines."""
+        data, _ = prepare(variant, experiments, options)
+        law = FrictionLaw.of(scalars(values))
+        v = np.concatenate([d.motion.sharp for d in data])
+        used = np.concatenate([d.kept for d in data])
+        offsets = [d.scale * (s.offset or 0.0) for d, s in zip(data, simulated)]
+        friction = np.concatenate([d.friction - c for d, c in zip(data, offsets)])
+        lines = []
+        for side, sign in (("positive", 1.0), ("negative", -1.0)):
+            speeds = v[used & (v * sign > 0.0)]
+            if speeds.size:
+                x = np.array([0.0, speeds.max() if sign > 0.0 else speeds.min()])
+                lines.append(Curve(f"fitted, {side}", x, law.moving(x, np.full(2, sign))))
+        return StaticView(
+            "velocity", "m/s", "friction", "N", v, friction, law.moving(v), used, lines
+        )
+
+    def block(self, variant: Variant, document: ParameterDocument) -> FrictionBlock:
+        """The friction map that a controller calls with a velocity."""
+        return FrictionBlock(document, variant)

@@ -1,0 +1,165 @@
+"""Zero-phase filters of a record: local polynomials, sharpening, derivatives, sensor noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ...estimation.noise import noise_floor
+from ...experiment import Experiment, FloatArray
+from ...signals import smooth
+
+Mask = npt.NDArray[np.bool_]
+DEGREE = 2
+
+
+def _local_polynomial(
+    time: FloatArray, values: FloatArray, step: float, half: int
+) -> tuple[FloatArray, Mask]:
+    """Local quadratics on an uneven time base, by value, slope and curvature.
+
+    Returns
+    -------
+    rows : (4, n)
+        Value, first and second derivative, and the share of each sample's own reading in
+        its value.
+    inside : (n,)
+        False near the ends and where the window bridges a gap.
+    """
+    n, width = values.size, 2 * half + 1
+    rows, inside = np.zeros((4, n)), np.zeros(n, dtype=bool)
+    if n < width:
+        return rows, inside
+    times = np.lib.stride_tricks.sliding_window_view(time, width)
+    windows = np.lib.stride_tricks.sliding_window_view(values, width)
+    for begin in range(0, times.shape[0], 4096):
+        part = slice(begin, min(begin + 4096, times.shape[0]))
+        at = slice(part.start + half, part.stop + half)
+        s = (times[part] - time[at, None]) / (half * step)
+        middle = values[at]
+        powers = np.stack([np.ones_like(s), s, s * s])
+        moments = np.einsum("ikj,lkj->kil", powers, powers)
+        right = np.einsum("ikj,kj->ki", powers, windows[part] - middle[:, None])
+        good = (s[:, -1] - s[:, 0] < 3.0) & (s[:, -1] > 0.5) & (s[:, 0] < -0.5)
+        moments[~good] = np.eye(3)
+        found = np.linalg.solve(moments, right[:, :, None])[:, :, 0]
+        rows[:3, at] = found.T / np.array([1.0, half * step, 0.5 * (half * step) ** 2])[:, None]
+        rows[0, at] += middle
+        rows[3, at] = np.linalg.inv(moments)[:, 0, 0]
+        inside[at] = good
+    rows[:, :half], rows[:, n - half :] = rows[:, half, None], rows[:, n - half - 1, None]
+    return rows, inside
+
+
+def sensor_noise(experiment: Experiment, role: str) -> float:
+    """Noise that no motion explains: high differences, or the resolution if that is more.
+
+    A handful of exact levels, as in a table of plateaus, is no resolution.
+    """
+    signal = experiment.signals[role]
+    values, resolution = signal.values, signal.resolution
+    if np.ptp(values) < 20.0 * resolution:
+        resolution = 0.0
+    time = None if experiment.uniform or not experiment.time.size else experiment.time
+    found = [noise_floor(values, k, time=time) for k in (3, 5) if values.size >= 4 * k]
+    return max(min(found, default=0.0), float(resolution / np.sqrt(12.0)))
+
+
+def differentiate(experiment: Experiment, values: FloatArray, half: int) -> tuple[FloatArray, Mask]:
+    """Value, rate, curvature, own share: shape ``(4, n)``; and where the window is whole."""
+    if experiment.uniform:
+        s = smooth(values, experiment.sample_time, half, DEGREE)
+        own = np.full(values.size, matched_kernel(half, 0)[half])
+        return np.stack([s.value, s.rate, s.curvature, own]), s.inside
+    return _local_polynomial(experiment.time, values, experiment.sample_time, half)
+
+
+def sharpened(kernel: FloatArray) -> FloatArray:
+    """Kernel of :func:`sharpen` after this one, three times as long."""
+    twice = np.convolve(kernel, kernel)
+    out = np.convolve(twice, kernel)
+    reach = kernel.size // 2
+    out[reach:-reach] -= 3.0 * twice
+    out[2 * reach : -2 * reach] += 3.0 * kernel
+    return out
+
+
+def _pad(values: FloatArray, before: int, after: int) -> FloatArray:
+    """Continue a signal at both ends, point symmetric about its ends if it is long enough."""
+    if values.size > max(before, after):
+        return np.pad(values, (before, after), mode="reflect", reflect_type="odd")
+    return np.pad(values, (before, after), mode="edge")
+
+
+def fill(values: FloatArray, inside: Mask) -> FloatArray:
+    """Continue a filtered signal over the ends, and straight over gaps."""
+    index = np.flatnonzero(inside)
+    first, last = int(index[0]), int(index[-1])
+    between = np.interp(np.arange(first, last + 1), index, values[index])
+    return _pad(between, first, values.size - 1 - last)
+
+
+def sharpen(values: FloatArray, kernel: FloatArray) -> FloatArray:
+    """Put back what a filter took off, but for the third power of its share.
+
+    What another pass takes off is what the first one took, to first order (Tukey's twicing).
+    """
+    reach = kernel.size // 2
+    out = lost = values
+    for _ in range(2):
+        lost = lost - np.convolve(_pad(lost, reach, reach), kernel, "valid")
+        out = out + lost
+    return out
+
+
+def matched_kernel(half_width: int, order: int) -> FloatArray:
+    """Kernel that smooths a signal as a local polynomial smooths the one it belongs to.
+
+    The slope of a polynomial fitted to a position is a weighted mean of the velocity within
+    the window. This is the same mean for a signal that is sampled at the same instants and
+    moves as a cubic between them.
+
+    Parameters
+    ----------
+    half_width
+        Samples on either side of the local polynomial.
+    order
+        1 for what belongs to its slope, 0 for what belongs to its value.
+
+    Returns
+    -------
+    FloatArray
+        Symmetric weights with sum one: ``2 half_width + 1`` of them for the value, two more
+        for the slope.
+    """
+    offsets = np.arange(-half_width, half_width + 1)
+    degree = min(DEGREE, 2 * half_width)
+    taps = np.linalg.pinv(np.vander(offsets, degree + 1, increasing=True))[order]
+    if order == 0:
+        return np.asarray(taps)
+    share = -np.cumsum(taps)[:-1]  # of the velocity in the interval after each sample
+    return np.convolve(share, np.array([-1.0, 13.0, 13.0, -1.0]) / 24.0)
+
+
+def antiderivative(values: FloatArray, time: FloatArray) -> FloatArray:
+    """Integrate a signal over any time base, shape ``(n,)``; zero at the first sample.
+
+    By Hermite cubics with slopes from parabolas: exact to the third power of the step.
+    """
+    step = np.diff(time)
+    slope = np.gradient(values, time)
+    parts = 0.5 * step * (values[1:] + values[:-1]) + step**2 * (slope[:-1] - slope[1:]) / 12.0
+    return np.concatenate(([0.0], np.cumsum(parts)))
+
+
+def central_difference(values: FloatArray, time: FloatArray) -> FloatArray:
+    """Derivative of a smooth signal over any time base, shape ``(n,)``.
+
+    With five points where the base is even, to the fourth power of the step, else with three.
+    """
+    out = np.asarray(np.gradient(values, time))
+    step = np.diff(time)
+    if values.size >= 5 and np.ptp(step) < 1e-3 * float(step.mean()):
+        d = 8.0 * (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])
+        out[2:-2] = d / (12.0 * float(step.mean()))
+    return out

@@ -1,0 +1,276 @@
+"""Motion of a log: velocity, instrument and acceleration, and how long the filter is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import LogError, UsageError
+from ...experiment import Experiment, FloatArray
+from .filters import (
+    Mask,
+    antiderivative,
+    central_difference,
+    differentiate,
+    fill,
+    matched_kernel,
+    sensor_noise,
+    sharpen,
+    sharpened,
+)
+
+_HALF_WIDTHS = (2, 4, 8, 16, 32, 64, 128)
+_QUIET = 0.02  # noise of the filtered speed, as a share of the highest, that is small enough
+SLOW = 0.05  # share of the highest speed below which friction is not that of motion
+_FLATTENED = 0.8  # of the highest speed, left by a filter that is too long for the strokes
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion of one log.
+
+    Attributes
+    ----------
+    velocity : (n,)
+        Filtered; it tells which way a sample moves, and is the instrument of the regression.
+        Of a measured velocity, each sample's own reading has no part in it [m/s].
+    regressor : (n,)
+        Velocity that belongs to the matched force: the measured one as it is, or the
+        filtered slope of a position [m/s].
+    acceleration : (n,)
+        Derivative of the regressor, a measured velocity filtered before [m/s2]; ``None``
+        without time.
+    bare : (n,)
+        Velocity that the filter flattens (next to) nothing of: as measured, or from a
+        position with the first order of what the filter took off put back [m/s].
+    sharp : (n,)
+        Velocity to predict with, quiet and hardly flattened [m/s].
+    inside : (n,)
+        Whether the filter window lies within the record.
+    noise
+        Standard deviation of ``velocity`` [m/s].
+    shared
+        Standard deviation of the noise that ``velocity`` and ``regressor`` have in common
+        [m/s].
+    half
+        Half-width of the filter in samples; 0: not filtered.
+    kernel : (2 m + 1,)
+        What the force is smoothed with to match the regressor.
+    exact
+        Whether it was given as a step and not measured: nothing in it is noise.
+    """
+
+    velocity: FloatArray
+    regressor: FloatArray
+    acceleration: FloatArray | None
+    bare: FloatArray
+    sharp: FloatArray
+    inside: Mask
+    noise: float
+    shared: float
+    half: int
+    kernel: FloatArray
+    exact: bool = False
+
+    @property
+    def fast(self) -> float:
+        """Highest speed but for 2 % [m/s]."""
+        return float(np.quantile(np.abs(self.velocity[self.inside]), 0.98))
+
+    @property
+    def reach(self) -> int:
+        """Samples on either side that the matched force depends on."""
+        return self.kernel.size // 2
+
+
+def _filter(experiment: Experiment, role: str, half: int) -> Motion:
+    """Motion by a zero-phase quadratic over ``2 half + 1`` samples."""
+    y = experiment[role]
+    if y.size != experiment.samples:
+        return _stepped(experiment, role)
+    noise = sensor_noise(experiment, role)
+    if not experiment.time.size:
+        whole = np.ones(y.size, dtype=bool)
+        return Motion(y, y, None, y, y, whole, noise, noise, 0, np.ones(1))
+    least = 1 if role == "position" else 2  # a parabola through three readings smooths nothing
+    half = max(least, min(half, (y.size - 1) // 2))
+    rows, inside = differentiate(experiment, y, half)
+    if not inside.any():
+        raise LogError(
+            f"no stretch of {2 * half + 1} samples without a gap is left to differentiate",
+            where=experiment.name,
+            remedy="Give a shorter --filter, or a longer log.",
+        )
+    if role == "position":
+        return _slope_of_position(experiment, rows[1], inside, noise, half)
+    return _smoothed_velocity(experiment, y, rows, inside, noise, half)
+
+
+def _stepped(experiment: Experiment, role: str) -> Motion:
+    """Motion that was not recorded but given as a step, and is taken as it stands.
+
+    Raises
+    ------
+    UsageError
+        For a position: where it steps, no velocity is known.
+    """
+    if role == "position":
+        raise UsageError(
+            "a position that steps cannot be simulated: its velocity is infinite at the step and "
+            "zero at all other times, and friction follows the velocity",
+            where=experiment.name,
+            remedy="Give a LOG with a recorded position (a force need not be in it).",
+        )
+    v = experiment.sampled(role)
+    still, whole = np.zeros(v.size), np.ones(v.size, dtype=bool)
+    return Motion(v, v, still, v, v, whole, 0.0, 0.0, 0, np.ones(1), exact=True)
+
+
+def _slope_of_position(
+    experiment: Experiment, slope: FloatArray, inside: Mask, noise: float, half: int
+) -> Motion:
+    """Motion from a position: its slope is regressor and instrument at once."""
+    v = fill(slope, inside)
+    kernel = matched_kernel(half, 1)
+    sharp = sharpen(v, kernel)
+    far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
+    inside = far if far.any() else inside
+    offsets = np.arange(-half, half + 1)
+    gain = 1.0 / (experiment.sample_time * float(np.linalg.norm(offsets)))
+    acceleration = central_difference(v, experiment.time)
+    own = noise * gain
+    return Motion(v, v, acceleration, sharp, sharp, inside, own, own, half, kernel)
+
+
+def _smoothed_velocity(
+    experiment: Experiment,
+    measured: FloatArray,
+    rows: FloatArray,
+    inside: Mask,
+    noise: float,
+    half: int,
+) -> Motion:
+    """Motion from a velocity: the readings are the regressor, their neighbours the instrument."""
+    smoothed, kernel = fill(rows[0], inside), np.ones(1)
+    own, share = np.where(inside, rows[3], 0.0), float(np.median(rows[3][inside]))
+    power = share  # of a least-squares fit's value: its own share
+    if experiment.uniform:
+        once = matched_kernel(half, 0)
+        smoothed = sharpen(smoothed, once)
+        kernel = sharpened(once)
+        reach = kernel.size // 2
+        share, power = float(kernel[reach]), float(kernel @ kernel)
+        own = np.full(measured.size, share)
+    others = (smoothed - own * measured) / (1.0 - own)
+    others = np.where(inside, others, smoothed)
+    quiet = noise * float(np.sqrt(power - share**2)) / (1.0 - share)
+    acceleration = central_difference(smoothed, experiment.time)
+    return Motion(
+        others, measured, acceleration, measured, smoothed, inside, quiet, 0.0, half, np.ones(1)
+    )
+
+
+def match_force(experiment: Experiment, role: str, motion: Motion, force: FloatArray) -> FloatArray:
+    """Smooth a force as the regressor is smoothed, shape ``(n,)``.
+
+    The slope of a position is a weighted mean of the velocity within the window; the same
+    slope of the integral of the force is the same mean of the force.
+    """
+    if role == "velocity":
+        return force
+    if experiment.uniform:
+        padded = np.pad(force, motion.reach, mode="edge")
+        return np.convolve(padded, motion.kernel, "valid")
+    integral = antiderivative(force, experiment.time)
+    return differentiate(experiment, integral, motion.half)[0][1]
+
+
+def _flattens(before: Motion, now: Motion) -> bool:
+    """Whether a longer filter takes away much of the highest speed, and not just its noise.
+
+    Noise alone raises the highest speed by up to two of its standard deviations.
+    """
+    quiet = before.noise <= 0.2 * before.fast
+    return quiet and now.fast < _FLATTENED * (before.fast - 2.0 * before.noise)
+
+
+def _choose_slope(experiment: Experiment) -> float:
+    """Half-width for a position: quiet enough, and not too long for the strokes [s]."""
+    chosen, before = _HALF_WIDTHS[0], None
+    for half in _HALF_WIDTHS:
+        motion = _filter(experiment, "position", half)
+        if before is not None and _flattens(before, motion):
+            break
+        chosen, before = half, motion
+        if motion.noise <= _QUIET * motion.fast or 16 * half >= experiment.samples:
+            break
+    return chosen * experiment.sample_time
+
+
+def _common_smoothing(experiments: Sequence[Experiment]) -> float:
+    """Half-width for the velocities of all logs: least error of noise and flattening [s].
+
+    ``mean((y - K y)^2) + 2 k_0 s^2`` is that error but for a constant (Mallows 1973); ``K``
+    smooths, ``k_0`` is each reading's share in itself and ``s`` the noise of the readings.
+    """
+    step, samples = min(e.sample_time for e in experiments), min(e.samples for e in experiments)
+    noises = [sensor_noise(e, "velocity") for e in experiments]
+    best, chosen = np.inf, _HALF_WIDTHS[0]
+    for half in _HALF_WIDTHS:
+        if half > _HALF_WIDTHS[0] and 16 * half >= samples:
+            break
+        motions = _filter_all(experiments, "velocity", half * step)
+        error = 0.0
+        for e, motion, noise in zip(experiments, motions, noises):
+            error += e.samples * _smoothing_error(e["velocity"], motion, noise)
+        if error < best:
+            best, chosen = error, half
+        if max(m.noise for m in motions) <= 0.25 * SLOW * min(m.fast for m in motions):
+            break  # the deadband is no wider for the noise
+    return chosen * step
+
+
+def _smoothing_error(measured: FloatArray, motion: Motion, noise: float) -> float:
+    """Mean square of what a filter leaves in and takes off, but for a constant [(m/s)2]."""
+    rest = (measured - motion.sharp)[motion.inside]
+    # the part without the reading itself is further off by that reading's share
+    others = (measured - motion.velocity)[motion.inside]
+    share = 1.0 - float(np.sum(rest**2) / max(float(rest @ others), 1e-300))
+    return float(np.mean(rest**2)) + 2.0 * share * noise**2
+
+
+def _filter_all(experiments: Sequence[Experiment], role: str, half_width: float) -> list[Motion]:
+    """Motion of every log by a filter of one half-width [s]."""
+    halves = [round(half_width / e.sample_time) if e.time.size else 0 for e in experiments]
+    return [_filter(e, role, half) for e, half in zip(experiments, halves)]
+
+
+def make_motions(
+    experiments: Sequence[Experiment], role: str, half_width: float | None
+) -> tuple[list[Motion], float | None]:
+    """Motion of every log, and the half-width of the filter of all of them [s].
+
+    It is chosen where none is given, and there is none without time. What is chosen for a
+    velocity suits all logs together; both sides of the equation feel that of a position.
+    """
+    measured = [e for e in experiments if e.time.size and e[role].size == e.samples]
+    if half_width is None and measured:
+        choose = _common_smoothing if role == "velocity" else _common_slope
+        half_width = choose(measured)
+    return _filter_all(experiments, role, half_width or 0.0), half_width
+
+
+def _common_slope(experiments: Sequence[Experiment]) -> float:
+    """Half-width for the positions of several logs [s]."""
+    wanted = [_choose_slope(e) for e in experiments]
+    half_width = max(wanted)
+    for e, own in zip(experiments, wanted):  # what a slow log needs may flatten a fast one
+        before = _filter(e, "position", round(own / e.sample_time))
+        while half_width > 1.5 * own:
+            now = _filter(e, "position", round(half_width / e.sample_time))
+            if not _flattens(before, now):
+                break
+            half_width *= 0.5
+    return half_width

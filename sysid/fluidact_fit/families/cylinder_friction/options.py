@@ -1,0 +1,141 @@
+"""Options of the family, what the fit settles among them, and which do not fit the logs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ...errors import NotIdentifiedError, UsageError
+from ...experiment import Experiment
+from ...options import FamilyOptions, choice, number, settled
+from ...specification import Variant
+
+PRESSURES = "-pressures"  # variants without a load cell
+
+
+@dataclass(frozen=True)
+class FrictionOptions(FamilyOptions):
+    """What is known of the cylinder, and which samples of a log are described."""
+
+    area: float | None = number(help="piston area that the pressure acts on", unit="m2", minimum=0)
+    area_2: float | None = number(help="area that pressure_2 acts on", unit="m2", minimum=0)
+    mass: float | None = number(help="moving mass, to take inertia off", unit="kg", minimum=0)
+    filter: float | None = number(
+        help="half-width of the zero-phase velocity filter (default: from the noise)", unit="s",
+        minimum=0,
+    )  # fmt: skip
+    deadband: float | None = number(
+        help="samples slower than this are left out (default: from noise and speed)", unit="m/s",
+        minimum=0,
+    )  # fmt: skip
+    offset: str = choice(
+        "auto",
+        ("auto", "estimate", "none"),
+        "constant offset of the force: estimated where the levels need one, always, or never",
+    )
+    force_offset: bool | None = settled(
+        "flag", "whether every log has an offset of its force, about which the levels are equal"
+    )
+    acceleration_limit: float | None = settled(
+        "float", "acceleration above which an unknown mass would show", unit="m/s2"
+    )
+    speeds_positive: tuple[float, float] | None = settled(
+        "range", "the only speeds that are described, moving forwards", unit="m/s"
+    )
+    speeds_negative: tuple[float, float] | None = settled(
+        "range", "the only speeds that are described, moving backwards", unit="m/s"
+    )
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether a fit has been here: nothing is left to choose."""
+        return self.force_offset is not None
+
+    @property
+    def speeds(self) -> dict[str, tuple[float, float]]:
+        """The only speeds that are described by direction; empty where all of them are."""
+        both = {"positive": self.speeds_positive, "negative": self.speeds_negative}
+        return {side: range_ for side, range_ in both.items() if range_ is not None}
+
+
+def motion_role(variant: Variant) -> str:
+    """Name of the role that a variant takes the motion from."""
+    return variant.name.removesuffix(PRESSURES)
+
+
+def driven_by_pressure(variant: Variant) -> bool:
+    """Whether the pressures stand in for a force."""
+    return variant.name.endswith(PRESSURES)
+
+
+def check_options(
+    variant: Variant, experiments: Sequence[Experiment], options: FrictionOptions
+) -> None:
+    """Reject options that do not fit the logs.
+
+    The output may be missing: without a force the pressure is what the model gives.
+
+    Raises
+    ------
+    UsageError, NotIdentifiedError
+        Saying which column or option is missing.
+    """
+    driven = driven_by_pressure(variant)
+    if driven:
+        _check_chambers(experiments)
+    for role, area, name, example in (
+        ("pressure", options.area, "area", " (bore 25 mm: --area=4.9087e-4)"),
+        ("pressure_2", options.area_2, "area-2", " (bore less rod)"),
+    ):
+        without = [e.name for e in experiments if role not in e]
+        if area is None and len(without) < len(experiments):
+            raise UsageError(
+                f"there is a {role}, but no area to turn it into a force",
+                remedy=f"Give --{name}=M2{example}"
+                + (
+                    "."
+                    if driven
+                    else ", or leave the pressure out if the force is that of the piston rod alone."
+                ),
+            )
+        if area is not None and without and role != variant.output.name:
+            known = options.is_settled
+            raise UsageError(
+                f"the fit took off the force of {role}, and {without[0]} has none"
+                if known
+                else f"--{name} was given, but {without[0]} has no {role}",
+                remedy=f"Give --column {role}=HEADER"
+                + (f" or --input {role}=FROM:TO@T." if known else f", or leave --{name} out."),
+            )
+    if driven and not options.area:
+        raise UsageError("--area is zero", remedy="Give the piston area in m2.")
+    untimed = [e.name for e in experiments if not e.time.size]
+    for name, value in (("mass", options.mass), ("filter", options.filter)):
+        if value is not None and untimed and not options.is_settled:
+            raise UsageError(
+                f"--{name} needs time, and {untimed[0]} has none",
+                remedy=f"Give --column time=HEADER or --sample-time S, or leave --{name} out.",
+            )
+
+
+def _check_chambers(experiments: Sequence[Experiment]) -> None:
+    """Without a load cell, the pressures of both chambers have to be known.
+
+    Raises
+    ------
+    NotIdentifiedError
+        When the second one is missing.
+    """
+    for e in experiments:
+        if "pressure_2" in e:
+            continue
+        raise NotIdentifiedError(
+            "there is no force, and the pressure of one chamber only: friction is the difference "
+            "of both chambers' forces",
+            where=e.name,
+            expected="Nothing was written.",
+            remedy="Give the other chamber's as --column pressure_2=HEADER with --area-2=M2. If it "
+            "was recorded in a repeat of the same command, put both columns into one log, or give "
+            "its mean before and after a reversal at T seconds: --step pressure_2=FROM:TO@T (Pa). "
+            "A chamber open to the air, gauge pressures: --step pressure_2=0:0.",
+        )

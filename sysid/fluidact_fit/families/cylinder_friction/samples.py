@@ -1,0 +1,332 @@
+"""Samples of every log: its friction force, which of them are described, what the model gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import LogError, Notice, NotIdentifiedError
+from ...estimation.friction_law import FrictionLaw
+from ...experiment import Experiment, FloatArray
+from ...family import Simulated, Variant
+from .filters import Mask
+from .motion import SLOW, Motion, make_motions, match_force
+from .options import FrictionOptions, check_options, driven_by_pressure, motion_role
+
+SIDES = ("positive", "negative")
+_LINGER = 1.5  # times the way through rest that its slope foretells: longer is a rest
+_SMALL = 0.05  # share of the friction that inertia may have before it matters
+
+
+@dataclass(frozen=True)
+class Data:
+    """One run, ready for the regression.
+
+    ``known`` is the part of the drive that is no friction, ``friction`` the rest (zero where
+    no force was recorded), and ``matched`` that rest smoothed like the regressor, all of shape
+    ``(n,)`` [N]; ``direction`` is the sign of the velocity, smoothed alike. ``moving`` marks
+    the samples outside the deadband, ``kept`` those that are fitted. The output is the drive
+    divided by ``scale``; ``driven`` tells whether it was recorded.
+    """
+
+    experiment: Experiment
+    motion: Motion
+    known: FloatArray
+    friction: FloatArray
+    matched: FloatArray
+    direction: FloatArray
+    moving: Mask
+    kept: Mask
+    scale: float
+    driven: bool
+
+    @property
+    def speed(self) -> FloatArray:
+        """Velocities of the kept samples [m/s]."""
+        return self.motion.velocity[self.kept]
+
+    @property
+    def support(self) -> Mask:
+        """Samples that the fitted ones depend on, shape ``(n,)``."""
+        reach, n = self.motion.reach, self.kept.size
+        if not reach:
+            return self.kept
+        count = np.concatenate(([0], np.cumsum(self.kept)))
+        at = np.arange(n)
+        return np.asarray(
+            count[np.minimum(at + reach + 1, n)] > count[np.maximum(at - reach, 0)], dtype=bool
+        )
+
+    def spread(self, columns: FloatArray) -> FloatArray:
+        """What multiplies the unfiltered force where ``columns`` multiply the matched one.
+
+        Shapes ``(kept, p)`` and ``(support, p)``.
+        """
+        if not self.motion.reach:
+            return columns
+        full = np.zeros((self.kept.size, columns.shape[1]))
+        full[self.kept] = columns
+        out = [np.convolve(c, self.motion.kernel, "same") for c in full.T]
+        return np.column_stack(out)[self.support]
+
+    def side(self, side: str) -> Mask:
+        """Which of the kept samples move in a direction."""
+        return self.speed > 0.0 if side == "positive" else self.speed < 0.0
+
+
+def _choose_deadband(motions: Sequence[Motion]) -> float:
+    """Speed below which a sample may be at rest: noise, or a share of the speed [m/s].
+
+    The slowest log that moves at all sets the share, so that a fast one does not hide it.
+    """
+    floor = 4.0 * max(m.noise for m in motions)
+    moving = [m.fast for m in motions if m.fast > floor]
+    return float(max(floor, SLOW * min(moving, default=0.0)))
+
+
+def _moving(motion: Motion, deadband: float) -> Mask:
+    """Samples that move, and whose filter window holds no rest, shape ``(n,)``.
+
+    Near a rest the filter spreads motion over samples that stand still. A reversal in
+    passing has no rest: what lies within the deadband there is left out alone, unless the
+    matched force is a mean over it.
+    """
+    v = motion.velocity
+    idle = np.abs(v) <= deadband
+    lost = np.zeros(v.size + 1)
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], idle, [False])).astype(int)))
+    for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist()):
+        reach = motion.reach
+        if not _passes(v, begin, end):
+            reach = max(reach, motion.half)
+        lost[max(begin - reach, 0)] += 1.0
+        lost[min(end + reach, v.size)] -= 1.0
+    kept = (np.cumsum(lost[:-1]) < 0.5) & motion.inside
+    if motion.reach:  # reversals that follow each other so fast leave no cubic to match
+        turns = np.concatenate(([0], np.cumsum(np.sign(v[1:]) != np.sign(v[:-1]))))
+        at, last = np.arange(v.size), v.size - 1
+        span = 2 * motion.reach
+        after, before = np.minimum(at + span, last), np.maximum(at - span, 0)
+        kept &= turns[after] - turns[before] <= 1
+    return np.asarray(kept)
+
+
+def _passes(velocity: FloatArray, begin: int, end: int) -> bool:
+    """Whether samples ``begin`` to ``end`` are on the way from one direction to the other."""
+    if begin < 1 or end + 1 > velocity.size:
+        return False
+    before, after = float(velocity[begin - 1]), float(velocity[min(end, velocity.size - 1)])
+    if before * after >= 0.0:
+        return False
+    # as many samples as a straight line through the neighbours of the deadband would need
+    run = end - begin
+    slope = abs(after - before) / (run + 1)
+    edge = [abs(velocity[begin - 1] - velocity[max(begin - 2, 0)]),
+            abs(velocity[min(end + 1, velocity.size - 1)] - after)]  # fmt: skip
+    return bool(run <= 1 or _LINGER * slope >= 0.5 * (edge[0] + edge[1]))
+
+
+def _pressure_force(experiment: Experiment, role: str, area: float | None) -> FloatArray | float:
+    """Force of one chamber, shape ``(n,)`` [N]; zero where it is not known."""
+    if area is None or role not in experiment:
+        return 0.0
+    return area * experiment.sampled(role)
+
+
+def _drive(
+    variant: Variant, experiment: Experiment, options: FrictionOptions
+) -> tuple[FloatArray | float | None, FloatArray | float]:
+    """What drives the motion, ``None`` where it was not recorded, and what pressure opposes [N]."""
+    first = _pressure_force(experiment, "pressure", options.area)
+    second = _pressure_force(experiment, "pressure_2", options.area_2)
+    recorded = variant.output.name in experiment
+    if driven_by_pressure(variant):
+        return first if recorded else None, second
+    return experiment.sampled("force") if recorded else None, first - second
+
+
+def prepare(
+    variant: Variant, experiments: Sequence[Experiment], options: FrictionOptions
+) -> tuple[list[Data], FrictionOptions]:
+    """Friction force and described samples per run; options with filter and deadband settled."""
+    check_options(variant, experiments, options)
+    role = motion_role(variant)
+    motions, half_width = make_motions(experiments, role, options.filter)
+    deadband = _choose_deadband(motions) if options.deadband is None else options.deadband
+    options = replace(options, filter=half_width or 0.0, deadband=deadband)
+    scale = float(options.area or 1.0) if driven_by_pressure(variant) else 1.0
+    out = []
+    for e, motion in zip(experiments, motions):
+        drive, pressure = _drive(variant, e, options)
+        inertia: FloatArray | float = 0.0
+        if options.mass is not None and motion.acceleration is not None:
+            inertia = options.mass * motion.acceleration
+        size = motion.velocity.size
+        rest = np.zeros(size) if drive is None else np.asarray(drive - pressure)
+        known = np.broadcast_to(pressure + inertia, (size,))
+        matched = match_force(e, role, motion, rest) - inertia
+        direction = match_force(e, role, motion, np.sign(motion.velocity))
+        slow = 0.0 if motion.exact else deadband
+        moving = np.abs(motion.velocity) > slow
+        kept = _moving(motion, slow) & _described(motion, options)
+        driven = drive is not None
+        out.append(
+            Data(e, motion, known, rest - inertia, matched, direction, moving, kept, scale, driven)
+        )
+    return out, options
+
+
+def _described(motion: Motion, options: FrictionOptions) -> Mask:
+    """Samples within the accelerations and speeds that a fit has settled, shape ``(n,)``."""
+    near = at_speeds(motion, options.speeds)
+    if options.acceleration_limit is None or motion.acceleration is None:
+        return near
+    return near & (np.abs(motion.acceleration) <= options.acceleration_limit)
+
+
+def at_speeds(motion: Motion, speeds: Mapping[str, tuple[float, float]]) -> Mask:
+    """Samples whose speed lies in the range of their direction, if there are such ranges."""
+    if not speeds:
+        return np.ones(motion.velocity.size, dtype=bool)
+    near = np.zeros(motion.velocity.size, dtype=bool)
+    for side, (low, high) in speeds.items():
+        v = motion.velocity if side == "positive" else -motion.velocity
+        near |= (v >= low) & (v <= high)
+    return near
+
+
+def simulate_force(
+    variant: Variant,
+    law: FrictionLaw,
+    experiments: Sequence[Experiment],
+    options: FrictionOptions,
+    offset: float | None = None,
+) -> list[Simulated]:
+    """Force, or first pressure, that the motion of every run needs; see ``Family.simulate``.
+
+    Within the deadband a measured velocity is noise and nothing is known of friction: it
+    counts as zero there, and the sample as not described.
+    """
+    data, options = prepare(variant, experiments, options)
+    offsets: dict[int, float] = {}
+    if options.force_offset:
+        offsets = {d.experiment.log: (offset or 0.0) * d.scale for d in data}
+        offsets |= _find_offsets(data, law)
+    out = []
+    for d in data:
+        v = np.where(d.moving, d.motion.sharp, 0.0)
+        own = offsets.get(d.experiment.log)
+        force = d.known + law.moving(v) + (own or 0.0)
+        out.append(
+            Simulated(np.asarray(force / d.scale), d.kept, None if own is None else own / d.scale)
+        )
+    return out
+
+
+def _find_offsets(data: Sequence[Data], law: FrictionLaw) -> dict[int, float]:
+    """Offset of the force of every log in which something moved [N].
+
+    Both directions count alike, however long each of them lasted: wrong levels then leave it
+    as it is.
+    """
+    out = {}
+    for log in dict.fromkeys(d.experiment.log for d in data):
+        runs = [d for d in data if d.experiment.log == log and d.driven]
+        rests = [d.friction[d.kept] - law.moving(d.motion.sharp[d.kept]) for d in runs]
+        sides = [[r[d.side(s)] for d, r in zip(runs, rests)] for s in SIDES]
+        means = [np.mean(np.concatenate(r)) for r in sides if any(part.size for part in r)]
+        if means:
+            out[log] = float(np.mean(means))
+    return out
+
+
+def sides_moved(data: Sequence[Data]) -> list[str]:
+    """Directions with enough moving samples to average.
+
+    Raises
+    ------
+    NotIdentifiedError
+        When nothing moves.
+    """
+    counts = {s: sum(int(d.side(s).sum()) for d in data) for s in SIDES}
+    least = max(5.0, 0.005 * sum(counts.values()))
+    moved = [s for s in SIDES if counts[s] >= least]
+    if not moved:
+        raise NotIdentifiedError(
+            "nothing moves in these logs, and friction shows in motion only",
+            expected="Nothing was written.",
+            remedy="Record strokes in both directions, or check --column and --unit of the "
+            "motion, or give a smaller --deadband.",
+        )
+    return moved
+
+
+def check_measured(data: Sequence[Data]) -> None:
+    """Refuse a force that never changes while the piston moves.
+
+    Raises
+    ------
+    LogError
+        When all moving samples hold one and the same value.
+    """
+    force = np.concatenate([d.friction[d.kept] for d in data])
+    span = float(np.ptp(force))
+    if span > 1e-12 * float(np.abs(force).max()):
+        return
+    raise LogError(
+        f"the force is {force[0]:g} N in all {force.size} moving samples: no sensor reads so",
+        where=", ".join(d.experiment.name for d in data),
+        expected="A measured force, with strokes in both directions. Nothing was written.",
+        remedy="Check --column of the force and the load cell.",
+    )
+
+
+def half_range(data: Sequence[Data]) -> float:
+    """Half the distance of the mean forces of the two directions, or the one there is [N]."""
+    force = np.concatenate([d.matched[d.kept] for d in data])
+    forward = np.concatenate([d.side("positive") for d in data])
+    if forward.all() or not forward.any():
+        return abs(float(np.mean(force)))
+    return 0.5 * float(np.mean(force[forward]) - np.mean(force[~forward]))
+
+
+def leave_out_accelerations(
+    data: Sequence[Data], options: FrictionOptions
+) -> tuple[list[Data], FrictionOptions, list[Notice]]:
+    """Leave out samples in which an unknown mass would show, and settle which these are.
+
+    The mass is estimated along with friction, only to see where its force exceeds a share
+    of the friction.
+    """
+    unchanged = list(data), options
+    if any(d.motion.acceleration is None for d in data):
+        return *unchanged, []
+    rows, force = [], np.concatenate([d.matched[d.kept] for d in data])
+    for d in data:
+        assert d.motion.acceleration is not None
+        signs, regressor = d.direction[d.kept], d.motion.regressor[d.kept]
+        acceleration = d.motion.acceleration[d.kept]
+        rows.append(np.column_stack((1.0 + signs, 1.0 - signs, regressor, acceleration)))
+    a = np.vstack(rows)
+    step = min(d.experiment.sample_time for d in data)
+    if np.abs(a[:, 3]).max() <= 1e-9 * np.abs(a[:, 2]).max() / step:
+        return *unchanged, []  # rounding, no acceleration
+    a = a[:, np.any(a != 0.0, axis=0)]
+    scale = np.linalg.norm(a, axis=0)
+    mass = float((np.linalg.lstsq(a / scale, force, rcond=None)[0] / scale)[-1])
+    share = _SMALL * abs(half_range(data))
+    if mass * float(np.quantile(np.abs(a[:, -1]), 0.999)) <= share:
+        return *unchanged, []
+    options = replace(options, acceleration_limit=share / mass)
+    quiet = [replace(d, kept=d.kept & _described(d.motion, options)) for d in data]
+    for s in SIDES:
+        before, after = (sum(int(d.side(s).sum()) for d in some) for some in (data, quiet))
+        if after < 0.2 * before:
+            message = (
+                f"accelerating takes more than {100 * _SMALL:.0f} % of the friction in most of "
+                f"the moving samples (about {mass:.3g} kg). Give --mass=KG to take it off."
+            )
+            return *unchanged, [Notice("inertia-matters", message)]
+    return quiet, options, []

@@ -1,0 +1,167 @@
+"""Static part of the cylinder for a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from ...block import Block
+from ...errors import UsageError
+from ...estimation.friction_law import FrictionLaw
+from ...experiment import Experiment, FloatArray
+from ...specification import scalars
+from .case import read_machine
+from .equations import LOSSES, Machine, chamber_flow
+from .networks import Network, network_of
+from .options import HydraulicCylinderOptions
+from .simulation import simulate_run
+
+
+class HydraulicBlock(Block):
+    """Static part of the cylinder for a controller: flow, speed, and the command for a speed."""
+
+    @cached_property
+    def _options(self) -> HydraulicCylinderOptions:
+        return HydraulicCylinderOptions.read(self.document.options or {}, from_file=True)
+
+    @cached_property
+    def _known(self) -> list[int]:
+        return [i for i in (1, 2) if f"valve_gain_{i}" in self.parameters]
+
+    @cached_property
+    def _machine(self) -> Machine:
+        return read_machine(self._options, self._known)
+
+    def _values(self, names: Sequence[str]) -> dict[str, float]:
+        return scalars({n: self.parameters[n] for n in names})
+
+    def _of_chamber(self, chamber: int) -> dict[str, float]:
+        """What the flow of one chamber depends on."""
+        if chamber not in self._known:
+            raise UsageError(
+                f"the file holds no valve gain of chamber {chamber}",
+                remedy="Fit logs that hold its pressure.",
+            )
+        edges = ("dead_zone_negative", "dead_zone_positive")
+        return self._values((f"valve_gain_{chamber}", *LOSSES[chamber], *edges))
+
+    def _network(self, name: str, option: str) -> Network:
+        net = network_of(self.parameters, name)
+        if net is None:
+            raise UsageError(
+                f"the file holds no network of the {name.replace('_', ' of chamber ')}",
+                remedy=f"Fit with --{option}=mlp.",
+            )
+        return net
+
+    def flow(
+        self,
+        chamber: int,
+        command: npt.ArrayLike,
+        pressure: npt.ArrayLike,
+        *,
+        network: bool = False,
+    ) -> FloatArray:
+        """Flow into chamber 1 or out of chamber 2 [m3/s].
+
+        Parameters
+        ----------
+        chamber
+            1 or 2.
+        command, pressure
+            [V] and [Pa], scalars or arrays.
+        network
+            Whether to ask the network (``--flow mlp``) instead of the equation.
+        """
+        u, p = np.broadcast_arrays(np.asarray(command, float), np.asarray(pressure, float))
+        if network:
+            net = self._network(f"flow_{chamber}", "flow")
+            return net(np.column_stack((u.ravel(), p.ravel()))).reshape(u.shape)
+        m, values = self._machine, self._of_chamber(chamber)
+        return np.real(chamber_flow(chamber, u, p, values, m.supply, m.tank))
+
+    def friction(self, velocity: npt.ArrayLike, *, network: bool = False) -> FloatArray:
+        """Friction of the moving piston [N].
+
+        Parameters
+        ----------
+        velocity
+            [m/s], scalar or array.
+        network
+            Whether to ask the network (``--friction mlp``) instead of the law.
+        """
+        v = np.asarray(velocity, float)
+        if network:
+            return self._network("friction", "friction")(v.reshape(-1, 1)).reshape(v.shape)
+        return FrictionLaw.of(self._values(("viscous", "coulomb"))).moving(v)
+
+    def _feeding(self, extending: bool) -> int:
+        """Chamber that meters the flow in; the other one where that is not known."""
+        chamber = 1 if extending else 2
+        return chamber if chamber in self._known else self._known[0]
+
+    def __call__(self, command: float, pressure_1: float = 0.0, pressure_2: float = 0.0) -> float:
+        """Steady speed for a command and the measured pressures [m/s].
+
+        The flow of the chamber that is being fed sets it; friction and load are in the
+        pressures.
+
+        Parameters
+        ----------
+        command
+            [V]
+        pressure_1, pressure_2
+            [Pa]; only that of the chamber being fed is used.
+        """
+        chamber = self._feeding(command >= 0.0)
+        pressure = pressure_1 if chamber == 1 else pressure_2
+        return float(self.flow(chamber, command, pressure)) / self._machine.area(chamber)
+
+    def command_for(
+        self, velocity: float, pressure_1: float = 0.0, pressure_2: float = 0.0
+    ) -> float:
+        """Feed-forward command for a wanted speed: the exact inverse of calling the block.
+
+        Parameters
+        ----------
+        velocity
+            [m/s]
+        pressure_1, pressure_2
+            [Pa]
+
+        Returns
+        -------
+        float
+            Command [V]; 0 for zero speed, infinite where the pressures leave no drop for it.
+        """
+        if velocity == 0.0:
+            return 0.0
+        extending = velocity > 0.0
+        chamber = self._feeding(extending)
+        pressure = pressure_1 if chamber == 1 else pressure_2
+        m, v = self._machine, self._of_chamber(chamber)
+        fed = extending == (chamber == 1)
+        drop = m.supply - pressure if fed else pressure - m.tank
+        flow = abs(velocity) * m.area(chamber)
+        rest = drop - v[LOSSES[chamber][0 if extending else 1]] * flow
+        sign = 1.0 if extending else -1.0
+        if rest <= 0.0:
+            return sign * float("inf")
+        edge = v["dead_zone_positive" if extending else "dead_zone_negative"]
+        return edge + sign * flow / (v[f"valve_gain_{chamber}"] * float(np.sqrt(rest)))
+
+    def predict(self, experiment: Experiment) -> FloatArray:
+        """Position from the inputs of an experiment; see :meth:`.Block.predict`.
+
+        The gray box asks for the command alone, a file without mass and volumes for the
+        pressure as well. The run starts from rest in the middle of the fitted logs.
+        """
+        inputs = {r: s for r, s in experiment.signals.items() if r != "position"}
+        run = Experiment(
+            experiment.name, experiment.log, experiment.time, inputs, experiment.sample_time,
+            experiment.uniform,
+        )  # fmt: skip
+        return simulate_run(run, self.parameters, self._options).output

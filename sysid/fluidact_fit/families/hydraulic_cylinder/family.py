@@ -1,0 +1,388 @@
+"""Servo-hydraulic cylinder: valve gains, line losses, bulk modulus, dead zone, friction.
+
+    M y'' = p1 A1 - p2 A2 - B y' - F_c sgn(y')                             (1)
+    p1' =  beta / (V1 + A1 y) (Q1 - A1 y')                                 (2)
+    p2' = -beta / (V2 - A2 y) (Q2 - A2 y')                                 (3)
+    Q1 = K1 u sqrt(p_s - p1 - l1), u >= 0;  K1 u sqrt(p1 - p_0 - l3), u < 0
+    Q2 = K2 u sqrt(p2 - p_0 - l4), u >= 0;  K2 u sqrt(p_s - p2 - l2), u < 0    (4)
+    l = r |Q|
+
+with ``u`` the command beyond the dead zone of the valve. The equations are those of [1]_ with
+its typing errors corrected:
+
+- Equation 5 writes ``f = beta / (v + A y)`` with a dot, and (6) repeats it; ``f`` is a
+  shorthand and no derivative (the units of (2) and (6) agree only without the dot).
+- Equation 8 has ``M y'`` where Newton's law and equation 1 have ``M y''``.
+- Table 1 gives ``l = r Q`` with the sign of the flow. For ``u < 0`` both flows are negative and
+  the loss would drive them; a loss brakes, so ``l = r |Q|``. The flow is then implicit and is
+  solved in closed form: ``Q = sgn(u) (-k^2 r + sqrt(k^4 r^2 + 4 k^2 dp)) / 2``, ``k = K |u|``.
+- Table 1 gives ``K_v`` in m3/(s sqrt(Pa)); the catalogue's rated flow (24 l/min at 70 bar and
+  10 V) gives the same number per volt, and only so do the units of (4) agree.
+- Equation 9 trains a network on the flow per volt, which is 0/0 at zero command;
+  ``--flow mlp`` trains on the flow.
+
+What is estimated follows from what is given. Areas and supply pressure give gains, losses
+and dead zone from the plateaus; the dead volumes add the bulk modulus; the mass adds the gray
+box, in which all four states are simulated and compared with both pressures and the position.
+The option ``stage`` of the file says which it was.
+
+A run without position is simulated from rest at the mean position of the fitted logs: the gray
+box from the command alone and from the pressures of a leaking closed valve, the others from
+command and pressure.
+
+References
+----------
+.. [1] "A hydraulic actuator model using feedforward neural networks", 25th ABCM
+   International Congress of Mechanical Engineering (COBEM), 2019, equations 1 to 9, table 1.
+.. [2] J. Watton, Fundamentals of Fluid Power Control, 2012.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import Notice, NotIdentifiedError
+from ...estimation.parametric import check_request
+from ...estimation.results import Refusal, Solved, refuse
+from ...experiment import Experiment, FloatArray, Hold
+from ...family import (
+    Estimate,
+    Family,
+    ParameterDocument,
+    ParameterSpec,
+    Quantity,
+    Request,
+    Role,
+    Simulated,
+    StaticView,
+    Value,
+    Variant,
+    scalars,
+)
+from .block import HydraulicBlock
+from .case import Case, make_case
+from .equations import GRAY_NAMES
+from .flow import GAIN_UNIT, fit_flow, gain_of_direction
+from .friction import FrictionRows, fit_friction, friction_levels, friction_rows
+from .gray_fit import fit_gray, resonance
+from .networks import LAYERS, NETWORKS, fit_networks, flow_view
+from .options import HydraulicCylinderOptions
+from .simulation import simulate_run
+
+_LOSS_REMEDY = "Record strokes at large commands (a few volts) in both directions."
+_EDGE_REMEDY = (
+    "Record slow passes of the command through zero, or several small commands in both directions."
+)
+_FRICTION_REMEDY = (
+    "Record both pressures over strokes in both directions at two speeds or more, and give both "
+    "areas."
+)
+
+
+def _specs() -> tuple[ParameterSpec, ...]:
+    """The parameter table."""
+    gains = [
+        ParameterSpec(
+            f"valve_gain_{i}", GAIN_UNIT, f"gain of the orifices of chamber {i}, per volt",
+            minimum=0.0, optional=True,
+            remedy="Record strokes at two commands or more, each held until the speed settles.",
+        )
+        for i in (1, 2)
+    ]  # fmt: skip
+    where = ("supply to chamber 1", "supply to chamber 2", "chamber 1 to tank",
+             "chamber 2 to tank")  # fmt: skip
+    losses = [
+        ParameterSpec(
+            f"line_loss_{i}", "Pa s/m3", f"pressure loss per flow, {text}",
+            neutral=0.0, minimum=0.0, optional=True, remedy=_LOSS_REMEDY,
+        )
+        for i, text in enumerate(where, start=1)
+    ]  # fmt: skip
+    networks = [
+        ParameterSpec(
+            f"{net}_{layer}", "1", f"{layer.replace('_', ' ')} of the network of {net}",
+            optional=True, rank=2 if layer.startswith("weights") else 1, any_unit=True,
+        )
+        for net in NETWORKS
+        for layer in LAYERS
+    ]  # fmt: skip
+    return (
+        *gains,
+        *losses,
+        ParameterSpec(
+            "bulk_modulus", "Pa", "effective bulk modulus of oil and hoses", minimum=1e5,
+            optional=True,
+            remedy="Record steps of the command at 1 kHz or more, or fix it: --fix "
+            "bulk_modulus=1e9 (typical: 0.5e9 to 1.5e9 Pa). Without --dead-volume-1 and "
+            "--dead-volume-2 the plateaus alone are used, which do not need it.",
+        ),
+        ParameterSpec(
+            "dead_zone_negative", "V", "command below which the valve opens", neutral=0.0,
+            maximum=0.0, curved=True, remedy=_EDGE_REMEDY,
+        ),
+        ParameterSpec(
+            "dead_zone_positive", "V", "command above which the valve opens", neutral=0.0,
+            minimum=0.0, curved=True, remedy=_EDGE_REMEDY,
+        ),
+        ParameterSpec(
+            "viscous", "N s/m", "viscous friction of the piston", neutral=0.0, minimum=0.0,
+            remedy=_FRICTION_REMEDY,
+        ),
+        ParameterSpec(
+            "coulomb", "N", "dry friction of the piston", neutral=0.0, minimum=0.0,
+            remedy=_FRICTION_REMEDY,
+        ),
+        *networks,
+    )  # fmt: skip
+
+
+_ROLES = (
+    Role("time", "s", "time of each sample"),
+    Role("command", "V", "control signal of the servo valve", hold="zoh"),
+    Role("pressure_1", "Pa", "pressure in the chamber that extends the piston", required=False),
+    Role("pressure_2", "Pa", "pressure in the chamber on the rod side", required=False),
+    Role("position", "m", "position of the piston, growing as it extends", output=True),
+)
+
+
+class HydraulicCylinder(Family[HydraulicCylinderOptions]):
+    """Servo valve, two chambers and a piston, as physics or with small networks."""
+
+    name = "hydraulic-cylinder"
+    title = "Hydraulic cylinder: valve gains, line losses, bulk modulus and friction"
+    equation = (
+        "mass y'' = p1 area_1 - p2 area_2 - viscous y' - coulomb sgn(y'); "
+        "p' = +-bulk_modulus / volume (Q - area y'); Q = valve_gain u sqrt(drop - line_loss |Q|)"
+    )
+    variants = (Variant("hydraulic-cylinder", _ROLES, _specs()),)
+    options_type = HydraulicCylinderOptions
+
+    def estimate(
+        self,
+        variant: Variant,
+        experiments: Sequence[Experiment],
+        request: Request[HydraulicCylinderOptions],
+    ) -> Estimate[HydraulicCylinderOptions]:
+        """Fit the cylinder; see :meth:`Family.estimate`."""
+        check_request(variant.parameters, request)
+        case = make_case(variant, experiments, request)
+        found, stage, notices = None, _stage(case), []
+        if stage == "gray-box":
+            found = _by_gray_box(case)
+        if stage == "gray-box" and found is None:
+            stage, notices = "plateaus", [_left_out(case)]
+            case = replace(case, machine=case.machine.plain())
+        if found is None:
+            found = _by_flow_balance(case, stage)
+        nets, tables = fit_networks(case, found.values, found.friction)
+        details = {**found.details, "comparisons": tables} if tables else found.details
+        return Estimate(
+            {**found.parameters, **nets}, _derived(case, found), found.order, found.covariance,
+            replace(found.options, window=case.window, rest_position=case.rest_position()),
+            [*notices, *found.notices], details,
+        )  # fmt: skip
+
+    def simulate(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        options: HydraulicCylinderOptions,
+        offset: float | None = None,
+    ) -> list[Simulated]:
+        """Position from the command, or from command and pressure; see :meth:`Family.simulate`.
+
+        The gray box needs nothing but the command; its initial state is fitted to each run.
+        Elsewhere the flow over windows is integrated, which needs the measured pressure, and
+        every row of windows has its own offset; other samples are NaN.
+        """
+        plain = scalars(values)
+        return [simulate_run(e, plain, options) for e in experiments]
+
+    def static_view(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+        options: HydraulicCylinderOptions,
+    ) -> StaticView | None:
+        """With ``--flow mlp`` the flow near zero command: measured, network and equations."""
+        if options.flow != "mlp":
+            return None
+        return flow_view(make_case(variant, experiments, Request(options)), values)
+
+    def model(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        options: HydraulicCylinderOptions,
+        sample_time: float,
+        hold: Hold,
+    ) -> dict[str, Any]:
+        """The equations' numbers, and sums of magnitudes of the layers of the networks.
+
+        Areas and supply pressure stand among the options.
+        """
+        v = scalars(values)
+        layers = {n: float(np.abs(x).sum()) for n, x in values.items() if isinstance(x, list)}
+        return {
+            "hydraulic": {
+                "flow": "Q = sgn(u) (-k^2 r + sqrt(k^4 r^2 + 4 k^2 drop)) / 2, k = K |u|, u beyond "
+                "the dead zone; r: u >= 0 line_loss_1 (chamber 1), line_loss_4 (chamber 2), "
+                "u < 0 line_loss_3, line_loss_2",
+                "pressure": "p1' = bulk_modulus / (V1 + A1 y) (Q1 - A1 y'), "
+                "p2' = -bulk_modulus / (V2 - A2 y) (Q2 - A2 y')",
+                "friction": "viscous y' + coulomb sgn(y')",
+                **{n: v[n] for n in GRAY_NAMES if n in v},
+            },
+            **({"networks": layers} if layers else {}),
+        }
+
+    def block(self, variant: Variant, document: ParameterDocument) -> HydraulicBlock:
+        """Flow, velocity and command for a controller."""
+        return HydraulicBlock(document, variant)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What one of the stages found; ``gray`` only by the gray box."""
+
+    friction: FrictionRows
+    parameters: dict[str, Quantity]
+    order: tuple[str, ...]
+    covariance: FloatArray
+    options: HydraulicCylinderOptions
+    notices: list[Notice]
+    details: dict[str, Any]
+    gray: Solved | None = None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Every parameter [SI]."""
+        return {n: q.number for n, q in self.parameters.items()}
+
+
+def _stage(case: Case) -> str:
+    """What to fit: as the file says, else as much as is given and was recorded.
+
+    Raises
+    ------
+    NotIdentifiedError
+        When the logs cannot tell what the gray box needs.
+    """
+    complete = case.machine.complete and case.chambers == (1, 2)
+    stage = case.options.stage or ("gray-box" if complete else "flow-balance")
+    if stage != "gray-box":
+        return stage
+    if not complete:
+        raise NotIdentifiedError(
+            "the file's pressure dynamics cannot be fitted to logs of one chamber",
+            expected="Expected pressure_1 and pressure_2.",
+            remedy="Record both pressures.",
+        )
+    if not case.fast and "bulk_modulus" not in case.request.fixed:
+        slow = max(e.sample_time for e in case.experiments)
+        refuse(
+            case.variant.parameter("bulk_modulus"),
+            f"the logs are sampled every {slow * 1e3:.3g} ms, too slowly to follow the pressures.",
+        )
+    return stage
+
+
+def _by_gray_box(case: Case) -> _Found | None:
+    """All states; None where the equations cannot follow the logs at all."""
+    friction = friction_rows(case)
+    first = fit_flow(case, lenient=True)
+    try:
+        found = fit_gray(case, first, friction)
+    except (np.linalg.LinAlgError, NotIdentifiedError) as error:
+        if case.options.stage or (case.both and isinstance(error, NotIdentifiedError)):
+            raise
+        return None
+    parameters, order, matrix = found.solved.quantities(case.variant.parameters)
+    return _Found(
+        friction, parameters, order, matrix, found.settle(case.options),
+        found.notices, found.details(), found.solved,
+    )  # fmt: skip
+
+
+def _left_out(case: Case) -> Notice:
+    missing = "" if case.both else " Each log holds the pressure of one chamber only."
+    return Notice(
+        "gray-box-left-out",
+        "with the given mass and dead volumes the equations of pressure and motion "
+        f"cannot follow these logs.{missing} Gains and losses are those of the plateaus; "
+        "mass and volumes are not used. Record both pressures in every log, at 1 kHz, "
+        "and check volumes, mass and whether the supply pressure is steady.",
+    )
+
+
+def _by_flow_balance(case: Case, stage: str) -> _Found:
+    """Flow balance over windows, friction beside it."""
+    rows = friction_rows(case)
+    first = fit_flow(case, lenient=False)
+    specs = case.variant.parameters
+    parameters, order, matrix = first.quantities(specs)
+    notices = list(first.notices)
+    if rows.speed.size >= 4 and rows.moving.sum() >= 4:
+        friction = fit_friction(case, rows)
+        more, names, block = friction.quantities(specs)
+        parameters, order = {**parameters, **more}, (*order, *names)
+        matrix = _beside(matrix, block)
+        notices += friction.notices
+    fixed = {n: float(v) for n, v in case.request.fixed.items() if n not in parameters}
+    open_ones = {
+        s.name: Refusal(s.name, "it needs the pressures of both chambers.")
+        for s in specs
+        if not (s.optional or s.name in parameters or s.name in fixed)
+    }
+    notices += [refuse(case.variant.parameter(n), r.reason) for n, r in open_ones.items()]
+    rest = Solved(
+        {**fixed, **dict.fromkeys(open_ones, 0.0)}, (), np.zeros((0, 0)), 1, fixed, open_ones
+    )
+    return _Found(
+        rows, {**parameters, **rest.quantities(specs)[0]}, order, matrix,
+        replace(case.options, stage=stage), [*notices, *_not_recorded(case)],
+        {
+            "method": "flow balance over windows",
+            "windows": int(sum(w.first.size for w in case.windows)),
+            "covariance": first.details()["covariance"],
+        },
+    )  # fmt: skip
+
+
+def _beside(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Block-diagonal matrix of two."""
+    n, size = first.shape[0], first.shape[0] + second.shape[0]
+    whole = np.zeros((size, size))
+    whole[:n, :n], whole[n:, n:] = first, second
+    return whole
+
+
+def _not_recorded(case: Case) -> list[Notice]:
+    return [
+        Notice(
+            "chamber-not-recorded",
+            f"no log holds pressure_{i}: the file has no valve gain and line losses of chamber "
+            f"{i}. Record that pressure, or repeat the run with the sensor at chamber {i} and "
+            "give both logs.",
+        )
+        for i in (1, 2)
+        if i not in case.chambers
+    ]
+
+
+def _derived(case: Case, found: _Found) -> dict[str, Quantity]:
+    """Gains by direction, friction levels and, of the gray box, the pressure resonance."""
+    out = friction_levels(found.friction) if found.friction.speed.size and not found.gray else {}
+    for chamber in case.chambers:
+        for sign, word in ((1.0, "extending"), (-1.0, "retracting")):
+            gain = gain_of_direction(case, found.values, chamber, sign)
+            if gain is not None:
+                out[f"valve_gain_{chamber}_{word}"] = gain
+    return {**out, **resonance(case, found.gray)} if found.gray else out

@@ -1,0 +1,402 @@
+"""Simulation of all four states with sensitivities, exact derivatives of its Runge-Kutta scheme.
+
+Dry friction makes the equations stiff, but only within a fraction of a millimetre per second
+of rest. Samples that begin or end there, or in which the piston turns round, are integrated in
+many small steps, all others in the few that the pressure resonance asks for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ...experiment import Experiment, FloatArray
+from ...signals import smooth
+from .equations import GRAY_NAMES, LOSSES, Machine
+
+_ROUND = 1e4  # Pa: pressure drop below which the square root of the gray box is rounded off
+_SLIP = 1e-3  # speed over which dry friction is rounded off, of the fast motion
+_MOST_SUBSTEPS = 16
+CHANNELS = ("pressure_1", "pressure_2", "position")
+_NEAR_REST = 5.0  # times the slip: the friction has reached 0.9999 of its level there
+_SHARP = 0.125  # times the slip where friction is to be as good as not rounded off
+
+
+@dataclass(frozen=True)
+class GrayLog:
+    """One experiment as the gray box sees it.
+
+    ``command`` and ``step`` have shape ``(n - 1,)``; ``channels`` holds the measured states
+    (0: p1, 1: p2, 2: y) and ``measured`` their values, ``(len(channels), n)``. ``guess`` holds
+    all four states from smoothed signals, ``(n, 4)``.
+    """
+
+    command: FloatArray
+    step: FloatArray
+    channels: tuple[int, ...]
+    measured: FloatArray
+    guess: FloatArray
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return int(self.guess.shape[0])
+
+
+def make_gray_log(e: Experiment, machine: Machine) -> GrayLog:
+    """Prepare one experiment: measured channels and a first guess of all four states."""
+    half = max(2, round(0.006 / e.sample_time))
+    motion = smooth(e["position"], e.sample_time, 2 * half, 3)
+    guess = np.zeros((e.samples, 4))
+    guess[:, 2], guess[:, 3] = motion.value, motion.rate
+    channels = []
+    for k, role in enumerate(CHANNELS[:2]):
+        if role in e:
+            guess[:, k] = smooth(e.sampled(role), e.sample_time, max(1, half // 2), 2).value
+            channels.append(k)
+    inertia = (machine.mass or 0.0) * motion.curvature
+    if not channels:
+        guess[:, 0] = machine.at_rest(0.0)[0]
+    if 1 not in channels:
+        guess[:, 1] = (guess[:, 0] * machine.area(1) - inertia) / machine.area(2)
+    elif 0 not in channels:
+        guess[:, 0] = (guess[:, 1] * machine.area(2) + inertia) / machine.area(1)
+    guess[:, :2] = np.clip(guess[:, :2], machine.tank, machine.supply)
+    channels.append(2)
+    measured = np.array([e.sampled(CHANNELS[k]) for k in channels])
+    command = e.sampled("command")[:-1]
+    return GrayLog(command, np.diff(e.time), tuple(channels), measured, guess)
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """How a sample is integrated.
+
+    Attributes
+    ----------
+    slip
+        Speed over which dry friction is rounded off [m/s].
+    rest
+        Speed below which a piston counts as near rest [m/s].
+    moving, resting
+        Runge-Kutta steps per sample away from rest and near it.
+    """
+
+    slip: float
+    rest: float
+    moving: int
+    resting: int
+
+
+@lru_cache(maxsize=16)
+def _segment_function(
+    machine: Machine, segment: int, scheme: Scheme, free: tuple[str, ...] | None
+) -> Any:
+    """CasADi function that integrates over a segment.
+
+    ``(z, [u; h], theta) -> z after every sample``, with ``z`` the states and, unless ``free``
+    is ``None``, column by column their derivatives by the initial state and the free
+    parameters. The variational equations run through the same Runge-Kutta scheme, which makes
+    them its exact derivative.
+    """
+    import casadi as ca
+
+    x, u, theta = ca.SX.sym("x", 4), ca.SX.sym("u"), ca.SX.sym("theta", len(GRAY_NAMES))
+    rate = _symbolic_rates(ca, x, u, theta, machine, scheme.slip)
+    z, change = x, rate
+    if free is not None:
+        columns = 4 + len(free)
+        s = ca.SX.sym("s", 4, columns)
+        which = [GRAY_NAMES.index(n) for n in free]
+        forced = ca.horzcat(ca.SX(4, 4), ca.jacobian(rate, theta)[:, which])
+        z = ca.vertcat(x, ca.vec(s))
+        change = ca.vertcat(rate, ca.vec(ca.mtimes(ca.jacobian(rate, x), s) + forced))
+    f = ca.Function("f", [z, u, theta], [change])
+    after = _sample_function(ca, f, scheme.moving)
+    if scheme.resting > scheme.moving:
+        states_only = ca.Function("g", [x, u, theta], [rate])
+        ahead = _sample_function(ca, states_only, scheme.moving)
+        now, held = ca.MX.sym("z", z.shape[0]), ca.MX.sym("input", 2)
+        values = ca.MX.sym("theta", len(GRAY_NAMES))
+        v0, v1 = now[3], ahead(now[:4], held, values)[3]
+        slowest = ca.fmin(ca.fabs(v0), ca.fabs(v1))
+        near_rest = ca.logic_or(slowest < scheme.rest, v0 * v1 < 0.0)
+        # a switch evaluates the chosen branch only
+        switch = ca.Function.if_else("switch", _sample_function(ca, f, scheme.resting), after)
+        after = ca.Function("step", [now, held, values], [switch(near_rest, now, held, values)])
+    return after.mapaccum("segment", segment)
+
+
+def _sample_function(ca: Any, f: Any, substeps: int) -> Any:
+    """Classical Runge-Kutta over one sample, ``(z, [u; h], theta) -> z``."""
+    size = f.size1_in(0)
+    z, input = ca.SX.sym("z", size), ca.SX.sym("input", 2)
+    theta = ca.SX.sym("theta", len(GRAY_NAMES))
+    u, h = input[0], input[1] / substeps
+    k1 = f(z, u, theta)
+    k2 = f(z + 0.5 * h * k1, u, theta)
+    k3 = f(z + 0.5 * h * k2, u, theta)
+    k4 = f(z + h * k3, u, theta)
+    one = ca.Function("one", [z, input, theta], [z + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)])
+    now, held = ca.MX.sym("z", size), ca.MX.sym("input", 2)
+    values = ca.MX.sym("theta", len(GRAY_NAMES))
+    after = now
+    for _ in range(substeps):
+        after = one(after, held, values)
+    return ca.Function("sample", [now, held, values], [after])
+
+
+def _symbolic_rates(ca: Any, x: Any, u: Any, theta: Any, machine: Machine, slip: float) -> Any:
+    """Equations 1 to 4 with dead zone, losses and dry friction, as CasADi expressions.
+
+    Equation 5 of the paper writes ``f`` with a dot although it is no derivative, and equation
+    8 has ``M y'`` where equation 1 has ``M y''``: both are typing errors.
+    """
+    p = dict(zip(GRAY_NAMES, ca.vertsplit(theta)))
+    beyond = ca.fmax(u - p["dead_zone_positive"], 0.0) + ca.fmin(u - p["dead_zone_negative"], 0.0)
+    forward = beyond >= 0.0
+    sign = ca.if_else(forward, 1.0, -1.0)
+
+    def flow(chamber: int, pressure: Any) -> Any:
+        inward = machine.supply - pressure
+        outward = pressure - machine.tank
+        ahead, back = (inward, outward) if chamber == 1 else (outward, inward)
+        names = LOSSES[chamber]
+        drop = ca.if_else(forward, ahead, back)
+        loss = ca.if_else(forward, p[names[0]], p[names[1]])
+        k = p[f"valve_gain_{chamber}"] * beyond * sign
+        # without loss the root has an infinite slope at zero drop: rounded off below 0.1 bar
+        size = ca.sqrt(drop * drop + _ROUND**2)
+        return sign * 2.0 * k * drop / (k * loss + ca.sqrt((k * loss) ** 2 + 4.0 * size))
+
+    p1, p2, y, v = ca.vertsplit(x)
+    area_1, area_2 = machine.area(1), machine.area(2)
+    beta, mass = p["bulk_modulus"], machine.mass
+    volume_1 = (machine.dead_volume_1 or 0.0) + area_1 * y
+    volume_2 = (machine.dead_volume_2 or 0.0) - area_2 * y
+    dp1 = beta / volume_1 * (flow(1, p1) - area_1 * v)
+    dp2 = -beta / volume_2 * (flow(2, p2) - area_2 * v)
+    friction = p["viscous"] * v + p["coulomb"] * ca.tanh(v / slip)
+    dv = (p1 * area_1 - p2 * area_2 - friction) / mass
+    return ca.vertcat(dp1, dp2, v, dv)
+
+
+@dataclass(frozen=True)
+class Linear:
+    """States ``value + slope d + shift`` for a change ``d`` of initial state and parameters."""
+
+    value: FloatArray
+    slope: FloatArray
+    shift: FloatArray
+    chain: FloatArray
+    offsets: FloatArray
+    defects: FloatArray
+
+
+class GrayBox:
+    """Output error of pressures and position over several logs.
+
+    Parameters
+    ----------
+    logs
+        See :func:`make_gray_log`.
+    machine
+        Everything given; complete.
+    friction
+        Largest dry and viscous friction to be expected [N], [N s/m]: they set the speed over
+        which dry friction is rounded off and the number of Runge-Kutta steps per sample.
+    segment
+        Samples between two shooting nodes.
+    slip
+        Speed over which dry friction is rounded off, where it need not be, in steps this small
+        [m/s]; from the speeds of the logs when left out.
+    """
+
+    def __init__(
+        self,
+        logs: Sequence[GrayLog],
+        machine: Machine,
+        friction: tuple[float, float],
+        segment: int = 50,
+        slip: float | None = None,
+    ) -> None:
+        self.logs, self.machine, self._friction = list(logs), machine, friction
+        self.segment = min(segment, *(log.samples - 1 for log in logs))
+        if slip is None:
+            speeds = np.concatenate([np.abs(log.guess[:, 3]) for log in logs])
+            slip = max(_SLIP * float(np.quantile(speeds, 0.95)), 1e-7)
+        self.slip = slip
+        self.scheme = self._scheme(slip, _MOST_SUBSTEPS)
+
+    def _scheme(self, slip: float, most: int) -> Scheme:
+        step = max(float(np.max(log.step)) for log in self.logs)
+        coulomb, viscous = self._friction
+        mass = self.machine.mass or 1.0
+        # Runge-Kutta of order 4 is stable up to 2.78 / h and exact enough below 0.3 / omega
+        rolling = step * viscous / mass / 2.0
+        moving = int(np.clip(np.ceil(max(rolling, step / 5e-4)), 1, _MOST_SUBSTEPS))
+        most = max(most, moving)
+        sticking = step * (coulomb / (mass * slip) + viscous / mass) / 2.0
+        resting = int(np.clip(np.ceil(sticking), moving, most))
+        slip *= max(sticking / resting, 1.0)
+        # a long step from beyond would have stages on the other side of rest
+        return Scheme(slip, _NEAR_REST * slip + 2.0 * coulomb / mass * step, moving, resting)
+
+    def rounded(self, factor: float, most: int = _MOST_SUBSTEPS) -> GrayBox:
+        """The same with dry friction rounded off over a speed ``factor`` times as wide.
+
+        Parameters
+        ----------
+        factor
+            Of the speed.
+        most
+            Limit on the Runge-Kutta steps per sample near rest; the speed grows until it holds.
+        """
+        other = copy(self)
+        other.scheme = self._scheme(factor * self.scheme.slip, most)
+        return other
+
+    def sharp(self) -> GrayBox:
+        """The same with dry friction hardly rounded off at all."""
+        return self.rounded(_SHARP, most=int(_MOST_SUBSTEPS / _SHARP))
+
+    def _segments(self, log: GrayLog) -> int:
+        return -(-(log.samples - 1) // self.segment)
+
+    def _inputs(self, log: GrayLog) -> FloatArray:
+        """Command and step of every sample, the last segment filled up, ``(2, m)``."""
+        inputs = np.empty((2, self._segments(log) * self.segment))
+        for row, values in zip(inputs, (log.command, log.step)):
+            row[: values.size], row[values.size :] = values, values[-1]
+        return inputs
+
+    def integrate(
+        self, log: GrayLog, nodes: FloatArray, values: Mapping[str, float], free: Sequence[str]
+    ) -> tuple[FloatArray, FloatArray]:
+        """States and sensitivities after every sample of every segment.
+
+        Parameters
+        ----------
+        log
+            The log.
+        nodes : (segments, 4)
+            State at the beginning of every segment [Pa, Pa, m, m/s].
+        values
+            All parameters by name.
+        free
+            Names of those whose sensitivities are wanted.
+
+        Returns
+        -------
+        states : (segments, segment, 4)
+        slopes : (segments, segment, 4, 4 + free)
+            Derivatives by the node's state and the free parameters.
+        """
+        count, length, columns = nodes.shape[0], self.segment, 4 + len(free)
+        function = _segment_function(self.machine, length, self.scheme, tuple(free)).map(count)
+        seed = np.zeros((4, columns))
+        seed[:, :4] = np.eye(4)
+        z = np.vstack((nodes.T, np.repeat(seed.T.reshape(-1, 1), count, axis=1)))
+        theta = np.tile(_theta(values), (1, count * length))
+        out = np.asarray(function(z, self._inputs(log), theta)).T.reshape(count, length, -1)
+        slopes = out[:, :, 4:].reshape(count, length, columns, 4)
+        return out[:, :, :4], np.swapaxes(slopes, 2, 3)
+
+    def simulate(
+        self, log: GrayLog, initial: FloatArray, values: Mapping[str, float]
+    ) -> FloatArray:
+        """States at every sample from the initial state, ``(n, 4)``.
+
+        Parameters
+        ----------
+        log
+            The log.
+        initial : (4,)
+            [Pa, Pa, m, m/s]
+        values
+            All parameters by name.
+        """
+        function = _segment_function(self.machine, self.segment, self.scheme, None)
+        theta = np.tile(_theta(values), (1, self.segment))
+        inputs = self._inputs(log)
+        states = np.empty((inputs.shape[1] + 1, 4))
+        states[0] = initial
+        for first in range(0, inputs.shape[1], self.segment):
+            rows = slice(first, first + self.segment)
+            states[first + 1 : rows.stop + 1] = np.asarray(
+                function(states[first], inputs[:, rows], theta)
+            ).T
+        return states[: log.samples]
+
+    def per_sample(
+        self, log: GrayLog, states: FloatArray, values: Mapping[str, float]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of the state after every sample.
+
+        Parameters
+        ----------
+        log
+            The log.
+        states : (n, 4)
+            Of a simulation.
+        values
+            All parameters by name.
+
+        Returns
+        -------
+        transition : (n - 1, 4, 4)
+            By the state before the sample.
+        drive : (n - 1, 4)
+            By the command over it.
+        """
+        single = copy(self)
+        single.segment = 1
+        # a command further up is both edges of the dead zone further down
+        edges = ("dead_zone_negative", "dead_zone_positive")
+        slopes = single.integrate(log, states[:-1], values, edges)[1][:, 0]
+        return slopes[:, :, :4], -slopes[:, :, 4:].sum(axis=2)
+
+    def nodes_of(self, log: GrayLog, states: FloatArray | None = None) -> FloatArray:
+        """Node states from given states or the first guess, ``(segments, 4)``."""
+        rows = np.arange(self._segments(log)) * self.segment
+        return np.asarray((log.guess if states is None else states)[rows]).copy()
+
+    def linearise(
+        self,
+        log: GrayLog,
+        nodes: FloatArray,
+        values: Mapping[str, float],
+        free: Sequence[str],
+    ) -> Linear:
+        """Condense one log: states as an affine function of initial state and parameters."""
+        states, slopes = self.integrate(log, nodes, values, free)
+        count, length = states.shape[:2]
+        n, q = log.samples, 4 + len(free)
+        value, slope = np.empty((count * length + 1, 4)), np.empty((count * length + 1, 4, q))
+        shift, defects = np.empty((count * length + 1, 4)), np.zeros((count, 4))
+        by_node, known = np.zeros((4, q)), np.zeros(4)
+        by_node[:, :4] = np.eye(4)
+        chain, offsets = np.empty((count, 4, q)), np.empty((count, 4))
+        value[0], slope[0], shift[0] = nodes[0], by_node, known
+        for k in range(count):
+            rows = slice(k * length + 1, (k + 1) * length + 1)
+            chain[k], offsets[k] = by_node, known
+            forward = slopes[k, :, :, :4]
+            slope[rows] = forward @ by_node
+            slope[rows, :, 4:] += slopes[k, :, :, 4:]
+            shift[rows] = forward @ known
+            value[rows] = states[k]
+            by_node, known = slope[rows][-1], shift[rows][-1]
+            if k + 1 < count:
+                defects[k] = states[k, -1] - nodes[k + 1]
+                known = known + defects[k]
+        return Linear(value[:n], slope[:n], shift[:n], chain, offsets, defects)
+
+
+def _theta(values: Mapping[str, float]) -> FloatArray:
+    return np.array([[values[n]] for n in GRAY_NAMES])

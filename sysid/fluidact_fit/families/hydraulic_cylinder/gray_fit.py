@@ -1,0 +1,252 @@
+"""The gray box of pressures and position: its fit, and what it refuses to say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import Notice
+from ...estimation.noise import noise_floor
+from ...estimation.parametric import Fitted, make_unknowns
+from ...estimation.results import Refusal, Solved, determine, refuse
+from ...estimation.separable import Unknown
+from ...estimation.uncertainty import Uncertainty, score_covariance, t_quantile
+from ...experiment import Experiment, FloatArray
+from ...family import Quantity
+from .case import Case
+from .command_noise import with_command_noise
+from .equations import GRAY_NAMES
+from .flow import one_sided, sensible_widths
+from .friction import FrictionRows, fit_friction
+from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log
+from .gray_search import GrayProblem, GraySolution, solve_gray_box
+from .options import HydraulicCylinderOptions
+
+MARGIN = 1.3  # of the friction that the steps of the simulation are made for
+_CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says something
+
+
+@dataclass(frozen=True)
+class GrayFit:
+    """A finished fit of the gray box; ``command_noise`` is what was found of it [V]."""
+
+    solved: Solved
+    solution: GraySolution
+    slip: float
+    command_noise: float
+    notices: list[Notice]
+
+    def settle(self, options: HydraulicCylinderOptions) -> HydraulicCylinderOptions:
+        """Options with the weights of the channels and the rounding of friction."""
+        sigma = self.solution.sigma.tolist()
+        return replace(
+            options, stage="gray-box", slip=self.slip,
+            residual_pressure_1=sigma[0], residual_pressure_2=sigma[1], residual_position=sigma[2],
+        )  # fmt: skip
+
+    def details(self) -> dict[str, Any]:
+        """What the file says of the fit beside its numbers."""
+        return {
+            "method": "gray-box output error of pressures and position (multiple shooting)",
+            "iterations": self.solution.iterations,
+            "converged": self.solution.converged,
+            "covariance": "long-run variance of the scores",
+            "command_noise": self.command_noise,
+        }
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """One search with some parameters held."""
+
+    problem: GrayProblem
+    solution: GraySolution
+    uncertainty: Uncertainty
+
+
+class _Search:
+    """Fits the gray box again and again; weights and start are those of the last time."""
+
+    def __init__(self, case: Case, first: Fitted, rows: FrictionRows) -> None:
+        self.case = case
+        self.start, scales = _start(case, first, rows)
+        friction = make_unknowns(
+            case.variant.parameters, ("viscous", "coulomb"), scales, case.request
+        )
+        self.unknowns: dict[str, Unknown] = {**first.unknowns, **friction}
+        logs = [make_gray_log(e, case.machine) for e in case.experiments]
+        largest = (MARGIN * scales["coulomb"], MARGIN * scales["viscous"])
+        self.box = GrayBox(logs, case.machine, largest, slip=case.options.slip)
+        self.sigma = _noise(case.experiments)
+
+    def solve(self, held: Mapping[str, float]) -> _Attempt:
+        """Estimate what is not held; the weights follow the residuals."""
+        free = [self.unknowns[n] for n in GRAY_NAMES if n not in held]
+        begin, initial = {**self.start, **held}, None
+        for _ in range(3):
+            problem = GrayProblem(self.box, free, self.sigma)
+            solution = solve_gray_box(problem, begin, initial)
+            begin, initial = solution.values, solution.initial
+            self.case.request.progress(
+                f"gray box: {solution.iterations} steps, weighted error {solution.cost:.6g}"
+            )
+            old, self.sigma = self.sigma, _spread(self.box.logs, solution)
+            if np.all(np.abs(self.sigma / old - 1.0) < 0.05):
+                break
+        self.start = solution.values
+        return _Attempt(problem, solution, self.uncertainty(solution))
+
+    def uncertainty(self, solution: GraySolution) -> Uncertainty:
+        """Covariance of the free parameters; the channels of a log share their errors."""
+        channels = [
+            [slice(k * log.samples, (k + 1) * log.samples) for k in range(len(log.channels))]
+            for log in self.box.logs
+        ]
+        return score_covariance(solution.jacobian, solution.residuals, channels)
+
+    def undetermined(self, attempt: _Attempt) -> list[Refusal]:
+        """The parameter whose interval says least, if it says nothing."""
+        solution, uncertainty = attempt.solution, attempt.uncertainty
+        quantile = t_quantile(0.975, uncertainty.degrees)
+        sensible = {
+            **sensible_widths(self.unknowns),
+            **{n: self.unknowns[n].scale for n in ("viscous", "coulomb")},
+        }
+        found: list[tuple[bool, float, Refusal]] = []
+        for k, name in enumerate(attempt.problem.names):
+            half = quantile * float(np.sqrt(max(uncertainty.covariance[k, k], 0.0)))
+            value, spec = solution.values[name], self.case.variant.parameter(name)
+            share = 0.5
+            if name == "bulk_modulus":
+                share, half = _CERTAIN, np.inf if solution.active[k] else half
+            width = sensible.get(name, share * abs(value))
+            if half <= width:
+                continue
+            reason = (
+                f"its 95 % interval would be {value:.3g} ± {half:.2g} {spec.unit}, wide enough "
+                "to hold every sensible value."
+                if np.isfinite(half)
+                else "the pressures and the position hardly depend on it in these logs."
+            )
+            ratio = half / width if np.isfinite(half) and width > 0.0 else np.inf
+            found.append((spec.neutral is not None, ratio, Refusal(name, reason)))
+        # what can be left out goes first: a gain may be sure once the losses are gone
+        return [max(found, key=lambda f: f[:2])[2]] if found else []
+
+    def check_bulk_modulus(self, attempt: _Attempt) -> None:
+        """Refuse a bulk modulus that looks certain only because other parameters were held.
+
+        Raises
+        ------
+        NotIdentifiedError
+            When its interval is wide once losses and dead zone may vary again.
+        """
+        fixed = self.case.request.fixed
+        every = [self.unknowns[n] for n in GRAY_NAMES if n not in fixed]
+        free = attempt.problem.names
+        if "bulk_modulus" not in free or len(every) == len(free):
+            return
+        solution = attempt.solution
+        wide = replace(attempt.problem, free=every, sigma=solution.sigma)
+        again = solve_gray_box(wide, solution.values, solution.initial, max_iterations=0)
+        k = wide.names.index("bulk_modulus")
+        half = 1.96 * float(np.sqrt(max(self.uncertainty(again).covariance[k, k], 0.0)))
+        if not half <= _CERTAIN * solution.values["bulk_modulus"]:
+            refuse(
+                self.case.variant.parameter("bulk_modulus"),
+                "the logs hold no transients of the pressures that would tell it from valve and "
+                "losses.",
+            )
+
+
+def fit_gray(case: Case, first: Fitted, rows: FrictionRows) -> GrayFit:
+    """Output error of pressures and position, refusing what the data do not determine."""
+    search = _Search(case, first, rows)
+    fixed = {n: float(v) for n, v in case.request.fixed.items() if n in GRAY_NAMES}
+    specs = {s.name: s for s in case.variant.parameters}
+    found = determine(
+        search.solve, search.undetermined, specs,
+        fixed=fixed, refusals=one_sided(case),
+    )  # fmt: skip
+    attempt, notices = found.solution, found.notices
+    solution = attempt.solution
+    search.check_bulk_modulus(attempt)
+    uncertainty, noise = with_command_noise(search.box, solution, attempt.uncertainty)
+    if not solution.converged:
+        notices.append(
+            Notice(
+                "not-converged",
+                "the gray box stopped before it had settled: check areas, volumes, mass and "
+                "supply pressure, or give --start values.",
+            )
+        )
+    solved = Solved(
+        solution.values, attempt.problem.names, uncertainty.covariance, uncertainty.degrees,
+        fixed, found.refused,
+    )  # fmt: skip
+    return GrayFit(solved, solution, search.box.slip, noise, notices)
+
+
+def _start(
+    case: Case, first: Fitted, rows: FrictionRows
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Start values from the flow balance, and the sizes of the friction."""
+    machine = case.machine
+    force = 0.01 * (machine.supply - machine.tank) * machine.area(1)
+    speeds = [np.abs(np.diff(e["position"])).sum() / np.ptp(e.time) for e in case.experiments]
+    speed = max(float(np.mean(speeds)), 1e-6)
+    values = {"viscous": force / speed, "coulomb": force}
+    if rows.moving.sum() >= 8:
+        found = fit_friction(case, rows, lenient=True).values
+        values = {n: found[n] for n in values}
+    scales = {
+        "viscous": max(values["viscous"], force / speed),
+        "coulomb": max(values["coulomb"], force),
+    }
+    start = {**dict.fromkeys(GRAY_NAMES, 0.0), **first.values, **values}
+    start["bulk_modulus"] = float(np.clip(first.values["bulk_modulus"], 2e8, 3e9))
+    return {**start, **{n: v for n, v in case.request.start.items() if n in start}}, scales
+
+
+def _noise(experiments: Sequence[Experiment]) -> FloatArray:
+    """Noise of the three channels, with a floor [Pa, Pa, m]."""
+    out = []
+    for role in CHANNELS:
+        found = [
+            noise_floor(e[role], 2) + max(e.signals[role].resolution, 1e-4 * float(np.ptp(e[role])))
+            for e in experiments
+            if role in e
+        ]
+        out.append(max(found, default=1.0))
+    return np.array(out)
+
+
+def _spread(logs: Sequence[GrayLog], solution: GraySolution) -> FloatArray:
+    """Root mean square of the residuals of each channel over all logs [Pa, Pa, m]."""
+    total, count = np.zeros(3), np.zeros(3)
+    for log, states in zip(logs, solution.states):
+        for c, y in zip(log.channels, log.measured):
+            total[c] += float(np.sum((y - states[:, c]) ** 2))
+            count[c] += y.size
+    spread = np.sqrt(total / np.maximum(count, 1.0))
+    return np.where(spread > 0.0, spread, solution.sigma)
+
+
+def resonance(case: Case, solved: Solved) -> dict[str, Quantity]:
+    """Undamped resonance of the piston between the closed chambers, in the middle of the logs."""
+    m, mass = case.machine, case.machine.mass or 1.0
+    middle = np.array(case.rest_position())
+    compliance = 0.0
+    for i in (1, 2):
+        volume = m.volume(i, middle)
+        assert volume is not None
+        compliance += m.area(i) ** 2 / float(np.real(volume))
+
+    def function(v: Mapping[str, Any]) -> dict[str, Any]:
+        omega = np.sqrt(v["bulk_modulus"] * compliance / mass)
+        return {"natural_frequency": omega, "damping_ratio": v["viscous"] / (2.0 * mass * omega)}
+
+    return solved.derive({"natural_frequency": "rad/s", "damping_ratio": "1"}, function)

@@ -1,0 +1,295 @@
+"""Small networks of the flow and of the friction, beside the equations they compete with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import LogError
+from ...estimation.friction_law import FrictionLaw
+from ...experiment import FloatArray
+from ...family import Curve, Quantity, StaticView, Value, scalars
+from .case import Case
+from .equations import Mask, chamber_flow
+from .friction import FrictionRows
+from .windows import Windows
+
+LAYERS = ("weights_1", "biases_1", "weights_2", "biases_2", "input_offset", "input_scale",
+          "output_offset", "output_scale")  # fmt: skip
+_EDGES = ("dead_zone_negative", "dead_zone_positive")
+NETWORKS = ("flow_1", "flow_2", "friction")
+_RAMP = 1.5  # how much shorter the windows of a fast ramp are; speed is noisier there
+_FEW = 5  # windows that a comparison needs
+_HIDDEN = 10  # units of the networks
+_WINDOWS = 1500  # rows a network is trained on, before those near zero are repeated
+
+
+@dataclass(frozen=True)
+class Network:
+    """One hidden layer of rectified linear units with its standardisation.
+
+    ``y = output_offset + output_scale (w2 max(w1 x + b1, 0) + b2)`` with
+    ``x = (input - input_offset) / input_scale``.
+
+    Attributes
+    ----------
+    weights_1 : (hidden, inputs)
+    biases_1 : (hidden,)
+    weights_2 : (1, hidden)
+    biases_2 : (1,)
+    input_offset, input_scale : (inputs,)
+        In the units of the inputs.
+    output_offset, output_scale : (1,)
+        In the unit of the output.
+    """
+
+    weights_1: FloatArray
+    biases_1: FloatArray
+    weights_2: FloatArray
+    biases_2: FloatArray
+    input_offset: FloatArray
+    input_scale: FloatArray
+    output_offset: FloatArray
+    output_scale: FloatArray
+
+    def __call__(self, inputs: FloatArray) -> FloatArray:
+        """Evaluate.
+
+        Parameters
+        ----------
+        inputs : (n, inputs)
+            In their own units.
+
+        Returns
+        -------
+        (n,) outputs in their own unit.
+        """
+        x = (inputs - self.input_offset) / self.input_scale
+        layer = np.maximum(x @ self.weights_1.T + self.biases_1, 0.0)
+        y = layer @ self.weights_2[0] + self.biases_2[0]
+        return np.asarray(self.output_offset[0] + self.output_scale[0] * y)
+
+
+def train_network(inputs: FloatArray, target: FloatArray, hidden: int, seed: int) -> Network:
+    """Train one hidden layer by multi-start Levenberg-Marquardt (:mod:`.estimation.network`).
+
+    Parameters
+    ----------
+    inputs : (n, inputs)
+        In any units.
+    target : (n,)
+        In any unit.
+    hidden
+        Number of units.
+    seed
+        Of the starts.
+    """
+    from ...estimation.network import search
+
+    centre, spread = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), 1e-300)
+    middle, size = float(target.mean()), max(float(target.std()), 1e-300)
+    rng = np.random.default_rng([seed, hidden, inputs.shape[1]])
+    net = search(
+        (inputs - centre) / spread, (target - middle) / size, (hidden,), rng, starts=8
+    ).best.network
+    return Network(
+        net.weights[0], net.biases[0], net.weights[1], net.biases[1],
+        centre, spread, np.array([middle]), np.array([size]),
+    )  # fmt: skip
+
+
+def network_of(parameters: Mapping[str, Any], name: str) -> Network | None:
+    """Read a network back from the parameters of a file; ``None`` when there is none."""
+    if f"{name}_weights_1" not in parameters:
+        return None
+    return Network(*(np.asarray(parameters[f"{name}_{layer}"], dtype=float) for layer in LAYERS))
+
+
+def fit_networks(
+    case: Case, values: Mapping[str, float], rows: FrictionRows
+) -> tuple[dict[str, Quantity], dict[str, Any]]:
+    """Train what was asked for and compare it with the equations on rows held out.
+
+    Returns
+    -------
+    parameters
+        The layers; the standardisation is in the SI units of inputs and output.
+    comparisons
+        Rows of tables by title, for the file and the report.
+    """
+    nets: dict[str, Network] = {}
+    tables: dict[str, list[dict[str, Any]]] = {}
+    if case.options.flow == "mlp":
+        windows, table = _quiet_windows(case), []
+        for chamber in case.chambers:
+            own = [w for w in windows if w.chamber == chamber]
+            nets[f"flow_{chamber}"], found = _flow_network(case, own, values)
+            table += [{"chamber": chamber, **row} for row in found]
+        tables["Flow: models on held-out windows"] = table
+    if case.options.friction == "mlp":
+        if rows.speed.size < 40:
+            raise LogError(
+                f"only {rows.speed.size} rows of friction can be had from the logs",
+                expected="A network needs 40 or more.",
+                remedy="Record both pressures in one log and give both areas, or leave out "
+                "--friction mlp.",
+            )
+        nets["friction"], table = _friction_network(rows, values, case.request.seed)
+        tables["Friction: models on held-out windows"] = table
+    layers = {
+        f"{name}_{layer}": Quantity(getattr(net, layer).tolist(), "1", "estimated")
+        for name, net in nets.items()
+        for layer in LAYERS
+    }
+    return layers, {title: table for title, table in tables.items() if table}
+
+
+def _quiet_windows(case: Case) -> list[Windows]:
+    """Overlapping windows in which the command hardly moves, shorter ones where it ramps fast.
+
+    The mean flow belongs to the mean command only while the command stays on one side of an
+    edge of the dead zone.
+    """
+    out = []
+    for shorter in (1.0, _RAMP):
+        found = case.cut(8, shorter)
+        most = 0.03 * max(float(np.abs(w.command).max()) for w in found)
+        for w in found:
+            u = w.command
+            spread = np.array([np.ptp(u[a:b]) for a, b in zip(w.first, w.last)])
+            # shorter ones only where a long one would be too long
+            needed = spread * shorter > most if shorter > 1.0 else True
+            out.append(_chosen(w, (spread <= most) & needed))
+    return [w for w in out if w.first.size]
+
+
+def _held_out(case: Case, w: Windows) -> Mask:
+    """Windows that judge: the last of three logs or more, else the last quarter of each log."""
+    if len(case.experiments) > 2:
+        return np.full(w.first.size, w.experiment == len(case.experiments) - 1)
+    return np.asarray(w.first >= 0.75 * case.experiments[w.experiment].samples)
+
+
+def _chosen(w: Windows, rows: Mask) -> Windows:
+    names = ("first", "last", "duration", "motion", "swelling")
+    return replace(w, **{n: getattr(w, n)[rows] for n in names})
+
+
+def _near_zero(windows: Sequence[Windows], values: Mapping[str, float]) -> float:
+    """Command up to which the dead zone matters [V]."""
+    volts = max(float(np.abs(w.command).max()) for w in windows)
+    edge = max(abs(values[z]) for z in _EDGES)
+    return min(max(2.0 * edge, 0.05 * volts), 0.3 * volts)
+
+
+def _flow_network(
+    case: Case, windows: Sequence[Windows], values: Mapping[str, float]
+) -> tuple[Network, list[dict[str, Any]]]:
+    """Network of one chamber's flow from command and pressure, beside the equations.
+
+    Rows near zero command are repeated until they are half of all. Their flows are small:
+    unweighted, they would hardly count.
+    """
+    near, held = _near_zero(windows, values), [_held_out(case, w) for w in windows]
+    inputs, flow = _flow_rows([_chosen(w, ~h) for w, h in zip(windows, held)], values)
+    rows = np.arange(0, flow.size, max(1, -(-flow.size // _WINDOWS)))
+    close = rows[np.abs(inputs[rows, 0]) < near]
+    if close.size:
+        rows = np.concatenate((rows, np.tile(close, max(rows.size // close.size - 1, 0))))
+    net = train_network(inputs[rows], flow[rows], _HIDDEN, case.request.seed)
+    tests = [_chosen(w, h) for w, h in zip(windows, held)]
+    inputs, flow = _flow_rows(tests, values)
+    law = np.real(np.concatenate([w.flow(values, case.machine) for w in tests]))
+    errors = {"orifice": law - flow, "network": net(inputs) - flow}
+    table = _compare(np.abs(inputs[:, 0]), near, errors)
+    words = ("near zero command", "away from zero command")
+    return net, [{"where": words[k], "limit": near, "unit": "m3/s", **row} for k, row in table]
+
+
+def _flow_rows(
+    windows: Sequence[Windows], values: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Inputs (command, pressure) and flow of every window, ``(m, 2)`` and ``(m,)``."""
+    inputs, flows = [], []
+    for w in windows:
+        pressure = w.mean(0.5 * (w.before + w.after))
+        inputs.append(np.column_stack((w.mean(w.command), pressure)))
+        swelling = w.swelling / values["bulk_modulus"] if "bulk_modulus" in values else 0.0
+        flows.append(w.motion - swelling)
+    return np.concatenate(inputs), np.concatenate(flows)
+
+
+def _friction_network(
+    rows: FrictionRows, values: Mapping[str, float], seed: int
+) -> tuple[Network, list[dict[str, Any]]]:
+    """Network of the friction over speed, beside Coulomb and viscous friction."""
+    held = (np.arange(rows.speed.size) // 20) % 4 == 3
+    net = train_network(rows.speed[~held, None], rows.force[~held], 6, seed)
+    v, f = rows.speed[held], rows.force[held]
+    edge = 0.1 * float(np.quantile(np.abs(rows.speed), 0.95))
+    errors = {"coulomb": FrictionLaw.of(values).moving(v) - f, "network": net(v[:, None]) - f}
+    table = _compare(np.abs(v), edge, errors)
+    words = ("slow", "moving")
+    return net, [{"where": words[k], "limit": edge, "unit": "N", **row} for k, row in table]
+
+
+def _compare(
+    size: FloatArray, limit: float, errors: Mapping[str, FloatArray]
+) -> list[tuple[int, dict[str, Any]]]:
+    """Root mean squares of the errors below a limit of the input (0) and above it (1)."""
+    out = []
+    for k, rows in enumerate((size <= limit, size > limit)):
+        if rows.sum() >= _FEW:
+            rms = {n: float(np.sqrt(np.mean(e[rows] ** 2))) for n, e in errors.items()}
+            out.append((k, {"windows": int(rows.sum()), **rms}))
+    return out
+
+
+def flow_view(case: Case, parameters: Mapping[str, Value]) -> StaticView | None:
+    """Flow over the command near zero: measured, network, equations with a dead zone and without.
+
+    The pressure goes up and down with the command's history, so that no single one belongs to a
+    command: each curve is a running mean of what a model says of the measured windows.
+    ``None`` for a file without a network of the flow.
+    """
+    chamber, machine = case.chambers[0], case.machine
+    net, values = network_of(parameters, f"flow_{chamber}"), scalars(parameters)
+    if net is None:
+        return None
+    windows = _quiet_windows(case)
+    reach = 2.0 * _near_zero(windows, values)
+    inputs, flow = _flow_rows([w for w in windows if w.chamber == chamber], values)
+    used = np.abs(inputs[:, 0]) <= reach
+    seen, pressure = inputs[used].T
+    command = np.linspace(seen.min(), seen.max(), 401)
+    fitted = net(inputs)
+    models = {"network": fitted[used]}
+    for label, law in (
+        ("equations, no dead zone", {**values, **dict.fromkeys(_EDGES, 0.0)}),
+        ("equations", values),
+    ):
+        models[label] = np.real(
+            chamber_flow(chamber, seen, pressure, law, machine.supply, machine.tank)
+        )
+    return StaticView(
+        "command", "V", f"flow_{chamber}", "m3/s", inputs[:, 0], flow, fitted, used,
+        [Curve(n, command, _running_mean(command, seen, m)) for n, m in models.items()],
+    )  # fmt: skip
+
+
+def _running_mean(command: FloatArray, seen: FloatArray, flow: FloatArray) -> FloatArray:
+    """Mean flow of the 2 % of the windows whose command is closest, ``(n,)`` [m3/s].
+
+    Parameters
+    ----------
+    command : (n,)
+        Where it is wanted [V].
+    seen, flow : (m,)
+        Of the windows [V], [m3/s].
+    """
+    near = max(seen.size // 50, 1)
+    closest = np.argpartition(np.abs(command[:, None] - seen), near - 1, axis=1)[:, :near]
+    return np.asarray(flow[closest].mean(axis=1))

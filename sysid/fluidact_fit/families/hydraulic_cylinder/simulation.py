@@ -1,0 +1,173 @@
+"""Position from the inputs, as the fit settled it: all states, or the flow over windows.
+
+A run without position starts from rest at the mean position of the fitted logs. Rest leaves the
+pressures open but for their balance; see :meth:`.Machine.at_rest`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import LogError, UsageError
+from ...experiment import Experiment, FloatArray, Signal
+from ...family import Simulated
+from .case import check_volumes, read_machine
+from .equations import GRAY_NAMES, Machine, chamber_flow
+from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log
+from .gray_fit import MARGIN
+from .gray_search import GrayProblem, solve_gray_box
+from .options import HydraulicCylinderOptions
+from .windows import Windows, make_windows
+
+_NAME = "hydraulic-cylinder"
+Values = Mapping[str, Any]  # single-valued parameters; a block refuses what is not identified
+
+
+def simulate_run(e: Experiment, values: Values, options: HydraulicCylinderOptions) -> Simulated:
+    """Simulate one run with the options that the fit settled.
+
+    Raises
+    ------
+    UsageError, LogError
+        When an input is missing, or the piston would leave the range of the equations.
+    """
+    known = [i for i in (1, 2) if f"valve_gain_{i}" in values]
+    machine = read_machine(options, known)
+    if "position" in e:
+        check_volumes(machine, [e])
+    if options.stage == "gray-box":
+        return Simulated(_all_states(e, machine, values, options))
+    if options.stage == "plateaus":
+        machine = machine.plain()
+    chambers = [i for i in known if f"pressure_{i}" in e]
+    if not chambers:
+        raise _no_pressure(e, known)
+    if "position" not in e:
+        return _flow_from_rest(e, chambers[0], machine, values, options)
+    return Simulated(_over_windows(e, chambers, machine, values, options.window or 0.0))
+
+
+def _no_pressure(e: Experiment, known: Sequence[int]) -> UsageError | LogError:
+    """What to say of a log of the other chamber, and of inputs without any pressure."""
+    wanted = f"pressure_{known[0]}"
+    have = [f"pressure_{i}" for i in (1, 2) if f"pressure_{i}" in e]
+    if have:
+        return LogError(
+            f"it holds {have[0]}, and the model has the valve gain of chamber {known[0]} only",
+            where=e.name,
+            remedy=f"Give a log with {wanted}, or fit logs of the other chamber as well.",
+        )
+    return UsageError(
+        f"{' or '.join(f'pressure_{i}' for i in known)} is missing: without mass and both dead "
+        f"volumes a file of {_NAME} knows how the flow follows from command and pressure, and not "
+        "how the pressure comes about.",
+        where=e.name,
+        remedy=f"Give --input {wanted}=FROM:TO, or a LOG with that column; or fit with --mass, "
+        "--dead-volume-1 and --dead-volume-2 to logs that hold both pressures.",
+    )
+
+
+def _all_states(
+    e: Experiment, machine: Machine, values: Values, options: HydraulicCylinderOptions
+) -> FloatArray:
+    """Position of the gray box, its initial state fitted where there is a position."""
+    weights = [getattr(options, f"residual_{c}") for c in CHANNELS]
+    friction = (max(MARGIN * values["coulomb"], 1e-9), MARGIN * values["viscous"])
+    if "position" in e:
+        box = GrayBox([make_gray_log(e, machine)], machine, friction, slip=options.slip)
+        problem = GrayProblem(box, (), np.array([w or 1.0 for w in weights]))
+        solution = solve_gray_box(problem, {n: values[n] for n in GRAY_NAMES})
+        return np.asarray(solution.states[0][:, 2])
+    rest = machine.at_rest(options.rest_position or 0.0)
+    log = GrayLog(
+        e.sampled("command")[:-1], np.diff(e.time), (), np.zeros((0, e.samples)),
+        np.tile(rest, (e.samples, 1)),
+    )  # fmt: skip
+    box = GrayBox([log], machine, friction, slip=options.slip).sharp()
+    position = box.simulate(log, rest, values)[:, 2]
+    _require_oil(e, machine, position)
+    return np.asarray(position)
+
+
+def _require_oil(e: Experiment, machine: Machine, position: FloatArray) -> None:
+    """Refuse a run in which the piston uses up the volume of a chamber."""
+    full = np.isfinite(position)
+    for chamber in (1, 2):
+        volume = machine.volume(chamber, position)
+        full &= True if volume is None else np.asarray(volume > 0.0)
+    if not full.all():
+        first = int(np.argmin(full))
+        raise UsageError(
+            f"from {e.time[first]:.3g} s on the piston would be beyond where a chamber holds oil, "
+            f"and {_NAME} knows no end of the stroke.",
+            where=e.name,
+            remedy="Choose a shorter --duration or a smaller command; a log has to hold the "
+            "position, which drifts away when it is integrated for long.",
+        )
+
+
+def _over_windows(
+    e: Experiment, chambers: Sequence[int], machine: Machine, values: Values, length: float
+) -> FloatArray:
+    """Position by integrating the flow over rows of windows, each about its measured mean.
+
+    NaN between them: what flows there is not known.
+    """
+    out = np.full(e.samples, np.nan)
+    for w in _cut(e, sorted(chambers, reverse=True), machine, length):  # chamber 1 wins
+        flow = w.modelled(values, machine)
+        starts = np.flatnonzero(np.r_[True, w.first[1:] != w.last[:-1]])
+        for a, b in zip(starts, np.r_[starts[1:], w.first.size]):
+            knots = np.r_[w.first[a], w.last[a:b]]
+            steps = flow[a:b] * w.duration[a:b] / machine.area(w.chamber)
+            path = np.r_[0.0, np.cumsum(steps)]
+            rows = slice(int(knots[0]), int(knots[-1]) + 1)
+            position = np.interp(e.time[rows], e.time[knots], path)
+            out[rows] = position + float(np.mean(e["position"][rows] - position))
+    return out
+
+
+def _cut(e: Experiment, chambers: Sequence[int], machine: Machine, length: float) -> list[Windows]:
+    made = [make_windows(e, 0, i, machine, length) for i in chambers]
+    return [w for w in made if w is not None and w.first.size]
+
+
+def _flow_from_rest(
+    e: Experiment,
+    chamber: int,
+    machine: Machine,
+    values: Values,
+    options: HydraulicCylinderOptions,
+) -> Simulated:
+    """Position by integrating the flow of one chamber from beginning to end.
+
+    Claimed are the samples that would be fitted if the position were measured so.
+    """
+    u, p, area = e.sampled("command"), e.sampled(f"pressure_{chamber}"), machine.area(chamber)
+    ends = [
+        chamber_flow(chamber, u[:-1], x, values, machine.supply, machine.tank)
+        for x in (p[:-1], p[1:])
+    ]
+    moved = 0.5 * np.real(ends[0] + ends[1]) * np.diff(e.time) / area
+    start = options.rest_position or 0.0
+    y = start + np.r_[0.0, np.cumsum(moved)]
+    beta = values.get("bulk_modulus")
+    for _ in range(3 if beta else 0):  # the volume follows from the position, hardly changed
+        volume = machine.volume(chamber, y)
+        if volume is None:
+            break
+        sign = -1.0 if chamber == 1 else 1.0
+        oil = sign * 0.5 * (volume[1:] + volume[:-1]) * np.diff(p) / (beta or 1.0)
+        y = start + np.r_[0.0, np.cumsum(moved + oil / area)]
+    _require_oil(e, machine, y)
+    position = Signal("position", e.time, y, "m")
+    as_measured = replace(e, signals={**e.signals, "position": position})
+    used = np.zeros(e.samples, dtype=bool)
+    for w in _cut(as_measured, [chamber], machine, options.window or 0.0):
+        for a, b in zip(w.first, w.last):
+            used[a : b + 1] = True
+    return Simulated(y, used)

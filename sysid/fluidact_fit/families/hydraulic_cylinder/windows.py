@@ -1,0 +1,191 @@
+"""Flow balance over short windows.
+
+    A1 dy + (1/beta) int (V1 + A1 y) dp1 = int Q1(u, p1) dt
+    A2 dy - (1/beta) int (V2 - A2 y) dp2 = int Q2(u, p2) dt
+
+which needs no derivative of a noisy pressure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...estimation.noise import noise_floor
+from ...experiment import Experiment, FloatArray
+from .equations import Array, Machine, Mask, chamber_flow, pressure_drop
+
+_LEAST_DROP = 0.04  # of supply above tank: below it the piston stands at the end of its stroke
+_STEADY = 0.01 * 0.7e9 / 0.5  # Pa/m: 1 % of the motion, compressing half a metre of oil of 0.7 GPa
+Rows = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Flow balance of one chamber of one experiment over short windows.
+
+    Attributes
+    ----------
+    experiment
+        Index of the experiment.
+    chamber
+        1 or 2.
+    first, last : (m,)
+        First and last sample of every window.
+    duration : (m,)
+        [s]
+    motion : (m,)
+        ``A dy / duration``: flow that moves the piston [m3/s].
+    swelling : (m,)
+        ``-+ int V dp / duration``: times ``1/beta`` the flow that compresses oil [m3 Pa/s],
+        with the sign that makes ``motion = Q + swelling / beta``. Zero where the dead
+        volume is not known.
+    command, before, after
+        Held command and pressure at both ends of every interval of the log, ``(n - 1,)``.
+    step : (n - 1,)
+        [s]
+    """
+
+    experiment: int
+    chamber: int
+    first: Rows
+    last: Rows
+    duration: FloatArray
+    motion: FloatArray
+    swelling: FloatArray
+    command: FloatArray
+    before: FloatArray
+    after: FloatArray
+    step: FloatArray
+
+    def mean(self, per_interval: Array) -> Array:
+        """Time average of a value per interval of the log over every window."""
+        total = np.concatenate(([0.0], np.cumsum(per_interval * self.step)))
+        return np.asarray((total[self.last] - total[self.first]) / self.duration)
+
+    def flow(self, values: Mapping[str, Any], machine: Machine) -> Array:
+        """Mean flow of the valve over every window, ``(m,)`` [m3/s]."""
+        ends = [
+            chamber_flow(self.chamber, self.command, p, values, machine.supply, machine.tank)
+            for p in (self.before, self.after)
+        ]
+        return self.mean(0.5 * (ends[0] + ends[1]))
+
+    def modelled(self, values: Mapping[str, Any], machine: Machine) -> Array:
+        """What ``motion`` should be: that flow, less what compresses the oil."""
+        flow = self.flow(values, machine)
+        beta = values.get("bulk_modulus")
+        return flow if beta is None else flow + self.swelling / beta
+
+
+def window_length(experiments: Sequence[Experiment]) -> float:
+    """Length of the windows [s]: long against the noise of the position, short otherwise.
+
+    20 ms, more where the position is so noisy that it would blur the speed by over 2 %, at
+    most 0.1 s and never less than 4 samples.
+    """
+    step = max(e.sample_time for e in experiments)
+    noise, speed = 0.0, 0.0
+    for e in experiments:
+        y = e["position"]
+        noise = max(noise, noise_floor(y, 2))
+        width = max(1, round(0.05 / e.sample_time))
+        if y.size > width:
+            rate = np.abs(y[width:] - y[:-width]) / (width * e.sample_time)
+            speed = max(speed, float(np.quantile(rate, 0.98)))
+    wanted = np.sqrt(2.0) * noise / max(0.02 * speed, 1e-12)
+    return float(max(min(max(wanted, 0.02), 0.1), 4.0 * step))
+
+
+def make_windows(
+    experiment: Experiment,
+    index: int,
+    chamber: int,
+    machine: Machine,
+    length: float,
+    overlap: int = 1,
+) -> Windows | None:
+    """Cut one experiment into windows and keep those that say something of the valve.
+
+    Left out: windows in which the valve has hardly any pressure drop left (a piston at the
+    end of its stroke), and, where the dead volume is not given, windows in which the pressure
+    changes, because the flow that compresses the oil is not known there.
+
+    Parameters
+    ----------
+    experiment, index
+        The log and its number.
+    chamber
+        1 or 2.
+    machine
+        What is given.
+    length
+        Of a window [s].
+    overlap
+        How many windows begin within one length; a network wants many rows, a covariance
+        wants them apart.
+    """
+    e = experiment
+    y, time = e["position"], e.time
+    p, u = e.sampled(f"pressure_{chamber}"), e.sampled("command")
+    samples = max(round(length / max(e.sample_time, 1e-12)), 2)
+    first = np.arange(0, e.samples - samples, max(samples // overlap, 1))
+    if first.size < 2:
+        return None
+    volume = machine.volume(chamber, y)
+    kept = _with_drop(u, p, chamber, machine, first, samples)
+    swelling = np.zeros(e.samples)
+    if volume is None:
+        kept &= _steady(time, u, p, y, first, samples)
+    else:
+        parts = 0.5 * (volume[1:] + volume[:-1]) * np.diff(p)
+        swelling[1:] = np.cumsum(parts) * (-1.0 if chamber == 1 else 1.0)
+    first = first[kept]
+    last = first + samples
+    duration = time[last] - time[first]
+    return Windows(
+        index, chamber, first, last, duration,
+        machine.area(chamber) * (y[last] - y[first]) / duration,
+        (swelling[last] - swelling[first]) / duration,
+        u[:-1], p[:-1], p[1:], np.diff(time),
+    )  # fmt: skip
+
+
+def _with_drop(
+    u: FloatArray, p: FloatArray, chamber: int, machine: Machine, first: Rows, samples: int
+) -> Mask:
+    """Windows in which the valve has pressure drop left to say something."""
+    rows = first[:, None] + np.arange(samples)
+    extending = u[rows].mean(axis=1) >= 0.0
+    drop = pressure_drop(chamber, extending, p[rows].mean(axis=1), machine.supply, machine.tank)
+    return np.asarray(drop > _LEAST_DROP * (machine.supply - machine.tank))
+
+
+def _steady(
+    time: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray, first: Rows, samples: int
+) -> Mask:
+    """Windows amid a plateau: command held and pressure constant two windows to either side.
+
+    The flow ``V/beta dp/dt`` that compresses the oil has to be below 1 % of the motion's; a
+    volume of half a metre of piston area and 0.7 GPa are taken for that judgement alone.
+    """
+    reach = 2 * max(samples // int(first[1] - first[0]), 1)
+    kept = np.zeros(first.size, dtype=bool)
+    if first.size <= 2 * reach:
+        return kept
+    middle = slice(reach, first.size - reach)
+    ends, begins = first[2 * reach :], first[: -2 * reach]
+    duration = time[ends] - time[begins]
+    mean = p[first[:, None] + np.arange(samples)].mean(axis=1)
+    slope = np.abs(mean[2 * reach :] - mean[: -2 * reach]) / duration
+    change = np.concatenate(([0], np.cumsum(np.diff(u) != 0.0)))
+    last = np.minimum(first + samples, time.size - 1)
+    held = change[last[2 * reach :]] == change[begins]
+    speed = np.abs(y[last[middle]] - y[first[middle]]) / (time[last] - time[first])[middle]
+    random = 3.0 * noise_floor(p, 2) * np.sqrt(2.0 / samples) / duration
+    kept[middle] = held & (slope <= np.maximum(_STEADY * speed, random))
+    return kept

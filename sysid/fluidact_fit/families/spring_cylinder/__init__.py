@@ -1,0 +1,1 @@
+"""Single-acting cylinder with a return spring, as a gray box."""

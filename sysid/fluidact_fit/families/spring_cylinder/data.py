@@ -1,0 +1,113 @@
+"""Runs as the regression takes them: drive, motion and motion state, and the samples to fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import LogError
+from ...estimation.motion_state import BoolArray, choose_dead_band, held_direction, motion_state
+from ...experiment import Experiment, FloatArray
+from ...signals import smooth
+from ...specification import Variant
+from .equation import SpringLaw
+from .options import SpringOptions
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run, ready for the regression: arrays of shape ``(n,)`` [SI].
+
+    ``force`` is NaN where none was recorded, ``kept`` marks the samples that can be fitted.
+    """
+
+    experiment: Experiment
+    drive: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    direction: FloatArray
+    force: FloatArray
+    kept: BoolArray
+
+    def predict(self, law: SpringLaw) -> FloatArray:
+        """Force of the model at every sample [N]."""
+        return law.force(self.drive, self.position, self.direction, self.velocity)
+
+
+def prepare(
+    variant: Variant, experiments: Sequence[Experiment], options: SpringOptions
+) -> tuple[list[Run], SpringOptions]:
+    """All runs, and the options with source and dead band of the motion state settled."""
+    options = _settle(variant, experiments, options)
+    return [_prepare_run(e, variant, options) for e in experiments], options
+
+
+def _settle(
+    variant: Variant, experiments: Sequence[Experiment], options: SpringOptions
+) -> SpringOptions:
+    """Choose one source of the motion state and one dead band for all logs."""
+    if options.motion_state == "auto":
+        recorded = [e for e in experiments if "direction" in e]
+        if len(recorded) == len(experiments):
+            options = replace(options, motion_state="direction")
+        elif not recorded:
+            options = replace(options, motion_state="command")
+    if options.dead_band is None:
+        values = [s for e in experiments if (s := _turning(e, variant, options)) is not None]
+        options = replace(options, dead_band=max(map(choose_dead_band, values), default=None))
+    return options
+
+
+def _turning(e: Experiment, variant: Variant, options: SpringOptions) -> FloatArray | None:
+    """Signal whose changes tell the motion state; ``None`` where a column does."""
+    if "direction" in e and options.motion_state in ("auto", "direction"):
+        return None
+    if options.motion_state == "direction":
+        raise LogError(
+            "the motion state is to come from the log, and there is no 'direction'.",
+            where=e.name,
+            remedy="Give --column direction=HEADER, or leave --motion-state out of the fit.",
+        )
+    return e.sampled("position" if options.motion_state == "position" else variant.name)
+
+
+def _prepare_run(e: Experiment, variant: Variant, options: SpringOptions) -> Run:
+    drive, position = e.sampled(variant.name), e.sampled("position")
+    velocity, inside = _velocity(e, position)
+    turning = _turning(e, variant, options)
+    if turning is None:
+        direction = motion_state(e.sampled("direction"))
+    else:
+        direction = held_direction(turning, options.dead_band or 0.0)
+    force = e.sampled("force") if "force" in e else np.full(e.samples, np.nan)
+    kept = (direction != 0.0) & inside & _away_from_reversals(drive, direction, options.settle)
+    return Run(e, drive, position, velocity, direction, force, kept)
+
+
+def _velocity(e: Experiment, position: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Velocity, its own or from position [m/s], and where it can be relied upon."""
+    everywhere = np.ones(position.size, dtype=bool)
+    if "velocity" in e:
+        return e.sampled("velocity"), everywhere
+    if e.time.size < 12 or e["position"].size < position.size:
+        return np.zeros(position.size), everywhere
+    if e.uniform:
+        motion = smooth(position, e.sample_time, 5)
+        return motion.rate, np.asarray(motion.inside)
+    return np.asarray(np.gradient(position, e.time)), everywhere
+
+
+def _away_from_reversals(drive: FloatArray, direction: FloatArray, settle: float) -> BoolArray:
+    """Samples whose friction has changed over: the drive has moved on since the reversal."""
+    turned = np.concatenate(([0], np.flatnonzero(np.diff(direction)) + 1))
+    span = float(np.ptp(drive))
+    kept = np.ones(drive.size, dtype=bool)
+    for begin, end in zip(turned, [*turned[1:], drive.size]):
+        if begin:  # the record's start is no reversal
+            kept[begin:end] = np.abs(drive[begin:end] - drive[begin]) >= settle * span
+        if end < drive.size:  # the dead band notices a reversal late: from the extreme on
+            way = direction[begin] or 1.0
+            kept[begin + int(np.argmax(way * drive[begin:end])) + 1 : end] = False
+    return kept

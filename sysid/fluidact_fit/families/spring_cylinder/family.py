@@ -1,0 +1,241 @@
+"""Single-acting cylinder with a return spring: equations 1 to 6 of the paper as a gray box.
+
+Linear in all parameters: one regression, robust against load-cell spikes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import Notice, NotIdentifiedError, UsageError
+from ...estimation.parametric import check_request
+from ...experiment import Experiment, FloatArray, Hold
+from ...family import (
+    Curve,
+    Estimate,
+    Family,
+    ParameterDocument,
+    ParameterSpec,
+    Request,
+    Role,
+    Simulated,
+    StaticView,
+    Value,
+    Variant,
+    scalars,
+)
+from ...specification import quotient_unit
+from .block import SpringCylinderBlock
+from .data import Run, prepare
+from .equation import GAINS, LEVELS, SpringLaw
+from .options import SpringOptions
+from .regression import SPIKE, Regression, by_parameter, regress, settle_levels
+
+
+def _make_variant(drive: Role, gain: ParameterSpec) -> Variant:
+    return Variant(
+        drive.name,
+        (
+            Role("time", "s", "time of each sample", required=False),
+            drive,
+            Role("position", "m", "position of the piston, growing as the spring is compressed",
+                 hold="zoh"),
+            Role("force", "N", "force of the rod, positive as it pushes out", output=True),
+            Role("velocity", "m/s", "velocity; computed from position and time where not given",
+                 required=False, hold="zoh"),
+            Role("direction", "1", "motion state: 1 loading, -1 (or 2) unloading; held sign of "
+                 "the change of command or pressure where not given", required=False, hold="zoh"),
+        ),
+        (
+            gain,
+            ParameterSpec("stiffness", "N/m", "stiffness of the return spring", neutral=0.0,
+                          minimum=0.0, remedy="Record the force at two positions or more, as far "
+                          "apart as the stroke allows."),
+            ParameterSpec("preload", "N", "force of the spring at position zero",
+                          remedy="Record at two positions or more, in both directions."),
+            *(
+                ParameterSpec(f"coulomb_{way}", "N", f"friction while {way} (magnitude)",
+                              neutral=0.0, minimum=0.0,
+                              remedy="Record cycles of the command, up and down over its range.")
+                for way in ("loading", "unloading")
+            ),
+            ParameterSpec("viscous", "N s/m", "viscous friction", neutral=0.0, minimum=0.0,
+                          remedy="Record strokes at two speeds or more, the faster the better, "
+                          "with time or velocity."),
+        ),
+    )  # fmt: skip
+
+
+class SpringCylinder(Family[SpringOptions]):
+    """Single-acting cylinder: pressure gain or area, spring, friction by motion state."""
+
+    name = "spring-cylinder"
+    title = "Single-acting cylinder: pressure gain, return spring and hysteresis"
+    equation = (
+        "force = pressure_gain * command (or area * pressure) - stiffness * position - preload "
+        "- coulomb_loading [loading] + coulomb_unloading [unloading] - viscous * velocity"
+    )
+    variants = (
+        _make_variant(
+            Role("command", "V", "command of the pressure valve", hold="zoh",
+                 alternatives=("A", "1")),
+            ParameterSpec("pressure_gain", "N/V", "force per command: valve gain times area",
+                          minimum=1e-300, any_unit=True,
+                          remedy="Record the force while the command is raised and lowered."),
+        ),
+        _make_variant(
+            Role("pressure", "Pa", "pressure in the chamber, above atmosphere", hold="zoh"),
+            ParameterSpec("area", "m2", "piston area", minimum=1e-300,
+                          remedy="Record the force while the pressure is raised and lowered."),
+        ),
+    )  # fmt: skip
+    options_type = SpringOptions
+
+    def estimate(
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request[SpringOptions]
+    ) -> Estimate[SpringOptions]:
+        """Solve the regression; see :meth:`Family.estimate`."""
+        check_request(variant.parameters, request)
+        if request.bounds or request.start:
+            raise UsageError(
+                "a linear regression takes no --start and no --bounds",
+                remedy="Give --fix NAME=VALUE for what is known.",
+            )
+        runs, options = prepare(variant, experiments, request.options)
+        options = settle_levels(options, request.fixed)
+        samples, least = sum(int(d.kept.sum()) for d in runs), 2 * len(variant.parameters)
+        if samples < least:
+            raise NotIdentifiedError(
+                f"{samples} samples with a known motion state cannot determine the cylinder.",
+                expected=f"At least {least}.",
+                remedy="Record cycles of the command, or check --dead-band and --settle.",
+            )
+        end = regress(variant, runs, replace(request, options=options))
+        found = end.solution
+        solved = by_parameter(end, variant, request.fixed)
+        units = {"pressure_gain": quotient_unit("N", experiments[0].signals[variant.name].unit)}
+        parameters, order, matrix = solved.quantities(variant.parameters, units)
+        derived = {}
+        if not any(n in end.refused for n in LEVELS):  # known whatever is assumed of the preload
+            derived = solved.derive(
+                {"hysteresis_width": "N"},
+                lambda v: {"hysteresis_width": v[LEVELS[0]] + v[LEVELS[1]]},
+            )
+        return Estimate(
+            parameters, derived, order, matrix, replace(options, spike=found.spike),
+            [*end.notices, *_spike_notice(found, samples)], _details(found, runs, options.settle),
+        )  # fmt: skip
+
+    def simulate(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        options: SpringOptions,
+        offset: float | None = None,
+    ) -> list[Simulated]:
+        """Force from command or pressure and motion; see :meth:`Family.simulate`."""
+        law, out = SpringLaw.of(scalars(values)), []
+        for d in prepare(variant, experiments, options)[0]:
+            force = d.predict(law)
+            spike = np.abs(d.force - force) > (options.spike or np.inf)  # not so where NaN
+            out.append(Simulated(force, d.kept & ~spike))
+        return out
+
+    def model(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        options: SpringOptions,
+        sample_time: float,
+        hold: Hold,
+    ) -> dict[str, Any]:
+        """The force, and its inverse for feed-forward control."""
+        gain = GAINS[variant.name]
+        friction = "coulomb_loading*(s>0) - coulomb_unloading*(s<0) + viscous*v"
+        return {
+            "cylinder": {
+                "force": f"{gain}*{variant.name} - stiffness*x - preload - ({friction})",
+                variant.name: f"(force + stiffness*x + preload + {friction})/{gain}",
+                **scalars(values),
+            }
+        }
+
+    def static_view(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+        options: SpringOptions,
+    ) -> StaticView:
+        """Force over command or pressure, both branches at the outermost positions."""
+        runs, _ = prepare(variant, experiments, options)
+        drive, force, position = (
+            np.concatenate([getattr(d, k) for d in runs]) for k in ("drive", "force", "position")
+        )
+        used = np.concatenate([s.used if s.used is not None else d.kept
+                               for s, d in zip(simulated, runs)])  # fmt: skip
+        law = SpringLaw.of(scalars(values))
+        ends = np.array([drive[used].min(), drive[used].max()])
+        places = (("low", float(position[used].min())), ("high", float(position[used].max())))
+        curves = [
+            Curve(f"{way}, {word} position", ends, law.force(ends, x, s, 0.0))
+            for word, x in places
+            for way, s in (("loading", 1.0), ("unloading", -1.0))
+        ]
+        fitted = np.concatenate([s.output for s in simulated])
+        return StaticView(
+            variant.name, experiments[0].signals[variant.name].unit, "force", "N",
+            drive, force, fitted, used, curves,
+        )  # fmt: skip
+
+    def block(self, variant: Variant, document: ParameterDocument) -> SpringCylinderBlock:
+        """The force of the cylinder and its exact inverse."""
+        return SpringCylinderBlock(document, variant)
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str, Any]:
+    """What was done, for the file; the branches scored apart."""
+    residual = np.concatenate(found.residuals)
+    state = np.concatenate([d.direction[d.kept] for d in runs])
+    order = found.uncertainty.order
+    branches = {
+        name: {"samples": int((state == s).sum()), "rmse": _rms(residual[state == s])}
+        for name, s in (("loading", 1.0), ("unloading", -1.0))
+        if (state == s).any()
+    }
+    return {
+        "method": "linear regression, Huber weights",
+        "levels": "equal about the preload" if found.equal else "free",
+        "robust_scale": found.scale,
+        "spikes": found.spikes,
+        "left_out": {
+            "unknown_motion_state_or_reversal": int(sum((~d.kept).sum() for d in runs)),
+            "share_of_range_after_reversal": settle,
+        },
+        "branches": branches,
+        "covariance": f"autoregressive residuals of order {order}" if order else "white",
+    }
+
+
+def _spike_notice(found: Regression, samples: int) -> list[Notice]:
+    if not found.spikes:
+        return []
+    return [
+        Notice(
+            "force-spikes",
+            f"{found.spikes} of {samples} samples lie more than {SPIKE:g} robust standard "
+            f"deviations ({found.spike:.3g} N) off the fit and were given no weight: "
+            "spikes of the load cell, or a spring or friction that is not that of the equation. "
+            "Look at the plot; `force-map` takes any shape.",
+        )
+    ]

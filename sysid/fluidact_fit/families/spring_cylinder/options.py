@@ -1,0 +1,37 @@
+"""Options of the family, and what the fit settles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...options import FamilyOptions, choice, number, settled
+
+
+@dataclass(frozen=True)
+class SpringOptions(FamilyOptions):
+    """Levels of friction, motion state, and which samples are described."""
+
+    levels: str = choice(
+        "auto",
+        ("auto", "equal", "free"),
+        "friction levels: equal, free (needs --fix preload=...), or auto: free where a constant "
+        "is fixed",
+    )
+    motion_state: str = choice(
+        "auto",
+        ("auto", "direction", "command", "position"),
+        "where loading and unloading are told from: a direction column, the command or pressure, "
+        "or the position; auto takes the column if there is one",
+    )
+    dead_band: float | None = number(
+        help="change that reverses the motion state, in SI (default: from the noise)", minimum=0
+    )
+    settle: float = number(
+        0.05,
+        help="share of the range of command or pressure after a reversal that is left out, while "
+        "the seal still creeps",
+        minimum=0,
+    )
+    spike: float | None = settled(
+        "float", "distance from the model beyond which a sample is a spike", unit="N"
+    )
