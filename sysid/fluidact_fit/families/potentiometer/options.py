@@ -12,7 +12,7 @@ def _check_degree(given: str) -> str:
     word = given.lower()
     if word == "auto" or (word.isdigit() and 1 <= int(word) <= 8):
         return word
-    raise ValueError("no such degree; give auto, or a whole number from 1 to 8")
+    raise ValueError("no such degree")
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class PotentiometerOptions(FamilyOptions):
 
     degree: str = text(
         "auto", help="degree of the curve, 1 to 8, or auto for cross-validation",
-        check=_check_degree,
+        check=_check_degree, form="auto, or a whole number from 1 to 8",
     )  # fmt: skip
     endpoints: str = choice(
         "free", ("free", "fixed"), "free, or fixed at the mean reference of the end readings"
