@@ -15,11 +15,12 @@ from __future__ import annotations
 import argparse
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from fluidact_fit.estimation.network import polynomial_fit
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families.force_map.family import ForceMap
 from fluidact_fit.families.force_map.options import ForceMapOptions
@@ -95,31 +96,6 @@ def judge(network: str, train: list[Experiment], tests: Tests, seed: int) -> Non
         error = force - np.concatenate([r.output for r in runs])
         say(f"{hidden} {activation}, seed {seed}, {title}", error, state, more)
         more = ""
-
-
-def polynomial_terms(inputs: int, degree: int) -> list[tuple[int, ...]]:
-    """Factors of all monomials of up to a degree: ``(), (0,), (0, 0), (0, 1) ...``."""
-    out: list[tuple[int, ...]] = [()]
-    last: list[tuple[int, ...]] = [()]
-    for _ in range(degree):
-        last = [(*t, k) for t in last for k in range(t[-1] if t else 0, inputs)]
-        out += last
-    return out
-
-
-def polynomial_fit(
-    x: FloatArray, y: FloatArray, degree: int = 3
-) -> Callable[[FloatArray], FloatArray]:
-    """Least-squares polynomial of all inputs, as a function."""
-    terms = polynomial_terms(x.shape[1], degree)
-
-    def columns(z: FloatArray) -> FloatArray:
-        return np.column_stack([np.prod(z[:, list(t)], axis=1) for t in terms])
-
-    c = columns(x)
-    # direction^2 = 1: columns repeat, and the shortest solution is as good as any
-    weights = np.linalg.pinv(c.T @ c, rcond=1e-12, hermitian=True) @ (c.T @ y)
-    return lambda z: np.asarray(columns(z) @ weights)
 
 
 def judge_polynomial(train: list[Experiment], tests: Tests) -> None:

@@ -21,6 +21,8 @@ from fluidact_fit.estimation.network import (
     gradient_interval,
     huber_cost,
     output_and_jacobian,
+    polynomial_fit,
+    polynomial_terms,
     search,
     times,
     train_from,
@@ -170,6 +172,13 @@ def test_interval_bounds_hold_for_two_layers_of_tanh() -> None:
 def test_regions_of_other_networks_are_refused() -> None:
     with pytest.raises(ValueError, match="one hidden layer"):
         activation_regions(make_network((2, 3, 1), "tanh"), -np.ones(2), np.ones(2))
+
+
+def test_polynomial() -> None:
+    assert len(polynomial_terms(3, 3)) == 20
+    x = np.random.default_rng(0).standard_normal((200, 2))
+    y = 1.0 + x[:, 0] ** 3 - 2.0 * x[:, 0] * x[:, 1]
+    assert np.allclose(polynomial_fit(x, y)(x), y)
 
 
 def test_cost_grows_linearly_with_rows() -> None:

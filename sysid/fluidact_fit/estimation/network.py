@@ -670,3 +670,32 @@ def _slope_range(
     ends = 1.0 - np.tanh(np.stack((least, most))) ** 2
     across = (least < 0.0) & (most > 0.0)
     return ends.min(axis=0), np.where(across, 1.0, ends.max(axis=0))
+
+
+# ------------------------------------------------------------------------------ polynomial
+
+
+def polynomial_terms(inputs: int, degree: int) -> list[tuple[int, ...]]:
+    """Factors of all monomials of up to a degree: ``(), (0,), (0, 0), (0, 1) ...``."""
+    out: list[tuple[int, ...]] = [()]
+    last: list[tuple[int, ...]] = [()]
+    for _ in range(degree):
+        last = [(*t, k) for t in last for k in range(t[-1] if t else 0, inputs)]
+        out += last
+    return out
+
+
+def polynomial_fit(
+    x: FloatArray, y: FloatArray, degree: int = 3
+) -> Callable[[FloatArray], FloatArray]:
+    """Least-squares polynomial of all inputs, for comparison; returns it as a function."""
+    terms = polynomial_terms(x.shape[1], degree)
+
+    def columns(z: FloatArray) -> FloatArray:
+        return np.column_stack([np.prod(z[:, list(t)], axis=1) for t in terms])
+
+    c = columns(x)
+    both = cross(c, np.column_stack((c, y)))
+    # direction^2 = 1: columns repeat, and the shortest solution is as good as any
+    weights = np.linalg.pinv(both[:, :-1], rcond=1e-12, hermitian=True) @ both[:, -1]
+    return lambda z: np.asarray(columns(z) @ weights)

@@ -1,4 +1,4 @@
-"""What the file says of a trained network: parameters and errors."""
+"""What the file says of a trained network: parameters, errors, a polynomial beside it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...estimation.network import polynomial_fit, polynomial_terms, thin
 from ...experiment import FloatArray
 from ...family import Quantity
 from .certificates import Certificate, certificate_details
@@ -65,6 +66,7 @@ def fit_details(fit: Fit, certificate: Certificate, options: ForceMapOptions) ->
             "folds": len(rows.split.folds),
             **_scores(judged, held),
         },
+        "cubic_polynomial": _polynomial(fit),
         "certificate": certificate_details(certificate, data, options.driver),
         **fit.tables,
     }
@@ -81,3 +83,20 @@ def _scores(data: Data, error: FloatArray) -> dict[str, Any]:
             if inside.any():
                 out[name]["in_branch_rmse"] = rms(error[inside])
     return out
+
+
+def _polynomial(fit: Fit) -> dict[str, Any]:
+    """A cubic polynomial of the same inputs: in sample, by branch, and on the same folds."""
+    data, s, rows = fit.data, fit.scaling, fit.rows
+    z, t = s.inputs(data.x), s.output(data.y)
+    error = s.span * (t - polynomial_fit(z[data.used], t[data.used])(z))
+    held = np.full(rows.y.size, np.nan)
+    for fold in rows.split.folds:
+        rest = np.flatnonzero(~fold)
+        rest = rest[thin(rest.size, 20_000)]
+        held[fold] = rows.y[fold] - polynomial_fit(rows.x[rest], rows.y[rest])(rows.x[fold])
+    return {
+        "terms": len(polynomial_terms(data.x.shape[1], 3)),
+        **_scores(data, error),
+        "validation_rms": s.span * rms(held),
+    }
