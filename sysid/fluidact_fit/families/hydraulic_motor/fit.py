@@ -11,8 +11,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...errors import LogError
-from ...estimation.parametric import Fitted, fit_named, make_unknowns
+from ...estimation.parametric import Fitted, bind, fit_named, make_unknowns
 from ...estimation.results import Refusal
+from ...estimation.separable import evaluate
 from ...experiment import Experiment, FloatArray
 from ...family import ParameterSpec, Request, Simulated
 from .equation import MotorModel
@@ -79,43 +80,32 @@ def simulate_motor(
     offset: float | None,
 ) -> list[Simulated]:
     """Speeds of all runs, offset by log and fading deviation by run fitted to their speeds."""
-    model = MotorModel(experiments)
-    known = [np.asarray(model.speed(i, values)) for i in range(len(experiments))]
-    start = offset or 0.0
-    out = [Simulated(y + start, offset=start) for y in known]
-    for log in dict.fromkeys(model.logs):
-        runs = [i for i, e in enumerate(experiments) if e.log == log and "speed" in e]
-        if not runs:
-            continue
-        own = [np.asarray(model.fading(i, values)) for i in runs]
-        columns = _stack(own)
-        rest = np.concatenate([experiments[i]["speed"] - known[i] for i in runs])
-        found = _solve_robustly(columns, rest, limit)
-        parts = np.split(columns @ found, np.cumsum([o.shape[0] for o in own])[:-1])
-        for i, part in zip(runs, parts):
-            out[i] = Simulated(known[i] + part, offset=float(found[0]))
-    return out
+    measured = [e for e in experiments if "speed" in e]
+    fitted = iter(_fit_offsets(measured, values, limit) if measured else [])
+    from_rest, start = MotorModel(experiments), offset or 0.0
+    return [
+        next(fitted)
+        if "speed" in e
+        else Simulated(np.asarray(from_rest.speed(i, values) + start), offset=start)
+        for i, e in enumerate(experiments)
+    ]
 
 
-def _stack(own: Sequence[FloatArray]) -> FloatArray:
-    """A column of ones for all runs of a log, and the own columns of each."""
-    blocks = [np.ones((sum(o.shape[0] for o in own), 1))]
-    begin = 0
-    for o in own:
-        block = np.zeros((blocks[0].shape[0], o.shape[1]))
-        block[begin : begin + o.shape[0]] = o
-        blocks.append(block)
-        begin += o.shape[0]
-    return np.hstack(blocks)
-
-
-def _solve_robustly(columns: FloatArray, rest: FloatArray, limit: float) -> FloatArray:
-    """Linear unknowns with Huber's weights."""
-    weight = np.ones(rest.size)
+def _fit_offsets(
+    experiments: Sequence[Experiment], values: Mapping[str, float], limit: float
+) -> list[Simulated]:
+    """The same least squares as the fit, with nothing but offsets and deviations unknown."""
+    model, measured = MotorModel(experiments), [e["speed"] for e in experiments]
+    weights = [np.ones(y.size) for y in measured]
     for _ in range(_ROUNDS):
-        found = np.linalg.lstsq(columns * weight[:, None], rest * weight, rcond=None)[0]
-        weight = _weights(rest - columns @ found, limit)
-    return np.asarray(found)
+        problem = bind(model.named(tuple(values), measured, weights), {}, values)
+        found = evaluate(problem, np.zeros(0))
+        weights = [_weights(y - m, limit) for y, m in zip(measured, found.simulated)]
+    shared = dict(zip(model.several, found.linear.tolist()))
+    return [
+        Simulated(y, offset=shared[log] if log in shared else float(own[0]))
+        for y, log, own in zip(found.simulated, model.logs, found.local)
+    ]
 
 
 def _one_way(experiments: Sequence[Experiment]) -> list[Refusal]:
