@@ -7,36 +7,46 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import Notice
-from ..experiment import FloatArray
+from ...errors import Notice
+from ...estimation.noise import noise_floor
+from ...estimation.uncertainty import t_quantile
+from ...experiment import FloatArray
 from .rational_bezier import group
-from .uncertainty import t_quantile
 
 BoolArray = npt.NDArray[np.bool_]
 
 
-def leave_out_rails(
-    reading: FloatArray, reference: FloatArray, used: BoolArray, low: float, high: float
-) -> tuple[BoolArray, list[Notice]]:
-    """Leave out what is at or beyond given rails, and say how many.
+def between(reading: FloatArray, rails: tuple[float, float] | None) -> BoolArray:
+    """Readings that are finite and inside the rails, if there are any."""
+    finite = np.isfinite(reading)
+    if rails is None:
+        return finite
+    return finite & (reading > rails[0]) & (reading < rails[1])
+
+
+def widen_rails(
+    reading: FloatArray, reference: FloatArray, used: BoolArray, rails: tuple[float, float]
+) -> tuple[tuple[float, float], list[Notice]]:
+    """Move given rails inwards where they clip a noisy reading, and say how many are left out.
 
     Of a noisy reading that is clipped, those just inside a rail are the ones whose noise
     happened to point inwards, and would bend the ends of the curve: beside a rail that
     clips, readings within three standard deviations of their noise are left out as well.
     """
-    clipped = used & ((reading <= low) | (reading >= high))
-    if not clipped.any():
-        return used, []
-    count = int(clipped.sum())
-    kept = used & ~clipped
+    low, high = rails
+    kept = used & between(reading, rails)
+    count = int(used.sum() - kept.sum())
+    if not count:
+        return rails, []
     notices = [_rails_notice(count, f"at or beyond the rails {low:g}:{high:g}")]
     margin = 3.0 * _reading_noise(reading, reference, kept)
-    near = np.zeros(reading.size, dtype=bool)
-    for side, beyond in ((low, reading <= low), (high, reading >= high)):
-        if margin > 0.0 and np.count_nonzero(used & beyond) >= 3:
-            near |= kept & (np.abs(reading - side) <= margin)
-    if near.any():
-        samples = "1 sample" if near.sum() == 1 else f"{int(near.sum())} samples"
+    if np.count_nonzero(used & (reading <= low)) >= 3:
+        low += margin
+    if np.count_nonzero(used & (reading >= high)) >= 3:
+        high -= margin
+    near = int(np.sum(kept & ~between(reading, (low, high))))
+    if near:
+        samples = "1 sample" if near == 1 else f"{near} samples"
         notices.append(
             Notice(
                 "rails",
@@ -44,20 +54,20 @@ def leave_out_rails(
                 "reading's noise, left out as well: clipping has taken the others like them.",
             )
         )
-    return kept & ~near, notices
+    return (low, high), notices
 
 
 def _reading_noise(reading: FloatArray, reference: FloatArray, used: BoolArray) -> float:
     """Noise of the reading at a position [unit of the reading]; 0 where it cannot be told.
 
-    From third differences in the order of the position; the noise of the position counts as
-    well. Few samples, or ones far apart, say nothing of it.
+    In the order of the position, whose own noise counts as well. Few samples, or ones far
+    apart, say nothing of it.
     """
     at = np.flatnonzero(used)
     if at.size < 200:
         return 0.0
     x = reading[at[np.argsort(reference[at], kind="stable")]]
-    noise = 1.4826 * float(np.median(np.abs(np.diff(x, 3)))) / np.sqrt(20.0)
+    noise = noise_floor(x, 3)
     return noise if noise <= 0.01 * float(np.ptp(x)) else 0.0
 
 
@@ -71,7 +81,7 @@ def _rails_notice(count: int, place: str) -> Notice:
 
 def find_rails(
     reading: FloatArray, reference: FloatArray, used: BoolArray, step: float = 0.0
-) -> tuple[BoolArray, list[float], list[Notice]]:
+) -> tuple[tuple[float, float] | None, list[float], list[Notice]]:
     """Find extremes that the reading rests on while the reference moves.
 
     At least three samples exactly on an extreme whose references spread three times wider
@@ -87,14 +97,16 @@ def find_rails(
 
     Returns
     -------
-    used : (n,)
+    rails
+        Readings at or beyond which nothing is used; no reading reaches the rail of an end that
+        is sound. ``None`` where both are.
     suspects
         Extreme readings that are warned of and stay.
     notices
     """
     distinct, key = group(reading[used], step)
     if distinct.size < 6:
-        return used, [], []
+        return None, [], []
     finest = float(np.diff(distinct).min())
     count = np.bincount(key)
     mean = np.bincount(key, reference[used]) / count
@@ -119,10 +131,15 @@ def find_rails(
         for r in rails
     ]
     if suspects:
-        notices.append(_suspicion(sorted(suspects), float(distinct[0]), float(distinct[-1])))
-    for rail in rails:
-        used = used & (reading != rail)
-    return used, suspects, notices
+        notices.append(_suspicion(_rails_at(suspects, distinct), suspects))
+    return _rails_at(rails, distinct) if rails else None, sorted(suspects), notices
+
+
+def _rails_at(ends: Sequence[float], distinct: FloatArray) -> tuple[float, float]:
+    """Rails at some of the two extreme readings; out of reach where an end is sound."""
+    low, high = float(distinct[0]), float(distinct[-1])
+    margin = 0.1 * (high - low)
+    return low if low in ends else low - margin, high if high in ends else high + margin
 
 
 def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
@@ -146,17 +163,13 @@ def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
     return True
 
 
-def _suspicion(readings: Sequence[float], lowest: float, highest: float) -> Notice:
-    # an end that is sound is given a rail that no reading reaches
-    margin = 0.1 * (highest - lowest)
-    low = f"{lowest if lowest in readings else lowest - margin:g}"
-    high = f"{highest if highest in readings else highest + margin:g}"
-    names = " and ".join(f"{r:g}" for r in readings)
+def _suspicion(rails: tuple[float, float], readings: Sequence[float]) -> Notice:
+    names = " and ".join(f"{r:g}" for r in sorted(readings))
     many = len(readings) > 1
     what, follow = ("readings look", "do") if many else ("reading looks", "does")
     return Notice(
         "rails-suspected",
         f"the extreme {what} clipped: {names} {follow} not follow from the readings beside it. "
         f"Such samples were kept, with little weight if they are far off the others' curve; "
-        f"give --rails {low}:{high} to leave them out.",
+        f"give --rails {rails[0]:g}:{rails[1]:g} to leave them out.",
     )

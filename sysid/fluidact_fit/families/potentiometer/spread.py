@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import NotIdentifiedError
-from ...estimation.rational_bezier import CurveFit, compress, curve_jacobian, free_coordinates
 from ...estimation.uncertainty import Uncertainty, covariance
 from ...experiment import FloatArray
 from .data import FINE, Data, Scaled
+from .rational_bezier import CurveFit, compress, curve_jacobian, free_coordinates
 
 _LONG, _BLOCKS = 200_000, 8  # rows from which the colour of residuals is that of an excerpt
 

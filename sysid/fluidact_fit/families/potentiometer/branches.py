@@ -5,21 +5,24 @@ from __future__ import annotations
 import numpy as np
 
 from ...errors import NotIdentifiedError
-from ...estimation.rational_bezier import Rows, Shape, bernstein, compress, fit_shape
 from ...experiment import FloatArray
 from ...family import Request
-from .block import rising_share
+from .calibration import rising_share
 from .data import COARSE, Data, scale_samples
+from .options import PotentiometerOptions
+from .rational_bezier import Rows, Shape, bernstein, compress, fit_shape
 from .selection import highest_degree
 
 
-def find_dead_band(data: Data, request: Request) -> float:
+def find_dead_band(data: Data, request: Request[PotentiometerOptions]) -> float:
     """Dead band that describes the data best [unit of the reading].
 
     The branches are taken to be polynomials of the pooled curve, nearly straight ones.
     """
     if "hysteresis_dead_band" in request.fixed:
         return float(request.fixed["hysteresis_dead_band"])
+    if request.options.dead_band is not None:
+        return request.options.dead_band
     scaled = scale_samples(data)
     shape = Shape(min(4, highest_degree(scaled.merged, 1)))
     pooled = fit_shape(compress(scaled.merged, COARSE), shape, shape.starts()[:1])

@@ -24,64 +24,41 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UsageError
-from ..estimation.parametric import check_request
-from ..estimation.rational_bezier import Shape, is_monotone, power_coefficients, rational_bezier
-from ..experiment import Experiment, FloatArray, Hold
-from ..family import (
+from ...estimation.parametric import check_request
+from ...experiment import Experiment, Hold
+from ...family import (
     Curve,
     Estimate,
     Family,
-    Option,
+    ParameterDocument,
     ParameterSpec,
     Quantity,
     Request,
     Role,
+    Simulated,
     StaticView,
     Value,
     Variant,
 )
-from .calibration.block import PotentiometerBlock, curves_of
-from .calibration.branches import check_both_directions, find_dead_band, rising_samples
-from .calibration.data import check_enough, gather, mean_ends, prepare, scale_samples
-from .calibration.results import derived_quantities, fit_details, fit_quantities, simulate_all
-from .calibration.selection import (
+from .block import PotentiometerBlock
+from .branches import check_both_directions, find_dead_band, rising_samples
+from .calibration import Calibration
+from .data import check_enough, gather, mean_ends, prepare, scale_samples
+from .options import PotentiometerOptions
+from .rails import between
+from .rational_bezier import Shape, power_coefficients, rational_bezier
+from .results import derived_quantities, fit_details, fit_quantities
+from .selection import (
     bound_notice,
     drop_weights,
     make_monotone,
     search_degree,
     weigh_suspects,
 )
-from .calibration.spread import find_spread
-
-__all__ = ["Potentiometer", "PotentiometerBlock"]
+from .spread import find_spread
 
 
-def _degree_wanted(options: Mapping[str, Any]) -> int:
-    """Degree as a number; 0 for ``auto``."""
-    text = str(options.get("degree") or "auto").strip().lower()
-    if text == "auto":
-        return 0
-    if text.isdigit() and 1 <= int(text) <= 8:
-        return int(text)
-    raise UsageError(
-        f"--degree {text}: no such degree",
-        expected="auto, or a whole number from 1 to 8.",
-        remedy="Give --degree auto to have it chosen by cross-validation.",
-    )
-
-
-def _rails_wanted(options: Mapping[str, Any]) -> tuple[float, float] | None:
-    given = options.get("rails")
-    if given is None:
-        return None
-    if isinstance(given, str):
-        given = [float(side) if side.strip() else None for side in given.split(":")]
-    low, high = given
-    return (-np.inf if low is None else float(low), np.inf if high is None else float(high))
-
-
-class Potentiometer(Family):
+class Potentiometer(Family[PotentiometerOptions]):
     """Rational Bezier calibration of a potentiometer."""
 
     name = "potentiometer"
@@ -110,7 +87,7 @@ class Potentiometer(Family):
                 ),
                 ParameterSpec(
                     "reading_range", "1", "lowest and highest reading of the calibration",
-                    rank=1, length=2, any_unit=True,
+                    rank=1, length=2, any_unit=True, increasing=True,
                 ),
                 ParameterSpec(
                     "control_points_falling", "m",
@@ -129,42 +106,33 @@ class Potentiometer(Family):
             ),
         ),
     )  # fmt: skip
-    options = (
-        Option("degree", "text", "degree of the curve, 1 to 8, or auto for cross-validation",
-               default="auto"),
-        Option("endpoints", "choice", "free, or fixed at the mean reference of the end readings",
-               default="free", choices=("free", "fixed")),
-        Option("branches", "choice", "one curve for both directions of motion, or one for each",
-               default="pooled", choices=("pooled", "two")),
-        Option("monotone", "flag", "keep the curve from turning back (default: unless the data "
-               "say that it does)"),
-        Option("rails", "range", "readings at or beyond these are clipped and left out"),
-    )  # fmt: skip
+    options_type = PotentiometerOptions
 
     def estimate(
-        self, variant: Variant, experiments: Sequence[Experiment], request: Request
-    ) -> Estimate:
+        self,
+        variant: Variant,
+        experiments: Sequence[Experiment],
+        request: Request[PotentiometerOptions],
+    ) -> Estimate[PotentiometerOptions]:
         """Fit the curve; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
-        options = request.options
-        data, notices = prepare(experiments, _rails_wanted(options))
-        two = options.get("branches") == "two"
+        data, options, notices = prepare(experiments, request.options)
+        two = options.two
         band = find_dead_band(data, request) if two else 0.0
         scaled = scale_samples(data, rising_samples(data, band) if two else None)
         if two:
             check_both_directions(scaled.rows)
-        ends = mean_ends(scaled.merged) if options.get("endpoints") == "fixed" else None
-        shape = Shape(_degree_wanted(options), 2 if two else 1, 0, ends)
+        ends = mean_ends(scaled.merged) if options.endpoints == "fixed" else None
+        shape = Shape(options.degree_wanted, 2 if two else 1, 0, ends)
         check_enough(scaled.merged, shape if shape.degree else replace(shape, degree=1))
         scaled = weigh_suspects(scaled, data, shape, request)
         fit, scores = search_degree(scaled.merged, shape, request)
-        fit, turned = make_monotone(scaled, fit, options.get("monotone"))
+        fit, turned = make_monotone(scaled, fit, options.monotone)
         spread = find_spread(fit, scaled, data)
         chosen, unsure = drop_weights(scaled, fit, spread)
         if chosen is not fit:
-            fit, turned = make_monotone(scaled, chosen, options.get("monotone"))
+            fit, turned = make_monotone(scaled, chosen, options.monotone)
             spread = find_spread(fit, scaled, data)
-        notices += [*turned, *unsure, *bound_notice(fit)]
         parameters, order, matrix = fit_quantities(fit, spread, scaled)
         parameters["reading_range"] = Quantity(
             [scaled.low, scaled.low + scaled.span], data.unit, "derived"
@@ -174,40 +142,53 @@ class Potentiometer(Family):
             parameters["hysteresis_dead_band"] = Quantity(
                 band, data.unit, "fixed" if given else "derived"
             )
-        values = {k: q.value for k, q in parameters.items()}
-        measured = np.where(data.used, data.reference, np.nan)
         return Estimate(
             {s.name: parameters[s.name] for s in variant.parameters if s.name in parameters},
             derived_quantities(fit, spread, scaled),
             order,
             matrix,
-            data.split(simulate_all(data, values, two)),
-            data.split(measured),
-            notices,
+            replace(
+                options,
+                degree=str(fit.shape.degree),
+                monotone=fit.monotone if options.monotone is None else options.monotone,
+                dead_band=band if two else None,
+            ),
+            [*notices, *turned, *unsure, *bound_notice(fit)],
             fit_details(fit, spread, scores, scaled),
         )
 
     def simulate(
         self,
         variant: Variant,
-        parameters: Mapping[str, Value],
-        experiment: Experiment,
-        options: Mapping[str, Any],
-    ) -> FloatArray:
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        options: PotentiometerOptions,
+        offset: float | None = None,
+    ) -> list[Simulated]:
         """Position from the readings; see :meth:`Family.simulate`."""
-        return np.asarray(PotentiometerBlock(parameters)(experiment["reading"]))
+        calibration = Calibration.of(values)
+        readings = [e.sampled("reading") for e in experiments]
+        return [Simulated(calibration.position(x), between(x, options.rails)) for x in readings]
 
-    def model_section(
-        self, variant: Variant, parameters: Mapping[str, Value], sample_time: float, hold: Hold
+    def model(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        options: PotentiometerOptions,
+        sample_time: float,
+        hold: Hold,
     ) -> dict[str, Any]:
         """The curve, also as a ratio of polynomials by ascending powers of ``t``."""
-        curves = curves_of(parameters)
+        c = Calibration.of(values)
         section: dict[str, Any] = {
             "type": "rational-bezier",
-            "degree": int(curves[0][0].size - 1),
-            "monotone": all(is_monotone(p, w) for p, w in curves),
+            "degree": int(c.curves[0][0].size - 1),
+            "monotone": c.monotone,
+            "reading_range": [c.low, c.high],
         }
-        for branch, (p, w) in zip(("rising", "falling") if len(curves) > 1 else ("",), curves):
+        if len(c.curves) > 1:
+            section["hysteresis_dead_band"] = c.dead_band
+        for branch, (p, w) in zip(("rising", "falling") if len(c.curves) > 1 else ("",), c.curves):
             ratio = {
                 "ascending_numerator": power_coefficients(w * p).tolist(),
                 "ascending_denominator": power_coefficients(w).tolist(),
@@ -218,32 +199,30 @@ class Potentiometer(Family):
     def static_view(
         self,
         variant: Variant,
-        estimate: Estimate,
+        values: Mapping[str, Value],
         experiments: Sequence[Experiment],
-        options: Mapping[str, Any],
+        simulated: Sequence[Simulated],
+        options: PotentiometerOptions,
     ) -> StaticView:
         """Position over reading: the curve or both branches, and the control points."""
-        data = gather(experiments)
-        values = {n: q.value for n, q in estimate.parameters.items()}
-        low, high = np.asarray(values["reading_range"], dtype=float)
+        data, c = gather(experiments), Calibration.of(values)
         t = np.linspace(0.0, 1.0, 500)
-        branches = curves_of(values)
-        names = ("rising", "falling") if len(branches) > 1 else ("fitted curve",)
-        points = branches[0][0]
+        names = ("rising", "falling") if len(c.curves) > 1 else ("fitted curve",)
+        points = c.curves[0][0]
         return StaticView(
             "reading", data.unit, "reference", "m",
-            data.reading, data.reference, np.concatenate(list(estimate.simulated)),
-            np.isfinite(np.concatenate(list(estimate.measured))),
+            data.reading, data.reference, np.concatenate([s.output for s in simulated]),
+            data.used & between(data.reading, options.rails),
             [
-                Curve(name, low + (high - low) * t, rational_bezier(t, p, w))
-                for name, (p, w) in zip(names, branches)
+                Curve(name, c.low + (c.high - c.low) * t, rational_bezier(t, p, w))
+                for name, (p, w) in zip(names, c.curves)
             ],
             # where their pull is strongest when all weights are equal
-            Curve("control points", np.linspace(low, high, points.size), points)
-            if len(branches) == 1
+            Curve("control points", np.linspace(c.low, c.high, points.size), points)
+            if len(c.curves) == 1
             else None,
         )  # fmt: skip
 
-    def block(self, variant: Variant, document: Mapping[str, Any]) -> PotentiometerBlock:
+    def block(self, variant: Variant, document: ParameterDocument) -> PotentiometerBlock:
         """Return the calibration that a controller calls."""
-        return PotentiometerBlock({k: v["value"] for k, v in document["parameters"].items()})
+        return PotentiometerBlock(document, variant)

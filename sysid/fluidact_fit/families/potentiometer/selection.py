@@ -8,7 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.rational_bezier import (
+from ...estimation.uncertainty import t_quantile
+from ...family import Request
+from .data import COARSE, FINE, Data, Scaled, sample_count
+from .options import PotentiometerOptions
+from .rational_bezier import (
     LOG_WEIGHT_LIMIT,
     CurveFit,
     Rows,
@@ -20,9 +24,6 @@ from ...estimation.rational_bezier import (
     fit_shape,
     smallest_sufficient,
 )
-from ...estimation.uncertainty import t_quantile
-from ...family import Request
-from .data import COARSE, FINE, Data, Scaled, sample_count
 from .spread import Spread
 
 
@@ -32,7 +33,9 @@ def highest_degree(rows: Rows, branches: int) -> int:
     return int(np.clip((min(distinct, sample_count(rows) / branches) / 2.0 - 1.0) // 2.0, 1, 5))
 
 
-def search_degree(rows: Rows, shape: Shape, request: Request) -> tuple[CurveFit, list[Score]]:
+def search_degree(
+    rows: Rows, shape: Shape, request: Request[PotentiometerOptions]
+) -> tuple[CurveFit, list[Score]]:
     """Fit all degrees up to the one wanted; without one, choose by cross-validation.
 
     Each branch is searched by itself, on the samples that are wholly its own; all samples
@@ -78,7 +81,9 @@ def _pool(scores: Sequence[Sequence[Score]]) -> list[Score]:
     return pooled
 
 
-def weigh_suspects(scaled: Scaled, data: Data, shape: Shape, request: Request) -> Scaled:
+def weigh_suspects(
+    scaled: Scaled, data: Data, shape: Shape, request: Request[PotentiometerOptions]
+) -> Scaled:
     """Bound the pull of lone extremes that look clipped.
 
     They stay in, but a clipped reading far off the course of all others must not buy a

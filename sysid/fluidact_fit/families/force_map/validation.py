@@ -15,7 +15,7 @@ from ...estimation.network import Chords, cross_validate, robust_deviation, sear
 from ...experiment import FloatArray
 from ...family import Request
 from .data import Data
-from .options import Options
+from .options import ForceMapOptions
 
 _SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)
 _WORTH = 0.03  # relative gain of validation below which more is not worth its cost
@@ -143,8 +143,8 @@ class Trial:
 
 
 def try_layer(
-    rows: Rows, names: tuple[str, ...], hidden: tuple[int, ...], options: Options, seed: int,
-    decays: Sequence[float] = DECAYS, strength: float | None = None,
+    rows: Rows, names: tuple[str, ...], hidden: tuple[int, ...], options: ForceMapOptions,
+    seed: int, decays: Sequence[float] = DECAYS, strength: float | None = None,
 ) -> Trial:  # fmt: skip
     """Cross-validate a layer with the usual weight decay, or one that is clearly better."""
     straightness = rows.usual_straightness if strength is None else strength
@@ -171,8 +171,8 @@ def _few_rows(rows: Rows, hidden: tuple[int, ...]) -> int:
 
 
 def _held_out(
-    rows: Rows, folds: Sequence[BoolArray], hidden: tuple[int, ...], options: Options, seed: int,
-    decay: float, straightness: float,
+    rows: Rows, folds: Sequence[BoolArray], hidden: tuple[int, ...], options: ForceMapOptions,
+    seed: int, decay: float, straightness: float,
 ) -> FloatArray:  # fmt: skip
     """Errors on rows that were not trained; see :func:`cross_validate`."""
     return cross_validate(
@@ -182,7 +182,7 @@ def _held_out(
 
 
 def straighten(
-    rows: Rows, trial: Trial, options: Options, seed: int
+    rows: Rows, trial: Trial, options: ForceMapOptions, seed: int
 ) -> tuple[Trial, list[dict[str, float]]]:
     """Judge how nearly straight the output has to be along the length.
 
@@ -219,7 +219,9 @@ def straighten(
     return again, table
 
 
-def sweep(rows: Rows, names: tuple[str, ...], options: Options, request: Request) -> list[Trial]:
+def sweep(
+    rows: Rows, names: tuple[str, ...], options: ForceMapOptions, request: Request[ForceMapOptions]
+) -> list[Trial]:
     """More and more hidden units until validation gains nothing twice in a row."""
     out: list[Trial] = []
     for units in _SWEEP:

@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import LogError, Notice, NotIdentifiedError
-from ...estimation.rails import find_rails, leave_out_rails
-from ...estimation.rational_bezier import CurveFit, Rows, Shape, group, merge
 from ...experiment import Experiment, FloatArray
+from .options import PotentiometerOptions
+from .rails import between, find_rails, widen_rails
+from .rational_bezier import CurveFit, Rows, Shape, group, merge
 
 BoolArray = npt.NDArray[np.bool_]
 COARSE, FINE = 600, 4096  # rows that searches and the final fit work on
@@ -54,19 +55,27 @@ def gather(experiments: Sequence[Experiment]) -> Data:
 
 
 def prepare(
-    experiments: Sequence[Experiment], rails: tuple[float, float] | None
-) -> tuple[Data, list[Notice]]:
-    """All samples, and which of them can be used."""
+    experiments: Sequence[Experiment], options: PotentiometerOptions
+) -> tuple[Data, PotentiometerOptions, list[Notice]]:
+    """All samples and which of them can be used; the options with the rails settled."""
     data = gather(experiments)
     check_data(data)
-    if rails is None:
-        used, suspects, notices = find_rails(data.reading, data.reference, data.used, data.step)
-        data = replace(data, suspects=tuple(suspects))
-    else:
-        used, notices = leave_out_rails(data.reading, data.reference, data.used, *rails)
-    data = replace(data, used=used)
+    notices: list[Notice] = []
+    if options.clipped is None:
+        rails, suspects = options.rails, list[float]()
+        if rails is None:
+            rails, suspects, notices = find_rails(
+                data.reading, data.reference, data.used, data.step
+            )
+        else:
+            rails, notices = widen_rails(data.reading, data.reference, data.used, rails)
+        left_out = not between(data.reading, rails)[data.used].all()
+        named = ",".join(repr(s) for s in suspects) or None
+        options = replace(options, rails=rails, clipped=left_out, suspects=named)
+    used = data.used & between(data.reading, options.rails)
+    data = replace(data, used=used, suspects=options.suspected)
     check_data(data)
-    return data, notices
+    return data, options, notices
 
 
 def check_data(data: Data) -> None:

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import FloatArray
-from .separable import Array, Basis, Problem, Search, Unknown, solve_from
+from ...estimation.separable import Array, Basis, Problem, Search, Unknown, solve_from
+from ...experiment import FloatArray
 
 LOG_WEIGHT_LIMIT = float(np.log(50.0))
 

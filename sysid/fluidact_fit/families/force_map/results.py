@@ -6,16 +6,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from ...estimation.network import Network, polynomial_fit, polynomial_terms, thin
+from ...estimation.network import polynomial_fit, polynomial_terms, thin
 from ...experiment import FloatArray
 from ...family import Quantity
 from .certificates import Certificate, certificate_details
-from .data import Data
-from .options import Options, driver
+from .data import Data, is_known
+from .options import ForceMapOptions
 from .training import Fit
-from .validation import Rows, rms
+from .validation import rms
 
 
 def file_parameters(fit: Fit) -> dict[str, Quantity]:
@@ -35,22 +34,12 @@ def file_parameters(fit: Fit) -> dict[str, Quantity]:
     return out
 
 
-def chosen_options(names: tuple[str, ...], network: Network, options: Options) -> dict[str, Any]:
-    """What was chosen, for the file: weights mean nothing without the order of the inputs."""
-    return {
-        "target": options.target,
-        "inputs": ",".join(names),
-        "hidden": ",".join(str(n) for n in network.hidden),
-        "activation": network.activation,
-    }
-
-
-def fit_details(fit: Fit, rows: Rows, options: Options, certificate: Certificate) -> dict[str, Any]:
+def fit_details(fit: Fit, certificate: Certificate, options: ForceMapOptions) -> dict[str, Any]:
     """Training, errors and certificate for the file."""
-    data, span = fit.data, fit.scaling.span
+    data, span, rows = fit.data, fit.scaling.span, fit.rows
     error = data.y - fit.predicted
     held = np.full(data.y.size, np.nan)
-    held[_originally_used(fit)] = span * fit.trial.error
+    held[is_known(data.x, data.names) & np.isfinite(data.y)] = span * fit.trial.error
     judged = replace(data, used=np.isfinite(held))
     used = data.used
     return {
@@ -72,19 +61,15 @@ def fit_details(fit: Fit, rows: Rows, options: Options, certificate: Certificate
         "correlation": float(np.corrcoef(data.y[used], fit.predicted[used])[0, 1]),
         "branches": _scores(data, error),
         "validation": {
-            "split_by": fit.split.by,
-            "groups_held_out": fit.split.groups,
-            "folds": len(fit.split.folds),
+            "split_by": rows.split.by,
+            "groups_held_out": rows.split.groups,
+            "folds": len(rows.split.folds),
             **_scores(judged, held),
         },
-        "cubic_polynomial": _polynomial(fit, rows),
-        "certificate": certificate_details(certificate, data, driver(options)),
+        "cubic_polynomial": _polynomial(fit),
+        "certificate": certificate_details(certificate, data, options.driver),
         **fit.tables,
     }
-
-
-def _originally_used(fit: Fit) -> npt.NDArray[np.intp]:
-    return np.asarray(fit.tables["_rows"], dtype=np.intp)
 
 
 def _scores(data: Data, error: FloatArray) -> dict[str, Any]:
@@ -100,13 +85,13 @@ def _scores(data: Data, error: FloatArray) -> dict[str, Any]:
     return out
 
 
-def _polynomial(fit: Fit, rows: Rows) -> dict[str, Any]:
+def _polynomial(fit: Fit) -> dict[str, Any]:
     """A cubic polynomial of the same inputs: in sample, by branch, and on the same folds."""
-    data, s = fit.data, fit.scaling
+    data, s, rows = fit.data, fit.scaling, fit.rows
     z, t = s.inputs(data.x), s.output(data.y)
     error = s.span * (t - polynomial_fit(z[data.used], t[data.used])(z))
     held = np.full(rows.y.size, np.nan)
-    for fold in fit.split.folds:
+    for fold in rows.split.folds:
         rest = np.flatnonzero(~fold)
         rest = rest[thin(rest.size, 20_000)]
         held[fold] = rows.y[fold] - polynomial_fit(rows.x[rest], rows.y[rest])(rows.x[fold])

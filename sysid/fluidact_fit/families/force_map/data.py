@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from ...branches import BoolArray, choose_dead_band, motion_state, settled_samples
+from ...branches import BoolArray, choose_dead_band, fill_start, motion_state, settled_samples
 from ...errors import LogError, Notice, NotIdentifiedError
 from ...experiment import Experiment, FloatArray
 from ...signals import held_direction, smooth
-from .options import Options
+from .options import ForceMapOptions
 
 _SETTLED = 0.1  # share of the range after a reversal within which branches change over
 
@@ -42,48 +42,78 @@ class Data:
         return [values[p] for p in self.parts]
 
 
-def gather(experiments: Sequence[Experiment], names: tuple[str, ...], options: Options) -> Data:
+def settle_dead_bands(
+    experiments: Sequence[Experiment], options: ForceMapOptions
+) -> ForceMapOptions:
+    """Changes of command and force that are no noise in any log, where a log's own state lacks."""
+    apart = [e for e in experiments if "direction" not in e]
+    if not apart:
+        return options
+
+    def largest(role: str) -> float:
+        return max(choose_dead_band(column_of(e, role)) for e in apart)
+
+    command, force = options.dead_band, options.force_dead_band
+    return replace(
+        options,
+        dead_band=largest("command") if command is None else command,
+        force_dead_band=largest("force") if force is None else force,
+    )
+
+
+def gather(
+    experiments: Sequence[Experiment], names: tuple[str, ...], options: ForceMapOptions
+) -> Data:
     """All logs in one table, with the motion state of every sample."""
-    x, y, directions, settled, positions, logs = [], [], [], [], [], []
-    parts, begin = [], 0
-    for e in experiments:
-        x.append(input_table(e, names, options))
-        y.append(column_of(e, options.target))
-        command = column_of(e, "command")
-        direction = _direction(e, "command", options.dead_band)
-        directions.append(direction)
-        settled.append(settled_samples(command, direction, _SETTLED * float(np.ptp(command))))
-        positions.append(column_of(e, "position"))
-        logs.append(np.full(e.samples, e.log))
-        parts.append(slice(begin, begin + e.samples))
-        begin += e.samples
-    table = np.vstack(x)
-    state = np.concatenate(directions)
-    used = np.isfinite(table).all(axis=1) & np.isfinite(np.concatenate(y))
-    if "direction" in names:
-        used &= state != 0.0
+    sizes = [e.samples for e in experiments]
+    ends = np.cumsum(sizes)
+    branches = [branch_of(e, options) for e in experiments]
+    table = np.vstack([input_table(e, names, options) for e in experiments])
+    y = np.concatenate([column_of(e, options.target) for e in experiments])
     units = tuple(
         "m/s" if n == "velocity" and n not in experiments[0] else
         "1" if n == "direction" else experiments[0].signals[n].unit for n in names
     )  # fmt: skip
     return Data(
-        names, units, table, np.concatenate(y), used, state, np.concatenate(settled),
-        np.concatenate(positions), np.concatenate(logs), tuple(parts),
+        names, units, table, y, is_known(table, names) & np.isfinite(y),
+        np.concatenate([direction for direction, _ in branches]),
+        np.concatenate([settled for _, settled in branches]),
+        np.concatenate([column_of(e, "position") for e in experiments]),
+        np.repeat([e.log for e in experiments], sizes),
+        tuple(slice(int(end - n), int(end)) for end, n in zip(ends, sizes)),
         experiments[0].signals[options.target].unit,
     )  # fmt: skip
 
 
-def input_table(e: Experiment, names: Sequence[str], options: Options) -> FloatArray:
-    """Inputs of one experiment, shape ``(n, inputs)`` [SI]."""
-    source = options.source if options.source in e else "force"
+def input_table(e: Experiment, names: Sequence[str], options: ForceMapOptions) -> FloatArray:
+    """Inputs of one experiment, shape ``(n, inputs)`` [SI]; a motion state of 0 is unknown."""
+    source = "command" if "command" in e else "force"
     return np.column_stack(
-        [
-            _direction(e, source, options.dead_band if source == "command" else None)
-            if n == "direction"
-            else column_of(e, n)
-            for n in names
-        ]
+        [_direction(e, source, options) if n == "direction" else column_of(e, n) for n in names]
     )
+
+
+def is_known(table: FloatArray, names: Sequence[str]) -> BoolArray:
+    """Rows whose inputs are all there, the motion state too."""
+    known = np.isfinite(table).all(axis=1)
+    if "direction" in names:
+        known &= table[:, list(names).index("direction")] != 0.0
+    return np.asarray(known)
+
+
+def fill_direction(table: FloatArray, names: Sequence[str]) -> FloatArray:
+    """The same inputs of one run with its first motion state from the beginning on."""
+    if "direction" in names:
+        table = table.copy()
+        fill_start(table[:, list(names).index("direction")])
+    return table
+
+
+def branch_of(e: Experiment, options: ForceMapOptions) -> tuple[FloatArray, BoolArray]:
+    """Motion state by the command, and the samples that are well within a branch."""
+    command, direction = column_of(e, "command"), _direction(e, "command", options)
+    least = _SETTLED * float(np.ptp(command))
+    return direction, settled_samples(command, direction, least)
 
 
 def column_of(e: Experiment, role: str) -> FloatArray:
@@ -120,19 +150,25 @@ def _velocity(e: Experiment) -> FloatArray:
     return np.asarray(np.gradient(position, e.time))
 
 
-def _direction(e: Experiment, source: str, dead_band: float | None) -> FloatArray:
+def _direction(e: Experiment, source: str, options: ForceMapOptions) -> FloatArray:
     """Motion state of each sample: the log's own, or the held sign of a change."""
     if "direction" in e:
         return motion_state(column_of(e, "direction"))
-    values = column_of(e, source)
-    band = choose_dead_band(values) if dead_band is None else dead_band
+    return held_state(column_of(e, source), source, options)
+
+
+def held_state(values: FloatArray, source: str, options: ForceMapOptions) -> FloatArray:
+    """Held sign of the change of a command or a force."""
+    band = options.dead_band if source == "command" else options.force_dead_band
+    if band is None:  # no log of the fit needed one
+        band = choose_dead_band(values)
     return held_direction(values, band).astype(float)
 
 
-def check_data(data: Data, options: Options) -> None:
+def check_data(data: Data, options: ForceMapOptions) -> None:
     """Refuse data that no network can be trained on."""
     rows = int(data.used.sum())
-    units = options.hidden or (2,)
+    units = options.layers or (2,)
     needed = 2 * (sum(units) * (data.x.shape[1] + 2) + 1)
     if rows < needed:
         raise NotIdentifiedError(

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from ...estimation.rational_bezier import LOG_WEIGHT_LIMIT, CurveFit, Score, group, rational_bezier
 from ...estimation.uncertainty import t_quantile
 from ...experiment import FloatArray
-from ...family import Quantity, Value
-from .block import SECOND, PotentiometerBlock
-from .data import MANY, Data, Scaled
+from ...family import Quantity
+from .calibration import SECOND
+from .data import Scaled
+from .rational_bezier import LOG_WEIGHT_LIMIT, CurveFit, Score, rational_bezier
 from .spread import Spread
 
 
@@ -106,14 +106,3 @@ def fit_details(
             for s in scores
         ]
     return details
-
-
-def simulate_all(data: Data, values: Mapping[str, Value], two: bool) -> FloatArray:
-    """Position of every reading, log by log where the direction counts."""
-    block = PotentiometerBlock(values)
-    if two:
-        return np.concatenate([np.asarray(block(x)) for x in data.split(data.reading)])
-    if data.reading.size > MANY and np.all(np.isfinite(data.reading)):
-        places, key = group(data.reading, data.step)
-        return np.asarray(np.asarray(block(places))[key])
-    return np.asarray(block(data.reading))
