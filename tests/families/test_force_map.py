@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import fluidact_fit as ff
-from fluidact_fit.branches import choose_dead_band, motion_state
 from fluidact_fit.control import make_block
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.estimation import network
+from fluidact_fit.estimation.motion_state import choose_dead_band, motion_state
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families.force_map.block import ForceMapBlock
 from fluidact_fit.families.force_map.equation import NetworkMap

@@ -8,10 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ...branches import BoolArray, choose_dead_band, fill_start, motion_state, settled_samples
 from ...errors import LogError, Notice, NotIdentifiedError
+from ...estimation.motion_state import (
+    BoolArray,
+    choose_dead_band,
+    fill_start,
+    held_direction,
+    motion_state,
+    settled_samples,
+)
 from ...experiment import Experiment, FloatArray
-from ...signals import held_direction, smooth
+from ...signals import smooth
 from .options import ForceMapOptions
 
 _SETTLED = 0.1  # share of the range after a reversal within which branches change over

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...branches import BoolArray, running_median
+from ...estimation.motion_state import BoolArray, running_median
 from ...experiment import Experiment, FloatArray
 from ...family import Simulated
 from .data import branch_of, column_of, fill_direction, input_table, is_known

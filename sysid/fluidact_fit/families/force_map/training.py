@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...branches import BoolArray
 from ...errors import Notice
+from ...estimation.motion_state import BoolArray
 from ...estimation.network import Network, Search, search, train_from
 from ...experiment import Experiment, FloatArray
 from ...family import Request

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...branches import BoolArray
+from ...estimation.motion_state import BoolArray
 from ...estimation.network import Chords, cross_validate, robust_deviation, search, thin
 from ...experiment import FloatArray
 from ...family import Request

@@ -29,6 +29,7 @@ from ...experiment import Experiment, Hold
 from ...family import (
     Curve,
     Estimate,
+    Excitation,
     Family,
     ParameterDocument,
     ParameterSpec,
@@ -195,6 +196,10 @@ class Potentiometer(Family[PotentiometerOptions]):
             }
             section.update({branch: ratio} if branch else ratio)
         return {"curve": section}
+
+    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
+        """Positions to hold; see :meth:`Family.excitation`."""
+        return Excitation("points")
 
     def static_view(
         self,
