@@ -447,6 +447,31 @@ def test_readings_next_to_a_noisy_rail_are_left_out_with_it() -> None:
     assert float(block(result)(1010.0)) == pytest.approx((1010.0 - 20.0) / 18000.0, abs=2e-5)
 
 
+def test_another_log_is_judged_by_the_rails_of_the_file() -> None:
+    rng = np.random.default_rng(13)
+    x = np.linspace(0.0, 0.06, 600)
+    log = experiment(
+        np.clip(np.round(20.0 + 18000.0 * x), 100.0, 1023.0), x + 5e-5 * rng.standard_normal(600)
+    )
+    found = fit(log).estimate
+    other = experiment([50.0, 100.0, 101.0, 1022.0, 1023.0, np.nan], np.zeros(6))
+    (run,) = FAMILY.simulate(VARIANT, found.values, [other], found.options)
+    assert run.used is not None
+    assert run.used.tolist() == [False, False, True, True, False, False]
+
+
+@pytest.mark.parametrize("options", [{}, {"branches": "two"}])
+def test_a_fit_with_everything_settled_is_the_same_fit(options: dict[str, Any]) -> None:
+    rng = np.random.default_rng(17)
+    lone = experiment([0.0, 2.0, *range(60, 1000, 60)], np.r_[-6e-4, 1e-5 * np.r_[2, 60:1000:60]]
+                      + 2e-6 * rng.standard_normal(18))  # fmt: skip
+    log = with_hysteresis(1500) if options else lone
+    first = fit(log, **options).estimate
+    again = FAMILY.estimate(VARIANT, [log], Request(options=first.options))
+    assert again.values == first.values
+    assert again.options == first.options
+
+
 def test_degree_one_is_never_told_to_go_lower() -> None:
     rng = np.random.default_rng(3)
     reading = np.array([0.0, 1.0, 2.0, 998.0, 999.0, 1000.0])
