@@ -116,14 +116,11 @@ def _prepare(e: Experiment) -> _Run:
 class MotorModel:
     """Speeds of some runs as a function of the parameters, each with what belongs to it.
 
-    The offset belongs to the sensor, so the runs of one log share it; the deviation that fades
-    at the beginning is every run's own.
+    The offset and the deviation that fades at the beginning are every run's own.
     """
 
     def __init__(self, experiments: Sequence[Experiment]) -> None:
         self.runs = [_prepare(e) for e in experiments]
-        self.logs = [e.log for e in experiments]
-        self.several = [k for k in dict.fromkeys(self.logs) if self.logs.count(k) > 1]
         self._played: dict[int, tuple[float, FloatArray, FloatArray]] = {}
 
     def steady(self, index: int, values: Values) -> Array:
@@ -157,18 +154,13 @@ class MotorModel:
         return np.exp(-(time - time[0]) / values["time_constant"])[:, None]
 
     def columns(self, index: int, values: Values) -> Basis:
-        """Speed, shared offsets, and what is the run's own."""
-        known, own = self.speed(index, values), self.fading(index, values)
-        shared = np.zeros((known.size, len(self.several)))
-        if self.logs[index] in self.several:
-            shared[:, self.several.index(self.logs[index])] = 1.0
-        else:
-            own = np.column_stack((np.ones(known.size), own))
-        return Basis(known, shared, own)
+        """Speed, and the columns of what is the run's own."""
+        known, fading = self.speed(index, values), self.fading(index, values)
+        own = np.column_stack((np.ones(known.size), fading))
+        return Basis(known, np.zeros((known.size, 0)), own)
 
     def named(
         self, names: tuple[str, ...], measured: Sequence[FloatArray], weights: Sequence[FloatArray]
     ) -> NamedModel:
         """The model in the form the estimation takes."""
-        nuisance = tuple(f"offset[{k}]" for k in self.several)
-        return NamedModel(names, (), self.columns, measured, weights=weights, nuisance=nuisance)
+        return NamedModel(names, (), self.columns, measured, weights=weights)

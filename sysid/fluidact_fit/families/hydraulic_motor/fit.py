@@ -79,7 +79,7 @@ def simulate_motor(
     limit: float,
     offset: float | None,
 ) -> list[Simulated]:
-    """Speeds of all runs, offset by log and fading deviation by run fitted to their speeds."""
+    """Speeds of all runs, offset and fading deviation by run fitted to their speeds."""
     measured = [e for e in experiments if "speed" in e]
     fitted = iter(_fit_offsets(measured, values, limit) if measured else [])
     from_rest, start = MotorModel(experiments), offset or 0.0
@@ -101,11 +101,7 @@ def _fit_offsets(
         problem = bind(model.named(tuple(values), measured, weights), {}, values)
         found = evaluate(problem, np.zeros(0))
         weights = [_weights(y - m, limit) for y, m in zip(measured, found.simulated)]
-    shared = dict(zip(model.several, found.linear.tolist()))
-    return [
-        Simulated(y, offset=shared[log] if log in shared else float(own[0]))
-        for y, log, own in zip(found.simulated, model.logs, found.local)
-    ]
+    return [Simulated(y, offset=float(own[0])) for y, own in zip(found.simulated, found.local)]
 
 
 def _one_way(experiments: Sequence[Experiment]) -> list[Refusal]:
