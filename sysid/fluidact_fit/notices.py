@@ -223,10 +223,6 @@ _FAMILIES = {
         "The speed keeps growing up to the largest command, so no saturation was found.",
         "Record larger commands if you need `saturation_command`.",
     ),
-    "thesis-method": _information(
-        "The discrete method of the thesis was used, whose mass depends on the sample time.",
-        "Use `--method output-error`, unless you want to compare with published numbers.",
-    ),
     "velocity-flattened": _warning(
         "Viscous friction depends on the width of the velocity filter.",
         "Sample faster, move more slowly, or record the velocity itself.",
