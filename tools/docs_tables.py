@@ -174,7 +174,7 @@ def fits() -> str:
 
 def exit_statuses() -> str:
     """Exit statuses, each with the errors that end in it."""
-    meanings: dict[int, list[str]] = {0: ["done"], 1: ["a fault of the program"]}
+    meanings: dict[int, list[str]] = {0: ["done"], 1: ["a bug in the program"]}
     errors = [getattr(ff, name) for name in ff.__all__]
     for error in errors:
         if not isinstance(error, type) or not issubclass(error, ff.FluidactError):
