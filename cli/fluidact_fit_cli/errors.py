@@ -111,8 +111,9 @@ def _explain_usage(error: click.UsageError) -> str:
 def _apology(error: BaseException) -> str:
     found = " ".join(f"{type(error).__name__}: {error}".split())
     return (
-        f"This is a bug in fluidact-fit, not in your data, sorry: {found[:300]}. Nothing was written. "
-        "Run the same command with --debug added and report what it shows, with the log if you can."
+        f"This is a bug in fluidact-fit, not in your data, sorry: {found[:300]}. Nothing was "
+        "written. Run the same command with --debug added and report what it shows, with the log "
+        "if you can."
     )
 
 

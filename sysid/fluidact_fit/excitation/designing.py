@@ -45,7 +45,7 @@ def design(
     seed
         For the random shapes.
     progress
-        Called with a line of text now and then.
+        Called with progress messages.
 
     Returns
     -------
