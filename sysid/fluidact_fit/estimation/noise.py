@@ -1,8 +1,8 @@
-"""Noise of a sampled signal that carries motion as well: one estimator for everybody.
+"""Noise of a sampled signal that also contains motion: one estimator for all families.
 
 Differences of a high order take away what moves smoothly and leave white noise, amplified by
 ``sqrt(C(2 q, q))`` for the order ``q``. A low order leaves motion in, a high one needs longer
-records and takes a jump in more samples; 3 removes parabolas and is the usual choice. The
+records and spreads a jump over more samples; 3 removes parabolas and is the usual choice. The
 median of the absolute differences does not see jumps and spikes, the mean square sees all.
 """
 

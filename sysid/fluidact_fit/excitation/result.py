@@ -14,14 +14,14 @@ from ..experiment import FloatArray
 
 @dataclass(frozen=True)
 class Limits:
-    """What the next experiment has to keep to.
+    """Limits that the next experiment has to respect.
 
     Attributes
     ----------
     amplitude
         Lowest and highest value of the driving role [SI].
     rate
-        Steepest slope of the driving role [SI/s]; ``None``: no limit.
+        Largest slope of the driving role [SI/s]; ``None``: no limit.
     stroke
         Lowest and highest value of the output [SI]; ``None``: no limit.
     duration, sample_time
@@ -86,11 +86,11 @@ class Design:
     forecasts
         One entry per parameter.
     criterion
-        What was made small.
+        What was minimised.
     limits
-        What was kept to.
+        The limits it respects.
     binding
-        The limits that the design reaches; loosening these would help.
+        The limits that the design reaches; relaxing these would help.
     notes
         What a person should know.
     candidates
