@@ -47,7 +47,7 @@ def test_demo_keeps_files_of_an_earlier_run(tmp_path: Path) -> None:
 
 def test_demo_names_a_directory_it_cannot_make(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
-    with pytest.raises(ff.OutputError, match="cannot be made"):
+    with pytest.raises(ff.OutputError, match="cannot be created"):
         demo.run_demo(tmp_path / "file" / "below", lambda line: None)
 
 

@@ -222,7 +222,7 @@ _PARTS = {
     "family": "the model family",
     "variant": "which of the family's variants",
     "options": "the family's options as the fit settled them",
-    "accepted_failed": "`true` when the verdict was `fail` and the file was written all the same",
+    "accepted_failed": "`true` when the verdict was `fail` and the file was written anyway",
     "model": "what a controller runs: transfer functions with falling powers of `s` and of `z`, "
     "curves, dead zones",
     "validation": "logs given with `--validate`: simulated, never fitted",

@@ -50,7 +50,7 @@ class DriveBlock(ModelBlock):
         both = values.get("viscous", 0.0)
         self._forward = values.get("viscous_positive", both), values["coulomb_positive"]
         self._backward = values.get("viscous_negative", both), values["coulomb_negative"]
-        # the model knows no static level below the kinetic one
+        # the model has no static level below the kinetic one
         self._upper = max(values["breakaway_positive"], values["coulomb_positive"])
         self._lower = -max(values["breakaway_negative"], values["coulomb_negative"])
         self._period = section.discrete.sample_time if section.discrete else 0.0
@@ -168,16 +168,16 @@ class DriveBlock(ModelBlock):
     def feedforward(
         self, velocity: float, acceleration: float = 0.0, *, band: float = 0.0
     ) -> float:
-        """Input that follows a wanted motion: inertia, viscous and kinetic friction.
+        """Input for a wanted motion: inertia, viscous and kinetic friction.
 
         Parameters
         ----------
         velocity, acceleration
             Of the wanted motion [unit of the output per second, per second squared]. At
-            zero velocity the acceleration says which way the motion is about to go.
+            zero velocity the acceleration gives the direction of the motion to come.
         band
-            Velocity below which the kinetic level is blended in linearly: a controller
-            that feeds back a noisy velocity does not rattle [unit of the output per second].
+            Velocity below which the kinetic level is blended in linearly, so that noise of the
+            velocity causes no chatter [unit of the output per second].
         """
         way = velocity if velocity != 0.0 else acceleration
         if way == 0.0:
