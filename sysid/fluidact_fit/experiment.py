@@ -1,4 +1,4 @@
-"""Experiments: what a family sees of a log. SI arrays with named roles, nothing else."""
+"""Experiments: a log as a family gets it. SI arrays with named roles, nothing else."""
 
 from __future__ import annotations
 

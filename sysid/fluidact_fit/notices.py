@@ -21,7 +21,7 @@ class Code:
     Attributes
     ----------
     severity
-        ``information`` tells what was done with the log and leaves the fit as good as it is;
+        ``information`` says what was done with the log and leaves the fit as good as it is;
         ``warning`` turns the verdict from ``pass`` to ``warn``.
     meaning
         What was found, one sentence.

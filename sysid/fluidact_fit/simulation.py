@@ -175,7 +175,7 @@ def simulate_steps(
         if role.required and role.name not in inputs:
             raise UsageError(
                 f"the input '{role.name}' is missing.",
-                remedy=f"Give --input {role.name}=FROM:TO[@T], or a LOG.",
+                remedy=f"Give --input {role.name}=FROM:TO@T, or a LOG.",
             )
     samples = duration / sample_time
     if not 2 <= samples <= _MOST_SAMPLES:

@@ -550,7 +550,7 @@ def shorten(
     """The most eventful parts of the logs, for starting searches.
 
     Searching for a start on a million samples or a hundred runs costs minutes and buys
-    nothing: the full fit that follows sees them all.
+    nothing: the full fit that follows uses them all.
     """
     lively = sorted(experiments, key=lambda e: -float(np.ptp(e[output])))
     taken: list[Experiment] = []

@@ -49,7 +49,7 @@ Realisation = Callable[[Values], tuple[Array, Array, Array]]
 class _Prepared:
     """Input and grids of one experiment, computed once.
 
-    ``rest`` tells that the run starts at rest, as a step that was not recorded does;
+    ``rest`` says that the run starts at rest, as a step that was not recorded does;
     ``log`` is the position of its offset among those shared by several runs, or None.
     """
 

@@ -47,7 +47,7 @@ class Forecast:
     ``present`` is the standard error in the file (``None`` when it was not identified),
     ``predicted`` that of the new experiment alone (``None``: it would not determine it
     either), ``ratio`` their quotient; both intervals are 95 % about ``value``.
-    ``supposed`` tells that the value is only plausible.
+    ``supposed`` says that the value is only plausible.
     """
 
     name: str

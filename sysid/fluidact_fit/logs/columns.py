@@ -15,7 +15,7 @@ from ..family import Role
 from ..units import conversion_factor, is_known_unit, same_dimension
 from .log import Column, Log, name_lines
 
-# Time is the one role with a symbol everybody uses as a header.
+# Time is the one role with a symbol that is in general use as a header.
 _SYNONYMS = {"time": ("t",)}
 
 

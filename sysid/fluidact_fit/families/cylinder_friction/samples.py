@@ -28,7 +28,7 @@ class Data:
     no force was recorded), and ``matched`` that rest smoothed like the regressor, all of shape
     ``(n,)`` [N]; ``direction`` is the sign of the velocity, smoothed alike. ``moving`` marks
     the samples outside the dead band, ``kept`` those that are fitted. The output is the drive
-    divided by ``scale``; ``driven`` tells whether it was recorded.
+    divided by ``scale``; ``driven`` says whether it was recorded.
     """
 
     experiment: Experiment

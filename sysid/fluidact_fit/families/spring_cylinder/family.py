@@ -204,7 +204,7 @@ def _rms(values: FloatArray) -> float:
 
 
 def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str, Any]:
-    """What was done, for the file; the branches scored apart."""
+    """What was done, for the file; with the error of each branch."""
     residual = np.concatenate(found.residuals)
     state = np.concatenate([d.direction[d.kept] for d in runs])
     order = found.uncertainty.order
