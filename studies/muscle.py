@@ -22,7 +22,8 @@ import numpy as np
 
 from fluidact_fit.estimation.network import polynomial_fit
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
-from fluidact_fit.families.force_map import ForceMap
+from fluidact_fit.families.force_map.family import ForceMap
+from fluidact_fit.families.force_map.options import ForceMapOptions
 from fluidact_fit.family import Request
 
 Tests = dict[str, list[Experiment]]
@@ -76,10 +77,12 @@ def judge(network: str, train: list[Experiment], tests: Tests, seed: int) -> Non
     """Train a network on some muscles, judge it on others."""
     hidden, activation = network.split(":")
     family, begin = ForceMap(), time.perf_counter()
-    options = {"target": "force", "inputs": INPUTS, "hidden": hidden, "activation": activation}
-    found = family.estimate(family.variants[1], train, Request(options=dict(options), seed=seed))
+    options = ForceMapOptions.read(
+        {"target": "force", "inputs": INPUTS, "hidden": hidden, "activation": activation}
+    )
+    variant = family.variant("force")
+    found = family.estimate(variant, train, Request(options=options, seed=seed))
     spent = time.perf_counter() - begin
-    values = {k: q.value for k, q in found.parameters.items()}
     details = found.details
     more = (
         f"  {details['network_parameters']} parameters, {details['multiplications']} "
@@ -88,10 +91,10 @@ def judge(network: str, train: list[Experiment], tests: Tests, seed: int) -> Non
         f", {spent:.0f} s"
     )
     for title, test in tests.items():
-        simulated = [family.simulate(family.variants[1], values, e, options) for e in test]
+        runs = family.simulate(variant, found.values, test, found.options)
         _, force, state = table(test)
-        say(f"{hidden} {activation}, seed {seed}, {title}", force - np.concatenate(simulated),
-            state, more)  # fmt: skip
+        error = force - np.concatenate([r.output for r in runs])
+        say(f"{hidden} {activation}, seed {seed}, {title}", error, state, more)
         more = ""
 
 

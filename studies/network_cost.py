@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
-from fluidact_fit.families.force_map import ForceMap
+from fluidact_fit.families.force_map.family import ForceMap
+from fluidact_fit.families.force_map.options import ForceMapOptions
 from fluidact_fit.family import Request
 
 DATA = Path(__file__).parents[1] / "datasets" / "force-map"
@@ -54,7 +55,7 @@ def train(target: str, rows: int, seed: int) -> tuple[float, float]:
     """Wall and processor seconds of one training."""
     logs = [experiment(p, k, rows // 6) for k, p in enumerate(positions())]
     family = ForceMap()
-    options = {o.name: o.default for o in family.options} | {"target": target}
+    options = ForceMapOptions(target=target)
     (variant,) = family.variants_for(options)
     wall, processor = time.perf_counter(), time.process_time()
     family.estimate(variant, logs, Request(options=options, seed=seed))

@@ -46,6 +46,8 @@ class Option:
         Closed range of a number; ``above`` is an open lower end.
     check
         Returns a text in its proper form, or raises ``ValueError`` saying what is wrong.
+    form
+        What text it has to be, in words.
     settled
         Found by the fit and kept in the file; nothing a user gives.
     """
@@ -60,6 +62,7 @@ class Option:
     maximum: float = math.inf
     above: float = -math.inf
     check: Callable[[str], str] | None = None
+    form: str = ""
     settled: bool = False
 
     @property
@@ -67,7 +70,7 @@ class Option:
         """What may be given, in words."""
         if self.kind == "choice":
             return "one of " + ", ".join(self.choices)
-        words = [_FORMS[self.kind]]
+        words = [self.form or _FORMS[self.kind]]
         if math.isfinite(self.above):
             words.append(f"above {self.above:g}")
         if math.isfinite(self.minimum):
@@ -170,10 +173,14 @@ def flag(default: bool | None = None, *, help: str) -> Any:
 
 
 def text(
-    default: str | None = None, *, help: str, check: Callable[[str], str] | None = None
+    default: str | None = None,
+    *,
+    help: str,
+    check: Callable[[str], str] | None = None,
+    form: str = "",
 ) -> Any:
-    """Text, brought into its proper form by ``check``."""
-    return _field("text", help, default, check=check)
+    """Text, brought into its proper form by ``check``; ``form`` says in words what it is."""
+    return _field("text", help, default, check=check, form=form)
 
 
 def interval(*, help: str, unit: str = "") -> Any:

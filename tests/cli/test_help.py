@@ -12,6 +12,7 @@ import pytest
 
 from fluidact_fit import __version__
 from fluidact_fit.families import family_names, family_title, get_family
+from fluidact_fit.options import describe
 from fluidact_fit_cli.main import program
 
 CONTEXT = click.Context(program, info_name="fluidact-fit")
@@ -54,7 +55,7 @@ def test_family_help_is_generated_from_the_family(name: str, here: Callable[...,
             assert f"[{role.unit}" in text
         for parameter in variant.parameters:
             assert f" {parameter.name} " in text
-    for option in family.options:
+    for option in describe(family.options_type):
         assert f"--{option.name}" in text
     assert {o for p in command(name).params for o in p.opts} >= FIT_OPTIONS
 

@@ -1,4 +1,4 @@
-"""The four dynamic families: recovery, coverage, refusals, the hold, the odd log.
+"""The three transfer-function families: recovery, coverage, refusals, the hold, the odd log.
 
 The logs come from simulators of their own (scipy.signal, or a fine grid), never from the
 estimator's; the noise is seeded. Tolerances are the standard errors the fit claims, which
@@ -246,64 +246,3 @@ def test_the_wrong_hold_is_noticed() -> None:
     # whoever has said what the column is, is not asked again
     _, quiet = diagnose(family, family.variants[0], estimate, fitted, {"inlet"})
     assert not quiet
-
-
-def drive_log(seed: int, hold: str = "foh", log: int = 0) -> Experiment:
-    """Stick-slip by semi-implicit Euler at 10 kHz, read by a 2000-count encoder."""
-    j, b, kp, kn, sp, sn = DRIVE.values()
-    rng = np.random.default_rng(seed)
-    u = 6e-3 * np.sin(2 * np.pi * (0.2 * TIME + 0.09 * TIME**2) + rng.uniform(-0.3, 0.3))
-    h, sub = STEP / 200, 200
-    y, p, v, sign = np.zeros(N), 0.0, 0.0, 0
-    for k in range(N - 1):
-        slope = (u[k + 1] - u[k]) / STEP if hold == "foh" else 0.0
-        for i in range(sub):
-            tau = u[k] + slope * (i + 0.5) * h
-            if sign == 0:
-                sign = 1 if tau > sp else -1 if tau < -sn else 0
-                if sign == 0:
-                    continue
-            new = v + h / j * (tau - b * v - (kp if sign > 0 else -kn))
-            if new * sign <= 0:
-                v, sign = 0.0, 0
-            else:
-                p, v = p + 0.5 * h * (v + new), new
-        y[k + 1] = p
-    count = 2 * np.pi / 2000
-    read = np.floor((y + rng.uniform(0, count)) / count) * count
-    return experiment({"torque": u, "angle": read}, hold, f"d{seed}", log, resolution=count)
-
-
-DRIVE = {
-    "inertia": 11.71e-7, "viscous": 2e-5, "coulomb_positive": 2e-3, "coulomb_negative": 1.6e-3,
-    "breakaway_positive": 2.9e-3, "breakaway_negative": 1.9e-3,
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("hold", ["foh", "zoh"])
-def test_drive_with_stick_slip(hold: str) -> None:
-    """The issue's figures: kinetic 0.5 %, static 3 %, inertia 0.3 %."""
-    found = fit("ball-screw", [drive_log(1, hold)])
-    friction = {}
-    for side in ("positive", "negative"):
-        friction |= {f"coulomb_{side}": 0.005, f"breakaway_{side}": 0.03}
-    limits = {"inertia": 0.003, "viscous": 0.01, **friction}
-    for name, limit in limits.items():
-        q = found.parameters[name]
-        assert q.value == pytest.approx(DRIVE[name], rel=limit), name
-        assert q.status == "estimated"
-    if hold == "zoh":
-        assert found.parameters["breakaway_positive"].method == "bracket"
-
-
-def test_a_drive_that_never_turns_back() -> None:
-    log = drive_log(1)
-    part = slice(0, 130)  # the first half wave of the chirp goes one way only
-    signals = {
-        r: replace(s, time=s.time[part], values=s.values[part]) for r, s in log.signals.items()
-    }
-    found = fit("ball-screw", [replace(log, time=TIME[part], signals=signals)],
-                fixed={"inertia": DRIVE["inertia"]})  # fmt: skip
-    for name in ("coulomb_negative", "breakaway_negative"):
-        assert found.parameters[name].status == "not_identified"
-    assert any("negative direction" in n.message for n in found.notices)

@@ -38,8 +38,10 @@ class Refusal:
         return float(self.hold if self.hold is not None else spec.neutral or 0.0)
 
 
-def refuse(spec: ParameterSpec, reason: str) -> Notice:
+def refuse(spec: ParameterSpec, reason: str, written: str = "") -> Notice:
     """Make the warning for a parameter that is written without having been measured.
+
+    ``written`` says what stands in the file where that is not the neutral value.
 
     Raises
     ------
@@ -55,7 +57,8 @@ def refuse(spec: ParameterSpec, reason: str) -> Notice:
     return Notice(
         "not-identified",
         f"{spec.name} cannot be determined from these data: {reason} "
-        f"It is written as {spec.neutral:g} {spec.unit}, status not_identified. {spec.remedy}",
+        f"It is written as {written or f'{spec.neutral:g} {spec.unit}'}, status not_identified. "
+        f"{spec.remedy}",
     )
 
 

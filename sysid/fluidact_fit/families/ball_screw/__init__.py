@@ -1,0 +1,1 @@
+"""Ball-screw (or any) drive: inertia, viscous friction and four Coulomb levels."""

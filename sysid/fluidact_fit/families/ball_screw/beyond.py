@@ -1,0 +1,104 @@
+"""Forces that the model does not know: found, weighed against the noise, said."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ...errors import Notice
+from ...estimation.noise import noise_floor
+from ...estimation.separable import solve
+from ...experiment import Experiment, FloatArray
+from ...family import Quantity
+from .model import BREAKAWAY, Axis, Compared
+from .stage import Stage
+
+DECISIVE = 3.0  # residual per noise above which forces are at work that the model lacks
+BEYOND_HELP = 30.0  # above which no other instant of a break-away would make it small
+
+
+def residual_to_noise(stage: Stage) -> float:
+    """Residual of the position, all parameters but those held fitted, per noise of the encoder.
+
+    While it is near one, comparing the position alone is efficient. Far above, the residual
+    comes from forces that the model does not know.
+    """
+    found = stage.solve(stage.problem(), max_iterations=10, tolerance=0.05)
+    residual = np.sqrt(found.cost / sum(e.samples for e in stage.experiments))
+    noise = max(_noise_floor(e, stage.axis) for e in stage.experiments)
+    return float(residual / noise) if noise > 0.0 else np.inf
+
+
+def _noise_floor(experiment: Experiment, axis: Axis) -> float:
+    """Noise of the position that no motion can explain: white noise, or the encoder's."""
+    spread = noise_floor(experiment[axis.motion], robust=False)
+    return max(spread, experiment.signals[axis.motion].resolution / float(np.sqrt(12.0)))
+
+
+def with_derivatives(stage: Stage) -> tuple[Compared, list[FloatArray]]:
+    """Weights for comparing position, speed and acceleration together.
+
+    Forces the model does not know drift in the position and are small in the
+    acceleration; noise does the opposite. Each quantity is weighted by its own
+    residual, so that neither the drift of one nor the noise of another decides.
+    """
+    compared = Compared(half_width=_window(stage))
+    parts = [compared.channels(e.samples) for e in stage.experiments]
+    now = stage.solve(stage.problem(compared), max_iterations=0, tolerance=0.0)
+    weights: list[FloatArray] = []
+    raw = now.residuals
+    for _ in range(4):
+        weights = _balance(raw, parts)
+        problem = stage.problem(compared, weights)
+        now = solve(problem, now.eta, max_iterations=15, tolerance=0.02)
+        raw = [r / w for r, w in zip(now.residuals, weights)]
+    return compared, weights
+
+
+def _window(stage: Stage) -> int:
+    """Half-width of the window for speed and acceleration, in samples.
+
+    A quarter of the coasting time constant in all: shorter windows look at vibrations
+    that a rigid mass does not have, longer ones smear the reversals.
+    """
+    start = stage.start
+    viscous = start.get("viscous", start.get("viscous_positive", 0.0))
+    step = min(e.sample_time for e in stage.experiments)
+    shortest = min(e.samples for e in stage.experiments)
+    coasting = start[stage.axis.inertia] / max(viscous, 1e-300)
+    return int(np.clip(coasting / (8.0 * step), 2, max(shortest // 50, 2)))
+
+
+def _balance(residuals: Sequence[FloatArray], parts: Sequence[list[slice]]) -> list[FloatArray]:
+    """Weights that give every compared quantity a unit residual."""
+    sizes = [
+        np.sqrt(np.mean(np.concatenate([r[p[k]] for r, p in zip(residuals, parts)]) ** 2))
+        for k in range(len(parts[0]))
+    ]
+    out = []
+    for r, p in zip(residuals, parts):
+        w = np.ones(r.size)
+        for k, rows in enumerate(p):
+            w[rows] = 1.0 / max(float(sizes[k]), 1e-300)
+        out.append(w)
+    return out
+
+
+def beyond_notice(parameters: Mapping[str, Quantity]) -> Notice:
+    """Warn of forces that the model does not know, and of the static levels they hide."""
+    errors = {
+        name: float(q.std_error) / abs(q.number)
+        for name, q in parameters.items()
+        if name in BREAKAWAY.values() and isinstance(q.std_error, float) and q.number
+    }
+    wide = [f"{name} ({100.0 * e:.0f} %)" for name, e in errors.items() if e > 0.02]
+    hidden = f" They hide the static level most: {', '.join(wide)} standard error." if wide else ""
+    return Notice(
+        "forces-beyond-model",
+        "forces that are not in this model (torque ripple, play, a load that depends on the "
+        "place) move the position by more than its noise. Speed and acceleration were "
+        "compared as well, so that they disturb less; what they add to the friction levels "
+        f"and to the inertia is not in the intervals.{hidden} Cover the same stretch in both "
+        "directions at several speeds, or give the static levels with --fix.",
+    )

@@ -1,0 +1,239 @@
+"""A drive with dry friction: stick-slip, stepped exactly once per sample."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from math import copysign, expm1, inf, log1p
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ...block import Block
+from ...errors import UsageError
+from ...estimation.friction_law import FrictionLaw
+from ...estimation.records import make_signal
+from ...experiment import Experiment, FloatArray, Hold
+from ...parameters.document import ParameterDocument
+from ...specification import Variant, scalars
+from .model import BREAKAWAY, DriveModel, axis_of
+
+
+class DriveBlock(Block):
+    """A mass or inertia with viscous and dry friction.
+
+    ``J v' = tau - b v - F_k(sign v)`` while it moves; it rests while the input stays
+    between the static levels. Break-away and stop are solved inside the sample.
+
+    Attributes
+    ----------
+    sample_time
+        Period of :meth:`step` [s]; 0 when the file holds none.
+    position, velocity
+        State at the instant of the latest :meth:`step` and thereafter: where the next
+        step begins [unit of the output, and per second].
+    """
+
+    def __init__(
+        self, document: ParameterDocument, variant: Variant, sample_time: float | None = None
+    ) -> None:
+        super().__init__(document, variant)
+        own = document.model.get("discrete", {}).get("sample_time", 0.0)
+        self.sample_time = float(own if sample_time is None else sample_time)
+        self.reset()
+
+    @cached_property
+    def inertia(self) -> float:
+        """Inertia [kg m2] or mass [kg]."""
+        name = axis_of(self.variant).inertia
+        return scalars({name: self.parameters[name]})[name]
+
+    @cached_property
+    def _law(self) -> FrictionLaw:
+        """Friction at rest and in motion."""
+        return FrictionLaw.of(self.numbers())
+
+    @cached_property
+    def _moving(self) -> FrictionLaw:
+        """Friction in motion, which can be known without the static levels."""
+        known = [n for n in self.parameters if n not in BREAKAWAY.values()]
+        return FrictionLaw.of(scalars({n: self.parameters[n] for n in known}))
+
+    def with_sample_time(self, sample_time: float) -> Self:
+        """Return the same drive, at rest, stepping at another period [s]."""
+        if not (np.isfinite(sample_time) and sample_time > 0.0):
+            raise UsageError(f"sample_time {sample_time!r} is not a positive number")
+        other = type(self)(self.document, self.variant, sample_time)
+        other.parameters.refused = self.parameters.refused
+        return other
+
+    def reset(self, *, output: float | None = None, velocity: float = 0.0) -> None:
+        """Put the drive at a position [unit of the output], at rest or moving."""
+        self.position = 0.0 if output is None else float(output)
+        self.velocity = float(velocity)
+
+    def step(self, value: float) -> float:
+        """Take the input of this sample and return the position at the same instant.
+
+        The input is held until the next call, one ``sample_time`` later.
+
+        Parameters
+        ----------
+        value
+            Torque or force [unit of the input].
+
+        Returns
+        -------
+        float
+            Position [unit of the output].
+        """
+        self._need_period()
+        now = self.position
+        rest, value = self.sample_time, float(value)
+        for _ in range(4):  # a held input: moving, stopped, moving the other way
+            rest = self._move(value, rest)
+            if rest <= 0.0:
+                break
+        return now
+
+    def _need_period(self) -> None:
+        if self.sample_time <= 0.0:
+            raise UsageError(
+                "the parameter file holds no sample time",
+                remedy="Use with_sample_time(...), or fit with --controller-sample-time.",
+            )
+
+    def _move(self, drive: float, span: float) -> float:
+        """Advance until the span ends or the motion stops; returns what is left of it [s]."""
+        v, law = self.velocity, self._law
+        forward = v > 0.0 if v != 0.0 else drive > law.breakaway_positive
+        if v == 0.0 and not forward and drive >= -law.breakaway_negative:
+            return 0.0
+        viscous = law.viscous_positive if forward else law.viscous_negative
+        net = drive - (law.coulomb_positive if forward else -law.coulomb_negative)
+        stop = _time_to_stop(v, net, viscous, self.inertia)
+        time = min(stop, span)
+        rate = viscous / self.inertia
+        one, two = _phi(-rate * time)
+        push = net / self.inertia * time
+        self.position += v * time * one + push * time * two
+        if stop > span:
+            self.velocity = v * (1.0 - rate * time * one) + push * one
+            return 0.0
+        self.velocity = 0.0
+        return span - stop
+
+    def friction(self, velocity: float, torque: float = 0.0) -> float:
+        """Friction that opposes the motion [unit of the input].
+
+        Parameters
+        ----------
+        velocity
+            [unit of the output per second]
+        torque
+            Input, or force on a linear axis [unit of the input]: at rest friction balances
+            it as long as it stays between the static levels.
+
+        Returns
+        -------
+        float
+            Moving: ``b v`` plus the kinetic level, with the sign of the velocity. At rest:
+            what is balanced, at most the static level.
+        """
+        if velocity != 0.0:
+            return float(self._moving.moving(velocity))
+        return float(self._law.at_rest(torque))
+
+    def feedforward(
+        self, velocity: float, acceleration: float = 0.0, *, band: float = 0.0
+    ) -> float:
+        """Input for a wanted motion: inertia, viscous and kinetic friction.
+
+        Parameters
+        ----------
+        velocity, acceleration
+            Of the wanted motion [unit of the output per second, per second squared]. At
+            zero velocity the acceleration gives the direction of the motion to come.
+        band
+            Velocity below which the kinetic level is blended in linearly, so that noise of the
+            velocity causes no chatter [unit of the output per second].
+        """
+        way = velocity if velocity != 0.0 else acceleration
+        if way == 0.0:
+            return 0.0
+        law = self._moving
+        viscous = law.viscous_positive if way > 0.0 else law.viscous_negative
+        level = law.coulomb_positive if way > 0.0 else law.coulomb_negative
+        share = min(abs(velocity) / band, 1.0) if band > 0.0 else 1.0
+        return self.inertia * acceleration + viscous * velocity + copysign(level, way) * share
+
+    def simulate(
+        self,
+        values: npt.ArrayLike,
+        time: npt.ArrayLike | None = None,
+        *,
+        hold: Hold = "zoh",
+        before: float | None = None,
+        output: float | None = None,
+        velocity: float = 0.0,
+    ) -> FloatArray:
+        """Simulate a whole record; the state of :meth:`step` is not touched.
+
+        Parameters
+        ----------
+        values : (n,)
+            Input [unit of the input].
+        time : (n,), optional
+            Instants [s], evenly spaced or not; one ``sample_time`` apart when left out.
+        hold
+            How the input moves between instants: ``"zoh"``, ``"foh"`` (straight lines),
+            ``"smooth"`` or ``"auto"`` (smooth where the samples show it, else straight lines).
+        before
+            Not used: the drive has no dead time.
+        output, velocity
+            Position and velocity at the first instant, 0 when left out.
+
+        Returns
+        -------
+        (n,)
+            Position [unit of the output].
+        """
+        if time is None:
+            self._need_period()
+            time = np.arange(np.size(values)) * self.sample_time
+        role = self.variant.driving[0]
+        signal = make_signal(role.name, values, time, role.unit, hold)
+        place = output or 0.0
+        if signal.time.size == 1:
+            return np.array([place])
+        run = Experiment("record", 0, signal.time, {role.name: signal}, 0.0, False)
+        return place + self._follow(run, velocity)
+
+    def predict(self, experiment: Experiment) -> FloatArray:
+        """Position from the input of an experiment, from rest; see :meth:`.Block.predict`."""
+        return self._follow(experiment, 0.0)
+
+    def _follow(self, experiment: Experiment, velocity: float) -> FloatArray:
+        model = DriveModel([experiment], axis_of(self.variant))
+        return np.real(model.columns(0, {**self.numbers(), "initial_speed[0]": velocity}).known)
+
+
+def _time_to_stop(v: float, net: float, viscous: float, inertia: float) -> float:
+    """Time until a moving mass stops under a constant force [s], infinite when it never does."""
+    if v == 0.0 or v * net >= 0.0:
+        return inf
+    x = -v * viscous / net
+    factor = log1p(x) / x if x > 1e-9 else 1.0 - 0.5 * x
+    return -v * inertia / net * factor
+
+
+def _phi(z: float) -> tuple[float, float]:
+    """``(exp(z) - 1)/z`` and ``(exp(z) - 1 - z)/z**2``, for small ``z`` too."""
+    if abs(z) > 0.3:
+        one = expm1(z) / z
+        return one, (one - 1.0) / z
+    two, term = 0.0, 0.5
+    for k in range(3, 17):
+        two += term
+        term *= z / k
+    return 1.0 + z * two, two

@@ -1,0 +1,307 @@
+"""Static levels of a drive commanded in steps: between two commanded levels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ...estimation.inputs import settled_hold
+from ...estimation.profile_likelihood import Interval
+from ...experiment import FloatArray
+from .model import (
+    BREAKAWAY,
+    EXCESS,
+    LONG,
+    SIDES,
+    Compared,
+    DriveModel,
+    increment_lag,
+    leading_part,
+)
+from .refusals import open_levels
+from .stage import Stage
+
+_NEAR = 4  # commanded levels on either side of a bracket that are tried as well
+_CELLS = 20  # into which the first pass over the levels divides them
+_CELLS_NEAR = 14  # into which a later one does, near what an earlier one found
+_CELLS_REFITTED = 40  # at most, inside a bracket, when everything is refitted beside them
+
+
+@dataclass(frozen=True)
+class Bracket:
+    """A static level between the highest torque that held and the lowest that did not.
+
+    ``value`` lies where the logs are fitted best: in the middle, unless levels in between
+    fit worse than both ends.
+    """
+
+    low: float
+    high: float
+    value: float
+
+    @property
+    def std_error(self) -> float:
+        """Of a value that lies anywhere in between."""
+        return (self.high - self.low) / float(np.sqrt(12.0))
+
+    @property
+    def interval(self) -> Interval:
+        """The bracket as interval of the level."""
+        return Interval(self.low, self.high, "bracket")
+
+
+def over_cells(edges: FloatArray, costs: FloatArray, most: float, margin: int = 0) -> Bracket:
+    """Bracket over every cell that is good, its value among those around the best.
+
+    Parameters
+    ----------
+    edges : (n + 1,)
+        Levels between which the cells lie, ascending.
+    costs : (n,)
+        Of a level inside each cell.
+    most
+        Cost up to which a cell is good; not below the least.
+    margin
+        Cells on either side that are taken in as well.
+    """
+    best, last = int(np.argmin(costs)), costs.size - 1
+    good, bad = np.flatnonzero(costs <= most), np.flatnonzero(costs > most)
+    around = bad[bad < best].max(initial=-1) + 1, bad[bad > best].min(initial=last + 1) - 1
+
+    def ends(first: int, final: int) -> tuple[float, float]:
+        low, high = max(first - margin, 0), min(final + margin, last) + 1
+        return float(edges[low]), float(edges[high])
+
+    return Bracket(*ends(good[0], good[-1]), 0.5 * sum(ends(*around)))
+
+
+def search_level(
+    cost: Callable[[float], float],
+    levels: FloatArray,
+    slack: float,
+    near: Bracket | None = None,
+) -> Bracket:
+    """Find the steps of a staircase that fit best, coarse to fine.
+
+    Cells that fit equally well may lie apart. What counts is how much they span, not how
+    many they are: where that is nearly all that was looked at, looking again tells nothing.
+
+    Parameters
+    ----------
+    cost
+        Of a level; constant between two neighbours of ``levels``.
+    levels : (n,)
+        Commanded ones, ascending.
+    slack
+        Share by which the cost of a level may exceed the least one and still be as good.
+    near
+        Where an earlier pass found it: only its neighbourhood is searched again.
+    """
+    low, high, cells = 0, levels.size - 1, _CELLS
+    if near is not None:
+        reach, cells = 0.15 * near.value, _CELLS_NEAR
+        low = max(int(np.searchsorted(levels, near.low - reach)) - 1, 0)
+        high = min(int(np.searchsorted(levels, near.high + reach)), high)
+    if high <= low:
+        return Bracket(float(levels[low]), float(levels[low]), float(levels[low]))
+    while True:
+        marks = np.unique(np.linspace(low, high, cells + 1).astype(int))
+        costs = np.array([cost(0.5 * (levels[a] + levels[b])) for a, b in pairwise(marks)])
+        most = float(costs.min()) * (1.0 + slack)
+        first, final = np.flatnonzero(costs <= most)[[0, -1]]
+        finest = costs.size == high - low
+        if finest or final - first + 3 >= costs.size:
+            # a coarse cell is judged by its middle, so the right level may lie next to it
+            return over_cells(levels[marks], costs, most, margin=0 if finest else 1)
+        low, high = int(marks[max(first - 1, 0)]), int(marks[min(final + 2, costs.size)])
+
+
+def commanded_in_steps(stage: Stage) -> bool:
+    """Whether the drive is held between samples in every run."""
+    return all(settled_hold(e.signals[stage.axis.drive]) == "zoh" for e in stage.experiments)
+
+
+def bracket_levels(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
+    """Bracket the static levels of a drive that is commanded in steps.
+
+    A held torque jumps past the static level, so the motion does not depend on where
+    between two commanded levels it lies: the cost is a staircase, which a gradient does
+    not see. It is searched level by level, the other parameters refitted in between.
+
+    Returns
+    -------
+    tuple
+        The stage with the levels held and the others refitted, and the brackets by the
+        name of the level. Nothing is changed where there is no level to find.
+    """
+    asked = open_levels(stage.names, stage.refusals)
+    sides = [s for s in SIDES if EXCESS[s] in asked]
+    if not sides:
+        return stage, {}
+    staircase = _Staircase(stage, lag=True)
+    values = _in_levels(stage.start)
+    brackets: dict[str, Bracket] = {}
+    for _ in range(4):
+        before = dict(brackets)
+        for s in sides:
+            found = staircase.search(values, s, brackets.get(BREAKAWAY[s]))
+            brackets[BREAKAWAY[s]] = found
+            values[BREAKAWAY[s]] = found.value
+        _, values = staircase.refit(values)
+        if brackets == before:
+            break
+    return _held(stage, brackets, values), brackets
+
+
+def narrow_levels(
+    stage: Stage, brackets: Mapping[str, Bracket]
+) -> tuple[Stage, dict[str, Bracket]]:
+    """Choose among neighbouring brackets by the position itself, all else refitted.
+
+    One break-away a sample late displaces all that follows by less than a step of the
+    encoder: increments do not see it, the position does, and it would bend every other
+    parameter.
+    """
+    found, values = _Staircase(stage, lag=False).narrow(brackets, _in_levels(stage.start))
+    return _held(stage, found, values), found
+
+
+def _in_levels(start: Mapping[str, float]) -> dict[str, float]:
+    """Values with static levels in place of excesses."""
+    values = {n: v for n, v in start.items() if n not in EXCESS.values()}
+    for s in SIDES:
+        values.setdefault(BREAKAWAY[s], start[f"coulomb_{s}"] + start.get(EXCESS[s], 0.0))
+    return values
+
+
+def _held(stage: Stage, brackets: Mapping[str, Bracket], values: Mapping[str, float]) -> Stage:
+    """The stage with bracketed levels held in place of the excesses."""
+    levels = {n: b.value for n, b in brackets.items()}
+    renamed = {EXCESS[s]: BREAKAWAY[s] for s in SIDES if BREAKAWAY[s] in levels}
+    start = {n: values.get(n, v) for n, v in stage.start.items() if n not in renamed}
+    return replace(
+        stage,
+        names=tuple(renamed.get(n, n) for n in stage.names),
+        start={**start, **levels},
+        fixed={**stage.fixed, **levels},
+    )
+
+
+class _Staircase:
+    """Cost of the logs over the static levels; the ``others`` are refitted beside them."""
+
+    def __init__(self, stage: Stage, lag: bool) -> None:
+        part = [leading_part(e, LONG) for e in stage.experiments]
+        self.stage, self.axis = replace(stage, experiments=part, refusals=()), stage.axis
+        self.compared = Compared(lag=increment_lag(part, stage.axis) if lag else 0)
+        self.model = DriveModel(part, stage.axis, self.compared)
+        kept = {*stage.held, *BREAKAWAY.values(), *EXCESS.values()}
+        self.others = [n for n in stage.names if n not in kept]
+        # share of the cost that does not count as a difference
+        self.slack = 4.0 / sum(y.size for y in self.model.measured)
+
+    def levels(self, values: Mapping[str, float], side: str) -> FloatArray:
+        """The kinetic level and every commanded one above it, ascending."""
+        sign = 1.0 if side == "positive" else -1.0
+        drive = np.concatenate([sign * e.sampled(self.axis.drive) for e in self.stage.experiments])
+        kinetic = values[f"coulomb_{side}"]
+        return np.concatenate(([kinetic], np.unique(drive[drive > kinetic])))
+
+    def cost(self, values: Mapping[str, float]) -> float:
+        """Sum of squared errors, the offset of the position of every run taken out."""
+        total = 0.0
+        for i, y in enumerate(self.model.measured):
+            r = y - np.real(self.model.columns(i, values).known)
+            if not self.compared.lag:
+                r = r - r.mean()
+            total += float(r @ r)
+        return total
+
+    def search(self, values: Mapping[str, float], side: str, near: Bracket | None) -> Bracket:
+        """The level of one direction, all else held."""
+        name = BREAKAWAY[side]
+        return search_level(
+            lambda x: self.cost({**values, name: x}), self.levels(values, side), self.slack, near
+        )
+
+    def refit(self, values: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+        """Cost and values after fitting the others, the static levels held."""
+        fixed = {n: v for n, v in values.items() if n not in self.others}
+        stage = replace(self.stage, names=tuple(values), start=values, fixed=fixed)
+        problem = stage.problem(self.compared)
+        found = stage.solve(problem, max_iterations=15, tolerance=0.05)
+        order = [u.name for u in problem.nonlinear]
+        return found.cost, {**values, **dict(zip(order, map(float, found.eta)))}
+
+    def narrow(
+        self, brackets: Mapping[str, Bracket], values: dict[str, float]
+    ) -> tuple[dict[str, Bracket], dict[str, float]]:
+        """Brackets by name and values; see :func:`narrow_levels`."""
+        found = dict(brackets)
+        best, values = self.refit(values)
+        for _ in range(3):
+            before = best
+            for name, bracket in found.items():
+                levels = self.levels(values, name.removeprefix("breakaway_"))
+                if levels.size > 1:
+                    found[name], best, values = self._choose(name, bracket, levels, best, values)
+            if best >= before:
+                break
+        return found, values
+
+    def _choose(
+        self,
+        name: str,
+        bracket: Bracket,
+        levels: FloatArray,
+        best: float,
+        values: dict[str, float],
+    ) -> tuple[Bracket, float, dict[str, float]]:
+        """The bracket of one level among the commanded ones; cost and values there."""
+        edges = narrowing_edges(levels, bracket)
+        skipped = edges.size < np.ptp(np.searchsorted(levels, edges)) + 1
+        middles = 0.5 * (edges[1:] + edges[:-1])
+        plain = np.array([self.cost({**values, name: x}) for x in middles])
+        # cells of the same cost have the same events: one refit stands for all of them
+        groups = np.split(np.arange(middles.size), np.flatnonzero(np.diff(plain) != 0.0) + 1)
+        found = [self.refit({**values, name: float(middles[g[g.size // 2]])}) for g in groups]
+        least, refitted = min(found, key=lambda f: f[0])
+        most = min(least, best) * (1.0 + self.slack)
+        if least > most:
+            return bracket, best, values
+        costs = np.repeat([cost for cost, _ in found], [g.size for g in groups])
+        bracket = over_cells(edges, costs, most, margin=int(skipped))
+        if least < best:
+            best, values = least, refitted
+        return bracket, best, {**values, name: bracket.value}
+
+
+def narrowing_edges(levels: FloatArray, bracket: Bracket) -> FloatArray:
+    """Commanded levels about a bracket: its neighbours, and not too many inside."""
+    low, high = (int(k) for k in np.searchsorted(levels, (bracket.low, bracket.high)))
+    inside = np.linspace(low, high, _CELLS_REFITTED + 1).astype(int)
+    ends = (np.arange(k - _NEAR, k + _NEAR + 1) for k in (low, high))
+    kept = np.unique(np.concatenate((inside, *ends)))
+    return np.asarray(levels[kept[(kept >= 0) & (kept < levels.size)]])
+
+
+def bracket_widths(
+    drive: FloatArray, speed: FloatArray, values: Mapping[str, float]
+) -> dict[str, float]:
+    """Standard errors that held torques leave to the static levels.
+
+    A level lies between the highest torque that held and the lowest that broke away;
+    without a break-away nothing is known of it.
+    """
+    out = {}
+    stuck, holds = speed[:-1] == 0.0, speed[1:] == 0.0
+    for s, sign in zip(SIDES, (1.0, -1.0)):
+        u = sign * drive[:-1]
+        broke = u[stuck & ~holds & (u > 0.0)]
+        low = max(u[stuck & holds].max(initial=0.0), values[f"coulomb_{s}"])
+        high = broke.min(initial=np.inf)
+        out[BREAKAWAY[s]] = max(float(high) - low, 0.0) / float(np.sqrt(12.0))
+    return out

@@ -1,0 +1,319 @@
+"""Ball-screw (or any) drive: inertia, viscous friction and four Coulomb levels.
+
+    J theta'' = tau - b theta' - F_k(sign theta')       moving
+    theta' = 0 while -F_s- <= tau <= F_s+               stuck
+
+Kinetic and static level may differ and both may differ by direction [1]_. A linear axis is
+the same with mass, force and position. The motion is solved with events
+(:mod:`...estimation.stick_slip`); nothing is smoothed in the estimate.
+
+Three stages: the inverse dynamics by linear least squares on smoothed derivatives, then
+increments of position (no drift), then position. A one-shot fit of the position from a
+guess ends in a local minimum.
+
+References
+----------
+.. [1] D. B. Comber (thesis, 2013), "Fluid power actuation for MRI-guided interventions",
+   equations 1 and 7, table 3.
+.. [2] A. Janot, M. Gautier, M. Brunot, "Data set and reference models of EMPS",
+   Nonlinear System Identification Benchmarks, 2019.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...estimation.information import sensitivity
+from ...estimation.inputs import settled_hold
+from ...estimation.parametric import check_request, fit_named, make_unknowns
+from ...estimation.results import Refusal
+from ...experiment import Experiment, FloatArray, Hold
+from ...family import (
+    Estimate,
+    Excitation,
+    Family,
+    FamilyOptions,
+    Information,
+    ParameterDocument,
+    ParameterSpec,
+    Request,
+    Role,
+    Simulated,
+    Value,
+    Variant,
+    scalars,
+)
+from ...options import choice, settled
+from .beyond import BEYOND_HELP, DECISIVE, beyond_notice, residual_to_noise, with_derivatives
+from .block import DriveBlock
+from .brackets import (
+    Bracket,
+    bracket_levels,
+    bracket_widths,
+    commanded_in_steps,
+    narrow_levels,
+)
+from .model import BREAKAWAY, EXCESS, SIDES, Compared, DriveModel, axis_of
+from .refusals import UNKNOWN_FORCES, open_levels, sides_at_rest, without_breakaway, withstood
+from .reported import Reported, excess_specs, in_levels
+from .run import follow
+from .stage import Stage
+from .starts import fit_increments, initial_speeds, inverse_dynamics, search_limits, speed_unknowns
+
+
+def _variant(name: str, drive: str, drive_unit: str, motion: str, motion_unit: str,
+             inertia: str, inertia_unit: str, viscous_unit: str) -> Variant:  # fmt: skip
+    """Roles and parameters of the rotary or the linear axis."""
+    slow = "Record slow reversals from rest in this direction, several of them."
+    return Variant(
+        name,
+        (
+            Role("time", "s", "time of each sample"),
+            Role(drive, drive_unit, f"{drive} the drive applies", hold="zoh"),
+            Role(motion, motion_unit, f"{motion} of the axis", output=True),
+        ),
+        (
+            ParameterSpec(inertia, inertia_unit, f"{inertia} of everything that moves",
+                          minimum=1e-30,
+                          remedy="Record quicker accelerations, or a higher sampling rate."),
+            ParameterSpec("viscous", viscous_unit, "viscous friction", neutral=0.0, minimum=0.0,
+                          optional=True, remedy="Record motion at two clearly different speeds."),
+            *(ParameterSpec(f"viscous_{s}", viscous_unit, f"viscous friction, {s} direction",
+                            neutral=0.0, minimum=0.0, optional=True,
+                            remedy=f"Record motion at two clearly different speeds in the {s} "
+                            "direction.") for s in SIDES),
+            *(ParameterSpec(f"coulomb_{s}", drive_unit, f"kinetic friction, {s} direction",
+                            neutral=0.0, minimum=0.0,
+                            remedy=f"Record motion in the {s} direction.") for s in SIDES),
+            *(ParameterSpec(f"breakaway_{s}", drive_unit, f"static friction, {s} direction",
+                            neutral=0.0, minimum=0.0, remedy=slow, threshold=s,
+                            base=f"coulomb_{s}") for s in SIDES),
+        ),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class BallScrewOptions(FamilyOptions):
+    """Symmetry of the friction, and what the fit compares."""
+
+    viscous: str = choice(
+        "symmetric", ("symmetric", "asymmetric"), "one viscous value, or one per direction"
+    )
+    compared: str | None = settled(
+        "choice", "whether speed and acceleration were compared beside the position",
+        choices=("position", "derivatives"),
+    )  # fmt: skip
+
+
+class BallScrew(Family[BallScrewOptions]):
+    """Stick-slip drive with asymmetric kinetic and static friction."""
+
+    name = "ball-screw"
+    title = "Ball-screw drive: inertia, viscous friction and four Coulomb levels"
+    equation = (
+        "inertia * angle'' = torque - viscous * angle' - coulomb(direction), stuck below breakaway"
+    )
+    variants = (
+        _variant("rotary", "torque", "N m", "angle", "rad", "inertia", "kg m2", "N m s/rad"),
+        _variant("linear", "force", "N", "position", "m", "mass", "kg", "N s/m"),
+    )
+    options_type = BallScrewOptions
+
+    def estimate(
+        self,
+        variant: Variant,
+        experiments: Sequence[Experiment],
+        request: Request[BallScrewOptions],
+    ) -> Estimate[BallScrewOptions]:
+        """Fit inertia and friction in three stages; see :meth:`Family.estimate`."""
+        check_request(variant.parameters, request)
+        axis = axis_of(variant)
+        resting = withstood(experiments, axis)
+        stage = _first_stages(variant, experiments, request, resting)
+        request.progress("fitting positions")
+        stage, brackets, beyond = _levels_and_forces(stage, request)
+        compared, weights = Compared(), list[FloatArray]()
+        if beyond:
+            request.progress("forces beyond the model: comparing speed and acceleration too")
+            compared, weights = with_derivatives(stage)
+        fitted = fit_named(
+            DriveModel(experiments, axis, compared).named(stage.names, weights),
+            [*variant.parameters, *excess_specs(variant)],
+            replace(request, fixed=stage.fixed),
+            stage.unknowns,
+            [stage.start],
+            refusals=stage.refusals,
+            sensible=_sensible(stage),
+            sigma_floor=0.0 if beyond else stage.resolution / np.sqrt(12.0),
+            channels=[compared.channels(e.samples) for e in experiments],
+        )
+        found = Reported(variant, in_levels(fitted), brackets, resting)
+        parameters, order, covariance = found.quantities()
+        table, drift = found.fitted.compare_logs(experiments)
+        last = "position, speed and acceleration" if beyond else "position"
+        return Estimate(
+            parameters,
+            found.derived(axis),
+            order,
+            covariance,
+            replace(request.options, compared="derivatives" if beyond else "position"),
+            [*found.notices(), *drift, *([beyond_notice(parameters)] if beyond else [])],
+            {**fitted.details(), **table, "stages": ["inverse dynamics", "increments", last]},
+            found.fitted.sensitivity(),
+        )
+
+    def simulate(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        options: BallScrewOptions,
+        offset: float | None = None,
+    ) -> list[Simulated]:
+        """Position from the torque or force; see :meth:`Family.simulate`.
+
+        The axis may have been anywhere, and moving, when a run began: both belong to the run.
+        """
+        return [follow(e, axis_of(variant), scalars(values), offset or 0.0) for e in experiments]
+
+    def information(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiment: Experiment,
+        options: BallScrewOptions,
+    ) -> Information:
+        """Sensitivities by complex steps; see :meth:`Family.information`."""
+        v, axis = scalars(values), axis_of(variant)
+        model = DriveModel([experiment], axis)
+        held = settled_hold(experiment.signals[axis.drive]) == "zoh"
+        found = sensitivity(
+            model.named([n for n in v if not (held and n in BREAKAWAY.values())]), v
+        )
+        if not held:
+            return found
+        motion, samples = model.motion(0, v)
+        speed = np.real(motion.velocity[0, samples])
+        return replace(found, floor=bracket_widths(experiment.sampled(axis.drive), speed, v))
+
+    def model(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        options: BallScrewOptions,
+        sample_time: float,
+        hold: Hold,
+    ) -> dict[str, Any]:
+        """Inertia and friction, and the period of the controller."""
+        friction = scalars(values)
+        name = axis_of(variant).inertia
+        section: dict[str, Any] = {name: friction.pop(name), "friction": friction}
+        if sample_time > 0.0:
+            section["discrete"] = {"sample_time": sample_time, "hold": "zoh"}
+        return section
+
+    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
+        """A torque or force, played to the drive; see :meth:`Family.excitation`."""
+        return Excitation("command")
+
+    def suppose(
+        self,
+        name: str,
+        values: Mapping[str, Value],
+        amplitude: tuple[float, float],
+        sample_time: float,
+    ) -> float | None:
+        """A kinetic level of a fifth of the range, a static one that is higher by a third."""
+        v = scalars(values)
+        for s, limit in zip(SIDES, reversed(amplitude)):
+            if name == f"coulomb_{s}":
+                return 0.2 * abs(limit)
+            if name == BREAKAWAY[s]:
+                return 1.3 * v[f"coulomb_{s}"]
+        return v[name]
+
+    def block(self, variant: Variant, document: ParameterDocument) -> DriveBlock:
+        """The drive that a controller steps; see :class:`DriveBlock`."""
+        return DriveBlock(document, variant)
+
+
+def _first_stages(
+    variant: Variant,
+    experiments: Sequence[Experiment],
+    request: Request[BallScrewOptions],
+    resting: Mapping[str, float],
+) -> Stage:
+    """Inverse dynamics and increments of position: where the fit of the position begins."""
+    axis, one_sided = axis_of(variant), request.options.viscous == "asymmetric"
+    viscous = [f"viscous_{s}" for s in SIDES] if one_sided else ["viscous"]
+    direct = {*request.fixed, *request.bounds}
+    static = [BREAKAWAY[s] if BREAKAWAY[s] in direct else EXCESS[s] for s in SIDES]
+    names = (axis.inertia, *viscous, *(f"coulomb_{s}" for s in SIDES), *static)
+    specs = [*variant.parameters, *excess_specs(variant)]
+    request.progress("inverse dynamics")
+    guess = inverse_dynamics(experiments, axis, one_sided)
+    unknowns = make_unknowns(specs, names, guess, request, search_limits(names, guess, viscous))
+    stage = Stage(experiments, axis, names, unknowns, guess, dict(request.fixed))
+    unit = variant.role(axis.drive).unit
+    refusals = sides_at_rest(resting, axis, unit, 1.5 * stage.largest_drive, viscous)
+    stage = replace(stage, refusals=tuple(refusals))
+    request.progress("fitting increments of position")
+    start = fit_increments(stage, request.start)
+    moving = initial_speeds(experiments, axis)
+    start = {**start, **moving}
+    refusals += without_breakaway(DriveModel(experiments, axis), start, static, refusals)
+    return replace(
+        stage,
+        names=(*names, *moving),
+        unknowns={**unknowns, **speed_unknowns(moving)},
+        start=start,
+        refusals=tuple(refusals),
+    )
+
+
+def _levels_and_forces(
+    stage: Stage, request: Request[BallScrewOptions]
+) -> tuple[Stage, dict[str, Bracket], bool]:
+    """Bracket the static levels where that can be done, and weigh what the model leaves out.
+
+    Once forces beyond the model decide the instant of break-away, no level is left to
+    bracket and it is refused. A file says which of both it was.
+    """
+    known = request.options.compared
+    brackets: dict[str, Bracket] = {}
+    held, stepped = stage, commanded_in_steps(stage)
+    if stepped and known != "derivatives":
+        request.progress("bracketing the static levels")
+        held, brackets = bracket_levels(stage)
+    ratio = residual_to_noise(held) if known is None else 0.0
+    if brackets and ratio < BEYOND_HELP:
+        held, brackets = narrow_levels(held, brackets)
+        ratio = residual_to_noise(held) if known is None else 0.0
+    beyond = known == "derivatives" or ratio > DECISIVE
+    if not (beyond and stepped):
+        return held, brackets, beyond
+    hidden = [Refusal(n, UNKNOWN_FORCES, 0.0) for n in open_levels(stage.names, stage.refusals)]
+    return replace(stage, refusals=(*stage.refusals, *hidden)), {}, True
+
+
+def _sensible(stage: Stage) -> dict[str, float]:
+    """Half-widths of intervals that say nothing.
+
+    Viscous friction that alone would use up the whole drive at the highest speed is one.
+    """
+    axis, drive = stage.axis, stage.largest_drive
+    speed = max(
+        float(np.quantile(np.abs(np.gradient(e[axis.motion], e.time)), 0.99))
+        for e in stage.experiments
+    )
+    out = dict.fromkeys(stage.unknowns, drive)
+    for n in out:
+        if n.startswith("viscous"):
+            out[n] = drive / max(speed, 1e-300)
+        if n.startswith("initial_speed"):
+            out[n] = np.inf
+    return {**out, axis.inertia: stage.start[axis.inertia]}

@@ -1,1 +1,0 @@
-"""Parts of the ``potentiometer`` family, which alone uses them."""

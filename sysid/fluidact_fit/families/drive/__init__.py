@@ -1,1 +1,0 @@
-"""Parts of the ``ball-screw`` family, which alone uses them."""

@@ -1,0 +1,1 @@
+"""Force maps of a cylinder with hysteresis: small networks of command and force."""

@@ -1,0 +1,129 @@
+"""A force map for a controller, and its picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...block import Block
+from ...errors import UsageError
+from ...experiment import Experiment, FloatArray
+from ...family import Curve
+from ...parameters.document import ParameterDocument
+from ...specification import Variant
+from .data import held_state
+from .equation import NetworkMap
+from .options import ForceMapOptions
+from .prediction import predict_runs
+
+
+class ForceMapBlock(Block):
+    """A force map that a controller calls with its inputs by name, in SI.
+
+    ``block(force=30.0, position=0.012, direction=1)`` gives the command; arrays go
+    through at once. A network with a motion state takes it as ``direction`` (1 loading,
+    -1 unloading); for an array it is otherwise taken from the held sign of the change
+    of the force or command given.
+
+    Attributes
+    ----------
+    inputs
+        Names of the inputs, in the order of the network.
+    target
+        What the map gives: ``"command"`` or ``"force"``.
+    activation
+        Of the hidden units.
+    """
+
+    def __init__(self, document: ParameterDocument, variant: Variant) -> None:
+        super().__init__(document, variant)
+        self.options = ForceMapOptions.read(document.options or {}, from_file=True)
+        self.inputs = self.options.names
+        self.target = self.options.target
+        self.activation = self.options.activation
+
+    @cached_property
+    def _map(self) -> NetworkMap:
+        return NetworkMap.of(self.parameters, self.activation)
+
+    def __call__(self, **values: npt.ArrayLike) -> float | FloatArray:
+        """Command or force for the inputs by name [SI]; scalars or arrays of one shape.
+
+        A motion state of 0, not known, gives what lies between the branches.
+        """
+        x, shape = self._table(values)
+        state = self.inputs.index("direction") if "direction" in self.inputs else None
+        y = self._map.predict(x, state)
+        return float(y[0]) if not shape else y.reshape(shape)
+
+    def predict(self, experiment: Experiment) -> FloatArray:
+        """Output from the inputs of a recording; see :meth:`.Block.predict`."""
+        inputs = {r: s for r, s in experiment.signals.items() if r != self.target}
+        (run,) = predict_runs(self._map, [replace(experiment, signals=inputs)], self.options)
+        return run.output
+
+    def outside(
+        self, role: str | None = None, value: npt.ArrayLike = np.nan, **inputs: npt.ArrayLike
+    ) -> Any:
+        """Whether values lie outside the range that the data covered.
+
+        Either one role with its values, as for every block, or all inputs as when calling:
+        then whether any of them does.
+        """
+        if role is not None:
+            return super().outside(role, value)
+        x, shape = self._table(inputs)
+        low, high = (np.asarray(self.parameters[f"input_{k}"]) for k in ("low", "high"))
+        slack = 1e-9 * (high - low)
+        out = ~((x >= low - slack) & (x <= high + slack)).all(axis=1)
+        return bool(out[0]) if not shape else out.reshape(shape)
+
+    def _table(self, values: Mapping[str, npt.ArrayLike]) -> tuple[FloatArray, tuple[int, ...]]:
+        given = {k: np.asarray(v, dtype=float) for k, v in values.items()}
+        if "direction" in self.inputs and "direction" not in given:
+            v = given.get(self.options.driver)
+            if v is None or v.ndim != 1:
+                raise UsageError(
+                    "the motion state is missing",
+                    remedy="Give direction=1 while loading and direction=-1 while unloading.",
+                )
+            given["direction"] = held_state(v, self.options.driver, self.options)
+        unknown, missing = set(given) - set(self.inputs), set(self.inputs) - set(given)
+        if unknown or missing:
+            wrong = ", ".join(sorted(unknown | missing))
+            raise UsageError(
+                f"{'unknown' if unknown else 'missing'} input: {wrong}",
+                expected="This map takes " + ", ".join(self.inputs) + ".",
+            )
+        columns = np.broadcast_arrays(*(given[n] for n in self.inputs))
+        shape = columns[0].shape
+        return np.column_stack([np.ravel(c) for c in columns]), shape
+
+
+def branch_curves(
+    network: NetworkMap, x: FloatArray, names: Sequence[str], source: str
+) -> list[Curve]:
+    """Both branches at the lowest and the highest position, all other inputs at their means."""
+    at = {n: k for k, n in enumerate(names)}
+    along = np.linspace(x[:, at[source]].min(), x[:, at[source]].max(), 200)
+    ends: list[tuple[str, float | None]] = [("", None)]
+    if "position" in names:
+        p = x[:, at["position"]]
+        ends = [("low position", float(p.min())), ("high position", float(p.max()))]
+    states = [("loading", 1.0), ("unloading", -1.0)] if "direction" in names else [("", None)]
+    out = []
+    for place, position in ends:
+        for branch, state in states:
+            table = np.tile(x.mean(axis=0), (along.size, 1))
+            held = {source: along, "position": position, "direction": state}
+            for name, value in held.items():
+                if name in at and value is not None:
+                    table[:, at[name]] = value
+            label = ", ".join(w for w in (branch, place) if w) or "network"
+            out.append(Curve(label, along, network(table)))
+    return out

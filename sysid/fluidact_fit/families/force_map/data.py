@@ -1,0 +1,244 @@
+"""All logs in one table of inputs and outputs, its checks and its scaling."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import LogError, Notice, NotIdentifiedError
+from ...estimation.motion_state import (
+    BoolArray,
+    choose_dead_band,
+    fill_start,
+    held_direction,
+    motion_state,
+    settled_samples,
+)
+from ...experiment import Experiment, FloatArray
+from ...signals import smooth
+from .options import ForceMapOptions
+
+_SETTLED = 0.1  # share of the range after a reversal within which branches change over
+
+
+@dataclass(frozen=True)
+class Data:
+    """All logs in one table.
+
+    ``x`` has shape ``(n, inputs)``, all others ``(n,)`` [SI]. ``used`` marks what is fitted,
+    ``settled`` what lies well within a branch.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    x: FloatArray
+    y: FloatArray
+    used: BoolArray
+    direction: FloatArray
+    settled: BoolArray
+    position: FloatArray
+    log: npt.NDArray[np.intp]
+    parts: tuple[slice, ...]
+    unit: str
+
+    def split(self, values: FloatArray) -> list[FloatArray]:
+        """Values per experiment."""
+        return [values[p] for p in self.parts]
+
+
+def settle_dead_bands(
+    experiments: Sequence[Experiment], options: ForceMapOptions
+) -> ForceMapOptions:
+    """Changes of command and force that are no noise in any log, where a log's own state lacks."""
+    apart = [e for e in experiments if "direction" not in e]
+    if not apart:
+        return options
+
+    def largest(role: str) -> float:
+        return max(choose_dead_band(column_of(e, role)) for e in apart)
+
+    command, force = options.dead_band, options.force_dead_band
+    return replace(
+        options,
+        dead_band=largest("command") if command is None else command,
+        force_dead_band=largest("force") if force is None else force,
+    )
+
+
+def gather(
+    experiments: Sequence[Experiment], names: tuple[str, ...], options: ForceMapOptions
+) -> Data:
+    """All logs in one table, with the motion state of every sample."""
+    sizes = [e.samples for e in experiments]
+    ends = np.cumsum(sizes)
+    branches = [branch_of(e, options) for e in experiments]
+    table = np.vstack([input_table(e, names, options) for e in experiments])
+    y = np.concatenate([column_of(e, options.target) for e in experiments])
+    units = tuple(
+        "m/s" if n == "velocity" and n not in experiments[0] else
+        "1" if n == "direction" else experiments[0].signals[n].unit for n in names
+    )  # fmt: skip
+    return Data(
+        names, units, table, y, is_known(table, names) & np.isfinite(y),
+        np.concatenate([direction for direction, _ in branches]),
+        np.concatenate([settled for _, settled in branches]),
+        np.concatenate([column_of(e, "position") for e in experiments]),
+        np.repeat([e.log for e in experiments], sizes),
+        tuple(slice(int(end - n), int(end)) for end, n in zip(ends, sizes)),
+        experiments[0].signals[options.target].unit,
+    )  # fmt: skip
+
+
+def input_table(e: Experiment, names: Sequence[str], options: ForceMapOptions) -> FloatArray:
+    """Inputs of one experiment, shape ``(n, inputs)`` [SI]; a motion state of 0 is unknown."""
+    source = "command" if "command" in e else "force"
+    return np.column_stack(
+        [_direction(e, source, options) if n == "direction" else column_of(e, n) for n in names]
+    )
+
+
+def is_known(table: FloatArray, names: Sequence[str]) -> BoolArray:
+    """Rows whose inputs are all there, the motion state too."""
+    known = np.isfinite(table).all(axis=1)
+    if "direction" in names:
+        known &= table[:, list(names).index("direction")] != 0.0
+    return np.asarray(known)
+
+
+def fill_direction(table: FloatArray, names: Sequence[str]) -> FloatArray:
+    """The same inputs of one run with its first motion state from the beginning on."""
+    if "direction" in names:
+        table = table.copy()
+        fill_start(table[:, list(names).index("direction")])
+    return table
+
+
+def branch_of(e: Experiment, options: ForceMapOptions) -> tuple[FloatArray, BoolArray]:
+    """Motion state by the command, and the samples that are well within a branch."""
+    command, direction = column_of(e, "command"), _direction(e, "command", options)
+    least = _SETTLED * float(np.ptp(command))
+    return direction, settled_samples(command, direction, least)
+
+
+def column_of(e: Experiment, role: str) -> FloatArray:
+    """Values of a role at every sample; a constant given by ``--step`` is spread out.
+
+    Raises
+    ------
+    LogError
+        When the log does not hold it and it cannot be computed.
+    """
+    if role == "velocity" and "velocity" not in e:
+        return _velocity(e)
+    if role not in e:
+        raise LogError(
+            f"the network needs '{role}', and there is none.",
+            where=e.name,
+            remedy=f"Give --column {role}=HEADER, --step {role}=VALUE:VALUE for a constant, or "
+            "--inputs without it.",
+        )
+    return e.sampled(role)
+
+
+def _velocity(e: Experiment) -> FloatArray:
+    """Velocity from position: local polynomials, or differences on uneven time [m/s]."""
+    if e.time.size < 5 or "position" not in e:
+        raise LogError(
+            "the network needs 'velocity', and without time it cannot be computed.",
+            where=e.name,
+            remedy="Give --column velocity=HEADER or --column time=HEADER, or --inputs without it.",
+        )
+    position = column_of(e, "position")
+    if e.uniform:
+        return smooth(position, e.sample_time, 5).rate
+    return np.asarray(np.gradient(position, e.time))
+
+
+def _direction(e: Experiment, source: str, options: ForceMapOptions) -> FloatArray:
+    """Motion state of each sample: the log's own, or the held sign of a change."""
+    if "direction" in e:
+        return motion_state(column_of(e, "direction"))
+    return held_state(column_of(e, source), source, options)
+
+
+def held_state(values: FloatArray, source: str, options: ForceMapOptions) -> FloatArray:
+    """Held sign of the change of a command or a force."""
+    band = options.dead_band if source == "command" else options.force_dead_band
+    if band is None:  # no log of the fit needed one
+        band = choose_dead_band(values)
+    return held_direction(values, band).astype(float)
+
+
+def check_data(data: Data, options: ForceMapOptions) -> None:
+    """Refuse data that no network can be trained on."""
+    rows = int(data.used.sum())
+    units = options.layers or (2,)
+    needed = 2 * (sum(units) * (data.x.shape[1] + 2) + 1)
+    if rows < needed:
+        raise NotIdentifiedError(
+            f"{rows} samples cannot determine a network of {needed // 2} weights or so.",
+            expected=f"At least {needed} samples with a known motion state.",
+            remedy="Record longer, give fewer --hidden units, or check --dead-band.",
+        )
+    moving = [k for k, n in enumerate(data.names) if n != "direction"]
+    spread = [float(np.ptp(data.x[data.used, k])) for k in moving]
+    main = (
+        data.names.index("force" if options.target == "command" else "command")
+        if ({"force", "command"} & set(data.names))
+        else -1
+    )
+    still = main >= 0 and spread[moving.index(main)] == 0.0
+    if still or float(np.ptp(data.y[data.used])) == 0.0:
+        raise NotIdentifiedError(
+            f"command or force does not change in these {rows} samples.",
+            remedy="Record the force while the command is raised and lowered over its range.",
+        )
+
+
+def data_notices(data: Data) -> list[Notice]:
+    """Warnings about what the data cannot tell."""
+    out = []
+    for k, name in enumerate(data.names):
+        if np.ptp(data.x[data.used, k]) > 0.0:
+            continue
+        value, unit = data.x[data.used][0, k], data.units[k]
+        out.append(
+            Notice(
+                "input-constant",
+                f"{name} is {value:.6g} {unit} in all samples: the network says nothing about "
+                f"another {name}. Record more of them, or leave it out of --inputs.",
+            )
+        )
+    return out
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """From SI to order one: ``z = (x - offset) / scale``, the output alike."""
+
+    offset: FloatArray
+    scale: FloatArray
+    base: float
+    span: float
+
+    @classmethod
+    def of(cls, data: Data) -> Scaling:
+        """Scaling that gives the used samples zero mean and unit deviation."""
+        x, y = data.x[data.used], data.y[data.used]
+        offset, scale = x.mean(axis=0), x.std(axis=0)
+        for k, name in enumerate(data.names):
+            if name == "direction":  # 1 and -1 are of order one, and stay readable
+                offset[k], scale[k] = 0.0, 1.0
+        scale = np.where(scale > 1e-12 * np.maximum(np.abs(offset), 1e-300), scale, 1.0)
+        return cls(offset, scale, float(y.mean()), float(y.std()))
+
+    def inputs(self, x: FloatArray) -> FloatArray:
+        """Inputs in SI as standardised ones."""
+        return np.asarray((x - self.offset) / self.scale)
+
+    def output(self, y: FloatArray) -> FloatArray:
+        """Outputs in SI as standardised ones."""
+        return np.asarray((y - self.base) / self.span)

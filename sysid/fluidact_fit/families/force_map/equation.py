@@ -1,0 +1,108 @@
+"""A network as it stands in a file: its equation, for inputs in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Self
+
+import numpy as np
+
+from ...errors import UsageError
+from ...estimation.network import Activation, Network
+from ...experiment import FloatArray
+from ...family import Value
+
+
+@dataclass(frozen=True)
+class NetworkMap:
+    """``y = base + span * network((x - offset) / scale)``, all in SI but for the network."""
+
+    network: Network
+    offset: FloatArray
+    scale: FloatArray
+    base: float
+    span: float
+
+    @classmethod
+    def of(cls, values: Mapping[str, Value], activation: Activation = "relu") -> Self:
+        """The map of a file.
+
+        Raises
+        ------
+        UsageError
+            When the sizes of layers and scalings do not agree.
+        """
+        layers = [k for k in ("1", "2", "3") if f"weights_{k}" in values]
+        found = cls(
+            Network(
+                tuple(_array(values, f"weights_{k}", 2) for k in layers),
+                tuple(_array(values, f"biases_{k}", 1) for k in layers),
+                activation,
+            ),
+            _array(values, "input_offset", 1),
+            _array(values, "input_scale", 1),
+            float(_array(values, "output_offset", 0)),
+            float(_array(values, "output_scale", 0)),
+        )
+        found._check_sizes()
+        return found
+
+    def _check_sizes(self) -> None:
+        w, b = self.network.weights, self.network.biases
+        inputs = self.network.inputs
+        for name, size in (("input_offset", self.offset.size), ("input_scale", self.scale.size)):
+            if size != inputs:
+                raise UsageError(
+                    f"{name} has {size} entries, and weights_1 is for {inputs} inputs",
+                    expected="One entry for each input.",
+                )
+        for k, (rows, biases) in enumerate(zip(w, b), start=1):
+            if rows.shape[0] != biases.size:
+                raise UsageError(f"weights_{k} has {rows.shape[0]} rows, biases_{k} {biases.size}")
+        for k, (one, following) in enumerate(pairwise(w), start=2):
+            if one.shape[0] != following.shape[1]:
+                raise UsageError(
+                    f"weights_{k} is for {following.shape[1]} units, and there are {one.shape[0]}"
+                )
+        if w[-1].shape[0] != 1:
+            raise UsageError(f"the last layer has {w[-1].shape[0]} outputs instead of one")
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Output for inputs in the file's order, shape ``(n, inputs)`` [SI]."""
+        return np.asarray(self.base + self.span * self.network((x - self.offset) / self.scale))
+
+    def predict(self, x: FloatArray, state: int | None) -> FloatArray:
+        """The same, between both branches where the motion state in a column is not known (0)."""
+        y = self(x)
+        if state is not None and (rest := x[:, state] == 0.0).any():
+            ends = [np.where(np.arange(x.shape[1]) == state, s, x[rest]) for s in (1.0, -1.0)]
+            y[rest] = 0.5 * (self(ends[0]) + self(ends[1]))
+        return y
+
+
+def _array(values: Mapping[str, Value], name: str, rank: int) -> FloatArray:
+    try:
+        array = np.asarray(values[name], dtype=float)
+    except ValueError:
+        raise UsageError(f"the rows of {name} differ in length") from None
+    if array.ndim != rank:
+        raise UsageError(f"{name} has {array.ndim} dimensions instead of {rank}")
+    return array
+
+
+def checksums(values: Mapping[str, Value]) -> dict[str, float | list[float]]:
+    """Numbers that change with every entry of the parameters, its sign and its place.
+
+    Sums of the positive and of the negative entries, later ones weighing more.
+    """
+    out: dict[str, float | list[float]] = {}
+    for name, value in values.items():
+        if not isinstance(value, list):
+            out[name] = value
+            continue
+        flat = np.asarray(value, dtype=float).ravel()
+        weight = 1.0 + np.arange(flat.size) / flat.size
+        out[name] = [float(weight @ np.maximum(flat, 0.0)), float(weight @ np.maximum(-flat, 0.0))]
+    return out

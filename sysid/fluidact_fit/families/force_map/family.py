@@ -1,0 +1,196 @@
+"""Force maps of a cylinder with hysteresis: small networks of command and force.
+
+    command = f_u(force, position, motion state)               (equation 5 of [1]_)
+    force   = f_F(command, position, velocity, motion state)   (equation 6 of [1]_)
+
+    f(x) = offset + scale (W_2 phi(W_1 (x - x_0) / s_x + b_1) + b_2)
+
+The first network is the feed-forward controller, the second the observer of the force that
+needs no load cell. Spring, friction and valve are not modelled one by one: that is the gray
+box ``spring-cylinder``. The paper trains 3-5-1 and 4-7-1 ReLU networks.
+
+The motion state is printed as ``s = u_j - u_(j-1)`` (equation 3). Taken literally it is
+zero whenever the command rests and grows with the sampling time; the branches of the
+hysteresis are told apart by its sign, held while the command rests. A dead band keeps
+noise from reversing it. A log's own direction column may be used instead.
+
+Samples of one position are nearly copies of each other, so whole positions or whole logs
+are held out for validation, never random rows.
+
+A ``length`` that is the same throughout each log names the specimen. Specimens differ by more
+than their lengths: a curve through all of them is no guide to the next, so that between the
+recorded lengths the output is held near a straight line (:class:`...estimation.network.Chords`).
+How near is judged on the recorded logs alone: by the error on whole lengths held out, and by
+the error on the lengths there are.
+
+References
+----------
+.. [1] X. Wu, H. Hua, S. Feng, Y. Zhao, Y. Yang, Z. Liao, "Data-Driven Feedforward Force
+   Control of a Single-Acting Pneumatic Cylinder with a Nonlinear Hysteresis
+   Characteristic", Actuators 14, 162, 2025.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+
+from ...errors import UsageError
+from ...estimation.parametric import check_request
+from ...experiment import Experiment, Hold
+from ...family import (
+    Estimate,
+    Family,
+    ParameterDocument,
+    ParameterSpec,
+    Request,
+    Simulated,
+    StaticView,
+    Value,
+    Variant,
+)
+from .block import ForceMapBlock, branch_curves
+from .certificates import certificate_notice, certify
+from .data import column_of, data_notices, input_table
+from .equation import NetworkMap, checksums
+from .options import ROLES, TARGETS, ForceMapOptions
+from .prediction import predict_runs
+from .results import file_parameters, fit_details
+from .training import fit_network, spike_notice
+
+
+def _spec(name: str, rank: Literal[0, 1, 2], text: str, optional: bool = False) -> ParameterSpec:
+    scaling = name.startswith(("input", "output"))
+    minimum = 1e-300 if name.endswith("scale") else -np.inf
+    return ParameterSpec(
+        name, "1", text, rank=rank, optional=optional, minimum=minimum,
+        remedy="Record command, position and force over their whole ranges.",
+        any_unit=scaling,
+    )  # fmt: skip
+
+
+_PARAMETERS = (
+    _spec("weights_1", 2, "weights of the first layer: one row per unit, one column per input"),
+    _spec("biases_1", 1, "biases of the first layer"),
+    _spec("weights_2", 2, "weights of the second layer (the output with one hidden layer)"),
+    _spec("biases_2", 1, "biases of the second layer"),
+    _spec("weights_3", 2, "weights of the output with two hidden layers", True),
+    _spec("biases_3", 1, "bias of the output with two hidden layers", True),
+    _spec("input_offset", 1, "taken off each input, in its SI unit"),
+    _spec("input_scale", 1, "each input is divided by, in its SI unit"),
+    _spec("output_offset", 0, "added to the scaled output, in the SI unit of the target"),
+    _spec("output_scale", 0, "the output is multiplied by, in the SI unit of the target"),
+    _spec("input_low", 1, "lowest value of each input in the data, in its SI unit", True),
+    _spec("input_high", 1, "highest value of each input in the data, in its SI unit", True),
+)
+
+
+def _variant(target: str) -> Variant:
+    roles = tuple(replace(r, output=r.name == target) for r in ROLES)
+    return Variant(target, roles, _PARAMETERS)
+
+
+class ForceMap(Family[ForceMapOptions]):
+    """Small networks for the force of a cylinder with hysteresis, either way round."""
+
+    name = "force-map"
+    title = "Force map: small networks of command and force with hysteresis"
+    equation = (
+        "target = output_offset + output_scale * (weights_2 relu(weights_1 "
+        "(inputs - input_offset) / input_scale + biases_1) + biases_2)"
+    )
+    variants = tuple(_variant(t) for t in TARGETS)
+    options_type = ForceMapOptions
+
+    def variants_for(self, options: ForceMapOptions) -> tuple[Variant, ...]:
+        """The variant whose output is the target that the options name."""
+        return (self.variant(options.target),)
+
+    def estimate(
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request[ForceMapOptions]
+    ) -> Estimate[ForceMapOptions]:
+        """Train the network; see :meth:`Family.estimate`."""
+        check_request(variant.parameters, request)
+        if request.fixed or request.start or request.bounds:
+            raise UsageError(
+                "the weights of a network cannot be fixed, started or bounded one by one",
+                remedy="Leave out --fix, --start and --bounds; --hidden and --seed choose.",
+            )
+        fit, options = fit_network(experiments, request)
+        certificate = certify(fit.network, fit.scaling, fit.data)
+        return Estimate(
+            file_parameters(fit),
+            {},
+            (),
+            np.zeros((0, 0)),
+            options,
+            [
+                *data_notices(fit.data),
+                *certificate_notice(certificate, fit.data, options.driver, options.target),
+                *spike_notice(fit),
+            ],
+            fit_details(fit, certificate, options),
+        )
+
+    def simulate(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        options: ForceMapOptions,
+        offset: float | None = None,
+    ) -> list[Simulated]:
+        """Command or force from the inputs; see :meth:`Family.simulate`."""
+        return predict_runs(NetworkMap.of(values, options.activation), experiments, options)
+
+    def model(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        options: ForceMapOptions,
+        sample_time: float,
+        hold: Hold,
+    ) -> dict[str, Any]:
+        """The size of the network, and checksums of the weights and scalings."""
+        net = NetworkMap.of(values, options.activation).network
+        if len(options.names) != net.inputs:
+            raise UsageError(
+                f"weights_1 is for {net.inputs} inputs, and the options name {options.inputs}"
+            )
+        return {
+            "network": {
+                "layers": [net.inputs, *net.hidden, 1],
+                "parameters": net.parameters,
+                "multiplications": net.multiplications,
+                "checksums": checksums(values),
+            }
+        }
+
+    def static_view(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+        options: ForceMapOptions,
+    ) -> StaticView:
+        """Output over command or force, with the branches at the outermost positions."""
+        names, target = options.names, options.target
+        source = options.driver if options.driver in names else names[0]
+        x = np.vstack([input_table(e, names, options) for e in experiments])
+        used = np.concatenate([s.used for s in simulated if s.used is not None])
+        signals = experiments[0].signals
+        return StaticView(
+            source, signals[source].unit if source in signals else "m/s",
+            target, signals[target].unit,
+            x[:, names.index(source)], np.concatenate([column_of(e, target) for e in experiments]),
+            np.concatenate([s.output for s in simulated]), used,
+            branch_curves(NetworkMap.of(values, options.activation), x[used], names, source),
+        )  # fmt: skip
+
+    def block(self, variant: Variant, document: ParameterDocument) -> ForceMapBlock:
+        """The map that a controller calls with its inputs by name."""
+        return ForceMapBlock(document, variant)

@@ -1,0 +1,102 @@
+"""What the file says of a trained network: parameters, errors, a polynomial beside it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...estimation.network import polynomial_fit, polynomial_terms, thin
+from ...experiment import FloatArray
+from ...family import Quantity
+from .certificates import Certificate, certificate_details
+from .data import Data, is_known
+from .options import ForceMapOptions
+from .training import Fit
+from .validation import rms
+
+
+def file_parameters(fit: Fit) -> dict[str, Quantity]:
+    """Layers and scalings as they stand in the file."""
+    out: dict[str, Quantity] = {}
+    for k, (w, b) in enumerate(zip(fit.network.weights, fit.network.biases), start=1):
+        out[f"weights_{k}"] = Quantity(w.tolist(), "1")
+        out[f"biases_{k}"] = Quantity(b.tolist(), "1")
+    s, x = fit.scaling, fit.data.x[fit.data.used]
+    for name, value in (
+        ("input_offset", s.offset), ("input_scale", s.scale),
+        ("input_low", x.min(axis=0)), ("input_high", x.max(axis=0)),
+    ):  # fmt: skip
+        out[name] = Quantity(value.tolist(), "1", "derived")
+    out["output_offset"] = Quantity(s.base, "1", "derived")
+    out["output_scale"] = Quantity(s.span, "1", "derived")
+    return out
+
+
+def fit_details(fit: Fit, certificate: Certificate, options: ForceMapOptions) -> dict[str, Any]:
+    """Training, errors and certificate for the file."""
+    data, span, rows = fit.data, fit.scaling.span, fit.rows
+    error = data.y - fit.predicted
+    held = np.full(data.y.size, np.nan)
+    held[is_known(data.x, data.names) & np.isfinite(data.y)] = span * fit.trial.error
+    judged = replace(data, used=np.isfinite(held))
+    used = data.used
+    return {
+        "method": "multi-start Levenberg-Marquardt, Huber cost",
+        "target": options.target,
+        "inputs": list(data.names),
+        "input_units": list(data.units),
+        "hidden": list(fit.network.hidden),
+        "activation": fit.network.activation,
+        "network_parameters": fit.network.parameters,
+        "multiplications": fit.network.multiplications,
+        "training": {
+            "starts": fit.found.tried,
+            "weight_decay": fit.trial.decay,
+            "huber_limit": fit.found.limit * span,
+            "iterations": fit.iterations,
+        },
+        "spikes": fit.spikes,
+        "correlation": float(np.corrcoef(data.y[used], fit.predicted[used])[0, 1]),
+        "branches": _scores(data, error),
+        "validation": {
+            "split_by": rows.split.by,
+            "groups_held_out": rows.split.groups,
+            "folds": len(rows.split.folds),
+            **_scores(judged, held),
+        },
+        "cubic_polynomial": _polynomial(fit),
+        "certificate": certificate_details(certificate, data, options.driver),
+        **fit.tables,
+    }
+
+
+def _scores(data: Data, error: FloatArray) -> dict[str, Any]:
+    """Errors over all used samples, by branch, and well within the branches [SI]."""
+    out: dict[str, Any] = {"rmse": rms(error[data.used])}
+    for name, sign in (("loading", 1.0), ("unloading", -1.0)):
+        branch = data.used & (data.direction == sign)
+        if branch.any():
+            inside = branch & data.settled
+            out[name] = {"samples": int(branch.sum()), "rmse": rms(error[branch])}
+            if inside.any():
+                out[name]["in_branch_rmse"] = rms(error[inside])
+    return out
+
+
+def _polynomial(fit: Fit) -> dict[str, Any]:
+    """A cubic polynomial of the same inputs: in sample, by branch, and on the same folds."""
+    data, s, rows = fit.data, fit.scaling, fit.rows
+    z, t = s.inputs(data.x), s.output(data.y)
+    error = s.span * (t - polynomial_fit(z[data.used], t[data.used])(z))
+    held = np.full(rows.y.size, np.nan)
+    for fold in rows.split.folds:
+        rest = np.flatnonzero(~fold)
+        rest = rest[thin(rest.size, 20_000)]
+        held[fold] = rows.y[fold] - polynomial_fit(rows.x[rest], rows.y[rest])(rows.x[fold])
+    return {
+        "terms": len(polynomial_terms(data.x.shape[1], 3)),
+        **_scores(data, error),
+        "validation_rms": s.span * rms(held),
+    }

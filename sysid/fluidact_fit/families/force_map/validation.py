@@ -1,0 +1,239 @@
+"""Held-out positions, logs and lengths, and what is chosen by them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...estimation.motion_state import BoolArray
+from ...estimation.network import Chords, cross_validate, robust_deviation, search, thin
+from ...experiment import FloatArray
+from ...family import Request
+from .data import Data
+from .options import ForceMapOptions
+
+_SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)
+_WORTH = 0.03  # relative gain of validation below which more is not worth its cost
+DECAYS = (1e-5, 1e-6, 3e-5)  # weight decay: the usual one, and rivals
+_STRAIGHT = (0.03, 0.0, 1.0)  # strength of the chords along a length, likewise
+_STRAIGHT_FEW = 1.0  # with three lengths or two: one odd specimen looks like a curve
+_OBJECTION = 0.05  # relative gain of validation from which a rival takes over
+_MOST_LENGTHS = 8  # with more of them the data say what is between
+_MOST_FOLDS = 4
+_SPIKE = 12.0  # errors beyond this many robust standard deviations do not choose a network
+
+
+@dataclass(frozen=True)
+class Split:
+    """Held-out rows per fold, over the used rows, and what they were split by."""
+
+    folds: tuple[BoolArray, ...]
+    by: str
+    groups: int
+
+
+def split_rows(data: Data, seed: int) -> Split:
+    """Fold the used rows by position, by log, or by stretches of the record.
+
+    The outermost positions are never held out: beyond them a network extrapolates.
+    """
+    position, logs = data.position[data.used], data.log[data.used]
+    levels = _levels(position)
+    count, records = int(levels.max()) + 1, np.unique(logs)
+    if count >= 5 or (count >= 3 and records.size < 3):
+        by, labels, inner = "position", levels, list(range(1, count - 1))
+    elif records.size >= 3:
+        means = {int(k): float(position[logs == k].mean()) for k in records}
+        ends = {min(means.values()), max(means.values())}
+        alone = {k for k, m in means.items() if m in ends and list(means.values()).count(m) == 1}
+        by, labels, inner = "log", logs, [k for k in means if k not in alone]
+    else:
+        by, labels = "stretch of the record", np.arange(position.size) * 6 // position.size
+        inner = [1, 2, 3, 4]
+    order = np.random.default_rng(seed).permutation(inner)
+    folds = min(_MOST_FOLDS, order.size)
+    return Split(tuple(np.isin(labels, order[k::folds]) for k in range(folds)), by, order.size)
+
+
+def _levels(position: FloatArray) -> npt.NDArray[np.intp]:
+    """Number of the position level of each sample: gaps of 3 % of the range divide them."""
+    order = np.argsort(position, kind="stable")
+    gap = np.diff(position[order]) > 0.03 * float(np.ptp(position))
+    out = np.empty(position.size, dtype=np.intp)
+    out[order] = np.concatenate(([0], np.cumsum(gap)))
+    return out
+
+
+def rms(error: FloatArray) -> float:
+    """Root mean square of what is finite."""
+    found = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(found**2))) if found.size else float("nan")
+
+
+def _clipped_rms(error: FloatArray) -> float:
+    """Root mean square with spikes cut off."""
+    found = error[np.isfinite(error)]
+    limit = _SPIKE * robust_deviation(found)
+    return float(np.sqrt(np.mean(np.minimum(np.abs(found), limit) ** 2)))
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Standardised used rows with their split, and the column of the specimens' length."""
+
+    x: FloatArray
+    y: FloatArray
+    split: Split
+    length: int | None
+
+    def chords(self, x: FloatArray, strength: float) -> Chords | None:
+        """Chords along the length, for some of the rows."""
+        if self.length is None or strength == 0.0:
+            return None
+        return Chords.along(x, self.length, strength)
+
+    @property
+    def usual_straightness(self) -> float:
+        """Strength of the chords unless validation objects."""
+        return _STRAIGHT[0] if len(self.held_lengths()) > 1 else _STRAIGHT_FEW
+
+    def held_lengths(self) -> list[BoolArray]:
+        """Rows of each length but the shortest and the longest."""
+        if self.length is None:
+            return []
+        values = self.x[:, self.length]
+        return [np.asarray(values == v) for v in np.unique(values)[1:-1]]
+
+
+def length_column(data: Data) -> int | None:
+    """Column of a length that names the specimens; ``None`` where there is none."""
+    if "length" not in data.names:
+        return None
+    k = data.names.index("length")
+    fixed = all(np.ptp(part) == 0.0 for part in data.split(data.x[:, k]))
+    return k if fixed and 2 <= np.unique(data.x[:, k]).size <= _MOST_LENGTHS else None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One row of a table: an input layer with hidden units and what validation says."""
+
+    names: tuple[str, ...]
+    hidden: tuple[int, ...]
+    decay: float
+    error: FloatArray
+    straightness: float
+
+    def row(self, span: float) -> dict[str, Any]:
+        """As it stands in the file; ``span`` is the scale of the output."""
+        sizes = (len(self.names), *self.hidden, 1)
+        weights = sum(a * b for a, b in pairwise(sizes))
+        return {
+            "inputs": ",".join(self.names),
+            "hidden": list(self.hidden),
+            "validation_rms": rms(self.error) * span,
+            "parameters": weights + sum(sizes[1:]),
+            "multiplications": weights,
+        }
+
+
+def try_layer(
+    rows: Rows, names: tuple[str, ...], hidden: tuple[int, ...], options: ForceMapOptions,
+    seed: int, decays: Sequence[float] = DECAYS, strength: float | None = None,
+) -> Trial:  # fmt: skip
+    """Cross-validate a layer with the usual weight decay, or one that is clearly better."""
+    straightness = rows.usual_straightness if strength is None else strength
+    trials = [
+        Trial(
+            names, hidden, decay,
+            _held_out(rows, rows.split.folds, hidden, options, seed, decay, straightness),
+            straightness,
+        )
+        for decay in decays
+    ]  # fmt: skip
+    return trials[_usual_or_better([_clipped_rms(t.error) for t in trials])]
+
+
+def _usual_or_better(scores: Sequence[float]) -> int:
+    """Number of the best score if it beats the first by enough to be no accident, or 0."""
+    best = int(np.argmin(scores))
+    return best if scores[best] < (1.0 - _OBJECTION) * scores[0] else 0
+
+
+def _few_rows(rows: Rows, hidden: tuple[int, ...]) -> int:
+    """Rows of a search for validation."""
+    return max(1200, 12 * sum(hidden) * (rows.x.shape[1] + 1))
+
+
+def _held_out(
+    rows: Rows, folds: Sequence[BoolArray], hidden: tuple[int, ...], options: ForceMapOptions,
+    seed: int, decay: float, straightness: float,
+) -> FloatArray:  # fmt: skip
+    """Errors on rows that were not trained; see :func:`cross_validate`."""
+    return cross_validate(
+        rows.x, rows.y, folds, hidden, seed, activation=options.activation, decay=decay,
+        chords=lambda x: rows.chords(x, straightness), rows=_few_rows(rows, hidden),
+    )  # fmt: skip
+
+
+def straighten(
+    rows: Rows, trial: Trial, options: ForceMapOptions, seed: int
+) -> tuple[Trial, list[dict[str, float]]]:
+    """Judge how nearly straight the output has to be along the length.
+
+    Two questions weigh the same: another log of the same specimens, answered by the error of
+    the fit (rows abound), and another specimen, answered by whole lengths held out. The usual
+    strength stands unless a rival is clearly better. Of three lengths only one can be held
+    out, and between the two that are left nothing is curved: there is nothing to judge.
+
+    Returns
+    -------
+    trial
+        With the strength that is kept.
+    table
+        Strength, and both errors, standardised.
+    """
+    folds, table, scores = rows.held_lengths(), [], []
+    for strength in _STRAIGHT if len(folds) > 1 else ():
+        between = _held_out(rows, folds, trial.hidden, options, seed, trial.decay, strength)
+        few = thin(rows.y.size, _few_rows(rows, trial.hidden))
+        x, y = rows.x[few], rows.y[few]
+        found = search(
+            x, y, trial.hidden, np.random.default_rng([seed, 3]), activation=options.activation,
+            decay=trial.decay, chords=rows.chords(x, strength), starts=4, finalists=2,
+            rows=few.size, iterations=25,
+        )  # fmt: skip
+        both = _clipped_rms(y - found.best.network(x)), _clipped_rms(between)
+        table.append({"strength": strength, "recorded_rms": both[0], "held_out_rms": both[1]})
+        scores.append(float(np.hypot(*both)))
+    kept = _usual_or_better(scores) if scores else 0
+    if kept == 0:
+        return trial, table
+    strength = table[kept]["strength"]
+    again = try_layer(rows, trial.names, trial.hidden, options, seed, (trial.decay,), strength)
+    return again, table
+
+
+def sweep(
+    rows: Rows, names: tuple[str, ...], options: ForceMapOptions, request: Request[ForceMapOptions]
+) -> list[Trial]:
+    """More and more hidden units until validation gains nothing twice in a row."""
+    out: list[Trial] = []
+    for units in _SWEEP:
+        request.progress(f"validating {units} hidden units")
+        out.append(try_layer(rows, names, (units,), options, request.seed, DECAYS[:1]))
+        scores = [_clipped_rms(t.error) for t in out]
+        if len(out) > 4 and min(scores[-2:]) > (1.0 - _WORTH) * min(scores[:-2]):
+            break
+    return out
+
+
+def smallest_sufficient(trials: Sequence[Trial]) -> Trial:
+    """The cheapest of those that validate nearly as well as the best."""
+    scores = [_clipped_rms(t.error) for t in trials]
+    return next(t for t, s in zip(trials, scores) if s <= (1.0 + _WORTH) * min(scores))

@@ -1,0 +1,1 @@
+"""Hydraulic motor behind a proportional valve."""

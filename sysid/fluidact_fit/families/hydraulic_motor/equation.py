@@ -1,0 +1,166 @@
+"""Hydraulic motor behind a proportional valve: dead zone, saturation, hysteresis, lag.
+
+    w          = play(u, h)                            spool command, hysteresis of width h
+    n_0        = sgn(w) g / k (1 - exp(-k x)),  x = min(|w|, u_s) - d, 0 below the dead zone
+    tau n' + n = n_0(t - T_d)
+
+with dead zone ``d``, slope ``g`` at its edge, curvature ``k`` (0: a straight line) and saturation
+from the command ``u_s`` on. The bend is that of a valve whose pressure drop shrinks as the
+flow grows, the sharp end that of a pump or a spool at its stop. The play is that of
+magnetisation and friction of the spool: going up the valve opens ``h/2`` later, going down
+it closes ``h/2`` later.
+
+A held command gives a held steady speed, and the lag behind it is exact. Of a command that
+moves on straight lines between its samples the steady speed is taken to do the same.
+
+References
+----------
+.. [1] J. Watton, Fundamentals of Fluid Power Control, 2012, chapters 3 and 5.
+.. [2] M. Krasnoselskii, A. Pokrovskii, Systems with Hysteresis, 1989: the play operator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import UsageError
+from ...estimation.inputs import PiecewiseInput, settled_hold
+from ...estimation.linear import Grid, forced_response, make_grid
+from ...estimation.parametric import NamedModel, Values
+from ...estimation.separable import Basis
+from ...experiment import Experiment, FloatArray
+
+Array = npt.NDArray[Any]
+
+
+def play(command: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+    """Play of a given width, and its derivative by the width.
+
+    ``w_k = min(max(w_{k-1}, u_k - h/2), u_k + h/2)``, starting at the first command.
+
+    Parameters
+    ----------
+    command : (n,)
+        [unit of the command]
+    width
+        ``h`` [unit of the command].
+    """
+    half = 0.5 * width
+    out, slope = np.empty(command.size), np.empty(command.size)
+    now, by = float(command[0]), 0.0
+    for k, u in enumerate(command.tolist()):
+        if u - half > now:
+            now, by = u - half, -0.5
+        elif u + half < now:
+            now, by = u + half, 0.5
+        out[k], slope[k] = now, by
+    return out, slope
+
+
+def static_speed(spool: Array, values: Values) -> Array:
+    """Steady speed over the spool's command, odd about zero.
+
+    Parameters
+    ----------
+    spool : (n,)
+        Command behind the play [unit of the command].
+    values
+        Dead zone, gain, curvature and, where it was reached, saturation command by name.
+    """
+    sign = np.where(np.real(spool) >= 0.0, 1.0, -1.0)
+    size, top = spool * sign, values.get("saturation_command", np.inf)
+    x = np.where(np.real(size) < np.real(top), size, top) - values["dead_zone"]
+    x = np.where(np.real(x) > 0.0, x, 0.0)
+    k = values["curvature"] + 1e-12  # the limit of a straight line
+    return np.asarray(sign * values["gain"] / k * -np.expm1(-k * x))
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Command and grids of one run, computed once; ``commands`` begin with the level before.
+
+    ``stepped`` tells that the command is a step from rest that was not recorded.
+    """
+
+    commands: FloatArray
+    moves: bool
+    stepped: bool
+    nodes: Grid
+    samples: Grid
+
+
+def _prepare(e: Experiment) -> _Run:
+    signal = e.signals["command"]
+    hold = settled_hold(signal)
+    if hold == "smooth":
+        raise UsageError(
+            "--hold command=smooth: the curve of the motor has corners, so that its speed "
+            "follows no smooth curve",
+            where=e.name,
+            remedy="Give --hold command=foh for a measured command, --hold command=zoh for a held "
+            "one.",
+        )
+    same = np.array_equal(signal.time, e.time)
+    samples = make_grid(e.time)
+    return _Run(
+        np.append(signal.before, signal.values), hold == "foh", signal.values.size == 1,
+        samples if same else make_grid(signal.time), samples,
+    )  # fmt: skip
+
+
+class MotorModel:
+    """Speeds of some runs as a function of the parameters, each with what belongs to it.
+
+    The offset and the deviation that fades at the beginning are every run's own.
+    """
+
+    def __init__(self, experiments: Sequence[Experiment]) -> None:
+        self.runs = [_prepare(e) for e in experiments]
+        self._played: dict[int, tuple[float, FloatArray, FloatArray]] = {}
+
+    def steady(self, index: int, values: Values) -> Array:
+        """Steady speed at rest before a run and at the nodes of its command."""
+        width = values["hysteresis"]
+        known = self._played.get(index)
+        if known is None or known[0] != np.real(width):
+            size = float(np.real(width))
+            known = self._played[index] = (size, *play(self.runs[index].commands, size))
+        return static_speed(known[1] + known[2] * (width - known[0]), values)
+
+    def speed(self, index: int, values: Values) -> Array:
+        """Speed of one run, from rest at the command before it [unit of the speed]."""
+        run, (rest, *_) = self.runs[index], (steady := self.steady(index, values))
+        target = (steady[1:] - rest)[:, None]
+        if run.moves:
+            slope = np.diff(target[:, 0]) / np.diff(run.nodes.instants)
+            target = np.column_stack((target, np.append(slope, 0.0)))
+        rate = np.array([1.0 / values["time_constant"]])
+        return rest + forced_response(
+            -rate[:, None], rate, np.ones(1), PiecewiseInput(run.nodes.instants, target),
+            run.samples.instants, dead_time=values.get("dead_time", 0.0), grid=run.nodes,
+        )  # fmt: skip
+
+    def fading(self, index: int, values: Values) -> Array:
+        """Course of a deviation at the beginning of a run, shape ``(n, 1)`` or ``(n, 0)``."""
+        run = self.runs[index]
+        time = run.samples.instants
+        if run.stepped:
+            return np.zeros((time.size, 0))
+        return np.exp(-(time - time[0]) / values["time_constant"])[:, None]
+
+    def columns(self, index: int, values: Values) -> Basis:
+        """Speed, and the columns of what is the run's own."""
+        known, fading = self.speed(index, values), self.fading(index, values)
+        own = np.column_stack((np.ones(known.size), fading))
+        return Basis(known, np.zeros((known.size, 0)), own)
+
+    def named(
+        self, names: tuple[str, ...], measured: Sequence[FloatArray], weights: Sequence[FloatArray]
+    ) -> NamedModel:
+        """The model in the form the estimation takes."""
+        return NamedModel(names, (), self.columns, measured, weights=weights)

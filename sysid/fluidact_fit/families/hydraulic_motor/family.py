@@ -1,0 +1,180 @@
+"""The family ``hydraulic-motor``: roles, parameters, and what its file holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import Notice, UsageError
+from ...estimation.parametric import Values, check_request
+from ...experiment import Experiment, Hold
+from ...family import (
+    Estimate,
+    Family,
+    ParameterDocument,
+    ParameterSpec,
+    Request,
+    Role,
+    Simulated,
+    Value,
+    Variant,
+    scalars,
+)
+from ...specification import quotient_unit
+from .block import MotorBlock
+from .fit import NAMES, far_samples, fit_motor, saturates, simulate_motor
+from .options import MotorOptions
+
+
+class HydraulicMotor(Family[MotorOptions]):
+    """Static curve with dead zone, saturation and hysteresis, followed by a lag."""
+
+    name = "hydraulic-motor"
+    title = "Hydraulic motor: dead zone, saturation, hysteresis and time constant"
+    equation = (
+        "time_constant speed' + speed = sgn(w) gain / curvature (1 - exp(-curvature x)), "
+        "x = min(|w|, saturation_command) - dead_zone, w = play(command(t - dead_time), hysteresis)"
+    )
+    variants = (
+        Variant(
+            "hydraulic-motor",
+            (
+                Role("time", "s", "time of each sample"),
+                Role("command", "A", "current or voltage of the valve", hold="zoh",
+                     alternatives=("V", "1")),
+                Role("speed", "rad/s", "speed of the motor", output=True,
+                     alternatives=("V", "m/s", "m3/s", "1")),
+            ),
+            (
+                ParameterSpec(
+                    "dead_zone", "A", "command at which the motor begins to turn", neutral=0.0,
+                    minimum=0.0, any_unit=True, curved=True,
+                    remedy="Record several small commands, going up and coming down.",
+                ),
+                ParameterSpec(
+                    "gain", "rad/s/A", "slope of the speed just beyond the dead zone",
+                    minimum=0.0, any_unit=True,
+                    remedy="Record three commands or more between dead zone and saturation.",
+                ),
+                ParameterSpec(
+                    "curvature", "1/A", "rate at which the slope falls off with the command",
+                    neutral=0.0, minimum=0.0, any_unit=True,
+                    remedy="Record three commands or more between dead zone and saturation.",
+                ),
+                ParameterSpec(
+                    "saturation_command", "A", "command from which the speed grows no more",
+                    minimum=0.0, any_unit=True, optional=True,
+                    remedy="Record commands that rise until the speed grows no more.",
+                ),
+                ParameterSpec(
+                    "hysteresis", "A", "width of the hysteresis, in command", neutral=0.0,
+                    minimum=0.0, any_unit=True,
+                    remedy="Record the same commands going up and coming down.",
+                ),
+                ParameterSpec(
+                    "time_constant", "s", "time constant of the speed", minimum=1e-9,
+                    remedy="Record steps of the command, sampled several times within the rise.",
+                ),
+                ParameterSpec(
+                    "dead_time", "s", "time before the speed begins to change", neutral=0.0,
+                    minimum=0.0, curved=True,
+                    remedy="Record sharp steps of the command at a higher sampling rate.",
+                ),
+            ),
+        ),
+    )  # fmt: skip
+    options_type = MotorOptions
+    steady_offset = True
+
+    def estimate(
+        self, variant: Variant, experiments: Sequence[Experiment], request: Request[MotorOptions]
+    ) -> Estimate[MotorOptions]:
+        """Fit curve, hysteresis and lag; see :meth:`Family.estimate`."""
+        check_request(variant.parameters, request)
+        _check_dead_time(experiments, request)
+        if request.options.dead_time == "none":
+            request = replace(request, fixed={"dead_time": 0.0, **request.fixed})
+        notices: list[Notice] = []
+        fitted, limit = fit_motor(variant.parameters, experiments, request, NAMES)
+        if "saturation_command" not in request.fixed and not saturates(fitted, experiments):
+            names = tuple(n for n in NAMES if n != "saturation_command")
+            fitted, limit = fit_motor(variant.parameters, experiments, request, names)
+            notices.append(Notice("saturation-not-reached", "the speed keeps growing to the end "
+                           "of the commands: the file has no saturation_command. Raise the "
+                           "command until the speed grows no more, if it is needed."))  # fmt: skip
+        signals = experiments[0].signals
+        command, speed = signals["command"].unit, signals["speed"].unit
+        units = {
+            "dead_zone": command, "saturation_command": command, "hysteresis": command,
+            "gain": quotient_unit(speed, command), "curvature": quotient_unit("1", command),
+        }  # fmt: skip
+        parameters, order, matrix = fitted.quantities(variant.parameters, units)
+        counts = [
+            far_samples(e["speed"] - m, limit)
+            for e, m in zip(experiments, fitted.solution.simulated)
+        ]
+        return Estimate(
+            parameters,
+            fitted.derive({"saturation_speed": speed}, _saturation_speed),
+            order,
+            matrix,
+            replace(request.options, residual_limit=limit),
+            [*notices, *fitted.notices],
+            {**fitted.details(), "samples_of_less_weight": counts},
+        )
+
+    def simulate(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        options: MotorOptions,
+        offset: float | None = None,
+    ) -> list[Simulated]:
+        """Speed from command; see :meth:`Family.simulate`."""
+        limit = np.inf if options.residual_limit is None else options.residual_limit
+        return simulate_motor(experiments, scalars(values), limit, offset)
+
+    def model(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        options: MotorOptions,
+        sample_time: float,
+        hold: Hold,
+    ) -> dict[str, Any]:
+        """The static curve and the lag behind it."""
+        v = scalars(values)
+        lag = ("time_constant", "dead_time")
+        return {
+            "static": {"equation": self.equation, **{n: v[n] for n in v if n not in lag}},
+            "lag": {n: v[n] for n in lag if n in v},
+        }
+
+    def block(self, variant: Variant, document: ParameterDocument) -> MotorBlock:
+        """The static curve and its inverse for a controller."""
+        return MotorBlock(document, variant)
+
+
+def _check_dead_time(experiments: Sequence[Experiment], request: Request[MotorOptions]) -> None:
+    """Refuse a dead time longer than the logs."""
+    longest = max(float(np.ptp(e.time)) for e in experiments)
+    given = request.fixed.get("dead_time", 0.0)
+    if given > longest:
+        raise UsageError(
+            f"--fix dead_time={given:g} is longer than the logs",
+            expected=f"Their longest takes {longest:g} s.",
+            remedy="Give the dead time in seconds.",
+        )
+
+
+def _saturation_speed(v: Values) -> dict[str, Any]:
+    """Speed at and beyond the saturation, where it was reached."""
+    if "saturation_command" not in v:
+        return {}
+    k = v["curvature"] + 1e-12
+    span = v["saturation_command"] - v["dead_zone"]
+    return {"saturation_speed": v["gain"] / k * -np.expm1(-k * span)}

@@ -1,1 +1,0 @@
-"""Parts of the ``force-map`` family, which alone uses them."""

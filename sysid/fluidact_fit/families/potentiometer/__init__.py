@@ -1,0 +1,1 @@
+"""Calibration of a potentiometer by a rational Bezier curve."""

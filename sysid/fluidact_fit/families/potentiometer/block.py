@@ -1,0 +1,100 @@
+"""A calibrated potentiometer for a controller."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from ...block import Block
+from ...experiment import Experiment, FloatArray
+from ...parameters.document import ParameterDocument
+from ...specification import Variant
+from .calibration import Calibration, rising_share
+
+
+class PotentiometerBlock(Block):
+    """A calibrated potentiometer: reading in, metres out.
+
+    With two branches an array is a recording, its direction found from the start; a
+    controller that gets one reading at a time calls `step`, which remembers the direction.
+    ``direction`` (1 rising, -1 falling, 0 between) overrides both.
+    """
+
+    def __init__(self, document: ParameterDocument, variant: Variant) -> None:
+        super().__init__(document, variant)
+        self.reset()
+
+    @cached_property
+    def _calibration(self) -> Calibration:
+        return Calibration.of(self.parameters)
+
+    def reset(self) -> None:
+        """Forget the direction of motion."""
+        self._last, self._state = float("nan"), 0.0
+
+    def __call__(
+        self, reading: npt.ArrayLike, direction: npt.ArrayLike | None = None
+    ) -> float | FloatArray:
+        """Position of a reading or an array of readings [m]; clamped to the reading range."""
+        y = self._calibration.position(np.asarray(reading, dtype=float), direction)
+        return float(y) if y.ndim == 0 else y
+
+    def predict(self, experiment: Experiment) -> FloatArray:
+        """Positions of a recording; see :meth:`.Block.predict`."""
+        return self._calibration.position(experiment.sampled("reading"))
+
+    def step(self, reading: float) -> float:
+        """Position of the next reading of a controller [m]."""
+        c = self._calibration
+        if len(c.curves) > 1:
+            pair = np.array([reading if np.isnan(self._last) else self._last, reading])
+            share = rising_share(pair, c.dead_band, self._state)[-1]
+            self._last, self._state = reading, float(2.0 * share - 1.0)
+        return float(c.value(c.place(np.asarray(reading)), 0.5 + 0.5 * self._state))
+
+    def sensitivity(
+        self, reading: npt.ArrayLike, direction: npt.ArrayLike | None = None
+    ) -> float | FloatArray:
+        """Change of position per reading [m per unit of the reading]; 0 beyond the range."""
+        s = self._calibration.slope(np.asarray(reading, dtype=float), direction)
+        return float(s) if s.ndim == 0 else s
+
+    def inverse(
+        self, metres: npt.ArrayLike, direction: float = 0.0, *, clamp: bool = False
+    ) -> float | FloatArray:
+        """Reading at a position, to the spacing of floating point numbers.
+
+        Parameters
+        ----------
+        metres : scalar or (n,)
+        direction
+            With two branches: 1 rising, -1 falling, 0 the mean of both.
+        clamp
+            Take the end of the range for positions beyond it.
+
+        Raises
+        ------
+        ValueError
+            When a position is beyond the range (unless clamped) or the curve turns back,
+            so that a position has several readings.
+        """
+        y, c = np.asarray(metres, dtype=float), self._calibration
+        if not c.monotone:
+            raise ValueError(
+                "the curve is not monotone: one position has several readings. "
+                "Fit again with monotone=True (--monotone)."
+            )
+        share = 0.5 + 0.5 * float(np.clip(direction, -1.0, 1.0))
+        ends = [float(c.value(np.asarray(t), share)) for t in (0.0, 1.0)]
+        slack = 1e-12 * abs(ends[1] - ends[0])
+        outside = ~((y >= min(ends) - slack) & (y <= max(ends) + slack))
+        if np.any(np.isnan(y)) or (np.any(outside) and not clamp):
+            first = float(y[outside].flat[0])
+            raise ValueError(
+                f"{first:g} m is outside the calibrated range {min(ends):g} to {max(ends):g} m. "
+                "Give clamp=True to take the end of the range."
+            )
+        x = c.reading(y, share)
+        return float(x) if x.ndim == 0 else x

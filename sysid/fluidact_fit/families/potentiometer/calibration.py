@@ -1,0 +1,150 @@
+"""The calibration itself: position of a reading, and back, over one curve or two branches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import UsageError
+from ...experiment import FloatArray
+from ...family import Value
+from .rational_bezier import (
+    blend,
+    invert_rational_bezier,
+    is_monotone,
+    rational_bezier,
+    rational_bezier_slope,
+)
+
+SECOND = ("", "_falling")
+
+
+def rising_share(reading: npt.ArrayLike, dead_band: float, state: float = 0.0) -> FloatArray:
+    """Share of the rising branch while a reading moves.
+
+    After a reversal the share moves linearly with the reading and has changed over
+    completely once the reading has moved by the dead band; then it is held.
+
+    Parameters
+    ----------
+    reading : (n,)
+    dead_band
+        [unit of the reading]
+    state
+        -1 (falling) to 1 (rising) at the first reading; 0 is not known.
+
+    Returns
+    -------
+    (n,) between 0 (falling) and 1 (rising).
+    """
+    values = np.asarray(reading, dtype=float)
+    if not values.size:
+        return np.zeros(0)
+    moved = np.empty(values.size)
+    moved[0] = 0.0
+    np.subtract(values[1:], values[:-1], out=moved[1:])
+    if not np.all(np.isfinite(moved)):  # a reading that is missing moves nothing
+        there = np.flatnonzero(np.isfinite(values))
+        moved[:] = 0.0
+        moved[there[1:]] = np.diff(values[there])
+    moved *= 2.0 / max(dead_band, 1e-300)
+    at = np.flatnonzero(moved)
+    states = [state]
+    for step in moved[at].tolist():
+        state += step
+        if state > 1.0:
+            state = 1.0
+        elif state < -1.0:
+            state = -1.0
+        states.append(state)
+    # between two moves the share stays
+    length = np.diff(np.concatenate(([0], at, [values.size])))
+    return 0.5 + 0.5 * np.repeat(np.array(states), length)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Control points and weights of the curve or of both branches, over a range of readings."""
+
+    curves: tuple[tuple[FloatArray, FloatArray], ...]
+    low: float
+    high: float
+    dead_band: float = 0.0
+
+    @classmethod
+    def of(cls, values: Mapping[str, Value]) -> Self:
+        """The calibration of a file.
+
+        Raises
+        ------
+        UsageError
+            When lists that belong together differ in length.
+        """
+        curves = tuple(
+            (
+                np.asarray(values[f"control_points{s}"], dtype=float),
+                np.asarray(values[f"weights{s}"], dtype=float),
+            )
+            for s in SECOND
+            if f"control_points{s}" in values
+        )
+        for s, (p, w) in zip(SECOND, curves):
+            if p.shape != w.shape or p.size < 2:
+                raise UsageError(
+                    f"{p.size} control_points{s} and {w.size} weights{s}",
+                    expected="As many weights as control points, two at least.",
+                )
+        low, high = np.asarray(values["reading_range"], dtype=float)
+        band = values.get("hysteresis_dead_band", 0.0)
+        return cls(curves, float(low), float(high), 0.0 if isinstance(band, list) else float(band))
+
+    @property
+    def monotone(self) -> bool:
+        """Whether no curve turns back."""
+        return all(is_monotone(p, w) for p, w in self.curves)
+
+    def place(self, reading: FloatArray) -> FloatArray:
+        """Share of the range at which readings lie, 0 to 1; clamped."""
+        return np.asarray(np.clip((reading - self.low) / (self.high - self.low), 0.0, 1.0))
+
+    def share(self, reading: FloatArray, direction: npt.ArrayLike | None = None) -> FloatArray:
+        """Share of the rising branch; an array without directions is a recording."""
+        if direction is not None:
+            return np.asarray(0.5 + 0.5 * np.clip(direction, -1.0, 1.0))
+        if len(self.curves) == 1 or reading.ndim == 0:
+            return np.asarray(0.5)
+        return rising_share(reading, self.dead_band)
+
+    def value(self, place: FloatArray, share: npt.ArrayLike) -> FloatArray:
+        """Position at places of the range [m]."""
+        return blend([rational_bezier(place, p, w) for p, w in self.curves], share)
+
+    def position(self, reading: FloatArray, direction: npt.ArrayLike | None = None) -> FloatArray:
+        """Position of readings [m]; clamped to the range."""
+        return self.value(self.place(reading), self.share(reading, direction))
+
+    def slope(self, reading: FloatArray, direction: npt.ArrayLike | None = None) -> FloatArray:
+        """Change of position per reading; 0 beyond the range."""
+        t, span = self.place(reading), self.high - self.low
+        slopes = [rational_bezier_slope(t, p, w) for p, w in self.curves]
+        inside = (t == (reading - self.low) / span).astype(float)
+        return np.asarray(blend(slopes, self.share(reading, direction)) * inside / span)
+
+    def reading(self, position: FloatArray, share: float) -> FloatArray:
+        """Reading at positions of a monotone calibration; the end of the range beyond it."""
+        return np.asarray(self.low + (self.high - self.low) * self._invert(position, share))
+
+    def _invert(self, y: FloatArray, share: float) -> FloatArray:
+        if len(self.curves) == 1:
+            return invert_rational_bezier(y, *self.curves[0])
+        sign = np.sign(self.curves[0][0][-1] - self.curves[0][0][0])
+        low, high = np.zeros_like(y), np.ones_like(y)
+        for _ in range(60):
+            t = 0.5 * (low + high)
+            below = sign * (self.value(t, share) - y) < 0.0
+            low, high = np.where(below, t, low), np.where(below, high, t)
+        return np.asarray(0.5 * (low + high))

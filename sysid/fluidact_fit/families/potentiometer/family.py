@@ -1,0 +1,233 @@
+"""Potentiometer calibration: position as a rational Bezier curve of the raw reading.
+
+    t = (reading - low) / (high - low), clamped to 0..1
+    y = sum_i w_i B_i(t) P_i / sum_i w_i B_i(t)
+
+A worn, loaded or saturating potentiometer needs polynomials of high degree, which ripple;
+a rational curve of low degree with positive weights bends sharply and cannot have poles
+[1]_. Linear in the control points, so the fit is a variable projection over the weights.
+
+References
+----------
+.. [1] "Bezier Calibration Method", IEEE Instrumentation & Measurement Magazine 26(1), 2023,
+   p. 44: handle points and weights fitted to a reference, end points free or fixed.
+.. [2] G. Farin, Curves and Surfaces for CAGD, 5th ed., 2002, chapter 13.
+.. [3] T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical Learning, 2nd ed.,
+   2009, section 7.10: cross-validation and the one-standard-error rule.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...estimation.parametric import check_request
+from ...experiment import Experiment, Hold
+from ...family import (
+    Curve,
+    Estimate,
+    Excitation,
+    Family,
+    ParameterDocument,
+    ParameterSpec,
+    Quantity,
+    Request,
+    Role,
+    Simulated,
+    StaticView,
+    Value,
+    Variant,
+)
+from .block import PotentiometerBlock
+from .branches import check_both_directions, find_dead_band, rising_samples
+from .calibration import Calibration
+from .data import check_enough, gather, mean_ends, prepare, scale_samples
+from .options import PotentiometerOptions
+from .rails import between
+from .rational_bezier import Shape, power_coefficients, rational_bezier
+from .results import derived_quantities, fit_details, fit_quantities
+from .selection import (
+    bound_notice,
+    drop_weights,
+    make_monotone,
+    search_degree,
+    weigh_suspects,
+)
+from .spread import find_spread
+
+
+class Potentiometer(Family[PotentiometerOptions]):
+    """Rational Bezier calibration of a potentiometer."""
+
+    name = "potentiometer"
+    title = "Potentiometer: rational Bezier calibration of position from the raw reading"
+    equation = (
+        "reference = sum(weights[i] B_i(t) control_points[i]) / sum(weights[i] B_i(t)), "
+        "t = (reading - reading_range[0]) / (reading_range[1] - reading_range[0])"
+    )
+    variants = (
+        Variant(
+            "potentiometer",
+            (
+                Role("reading", "1", "raw reading, in counts or volts"),
+                Role("reference", "m", "true position, by laser or caliper", output=True),
+                Role("time", "s", "time of each sample", required=False),
+            ),
+            (
+                ParameterSpec(
+                    "control_points", "m", "control points of the curve", rank=1,
+                    remedy="Record more positions, spread over the whole range.",
+                ),
+                ParameterSpec(
+                    "weights", "1", "weights of the control points, the first is 1",
+                    minimum=1e-9, rank=1, neutral=1.0,
+                    remedy="Record more positions, spread over the whole range.",
+                ),
+                ParameterSpec(
+                    "reading_range", "1", "lowest and highest reading of the calibration",
+                    rank=1, length=2, any_unit=True, increasing=True,
+                ),
+                ParameterSpec(
+                    "control_points_falling", "m",
+                    "control points of the falling branch (then the others are the rising one)",
+                    rank=1, optional=True,
+                ),
+                ParameterSpec(
+                    "weights_falling", "1", "weights of the falling branch, the first is 1",
+                    minimum=1e-9, rank=1, neutral=1.0, optional=True,
+                ),
+                ParameterSpec(
+                    "hysteresis_dead_band", "1",
+                    "change of the reading after a reversal over which the branches change over",
+                    minimum=0.0, optional=True, any_unit=True,
+                ),
+            ),
+        ),
+    )  # fmt: skip
+    options_type = PotentiometerOptions
+
+    def estimate(
+        self,
+        variant: Variant,
+        experiments: Sequence[Experiment],
+        request: Request[PotentiometerOptions],
+    ) -> Estimate[PotentiometerOptions]:
+        """Fit the curve; see :meth:`Family.estimate`."""
+        check_request(variant.parameters, request)
+        data, options, notices = prepare(experiments, request.options)
+        two = options.two
+        band = find_dead_band(data, request) if two else 0.0
+        scaled = scale_samples(data, rising_samples(data, band) if two else None)
+        if two:
+            check_both_directions(scaled.rows)
+        ends = mean_ends(scaled.merged) if options.endpoints == "fixed" else None
+        shape = Shape(options.degree_wanted, 2 if two else 1, 0, ends)
+        check_enough(scaled.merged, shape if shape.degree else replace(shape, degree=1))
+        scaled = weigh_suspects(scaled, data, shape, request)
+        fit, scores = search_degree(scaled.merged, shape, request)
+        fit, turned = make_monotone(scaled, fit, options.monotone)
+        spread = find_spread(fit, scaled, data)
+        chosen, unsure = drop_weights(scaled, fit, spread)
+        if chosen is not fit:
+            fit, turned = make_monotone(scaled, chosen, options.monotone)
+            spread = find_spread(fit, scaled, data)
+        parameters, order, matrix = fit_quantities(fit, spread, scaled)
+        parameters["reading_range"] = Quantity(
+            [scaled.low, scaled.low + scaled.span], data.unit, "derived"
+        )
+        if two:
+            given = "hysteresis_dead_band" in request.fixed
+            parameters["hysteresis_dead_band"] = Quantity(
+                band, data.unit, "fixed" if given else "derived"
+            )
+        return Estimate(
+            {s.name: parameters[s.name] for s in variant.parameters if s.name in parameters},
+            derived_quantities(fit, spread, scaled),
+            order,
+            matrix,
+            replace(
+                options,
+                degree=str(fit.shape.degree),
+                monotone=fit.monotone if options.monotone is None else options.monotone,
+                dead_band=band if two else None,
+            ),
+            [*notices, *turned, *unsure, *bound_notice(fit)],
+            fit_details(fit, spread, scores, scaled),
+        )
+
+    def simulate(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        options: PotentiometerOptions,
+        offset: float | None = None,
+    ) -> list[Simulated]:
+        """Position from the readings; see :meth:`Family.simulate`."""
+        calibration = Calibration.of(values)
+        readings = [e.sampled("reading") for e in experiments]
+        return [Simulated(calibration.position(x), between(x, options.rails)) for x in readings]
+
+    def model(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        options: PotentiometerOptions,
+        sample_time: float,
+        hold: Hold,
+    ) -> dict[str, Any]:
+        """The curve, also as a ratio of polynomials by ascending powers of ``t``."""
+        c = Calibration.of(values)
+        section: dict[str, Any] = {
+            "type": "rational-bezier",
+            "degree": int(c.curves[0][0].size - 1),
+            "monotone": c.monotone,
+            "reading_range": [c.low, c.high],
+        }
+        if len(c.curves) > 1:
+            section["hysteresis_dead_band"] = c.dead_band
+        for branch, (p, w) in zip(("rising", "falling") if len(c.curves) > 1 else ("",), c.curves):
+            ratio = {
+                "ascending_numerator": power_coefficients(w * p).tolist(),
+                "ascending_denominator": power_coefficients(w).tolist(),
+            }
+            section.update({branch: ratio} if branch else ratio)
+        return {"curve": section}
+
+    def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
+        """Positions to hold; see :meth:`Family.excitation`."""
+        return Excitation("points")
+
+    def static_view(
+        self,
+        variant: Variant,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        simulated: Sequence[Simulated],
+        options: PotentiometerOptions,
+    ) -> StaticView:
+        """Position over reading: the curve or both branches, and the control points."""
+        data, c = gather(experiments), Calibration.of(values)
+        t = np.linspace(0.0, 1.0, 500)
+        names = ("rising", "falling") if len(c.curves) > 1 else ("fitted curve",)
+        points = c.curves[0][0]
+        return StaticView(
+            "reading", data.unit, "reference", "m",
+            data.reading, data.reference, np.concatenate([s.output for s in simulated]),
+            data.used & between(data.reading, options.rails),
+            [
+                Curve(name, c.low + (c.high - c.low) * t, rational_bezier(t, p, w))
+                for name, (p, w) in zip(names, c.curves)
+            ],
+            # where their pull is strongest when all weights are equal
+            Curve("control points", np.linspace(c.low, c.high, points.size), points)
+            if len(c.curves) == 1
+            else None,
+        )  # fmt: skip
+
+    def block(self, variant: Variant, document: ParameterDocument) -> PotentiometerBlock:
+        """Return the calibration that a controller calls."""
+        return PotentiometerBlock(document, variant)

@@ -1,0 +1,175 @@
+"""Readings that rest on the end of their range: clipped samples of a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import Notice
+from ...estimation.noise import noise_floor
+from ...estimation.uncertainty import t_quantile
+from ...experiment import FloatArray
+from .rational_bezier import group
+
+BoolArray = npt.NDArray[np.bool_]
+
+
+def between(reading: FloatArray, rails: tuple[float, float] | None) -> BoolArray:
+    """Readings that are finite and inside the rails, if there are any."""
+    finite = np.isfinite(reading)
+    if rails is None:
+        return finite
+    return finite & (reading > rails[0]) & (reading < rails[1])
+
+
+def widen_rails(
+    reading: FloatArray, reference: FloatArray, used: BoolArray, rails: tuple[float, float]
+) -> tuple[tuple[float, float], list[Notice]]:
+    """Move given rails inwards where they clip a noisy reading, and say how many are left out.
+
+    Of a noisy reading that is clipped, those just inside a rail are the ones whose noise
+    happened to point inwards, and would bend the ends of the curve: beside a rail that
+    clips, readings within three standard deviations of their noise are left out as well.
+    """
+    low, high = rails
+    kept = used & between(reading, rails)
+    count = int(used.sum() - kept.sum())
+    if not count:
+        return rails, []
+    notices = [_rails_notice(count, f"at or beyond the rails {low:g}:{high:g}")]
+    margin = 3.0 * _reading_noise(reading, reference, kept)
+    if np.count_nonzero(used & (reading <= low)) >= 3:
+        low += margin
+    if np.count_nonzero(used & (reading >= high)) >= 3:
+        high -= margin
+    near = int(np.sum(kept & ~between(reading, (low, high))))
+    if near:
+        samples = "1 sample" if near == 1 else f"{near} samples"
+        notices.append(
+            Notice(
+                "rails",
+                f"{samples} within {margin:.3g} of a rail, three standard deviations of the "
+                "reading's noise, left out as well: clipping has taken the others like them.",
+            )
+        )
+    return (low, high), notices
+
+
+def _reading_noise(reading: FloatArray, reference: FloatArray, used: BoolArray) -> float:
+    """Noise of the reading at a position [unit of the reading]; 0 where it cannot be told.
+
+    In the order of the position, whose own noise counts as well. Few samples, or ones far
+    apart, say nothing of it.
+    """
+    at = np.flatnonzero(used)
+    if at.size < 200:
+        return 0.0
+    x = reading[at[np.argsort(reference[at], kind="stable")]]
+    noise = noise_floor(x, 3)
+    return noise if noise <= 0.01 * float(np.ptp(x)) else 0.0
+
+
+def _rails_notice(count: int, place: str) -> Notice:
+    samples = "1 sample" if count == 1 else f"{count} samples"
+    return Notice(
+        "rails",
+        f"{samples} {place} left out: a clipped reading says nothing about the position.",
+    )
+
+
+def find_rails(
+    reading: FloatArray, reference: FloatArray, used: BoolArray, step: float = 0.0
+) -> tuple[tuple[float, float] | None, list[float], list[Notice]]:
+    """Find extremes that the reading rests on while the reference moves.
+
+    At least three samples exactly on an extreme whose references spread three times wider
+    than those of the readings beside it (their scatter about a straight line, and the
+    slope of that line over one step of the converter) are left out. A lone extreme that
+    is off the course of its neighbours, and by a step out of proportion, is only warned of.
+
+    Parameters
+    ----------
+    reading, reference, used : (n,)
+    step
+        Distance of the converter's codes, if known.
+
+    Returns
+    -------
+    rails
+        Readings at or beyond which nothing is used; no reading reaches the rail of an end that
+        is sound. ``None`` where both are.
+    suspects
+        Extreme readings that are warned of and stay.
+    notices
+    """
+    distinct, key = group(reading[used], step)
+    if distinct.size < 6:
+        return None, [], []
+    finest = float(np.diff(distinct).min())
+    count = np.bincount(key)
+    mean = np.bincount(key, reference[used]) / count
+    rails: list[float] = []
+    suspects: list[float] = []
+    for order in (slice(None), slice(None, None, -1)):
+        x, y, n = distinct[order], mean[order], count[order]
+        beside = slice(1, 21)
+        near = used & (np.abs(reading - x[0]) <= abs(x[beside][-1] - x[0])) & (reading != x[0])
+        if not near.any():
+            continue
+        line = np.polynomial.Polynomial.fit(reading[near], reference[near], 1)
+        scatter = float(np.std(reference[near] - line(reading[near])))
+        slope = abs(float(line.convert().coef[-1]))
+        spread = float(np.std(reference[used & (reading == x[0])]))
+        if n[0] >= 3 and spread > 3.0 * (scatter + slope * finest):
+            rails.append(float(x[0]))
+        elif n[0] <= 2 and _is_off_course(x, y):
+            suspects.append(float(x[0]))
+    notices = [
+        _rails_notice(int((used & (reading == r)).sum()), f"on the extreme reading {r:g}")
+        for r in rails
+    ]
+    if suspects:
+        notices.append(_suspicion(_rails_at(suspects, distinct), suspects))
+    return _rails_at(rails, distinct) if rails else None, sorted(suspects), notices
+
+
+def _rails_at(ends: Sequence[float], distinct: FloatArray) -> tuple[float, float]:
+    """Rails at some of the two extreme readings; out of reach where an end is sound."""
+    low, high = float(distinct[0]), float(distinct[-1])
+    margin = 0.1 * (high - low)
+    return low if low in ends else low - margin, high if high in ends else high + margin
+
+
+def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
+    """Whether the first point is not where the next ones lead, by line and by parabola."""
+    if x.size < 8:
+        return False
+    steps = np.abs(np.diff(y[:6])) / np.abs(np.diff(x[:6]))
+    ratio = steps[0] / max(float(np.median(steps[1:])), 1e-300)
+    if 1.0 / 3.0 < ratio < 3.0:
+        return False
+    for degree, points in ((1, 7), (2, 9)):
+        u = (x[: points + 1] - x[0]) / (x[min(points, x.size - 1)] - x[0])
+        columns = np.vander(u[1:], degree + 1, increasing=True)
+        solution = np.linalg.lstsq(columns, y[1 : points + 1], rcond=None)[0]
+        rest = y[1 : points + 1] - columns @ solution
+        free = max(rest.size - degree - 1, 1)
+        leverage = float(np.linalg.inv(columns.T @ columns)[0, 0])
+        error = float(np.sqrt(rest @ rest / free * (1.0 + leverage)))
+        if abs(y[0] - solution[0]) <= t_quantile(0.99, free) * error + 1e-9 * np.ptp(y):
+            return False
+    return True
+
+
+def _suspicion(rails: tuple[float, float], readings: Sequence[float]) -> Notice:
+    names = " and ".join(f"{r:g}" for r in sorted(readings))
+    many = len(readings) > 1
+    what, follow = ("readings look", "do") if many else ("reading looks", "does")
+    return Notice(
+        "rails-suspected",
+        f"the extreme {what} clipped: {names} {follow} not follow from the readings beside it. "
+        f"Such samples were kept, with little weight if they are far off the others' curve; "
+        f"give --rails {rails[0]:g}:{rails[1]:g} to leave them out.",
+    )

@@ -1,0 +1,209 @@
+"""Which curve: its degree, whether it turns back, weights that data determine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...errors import Notice
+from ...estimation.uncertainty import t_quantile
+from ...family import Request
+from .data import COARSE, FINE, Data, Scaled, sample_count
+from .options import PotentiometerOptions
+from .rational_bezier import (
+    LOG_WEIGHT_LIMIT,
+    CurveFit,
+    Rows,
+    Score,
+    Shape,
+    compress,
+    cross_validate,
+    fit_ladder,
+    fit_shape,
+    smallest_sufficient,
+)
+from .spread import Spread
+
+
+def highest_degree(rows: Rows, branches: int) -> int:
+    """Highest degree that automatic choice tries: a quarter of the data are unknowns at most."""
+    distinct = int(np.unique(rows.t).size)
+    return int(np.clip((min(distinct, sample_count(rows) / branches) / 2.0 - 1.0) // 2.0, 1, 5))
+
+
+def search_degree(
+    rows: Rows, shape: Shape, request: Request[PotentiometerOptions]
+) -> tuple[CurveFit, list[Score]]:
+    """Fit all degrees up to the one wanted; without one, choose by cross-validation.
+
+    Each branch is searched by itself, on the samples that are wholly its own; all samples
+    and both branches come together in the final fit.
+    """
+    highest = shape.degree or highest_degree(rows, shape.branches)
+    request.progress(f"fitting curves up to degree {highest}")
+    alone = replace(shape, degree=highest, branches=1)
+    branches = [rows] if shape.branches == 1 else _separate(rows)
+    coarse = [compress(r, COARSE) for r in branches]
+    ladders = [fit_ladder(r, alone) for r in coarse]
+    scores: list[Score] = []
+    degree = shape.degree
+    if not degree:
+        if highest > 1 and min(r.t.size for r in coarse) >= 12:
+            scores = _pool([cross_validate(r, f) for r, f in zip(coarse, ladders)])
+        degree = smallest_sufficient(scores, 1e-18) if scores else 1
+    found = [ladder[degree - 1] for ladder in ladders]
+    if shape.branches == 1 and rows.t.size <= COARSE:
+        return found[0], scores
+    final = replace(shape, degree=degree)
+    start = final.start_at([f.curves[0] for f in found])
+    # with two branches a bin holds up to five rows
+    fit = fit_shape(compress(rows, FINE // (4 if shape.branches > 1 else 1)), final, [start])
+    first = found[0].search
+    search = replace(fit.search, tried=first.tried, agreeing=first.agreeing)
+    return replace(fit, search=search), scores
+
+
+def _separate(rows: Rows) -> list[Rows]:
+    """Samples wholly on the rising and wholly on the falling branch."""
+    one = np.ones(rows.t.size)
+    whole = [rows.rising >= 0.999, rows.rising <= 0.001]
+    return [replace(rows.take(w), rising=one[w]) for w in whole]
+
+
+def _pool(scores: Sequence[Sequence[Score]]) -> list[Score]:
+    """Cross-validated errors of all branches together, degree by degree."""
+    pooled = []
+    for alike in zip(*scores):
+        squares = np.concatenate([s.squares for s in alike])
+        pooled.append(Score(alike[0].degree, float(np.sqrt(squares.mean())), squares))
+    return pooled
+
+
+def weigh_suspects(
+    scaled: Scaled, data: Data, shape: Shape, request: Request[PotentiometerOptions]
+) -> Scaled:
+    """Bound the pull of lone extremes that look clipped.
+
+    They stay in, but a clipped reading far off the course of all others must not buy a
+    degree or bend the end of the curve: its weight is ``1 / (1 + (r / 3 s)^2)`` with its
+    distance ``r`` from the curve of the others and their scatter ``s``.
+    """
+    if not data.suspects or shape.branches > 1 or scaled.key is not None:
+        return scaled
+    rows = scaled.rows
+    suspect = np.isin(data.reading[data.used], data.suspects)
+    others = rows.take(~suspect)
+    if sample_count(others) < shape.unknowns + 4 or np.unique(others.t).size < 6:
+        return scaled
+    fit, _ = search_degree(others, replace(shape, ends=None), request)
+    rest = rows.y - fit.evaluate(rows.t, rows.rising)
+    free = max(others.t.size - fit.shape.unknowns, 1)
+    scatter = np.sqrt(float(rest[~suspect] @ rest[~suspect]) / free)
+    share = rest / max(3.0 * scatter, 1e-300)
+    weighted = replace(rows, count=np.where(suspect, 1.0 / (1.0 + share**2), 1.0))
+    return replace(scaled, rows=weighted, merged=weighted)
+
+
+def make_monotone(
+    scaled: Scaled, fit: CurveFit, wanted: bool | None
+) -> tuple[CurveFit, list[Notice]]:
+    """Keep the curve from turning back unless the data say that it does."""
+    if fit.monotone or wanted is False:
+        return fit, []
+    rows = scaled.merged
+    direction = 1 if np.polynomial.Polynomial.fit(rows.t, rows.y, 1).convert().coef[-1] > 0 else -1
+    shape = replace(fit.shape, direction=direction)
+    starts = [shape.start_at(fit.curves), *shape.starts()]
+    bounded = fit_shape(compress(rows, FINE), shape, starts)
+    free, kept = scaled.squares(fit), scaled.squares(bounded)
+    n = sample_count(rows) - fit.shape.unknowns
+    resisted = _excess_tail(kept, free, fit.shape.degree * fit.shape.branches, n) < 1e-3
+    ratio = np.sqrt(kept / max(free, 1e-300))
+    if wanted:
+        if not resisted:
+            return bounded, []
+        return bounded, [
+            Notice(
+                "not-monotone",
+                f"the data resist --monotone: the residuals of the monotone curve are "
+                f"{ratio:.3g} times those of the free one. Give --no-monotone, or another degree.",
+            )
+        ]
+    if not resisted:
+        return bounded, []
+    return fit, [
+        Notice(
+            "not-monotone",
+            f"the curve of degree {fit.shape.degree} turns back within the range, so a position "
+            f"may have two readings; kept monotone its residuals would be {ratio:.3g} times as "
+            "large. Try another --degree, or give --monotone.",
+        )
+    ]
+
+
+def drop_weights(scaled: Scaled, fit: CurveFit, spread: Spread) -> tuple[CurveFit, list[Notice]]:
+    """Replace weights that the data say nothing about by ones.
+
+    Every straight line, for one, is a curve of degree two with any of a family of weights.
+    """
+    half = t_quantile(0.975, spread.uncertainty.degrees) * spread.std_error()
+    n = fit.shape.degree + 1
+    unsure = [half[2 * n * k + n + i] for k in range(fit.shape.branches) for i in range(n)]
+    if not fit.shape.rational or max(unsure) <= LOG_WEIGHT_LIMIT:
+        return fit, []
+    rows = scaled.merged
+    shape = replace(fit.shape, rational=False)
+    plain = fit_shape(compress(rows, FINE), shape, shape.starts()[:1])
+    extra = fit.shape.degree * fit.shape.branches
+    tail = _excess_tail(
+        scaled.squares(plain), scaled.squares(fit), extra, sample_count(rows) - fit.shape.unknowns
+    )
+    lower = f"Give a --degree below {fit.shape.degree}, or --degree auto. "
+    advice = lower if fit.shape.degree > 1 else ""
+    if tail < 0.05:
+        return fit, [
+            Notice(
+                "degree-too-high",
+                "some weights are hardly determined: their 95 % intervals span more than a "
+                f"factor of 50 either way. {advice}".rstrip(),
+            )
+        ]
+    return plain, [
+        Notice(
+            "not-identified",
+            "weights cannot be determined from these data: a polynomial describes them as well. "
+            f"They are written as 1, status not_identified. {advice}A record of more samples "
+            "over the whole range, the ends included, would determine them.",
+        )
+    ]
+
+
+def _excess_tail(worse: float, better: float, extra: int, free: int) -> float:
+    """Probability of an F statistic as large as that of a restricted fit."""
+    from scipy.special import fdtrc
+
+    if worse <= better or free < 1:
+        return 1.0
+    return float(fdtrc(extra, free, (worse - better) / extra / max(better / free, 1e-28)))
+
+
+def bound_notice(fit: CurveFit) -> list[Notice]:
+    """Warn of weights that rest on their bound."""
+    names = [
+        f"log_weight of control point {i + 1}{' (falling)' if k else ''}"
+        for k in range(fit.shape.branches)
+        for i in range(fit.shape.degree if fit.shape.rational else 0)
+        if fit.search.best.active[k * fit.shape.nonlinear + i]
+    ]
+    if not names:
+        return []
+    return [
+        Notice(
+            "weight-at-bound",
+            f"{len(names)} of the weights rest on the bound of 50 that keeps the curve from "
+            f"bending too sharply ({', '.join(names)}); their intervals do not count. "
+            + ("Give another --degree." if fit.shape.degree > 1 else "Give --degree 2 or more."),
+        )
+    ]

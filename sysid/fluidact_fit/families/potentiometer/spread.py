@@ -1,0 +1,129 @@
+"""Covariance of the curve's numbers, also of long records and of measured ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import NotIdentifiedError
+from ...estimation.uncertainty import Uncertainty, covariance
+from ...experiment import FloatArray
+from .data import FINE, Data, Scaled
+from .rational_bezier import CurveFit, compress, curve_jacobian, free_coordinates
+
+_LONG, _BLOCKS = 200_000, 8  # rows from which the colour of residuals is that of an excerpt
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Covariance of all control points and log weights of the branches, scaled units."""
+
+    covariance: FloatArray
+    uncertainty: Uncertainty
+
+    def std_error(self) -> FloatArray:
+        """Standard errors in the same order."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+
+def find_spread(fit: CurveFit, scaled: Scaled, data: Data) -> Spread:
+    """Covariance of a fitted curve, refusing one that the data do not determine."""
+    coordinates = free_coordinates(fit)
+    matrix = coordinates.matrix
+    rest = scaled.rows.y - scaled.evaluate(fit)
+    if fit.shape.ends is None and rest.size > _LONG:
+        uncertainty = _long_uncertainty(fit, matrix, scaled, data, rest)
+    else:
+        rows, root = scaled.rows, np.sqrt(scaled.rows.count)
+        jacobian = _jacobian(fit, scaled, slice(None)) @ matrix * root[:, None]
+        if fit.shape.ends is not None:
+            by_ends = curve_jacobian(fit, rows.t, rows.rising) @ coordinates.pinned
+            jacobian = _with_measured_ends(jacobian, by_ends * root[:, None], rows.t)
+            matrix = np.hstack((coordinates.pinned, matrix))
+        cuts = np.cumsum([p.size for p in data.kept(data.reading)])[:-1]
+        uncertainty = covariance(
+            np.split(jacobian, cuts), np.split(rest * root, cuts), robust=data.timed
+        )
+    if not np.all(np.isfinite(uncertainty.covariance)):
+        raise NotIdentifiedError(
+            "the data cannot determine control_points: the curve does not depend on some of them.",
+            expected="Nothing was written.",
+            remedy="Give a lower --degree, or record the whole range in both directions.",
+        )
+    return Spread(matrix @ uncertainty.covariance @ matrix.T, uncertainty)
+
+
+def _jacobian(fit: CurveFit, scaled: Scaled, part: slice) -> FloatArray:
+    """Derivative of the curve at some rows by all its numbers."""
+    if scaled.key is None:
+        return curve_jacobian(fit, scaled.rows.t[part], scaled.rows.rising[part])
+    table = curve_jacobian(fit, scaled.merged.t, scaled.merged.rising)
+    return np.asarray(np.take(table, scaled.key[part], axis=0))
+
+
+def _long_uncertainty(
+    fit: CurveFit, matrix: FloatArray, scaled: Scaled, data: Data, rest: FloatArray
+) -> Uncertainty:
+    """Covariance of a long record: its colour is that of contiguous parts of it.
+
+    With ``B = J'J`` of all rows and ``C`` the covariance and ``E = J'J`` of the excerpt,
+    ``F = E^1/2 C E^1/2`` says how much more than white noise of one unit the residuals let
+    through in every direction; the covariance of all is ``B^-1/2 F B^-1/2``.
+    """
+    rows = scaled.merged if scaled.key is not None else compress(scaled.rows, FINE)
+    degrees = rest.size - matrix.shape[1]
+    variance = float((scaled.rows.count * rest) @ rest) / degrees
+    j = curve_jacobian(fit, rows.t, rows.rising) @ matrix
+    scale = np.linalg.norm(j, axis=0)
+    scale[scale == 0.0] = 1.0
+    j = j / scale
+    both = j.T @ (j * rows.count[:, None])
+    inner, order = variance * np.eye(scale.size), 0
+    if data.timed:
+        parts = _excerpt([p.size for p in data.kept(data.reading)])
+        columns = [_jacobian(fit, scaled, p) @ matrix / scale for p in parts]
+        found = covariance(columns, [rest[p] for p in parts])
+        stacked = np.vstack(columns)
+        part = stacked.T @ stacked
+        if found.order and np.all(np.isfinite(found.covariance)):
+            order = found.order
+            root = _power(part, 0.5)
+            inner = root @ found.covariance @ root * (variance / found.sigma**2)
+    half = _power(both, -0.5)
+    total = half @ inner @ half / np.outer(scale, scale)
+    return Uncertainty(0.5 * (total + total.T), degrees, float(np.sqrt(variance)), order)
+
+
+def _excerpt(sizes: Sequence[int]) -> list[slice]:
+    """Contiguous parts of the logs, spread over all of them."""
+    ends = np.cumsum(sizes)
+    length = _LONG // 4 // _BLOCKS
+    out = []
+    for k in np.linspace(0, int(ends[-1]) - length, _BLOCKS).astype(int).tolist():
+        log_end = int(ends[np.searchsorted(ends, k, side="right")])
+        out.append(slice(k, min(k + length, log_end)))
+    return [p for p in out if p.stop - p.start > 200]
+
+
+def _power(matrix: FloatArray, exponent: float) -> FloatArray:
+    """Symmetric power of a positive matrix; nothing in directions without any data."""
+    values, vectors = np.linalg.eigh(matrix)
+    floor = 1e-24 * float(values.max())
+    with np.errstate(divide="ignore"):
+        powers = np.where(values > floor, np.maximum(values, floor) ** exponent, 0.0)
+    return np.asarray((vectors * powers) @ vectors.T)
+
+
+def _with_measured_ends(jacobian: FloatArray, by_ends: FloatArray, t: FloatArray) -> FloatArray:
+    """Jacobian of an ordinary fit with the covariance of one whose ends are measured means.
+
+    The estimate is ``G e`` with the errors ``e``: the ends are means of some rows, the rest
+    follows from them and from all rows. ``pinv(G)`` is a Jacobian whose least-squares
+    estimate is ``G e``.
+    """
+    means = np.array([(t == end) / max(np.count_nonzero(t == end), 1) for end in (0.0, 1.0)])
+    gains = np.linalg.pinv(jacobian) if jacobian.shape[1] else np.zeros((0, t.size))
+    gains = np.vstack((means, gains - (gains @ by_ends) @ means))
+    return np.asarray(np.linalg.pinv(gains))
