@@ -16,7 +16,7 @@ help:
 	@echo "make test         style, types, layers, tests and notebooks, with the newest dependencies"
 	@echo "make test-oldest  part of the tests with the oldest dependencies that are supported"
 	@echo "make lint         style, types, layers and generated pages only"
-	@echo "make format       mend the style where ruff can"
+	@echo "make format       fix the style where ruff can"
 	@echo "make docs         write what the pages and the JSON Schema take from the program"
 	@echo "make schema       write the shipped JSON Schema only"
 	@echo "make lock         write uv.lock anew"
@@ -35,7 +35,7 @@ test: lint
 	$(BIN)/python -m pytest -n 2 --dist loadgroup tests
 	$(BIN)/python -m pytest --nbmake notebooks
 
-# What hangs on the interfaces of the dependencies; the estimates are left to `test`. Old releases
+# What depends on the interfaces of the dependencies; the estimates are left to `test`. Old releases
 # warn of newer ones below them, and pydantic's word the JSON Schema differently from the committed
 # one: neither is a fault of this program.
 test-oldest: $(OLDEST)/installed

@@ -3,11 +3,11 @@
     python studies/friction_coverage.py [--runs 500] [--output FILE.md]
 
 A piston moved by hand as in ``datasets/cylinder-friction`` (three sines in closed form, the
-dataset's truth, 10 s at 100 Hz), slow, medium and fast, with white or coloured noise of the
+dataset's truth, 10 s at 100 Hz), slow, medium and fast, with white or autocorrelated noise of the
 force (first-order autoregression, 0.1 N) and more or less noise of the velocity or the
 position. Every run has its own seed.
 
-The bound is that of Cramer and Rao with all samples and the true colour of the force. The
+The bound is that of Cramer and Rao with all samples and the true autocorrelation of the force. The
 noise of a measured velocity counts as noise of ``viscous`` times as much force, that of a
 position, which hardly moves its slope over a stroke, as none.
 """
@@ -43,7 +43,7 @@ SEED = 20261121
 
 @dataclass(frozen=True)
 class Cell:
-    """One row of the table: pace, role, noise of the motion [SI] and colour of the force."""
+    """One row of the table: pace, role, noise of the motion [SI], AR(1) of the force noise."""
 
     pace: str
     role: str
@@ -52,7 +52,7 @@ class Cell:
 
     @property
     def words(self) -> str:
-        """Pace, sensor and colour in words."""
+        """Pace, sensor and AR(1) coefficient in words."""
         sensor = (
             f"velocity, {1e3 * self.noise:g} mm/s"
             if self.role == "velocity"
@@ -189,8 +189,8 @@ def main() -> None:
         "Written by `python studies/friction_coverage.py` (`make study`).",
         f"Every triple: {names}; {chosen.runs} runs of each row, seed {SEED}.",
         "",
-        "| strokes | motion | colour | coverage of the 95 % interval | mean error / std error "
-        "| spread / std error | rms error / bound | refused | warned |",
+        "| strokes | motion | AR(1) of the force noise | coverage of the 95 % interval "
+        "| mean error / std error | spread / std error | rms error / bound | refused | warned |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     sys.stdout.write("\n".join(rows) + "\n")

@@ -47,7 +47,7 @@ def test_demo_keeps_files_of_an_earlier_run(tmp_path: Path) -> None:
 
 def test_demo_names_a_directory_it_cannot_make(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
-    with pytest.raises(ff.OutputError, match="cannot be made"):
+    with pytest.raises(ff.OutputError, match="cannot be created"):
         demo.run_demo(tmp_path / "file" / "below", lambda line: None)
 
 
@@ -63,8 +63,8 @@ def test_demo_fails_when_a_truth_is_missed(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(demo, "load_dataset", lie)
     said: list[str] = []
     assert demo.run_demo(tmp_path, said.append) == 1
-    assert sum("<- not met" in line for line in said) == 6
-    assert "6 of 6 truths are not met" in said[-1]
+    assert sum("<- missed" in line for line in said) == 6
+    assert "6 of 6 true values were missed" in said[-1]
 
 
 @pytest.mark.parametrize("family", ff.family_names())

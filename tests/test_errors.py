@@ -21,6 +21,8 @@ from fluidact_fit.errors import UsageError, in_python
         ("give --sound-speed)", "give sound_speed)"),
         ("--sample-time S, or", "sample_time=S, or"),
         ("--area M2.", "area=M2."),
+        ("Give --force to replace it", "Give overwrite=True to replace it"),
+        ("--input speed=FROM:TO, or", "inputs={'speed': FROM:TO}, or"),
         ("well-known, 3--4, a -- b", "well-known, 3--4, a -- b"),
     ],
 )

@@ -212,7 +212,7 @@ def test_strokes_say_what_no_speeds_could_better_and_how_long_halving_takes(
     assert least > 100.0 * np.hypot(0.1, 0.045) / np.sqrt(500.0) / 2.45
     (line,) = [n for n in strokes.notes if "--duration" in n]
     ratio, duration = (
-        float(n) for n in re.findall(r"is ([0-9.]+) times.* for ([0-9.]+) s", line)[0]
+        float(n) for n in re.findall(r"is ([0-9.]+) times.* take ([0-9.]+) s", line)[0]
     )
     assert duration == pytest.approx(10.0 * (ratio / 0.5) ** 2, rel=0.02)
 

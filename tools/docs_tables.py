@@ -174,7 +174,7 @@ def fits() -> str:
 
 def exit_statuses() -> str:
     """Exit statuses, each with the errors that end in it."""
-    meanings: dict[int, list[str]] = {0: ["done"], 1: ["a fault of the program"]}
+    meanings: dict[int, list[str]] = {0: ["done"], 1: ["a bug in the program"]}
     errors = [getattr(ff, name) for name in ff.__all__]
     for error in errors:
         if not isinstance(error, type) or not issubclass(error, ff.FluidactError):
@@ -222,7 +222,7 @@ _PARTS = {
     "family": "the model family",
     "variant": "which of the family's variants",
     "options": "the family's options as the fit settled them",
-    "accepted_failed": "`true` when the verdict was `fail` and the file was written all the same",
+    "accepted_failed": "`true` when the verdict was `fail` and the file was written anyway",
     "model": "what a controller runs: transfer functions with falling powers of `s` and of `z`, "
     "curves, dead zones",
     "validation": "logs given with `--validate`: simulated, never fitted",

@@ -47,7 +47,7 @@ def run_guarded(action: Callable[[], Any], invocation: Invocation) -> int:
     """
     try:
         with warnings.catch_warnings():
-            # What numpy has to say about an overflow means nothing to a user.
+            # Warnings of numpy, such as an overflow, mean nothing to a user.
             if not invocation.debug and not sys.warnoptions:
                 warnings.simplefilter("ignore")
             status = action()
@@ -111,14 +111,14 @@ def _explain_usage(error: click.UsageError) -> str:
 def _apology(error: BaseException) -> str:
     found = " ".join(f"{type(error).__name__}: {error}".split())
     return (
-        f"This is a fault of fluidact-fit and not of your data, sorry: {found[:300]}. Nothing was "
+        f"This is a bug in fluidact-fit, not in your data, sorry: {found[:300]}. Nothing was "
         "written. Run the same command with --debug added and report what it shows, with the log "
         "if you can."
     )
 
 
 def _flush() -> None:
-    """Bring a broken pipe to light here, where it is handled."""
+    """Let a broken pipe show up here, where it is handled."""
     sys.stdout.flush()
     sys.stderr.flush()
 

@@ -30,8 +30,8 @@ def help_text(family: Described) -> str:
         rows = map(_parameter, variant.parameters)
         parts.append(_block([f"Parameters{of}, as in the file (SI):", *_definitions(rows)]))
     parts.append(
-        "Several LOGs are several experiments of the same hardware: parameters are shared, initial "
-        "states and output offsets are free per log."
+        "Several LOGs are experiments on the same hardware: they share the parameters, and each "
+        "has its own initial state and output offset."
     )
     return "\n\n".join(parts)
 

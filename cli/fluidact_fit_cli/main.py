@@ -18,10 +18,10 @@ from .errors import Invocation, run_guarded
 # Command, the module in ``commands``, and its line in the list.
 _COMMANDS = {
     "inspect": "Show what is in a log and what is wrong with it.",
-    "check": "Tell whether a parameter file still describes the machine.",
+    "check": "Check whether a parameter file still describes the machine.",
     "simulate": "Simulate a parameter file with the inputs of a log.",
     "design": "Design the next experiment from a parameter file.",
-    "demo": "Fit synthetic logs of every kind, as an example.",
+    "demo": "Fit synthetic logs of every family, as an example.",
     "schema": "Print the JSON Schema of the parameter file.",
 }
 _EPILOG = """\b
@@ -30,7 +30,7 @@ Examples:
   fluidact-fit inspect trial1.csv
   fluidact-fit check line.yaml today.csv
 
-Exit status: 0 done; 1 a fault of the program; 2 wrong usage; 3 the log or file cannot be
+Exit status: 0 done; 1 a bug in the program; 2 wrong usage; 3 the log or file cannot be
 used; 4 the data cannot determine what was asked (or --strict); 5 check: the model no
 longer fits."""
 
@@ -107,7 +107,7 @@ def run(args: Sequence[str]) -> int:
 def main() -> None:
     """Run the program and leave the process with its exit status."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # A terminal that lacks a character (or a file name that is no text) is no fault.
+        # A character that the terminal lacks (or a file name that is not text) is no error.
         sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(run(sys.argv[1:]))
 

@@ -1,4 +1,4 @@
-"""Every option that more than one command has, and how they reach the log reader."""
+"""Options that several commands share, and how they reach the log reader."""
 
 from __future__ import annotations
 
@@ -79,20 +79,20 @@ def reading_options() -> list[click.Parameter]:
     seconds = Parsed("SECONDS", "--sample-time 0.001", parse_positive)
     return [
         _assignment("--column", "ROLE=HEADER", "force='F [N]' (or force=#3)", parse_text,
-                    "The column that plays a role, by header or as #N, counted from 1. Without it "
-                    "the column named like the role is taken. Of several logs some may lack the "
-                    "column of an optional role. Repeatable.", group),
+                    "The column of a role, by header or as #N, counted from 1. Default: the column "
+                    "named like the role. Some of several logs may lack the column of an optional "
+                    "role. Repeatable.", group),
         _assignment("--unit", "ROLE=UNIT", "position=mm", parse_text,
-                    "Unit of a role; wins over a unit in the header. Without either, SI.", group),
+                    "Unit of a role; overrides that of the header. Without either, SI.", group),
         _assignment("--scale", "ROLE=FACTOR", "torque=-1", parse_factor,
-                    "Multiply the raw column first: sensor gain, or -1 for a sign.", group),
+                    "Factor for the raw column: a sensor gain, or -1 to reverse the sign.", group),
         Option(["--sample-time"], type=seconds, group=group,
-               help="Distance of the samples, for logs without a time column."),
+               help="Time from one sample to the next, for logs without a time column."),
         _assignment("--step", "ROLE=FROM:TO[@T]", "command=0:2.5@0.1", parse_step,
-                    "The role was not recorded: it rested, then stepped from FROM to TO (in its "
-                    "--unit, or SI) at T seconds (default 0).", group),
+                    "For an input that was not recorded: constant at FROM, then constant at TO (in "
+                    "its --unit, or SI) from T seconds on (default 0).", group),
         Option(["--window"], type=Parsed("START:END", "--window 0.5:3", parse_window), group=group,
-               help="Seconds to use; either side may be empty."),
+               help="Part of the log to use, in seconds; either side may be empty."),
         hold_option(group),
     ]  # fmt: skip
 
@@ -101,9 +101,9 @@ def hold_option(group: str) -> Option:
     """How inputs move between samples."""
     return _assignment(
         "--hold", "ROLE=zoh|foh|smooth|auto", "force=foh", parse_hold,
-        "How an input moves between its samples: zoh stays; foh moves on straight lines; smooth "
-        "on a smooth curve through the samples; auto chooses between the last two (two levels "
-        "alone are held), and the file says which.",
+        "How an input behaves between its samples: zoh is held, foh follows straight lines, "
+        "smooth a smooth curve through the samples; auto chooses foh or smooth (zoh for a signal "
+        "of two levels), and the file says which.",
         group,
     )  # fmt: skip
 
@@ -122,7 +122,7 @@ def parameter_options() -> list[click.Parameter]:
 
 
 def verbosity_options() -> list[click.Parameter]:
-    """How much is said."""
+    """How much is printed."""
     group = "Messages"
     return [
         Option(["--quiet", "-q"], is_flag=True, group=group, help="Print nothing but errors."),
@@ -140,11 +140,11 @@ def debug_option() -> click.Parameter:
 def json_option(what: str) -> click.Parameter:
     """The result as JSON."""
     return Option(["--json", "as_json"], is_flag=True, group="Output",
-                  help=f"{what} as JSON on standard output, nothing else there.")  # fmt: skip
+                  help=f"{what} as JSON on standard output, and nothing else.")  # fmt: skip
 
 
 def reading_arguments(params: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keyword arguments of ``read_log`` that options stand for."""
+    """Return the keyword arguments of ``read_log`` that the options give."""
     from fluidact_fit.logs import StepInput
 
     found = {name: dict(params.get(key) or {}) for key, name in _ROLE_OPTIONS.items()}

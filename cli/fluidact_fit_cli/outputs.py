@@ -55,7 +55,7 @@ def check_targets(targets: Iterable[Target], inputs: Iterable[str], force: bool)
         real = os.path.realpath(target.path)
         if real in read:
             raise UsageError(
-                f"{target.option} {target.path} is one of the files read and would be lost.",
+                f"{target.option} {target.path} is one of the files read and would be overwritten.",
                 remedy="Give another name.",
             )
         if real in seen:
@@ -78,7 +78,7 @@ def _check_name(target: Target) -> None:
     if target.suffixes and Path(target.path).suffix.lower() not in target.suffixes:
         known = ", ".join(target.suffixes)
         raise UsageError(
-            f"{target.option} {target.path} has a suffix that is not known.",
+            f"{target.option} {target.path} has an unknown suffix.",
             expected=f"Expected one of {known}.",
             remedy=f"Give for example {target.option} {Path(target.path).stem or 'fit'}"
             f"{target.suffixes[0]}.",
@@ -93,7 +93,7 @@ def _check_place(target: Target, force: bool) -> None:
     if os.path.isfile(target.path) and not force:
         raise UsageError(
             f"{target.path} exists already and was kept.",
-            remedy=f"Give -f/--force to replace it, or another name with {target.option}.",
+            remedy=f"Give --force to replace it, or another name with {target.option}.",
         )
     parent = os.path.dirname(os.path.realpath(target.path))
     if not os.path.isdir(parent):
@@ -118,7 +118,7 @@ def render(path: str, write: Callable[[Path], object]) -> bytes:
 
 
 def write_all(contents: dict[str, bytes | str], force: bool) -> None:
-    """Write files, each whole; when one fails, those that were new are taken away again.
+    """Write files, each whole; when one fails, those that were new are removed again.
 
     Raises
     ------

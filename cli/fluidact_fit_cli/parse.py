@@ -85,9 +85,9 @@ def parse_step(text: str) -> tuple[float, float, float]:
 
 
 def parse_hold(text: str) -> str:
-    """Return how an input moves between its samples."""
+    """Return the name of a hold."""
     if text not in ("zoh", "foh", "smooth", "auto"):
-        raise ValueError(f"'{text}' is no hold; choose zoh, foh, smooth or auto")
+        raise ValueError(f"'{text}' is not a hold; choose zoh, foh, smooth or auto")
     return text
 
 
@@ -99,7 +99,7 @@ def parse_text(text: str) -> str:
 
 
 class Parsed(ParamType):
-    """A value in a small language; what is wrong is told with the form and an example.
+    """A value in a small language; an error shows the expected form and an example.
 
     Parameters
     ----------

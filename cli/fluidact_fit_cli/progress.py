@@ -11,7 +11,7 @@ _PATIENCE = 2.0  # seconds of silence before a plain line
 
 
 class Progress:
-    """Receives a line of text now and then and shows it where it does not disturb.
+    """Receives progress messages and shows them where they do not disturb.
 
     On a terminal one line is overwritten; elsewhere lines appear only when a fit takes
     long, at most one every two seconds (all of them with ``verbose``).
@@ -38,7 +38,7 @@ class Progress:
             self.last = now
 
     def clear(self) -> None:
-        """Take the line away again."""
+        """Remove the line."""
         if self.shown:
             click.echo("\r\x1b[K", nl=False, err=True)
             self.shown = False

@@ -22,7 +22,7 @@ POSITIONS = (
 )  # mm: trials 1 and 2 train, trial 3 tests
 HELD = 4  # samples per step of 1 N
 CYCLES = 2
-SLACK = 1.0  # N wanting after a cycle: the rod leaves the sensor, as the paper's figure 12B shows
+SLACK = 1.0  # N short after a cycle: the rod leaves the sensor, as the paper's figure 12B shows
 INNER = 100  # steps of integration per sample: 0.1 ms
 ADC = 60.0 / 1023.0  # mm: 10 bits over the potentiometer's 60 mm
 COLUMNS = (
@@ -50,7 +50,7 @@ PHYSICS = {
     "creep": Truth(
         3.3e-5,
         "m",
-        note="way over which the seal's friction changes over after a reversal: 95 % after the "
+        note="distance in which the seal's friction reverses with the motion: 95 % after the "
         "paper's 0.1 mm",
     ),
     "mass": Truth(0.06, "kg", note="piston and rod"),
@@ -164,7 +164,7 @@ DATASET = Dataset(
         "paper repeats it five times)",
         "position by a 10-bit converter over 60 mm (paper) with 0.2 counts RMS noise; force "
         "with 0.05 N RMS noise in steps of 0.01 N (invented)",
-        "after a reversal the friction of the seal changes over gradually, within 0.1 mm, and "
+        "after a reversal the friction of the seal changes sign gradually, within 0.1 mm, and "
         "between two cycles the rod leaves the sensor and meets it again: the two transient "
         "waves of the paper's figure 12. A command that knows spring and friction misses the "
         "force by up to 5 N there, by 0.9 N RMS over all",

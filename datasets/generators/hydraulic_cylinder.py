@@ -158,7 +158,7 @@ DATASET = Dataset(
         "1 kHz, 2200 samples; held random levels of 0.25 V to 9 V, then slow triangles of "
         "0.9 V across the dead zone",
         "areas, volumes, mass and supply pressure of table 1, the volumes taken at position 0",
-        "losses enter with the amount of the flow, so that they brake in both directions",
+        "losses enter with the magnitude of the flow, so that they brake in both directions",
         "sensor noise 0.2 bar and 0.05 mm RMS (invented), tank pressure 0",
         "the piston sticks while the force lies within the Coulomb level",
     ),

@@ -73,8 +73,8 @@ DATASET = Dataset(
     HYDROSTATIC,
     (
         LIMIT,
-        "hand force within +-12 N: six sines of 0.1 Hz to 2 Hz. It moves on between the "
-        "samples (`foh`)",
+        "hand force within +-12 N: six sines of 0.1 Hz to 2 Hz; it is not held between the "
+        "samples (`auto`)",
         "load cell 0.02 N RMS noise, 16 bits over 100 N; position 10 um RMS noise, 16 bits "
         "over 55 mm (noise and bits invented)",
         "two lines of 2.36 m, 2.5 mm inner diameter (thesis); starts at rest",

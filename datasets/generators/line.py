@@ -1,4 +1,4 @@
-"""Pneumatic line: dead time and first order after a pressure that moves."""
+"""Pneumatic line: dead time and first order after a continuously changing pressure."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LINE = {
 
 
 def simulate_line(rng: np.random.Generator, trial: int) -> list[Array]:
-    """Dead time and first order after a pressure that a valve moves without pause."""
+    """Dead time and first order after a pressure that a valve changes continuously."""
     target = np.repeat(make_steps(rng, 1.0, 6.0, 2), FINE)[: fine_instants().size]
     inlet = second_order(target, 40.0, 0.8, STEP / FINE)
     late = round(scalar(LINE, "dead_time") / (STEP / FINE))  # 147 steps of the fine grid, exactly
@@ -59,7 +59,7 @@ DATASET = Dataset(
     (
         LIMIT,
         "the valve follows steps between 1 bar and 6 bar as a second order of 40 rad/s and "
-        "0.8 damping (invented); its pressure moves on between the samples (`foh`)",
+        "0.8 damping (invented); its pressure is not held between the samples (`auto`)",
         "noise 0.002 bar RMS at the valve, 0.005 bar at the chamber, 14 bits over 10 bar "
         "(invented)",
         "5 m of 2.5 mm inner diameter (thesis); the dead time is 1.47 samples",

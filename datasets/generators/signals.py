@@ -1,4 +1,4 @@
-"""Excitation and small solvers that several datasets share: closed forms, nothing borrowed.
+"""Excitation and small solvers that several datasets share, in closed form.
 
 They need nothing but numpy and share no code with ``fluidact_fit``, so that a fit which recovers
 the truth proves something.
@@ -65,7 +65,7 @@ def lag_of_straight_lines(u: Array, tau: float) -> Array:
 
 
 def second_order(command: Array, omega: float, zeta: float, h: float) -> Array:
-    """Answer of an underdamped second order to held values, closed form; from rest."""
+    """Response of an underdamped second order to held values, closed form; from rest."""
     wd = omega * math.sqrt(1.0 - zeta**2)
     fade = math.exp(-zeta * omega * h)
     c, s = math.cos(wd * h), math.sin(wd * h)

@@ -24,7 +24,7 @@ def triangle(t: Array, period: float, phase: float) -> Array:
 
 
 def simulate_cylinder(rng: np.random.Generator, trial: int) -> list[Array]:
-    """A stage moves the rod to and fro while the command goes up and down."""
+    """A stage moves the rod back and forth while the command goes up and down."""
     t = STEP * np.arange(1000, dtype=np.float64)
     period = (4.0, 2.3, 1.1)[trial] * rng.uniform(0.95, 1.05)
     command = np.round(2.6 + 1.4 * triangle(t, period, rng.uniform()), 3)

@@ -1,4 +1,4 @@
-"""What a controller holds after loading a parameter file: one base for every family."""
+"""What a controller gets from a parameter file: one base for every family."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Parameters(Mapping[str, Value]):
                 f"{name} was not identified: {self._values[name]!r} stands in the file in place "
                 "of a value that the data could not determine",
                 expected=remedy,
-                remedy="To use the model with that value all the same, load it with "
+                remedy="To use the model with that value anyway, load it with "
                 f"accept_not_identified=[{name!r}] (or True).",
             )
         return self._values[name]
@@ -146,7 +146,7 @@ class Block(ABC):
         unknown = sorted(given - set(self.parameters))
         if unknown:
             raise UsageError(
-                f"accept_not_identified names {unknown[0]!r}, which is no parameter of the file",
+                f"accept_not_identified names {unknown[0]!r}, which is not a parameter of the file",
                 expected="Not identified: " + (", ".join(self.not_identified) or "none") + ".",
             )
         self.parameters.refused = self.parameters.refused - given

@@ -41,7 +41,7 @@ class LogCheck:
 
 @dataclass(frozen=True)
 class Drift:
-    """A parameter in the file and as the new logs have it [``unit``].
+    """A parameter in the file and in the new logs [``unit``].
 
     ``combined_error`` is the root of the sum of both squared standard errors, ``sigmas``
     the distance in these, ``percent`` the distance relative to the file (``None`` where
@@ -90,7 +90,7 @@ def check_logs(
     logs
         New logs.
     progress
-        Called with a line of text now and then.
+        Called with progress messages.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def check_logs(
         drifts = _compare(document.quantities(), refit(document, logs, progress=progress))
     except NotIdentifiedError as error:
         text = " ".join(error.text.split())
-        message = f"the parameters could not be compared, only the simulation was: {text}"
+        message = f"only the simulation was compared, not the parameters: {text}"
         notices.append(Notice("not-compared", message))
         drifts = ()
     checks = tuple(_check_log(document, s, variant) for s in simulations)
@@ -130,7 +130,7 @@ def _require_output(runs: Sequence[Experiment], variant: Variant) -> None:
     for run in runs:
         if variant.output.name not in run:
             raise LogError(
-                f"no column is named '{variant.output.name}', so there is nothing to compare.",
+                f"no column is named '{variant.output.name}', so there is nothing to compare with.",
                 where=run.name,
                 remedy=f"Give --column {variant.output.name}=HEADER (or #N).",
             )
@@ -153,7 +153,7 @@ def _check_log(document: ParameterDocument, simulation: Simulation, variant: Var
 
 
 def _compare(before: Mapping[str, Quantity], now: Mapping[str, Quantity]) -> tuple[Drift, ...]:
-    """Compare all numbers, list entries too, that both sides give a standard error."""
+    """Compare all numbers, list entries too, that have a standard error on both sides."""
     drifts = []
     for name, old in before.items():
         new = now.get(name)

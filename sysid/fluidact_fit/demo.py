@@ -56,7 +56,7 @@ class Dataset:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table; ``good`` says whether the truth was met."""
+    """One line of the table; ``good`` says whether the truth was recovered."""
 
     cells: tuple[str, ...]
     good: bool
@@ -118,7 +118,7 @@ def run_demo(directory: str | Path, echo: Callable[[str], None], *, overwrite: b
     Returns
     -------
     int
-        0 when every truth lies within four standard errors of its estimate, else 1.
+        0 when every true value lies within four standard errors of its estimate, else 1.
 
     Raises
     ------
@@ -141,9 +141,11 @@ def run_demo(directory: str | Path, echo: Callable[[str], None], *, overwrite: b
     echo("")
     echo(f"parameter files and pictures: {directory}")
     if missed:
-        echo(f"{missed} of {len(rows)} truths are not met (allowed: {ALLOWED:g} standard errors)")
+        echo(
+            f"{missed} of {len(rows)} true values were missed (by over {ALLOWED:g} standard errors)"
+        )
         return 1
-    echo(f"all {len(rows)} truths lie within {ALLOWED:g} standard errors")
+    echo(f"all {len(rows)} true values lie within {ALLOWED:g} standard errors")
     return 0
 
 
@@ -196,7 +198,7 @@ def _check_directory(directory: Path, overwrite: bool) -> None:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(
-            f"the directory cannot be made: {error.strerror or error}",
+            f"the directory cannot be created: {error.strerror or error}",
             where=str(directory),
             remedy="Give a directory that can be written.",
         ) from error
@@ -223,7 +225,7 @@ def format_table(rows: Sequence[Row]) -> list[str]:
     """Return the lines of the table, the header first."""
     every = [_HEADER, *(row.cells for row in rows)]
     widths = [max(map(len, column)) for column in zip(*every)]
-    marks = ["", *("" if row.good else "<- not met" for row in rows)]
+    marks = ["", *("" if row.good else "<- missed" for row in rows)]
     return [
         "  ".join([*(f"{c:<{w}}" for c, w in zip(cells, widths)), mark]).rstrip()
         for cells, mark in zip(every, marks)

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 # Options whose keyword in Python is not the same word.
 _KEYWORDS = {
     "fix": "fixed", "column": "columns", "unit": "units", "scale": "scales", "step": "steps",
-    "accept-failed": "accept_failed",
+    "input": "inputs", "force": "overwrite=True",
 }  # fmt: skip
-_MAPPINGS = {"fix", "start", "bounds", "column", "unit", "scale", "step", "hold"}
+_MAPPINGS = {"fix", "start", "bounds", "column", "unit", "scale", "step", "hold", "input"}
 _VALUE = r"\"[^\"]*\"|'[^']*'|\[[^\]]*\]|\.\.\.|[^\s,;()]*[^\s,;().:]"
 _OPTION = re.compile(
     rf"--(?P<name>[a-z][a-z0-9]*(?:-[a-z0-9]+)*)"

@@ -1,4 +1,4 @@
-"""Experiments: what a family sees of a log. SI arrays with named roles, nothing else."""
+"""Experiments: a log as a family gets it. SI arrays with named roles, nothing else."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Signal:
     unit
         The SI unit, for example ``"N"``.
     hold
-        How the signal moves between its instants: ``"zoh"`` stays, ``"foh"`` (first-order
-        hold) moves on straight lines, ``"smooth"`` on a smooth curve through the samples.
-        ``"auto"`` has yet to be settled, once for all logs of a fit, between the last two.
+        How the signal behaves between its instants: ``"zoh"`` (zero-order hold) is held,
+        ``"foh"`` (first-order hold) follows straight lines, ``"smooth"`` a smooth curve through
+        the samples. ``"auto"`` is yet to be settled, once for all logs of a fit.
         ``None`` for signals that drive nothing.
     before
         Value before the first instant [SI unit]; the first value unless a step said
@@ -66,12 +66,12 @@ class Experiment:
     signals
         Role to signal.
     sample_time
-        Median distance of the samples [s]; 0 when there is no time.
+        Median time between samples [s]; 0 when there is no time.
     uniform
         Whether all samples lie on one grid of ``sample_time`` (to one part in a
         million of it), in which case ``time`` has been snapped to it.
     attributes
-        Anything a dialect knows of the run, for example a direction.
+        Anything else the dialect says about the run, for example a direction.
     """
 
     name: str

@@ -68,7 +68,7 @@ class Estimate(Generic[ReadT]):
     """What a family returns from a fit.
 
     What the model gives with these values is not part of it: that is computed by
-    :meth:`Family.simulate` from what is written, once and for everybody.
+    :meth:`Family.simulate` from what is written, once for all readers.
 
     Attributes
     ----------
@@ -117,8 +117,8 @@ class Simulated:
     output
         At the log's own instants, shape ``(n,)`` [SI].
     used
-        Samples that the model claims to describe, shape ``(n,)``; ``None``: all of them. Slow
-        samples of a friction map and clipped readings are not.
+        Samples that the model claims to describe, shape ``(n,)``; ``None`` means all. Slow
+        samples of a friction map and clipped readings are excluded.
     offset
         Offset of the output that belongs to this log [SI]; ``None`` where there is none.
     """
@@ -137,7 +137,7 @@ class Information:
     names
         Of the columns of ``jacobian``.
     jacobian
-        Derivative of the output, what belongs to the log projected out, shape ``(n, p)``
+        Derivative of the output, unknowns of the log projected out, shape ``(n, p)``
         [unit of the output per unit of the parameter].
     output
         Simulated output from rest, shape ``(n,)`` [SI].
@@ -160,14 +160,14 @@ class Excitation:
     ----------
     kind
         ``"command"`` plays a waveform to the driving role, ``"strokes"`` moves at constant
-        speeds to and fro, ``"points"`` holds a static map at chosen points; ``"none"``: it
-        cannot be designed.
+        speeds back and forth, ``"points"`` holds a static map at chosen points; ``"none"``
+        means that it cannot be designed.
     reason
-        Why there is none, a clause.
+        Why it cannot be designed, a clause.
     fastest
         Lowest and highest speed of strokes [m/s].
     slowest
-        Speed beyond which a fit keeps samples [m/s].
+        Speed above which a fit keeps samples [m/s].
     noise
         Standard deviation of the output about the static map [SI].
     options
@@ -320,7 +320,7 @@ class Family(ABC, Generic[OptionsT]):
         experiment: Experiment,
         options: OptionsT,
     ) -> Information | None:
-        """Return what an experiment would tell about the parameters, from its inputs alone.
+        """Return the information that an experiment would give, from its inputs alone.
 
         ``None`` for a family that cannot say: its next experiment cannot be designed.
         """
@@ -328,7 +328,7 @@ class Family(ABC, Generic[OptionsT]):
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """Return how the next experiment can be designed from a file of this family."""
-        return Excitation("none", "the family does not say what an experiment would tell")
+        return Excitation("none", "the family cannot predict what an experiment would show")
 
     def suppose(
         self,

@@ -52,19 +52,19 @@ def fit(
     logs
         Logs, or paths of CSV files whose columns are named like the roles.
     hold
-        Role to ``"zoh"`` or ``"foh"``, instead of the family's default.
+        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
         By parameter name, SI.
     validate
-        Logs that are judged with the result and never fitted.
+        Logs to validate the result with; they are not fitted.
     controller_sample_time
-        Period of the discrete model in the file [s]; the log's own when left out.
+        Sample time of the discrete model in the file [s]; default: that of the log.
     seed
-        For whatever is random.
+        Seed of the random numbers.
     command
         Written into the file as its provenance.
     progress
-        Called with a line of text now and then.
+        Called with progress messages.
     **options
         The family's own options, with underscores for hyphens.
 
@@ -187,7 +187,7 @@ def _estimate(
     experiments: Sequence[Experiment],
     request: Request[FamilyOptions],
 ) -> Estimate[FamilyOptions]:
-    """Let the family fit; values so far apart that arithmetic fails are the data's fault."""
+    """Let the family fit; where the arithmetic fails, the data are to blame."""
     try:
         # Matrices are small: sharing one out among threads costs more than the product, most
         # of all on a busy machine, and the last digits would depend on how many there are.
@@ -196,7 +196,7 @@ def _estimate(
     except (np.linalg.LinAlgError, OverflowError, FloatingPointError) as error:
         raise NotIdentifiedError(
             f"the computation broke down ({error}).",
-            expected="Some values are too far apart to be computed with. Nothing was written.",
+            expected="Some values differ by too many orders of magnitude. Nothing was written.",
             remedy="Check --unit and --scale of the columns, and --fix, --start and --bounds (SI).",
         ) from error
 
@@ -232,7 +232,7 @@ def _require_samples(log: Log, variant: Variant, found: Sequence[Experiment]) ->
         raise LogError(
             f"only {samples} {'sample' if samples == 1 else 'samples'} can be used.",
             where=log.name,
-            expected=f"Expected {_FEWEST} or more in the course of time.",
+            expected=f"Expected {_FEWEST} or more.",
             remedy="Record longer or sample faster; check --window where it was given.",
         )
 
@@ -240,7 +240,7 @@ def _require_samples(log: Log, variant: Variant, found: Sequence[Experiment]) ->
 def _with_holds(
     experiments: Sequence[Experiment], holds: Mapping[str, Hold | None]
 ) -> list[Experiment]:
-    """Runs that are judged, their inputs moving as those of the fit were settled to."""
+    """Runs to validate with, their holds as settled by the fit."""
     return [
         replace(
             e,

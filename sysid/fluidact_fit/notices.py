@@ -21,7 +21,7 @@ class Code:
     Attributes
     ----------
     severity
-        ``information`` tells what was done with the log and leaves the fit as good as it is;
+        ``information`` says what was done with the log and leaves the fit as good as it is;
         ``warning`` turns the verdict from ``pass`` to ``warn``.
     meaning
         What was found, one sentence.
@@ -52,11 +52,11 @@ _READING = {
         "Nothing, if the recording was stopped by hand; otherwise check for lost data.",
     ),
     "gap": _warning(
-        "Samples are missing: somewhere the time between two of them is many times the usual one.",
-        "Check how the inputs moved during the gap, or keep to one side of it with `--window`.",
+        "Samples are missing: the time between two of them is many times the usual sample time.",
+        "Check what the inputs did during the gap, or keep to one side of it with `--window`.",
     ),
     "overprinted-lines": _warning(
-        "Lines with an impossible time stamp were left out: two lines were printed into one.",
+        "Lines with an impossible time stamp were left out: two lines were printed as one.",
         "Look at the lines that are named; a slower or buffered serial output avoids them.",
     ),
     "partial-lines": _information(
@@ -72,7 +72,7 @@ _READING = {
         "Check whether the sensor or its converter was clipped; cut that part with `--window`.",
     ),
     "time-out-of-order": _warning(
-        "Lines whose time does not follow that of the line before were left out.",
+        "Lines whose time is earlier than that of the line before were left out.",
         "Check the lines that are named; `--sample-time` replaces the time column.",
     ),
     "time-replaced": _information(
@@ -80,7 +80,7 @@ _READING = {
         "Leave out `--sample-time` to use the recorded times.",
     ),
     "time-restarts": _information(
-        "Time starts again within the log; each run was taken as an experiment of its own.",
+        "Time starts again within the log; each run was taken as a separate experiment.",
         "Nothing, if the log holds several runs; otherwise check the time column.",
     ),
     "time-ties": _warning(
@@ -92,15 +92,15 @@ _READING = {
         "State the unit, for example `--unit time=ms`.",
     ),
     "time-unusable": _warning(
-        "The time column cannot be read as time and was ignored; static data do not need it.",
-        "Mend the column, name another one with `--column time=...`, or give `--sample-time`.",
+        "The time column cannot be read as time and was ignored; static data need none.",
+        "Correct the column, name another one with `--column time=...`, or give `--sample-time`.",
     ),
     "time-wrapped": _information(
         "The time counter overflowed and was continued.",
         "Nothing.",
     ),
     "uneven-sampling": _information(
-        "The samples are not equally spaced; they were used at their own times.",
+        "The samples are not equally spaced; they were used at their recorded times.",
         "Nothing, unless the times themselves are doubtful.",
     ),
     "unit-assumed": _information(
@@ -116,11 +116,11 @@ _JUDGEMENT = {
         "Record with the controller off, with an added excitation, or with a cleaner sensor.",
     ),
     "hold-doubtful": _warning(
-        "The data fit better with the other assumption about how an input moves between samples.",
+        "The data fit better if an input is taken to behave differently between its samples.",
         "Say with `--hold` whether the column is a held command or a measured signal.",
     ),
     "hold-matters": _warning(
-        "A parameter depends on how an input moves between samples, and the data cannot tell.",
+        "A parameter depends on the hold of an input, which the data cannot determine.",
         "Say with `--hold` whether the column is a held command or a measured signal.",
     ),
     "input-noise": _warning(
@@ -150,7 +150,7 @@ _JUDGEMENT = {
     ),
     "residuals-autocorrelated": _warning(
         "The residuals are autocorrelated and far larger than the noise of the output: the "
-        "machine does something that the model does not.",
+        "machine does something that the model does not describe.",
         "Look at the picture (`--plot`) and judge whether the misfit matters for your use.",
     ),
     "weak-fit": _warning(
@@ -173,16 +173,16 @@ _FAMILIES = {
         "Give a lower `--degree`, or record more samples over the whole range.",
     ),
     "force-offset": _warning(
-        "The force has an offset, which the data cannot tell from a difference of the two Coulomb "
-        "levels; the levels were taken as equal.",
-        "Remove the offset (zero the load cell, record the other chamber) or give `--offset none`.",
+        "The force has an offset, which the data cannot separate from a difference of the two "
+        "Coulomb levels; the levels were taken as equal.",
+        "Remove the offset (zero the load cell, record the other chamber) or give `--offset=none`.",
     ),
     "force-spikes": _warning(
-        "Some samples of the force lie far off all others.",
+        "Some samples of the force lie far from all others.",
         "Look at the picture (`--plot`); if the load cell is sound, the model may be wrong there.",
     ),
     "forces-beyond-model": _warning(
-        "Forces that the model does not know, such as torque ripple or play, move the axis by "
+        "Forces that the model does not include, such as torque ripple, move the axis by "
         "more than the noise of its position.",
         "Cover the same stretch in both directions at several speeds, or fix the static levels.",
     ),
@@ -192,23 +192,23 @@ _FAMILIES = {
         "Record both pressures at 1 kHz; check mass, dead volumes and supply pressure.",
     ),
     "inertia-matters": _warning(
-        "Inertia takes a large part of the force in most samples and was not taken off.",
-        "Weigh what moves and give `--mass`.",
+        "Inertia is a large part of the force in most samples and was not subtracted.",
+        "Weigh the moving parts and give `--mass`.",
     ),
     "input-constant": _warning(
-        "An input of the network has one value in all logs, so nothing is known of others.",
-        "Record other values of it, or leave it out of `--inputs`.",
+        "An input of the network is the same in all logs, so other values of it are unknown.",
+        "Record logs with other values, or leave it out of `--inputs`.",
     ),
     "logs-disagree": _warning(
         "The logs do not share one friction.",
-        "Fit logs of different pressure or condition one by one.",
+        "Fit logs of different pressure or condition separately.",
     ),
     "negative-friction": _warning(
         "A Coulomb level would be negative and was held at zero.",
         "Remove an offset of the force, or record both directions at several speeds.",
     ),
     "not-monotone": _warning(
-        "The fitted curve or map turns back somewhere within the range of the data.",
+        "The fitted curve or map reverses direction within the range of the data.",
         "Choose another `--degree` or number of `--hidden` units, or record more data there.",
     ),
     "rails": _information(
@@ -216,7 +216,7 @@ _FAMILIES = {
         "Nothing; a clipped reading says nothing about the position.",
     ),
     "rails-suspected": _warning(
-        "The extreme readings look clipped, but nothing proves it; they were kept.",
+        "The extreme readings look clipped, but the data do not prove it; they were kept.",
         "Give `--rails LOW:HIGH` to leave them out.",
     ),
     "saturation-not-reached": _warning(
@@ -228,12 +228,11 @@ _FAMILIES = {
         "Sample faster, move more slowly, or record the velocity itself.",
     ),
     "velocity-noise": _warning(
-        "Much of the variation of the velocity is noise; its effect on viscous friction was "
-        "taken off.",
-        "Give a wider `--filter`, or record a better velocity.",
+        "Much of the variance of the velocity is noise; the bias of viscous friction was removed.",
+        "Give a longer `--filter`, or record a better velocity.",
     ),
     "weight-at-bound": _warning(
-        "Weights of the curve rest on their bound, so their intervals mean nothing.",
+        "Weights of the curve are at their bound, so their intervals are meaningless.",
         "Give another `--degree`.",
     ),
 }

@@ -9,7 +9,7 @@ with one of the helpers below::
         length: float | None = number(help="length of the line", unit="m", above=0.0)
 
 Values that a fit settles (a dead band found from the noise) replace ``None`` or ``"auto"``, and
-the file holds the settled ones: whoever comes later reads them there.
+the file holds the settled ones: everything later reads them there.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a fit or a simulation came to: curves beside the log, and the document."""
+"""Results of a fit or a simulation: curves to compare with the log, and the document."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class Simulation:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A finished fit, as pictures and pages take it.
+    """A finished fit, as pictures and pages need it.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class Outcome:
     fitted
         Every run that was fitted, simulated with the values that are written.
     validation
-        Runs that were only judged.
+        Runs that were not fitted.
     document
         The parameter document, ready to be written.
     notices

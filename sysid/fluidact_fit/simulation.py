@@ -1,4 +1,4 @@
-"""What a parameter file predicts: for a log, or for inputs that step."""
+"""What a parameter file predicts, for a log or for inputs that step."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def variant_of(document: ParameterDocument) -> Variant:
 def recall_columns(document: ParameterDocument, log: Log) -> Log:
     """Bind a log's columns as the file's own logs were bound, where nothing else was said.
 
-    Of the logs in the provenance, the one counts of whose headers the log has most; for
-    roles without one, columns named like the roles are taken as ever.
+    The example is the log of the provenance whose headers this log shares most; roles
+    without a header there take the columns of their own name, as usual.
     """
     sources = document.provenance.logs
     if not sources:
@@ -175,7 +175,7 @@ def simulate_steps(
         if role.required and role.name not in inputs:
             raise UsageError(
                 f"the input '{role.name}' is missing.",
-                remedy=f"Give --input {role.name}=FROM:TO[@T], or a LOG.",
+                remedy=f"Give --input {role.name}=FROM:TO@T, or a LOG.",
             )
     samples = duration / sample_time
     if not 2 <= samples <= _MOST_SAMPLES:
@@ -192,7 +192,8 @@ def simulate_steps(
 
 def _step(role: Role, step: StepInput, units: Mapping[str, str]) -> Signal:
     """An input that stepped: one node, at rest before."""
-    factor = conversion_factor(units.get(role.name, role.unit), role.unit, f"--unit {role.name}")
+    unit = units.get(role.name, role.unit)
+    factor = conversion_factor(unit, role.unit, f"--unit {role.name}={unit}")
     size = abs(step.end - step.start) * factor
     return Signal(
         role.name, np.array([step.at]), np.array([step.end * factor]), role.unit, "zoh",

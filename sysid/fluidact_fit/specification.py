@@ -69,7 +69,7 @@ class ParameterSpec:
         profiling the likelihood (a dead time, an edge of a dead zone).
     threshold
         ``"positive"`` or ``"negative"`` for a level of the drive at which the motion changes
-        at once: a designed experiment passes it slowly in that direction.
+        abruptly: a designed experiment passes it slowly in that direction.
     base
         Parameter that a threshold cannot lie below.
     """
@@ -140,12 +140,12 @@ class Quantity:
     def number(self) -> float:
         """The value of a single-valued parameter; ``TypeError`` for a list."""
         if isinstance(self.value, list):
-            raise TypeError("a list is no single number")
+            raise TypeError("a list is not a single number")
         return float(self.value)
 
 
 class Described(Protocol):
-    """What a reader of parameter files has to know of a family."""
+    """What a reader of parameter files has to know about a family."""
 
     name: str
     title: str

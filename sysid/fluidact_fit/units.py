@@ -1,6 +1,6 @@
 """Units in and out.
 
-Everything inside the package is SI; this module is the door. Common units are looked
+Everything inside the package is SI; units are converted here. Common units are looked
 up in a table, because importing pint costs a quarter of a second; everything else, and
 the tests of the table, ask pint.
 """
@@ -72,7 +72,7 @@ _ANY_CASE = {u: u for u in ("bar", "mbar", "psi", "rpm", "deg", "rad", "volt", "
 _ANY_CASE |= {"kpa": "kPa", "sec": "s"}
 
 # What may be asked of pint: names with small powers, products and quotients. Its own grammar
-# computes what it reads, and 9^9^9 takes for ever.
+# computes what it reads, and 9^9^9 takes forever.
 _EXPRESSION = re.compile(r"(?:(?:(?:[^\W\d_]\w*|%)(?:\^-?\d(?:\.\d)?)?|1)(?![\w^%])|[*/ .()])+")
 _LONGEST = 60
 _FOR_PINT = {"1": "dimensionless"}
@@ -144,7 +144,7 @@ def _ask_pint(text: str) -> tuple[float, str] | None:
 
 @lru_cache(maxsize=512)
 def _look_up(unit: str) -> tuple[float, str] | None:
-    """Return the factor to SI and what is measured, ``None`` when nobody knows the unit."""
+    """Return the factor to SI and what is measured, ``None`` when the unit is unknown."""
     text = normalise_unit(unit)
     return _TABLE[text] if text in _TABLE else _ask_pint(text)
 

@@ -208,7 +208,7 @@ def assert_refused(
     text = f"status {done.status}\n{done.out}\n{done.err}"
     assert done.status in (2, 3, 4), text
     assert "Traceback" not in done.err, text
-    assert "fault of fluidact-fit" not in done.err, text
+    assert "bug in fluidact-fit" not in done.err, text
     assert done.out == "", text
     message = done.err.strip()
     assert message, text

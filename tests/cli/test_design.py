@@ -27,7 +27,7 @@ def test_writes_a_table_that_a_controller_can_play(here: Run, params: Path, tmp_
     assert done.status == 0, done.err
     assert out.read_text(encoding="utf-8").startswith("time [s],command [V]\n")
     assert "damping_ratio" in done.out
-    assert "limits that bind: amplitude" in done.out
+    assert "binding limits: amplitude" in done.out
     again = here("design", "valve", "--from", str(params), "-o", str(out))
     assert again.status == 2
     assert "--force" in again.err
@@ -54,7 +54,7 @@ def test_limits_reach_the_design(here: Run, params: Path, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
-        (["line"], 2, "holds a valve, not a line"),
+        (["line"], 2, "family valve, not line"),
         (["valv"], 2, "Did you mean 'valve'"),
         (["valve", "--criterion", "mass"], 2, "no such criterion"),
         (["valve", "--amplitude", "3:1"], 2, "not below"),

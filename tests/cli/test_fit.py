@@ -58,7 +58,7 @@ def test_existing_file_is_noticed_before_reading(here: Run, inside: Path) -> Non
         (["-o", "nowhere/v.yaml"], "directory"),
         (["-o", "."], "directory"),
         (["-o", ""], "file name"),
-        (["-o", "valve.csv", "-f"], "would be lost"),
+        (["-o", "valve.csv", "-f"], "would be overwritten"),
         (["--plot", "v.png", "--report", "v.html", "-o", "v.html"], "both name"),
         (["--validate", "valve.csv"], "twice"),
     ],

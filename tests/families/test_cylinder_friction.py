@@ -454,7 +454,7 @@ def test_swapped_chambers_are_named() -> None:
 def test_a_force_that_never_changes_is_no_measurement() -> None:
     time = STEP * np.arange(200)
     constant = np.full(200, 3.5)
-    with pytest.raises(LogError, match="no sensor reads so"):
+    with pytest.raises(LogError, match="no sensor does that"):
         fit([make_experiment(time, force=constant, velocity=constant)])
 
 

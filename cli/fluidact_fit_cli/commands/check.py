@@ -23,7 +23,7 @@ from ..show import echo_json, echo_table, echo_warnings, format_number, format_s
 if TYPE_CHECKING:
     from fluidact_fit.check import Check
 
-_HELP = """Tell whether the parameter file PARAMS still describes the machine that recorded LOG.
+_HELP = """Check whether the parameter file PARAMS still describes the machine that recorded LOG.
 
 The columns are those the file was fitted with, unless options say otherwise. Each log is
 simulated with the file's parameters, and the family is fitted again to compare the parameters.

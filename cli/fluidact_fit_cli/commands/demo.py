@@ -8,9 +8,9 @@ import click
 
 from ..options import Command, debug_option
 
-_HELP = """Make synthetic logs, fit them and show how near the truth the result is.
+_HELP = """Fit the synthetic logs of every family and compare the results with the truth.
 
-DIRECTORY receives logs and parameter files (default: fluidact-demo)."""
+DIRECTORY receives parameter files and pictures (default: fluidact-demo)."""
 
 
 def demo(directory: str) -> int:

@@ -18,7 +18,7 @@ from ..show import echo_json, echo_table, format_number, format_spread
 if TYPE_CHECKING:
     from fluidact_fit.excitation import Design, Forecast
 
-_HELP = """Design the next experiment: what to command so that the worst parameter is known best.
+_HELP = """Design the next experiment: the one that best determines the least certain parameter.
 
 Predicts the standard error of every parameter of the file for many excitations within the limits
 (Fisher information at the file's values and noise) and writes the best as a CSV that a controller
@@ -43,7 +43,7 @@ def design(
     document = read_document(params_file)
     if document.family != family:
         raise UsageError(
-            f"{params_file} holds a {document.family}, not a {family}.",
+            f"{params_file} is of the family {document.family}, not {family}.",
             remedy=f"Give `design {document.family}`, or another file.",
         )
     names = ("amplitude", "rate", "stroke", "duration", "sample_time", "criterion", "seed")
@@ -65,7 +65,7 @@ def _show(found: Design, output: str | None, verbose: bool) -> None:
     head = ["parameter", "value", "unit", "present", "predicted", "ratio",
             "present 95 %", "predicted 95 %"]  # fmt: skip
     echo_table([head, *(_row(f) for f in found.forecasts)], right=(1, 5))
-    click.echo(f"\nlimits that bind: {', '.join(found.binding)}")
+    click.echo(f"\nbinding limits: {', '.join(found.binding)}")
     for note in found.notes:
         click.echo(f"- {note}")
     if verbose and found.candidates:
@@ -106,20 +106,20 @@ command = Command(
         Option(["--amplitude"], type=Parsed("LOW:HIGH", "--amplitude -12:12", parse_range),
                group=_LIMITS, help="Range of the driving role (default: the file's validity)."),
         Option(["--rate"], type=Parsed("NUMBER", "--rate 100", parse_positive), group=_LIMITS,
-               help="Steepest slope of the driving role, per second (default: none)."),
+               help="Largest slope of the driving role, per second (default: no limit)."),
         Option(["--stroke"], type=Parsed("LOW:HIGH", "--stroke 0:0.05", parse_range),
                group=_LIMITS, help="Range of the output (default: the file's validity)."),
         Option(["--duration"], type=Parsed("SECONDS", "--duration 10", parse_positive),
-               group=_LIMITS, help="How long (default: the longest log of the file)."),
+               group=_LIMITS, help="Duration (default: that of the longest log of the file)."),
         Option(["--sample-time"], type=Parsed("SECONDS", "--sample-time 0.01", parse_positive),
-               group=_LIMITS, help="Distance of the samples (default: that of the same log)."),
+               group=_LIMITS, help="Time between samples (default: that of the same log)."),
         Option(["--criterion"], default="worst", metavar="worst|determinant|PARAMETER",
-               group="Search", help="What to make small: the worst relative standard error, the "
-               "volume of the confidence region, or one parameter."),
+               group="Search", help="What to minimise: the worst relative standard error, the "
+               "volume of the confidence region, or the standard error of one parameter."),
         Option(["--seed"], type=click.IntRange(min=0), default=0, group="Search",
-               help="For the random shapes."),
+               help="Seed of the random shapes."),
         Option(["--output", "-o"], metavar="FILE.csv", group="Output",
-               help="CSV file with the commands; without it nothing is written."),
+               help="CSV file with the experiment; without it nothing is written."),
         Option(["--force", "-f"], is_flag=True, group="Output", help="Replace existing files."),
         json_option("The prediction"),
         *verbosity_options(),

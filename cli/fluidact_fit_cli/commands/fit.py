@@ -79,26 +79,26 @@ def _output_options(name: str) -> list[click.Parameter]:
                help="Picture of measured and simulated output: png, pdf or svg."),
         Option(["--report"], metavar="FILE.html", group=group, help="Report as a web page."),
         Option(["--json", "as_json"], is_flag=True, group=group,
-               help="The parameter document as JSON on standard output, nothing else there. A "
-               "file is then written only where -o names one."),
+               help="The parameter document as JSON on standard output, and nothing else. A file "
+               "is then written only if -o names one."),
         Option(["--controller-sample-time"], group=group,
                type=Parsed("SECONDS", "--controller-sample-time 0.002", parse_positive),
-               help="Period of the discrete model in the file; without it the log's."),
+               help="Sample time of the discrete model in the file (default: the log's)."),
     ]  # fmt: skip
 
 
 def _judging_options() -> list[click.Parameter]:
-    group = "Judgement"
+    group = "Validation and verdict"
     return [
         Option(["--validate"], metavar="LOG", multiple=True, group=group,
-               help="A log that is judged with the result and never fitted. Repeatable."),
+               help="A log to validate the result with; it is not fitted. Repeatable."),
         Option(["--strict"], is_flag=True, group=group,
                help="Any warning ends the run with exit status 4, and nothing is written."),
         Option(["--accept-failed"], is_flag=True, group=group,
-               help="Write the file although the verdict is FAIL; the file says so."),
+               help="Write the file even if the verdict is FAIL; the file says so."),
         Option(["--seed"], type=click.IntRange(0, 2**32 - 1), default=0, metavar="N", group=group,
-               help="Seed of whatever is random. The same logs, options and seed give the same "
-               "numbers. Default: 0."),
+               help="Seed of the random numbers. The same logs, options and seed give the same "
+               "result. Default: 0."),
     ]  # fmt: skip
 
 
@@ -136,7 +136,7 @@ def _targets(name: str, params: Mapping[str, Any]) -> list[Target]:
 def _check_arguments(
     family: Family[FamilyOptions], params: Mapping[str, Any], targets: Sequence[Target]
 ) -> None:
-    """Refuse what can be known to be wrong before any log is read."""
+    """Refuse what is wrong whatever the logs hold, before any is read."""
     logs, judged = params["logs"], params["validate"]
     check_role_names(params, [r.name for v in family.variants for r in v.roles])
     _check_parameter_names(family, params)
@@ -145,7 +145,7 @@ def _check_arguments(
         if real[index] in real[:index]:
             raise UsageError(
                 f"{path} is given twice.",
-                remedy="Give each log once; a log to --validate must not be fitted as well.",
+                remedy="Give each log once; a log for --validate must not be fitted as well.",
             )
     check_targets(targets, (*logs, *judged), params["force"])
 
@@ -157,7 +157,7 @@ def _check_parameter_names(family: Family[FamilyOptions], params: Mapping[str, A
             if any(p.name == name and p.rank > 0 for p in specs):
                 raise UsageError(
                     f"{option} takes single numbers, and {name} is a list.",
-                    remedy=f"Leave {option} {name} out.",
+                    remedy=f"Leave out {option} {name}=...",
                 )
         check_names(option, "parameter", params[key], [p.name for p in specs if p.rank == 0])
 
@@ -200,8 +200,8 @@ def _fit(
 def recorded_command(args: Sequence[str], params: Mapping[str, Any]) -> str:
     """Return the command line for the file, quoted, absolute paths as base names.
 
-    A parameter file travels; the folders of the machine that wrote it are nobody's
-    business and would make equal runs differ.
+    A parameter file is passed on; the folders of the machine that wrote it are private and
+    would make equal runs differ.
     """
     given = [params.get("output"), params.get("plot"), params.get("report")]
     paths = [p for p in (*params["logs"], *params["validate"], *given) if p and os.path.isabs(p)]
@@ -227,7 +227,7 @@ def _judge(result: FitResult, params: Mapping[str, Any]) -> FitResult:
         raise Refused(
             "the verdict is FAIL, nothing was written:",
             expected="\n".join(f"  {n.code}: {n.message}" for n in result.notices),
-            remedy="Correct the cause, or give --accept-failed to write the file nevertheless.",
+            remedy="Correct the cause, or give --accept-failed to write the file anyway.",
         )
     return replace(result, document=result.document.model_copy(update={"accepted_failed": True}))
 

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 _HELP = """Show what is in a LOG and what is wrong with it.
 
-Without --family only --column time=..., --unit time=... and --scale time=... matter: nothing is
-known of the other roles. With --family it is also told whether the log can be fitted."""
+Without --family only --column time=..., --unit time=... and --scale time=... matter: the other
+roles are unknown. With --family it also says whether the log can be fitted."""
 
 
 def inspect(log: str, family: str | None, as_json: bool, **params: Any) -> None:
@@ -127,7 +127,7 @@ command = Command(
     params=[
         click.Argument(["log"], metavar="LOG"),
         Option(["--family"], type=click.Choice(family_names()), metavar="FAMILY", group="Output",
-               help="Also tell whether the log can be used for this model family."),
+               help="Also check whether the log can be used for this model family."),
         json_option("The description"),
         *reading_options(),
         *verbosity_options(),

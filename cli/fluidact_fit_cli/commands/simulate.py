@@ -77,12 +77,12 @@ def _show(runs: Sequence[Simulation], output: str | None) -> None:
 
 
 def _check_source(logs: Sequence[str], params: Mapping[str, Any]) -> None:
-    """Either a log, or everything that stands for one."""
+    """Either a log, or everything that replaces one."""
     example = "for example --input command=0:2@0.1 --duration 1 --sample-time 0.001"
     if logs and (params["input"] or params["duration"] is not None):
         raise click.UsageError(
-            "--input and --duration stand for a LOG; give one or the other. A role that the log "
-            "lacks is given with --step."
+            "--input and --duration replace a LOG; give one or the other. Give a role that the log "
+            "lacks with --step."
         )
     if not logs and not params["input"]:
         raise click.UsageError(f"there is nothing to simulate: give a LOG, or steps, {example}.")

@@ -1,4 +1,4 @@
-"""How far a finished fit can be trusted: what the residuals say, and the verdict."""
+"""How far a finished fit can be trusted: what the residuals show, and the verdict."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What the residuals say about a fit: noise or model error, hold, feedback.
+"""What the residuals show about a fit: noise or model error, hold, feedback.
 
-None of this needs a second fit: the other hold is judged by one Gauss-Newton step from
-the optimum, with the Jacobian that the fit already has.
+None of this needs a second fit: another hold is judged by one Gauss-Newton step from the
+optimum, with the Jacobian that the fit already has.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..outcome import Simulation
 
 _LAGS = 10
 _DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one
-_LONG = 200_000  # samples beyond which a part of the log answers the same question
+_LONG = 200_000  # samples beyond which a part of the log is enough
 
 
 def diagnose(
@@ -36,7 +36,7 @@ def diagnose(
     """Examine a finished fit; returns entries for the file and warnings.
 
     ``fitted`` are the runs simulated with the estimate. ``declared`` are the roles whose hold
-    the user has given: what he knows is not asked again, unless the data contradict it.
+    the user has given: those are not questioned, unless the data contradict them.
     """
     details: dict[str, Any] = {}
     notices: list[Notice] = []
@@ -58,7 +58,7 @@ def diagnose(
 def _noise_or_model(fitted: Sequence[Simulation]) -> float | None:
     """Residual in units of the noise that the output itself shows.
 
-    Near one, the residual is noise. Far above, it is what the model does not know.
+    Near one, the residual is noise. Far above, it is what the model does not describe.
     """
     error, floor, samples = 0.0, 0.0, 0
     for s in fitted:
@@ -76,7 +76,7 @@ def _noise_or_model(fitted: Sequence[Simulation]) -> float | None:
 
 @dataclass(frozen=True)
 class _Shift:
-    """What another hold would do to the parameters."""
+    """How another hold would change the parameters."""
 
     parameter: str
     shift: float
@@ -91,7 +91,7 @@ def _other_holds(
     fitted: Sequence[Simulation],
     declared: Collection[str],
 ) -> tuple[dict[str, Any], list[Notice]]:
-    """Judge the fit under the other hold of every role that drives the model."""
+    """Judge the fit under another hold of every role that drives the model."""
     experiments = [s.experiment for s in fitted]
     if not estimate.sensitivity or sum(e.samples for e in experiments) > _LONG:
         return {}, []
@@ -162,7 +162,7 @@ def _hold_notice(
     found: _Shift,
     values: Mapping[str, Value],
 ) -> list[Notice]:
-    """A warning when the hold matters and the data do not confirm the one that was taken."""
+    """A warning when the hold matters and the data do not confirm the one assumed."""
     if abs(found.deviations) <= 2.0 or found.evidence > _DECISIVE:
         return []
     value = values[found.parameter.split("[")[0]]
@@ -173,22 +173,22 @@ def _hold_notice(
     )
     words = {
         "zoh": "held between its samples",
-        "foh": "moving on straight lines between its samples",
-        "smooth": "moving on a smooth curve through its samples",
+        "foh": "on straight lines between its samples",
+        "smooth": "on a smooth curve through its samples",
     }
     taken = words[now]
     if found.evidence < -_DECISIVE:
-        lead = f"the data fit better with '{role}' {words[other]} than {taken}, as it was taken"
+        lead = f"the data fit better with '{role}' {words[other]} than {taken}, as assumed"
         code = "hold-doubtful"
     else:
-        lead = f"the data cannot tell whether '{role}' is {taken}, as it was taken"
+        lead = f"the data cannot tell whether '{role}' is {taken}, as assumed"
         code = "hold-matters"
     return [
         Notice(
             code,
             f"{lead}; with --hold {role}={other} {found.parameter} would change by "
             f"{found.shift:+.3g}{share}, {abs(found.deviations):.1f} standard errors. Commands "
-            "are held (zoh), what a sensor measures moves (foh or smooth): say which this is.",
+            "are held (zoh), measured signals are not (foh or smooth): state which this is.",
         )
     ]
 
@@ -198,8 +198,8 @@ def _cross_correlation(
 ) -> tuple[dict[str, Any], list[Notice]]:
     """Correlation of the residual with the input before and after it.
 
-    Both are whitened first (Box and Jenkins). A residual that follows the input tells of
-    dynamics that the model lacks; an input that follows the residual, of feedback.
+    Both are whitened first (Box and Jenkins). A residual that follows the input shows
+    dynamics that the model lacks; an input that follows the residual, feedback.
     """
     table: dict[str, Any] = {}
     notices: list[Notice] = []

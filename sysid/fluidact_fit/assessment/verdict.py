@@ -37,7 +37,7 @@ def judge(
             Notice(
                 "residuals-autocorrelated",
                 f"the residuals are {residual_to_noise:.0f} times the noise of the output and "
-                "autocorrelated: this machine does something that the model does not. The "
+                "autocorrelated: this machine does something that the model does not describe. The "
                 "intervals allow for the autocorrelation, not for a wrong model; look at the "
                 "picture (--plot) and judge whether the misfit matters where the model will be "
                 "used.",

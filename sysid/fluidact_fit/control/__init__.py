@@ -1,4 +1,4 @@
-"""What a controller holds: blocks that run from a parameter file alone."""
+"""What a controller uses: blocks that run from a parameter file alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a parameter file to the object a controller holds."""
+"""From a parameter file to the object a controller uses."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def make_block(
         raise StrictError(
             "the fit of this file failed: its model does not describe the logs it was fitted to",
             where=where,
-            remedy="Fit again, or load it all the same with load(path, accept_failed=True).",
+            remedy="Fit again, or load it anyway with load(path, accept_failed=True).",
         )
     family = get_family(document.family)
     return family.block(family.variant(document.variant), document)

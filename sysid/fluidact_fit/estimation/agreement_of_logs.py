@@ -1,4 +1,4 @@
-"""Do the logs tell of one machine? Leave-one-log-out and drift, without refitting.
+"""Do the logs show one machine? Leave-one-log-out and drift, without refitting.
 
 At the optimum the fit is nearly linear in its parameters, so the estimate from one log
 alone, and from all the others, follows from the Jacobian by one Gauss-Newton step. The

@@ -13,7 +13,7 @@ from ..experiment import FloatArray
 from .inputs import PiecewiseInput
 from .linear import forced_response, transition
 
-_LONGEST = 10_000  # samples of dead time that a controller may be asked to remember
+_LONGEST = 10_000  # samples of dead time that a controller may be asked to store
 Method = Literal["zoh", "foh", "tustin"]
 
 
@@ -43,8 +43,8 @@ def discretise(
 ) -> dict[str, Any]:
     """Difference equation of ``exp(-dead_time s) numerator(s)/denominator(s)``.
 
-    ``zoh`` and ``foh`` are exact for a held and for a linearly moving input, with a dead
-    time of any fraction of a sample: the numerator is the pulse response of the
+    ``zoh`` and ``foh`` are exact for an input that is held or follows straight lines, with a
+    dead time of any fraction of a sample: the numerator is the pulse response of the
     continuous model times the denominator. ``tustin`` maps ``s = 2/T (z-1)/(z+1)`` and
     splits the dead time linearly between the two neighbouring samples.
 
@@ -68,12 +68,12 @@ def discretise(
     Raises
     ------
     UsageError
-        When the dead time spans more samples than a controller can remember.
+        When the dead time spans more samples than a controller can store.
     """
     if dead_time > _LONGEST * sample_time:
         raise UsageError(
             f"a dead time of {dead_time:g} s is more than {_LONGEST} samples of {sample_time:g} s",
-            expected="A difference equation remembers every sample of its dead time.",
+            expected="A difference equation stores every sample of its dead time.",
             remedy="Correct the dead time, or give a longer --controller-sample-time.",
         )
     if method == "tustin":

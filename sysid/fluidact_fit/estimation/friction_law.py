@@ -1,7 +1,7 @@
 """Dry and viscous friction by direction: one law with one set of names.
 
-    F_f = coulomb_positive + viscous_positive v      moving forwards
-    F_f = -coulomb_negative + viscous_negative v     moving backwards
+    F_f = coulomb_positive + viscous_positive v      positive direction
+    F_f = -coulomb_negative + viscous_negative v     negative direction
     -breakaway_negative <= F_f <= breakaway_positive at rest: what is needed
 
 All levels are magnitudes [1]_. Nothing is smoothed: at rest friction takes whatever value
@@ -70,7 +70,7 @@ class FrictionLaw:
         velocity
             [m/s or rad/s]
         direction
-            Motion state where it is known better than by the sign of the velocity: positive,
+            Motion state where it is known better than from the sign of the velocity: positive,
             negative, or 0 where it is unknown and the levels cancel.
 
         Returns

@@ -1,4 +1,4 @@
-"""What an experiment would tell about the parameters, before it is recorded.
+"""Information of an experiment about the parameters, before it is recorded.
 
 The derivative of the model output by the parameters, with everything that belongs to one
 log (offset, initial state) projected out, is all that Fisher's information needs:
@@ -72,7 +72,7 @@ def project_out(jacobian: FloatArray, columns: FloatArray) -> FloatArray:
 
 
 def cramer_rao(normal: FloatArray) -> FloatArray:
-    """Inverse of an information matrix, shape ``(p, p)``; infinite where it says nothing."""
+    """Inverse of an information matrix, shape ``(p, p)``; infinite where there is none."""
     scale = np.sqrt(np.diag(normal))
     blind = ~(scale > 0.0)
     scale = np.where(blind, 1.0, scale)

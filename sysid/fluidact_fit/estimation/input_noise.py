@@ -1,6 +1,6 @@
 """Noise on a measured input: how much of it there is, and what it does to the estimates.
 
-An output-error fit takes its input for exact. Noise of a load cell passes through the
+An output-error fit takes its input to be exact. Noise of a load cell passes through the
 model into the residual, where it is strongly autocorrelated (integrated, for a position), and
 it blurs the edges of a dead zone, which biases them. The first is met by whitening the
 residual with an autoregression (generalised least squares), the second by adding the same
@@ -35,7 +35,7 @@ def moving_inputs(experiments: Sequence[Experiment]) -> list[str]:
 def perturb(
     experiments: Sequence[Experiment], role: str, sigma: float, rng: np.random.Generator
 ) -> tuple[list[Experiment], list[Experiment]]:
-    """Add one drawing of noise to an input, and subtract it."""
+    """Add one draw of noise to an input, and subtract it."""
     up: list[Experiment] = []
     down: list[Experiment] = []
     for e in experiments:
@@ -73,9 +73,9 @@ def whitening(
 ) -> FloatArray:
     """Autoregression of what noise of input and output makes of the output, ``(order,)``.
 
-    It is fitted to drawings of that noise through the model, not to the residual: a fit
-    has already absorbed the slow part of the latter, and an integrated noise without its
-    slow part looks far too harmless.
+    It is fitted to draws of that noise through the model, not to the residual: a fit has
+    already absorbed the slow part of the latter, and integrated noise without its slow part
+    looks far too harmless.
     """
     drawn = []
     for _ in range(4):

@@ -55,10 +55,10 @@ class PiecewiseInput:
 def is_smooth(signals: Sequence[Signal]) -> bool:
     """Whether cubics through every second sample predict the others better than lines.
 
-    A measured force of a hand is smooth: straight lines between 100 Hz samples clip its
-    peaks, which biases the inertia that is fitted to it. A signal that really moves on
+    The measured force of a hand is smooth: straight lines between 100 Hz samples clip its
+    peaks, which biases the inertia that is fitted to it. A signal that really follows
     straight lines, jumps, or is mostly noise is not predicted better by a cubic. Noise
-    alone makes the cubic worse by 5 %, so any gain beyond that is the signal's own.
+    alone makes the cubic worse by 5 %, so any gain is due to the signal.
 
     Parameters
     ----------
@@ -95,8 +95,8 @@ def piecewise(signal: Signal, *, level: float = 0.0) -> PiecewiseInput:
     Parameters
     ----------
     signal
-        Values at instants, with ``hold`` ``"zoh"`` (stays), ``"foh"`` (straight lines) or
-        ``"smooth"`` (cubic spline through the samples). The last value stays.
+        Values at instants, with ``hold`` ``"zoh"`` (held), ``"foh"`` (straight lines) or
+        ``"smooth"`` (cubic spline through the samples). The last value is held.
     level
         Level of rest that is subtracted [unit of the signal].
     """
@@ -115,7 +115,7 @@ def piecewise(signal: Signal, *, level: float = 0.0) -> PiecewiseInput:
 
 
 def settled_hold(signal: Signal) -> Hold:
-    """How a signal moves between its samples; too few of them hold no smooth curve."""
+    """Hold of a signal; straight lines where it has too few samples for a smooth curve."""
     if signal.hold is None or signal.values.size < 2:
         return "zoh"
     if signal.hold == "smooth" and signal.values.size < 4:
@@ -125,7 +125,7 @@ def settled_hold(signal: Signal) -> Hold:
 
 
 def choose_hold(signals: Sequence[Signal]) -> Hold:
-    """Settle ``auto`` for a role of all logs: held on two levels, else lines or a smooth curve."""
+    """Settle ``auto`` for a role of all logs: ``zoh`` on two levels, else ``foh`` or ``smooth``."""
     levels = set()
     for s in signals:
         levels.update(np.unique(s.values[:10_000]).tolist())
@@ -135,7 +135,7 @@ def choose_hold(signals: Sequence[Signal]) -> Hold:
 
 
 def settle_holds(experiments: Sequence[Experiment]) -> list[Experiment]:
-    """Replace the hold ``auto`` of every role by what the logs together show."""
+    """Replace the hold ``auto`` of every role, judged from all logs together."""
     open_roles = {r for e in experiments for r, s in e.signals.items() if s.hold == "auto"}
     chosen = {
         role: choose_hold([e.signals[role] for e in experiments if role in e])

@@ -1,7 +1,7 @@
 """Motion state of a recording: loading or unloading, and which samples are well within it.
 
-The state is held: the sign of the last change of a signal that was no noise. A signal that rests
-stays in the state that brought it there, and so does the friction that goes with it.
+The state is held: it is the sign of the last change of a signal that was not noise. A signal that
+rests keeps the state that brought it there, and so does the friction that goes with it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def motion_state(column: FloatArray) -> FloatArray:
 
 
 def choose_dead_band(values: FloatArray) -> float:
-    """Change that is no noise: what a median over five samples leaves, or 0.5 % of the range."""
+    """Change that is not noise: what a median over five samples leaves, or 0.5 % of the range."""
     if values.size < 8:
         return 0.0
     flicker = np.abs(values - running_median(values, 2))

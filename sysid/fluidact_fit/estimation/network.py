@@ -9,7 +9,7 @@ works on whole arrays and in blocks of rows, so that time and memory grow linear
 
 Starts are made by orthogonal matching pursuit: hinges through random samples, each taken
 for what it adds to those there are. The best of many short searches go on to the end. The
-searches see rounded kinks, which are sharpened step by step: a hinge can only move by the
+searches use rounded kinks, which are sharpened step by step: a hinge can only move by the
 samples that lie on its kink, and a rounded one feels them from afar.
 
 An input of which only a few values were recorded, each with another specimen, leaves the

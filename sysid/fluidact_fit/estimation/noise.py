@@ -1,9 +1,9 @@
-"""Noise of a sampled signal that carries motion as well: one estimator for everybody.
+"""Noise of a sampled signal that also contains motion: one estimator for all families.
 
 Differences of a high order take away what moves smoothly and leave white noise, amplified by
 ``sqrt(C(2 q, q))`` for the order ``q``. A low order leaves motion in, a high one needs longer
-records and takes a jump in more samples; 3 removes parabolas and is the usual choice. The
-median of the absolute differences does not see jumps and spikes, the mean square sees all.
+records and spreads a jump over more samples; 3 removes parabolas and is the usual choice. The
+median of the absolute differences ignores jumps and spikes, the mean square includes them.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def noise_floor(
         Of the differences.
     robust
         From the median of the absolute differences, which jumps and spikes leave as it is;
-        else from their mean square, which sees steps of a converter that mostly rests.
+        else from their mean square, which includes the steps of a converter that mostly rests.
     time : (n,)
         Instants where they are not evenly spaced, for divided differences [any unit].
 

@@ -180,7 +180,7 @@ def make_unknowns(
 
 
 def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions]) -> None:
-    """Reject names and values in ``--fix``, ``--start`` and ``--bounds`` that cannot be.
+    """Reject impossible names and values in ``--fix``, ``--start`` and ``--bounds``.
 
     Raises
     ------
@@ -197,7 +197,7 @@ def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions
         for name, value in given.items():
             if name not in by_name or by_name[name].rank != 0:
                 raise UsageError(
-                    f"{option} {name}: there is no such single-valued parameter",
+                    f"{option} {name}=...: there is no such single-valued parameter",
                     expected=f"The parameters are: {known}." if known else "",
                     remedy="Correct the name.",
                 )
@@ -205,12 +205,12 @@ def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions
             pair = value if isinstance(value, tuple) else (value, value)
             if pair[0] > pair[1]:
                 raise UsageError(
-                    f"{option} {name}: the lower end {pair[0]:g} is above the upper {pair[1]:g}",
-                    remedy="Give LOW:HIGH.",
+                    f"{option} {name}=...: the lower end {pair[0]:g} is above the upper",
+                    remedy="Give the lower end first.",
                 )
             if not (spec.minimum <= pair[0] and pair[1] <= spec.maximum):
                 raise UsageError(
-                    f"{option} {name}: {pair[0]:g} is outside the possible range",
+                    f"{option} {name}=...: {pair[0]:g} is outside the possible range",
                     expected=f"{spec.minimum:g} to {spec.maximum:g} {spec.unit}",
                     remedy="Give a value inside it (SI units).",
                 )
@@ -220,8 +220,8 @@ def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions
 class Fitted:
     """A finished search: values by name, covariance, and what is known of its quality.
 
-    ``names`` is the order of ``uncertainty.covariance``; names that are no parameters belong
-    to single logs. ``fixed`` and ``refused`` hold what was not estimated. ``factors`` are the
+    ``names`` is the order of ``uncertainty.covariance``; other names belong to single
+    logs. ``fixed`` and ``refused`` hold what was not estimated. ``factors`` are the
     weights by log that made its residuals as large as those of the others; ``logs`` tells
     the log of every experiment.
     """
@@ -338,7 +338,7 @@ class Fitted:
 
 
 def _matters(drift: Drift, values: Mapping[str, float]) -> bool:
-    """Whether a drift is significant, and large enough to be anything but a technicality."""
+    """Whether a drift is significant, and large enough to matter."""
     return drift.p_value < 1e-3 and abs(drift.difference) > 5e-3 * abs(values[drift.parameter])
 
 
@@ -349,7 +349,7 @@ def _drift_notice(drift: Drift, label: Mapping[int, str], values: Mapping[str, f
         f"{label[drift.log]} does not agree with the other logs: its own {drift.parameter} "
         f"differs by {drift.difference:+.3g} ({share:+.1f} %), {abs(drift.deviations):.1f} "
         f"standard errors (p = {drift.p_value:.1g}). Check whether it comes from the same "
-        "machine in the same state; leave it out or fit it apart.",
+        "machine in the same state; leave it out or fit it separately.",
     )
 
 
@@ -375,9 +375,9 @@ def fit_named(
     starts
         Start values of the nonlinear parameters; the user's ``--start`` wins.
     refusals
-        What is known beforehand to be out of reach.
+        Parameters known beforehand to be undetermined.
     sensible
-        Per parameter the width that its 95 % interval may have before it says nothing
+        Per parameter the width beyond which its 95 % interval is uninformative
         (default: its own value).
     channels
         Rows of each experiment that hold different functions of the same samples. Their
@@ -466,8 +466,8 @@ def _attempt(
 def _balance(model: NamedModel, solution: Solution) -> dict[int, float]:
     """Factors that make the residuals of all logs equally large, or none.
 
-    With equal weights a log of twice the noise spoils what a better one knows. Logs too
-    short to tell their noise, and noises within a tenth of each other, stay as they are.
+    With equal weights a log of twice the noise spoils the information of a better one. Logs
+    too short to show their noise, and noises within a tenth of each other, stay as they are.
     """
     every = list(dict.fromkeys(model.logs))
     if len(every) < 2:
@@ -550,7 +550,7 @@ def shorten(
     """The most eventful parts of the logs, for starting searches.
 
     Searching for a start on a million samples or a hundred runs costs minutes and buys
-    nothing: the full fit that follows sees them all.
+    nothing: the full fit that follows uses them all.
     """
     lively = sorted(experiments, key=lambda e: -float(np.ptp(e[output])))
     taken: list[Experiment] = []

@@ -1,4 +1,4 @@
-"""Intervals from the profile likelihood, where the quadratic picture fails.
+"""Intervals from the profile likelihood, where the quadratic approximation fails.
 
 The 95 % interval of a parameter ends where the cost, all other unknowns refitted, has
 risen by ``t^2 s^2``. Where the cost is a parabola that is value plus or minus ``t``

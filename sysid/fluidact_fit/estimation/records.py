@@ -1,4 +1,4 @@
-"""Arrays that a caller hands over in place of a log: checked, and made into a signal."""
+"""Arrays given instead of a log: checked, and made into a signal."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def make_signal(
     Raises
     ------
     UsageError
-        When the record or the hold cannot be.
+        When the record or the hold is not possible.
     """
     t, u = check_record(values, time)
     if hold not in get_args(Hold):

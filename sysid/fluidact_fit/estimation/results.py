@@ -1,4 +1,4 @@
-"""From numbers to what stands in a file: refusals, parameters with intervals, derived numbers.
+"""From numbers to the entries of a file: refusals, parameters with intervals, derived numbers.
 
 Every family ends its fit here, however it solved it: by nonlinear search, by regression or by
 flow balances.
@@ -86,15 +86,15 @@ def determine(
     solve
         ``solve(held)`` fits everything but the parameters held at the given values [SI].
     undetermined
-        Looks at a solution and returns what it leaves open, most doubtful first or several
-        that go together; empty when all is well.
+        Looks at a solution and returns what it leaves undetermined, most doubtful first or
+        several that belong together; empty when all is well.
     refusals
-        What is known beforehand to be out of reach.
+        Parameters known beforehand to be undetermined.
 
     Raises
     ------
     NotIdentifiedError
-        When a parameter without a neutral value is left open.
+        When a parameter without a neutral value is undetermined.
     """
     refused = {r.parameter: r for r in refusals if r.parameter not in fixed}
     notices = [refuse(specs[r.parameter], r.reason) for r in refused.values()]
@@ -119,11 +119,11 @@ class Solved:
         Every parameter, fixed and refused ones included [SI].
     names, covariance, degrees
         Those that were estimated, their covariance and its degrees of freedom. Names that
-        are no parameters (nuisance values of single logs) may be among them.
+        are not parameters (nuisance values of single logs) may be among them.
     fixed, refused
         What the user gave and what the data cannot determine.
     intervals
-        Intervals that were found in another way than from the covariance.
+        Intervals that were not found from the covariance.
     """
 
     values: Mapping[str, float]
@@ -199,16 +199,16 @@ def left_open(
     specs: Mapping[str, ParameterSpec],
     sensible: Mapping[str, float],
 ) -> list[Refusal]:
-    """The parameter whose interval says least, if it says nothing at all.
+    """The parameter with the least informative interval, if that interval is useless.
 
-    ``sensible`` holds the half-width that a 95 % interval may have before it says nothing;
+    ``sensible`` holds the half-width beyond which a 95 % interval is useless;
     a parameter's own value where it is not listed.
     """
     quantile = t_quantile(0.975, solved.degrees)
     worst, excess = "", 1.0
     for k, name in enumerate(solved.names):
         if name not in specs:
-            continue  # a nuisance value is nobody's measurement
+            continue  # a nuisance value is not reported
         width = sensible.get(name, max(abs(solved.values[name]), 1e-300))
         if not np.isfinite(width):
             continue
@@ -224,6 +224,6 @@ def left_open(
         Refusal(
             worst,
             f"its 95 % interval would be {solved.values[worst]:.3g} ± {half:.2g}, wide enough to "
-            "hold every sensible value.",
+            "contain every sensible value.",
         )
     ]

@@ -106,9 +106,9 @@ class Problem:
     whiten: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def filter(self, rows: Array) -> Array:
-        """Whiten rows (samples first): what an autoregression cannot foretell of them.
+        """Whiten rows (samples first): what an autoregression cannot predict of them.
 
-        The first samples, whose past is unknown, are foretold from what there is of it
+        The first samples, whose past is unknown, are predicted from what there is of it
         and scaled to the same variance, so that no information is lost.
         """
         if self.whiten.size == 0:
@@ -169,7 +169,7 @@ class Solution:
     local_counts
         Number of local unknowns per experiment.
     active
-        For each of ``(eta, linear)`` whether it rests on a bound.
+        For each of ``(eta, linear)`` whether it is at a bound.
     iterations, converged
         What the iteration did.
     """
@@ -328,7 +328,7 @@ class _Fit:
 def bounded_least_squares(
     a: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Least squares ``min |y - a x|`` with bounds, and which entries rest on one.
+    """Least squares ``min |y - a x|`` with bounds, and which entries are at one.
 
     Parameters
     ----------
@@ -410,7 +410,7 @@ def solve(
                 length = float(np.sqrt(predicted / max(noise, 1e-300)))
                 miss = min(1.0, 4.0 * abs(1.0 - gain)) if tolerance > 1e-3 else 1.0
                 if miss * length <= 10.0 * tolerance and gain > 0.5:
-                    # so short a step, or so exactly foretold, that the next one would be
+                    # so short a step, or so exactly predicted, that the next one would be
                     # below the tolerance: keep these slopes
                     fit, converged, moved = trial, True, False
                     break

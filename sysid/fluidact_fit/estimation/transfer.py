@@ -49,7 +49,7 @@ Realisation = Callable[[Values], tuple[Array, Array, Array]]
 class _Prepared:
     """Input and grids of one experiment, computed once.
 
-    ``rest`` tells that the run starts at rest, as a step that was not recorded does;
+    ``rest`` says that the run starts at rest, as a step that was not recorded does;
     ``log`` is the position of its offset among those shared by several runs, or None.
     """
 
@@ -443,7 +443,7 @@ def _search(
 def are_short(experiments: Sequence[Experiment]) -> bool:
     """Whether the runs hold too few samples to have offsets and initial states of their own.
 
-    In a run of ten samples that begins with the step these would explain the whole answer. In
+    In a run of ten samples that begins with the step these would explain the whole response. In
     a run of a hundred or more they cost next to nothing.
     """
     return sum(e.samples for e in experiments) < 100 * len(experiments)
@@ -460,7 +460,7 @@ def _starts_at_rest(
     """Whether short runs are taken to start at rest.
 
     In a long run the initial state costs nothing and is always free. In a run of ten
-    samples that begins with the step, a free initial state explains the whole answer;
+    samples that begins with the step, a free initial state explains the whole response;
     it is then freed only when the Bayes criterion asks for it.
     """
     total = sum(e.samples for e in experiments)
@@ -532,9 +532,9 @@ def time_scales(experiments: Sequence[Experiment]) -> tuple[float, float]:
 
 
 def dead_time_axis(step: float, longest: float, lag: float = 0.0) -> FloatArray:
-    """Dead times to try [s]: half samples while short, in proportion when long.
+    """Dead times to try [s]: at half samples while short, geometrically spaced when long.
 
-    A plant with a slow ``lag`` [s] answers to a shift by a small share of it with a small
+    A plant with a slow ``lag`` [s] responds to a shift by a small share of it with a small
     change, so steps need not be finer than a third of it. Whole samples are avoided: the
     slope of the cost jumps there, and a search that starts on the wrong side stays.
     """

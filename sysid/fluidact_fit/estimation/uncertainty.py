@@ -1,8 +1,8 @@
 """Covariance, intervals and residual tests.
 
 With white residuals the covariance is ``s^2 (J'J)^-1``. Residuals of real machines are
-autocorrelated; then ``J'J`` claims far too much. The robust version fits an autoregression to
-the residuals, takes its autocovariances ``R`` and returns
+autocorrelated; then ``J'J`` claims far too much information. The robust version fits an
+autoregression to the residuals, takes its autocovariances ``R`` and returns
 ``(J'J)^-1 (J' R J) (J'J)^-1`` [1]_.
 
 References
@@ -73,7 +73,7 @@ def autocovariance(series: Sequence[FloatArray], lags: int) -> FloatArray:
 
 
 def _middle(series: FloatArray) -> FloatArray:
-    """The middle of a very long series, which tells of its autocorrelation as much as the whole."""
+    """The middle of a very long series, which shows its autocorrelation as well as the whole."""
     if series.size <= _LONG:
         return series
     begin = (series.size - _LONG) // 2
@@ -231,13 +231,13 @@ def covariance(
         ``2 (p + 1) / n_e``.
     readings
         Per experiment the logged output, shape ``(n_i,)``, and the step of its converter.
-        While a reading stands still so does its error; where the converter makes most of
+        While a reading is constant so is its error; where the converter makes up most of
         the residual, that is what the covariance has to know.
 
     Returns
     -------
     Uncertainty
-        With infinite variances in directions the data say nothing about.
+        With infinite variances in directions that the data do not determine.
     """
     stacked = np.vstack(jacobian)
     n, p = stacked.shape
@@ -251,7 +251,7 @@ def covariance(
     _, s, vt = np.linalg.svd(np.linalg.qr(stacked / scale, mode="r"))
     inverse = np.where(s > 1e-12 * s.max(initial=0.0), 1.0 / np.maximum(s, 1e-300), 0.0)
     bread = (vt.T * inverse**2) @ vt / np.outer(scale, scale)
-    # directions of which the data say nothing leave every parameter in them unknown
+    # directions that the data do not determine leave every parameter in them unknown
     silent = np.abs(vt[inverse == 0.0])
     blind = blind | np.any(silent > 1e-4, axis=0)
     order, middle = 0, None

@@ -62,7 +62,7 @@ def _approaches(task: Task) -> list[Waveform]:
     span = task.limits.duration
     free = ("half", "pause", "push")
     out = []
-    # A fit of slow passages alone has several optima; lively motion has one.
+    # A fit of slow passages alone has several optima; vigorous motion has one.
     for last in (10.0, 40.0):
         band = {"first": 2.0 / span, "last": last / span, "log": 0.0}
         lively = Waveform("chirp", band, ("first", "last"))

@@ -73,12 +73,12 @@ def _change(waveform: Waveform, name: str, shift: float, factor: float) -> Wavef
 
 
 def design_command(task: Task) -> Design:
-    """Which command to play.
+    """Design the command to play.
 
     Raises
     ------
     UsageError
-        When the sample time is unknown, or the family does not say what a command would tell.
+        When the sample time is unknown, or the family cannot predict what a command would show.
     NotIdentifiedError
         When no command within the limits determines every parameter.
     """
@@ -133,8 +133,8 @@ def _to_design(task: Task, search: Search, ranking: Sequence[Trial]) -> Design:
         )
     if task.hold != "zoh" and task.limits.rate is None:
         notes.append(
-            f"{task.drive.name} moves on between samples; jumps are spread over {RISE} samples. "
-            "Give --rate if the source is slower."
+            f"{task.drive.name} is not held between samples, so jumps are spread over {RISE} "
+            "samples. Give --rate if the source is slower."
         )
     candidates = [
         Candidate(t.waveform.describe(), finite_or_none(np.max(t.errors / scales))) for t in ranking

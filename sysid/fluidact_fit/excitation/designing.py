@@ -34,18 +34,18 @@ def design(
     document
         Parameter file, or what was read from it.
     amplitude, stroke
-        Range of the driving role and of the output [SI]; what the file's logs covered.
+        Range of the driving role and of the output [SI]; default: what the file's logs covered.
     rate
-        Steepest slope of the driving role [SI/s]; no limit.
+        Largest slope of the driving role [SI/s]; default: no limit.
     duration, sample_time
-        [s]; those of the file's longest log.
+        [s]; default: those of the file's longest log.
     criterion
         ``"worst"`` (the largest relative standard error), ``"determinant"`` (the volume
         of the confidence ellipsoid), or the name of one parameter.
     seed
-        For the random shapes.
+        Seed of the random shapes.
     progress
-        Called with a line of text now and then.
+        Called with progress messages.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def design(
     ParameterFileError
         When the file is not valid.
     UsageError
-        When a limit or the criterion cannot be, or the family cannot be designed for.
+        When a limit or the criterion is impossible, or no experiment can be designed.
     NotIdentifiedError
         When no excitation within the limits determines the parameters.
     """

@@ -14,14 +14,14 @@ from ..experiment import FloatArray
 
 @dataclass(frozen=True)
 class Limits:
-    """What the next experiment has to keep to.
+    """Limits that the next experiment has to respect.
 
     Attributes
     ----------
     amplitude
         Lowest and highest value of the driving role [SI].
     rate
-        Steepest slope of the driving role [SI/s]; ``None``: no limit.
+        Largest slope of the driving role [SI/s]; ``None``: no limit.
     stroke
         Lowest and highest value of the output [SI]; ``None``: no limit.
     duration, sample_time
@@ -47,7 +47,7 @@ class Forecast:
     ``present`` is the standard error in the file (``None`` when it was not identified),
     ``predicted`` that of the new experiment alone (``None``: it would not determine it
     either), ``ratio`` their quotient; both intervals are 95 % about ``value``.
-    ``supposed`` tells that the value is only plausible.
+    ``supposed`` says that the value is only plausible.
     """
 
     name: str
@@ -86,11 +86,11 @@ class Design:
     forecasts
         One entry per parameter.
     criterion
-        What was made small.
+        What was minimised.
     limits
-        What was kept to.
+        The limits it respects.
     binding
-        The limits that the design reaches; loosening these would help.
+        The limits that the design reaches; relaxing these would help.
     notes
         What a person should know.
     candidates

@@ -1,4 +1,4 @@
-"""Trials of waveforms: simulated within the limits, scored by what they would tell."""
+"""Trials of waveforms: simulated within the limits, scored by their information."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ..family import Information
 from .task import Task, score_of
 from .waveforms import Waveform, limit_slope, smooth_corners, to_segments
 
-RISE = 8  # samples in which a command that moves on between samples crosses its range
+RISE = 8  # samples in which a command that is not held crosses its range
 _PIECES = 40  # straight pieces that are shaped one by one
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An excitation and what it would tell."""
+    """An excitation and the information in it."""
 
     waveform: Waveform
     command: FloatArray
@@ -38,7 +38,7 @@ class Search:
         self.drifts = self._drifts()
 
     def _drifts(self) -> bool:
-        """Whether a push leaves the output elsewhere: its level is then free."""
+        """Whether a push displaces the output for good: its level is then free."""
         n = self.time.size
         push = np.zeros(n)
         push[n // 10 : n // 5] = 1.0
@@ -63,7 +63,7 @@ class Search:
         return np.asarray(u)
 
     def _corner_width(self, span: float, rate: float | None) -> int:
-        """Samples over which a jump of a moving command is spread."""
+        """Samples over which a jump is spread, of a command that is not held."""
         if not rate:
             return RISE
         # the steepest point of a Hann window is twice its mean
@@ -85,7 +85,7 @@ class Search:
         task = self.task
         run = self._run(command)
         found = task.family.information(task.variant, task.values, run, task.options)
-        assert found is not None, f"{task.family.name} is driven by a command and tells nothing"
+        assert found is not None, f"{task.family.name} has a command but no information"
         return found
 
     def errors(self, found: Information) -> FloatArray:
@@ -185,7 +185,7 @@ def _converter_variance(
 ) -> FloatArray:
     """Variances by the error of a converter, which lasts as long as a reading, shape ``(p,)``.
 
-    As in :func:`.estimation.uncertainty.covariance`: an axis at rest tells the same error
+    As in :func:`.estimation.uncertainty.covariance`: an axis at rest repeats the same error
     over and over again.
     """
     starts = np.flatnonzero(np.diff(np.floor(found.output / step), prepend=np.nan) != 0.0)

@@ -22,10 +22,10 @@ _USED = 0.9  # share of the stroke that strokes at constant speed use
 
 @dataclass(frozen=True)
 class _Strokes:
-    """Pairs of strokes to and fro at constant speed: slow ones, then fast ones.
+    """Pairs of strokes back and forth at constant speed: slow ones, then fast ones.
 
-    ``slow`` and ``fast`` are the speeds forwards and backwards [m/s], magnitudes; ``share``
-    is that of the time that the slow pairs take.
+    ``slow`` and ``fast`` are the speeds in the positive and negative direction [m/s],
+    magnitudes; ``share`` is the share of the time that the slow pairs take.
     """
 
     slow: tuple[float, float]
@@ -33,7 +33,7 @@ class _Strokes:
     share: float
 
     def speeds(self) -> list[tuple[float, float]]:
-        """Signed speed and its share of the time; a pair goes as far to as fro."""
+        """Signed speeds and shares of the time; a pair covers the same distance both ways."""
         out = []
         for (to, fro), share in ((self.slow, self.share), (self.fast, 1.0 - self.share)):
             out += [(to, share * fro / (to + fro)), (-fro, share * to / (to + fro))]
@@ -81,7 +81,7 @@ def design_strokes(task: Task) -> Design:
 
 
 def _speed_limits(task: Task) -> tuple[float, float]:
-    """Lowest and highest velocity [m/s]: as said, or what the file knows of its logs.
+    """Lowest and highest velocity [m/s]: as given, or what the file's logs covered.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def _speed_limits(task: Task) -> tuple[float, float]:
 
 
 def _stroke_limit(task: Task) -> tuple[float, float] | None:
-    """Range of the position, when it was said or the file knows it [m]."""
+    """Range of the position, if it was given or the file holds it [m]."""
     covered = task.document.validity.get("position")
     known = None if covered is None else (covered.low, covered.high)
     return task.limits.stroke or known
@@ -116,7 +116,7 @@ def _play(task: Task, strokes: _Strokes) -> tuple[FloatArray, FloatArray, FloatA
 
 
 def _stroke_errors(task: Task, strokes: _Strokes) -> FloatArray:
-    """Predicted standard errors of what a fit keeps of the strokes, shape ``(p,)``."""
+    """Predicted standard errors from the samples that a fit would keep, shape ``(p,)``."""
     time, velocity, place = _play(task, strokes)
     drive = task.drive
     signal = Signal(drive.name, time, velocity if is_speed(drive) else place, task.unit)
@@ -173,7 +173,7 @@ def _minimise(
 def _least(task: Task, low: float, high: float, slowest: float) -> FloatArray:
     """Standard errors of the best shares of the samples at any speeds, turns left out.
 
-    A straight line in either direction is known best from its ends, so the two slowest and
+    A straight line in either direction is best determined from its ends, so the two slowest and
     the two fastest speeds are enough.
     """
     rows = static_rows(task, np.array([low, -slowest, slowest, high]))
@@ -196,7 +196,7 @@ def _describe_strokes(task: Task, best: _Strokes, ideal: FloatArray) -> Design:
     notes = [*task.notes, f"Speeds and their shares of the time: {listed}."]
     notes.append(
         f"The worst relative standard error becomes {100.0 * np.max(errors / scales):.3g} %; no "
-        f"speeds within the limits could bring it below {100.0 * np.max(ideal / scales):.3g} %."
+        f"speeds within the limits can bring it below {100.0 * np.max(ideal / scales):.3g} %."
     )
     notes += _time_to_halve(task, errors)
     if stroke is None:
@@ -220,7 +220,7 @@ def _describe_strokes(task: Task, best: _Strokes, ideal: FloatArray) -> Design:
 
 
 def _time_to_halve(task: Task, errors: FloatArray) -> list[str]:
-    """How long these strokes have to last to halve the worst standard error there is now."""
+    """How long these strokes must last to halve the present worst standard error."""
     scales = np.array([u.scale for u in task.unknowns])
     present = [u.present / u.scale for u in task.unknowns if u.present is not None]
     if len(present) < len(task.unknowns):
@@ -230,7 +230,7 @@ def _time_to_halve(task: Task, errors: FloatArray) -> list[str]:
         return []
     duration = (task.limits.duration or 10.0) * (ratio / 0.5) ** 2
     return [
-        f"That is {ratio:.2g} times the worst one now. Half of it takes such strokes for "
+        f"That is {ratio:.2g} times the present worst one. To halve it, such strokes take "
         f"{duration:.3g} s: give --duration {np.ceil(duration):.0f}, or average more readings of "
         "the force."
     ]

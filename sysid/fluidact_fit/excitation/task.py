@@ -1,4 +1,4 @@
-"""What a search is to do: the drive, the unknowns, the limits and the criterion."""
+"""The task of a search: the drive, the unknowns, the limits and the criterion."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def make_task(
     Raises
     ------
     UsageError
-        When a limit or the criterion cannot be, or the family cannot be designed for.
+        When a limit or the criterion is impossible, or no experiment can be designed.
     """
     variant = family.variant(document.variant)
     excitation = family.excitation(variant, document)
@@ -100,7 +100,7 @@ def make_task(
     names = [u.name for u in unknowns]
     if criterion not in ("worst", "determinant", *names):
         raise UsageError(
-            f"--criterion {criterion}: there is no such criterion or parameter to estimate.",
+            f"--criterion={criterion}: there is no such criterion or parameter to estimate.",
             expected=f"One of worst, determinant, {', '.join(names)}.",
         )
     columns = [source.columns.get(drive.name) for source in document.provenance.logs]
@@ -109,8 +109,8 @@ def make_task(
     notes = tuple(f"{n} was not identified; the design supposes {values[n]:.4g}." for n in supposed)
     if hold == "zoh" and any(u.spec.threshold for u in unknowns):
         notes += (
-            f"A static level is known to no better than the controller's own step of {drive.name} "
-            "/ 3.5, which the prediction does not know.",
+            f"A static level cannot be known better than the controller's step of {drive.name} "
+            "divided by 3.5, which the prediction does not include.",
         )
     return Task(
         document, family, variant, options, excitation, drive, hold, unit, values, unknowns,
@@ -135,7 +135,7 @@ def _driving_role(variant: Variant) -> Role:
 def _fill_limits(
     document: ParameterDocument, variant: Variant, drive: Role, given: Limits
 ) -> Limits:
-    """Take what was not said from what the file's logs covered."""
+    """Take what was not given from what the file's logs covered."""
     covered = document.validity
     amplitude = given.amplitude
     if amplitude == (0.0, 0.0):
@@ -150,7 +150,9 @@ def _fill_limits(
         stroke = covered[variant.output.name].low, covered[variant.output.name].high
     for name, pair in (("--amplitude", amplitude), ("--stroke", stroke)):
         if pair is not None and not pair[0] < pair[1]:
-            raise UsageError(f"{name} {pair[0]:g}:{pair[1]:g}: the lower end is not below.")
+            raise UsageError(
+                f"{name}={pair[0]:g}:{pair[1]:g}: the lower end is not below the upper."
+            )
     step, duration = _time_base(document, given)
     limits = Limits(amplitude, given.rate, stroke, duration, step)
     if step and not 20 <= limits.count <= _MOST:
@@ -163,7 +165,7 @@ def _fill_limits(
 
 
 def _time_base(document: ParameterDocument, given: Limits) -> tuple[float, float]:
-    """Sample time and duration [s]: said, or those of the longest log; 0 without time."""
+    """Sample time and duration [s]: given, or those of the longest log; 0 without time."""
     spans = [
         ((source.sample_time or 0.0) * source.rows, source.sample_time or 0.0)
         for source in document.provenance.logs
@@ -220,7 +222,7 @@ def _find_unknowns(
 
 
 def score_of(task: Task, errors: FloatArray) -> float:
-    """What is to be small: the logarithm of the criterion, and a little of all others."""
+    """What to minimise: the logarithm of the criterion, and a little of all others."""
     if not np.all(np.isfinite(errors)) or not np.all(errors > 0.0):
         return np.inf
     relative = np.log(errors / np.array([u.scale for u in task.unknowns]))

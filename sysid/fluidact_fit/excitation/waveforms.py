@@ -45,7 +45,7 @@ def steps(count: int, step: float, numbers: Numbers, rng: np.random.Generator) -
 
 
 def square(count: int, step: float, numbers: Numbers, rng: np.random.Generator) -> FloatArray:
-    """Both limits in turn; the half period glides from ``hold`` to ``last`` [s]."""
+    """Both limits in turn; the half period changes from ``hold`` to ``last`` [s]."""
     hold = np.geomspace(max(numbers["hold"], step), max(numbers["last"], step), count)
     longer = numbers.get("duty", 1.0)
     phase = np.mod(np.cumsum(step / hold) - step / hold[0], 1.0 + longer)
@@ -55,7 +55,7 @@ def square(count: int, step: float, numbers: Numbers, rng: np.random.Generator) 
 def two_sizes(count: int, step: float, numbers: Numbers, rng: np.random.Generator) -> FloatArray:
     """Both limits in turn, then a ``part`` of each; ``hold`` [s] and ``small`` [s] long.
 
-    One size of a square cannot tell a dead zone or a friction level from a slope; two can.
+    One size of a square cannot separate a dead zone or a friction level from a slope; two can.
     """
     hold, small = max(numbers["hold"], step), max(numbers["small"], step)
     there_and_back = 1.0 + numbers.get("duty", 1.0)
@@ -76,7 +76,7 @@ def rest_and_go(count: int, step: float, numbers: Numbers, rng: np.random.Genera
 
 
 def chirp(count: int, step: float, numbers: Numbers, rng: np.random.Generator) -> FloatArray:
-    """Sine from ``first`` to ``last`` [Hz], in proportion when ``log`` is one, else linear."""
+    """Sine from ``first`` to ``last`` [Hz], logarithmic when ``log`` is one, else linear."""
     first, last = (min(numbers[k], 0.4 / step) for k in ("first", "last"))
     share = np.linspace(0.0, 1.0, count)
     rate = first * (last / first) ** share if numbers["log"] else first + (last - first) * share
@@ -84,7 +84,7 @@ def chirp(count: int, step: float, numbers: Numbers, rng: np.random.Generator) -
 
 
 def multisine(count: int, step: float, numbers: Numbers, rng: np.random.Generator) -> FloatArray:
-    """Sines of equal size up to ``last`` [Hz], phases of the lowest peak found [1]_."""
+    """Sines of equal size up to ``last`` [Hz], with the phases of the lowest peak found [1]_."""
     span = count * step
     top = max(min(numbers["last"], 0.4 / step) * span, 2.0)
     lines = np.unique(np.round(np.geomspace(max(numbers["first"] * span, 1.0), top, 24)))
@@ -241,7 +241,7 @@ def to_segments(values: FloatArray, most: int) -> Waveform | None:
 
 
 def smooth_corners(values: FloatArray, width: int) -> FloatArray:
-    """Round the corners with a Hann window of ``width`` samples: no faster than a sensor sees."""
+    """Round the corners with a Hann window of ``width`` samples, as slow as a sensor sees them."""
     if width < 2:
         return values
     window = np.hanning(width + 2)[1:-1]
@@ -251,7 +251,7 @@ def smooth_corners(values: FloatArray, width: int) -> FloatArray:
 
 
 def limit_slope(values: FloatArray, most: float) -> FloatArray:
-    """Follow the values with no more than ``most`` per sample."""
+    """Follow the values by at most ``most`` per sample."""
     out = values.copy()
     for k in range(1, out.size):
         out[k] = out[k - 1] + min(max(values[k] - out[k - 1], -most), most)

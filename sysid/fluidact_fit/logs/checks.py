@@ -34,7 +34,7 @@ def smallest_step(values: FloatArray) -> float:
     Parameters
     ----------
     values
-        Shape ``(n,)``; NaN are passed over.
+        Shape ``(n,)``; NaN are ignored.
     """
     part = values
     if values.size > _MANY:
@@ -83,7 +83,7 @@ def check_sampling(log: Log, runs: Sequence[Run]) -> list[Notice]:
 def check_signals(
     log: Log, bindings: Mapping[str, Binding], experiments: Sequence[Experiment]
 ) -> list[Notice]:
-    """Report signals that never move or sit on an extreme."""
+    """Report signals that are constant or stay at an extreme."""
     notices = []
     for role, binding in bindings.items():
         parts = [e[role] for e in experiments if role in e]
@@ -93,7 +93,7 @@ def check_signals(
             notices.append(
                 Notice(
                     "constant-signal",
-                    f"{log.name}: {role} (column '{binding.column.label}') never moves from "
+                    f"{log.name}: {role} (column '{binding.column.label}') is always "
                     f"{float(parts[0][0]):g} {binding.role.unit}. Check the column and the sensor.",
                 )
             )

@@ -15,13 +15,13 @@ from ..family import Role
 from ..units import conversion_factor, is_known_unit, same_dimension
 from .log import Column, Log, name_lines
 
-# Time is the one role with a symbol everybody uses as a header.
+# Time is the one role with a symbol that is in general use as a header.
 _SYNONYMS = {"time": ("t",)}
 
 
 @dataclass(frozen=True)
 class Binding:
-    """A role, its column and how to get from one to the other.
+    """A role, its column, and the factors from one to the other.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Binding:
     factor
         From ``unit`` to SI.
     assumed
-        Whether nobody named a unit.
+        Whether no unit was given.
     explicit
         Whether the user named the column.
     """
@@ -95,11 +95,11 @@ def check_roles(log: Log, roles: Iterable[Role]) -> None:
     for name in log.steps:
         if name == "time" or known[name].output:
             raise UsageError(
-                f"--step cannot stand for '{name}'.", remedy="Only an input can be a known step."
+                f"--step cannot replace '{name}'.", remedy="Only an input can be a known step."
             )
         if known[name].hold is None:
             raise UsageError(
-                f"--step cannot stand for '{name}': it is needed sample by sample.",
+                f"--step cannot replace '{name}': it is needed sample by sample.",
                 remedy=f"Give --column {name}=HEADER (or #N).",
             )
         if name in log.bindings:
@@ -110,10 +110,10 @@ def check_roles(log: Log, roles: Iterable[Role]) -> None:
         if known[name].hold is None:
             driving = [r.name for r in known.values() if r.hold is not None]
             raise UsageError(
-                f"--hold does not apply to '{name}', which drives nothing.",
+                f"--hold does not apply to '{name}', which is not an input of the model.",
                 remedy=f"Give it for {' or '.join(driving)}."
                 if driving
-                else "Leave --hold out: no role of this family needs one.",
+                else "Leave --hold out: no role of this family needs it.",
             )
 
 
@@ -169,7 +169,7 @@ def share_columns(logs: Sequence[Log]) -> list[Log]:
 
     Several experiments of one machine need not record the same: one pressure in some, the other
     pressure in others. A header that no log holds is still refused where it is used, and so
-    is one of a role that cannot be done without.
+    is one of a role that is required.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def default_column(log: Log, role: str) -> Column | None:
 
 
 def bind_role(log: Log, role: Role) -> Binding | None:
-    """Bind one role, ``None`` when no column plays it."""
+    """Bind one role, ``None`` when it has no column."""
     explicit = role.name in log.bindings
     if role.name in log.elsewhere and not role.required:
         return None
@@ -234,7 +234,7 @@ def bind_role(log: Log, role: Role) -> Binding | None:
         unit=unit or role.unit,
         scale=log.scales.get(role.name, 1.0),
         factor=factor,
-        # A raw reading is what it is; its unit is nothing anybody could assume wrongly.
+        # A raw reading is used as it is; assuming a unit for it changes nothing.
         assumed=unit is None and role.unit != "1",
         explicit=explicit,
     )
@@ -251,7 +251,7 @@ def in_accepted_unit(role: Role, unit: str | None) -> Role:
 
 
 def bind_roles(log: Log, roles: Sequence[Role]) -> dict[str, Binding]:
-    """Bind all roles that a column plays; steps stand for themselves."""
+    """Bind all roles that have a column; a role with a step needs none."""
     bindings = {}
     for role in roles:
         if role.name in log.steps or (role.name == "time" and log.sample_time is not None):
@@ -271,7 +271,7 @@ def missing_roles(log: Log, roles: Sequence[Role]) -> list[str]:
 
 
 def missing_error(log: Log, missing: Sequence[str]) -> LogError:
-    """Return the error for roles that no column plays."""
+    """Return the error for roles without a column."""
     for role in missing:
         if role in log.elsewhere:
             return _no_column(log, role, log.bindings[role])
@@ -324,7 +324,7 @@ def require_numbers(log: Log, binding: Binding, rows: npt.NDArray[np.intp]) -> N
     else:
         found = f"holds '{text[:60]}', which is not a{' finite' if _is_nan(text) else ''} number."
     if wrong.size > 1:
-        found += f" {wrong.size - 1} more like it ({name_lines(log.lines[wrong[1:]])})."
+        found += f" {wrong.size - 1} more such cells ({name_lines(log.lines[wrong[1:]])})."
     raise LogError(
         f"column '{binding.column.label}' {found}",
         where=f"{log.name}, line {line}",
@@ -350,7 +350,7 @@ def _fold(text: str) -> str:
 def _ambiguous(log: Log, role: str, wanted: str, matches: Sequence[Column]) -> LogError:
     texts = " and ".join(f"#{c.index} '{c.header}'" for c in matches)
     return LogError(
-        f"'{wanted}' for the role '{role}' may be {texts}.",
+        f"'{wanted}' for the role '{role}' could be {texts}.",
         where=log.name,
         remedy=f"Give the number: --column {role}=#{matches[0].index}.",
     )

@@ -1,4 +1,4 @@
-"""What is in a log, for people and for the provenance of a result."""
+"""What a log holds, for people and for the provenance of a result."""
 
 from __future__ import annotations
 

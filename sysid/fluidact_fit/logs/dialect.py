@@ -1,4 +1,4 @@
-"""Find out how a log is written: separator, decimal sign, where the numbers begin.
+"""Detect how a log is written: separator, decimal sign, where the numbers begin.
 
 The separator is judged in the middle and at the end of the file, because the beginning
 may be sixty lines of prose with numbers in it. The table begins at the first line from
@@ -34,7 +34,7 @@ _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the table is and how to cut it.
+    """Where the table is and how to split it.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Layout:
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
-    """Cut a line into stripped fields; an empty line has none."""
+    """Split a line into stripped fields; an empty line has none."""
     if delimiter == " ":
         return line.split()
     if '"' in line:
@@ -158,7 +158,7 @@ def _sampled_lines(source: Source) -> _Lines:
 
 
 def _refuse_wide(lines: Sequence[str], name: str) -> None:
-    """Refuse tables nobody meant before they cost minutes."""
+    """Refuse absurdly wide tables before they cost minutes."""
     for number, line in enumerate(lines, start=1):
         if len(line) <= MAX_COLUMNS:
             continue
@@ -192,7 +192,7 @@ def _choose_cut(body: Sequence[str], hints: Hints, name: str) -> tuple[str, str,
 
 
 def _best_cut(body: Sequence[str], hints: Hints) -> tuple[float, tuple[str, str, int, bool] | None]:
-    """Return the best score in [0, 1] and the cut that reached it."""
+    """Return the best score in [0, 1] and the split that reached it."""
     best: tuple[float, int] = (0.0, 0)
     chosen: tuple[str, str, int, bool] | None = None
     for order, (delimiter, decimal) in enumerate(_CANDIDATES):
@@ -237,7 +237,7 @@ def _no_table(name: str) -> LogError:
     return LogError(
         "no table of numbers was found.",
         where=name,
-        expected="Expected rows of numbers set apart by commas, semicolons, tabs or blanks.",
+        expected="Expected rows of numbers separated by commas, semicolons, tabs or blanks.",
         remedy="Open the file in an editor, and export it again as CSV if it is something else.",
     )
 
@@ -336,7 +336,7 @@ def _find_header(
 
 
 def _header_cells(line: str, delimiter: str, decimal: str, width: int) -> list[str] | None:
-    """Return the cells of a header line, ``None`` when the line is none."""
+    """Return the cells of a header line, ``None`` when the line is not one."""
     for text in (line, _COMMENT.sub("", line)):
         fields = split_line(text, delimiter)
         if delimiter == " " and len(fields) != width:

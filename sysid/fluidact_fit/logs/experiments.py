@@ -32,7 +32,7 @@ _SHORTEST, _LONGEST = 1e-12, 1e9  # step of time [s]
 def choose_variant(logs: Log | Sequence[Log], variants: Sequence[Variant]) -> Variant:
     """Return the variant whose roles the logs hold.
 
-    The variant has to be complete for every log; of several, the one that uses more of
+    The variant has to be complete for every log; of several, the one that uses the most of
     the roles the user named wins, then the first.
 
     Raises
@@ -130,7 +130,7 @@ def _find_runs(
     except LogError as error:
         if timed.required or binding.explicit:
             raise
-        # Nobody asked for this column: static data can do without.
+        # The user did not ask for this column, and static data do not need it.
         del bindings["time"]
         notices.append(
             Notice("time-unusable", f"{error.where}: {error.what} The time column was not used.")
@@ -147,7 +147,7 @@ def _without_sample_time(log: Log) -> Log:
 
 
 def _require_time_scale(log: Log, runs: Sequence[Run]) -> None:
-    """Refuse steps of time that no machine has and no arithmetic survives."""
+    """Refuse sample times that no machine has and that arithmetic cannot handle."""
     for run in runs:
         step = run.sample_time
         if run.time.size < 2 or _SHORTEST <= step <= _LONGEST:
@@ -177,7 +177,7 @@ def _apply_window(log: Log, runs: list[Run]) -> list[Run]:
     high = np.inf if log.window[1] is None else log.window[1]
     kept = []
     for run in runs:
-        # A bound that is a sample's own instant keeps it, whatever the last bit says.
+        # A bound at a sample's own instant keeps the sample, rounding aside.
         slack = 1e-6 * run.sample_time
         inside = (run.time >= low - slack) & (run.time <= high + slack)
         if inside.any():
@@ -188,7 +188,7 @@ def _apply_window(log: Log, runs: list[Run]) -> list[Run]:
         raise LogError(
             f"no sample lies within the window {_side(log.window[0])}:{_side(log.window[1])} s.",
             where=log.name,
-            expected=f"Its time goes from {first:g} to {last:g} s.",
+            expected=f"Its time runs from {first:g} to {last:g} s.",
             remedy="Choose the window within these seconds.",
         )
     return kept
@@ -281,7 +281,7 @@ def _require_magnitude(log: Log, binding: Binding, run: Run, signal: Signal) -> 
 def step_signal(log: Log, role: Role, step: StepInput) -> Signal:
     """Return the signal of a role that was not recorded but is known to have stepped."""
     unit = log.units.get(role.name)
-    where = f"--step {role.name}"
+    where = f"--step {role.name}=..."
     factor = conversion_factor(unit, role.unit, where) if unit else 1.0
     factor *= log.scales.get(role.name, 1.0)
     return Signal(
@@ -301,7 +301,7 @@ def _hold(log: Log, role: Role) -> Hold | None:
         return role.hold
     if given not in get_args(Hold):
         raise UsageError(
-            f"'{given}' is no hold for '{role.name}'.",
+            f"'{given}' is not a hold, as given for '{role.name}'.",
             remedy=f"Choose one of {', '.join(get_args(Hold))}.",
         )
     return cast(Hold, given)

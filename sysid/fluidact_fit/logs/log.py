@@ -17,7 +17,7 @@ IntArray = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class StepInput:
-    """A role that was not recorded: it rested, then stepped once.
+    """A role that was not recorded: constant but for one step.
 
     Attributes
     ----------
@@ -50,9 +50,9 @@ class Column:
         Whether the unit is one small letter behind an underscore (``valve_m``), which is
         believed only where it fits the role.
     values
-        Numbers as written, shape ``(n_rows,)``; NaN where the cell is no finite number.
+        Numbers as written, shape ``(n_rows,)``; NaN where the cell is not a finite number.
     bad
-        Row to text of the cells that are no finite number (the first few thousand).
+        Row to text of the cells that are not finite numbers (the first few thousand).
     """
 
     index: int
@@ -78,7 +78,7 @@ class Dialect:
     name
         ``"delimited"``, or the name of a recognised logger.
     encoding, delimiter, decimal
-        ``delimiter`` is ``" "`` for columns set apart by white space.
+        ``delimiter`` is ``" "`` for columns separated by white space.
     preamble
         Lines before the header (or before the data when there is no header).
     header_line, units_line
@@ -115,7 +115,7 @@ class Log:
     dialect
         How the file was written.
     notices
-        What was odd while reading.
+        What was noticed while reading.
     bindings, units, scales, steps, holds
         Role to header, unit, factor, step and hold, as given by the user.
     elsewhere
@@ -124,7 +124,7 @@ class Log:
     sample_time
         Given by the user [s], replaces a time column.
     window
-        Seconds to use on each run's own time, ``None`` for an open side.
+        Part to use on each run's own time [s], ``None`` for an open side.
     """
 
     path: Path

@@ -30,8 +30,8 @@ def read_log(
 ) -> Log:
     """Read a recorded log.
 
-    Encoding, separator, decimal sign, preamble, header and units are found out; nothing
-    is converted or resampled.
+    Encoding, separator, decimal sign, preamble, header and units are detected; nothing is
+    converted or resampled.
 
     Parameters
     ----------
@@ -41,17 +41,17 @@ def read_log(
         Role to header, or to a 1-based number such as ``"#3"``. A role without an entry
         takes the column of its own name.
     units
-        Role to unit; wins over the unit in the header.
+        Role to unit; overrides the unit in the header.
     scales
         Role to a factor for the raw column.
     sample_time
-        Distance of the rows [s], for logs without a time column. Replaces one.
+        Time between rows [s], for logs without a time column. Replaces one.
     window
-        Seconds to use, ``None`` for an open side.
+        Part of the log to use [s], ``None`` for an open side.
     steps
         Role to `StepInput` for inputs that were not recorded.
     holds
-        Role to ``"zoh"``, ``"foh"``, ``"linear"`` or ``"cubic"``.
+        Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def read_log(
     LogError
         When the file cannot be read as a table of numbers.
     UsageError
-        When an argument contradicts itself.
+        When an argument is not possible.
     """
     _check_arguments(scales or {}, sample_time, window, steps or {}, holds or {})
     source = read_source(Path(path))
@@ -97,7 +97,7 @@ def _check_arguments(
     if sample_time is not None and not (math.isfinite(sample_time) and sample_time > 0):
         raise UsageError(
             f"a sample time of {sample_time} s is not possible.",
-            remedy="Give the distance of two rows in seconds, for example --sample-time 0.001.",
+            remedy="Give the time between two rows in seconds, for example --sample-time 0.001.",
         )
     for role, factor in scales.items():
         if not math.isfinite(factor) or factor == 0:
@@ -111,7 +111,7 @@ def _check_arguments(
     for role, hold in holds.items():
         if hold not in get_args(Hold):
             raise UsageError(
-                f"'{hold}' is no hold for '{role}'.",
+                f"'{hold}' is not a hold, as given for '{role}'.",
                 remedy=f"Choose one of {', '.join(get_args(Hold))}.",
             )
     low, high = window or (None, None)

@@ -53,7 +53,7 @@ def read_source(path: Path) -> Source:
     Raises
     ------
     LogError
-        When the file is missing, unreadable, empty or no text.
+        When the file is missing, unreadable, empty or not text.
     """
     raw = _read_bytes(path)
     if not raw or raw.isspace():

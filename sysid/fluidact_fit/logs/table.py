@@ -1,8 +1,8 @@
 """From text to columns of numbers.
 
 Large regular tables go through pandas' C parser. Everything else, small files included
-(importing pandas costs more than reading them), is read line by line, which knows what to
-say about lines that are not like the others.
+(importing pandas costs more than reading them), is read line by line, which can report
+irregular lines.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ RAGGED_SHARE_SERIAL = 0.5
 
 @dataclass(frozen=True)
 class Table:
-    """Numbers by column, NaN where a cell is no finite number.
+    """Numbers by column, NaN where a cell is not a finite number.
 
     Attributes
     ----------
     values
         One array per column, shape ``(n_rows,)``.
     bad
-        Per column: row to text of cells that are no finite number.
+        Per column: row to text of cells that are not finite numbers.
     lines
         1-based source line per row.
     notices
@@ -105,7 +105,7 @@ def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatAr
     width = layout.width + layout.trailing
     try:
         with warnings.catch_warnings():
-            # A column of numbers and text: named later, if anybody wants that column.
+            # A column of numbers and text: reported later, if that column is used.
             warnings.simplefilter("ignore", pd.errors.DtypeWarning)
             frame = pd.read_csv(
                 buffer,
@@ -139,7 +139,7 @@ def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatAr
 def _collect_bad(
     columns: Sequence[FloatArray], data: bytes, offset: int, layout: Layout
 ) -> tuple[dict[int, str], ...]:
-    """Fetch the text of cells that are no number."""
+    """Fetch the text of cells that are not numbers."""
     rows = [np.flatnonzero(np.isnan(column))[:MAX_BAD_KEPT] for column in columns]
     if not any(r.size for r in rows):
         return tuple({} for _ in columns)
@@ -199,7 +199,7 @@ def _to_numbers(cells: Sequence[str], decimal: str) -> tuple[FloatArray, dict[in
     """Convert a column of text; shape ``(n_rows,)`` and the cells that are no number."""
     texts: Sequence[str] = cells
     if decimal == ",":
-        # A point is then no decimal sign: "1.234" would be a thousand, nobody can tell.
+        # A point is then no decimal sign: "1.234" may well mean a thousand.
         texts = [cell.replace(".", "?").replace(",", ".") for cell in cells]
     try:
         values = np.array([float(text) for text in texts], dtype=np.float64)
@@ -292,7 +292,7 @@ def _judge_ragged(
             + (f" ({len(ragged)} such lines)." if len(ragged) > 1 else "."),
             where=f"{name}, line {line}",
             expected=f"Expected {count_of(layout.width, 'field')} on every line.",
-            remedy="Mend or remove the line, or check that the file holds one table only.",
+            remedy="Correct or remove the line, or check that the file holds one table only.",
         )
     cause = "as terminals do when they start mid-line" if serial else "partly written lines"
     return [

@@ -2,8 +2,8 @@
 
 Stamps restart when a controller begins a new cycle, wrap when a 32-bit counter
 overflows, repeat when they are printed too coarsely, and step back when lines were
-printed out of order. What can be mended without inventing data is mended and reported;
-the rest is refused with its line.
+printed out of order. What can be repaired without inventing data is repaired and
+reported; the rest is refused with its line.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
     Returns
     -------
     tuple
-        Runs in order, and what was mended or left out.
+        Runs in order, and what was repaired or left out.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def _fit_grid(stamps: FloatArray, resolution: float) -> tuple[float, float] | No
         tolerance = _UNIFORM * step + noise
         if max(high, -low) <= tolerance:
             return float(stamps[0]), step
-        # With two samples per printed digit nobody can tell a grid from jitter.
+        # With two samples per printed digit a grid looks the same as jitter.
         if resolution and resolution <= 0.5 * step and high - low <= 1.001 * resolution + tolerance:
             half = 0.5 * resolution + tolerance
             shift = 0.0 if max(high, -low) <= half else 0.5 * (low + high)
@@ -225,7 +225,7 @@ def _drop_impossible(
         Notice(
             "overprinted-lines",
             f"{log.name}: {count_of(lines.size, 'line')} left out ({name_lines(lines)}): the "
-            "time stamp is larger than a 32-bit counter can be, so two lines were overprinted.",
+            "time stamp exceeds a 32-bit counter, so two lines were printed over each other.",
         )
     )
     return stamps[~wrong], rows[~wrong]
@@ -302,7 +302,7 @@ def _cut_at_restarts(
                 "time-restarts",
                 f"{log.name}: time starts again {count_of(len(starts) - 1, 'time')} "
                 f"({name_lines(log.lines[rows[starts[1:]]])}); each of the {len(starts)} runs is "
-                "an experiment of its own.",
+                "a separate experiment.",
             )
         )
     _judge_glitches(log, rows, glitches, len(starts), notices)
@@ -326,7 +326,7 @@ def _judge_glitches(
     events = log.dialect.serial or runs >= 3
     if not events or lines.size > 0.2 * log.rows:
         raise LogError(
-            "time steps back.",
+            "time goes backwards.",
             where=f"{log.name}, line {int(lines[0])}",
             expected="Expected time to increase from row to row, or to start again.",
             remedy=("Remove the line, or give --sample-time SECONDS to replace the time column."),
@@ -346,7 +346,7 @@ def _mend_ties(
     resolution: float,
     notices: list[Notice],
 ) -> list[tuple[FloatArray, npt.NDArray[np.intp]]]:
-    """Tell equal stamps apart where coarse printing explains them.
+    """Separate equal stamps where coarse printing explains them.
 
     Samples that share a stamp lie within one unit of its last digit, in the order of the
     lines; they are spread evenly over that unit, which is wrong by less than the rounding.

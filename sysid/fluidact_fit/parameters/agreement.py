@@ -66,7 +66,7 @@ def check_agreement(
 
 
 def disagreements(found: Any, due: Any, place: Location = ()) -> Iterator[tuple[Location, str]]:
-    """Yield every place where a part lacks something or holds, not even nearly, the same.
+    """Yield every place where a part lacks something or has another value.
 
     What ``found`` holds beyond ``due`` is left alone.
     """

@@ -47,7 +47,7 @@ def write_atomically(
             raise OutputError(
                 "exists already and was kept.",
                 where=where,
-                remedy="Give -f/--force (overwrite=True in Python) or another name.",
+                remedy="Give --force to replace it, or another name.",
             )
         else:
             _replace(target, content, mode)

@@ -159,7 +159,7 @@ class Covariance(Part):
     @classmethod
     def _name_once(cls, order: list[str]) -> list[str]:
         twice = [i for i, name in enumerate(order) if name in order[:i]]
-        refuse([((i,), f"{order[i]!r} stands there twice") for i in twice])
+        refuse([((i,), f"{order[i]!r} is listed twice") for i in twice])
         return order
 
     @field_validator("matrix")
@@ -224,7 +224,7 @@ class Deviation(Measure):
 
 
 class Whiteness(Part):
-    """Test of the residuals for leftover structure."""
+    """Test of the residuals for structure that the model lacks."""
 
     statistic: Number
     p_value: Annotated[Number, Field(ge=0.0, le=1.0)]
@@ -264,7 +264,7 @@ class Fit(Part):
 
 
 class WarningEntry(Part):
-    """A warning: a stable word for programs and a sentence for people."""
+    """A warning: a stable code for programs and a sentence for people."""
 
     code: str
     message: str
@@ -288,8 +288,8 @@ class Step(Part):
 class Column(Part):
     """Where a role came from, and what was made of it on the way to SI.
 
-    ``assumed`` says that neither the log nor the user named the unit; ``hold`` is how the
-    fit took the signal to move between its samples.
+    ``assumed`` says that neither the log nor the user named the unit; ``hold`` is the hold
+    with which the fit took the signal.
     """
 
     header: str | None = None

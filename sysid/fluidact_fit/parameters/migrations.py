@@ -28,7 +28,7 @@ def _from_0(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _settle_holds(document: dict[str, Any]) -> dict[str, Any]:
-    """Early files of version 1 say beside a hold of ``foh`` what it was found to mean.
+    """Early files of version 1 say beside a hold of ``foh`` which curve it stood for.
 
     Their ``linear`` is called ``foh`` now, and their ``cubic`` ``smooth``.
     """

@@ -48,7 +48,7 @@ class Problems:
     found: dict[Location, str] = field(default_factory=dict)
 
     def add(self, location: Location, message: str) -> None:
-        """Note a problem. The first word about a location stands."""
+        """Note a problem. The first one at a location is kept."""
         self.found.setdefault(location, message)
 
     def intact(self, *location: str | int) -> bool:
@@ -69,7 +69,7 @@ class Problems:
 
 
 def _line_of(location: Location, lines: Mapping[Location, int]) -> int | None:
-    # A missing key has no line of its own; the line of what lacks it is as good.
+    # A missing key has no line of its own: take that of the part that lacks it.
     for size in range(len(location), 0, -1):
         if location[:size] in lines:
             return lines[location[:size]]

@@ -114,10 +114,10 @@ def _refusal(where: str, what: str, remedy: str = "") -> ParameterFileError:
 
 
 class _Loader(Composer, SafeConstructor, BaseResolver):
-    """PyYAML's safe loader, with the scalars of YAML 1.2 and without its liberties.
+    """PyYAML's safe loader, stricter, and with the scalars of YAML 1.2.
 
     It watches the nodes being composed, where places and lines are still known. What is
-    only a blemish is noted as a problem, and the entry taken as if it were not there.
+    only a flaw is noted as a problem, and the entry taken as if it were not there.
     """
 
     def __init__(self, text: str, where: str) -> None:
@@ -168,7 +168,7 @@ class _Loader(Composer, SafeConstructor, BaseResolver):
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         mapping: dict[Any, Any] = {}
-        for key, value in node.value:  # of two entries of one name the first stands
+        for key, value in node.value:  # of two entries of one name the first is kept
             mapping.setdefault(key.value, self.construct_object(value, deep))
         return mapping
 

@@ -69,7 +69,7 @@ def plot_result(result: Outcome) -> Figure:
 
 
 def plot_validation(result: Outcome) -> Figure | None:
-    """Draw the logs that were judged and not fitted; ``None`` when there are none."""
+    """Draw the validation logs; ``None`` when there are none."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -93,7 +93,7 @@ def static_view(result: Outcome) -> StaticView | None:
 
 
 def _plain_view(result: Outcome) -> StaticView | None:
-    """Output over the first input of a map that says nothing about its picture."""
+    """Output over the first input, for a map without a view of its own."""
     variant = result.variant
     first = result.experiments[0]
     inputs = [r.name for r in variant.roles if not r.output and r.name != "time"]

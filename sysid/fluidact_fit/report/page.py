@@ -274,7 +274,9 @@ def _whiteness(d: Mapping[str, Any]) -> str:
     if not w:
         return ""
     p = w["p_value"]
-    found = "are white" if p >= 0.01 else "are not white: they hold structure the model lacks"
+    found = (
+        "are white" if p >= 0.01 else "are not white: they contain structure that the model lacks"
+    )
     value = f"{p:.2g}" if p >= 1e-4 else "&lt; 0.0001"
     return f'<p class="faint">Residuals {found} (p {"=" if p >= 1e-4 else ""} {value}).</p>'
 

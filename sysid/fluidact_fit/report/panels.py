@@ -39,7 +39,7 @@ _MOST_ROWS = 18
 
 
 def output_panel(axes: Axes, runs: Sequence[Run], t: Scale, y: Scale, title: str) -> None:
-    """Measured against simulated over time; several runs lie over each other."""
+    """Measured against simulated over time; several runs are overlaid."""
     many = len(runs) > 1
     sparse = max(r.time.size for r in runs) <= 120
     for k, run in enumerate(runs):
@@ -77,7 +77,7 @@ def residual_panel(axes: Axes, runs: Sequence[Run], rmse: float, y: Scale, t: Sc
 
 
 def input_panel(axes: Axes, runs: Sequence[Run], t: Scale, u: Scale) -> None:
-    """What drove the model, as it was taken to move between samples."""
+    """What drove the model, drawn with the hold that the fit used."""
     for run in runs:
         if run.drive is None:
             continue
@@ -117,7 +117,7 @@ def correlation_panel(axes: Axes, residuals: Sequence[FloatArray], whiteness: st
 def correlation(
     residuals: Sequence[FloatArray], stems: int = 40
 ) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Autocorrelation at evenly spaced lags, as far as the residuals remember.
+    """Autocorrelation at evenly spaced lags, as far as the residuals are correlated.
 
     Parameters
     ----------

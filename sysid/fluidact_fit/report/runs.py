@@ -67,12 +67,12 @@ def fitted_runs(result: Outcome) -> list[Run]:
 
 
 def validated_runs(result: Outcome) -> list[Run]:
-    """Runs of the logs that were only judged."""
+    """Runs of the logs that were not fitted."""
     return make_runs(result.variant, result.validation)
 
 
 def choose(runs: Sequence[Run]) -> Choice:
-    """Up to three runs side by side; many short ones over each other; else the extremes."""
+    """Up to three runs side by side; many short ones overlaid; else the extremes."""
     if len(runs) <= MOST_COLUMNS:
         return Choice(runs, False, "")
     spans = np.array([np.ptp(r.time) for r in runs])

@@ -1,4 +1,4 @@
-"""Colours and dress of every panel. Colours are those of Okabe and Ito."""
+"""Colours and style of every panel. Colours are those of Okabe and Ito."""
 
 from __future__ import annotations
 

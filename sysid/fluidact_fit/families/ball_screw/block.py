@@ -147,16 +147,16 @@ class DriveBlock(Block):
     def feedforward(
         self, velocity: float, acceleration: float = 0.0, *, band: float = 0.0
     ) -> float:
-        """Input that follows a wanted motion: inertia, viscous and kinetic friction.
+        """Input for a wanted motion: inertia, viscous and kinetic friction.
 
         Parameters
         ----------
         velocity, acceleration
             Of the wanted motion [unit of the output per second, per second squared]. At
-            zero velocity the acceleration says which way the motion is about to go.
+            zero velocity the acceleration gives the direction of the motion to come.
         band
-            Velocity below which the kinetic level is blended in linearly: a controller
-            that feeds back a noisy velocity does not rattle [unit of the output per second].
+            Velocity below which the kinetic level is blended in linearly, so that noise of the
+            velocity causes no chatter [unit of the output per second].
         """
         way = velocity if velocity != 0.0 else acceleration
         if way == 0.0:

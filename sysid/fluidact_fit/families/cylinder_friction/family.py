@@ -5,22 +5,22 @@
     F_f = A_1 p_1 - A_2 p_2 - m a            without: the pressures drive
 
 ``F`` is what drives the motion, positive along positive velocity; pressure forces and the
-inertia ``m a`` are taken off when the areas and the mass are given. All levels are
-magnitudes. The regression sees moving samples only [1]_: near standstill friction is a
+inertia ``m a`` are subtracted when the areas and the mass are given. All levels are
+magnitudes. The regression uses moving samples only [1]_: near standstill friction is a
 matter of presliding and stiction, and a smoothed sign would bias the levels.
 
-A *measured velocity* stands in the equation as it is. Its noise would make ``b`` too small;
+A *measured velocity* enters the equation as it is. Its noise would make ``b`` too small;
 the instrument [4]_ in its place is the velocity smoothed over the neighbours of each sample,
 without its own reading, whose noise it does not share: ``Z' (F - A x) = 0``.
 
 The *slope of a position* is a weighted mean of the velocity; the force and the sign of the
-velocity go through the same mean. Whatever the filter takes off a fast stroke it takes off
-its force, so the friction is that of the unfiltered motion, reversals in the window
-included. The noise that is left in the slope is taken off the normal equations [3]_, and the
-covariance is that of the noise before the filter, carried through it.
+velocity go through the same mean. What the filter removes from a fast stroke it also removes
+from its force, so the friction is that of the unfiltered motion, reversals in the window
+included. The noise left in the slope is subtracted from the normal equations [3]_, and the
+covariance is that of the noise before the filter, propagated through it.
 
-Without a second speed in at least one direction, ``b v`` cannot be told from the levels:
-``viscous`` is then written as not identified and the levels hold all friction.
+Without a second speed in at least one direction, ``b v`` cannot be separated from the levels:
+``viscous`` is then written as not identified and the levels include all friction.
 
 References
 ----------
@@ -93,7 +93,7 @@ def _variant(motion: str, unit: str, time_required: bool, pressures: bool = Fals
     drive = (
         Role("pressure", "Pa", "pressure that drives positive motion (with --area)", output=True)
         if pressures
-        else Role("pressure", "Pa", "pressure whose force is no friction", required=False)
+        else Role("pressure", "Pa", "pressure whose force is not friction", required=False)
     )
     # with a hold, --step can stand for a pressure of which only the levels are known
     other = Role("pressure_2", "Pa", "pressure of the other chamber", required=False, hold="auto")
@@ -205,10 +205,10 @@ class CylinderFriction(Family[FrictionOptions]):
         experiment: Experiment,
         options: FrictionOptions,
     ) -> Information:
-        """What a motion would tell; see :meth:`Family.information`.
+        """Sensitivities of a motion; see :meth:`Family.information`.
 
         The rows are those of the force before any filter, at the samples that a fit would
-        keep. Without the mass they are those of steady speed. Other speeds than those of the
+        keep. Without the mass they are those of steady speed. Speeds other than those of the
         file are as good.
         """
         moved = self.variant(motion_role(variant))
@@ -229,7 +229,7 @@ class CylinderFriction(Family[FrictionOptions]):
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """Strokes at constant speeds; see :meth:`Family.excitation`.
 
-        Slow ones keep clear of the dead band by as much again, for the noise of a sample.
+        Slow ones keep clear of the dead band by as much again, to allow for noise.
         """
         options = self.options_type.read(document.options or {}, from_file=True)
         details = document.fit.details or {}

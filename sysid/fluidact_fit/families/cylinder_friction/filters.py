@@ -54,7 +54,7 @@ def _local_polynomial(
 def sensor_noise(experiment: Experiment, role: str) -> float:
     """Noise that no motion explains: high differences, or the resolution if that is more.
 
-    A handful of exact levels, as in a table of plateaus, is no resolution.
+    A handful of exact levels, as in a table of plateaus, is not a resolution.
     """
     signal = experiment.signals[role]
     values, resolution = signal.values, signal.resolution
@@ -100,9 +100,9 @@ def fill(values: FloatArray, inside: Mask) -> FloatArray:
 
 
 def sharpen(values: FloatArray, kernel: FloatArray) -> FloatArray:
-    """Put back what a filter took off, but for the third power of its share.
+    """Restore what a filter removed, but for the third power of its share.
 
-    What another pass takes off is what the first one took, to first order (Tukey's twicing).
+    Another pass removes what the first one did, to first order (Tukey's twicing).
     """
     reach = kernel.size // 2
     out = lost = values

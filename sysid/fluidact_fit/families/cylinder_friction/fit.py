@@ -58,7 +58,7 @@ class Fit:
 
 
 def fit_friction(variant: Variant, data: Sequence[Data], request: Request[FrictionOptions]) -> Fit:
-    """Fit, refuse what is not determined, and let an offset in where one must be.
+    """Fit, refuse what is not determined, and add an offset where one is needed.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def fit_friction(variant: Variant, data: Sequence[Data], request: Request[Fricti
 
 
 def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
-    """Reject forces that point along the motion as friction never does.
+    """Reject forces that act along the motion, as friction never does.
 
     Raises
     ------
@@ -119,29 +119,29 @@ def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
         return
     one_sided = len(names) == 1
     remedy = (
-        "Give --scale force=-1 if the sensor counts the other way. If the force comes "
+        "Give --scale force=-1 if the sensor has the opposite sign. If the force comes "
         "from one chamber's pressure, the other chamber is missing: give both as --column "
         "pressure=HEADER --area=M2 --column pressure_2=HEADER --area-2=M2, without a force."
     )
     if not any("force" in d.experiment for d in data):
         remedy = (
-            "pressure has to be that of the chamber that pushes along positive velocity, and "
+            "pressure has to be that of the chamber that pushes in the positive direction, and "
             "pressure_2 that of the other one, recorded or as levels (--step "
             "pressure_2=FROM:TO@T in Pa). Swap them with their areas, or give --scale "
-            "position=-1 (or velocity=-1) if the sensor counts the other way."
+            "position=-1 (or velocity=-1) if the sensor has the opposite sign."
         )
     raise LogError(
         f"friction would be negative ({mean:.4g} N): the force left after pressure and inertia "
-        "helps the motion",
+        "acts along the motion",
         where=", ".join(d.experiment.name for d in data),
-        expected="Force counts positive along positive velocity and is what drives the motion.",
+        expected="Force is positive along positive velocity and drives the motion.",
         remedy=remedy
-        + (" If a constant force adds to it, record strokes in both directions." * one_sided),
+        + (" If a constant force is added to it, record strokes in both directions." * one_sided),
     )
 
 
 def _with_remedy(spec: ParameterSpec, ranges: Mapping[str, tuple[float, float]]) -> ParameterSpec:
-    """The specification with a remedy in numbers: the speeds there are show which are missing."""
+    """The specification with a remedy in numbers, from the speeds that the logs have."""
     if spec.name == "viscous":
         wanted = " or ".join(
             f"at {SECOND_SPEED * high:.2g} m/s or faster, or {low / SECOND_SPEED:.2g} m/s or "
@@ -170,7 +170,7 @@ def _idle(side: str) -> Refusal:
 
 
 def _too_alike(reason: str) -> Refusal:
-    return Refusal("viscous", reason + " The Coulomb levels hold all friction at that speed.")
+    return Refusal("viscous", reason + " The Coulomb levels include all friction at that speed.")
 
 
 def _undetermined(
@@ -179,9 +179,9 @@ def _undetermined(
     ranges: Mapping[str, tuple[float, float]],
     noise: float,
 ) -> list[Refusal]:
-    """Viscous friction, if it could be half of all friction, or none of it.
+    """Viscous friction, if it could be anything from none to half of all friction.
 
-    The interval times the span of speeds is the force that is in doubt.
+    The interval times the range of speeds is the force that is in doubt.
     """
     if "viscous" not in found.names:
         return []
@@ -199,7 +199,7 @@ def _undetermined(
 
 @dataclass(frozen=True)
 class _Problem:
-    """What does not change from one attempt to the next; ``asked``: an offset has to be there."""
+    """What stays the same from attempt to attempt; ``asked``: an offset is required."""
 
     data: list[Data]
     limits: Mapping[str, tuple[float, float]]
@@ -207,10 +207,10 @@ class _Problem:
     asked: bool
 
     def solve(self, held: Mapping[str, float]) -> Regression:
-        """Solve with some parameters held, with an offset where a level about zero cannot be.
+        """Solve with some parameters held, with an offset where a level would be negative without.
 
-        In all logs together or in a single one: logs whose offsets differ hide them from
-        the common fit.
+        It may show in all logs together or in a single one: offsets that differ from log to log
+        do not show in the common fit.
         """
         possible = not any(n in held for n in LEVELS) and self.options.offset != "none"
         if self.asked:
@@ -230,7 +230,7 @@ class _Problem:
         kind = NotIdentifiedError if self.options.is_settled else UsageError
         raise kind(
             "an offset of the force cannot be estimated here",
-            expected="It takes motion in both directions and free Coulomb levels.",
+            expected="This needs motion in both directions and free Coulomb levels.",
             remedy="Leave --offset out, or record strokes in both directions.",
         )
 
@@ -253,7 +253,7 @@ class _Problem:
         limits = {**self.limits, _MEAN: (max(low), min(high))}
         if not names:
             raise UsageError(
-                "nothing is left to estimate: every parameter is fixed or out of reach",
+                "nothing is left to estimate: every parameter is fixed or undetermined",
                 remedy="Leave out one --fix.",
             )
         return System(self.data, names, held, limits).solve()
@@ -293,8 +293,8 @@ def _explain_offset(fit: Fit) -> list[Notice]:
     message = (
         f"the force has an offset of {size:.4g} N (another chamber, gravity, a preload or the "
         "sensor's zero), so a level about zero would be negative. The levels are taken about the "
-        "offset and are equal: their difference cannot be told from it. Remove the offset with "
-        "the other chamber's pressure, or give --offset=none."
+        "offset and are equal: their difference cannot be separated from it. Remove the offset "
+        "with the other chamber's pressure, or give --offset=none."
     )
     return [Notice("force-offset", message)]
 
@@ -304,10 +304,10 @@ def _explain_negative(fit: Fit) -> list[Notice]:
         raise LogError(
             "a Coulomb level would be negative: the force has an offset",
             where=", ".join(d.experiment.name for d in fit.data),
-            remedy="Leave out --offset=none to estimate it, or take it off the force.",
+            remedy="Leave out --offset=none to estimate it, or subtract it from the force.",
         )
     message = (
         "a Coulomb level would be negative and was held at zero: the force has an offset, or "
-        "friction bends with speed. Record strokes in both directions at several speeds."
+        "friction is not linear in speed. Record strokes in both directions at several speeds."
     )
     return [Notice("negative-friction", message)]

@@ -1,4 +1,4 @@
-"""Motion of a log: velocity, instrument and acceleration, and how long the filter is."""
+"""Motion of a log: velocity, instrument and acceleration, and the length of the filter."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Motion:
     Attributes
     ----------
     velocity : (n,)
-        Filtered; it tells which way a sample moves, and is the instrument of the regression.
-        Of a measured velocity, each sample's own reading has no part in it [m/s].
+        Filtered; it gives the direction of a sample, and is the instrument of the regression.
+        Of a measured velocity, each sample's own reading is left out of it [m/s].
     regressor : (n,)
         Velocity that belongs to the matched force: the measured one as it is, or the
         filtered slope of a position [m/s].
@@ -43,8 +43,8 @@ class Motion:
         Derivative of the regressor, a measured velocity filtered before [m/s2]; ``None``
         without time.
     bare : (n,)
-        Velocity that the filter flattens (next to) nothing of: as measured, or from a
-        position with the first order of what the filter took off put back [m/s].
+        Velocity that the filter hardly flattens: as measured, or from a position with the
+        first order of what the filter removed restored [m/s].
     sharp : (n,)
         Velocity to predict with, quiet and hardly flattened [m/s].
     inside : (n,)
@@ -109,7 +109,7 @@ def _filter(experiment: Experiment, role: str, half: int) -> Motion:
 
 
 def _stepped(experiment: Experiment, role: str) -> Motion:
-    """Motion that was not recorded but given as a step, and is taken as it stands.
+    """Motion that was not recorded but given as a step, and is taken as it is.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def match_force(experiment: Experiment, role: str, motion: Motion, force: FloatA
 
 
 def _flattens(before: Motion, now: Motion) -> bool:
-    """Whether a longer filter takes away much of the highest speed, and not just its noise.
+    """Whether a longer filter removes much of the highest speed, and not just its noise.
 
     Noise alone raises the highest speed by up to two of its standard deviations.
     """
@@ -228,12 +228,12 @@ def _common_smoothing(experiments: Sequence[Experiment]) -> float:
         if error < best:
             best, chosen = error, half
         if max(m.noise for m in motions) <= 0.25 * SLOW * min(m.fast for m in motions):
-            break  # the deadband is no wider for the noise
+            break  # noise does not widen the dead band
     return chosen * step
 
 
 def _smoothing_error(measured: FloatArray, motion: Motion, noise: float) -> float:
-    """Mean square of what a filter leaves in and takes off, but for a constant [(m/s)2]."""
+    """Mean square error of a filter: noise left and motion removed, plus a constant [(m/s)2]."""
     rest = (measured - motion.sharp)[motion.inside]
     # the part without the reading itself is further off by that reading's share
     others = (measured - motion.velocity)[motion.inside]

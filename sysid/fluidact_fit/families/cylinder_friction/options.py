@@ -15,11 +15,11 @@ PRESSURES = "-pressures"  # variants without a load cell
 
 @dataclass(frozen=True)
 class FrictionOptions(FamilyOptions):
-    """What is known of the cylinder, and which samples of a log are described."""
+    """What is known about the cylinder, and which samples of a log are described."""
 
     area: float | None = number(help="piston area that the pressure acts on", unit="m2", minimum=0)
     area_2: float | None = number(help="area that pressure_2 acts on", unit="m2", minimum=0)
-    mass: float | None = number(help="moving mass, to take inertia off", unit="kg", minimum=0)
+    mass: float | None = number(help="moving mass, to subtract inertia", unit="kg", minimum=0)
     filter: float | None = number(
         help="half-width of the zero-phase velocity filter (default: from the noise)", unit="s",
         minimum=0,
@@ -34,26 +34,26 @@ class FrictionOptions(FamilyOptions):
         "constant offset of the force: estimated where the levels need one, always, or never",
     )
     force_offset: bool | None = settled(
-        "flag", "whether every log has an offset of its force, about which the levels are equal"
+        "flag", "whether every log has a force offset, about which the levels are equal"
     )
     acceleration_limit: float | None = settled(
         "float", "acceleration above which an unknown mass would show", unit="m/s2"
     )
     speeds_positive: tuple[float, float] | None = settled(
-        "range", "the only speeds that are described, moving forwards", unit="m/s"
+        "range", "the only speeds described in the positive direction", unit="m/s"
     )
     speeds_negative: tuple[float, float] | None = settled(
-        "range", "the only speeds that are described, moving backwards", unit="m/s"
+        "range", "the only speeds described in the negative direction", unit="m/s"
     )
 
     @property
     def is_settled(self) -> bool:
-        """Whether a fit has been here: nothing is left to choose."""
+        """Whether a fit has settled everything: nothing is left to choose."""
         return self.force_offset is not None
 
     @property
     def speeds(self) -> dict[str, tuple[float, float]]:
-        """The only speeds that are described by direction; empty where all of them are."""
+        """The only speeds described, by direction; empty where all of them are."""
         both = {"positive": self.speeds_positive, "negative": self.speeds_negative}
         return {side: range_ for side, range_ in both.items() if range_ is not None}
 
@@ -101,7 +101,7 @@ def check_options(
         if area is not None and without and role != variant.output.name:
             known = options.is_settled
             raise UsageError(
-                f"the fit took off the force of {role}, and {without[0]} has none"
+                f"the fit subtracted the force of {role}, and {without[0]} has none"
                 if known
                 else f"--{name} was given, but {without[0]} has no {role}",
                 remedy=f"Give --column {role}=HEADER"
@@ -114,7 +114,8 @@ def check_options(
         if value is not None and untimed and not options.is_settled:
             raise UsageError(
                 f"--{name} needs time, and {untimed[0]} has none",
-                remedy=f"Give --column time=HEADER or --sample-time S, or leave --{name} out.",
+                remedy="Give --column time=HEADER or --sample-time SECONDS, "
+                f"or leave --{name} out.",
             )
 
 
@@ -134,8 +135,8 @@ def _check_chambers(experiments: Sequence[Experiment]) -> None:
             "of both chambers' forces",
             where=e.name,
             expected="Nothing was written.",
-            remedy="Give the other chamber's as --column pressure_2=HEADER with --area-2=M2. If it "
+            remedy="Give the other pressure as --column pressure_2=HEADER with --area-2=M2. If it "
             "was recorded in a repeat of the same command, put both columns into one log, or give "
             "its mean before and after a reversal at T seconds: --step pressure_2=FROM:TO@T (Pa). "
-            "A chamber open to the air, gauge pressures: --step pressure_2=0:0.",
+            "For a chamber open to the air and gauge pressures: --step pressure_2=0:0.",
         )

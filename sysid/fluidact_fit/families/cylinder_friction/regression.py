@@ -56,14 +56,14 @@ class System:
         self.timed = all(d.experiment.time.size for d in data)
 
     def _normal(self) -> tuple[FloatArray, FloatArray]:
-        """Normal equations ``Z' A x = Z' y``, common noise taken off; shapes (p, p), (p,)."""
+        """Normal equations ``Z' A x = Z' y``, common noise subtracted; shapes (p, p), (p,)."""
         a, z = np.vstack(self.columns), np.vstack(self.instruments)
         matrix = z.T @ a
         if "viscous" in self.names:
             k = self.names.index("viscous")
             noise = sum(int(d.kept.sum()) * d.motion.shared**2 for d in self.data)
             own = 1.0 / max(float(_invert(z.T @ z)[k, k]), 1e-300)
-            # where noise is most of it there is a warning, and no arithmetic that helps
+            # where noise is most of it there is a warning, and no remedy in arithmetic
             matrix[k, k] -= min(noise, 0.3 * own)
         return matrix, z.T @ np.concatenate(self.right)
 
@@ -124,8 +124,8 @@ class System:
     ) -> Uncertainty:
         """Enlarge by the autocorrelation of the force that white noise of a velocity hides.
 
-        The residuals of a quiet velocity lack the noise of the readings but for the slow
-        part, which alone matters to slow regressors.
+        The residuals of a quiet velocity lack the noise of the readings except for its slow
+        part, the only one that matters to slow regressors.
         """
         if all(d.motion.shared > 0.0 for d in self.data):
             return found
@@ -179,7 +179,7 @@ def _invert(matrix: FloatArray) -> FloatArray:
 def _stretches(kept: Mask) -> list[int]:
     """Where one stroke ends and another begins, as indices into the kept samples.
 
-    Crumbs of fewer than 20 samples stay with the stretch before them.
+    Remnants of fewer than 20 samples stay with the stretch before them.
     """
     index = np.flatnonzero(kept)
     out: list[int] = []

@@ -1,4 +1,4 @@
-"""What is said of a fit: warnings, and the details in the file."""
+"""What is said about a fit: warnings, and the details in the file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .samples import Data, half_range, prepare
 
 
 def warn_of_spikes(fit: Fit) -> list[Notice]:
-    """Warn of residuals far outside all others: they pull a least-squares fit."""
+    """Warn of residuals far outside all others: they bias a least-squares fit."""
     bare = zip(fit.data, fit.found.bare_residuals)
     r = np.concatenate([r[d.kept[d.support]] for d, r in bare])
     spread = 1.4826 * float(np.median(np.abs(r - np.median(r))))
@@ -28,8 +28,8 @@ def warn_of_spikes(fit: Fit) -> list[Notice]:
         return []
     message = (
         f"{count} of {r.size} moving samples lie more than {limit:.3g} N off the fit: "
-        "spikes of the load cell, or contact at the end of the stroke. Look at the plot and "
-        "leave them out with --window."
+        "spikes of the load cell, or contact at the end of the stroke. Look at the picture "
+        "(--plot) and leave them out with --window."
     )
     return [Notice("force-spikes", message)]
 
@@ -48,13 +48,13 @@ def warn_of_disagreement(fit: Fit) -> list[Notice]:
     message = (
         f"the logs do not share one friction: in {worst[1]}, {worst[2]} direction, it is "
         f"{worst[0]:.3g} N off the common fit. Friction of seals rises with pressure: fit logs "
-        "of different pressure one by one."
+        "of different pressure separately."
     )
     return [Notice("logs-disagree", message)]
 
 
 def warn_of_attenuation(fit: Fit) -> list[Notice]:
-    """Warn where viscous friction hinges on the noise of the velocity that was taken off."""
+    """Warn where viscous friction depends on the noise of the velocity that was subtracted."""
     if "viscous" not in fit.found.names:
         return []
     within = np.concatenate(
@@ -66,8 +66,8 @@ def warn_of_attenuation(fit: Fit) -> list[Notice]:
         return []
     message = (
         f"{100 * share:.0f} % of the variance of the speed is noise. It would make viscous "
-        "friction too small by as much and was taken off, but its size is known from the log "
-        "only. Give a longer --filter, or a better velocity."
+        "friction too small by as much. The bias was removed, but the size of the noise is known "
+        "from the log only. Give a longer --filter, or a better velocity."
     )
     return [Notice("velocity-noise", message)]
 
@@ -81,7 +81,7 @@ def warn_of_flattening(
 ) -> list[Notice]:
     """Warn where a filter of twice the width gives another viscous friction.
 
-    A measured velocity enters the regression unfiltered, and nothing can flatten it. From a
+    A measured velocity enters the regression unfiltered, and nothing can flatten it. With a
     position both sides are filtered alike; what is left is motion too fast for its own
     samples. The two estimates share their noise, so their difference varies as their
     variances differ.
@@ -105,7 +105,7 @@ def warn_of_flattening(
     message = (
         f"viscous friction changes by {change:+.3g} N s/m when the velocity filter is twice as "
         f"wide (half-width {half_width:.3g} s): the motion is too fast for these samples, or "
-        "friction is no straight line. Sample faster, move more slowly, or give a measured "
+        "friction is not linear in speed. Sample faster, move more slowly, or give a measured "
         "velocity; --filter sets the half-width."
     )
     return [Notice("velocity-flattened", message)]

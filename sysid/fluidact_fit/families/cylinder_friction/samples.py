@@ -16,7 +16,7 @@ from .motion import SLOW, Motion, make_motions, match_force
 from .options import FrictionOptions, check_options, driven_by_pressure, motion_role
 
 SIDES = ("positive", "negative")
-_LINGER = 1.5  # times the way through rest that its slope foretells: longer is a rest
+_LINGER = 1.5  # times the passage through rest that its slope predicts: longer is a rest
 _SMALL = 0.05  # share of the friction that inertia may have before it matters
 
 
@@ -24,11 +24,11 @@ _SMALL = 0.05  # share of the friction that inertia may have before it matters
 class Data:
     """One run, ready for the regression.
 
-    ``known`` is the part of the drive that is no friction, ``friction`` the rest (zero where
+    ``known`` is the part of the drive that is not friction, ``friction`` the rest (zero where
     no force was recorded), and ``matched`` that rest smoothed like the regressor, all of shape
     ``(n,)`` [N]; ``direction`` is the sign of the velocity, smoothed alike. ``moving`` marks
-    the samples outside the deadband, ``kept`` those that are fitted. The output is the drive
-    divided by ``scale``; ``driven`` tells whether it was recorded.
+    the samples outside the dead band, ``kept`` those that are fitted. The output is the drive
+    divided by ``scale``; ``driven`` says whether it was recorded.
     """
 
     experiment: Experiment
@@ -89,9 +89,9 @@ def _choose_deadband(motions: Sequence[Motion]) -> float:
 def _moving(motion: Motion, deadband: float) -> Mask:
     """Samples that move, and whose filter window holds no rest, shape ``(n,)``.
 
-    Near a rest the filter spreads motion over samples that stand still. A reversal in
-    passing has no rest: what lies within the deadband there is left out alone, unless the
-    matched force is a mean over it.
+    Near a rest the filter spreads motion over samples at rest. A reversal without a pause has
+    no rest: only what lies within the dead band there is left out, unless the matched force
+    is a mean over it.
     """
     v = motion.velocity
     idle = np.abs(v) <= deadband
@@ -120,7 +120,7 @@ def _passes(velocity: FloatArray, begin: int, end: int) -> bool:
     before, after = float(velocity[begin - 1]), float(velocity[min(end, velocity.size - 1)])
     if before * after >= 0.0:
         return False
-    # as many samples as a straight line through the neighbours of the deadband would need
+    # as many samples as a straight line through the neighbours of the dead band would need
     run = end - begin
     slope = abs(after - before) / (run + 1)
     edge = [abs(velocity[begin - 1] - velocity[max(begin - 2, 0)]),
@@ -150,7 +150,7 @@ def _drive(
 def prepare(
     variant: Variant, experiments: Sequence[Experiment], options: FrictionOptions
 ) -> tuple[list[Data], FrictionOptions]:
-    """Friction force and described samples per run; options with filter and deadband settled."""
+    """Friction force and described samples per run; options with filter and dead band settled."""
     check_options(variant, experiments, options)
     role = motion_role(variant)
     motions, half_width = make_motions(experiments, role, options.filter)
@@ -206,7 +206,7 @@ def simulate_force(
 ) -> list[Simulated]:
     """Force, or first pressure, that the motion of every run needs; see ``Family.simulate``.
 
-    Within the deadband a measured velocity is noise and nothing is known of friction: it
+    Within the dead band a measured velocity is noise and nothing is known of friction: it
     counts as zero there, and the sample as not described.
     """
     data, options = prepare(variant, experiments, options)
@@ -226,7 +226,7 @@ def simulate_force(
 
 
 def _find_offsets(data: Sequence[Data], law: FrictionLaw) -> dict[int, float]:
-    """Offset of the force of every log in which something moved [N].
+    """Force offset of every log with motion [N].
 
     Both directions count alike, however long each of them lasted: wrong levels then leave it
     as it is.
@@ -255,7 +255,7 @@ def sides_moved(data: Sequence[Data]) -> list[str]:
     moved = [s for s in SIDES if counts[s] >= least]
     if not moved:
         raise NotIdentifiedError(
-            "nothing moves in these logs, and friction shows in motion only",
+            "nothing moves in these logs, and friction shows only in motion",
             expected="Nothing was written.",
             remedy="Record strokes in both directions, or check --column and --unit of the "
             "motion, or give a smaller --deadband.",
@@ -276,7 +276,7 @@ def check_measured(data: Sequence[Data]) -> None:
     if span > 1e-12 * float(np.abs(force).max()):
         return
     raise LogError(
-        f"the force is {force[0]:g} N in all {force.size} moving samples: no sensor reads so",
+        f"the force is {force[0]:g} N in all {force.size} moving samples: no sensor does that",
         where=", ".join(d.experiment.name for d in data),
         expected="A measured force, with strokes in both directions. Nothing was written.",
         remedy="Check --column of the force and the load cell.",
@@ -284,7 +284,7 @@ def check_measured(data: Sequence[Data]) -> None:
 
 
 def half_range(data: Sequence[Data]) -> float:
-    """Half the distance of the mean forces of the two directions, or the one there is [N]."""
+    """Half the difference of the mean forces of both directions, or the only one [N]."""
     force = np.concatenate([d.matched[d.kept] for d in data])
     forward = np.concatenate([d.side("positive") for d in data])
     if forward.all() or not forward.any():
@@ -326,7 +326,7 @@ def leave_out_accelerations(
         if after < 0.2 * before:
             message = (
                 f"accelerating takes more than {100 * _SMALL:.0f} % of the friction in most of "
-                f"the moving samples (about {mass:.3g} kg). Give --mass=KG to take it off."
+                f"the moving samples (about {mass:.3g} kg). Give --mass=KG to subtract it."
             )
             return *unchanged, [Notice("inertia-matters", message)]
     return quiet, options, []

@@ -1,4 +1,4 @@
-"""Speeds of the strokes: is there a second one that tells viscous friction apart?"""
+"""Speeds of the strokes: is there a second one, as viscous friction needs?"""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def _speeds(speed: FloatArray) -> tuple[float, float] | None:
     """Range of the speeds of whole strokes [m/s].
 
     Weighted by distance, the short slow tails about a reversal weigh little and a fast
-    stroke as much as a slow one: the middle 80 % of the way travelled. Slow strokes that
-    take a fifth of the time are no tails, however short their way.
+    stroke as much as a slow one: the middle 80 % of the distance. Slow strokes that take a
+    fifth of the time are not tails, however short they are.
     """
     if speed.size < 5:
         return None
@@ -39,12 +39,12 @@ def speed_ranges(data: Sequence[Data], moved: Sequence[str]) -> dict[str, tuple[
 
 
 def speed_span(low: float, high: float, noise: float) -> float:
-    """Spread of true speeds, the noise of the velocity (2 x 1.282 sd) taken off [m/s]."""
+    """Spread of true speeds, the noise of the velocity (2 x 1.282 sd) subtracted [m/s]."""
     return float(np.sqrt(max((high - low) ** 2 - (2.563 * noise) ** 2, 0.0)))
 
 
 def one_speed(ranges: Mapping[str, tuple[float, float]], noise: float) -> bool:
-    """Whether every direction knows one speed only."""
+    """Whether every direction has one speed only."""
     for low, high in ranges.values():
         middle, half = 0.5 * (low + high), 0.5 * speed_span(low, high, noise)
         if middle + half >= SECOND_SPEED * (middle - half):
@@ -53,11 +53,11 @@ def one_speed(ranges: Mapping[str, tuple[float, float]], noise: float) -> bool:
 
 
 def around(ranges: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    """Ranges that leave out the ends of the strokes: levels are to be those of the one speed."""
+    """Ranges that leave out the ends of the strokes, so that levels belong to the one speed."""
     return {s: (0.9 * low, 1.1 * high) for s, (low, high) in ranges.items()}
 
 
 def describe_speeds(ranges: Mapping[str, tuple[float, float]]) -> str:
-    """Say what speeds were seen."""
+    """Say which speeds the logs have."""
     parts = [f"{low:.3g} and {high:.3g} m/s ({s} direction)" for s, (low, high) in ranges.items()]
-    return "all strokes, their ends aside, run between " + " and between ".join(parts)
+    return "all strokes, apart from their ends, are between " + " and between ".join(parts)

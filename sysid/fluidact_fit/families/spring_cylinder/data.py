@@ -61,7 +61,7 @@ def _settle(
 
 
 def _turning(e: Experiment, variant: Variant, options: SpringOptions) -> FloatArray | None:
-    """Signal whose changes tell the motion state; ``None`` where a column does."""
+    """Signal whose changes give the motion state; ``None`` where a column does."""
     if "direction" in e and options.motion_state in ("auto", "direction"):
         return None
     if options.motion_state == "direction":
@@ -100,7 +100,7 @@ def _velocity(e: Experiment, position: FloatArray) -> tuple[FloatArray, BoolArra
 
 
 def _away_from_reversals(drive: FloatArray, direction: FloatArray, settle: float) -> BoolArray:
-    """Samples whose friction has changed over: the drive has moved on since the reversal."""
+    """Samples whose friction has reversed: the drive has moved far enough since the reversal."""
     turned = np.concatenate(([0], np.flatnonzero(np.diff(direction)) + 1))
     span = float(np.ptp(drive))
     kept = np.ones(drive.size, dtype=bool)

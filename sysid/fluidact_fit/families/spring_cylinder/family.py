@@ -204,7 +204,7 @@ def _rms(values: FloatArray) -> float:
 
 
 def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str, Any]:
-    """What was done, for the file; the branches scored apart."""
+    """What was done, for the file; with the error of each branch."""
     residual = np.concatenate(found.residuals)
     state = np.concatenate([d.direction[d.kept] for d in runs])
     order = found.uncertainty.order
@@ -235,7 +235,7 @@ def _spike_notice(found: Regression, samples: int) -> list[Notice]:
             "force-spikes",
             f"{found.spikes} of {samples} samples lie more than {SPIKE:g} robust standard "
             f"deviations ({found.spike:.3g} N) off the fit and were given no weight: "
-            "spikes of the load cell, or a spring or friction that is not that of the equation. "
-            "Look at the plot; `force-map` takes any shape.",
+            "spikes of the load cell, or a spring or friction unlike that of the equation. Look at "
+            "the picture (--plot); the family force-map takes any shape.",
         )
     ]

@@ -20,8 +20,8 @@ class SpringOptions(FamilyOptions):
     motion_state: str = choice(
         "auto",
         ("auto", "direction", "command", "position"),
-        "where loading and unloading are told from: a direction column, the command or pressure, "
-        "or the position; auto takes the column if there is one",
+        "source of the motion state (loading or unloading): a direction column, the command or "
+        "pressure, or the position; auto takes the column if there is one",
     )
     dead_band: float | None = number(
         help="change that reverses the motion state, in SI (default: from the noise)", minimum=0

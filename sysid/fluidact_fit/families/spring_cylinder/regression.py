@@ -1,8 +1,8 @@
-"""Robust linear regression of the force, and what the logs cannot tell.
+"""Robust linear regression of the force, and what the logs cannot determine.
 
-Three constants meet two branches: ``F_0``, ``c_l`` and ``c_u`` only show as ``F_0 + c_l`` and
-``F_0 - c_u``. Unless the preload (or a level) is given with ``--fix``, the two levels are
-taken to be equal.
+There are three constants and two branches: ``F_0``, ``c_l`` and ``c_u`` show only as
+``F_0 + c_l`` and ``F_0 - c_u``. Unless the preload (or a level) is given with ``--fix``, the
+two levels are taken to be equal.
 
 References
 ----------
@@ -29,7 +29,7 @@ from .options import SpringOptions
 _EQUAL = "coulomb"  # stands for both levels where they are taken to be equal
 _HUBER = 2.5  # threshold in robust standard deviations
 SPIKE = 8.0  # robust standard deviations beyond which a lone sample counts as a spike
-_SENSIBLE = 2.0  # interval half-width in values of its own beyond which nothing is known
+_SENSIBLE = 2.0  # half-width of an interval, relative to the value, beyond which it is useless
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ def settle_levels(options: SpringOptions, fixed: Mapping[str, float]) -> SpringO
     if options.levels == "free" and not known:
         raise UsageError(
             "--levels=free needs one of the three constants",
-            expected="Preload and the two friction levels only show as two branches.",
-            remedy="Give --fix preload=N (a spring scale tells it), or leave --levels out.",
+            expected="Preload and the two friction levels show only as two branches.",
+            remedy="Give --fix preload=N (a spring scale shows it), or leave --levels out.",
         )
     if options.levels == "auto":
         return replace(options, levels="free" if known else "equal")
@@ -92,7 +92,7 @@ def regress(
     Raises
     ------
     NotIdentifiedError, LogError
-        When a parameter without a neutral value is out of reach, or of the wrong sign.
+        When a parameter without a neutral value is undetermined, or of the wrong sign.
     """
     specs = {s.name: s for s in variant.parameters}
     equal = request.options.levels == "equal"
@@ -187,7 +187,7 @@ def _solve(
 def _out_of_reach(
     runs: Sequence[Run], variant: Variant, fixed: Mapping[str, float]
 ) -> list[Refusal]:
-    """What cannot be told whatever the noise: compare what varies with what is needed."""
+    """What cannot be determined at any noise: compare what varies with what is needed."""
     drive, position, state, speed = (
         np.concatenate([getattr(d, k)[d.kept] for d in runs])
         for k in ("drive", "position", "direction", "velocity")
@@ -201,7 +201,7 @@ def _out_of_reach(
         if not np.any(state == sign):
             refused[name] = f"the logs only hold {other}."
     if any(n in refused for n in LEVELS) and "preload" not in fixed:
-        for name in LEVELS:  # the one level there is cannot be told from the preload
+        for name in LEVELS:  # a single level cannot be separated from the preload
             refused.setdefault(name, "with one direction it is part of the preload.")
     if not _speed_matters(speed):
         refused["viscous"] = "the piston hardly moves in any log."
@@ -214,7 +214,7 @@ def _speed_matters(speed: FloatArray) -> bool:
 
 
 def _undetermined(found: Regression, specs: Mapping[str, ParameterSpec]) -> list[Refusal]:
-    """A parameter whose interval says nothing, or that lies where it cannot."""
+    """A parameter whose interval is useless, or that has an impossible value."""
     for name in found.names:
         value, half = found.values[name], found.half_width(name)
         reason = ""
@@ -228,7 +228,7 @@ def _undetermined(found: Regression, specs: Mapping[str, ParameterSpec]) -> list
                 f"{name} would be {value:.3g} {specs[name].unit}, and it cannot be negative.",
                 expected="Expected a rod that pushes harder with more pressure and with a "
                 "shorter spring.",
-                remedy=f"Check the sign of the {column}: --scale {column}=-1 turns it.",
+                remedy=f"Check the sign of the {column}: --scale {column}=-1 reverses it.",
             )
         elif value <= 0.0 or half > _SENSIBLE * abs(value):
             reason = f"its 95 % interval would be {value:.3g} ± {half:.2g}."

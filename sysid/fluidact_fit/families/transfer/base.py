@@ -50,11 +50,11 @@ class TransferOptions(FamilyOptions):
     """What the fit of every transfer function settles."""
 
     initial_state: str | None = settled(
-        "choice", "whether the runs begin at rest or anywhere", choices=("free", "rest")
+        "choice", "whether the runs begin at rest or in any state", choices=("free", "rest")
     )
     offset_of: str | None = settled(
         "choice",
-        "what an offset of the output belongs to: a run, or where runs are short, their log",
+        "whether each run has its own output offset, or, where runs are short, each log",
         choices=("run", "log"),
     )
 
@@ -74,11 +74,11 @@ class Plan:
     lag
         Slowest response time [s] at a point of the axes: dead times are tried in proportion.
     sensible
-        Half-width of an interval that says nothing, by name [SI].
+        Half-width beyond which an interval is useless, by name [SI].
     fixed
-        What is held without the user having said so.
+        Values held although the user did not fix them.
     refusals
-        What is known beforehand to be out of reach.
+        Parameters known beforehand to be undetermined.
     """
 
     names: tuple[str, ...]

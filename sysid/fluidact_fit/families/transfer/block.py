@@ -129,7 +129,7 @@ class TransferBlock(Block):
             Wanted behind the dead zone [unit of the input].
         band
             Half-width about zero within which the jump from edge to edge is replaced by a
-            straight line [unit of the input]: noise about zero then does not rattle.
+            straight line [unit of the input]: noise about zero then causes no chatter.
         """
         low, high = self.dead_zone or (0.0, 0.0)
         if abs(force) < band:

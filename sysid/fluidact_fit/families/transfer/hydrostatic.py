@@ -6,8 +6,8 @@ A Hammerstein model whose static part has slope one by construction, so that mas
 damping keep their physical meaning. The thesis [1]_ found 53.7 kg and 1720.5 N s/m for two
 lines of 2.36 m.
 
-The force is measured while a hand moves it: it goes on moving between samples. Taking it
-as held moves the mass by ``-c Ts / 2`` (8.6 kg at 100 Hz), so it is not held by default.
+The force is that of a hand, which changes between samples. Taking it as held biases the
+mass by ``-c Ts / 2`` (8.6 kg at 100 Hz), so it is not held by default.
 
 References
 ----------
@@ -199,7 +199,7 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
     def derive(self, fitted: Fitted) -> dict[str, Quantity]:
         """Time constant, half-width and centre of the dead zone.
 
-        The centre cannot be told from an offset of the load cell, the half-width can.
+        The centre cannot be separated from an offset of the load cell, the half-width can.
         """
         return fitted.derive(
             {"time_constant": "s", "dead_zone_half_width": "N", "dead_zone_centre": "N"},
@@ -234,7 +234,7 @@ def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
 def _edges_out_of_reach(
     experiments: Sequence[Experiment], request: Request[HydrostaticOptions]
 ) -> list[Refusal]:
-    """Edges on a side to which the force never goes."""
+    """Edges on a side that the force never reaches."""
     high = max(float(e["force"].max()) for e in experiments)
     low = min(float(e["force"].min()) for e in experiments)
     scale = max(high, -low)
@@ -247,7 +247,7 @@ def _edges_out_of_reach(
             edge = 0.0 if reach <= 0.0 else reach
             hold = -edge if word == "negative" else edge
             reason = (
-                f"the force stays between {low:.3g} and {high:.3g} N: never on the {word} side."
+                f"the force stays between {low:.3g} and {high:.3g} N, never on the {word} side."
             )
             out.append(Refusal(name, reason, hold))
     return out

@@ -36,7 +36,7 @@ def realise(values: Values) -> tuple[Any, Any, Any]:
 
 @dataclass(frozen=True)
 class LineOptions(TransferOptions):
-    """What is known of the line."""
+    """What is known about the line."""
 
     length: float | None = number(
         help="length of the line, to compare the dead time with", unit="m", above=0.0
@@ -142,8 +142,8 @@ class Line(TransferFamily[LineOptions]):
                 "dead-time-not-travel-time",
                 f"the dead time {dead_time * 1e3:.3g} ms is not the travel time "
                 f"L/c = {expected * 1e3:.3g} ms of {length:g} m at {speed or 343.0:g} m/s"
-                f"{assumed}. A longer dead time holds delays of valve, sensor or bus, or the "
-                "slow first part of filling; a shorter one says that the time stamps or the "
+                f"{assumed}. A longer dead time includes delays of valve, sensor or bus, or the "
+                "slow first part of filling; a shorter one means that the time stamps or the "
                 "inlet signal are late.",
             )
         ]

@@ -2,8 +2,8 @@
 
     Y(s)/U(s) = K wn^2 (T_z s + 1) exp(-T_d s) / (s^2 + 2 zeta wn s + wn^2)
 
-Dead time and zero are optional. Under- and overdamped valves are one model: the poles
-may meet and turn real without a seam.
+Dead time and zero are optional. Under- and overdamped valves are one model: the poles may
+meet and become real without a discontinuity.
 
 References
 ----------
@@ -61,7 +61,7 @@ class Valve(TransferFamily[ValveOptions]):
             "valve",
             (
                 Role("time", "s", "time of each sample"),
-                Role("command", "V", "what the controller sends", hold="zoh",
+                Role("command", "V", "command that the controller sends", hold="zoh",
                      alternatives=("A", "1")),
                 Role("outlet", "Pa", "pressure (or flow) at the outlet", output=True,
                      alternatives=("m3/s", "V", "1")),

@@ -1,7 +1,7 @@
 """Exports of the data recorder of EPOS Studio (maxon positioning controllers).
 
 A block of ``key:;value`` lines, then a header whose first cell is empty, a row of units
-and rows set apart by semicolons. The first column is time.
+and rows separated by semicolons. The first column is time.
 """
 
 from __future__ import annotations

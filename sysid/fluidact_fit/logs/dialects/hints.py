@@ -27,7 +27,7 @@ class Hints:
     session_mark
         Text that begins a line the logger itself writes between data; such lines are no rows.
     rename
-        Mends the header line.
+        Corrects the header line.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Logs of the PuTTY terminal: whatever a microcontroller printed, from mid-line on.
+"""Logs of the PuTTY terminal: what a microcontroller printed, from mid-line on.
 
 The terminal starts logging in the middle of a line, and what was still in the buffer
 overprints the first lines, so some lines hold the pieces of two.
