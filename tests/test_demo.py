@@ -71,8 +71,7 @@ def test_demo_fails_when_a_truth_is_missed(tmp_path: Path, monkeypatch: pytest.M
 def test_dataset_names_what_the_family_knows(family: str) -> None:
     dataset, known = demo.load_dataset(family), ff.get_family(family)
     assert len(dataset.logs) == 3
-    options = {name.replace("_", "-") for name in dataset.options}
-    assert options <= {option.name for option in known.options}
+    assert known.options_type.read(dataset.options)
     parameters = {p.name for v in known.variants for p in v.parameters}
     assert set(dataset.truth) <= parameters
     for log in dataset.read():

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from fluidact_fit.errors import FluidactError, LogError, NotIdentifiedError, UsageError
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
+from fluidact_fit.families import get_family
 from fluidact_fit.families.potentiometer import selection, spread
 from fluidact_fit.families.potentiometer.block import PotentiometerBlock
 from fluidact_fit.families.potentiometer.calibration import rising_share
@@ -93,7 +94,7 @@ def numbers(result: Fitted, name: str) -> FloatArray:
 def document(parameters: Mapping[str, Quantity]) -> ParameterDocument:
     """The file of some parameters."""
     values = {k: q.value for k, q in parameters.items()}
-    return make_document({
+    content = {
         "format": "fluidact-parameters",
         "format_version": 1,
         "family": "potentiometer",
@@ -101,7 +102,8 @@ def document(parameters: Mapping[str, Quantity]) -> ParameterDocument:
         "model": FAMILY.model(VARIANT, values, PotentiometerOptions(), 0.0, "zoh"),
         "fit": {"samples": 2, "rmse": {"value": 1e-5, "unit": "m"}, "verdict": "pass"},
         "provenance": {"tool": {"name": "test", "version": "1"}, "created": "now"},
-    })  # fmt: skip
+    }
+    return make_document(content, get_family)
 
 
 def block(result: Fitted) -> PotentiometerBlock:

@@ -264,7 +264,7 @@ def test_static_maps_show_curve_points_and_what_was_left_out(tmp_path: Path) -> 
     for word in ("left out", "control points", "reference [mm]", "residual [mm]", "± 2 rmse"):
         assert word in found
     save_figure(figure, tmp_path / "map.svg")
-    assert plot_validation(make(validation=True)) is None
+    assert plot_validation(replace(make(validation=True), static_view=view)) is None
 
 
 def test_validation_has_its_own_picture() -> None:

@@ -243,7 +243,7 @@ def _smoothing_error(measured: FloatArray, motion: Motion, noise: float) -> floa
 
 def _filter_all(experiments: Sequence[Experiment], role: str, half_width: float) -> list[Motion]:
     """Motion of every log by a filter of one half-width [s]."""
-    halves = [round(half_width / e.sample_time) if e.time.size else 0 for e in experiments]
+    halves = [round(half_width / e.sample_time) if e.sample_time else 0 for e in experiments]
     return [_filter(e, role, half) for e, half in zip(experiments, halves)]
 
 

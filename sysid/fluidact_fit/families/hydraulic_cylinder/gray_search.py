@@ -104,7 +104,7 @@ def solve_gray_box(
     start
         All parameters by name.
     initial
-        State of every log at its beginning, from an earlier solution near by; the search then
+        State of every log at its beginning [SI], from an earlier solution near by; the search then
         starts without gaps between the segments. Left out, it starts from the measured signals.
     max_iterations
         Limit on accepted and rejected steps together.
