@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -58,13 +59,9 @@ class HydraulicBlock(Block):
         return net
 
     def flow(
-        self,
-        chamber: int,
-        command: npt.ArrayLike,
-        pressure: npt.ArrayLike,
-        *,
+        self, chamber: int, command: npt.ArrayLike, pressure: npt.ArrayLike, *,
         network: bool = False,
-    ) -> FloatArray:
+    ) -> FloatArray:  # fmt: skip
         """Flow into chamber 1 or out of chamber 2 [m3/s].
 
         Parameters
@@ -160,8 +157,5 @@ class HydraulicBlock(Block):
         pressure as well. The run starts from rest in the middle of the fitted logs.
         """
         inputs = {r: s for r, s in experiment.signals.items() if r != "position"}
-        run = Experiment(
-            experiment.name, experiment.log, experiment.time, inputs, experiment.sample_time,
-            experiment.uniform,
-        )  # fmt: skip
+        run = replace(experiment, signals=inputs)
         return simulate_run(run, self.parameters, self._options).output

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,8 +58,7 @@ class GrayFit:
         }
 
 
-@dataclass(frozen=True)
-class _Attempt:
+class _Attempt(NamedTuple):
     """One search with some parameters held."""
 
     problem: GrayProblem
@@ -109,14 +108,14 @@ class _Search:
 
     def undetermined(self, attempt: _Attempt) -> list[Refusal]:
         """The parameter whose interval says least, if it says nothing."""
-        solution, uncertainty = attempt.solution, attempt.uncertainty
+        problem, solution, uncertainty = attempt
         quantile = t_quantile(0.975, uncertainty.degrees)
         sensible = {
             **sensible_widths(self.unknowns),
             **{n: self.unknowns[n].scale for n in ("viscous", "coulomb")},
         }
         found: list[tuple[bool, float, Refusal]] = []
-        for k, name in enumerate(attempt.problem.names):
+        for k, name in enumerate(problem.names):
             half = quantile * float(np.sqrt(max(uncertainty.covariance[k, k], 0.0)))
             value, spec = solution.values[name], self.case.variant.parameter(name)
             share = 0.5
@@ -144,13 +143,11 @@ class _Search:
         NotIdentifiedError
             When its interval is wide once losses and dead zone may vary again.
         """
-        fixed = self.case.request.fixed
-        every = [self.unknowns[n] for n in GRAY_NAMES if n not in fixed]
-        free = attempt.problem.names
-        if "bulk_modulus" not in free or len(every) == len(free):
+        problem, solution, _ = attempt
+        every = [self.unknowns[n] for n in GRAY_NAMES if n not in self.case.request.fixed]
+        if "bulk_modulus" not in problem.names or len(every) == len(problem.names):
             return
-        solution = attempt.solution
-        wide = replace(attempt.problem, free=every, sigma=solution.sigma)
+        wide = replace(problem, free=every, sigma=solution.sigma)
         again = solve_gray_box(wide, solution.values, solution.initial, max_iterations=0)
         k = wide.names.index("bulk_modulus")
         half = 1.96 * float(np.sqrt(max(self.uncertainty(again).covariance[k, k], 0.0)))
@@ -168,13 +165,11 @@ def fit_gray(case: Case, first: Fitted, rows: FrictionRows) -> GrayFit:
     fixed = {n: float(v) for n, v in case.request.fixed.items() if n in GRAY_NAMES}
     specs = {s.name: s for s in case.variant.parameters}
     found = determine(
-        search.solve, search.undetermined, specs,
-        fixed=fixed, refusals=one_sided(case),
-    )  # fmt: skip
-    attempt, notices = found.solution, found.notices
-    solution = attempt.solution
-    search.check_bulk_modulus(attempt)
-    uncertainty, noise = with_command_noise(search.box, solution, attempt.uncertainty)
+        search.solve, search.undetermined, specs, fixed=fixed, refusals=one_sided(case)
+    )
+    search.check_bulk_modulus(found.solution)
+    (problem, solution, uncertainty), notices = found.solution, found.notices
+    uncertainty, noise = with_command_noise(search.box, solution, uncertainty)
     if not solution.converged:
         notices.append(
             Notice(
@@ -184,7 +179,7 @@ def fit_gray(case: Case, first: Fitted, rows: FrictionRows) -> GrayFit:
             )
         )
     solved = Solved(
-        solution.values, attempt.problem.names, uncertainty.covariance, uncertainty.degrees,
+        solution.values, problem.names, uncertainty.covariance, uncertainty.degrees,
         fixed, found.refused,
     )  # fmt: skip
     return GrayFit(solved, solution, search.box.slip, noise, notices)
@@ -198,14 +193,11 @@ def _start(
     force = 0.01 * (machine.supply - machine.tank) * machine.area(1)
     speeds = [np.abs(np.diff(e["position"])).sum() / np.ptp(e.time) for e in case.experiments]
     speed = max(float(np.mean(speeds)), 1e-6)
-    values = {"viscous": force / speed, "coulomb": force}
+    values = scales = {"viscous": force / speed, "coulomb": force}
     if rows.moving.sum() >= 8:
         found = fit_friction(case, rows, lenient=True).values
-        values = {n: found[n] for n in values}
-    scales = {
-        "viscous": max(values["viscous"], force / speed),
-        "coulomb": max(values["coulomb"], force),
-    }
+        values = {n: found[n] for n in scales}
+        scales = {n: max(v, scales[n]) for n, v in values.items()}
     start = {**dict.fromkeys(GRAY_NAMES, 0.0), **first.values, **values}
     start["bulk_modulus"] = float(np.clip(first.values["bulk_modulus"], 2e8, 3e9))
     return {**start, **{n: v for n, v in case.request.start.items() if n in start}}, scales
@@ -213,24 +205,22 @@ def _start(
 
 def _noise(experiments: Sequence[Experiment]) -> FloatArray:
     """Noise of the three channels, with a floor [Pa, Pa, m]."""
-    out = []
-    for role in CHANNELS:
-        found = [
-            noise_floor(e[role], 2) + max(e.signals[role].resolution, 1e-4 * float(np.ptp(e[role])))
-            for e in experiments
-            if role in e
-        ]
-        out.append(max(found, default=1.0))
-    return np.array(out)
+
+    def noise(e: Experiment, role: str) -> float:
+        least = max(e.signals[role].resolution, 1e-4 * float(np.ptp(e[role])))
+        return noise_floor(e[role], 2) + least
+
+    found = ([noise(e, role) for e in experiments if role in e] for role in CHANNELS)
+    return np.array([max(values, default=1.0) for values in found])
 
 
 def _spread(logs: Sequence[GrayLog], solution: GraySolution) -> FloatArray:
     """Root mean square of the residuals of each channel over all logs [Pa, Pa, m]."""
     total, count = np.zeros(3), np.zeros(3)
     for log, states in zip(logs, solution.states):
-        for c, y in zip(log.channels, log.measured):
-            total[c] += float(np.sum((y - states[:, c]) ** 2))
-            count[c] += y.size
+        rows = list(log.channels)
+        total[rows] += np.sum((log.measured - states.T[rows]) ** 2, axis=1)
+        count[rows] += log.samples
     spread = np.sqrt(total / np.maximum(count, 1.0))
     return np.where(spread > 0.0, spread, solution.sigma)
 
@@ -239,11 +229,8 @@ def resonance(case: Case, solved: Solved) -> dict[str, Quantity]:
     """Undamped resonance of the piston between the closed chambers, in the middle of the logs."""
     m, mass = case.machine, case.machine.mass or 1.0
     middle = np.array(case.rest_position())
-    compliance = 0.0
-    for i in (1, 2):
-        volume = m.volume(i, middle)
-        assert volume is not None
-        compliance += m.area(i) ** 2 / float(np.real(volume))
+    volumes = {i: m.volume(i, middle) for i in (1, 2)}
+    compliance = sum(m.area(i) ** 2 / float(v) for i, v in volumes.items() if v is not None)
 
     def function(v: Mapping[str, Any]) -> dict[str, Any]:
         omega = np.sqrt(v["bulk_modulus"] * compliance / mass)
