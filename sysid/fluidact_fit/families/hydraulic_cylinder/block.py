@@ -101,17 +101,10 @@ class HydraulicBlock(Block):
         return chamber if chamber in self._known else self._known[0]
 
     def __call__(self, command: float, pressure_1: float = 0.0, pressure_2: float = 0.0) -> float:
-        """Steady speed for a command and the measured pressures [m/s].
+        """Steady speed for a command [V] and the measured pressures [Pa], in m/s.
 
-        The flow of the chamber that is being fed sets it; friction and load are in the
-        pressures.
-
-        Parameters
-        ----------
-        command
-            [V]
-        pressure_1, pressure_2
-            [Pa]; only that of the chamber being fed is used.
+        The flow of the chamber that is being fed sets it, and only that pressure is used:
+        friction and load are in it.
         """
         chamber = self._feeding(command >= 0.0)
         pressure = pressure_1 if chamber == 1 else pressure_2
@@ -120,19 +113,9 @@ class HydraulicBlock(Block):
     def command_for(
         self, velocity: float, pressure_1: float = 0.0, pressure_2: float = 0.0
     ) -> float:
-        """Feed-forward command for a wanted speed: the exact inverse of calling the block.
+        """Feed-forward command [V] for a speed [m/s]: the exact inverse of calling the block.
 
-        Parameters
-        ----------
-        velocity
-            [m/s]
-        pressure_1, pressure_2
-            [Pa]
-
-        Returns
-        -------
-        float
-            Command [V]; 0 for zero speed, infinite where the pressures leave no drop for it.
+        It is 0 for zero speed and infinite where the pressures [Pa] leave no drop for it.
         """
         if velocity == 0.0:
             return 0.0

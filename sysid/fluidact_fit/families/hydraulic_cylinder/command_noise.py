@@ -102,13 +102,9 @@ def _score_slopes(
 
 
 def _favours_noise(
-    log: GrayLog,
-    solution: GraySolution,
-    index: int,
-    transition: FloatArray,
-    drive: FloatArray,
+    log: GrayLog, solution: GraySolution, index: int, transition: FloatArray, drive: FloatArray,
     sigma: float,
-) -> bool:
+) -> bool:  # fmt: skip
     """Whether the residuals of a log speak for noise on its command, or at least not against it.
 
     ``transition`` and ``drive`` are those of :meth:`.GrayBox.per_sample`, ``sigma`` is the
@@ -131,13 +127,9 @@ def _favours_noise(
 
 
 def _innovations(
-    log: GrayLog,
-    table: FloatArray,
-    noise: FloatArray,
-    transition: FloatArray,
-    drive: FloatArray,
-    sigma: float,
-) -> tuple[FloatArray, float]:
+    log: GrayLog, table: FloatArray, noise: FloatArray, transition: FloatArray,
+    drive: FloatArray, sigma: float,
+) -> tuple[FloatArray, float]:  # fmt: skip
     """Kalman filter over every column of a table, ``(n, channels, m)``, in units of the noise.
 
     Returns

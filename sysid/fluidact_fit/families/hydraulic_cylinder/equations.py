@@ -24,14 +24,9 @@ LOSSES = {1: ("line_loss_1", "line_loss_3"), 2: ("line_loss_4", "line_loss_2")}
 
 
 def effective_command(command: Array, negative: complex, positive: complex) -> Array:
-    """Command beyond the dead zone: ``max(u - u+, 0) + min(u - u-, 0)``.
+    """Command beyond the dead zone [V]: ``max(u - u+, 0) + min(u - u-, 0)``, shape ``(n,)``.
 
-    Parameters
-    ----------
-    command : (n,)
-        [V]
-    negative, positive
-        Edges of the dead zone [V]; complex in derivatives.
+    The edges are complex in derivatives.
     """
     above = np.where(np.real(command - positive) > 0.0, command - positive, 0.0)
     below = np.where(np.real(command - negative) < 0.0, command - negative, 0.0)
@@ -47,14 +42,11 @@ def orifice_flow(command: Array, drop: Array, gain: complex, loss: complex) -> A
 
     Parameters
     ----------
-    command : (n,)
-        Beyond the dead zone [V].
-    drop : (n,)
-        Pressure across valve and line [Pa]; flow turns back where it is negative.
-    gain
-        ``K`` [m3/(s V Pa^0.5)].
-    loss
-        ``r`` [Pa s/m3].
+    command, drop : (n,)
+        Beyond the dead zone [V]; pressure across valve and line [Pa]: flow turns back where it
+        is negative.
+    gain, loss
+        ``K`` [m3/(s V Pa^0.5)] and ``r`` [Pa s/m3].
 
     Returns
     -------
@@ -76,13 +68,9 @@ def pressure_drop(
 
 
 def chamber_flow(
-    chamber: int,
-    command: Array,
-    pressure: Array,
-    values: Mapping[str, Any],
-    supply: float,
-    tank: float,
-) -> Array:
+    chamber: int, command: Array, pressure: Array, values: Mapping[str, Any],
+    supply: float, tank: float,
+) -> Array:  # fmt: skip
     """Flow into chamber 1 or out of chamber 2, ``K_i u g_i`` of equation 4.
 
     Parameters

@@ -101,6 +101,20 @@ def _specs() -> tuple[ParameterSpec, ...]:
         )
         for i, text in enumerate(where, start=1)
     ]  # fmt: skip
+    edges = [
+        ParameterSpec(
+            f"dead_zone_{side}", "V", f"command {beyond} which the valve opens", neutral=0.0,
+            curved=True, remedy=_EDGE_REMEDY, minimum=low, maximum=high,
+        )
+        for side, beyond, low, high in (
+            ("negative", "below", -np.inf, 0.0), ("positive", "above", 0.0, np.inf),
+        )
+    ]  # fmt: skip
+    friction = [
+        ParameterSpec(name, unit, f"{kind} friction of the piston", neutral=0.0, minimum=0.0,
+                      remedy=_FRICTION_REMEDY)
+        for name, unit, kind in (("viscous", "N s/m", "viscous"), ("coulomb", "N", "dry"))
+    ]  # fmt: skip
     networks = [
         ParameterSpec(
             f"{net}_{layer}", "1", f"{layer.replace('_', ' ')} of the network of {net}",
@@ -119,22 +133,8 @@ def _specs() -> tuple[ParameterSpec, ...]:
             "bulk_modulus=1e9 (typical: 0.5e9 to 1.5e9 Pa). Without --dead-volume-1 and "
             "--dead-volume-2 the plateaus alone are used, which do not need it.",
         ),
-        ParameterSpec(
-            "dead_zone_negative", "V", "command below which the valve opens", neutral=0.0,
-            maximum=0.0, curved=True, remedy=_EDGE_REMEDY,
-        ),
-        ParameterSpec(
-            "dead_zone_positive", "V", "command above which the valve opens", neutral=0.0,
-            minimum=0.0, curved=True, remedy=_EDGE_REMEDY,
-        ),
-        ParameterSpec(
-            "viscous", "N s/m", "viscous friction of the piston", neutral=0.0, minimum=0.0,
-            remedy=_FRICTION_REMEDY,
-        ),
-        ParameterSpec(
-            "coulomb", "N", "dry friction of the piston", neutral=0.0, minimum=0.0,
-            remedy=_FRICTION_REMEDY,
-        ),
+        *edges,
+        *friction,
         *networks,
     )  # fmt: skip
 
@@ -296,8 +296,8 @@ def _by_gray_box(case: Case) -> _Found | None:
         return None
     parameters, order, matrix = found.solved.quantities(case.variant.parameters)
     return _Found(
-        friction, parameters, order, matrix, found.settle(case.options),
-        found.notices, found.details(), found.solved,
+        friction, parameters, order, matrix, found.options, found.notices, found.details,
+        found.solved,
     )  # fmt: skip
 
 

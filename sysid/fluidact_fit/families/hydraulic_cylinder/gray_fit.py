@@ -11,9 +11,9 @@ import numpy as np
 from ...errors import Notice
 from ...estimation.noise import noise_floor
 from ...estimation.parametric import Fitted, make_unknowns
-from ...estimation.results import Refusal, Solved, determine, refuse
+from ...estimation.results import Refusal, Solved, determine, left_open, refuse
 from ...estimation.separable import Unknown
-from ...estimation.uncertainty import Uncertainty, score_covariance, t_quantile
+from ...estimation.uncertainty import Uncertainty, score_covariance
 from ...experiment import Experiment, FloatArray
 from ...family import Quantity
 from .case import Case
@@ -31,31 +31,12 @@ _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says 
 
 @dataclass(frozen=True)
 class GrayFit:
-    """A finished fit of the gray box; ``command_noise`` is what was found of it [V]."""
+    """A finished fit of the gray box, with the options it settled and what the file says of it."""
 
     solved: Solved
-    solution: GraySolution
-    slip: float
-    command_noise: float
+    options: HydraulicCylinderOptions
+    details: dict[str, Any]
     notices: list[Notice]
-
-    def settle(self, options: HydraulicCylinderOptions) -> HydraulicCylinderOptions:
-        """Options with the weights of the channels and the rounding of friction."""
-        sigma = self.solution.sigma.tolist()
-        return replace(
-            options, stage="gray-box", slip=self.slip,
-            residual_pressure_1=sigma[0], residual_pressure_2=sigma[1], residual_position=sigma[2],
-        )  # fmt: skip
-
-    def details(self) -> dict[str, Any]:
-        """What the file says of the fit beside its numbers."""
-        return {
-            "method": "gray-box output error of pressures and position (multiple shooting)",
-            "iterations": self.solution.iterations,
-            "converged": self.solution.converged,
-            "covariance": "long-run variance of the scores",
-            "command_noise": self.command_noise,
-        }
 
 
 class _Attempt(NamedTuple):
@@ -109,31 +90,20 @@ class _Search:
     def undetermined(self, attempt: _Attempt) -> list[Refusal]:
         """The parameter whose interval says least, if it says nothing."""
         problem, solution, uncertainty = attempt
-        quantile = t_quantile(0.975, uncertainty.degrees)
-        sensible = {
-            **sensible_widths(self.unknowns),
-            **{n: self.unknowns[n].scale for n in ("viscous", "coulomb")},
-        }
-        found: list[tuple[bool, float, Refusal]] = []
-        for k, name in enumerate(problem.names):
-            half = quantile * float(np.sqrt(max(uncertainty.covariance[k, k], 0.0)))
-            value, spec = solution.values[name], self.case.variant.parameter(name)
-            share = 0.5
-            if name == "bulk_modulus":
-                share, half = _CERTAIN, np.inf if solution.active[k] else half
-            width = sensible.get(name, share * abs(value))
-            if half <= width:
-                continue
-            reason = (
-                f"its 95 % interval would be {value:.3g} ± {half:.2g} {spec.unit}, wide enough "
-                "to hold every sensible value."
-                if np.isfinite(half)
-                else "the pressures and the position hardly depend on it in these logs."
-            )
-            ratio = half / width if np.isfinite(half) and width > 0.0 else np.inf
-            found.append((spec.neutral is not None, ratio, Refusal(name, reason)))
+        sizes = {n: 0.5 * max(abs(solution.values[n]), 1e-300) for n in problem.names}
+        friction = {n: self.unknowns[n].scale for n in ("viscous", "coulomb")}
+        sensible = {**sizes, **sensible_widths(self.unknowns), **friction}
+        matrix = uncertainty.covariance.copy()
+        if "bulk_modulus" in problem.names:
+            k = problem.names.index("bulk_modulus")
+            sensible["bulk_modulus"] *= _CERTAIN / 0.5
+            matrix[k, k] = np.inf if solution.active[k] else matrix[k, k]
+        solved = Solved(solution.values, problem.names, matrix, uncertainty.degrees)
+        specs = [self.case.variant.parameter(n) for n in problem.names]
         # what can be left out goes first: a gain may be sure once the losses are gone
-        return [max(found, key=lambda f: f[:2])[2]] if found else []
+        dispensable = {s.name: s for s in specs if s.neutral is not None}
+        others = {s.name: s for s in specs if s.neutral is None}
+        return left_open(solved, dispensable, sensible) or left_open(solved, others, sensible)
 
     def check_bulk_modulus(self, attempt: _Attempt) -> None:
         """Refuse a bulk modulus that looks certain only because other parameters were held.
@@ -182,7 +152,19 @@ def fit_gray(case: Case, first: Fitted, rows: FrictionRows) -> GrayFit:
         solution.values, problem.names, uncertainty.covariance, uncertainty.degrees,
         fixed, found.refused,
     )  # fmt: skip
-    return GrayFit(solved, solution, search.box.slip, noise, notices)
+    sigma = solution.sigma.tolist()
+    options = replace(
+        case.options, stage="gray-box", slip=search.box.slip,
+        residual_pressure_1=sigma[0], residual_pressure_2=sigma[1], residual_position=sigma[2],
+    )  # fmt: skip
+    details = {
+        "method": "gray-box output error of pressures and position (multiple shooting)",
+        "iterations": solution.iterations,
+        "converged": solution.converged,
+        "covariance": "long-run variance of the scores",
+        "command_noise": noise,
+    }
+    return GrayFit(solved, options, details, notices)
 
 
 def _start(

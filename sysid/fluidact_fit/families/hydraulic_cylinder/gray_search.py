@@ -92,10 +92,8 @@ def solve_gray_box(
 
     Parameters
     ----------
-    problem
-        Logs, machine, and what is free.
-    start
-        All parameters by name.
+    problem, start
+        Logs, machine and what is free, and where to begin: all parameters by name.
     initial
         State of every log at its beginning, from an earlier solution near by; the search then
         starts without gaps between the segments. Left out, it starts from the measured signals.
@@ -196,22 +194,22 @@ def _sharpen(problem: GrayProblem, now: _Iterate) -> _Iterate:
     return last if np.isfinite(last.cost) else now
 
 
+@np.errstate(all="ignore")  # a simulation that has run away
 def _residuals(log: GrayLog, states: FloatArray, sigma: FloatArray) -> FloatArray:
     """Weighted residuals, channel after channel."""
-    with np.errstate(over="ignore", invalid="ignore"):  # a simulation that has run away
-        r = [(y - states[:, c]) / sigma[c] for c, y in zip(log.channels, log.measured)]
+    r = [(y - states[:, c]) / sigma[c] for c, y in zip(log.channels, log.measured)]
     return np.concatenate(r)
 
 
+@np.errstate(all="ignore")
 def _jacobian(log: GrayLog, slope: FloatArray, sigma: FloatArray) -> FloatArray:
     """Their derivatives with the sign of the model."""
     return np.vstack([slope[:, c, :] / sigma[c] for c in log.channels])
 
 
+@np.errstate(all="ignore")
 def _cost(log: GrayLog, states: FloatArray, sigma: FloatArray) -> float:
-    r = _residuals(log, states, sigma)
-    with np.errstate(all="ignore"):
-        cost = float(np.sum(r**2))
+    cost = float(np.sum(_residuals(log, states, sigma) ** 2))
     return cost if np.isfinite(cost) else np.inf
 
 
@@ -226,12 +224,12 @@ def _close(
     return _Iterate(dict(values), nodes, states, [], cost)
 
 
+@np.errstate(all="ignore")
 def _linearise(problem: GrayProblem, point: _Iterate) -> None:
-    with np.errstate(all="ignore"):
-        point.linear = [
-            problem.box.linearise(log, nodes, point.values, problem.names)
-            for log, nodes in zip(problem.box.logs, point.nodes)
-        ]
+    point.linear = [
+        problem.box.linearise(log, nodes, point.values, problem.names)
+        for log, nodes in zip(problem.box.logs, point.nodes)
+    ]
 
 
 def _evaluate_gaps(problem: GrayProblem, point: _Iterate) -> None:

@@ -59,15 +59,12 @@ def _train(inputs: FloatArray, target: FloatArray, hidden: int, seed: int) -> Ne
     from ...estimation.network import search
 
     centre, spread = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), 1e-300)
-    middle, size = float(target.mean()), max(float(target.std()), 1e-300)
+    middle, size = target.mean(keepdims=True), np.maximum(target.std(keepdims=True), 1e-300)
     rng = np.random.default_rng([seed, hidden, inputs.shape[1]])
-    net = search(
-        (inputs - centre) / spread, (target - middle) / size, (hidden,), rng, starts=8
-    ).best.network
-    return Network(
-        net.weights[0], net.biases[0], net.weights[1], net.biases[1],
-        centre, spread, np.array([middle]), np.array([size]),
-    )  # fmt: skip
+    x, y = (inputs - centre) / spread, (target - middle) / size
+    net = search(x, y, (hidden,), rng, starts=8).best.network
+    (w1, w2), (b1, b2) = net.weights, net.biases
+    return Network(w1, b1, w2, b2, centre, spread, middle, size)
 
 
 def network_of(parameters: Mapping[str, Any], name: str) -> Network | None:
@@ -109,9 +106,9 @@ def fit_networks(
         nets["friction"], table = _friction_network(rows, values, case.request.seed)
         tables["Friction: models on held-out windows"] = table
     layers = {
-        f"{name}_{layer}": Quantity(getattr(net, layer).tolist(), "1", "estimated")
+        f"{name}_{layer}": Quantity(numbers.tolist(), "1", "estimated")
         for name, net in nets.items()
-        for layer in LAYERS
+        for layer, numbers in net._asdict().items()
     }
     return layers, {title: table for title, table in tables.items() if table}
 

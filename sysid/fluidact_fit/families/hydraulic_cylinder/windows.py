@@ -26,28 +26,21 @@ Rows = npt.NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Windows:
-    """Flow balance of one chamber of one experiment over short windows.
+    """Flow balance of one chamber (1 or 2) of one experiment over short windows.
 
     Attributes
     ----------
     experiment
-        Index of the experiment.
-    chamber
-        1 or 2.
-    first, last : (m,)
-        First and last sample of every window.
-    duration : (m,)
-        [s]
+        Its index.
+    first, last, duration : (m,)
+        First and last sample of every window, and the time between them [s].
     motion : (m,)
         ``A dy / duration``: flow that moves the piston [m3/s].
     swelling : (m,)
-        ``-+ int V dp / duration``: times ``1/beta`` the flow that compresses oil [m3 Pa/s],
-        with the sign that makes ``motion = Q + swelling / beta``. Zero where the dead
-        volume is not known.
-    command, before, after
-        Held command and pressure at both ends of every interval of the log, ``(n - 1,)``.
-    step : (n - 1,)
-        [s]
+        ``-+ int V dp / duration`` [m3 Pa/s]: ``motion = Q + swelling / beta``. Zero where the
+        dead volume is not known.
+    command, before, after, step : (n - 1,)
+        Held command, pressure at both ends and length [s] of every interval of the log.
     """
 
     experiment: int
