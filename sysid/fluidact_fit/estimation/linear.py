@@ -103,11 +103,17 @@ def _exponential_series(m: Array) -> Array:
     return np.asarray(result)
 
 
-def _powers(phi: Array, count: int) -> Array:
-    """``phi**0 ... phi**(count - 1)`` by doubling, shape ``(count, n, n)``."""
-    n = phi.shape[0]
-    out = np.empty((count, n, n), dtype=phi.dtype)
-    out[0] = np.eye(n)
+def _scaled_transition(a: Array, b: Array, steps: Array, degree: int) -> tuple[Array, Array]:
+    """`transition` with ``gamma_i h**i``, to be multiplied by the coefficients of the input."""
+    phi, gamma = transition(a, b, steps, degree)
+    assert gamma is not None
+    return phi, gamma * (steps[:, None] ** np.arange(degree + 1))[:, None, :]
+
+
+def _orbit(start: Array, phi: Array, count: int) -> Array:
+    """``start phi**k`` for ``k`` below ``count``, as many again with every product."""
+    out = np.empty((count, *start.shape), dtype=np.result_type(start, phi))
+    out[0] = start
     have, top = 1, phi
     while have < count:
         more = min(have, count - have)
@@ -152,7 +158,7 @@ def _scan_equal(phi: Array, forcing: Array, start: Array) -> Array:
     blocks = -(-m // width)
     kind = np.result_type(phi, forcing, start)
     powers = np.zeros((width + 2, n, n), dtype=kind)
-    powers[1:] = _powers(phi, width + 1)
+    powers[1:] = _orbit(np.eye(n), phi, width + 1)
     padded = np.zeros((blocks * width, n), dtype=kind)
     padded[:m] = forcing
     answer = powers[_lags(width)].transpose(0, 3, 1, 2).reshape(width * n, width * n)
@@ -251,11 +257,6 @@ def make_grid(instants: FloatArray) -> Grid:
     return Grid(instants, distinct, which)
 
 
-def _select(table: Array, which: npt.NDArray[np.intp]) -> Array:
-    """Pick a row per step, without a copy per step when there is only one row."""
-    return table[0] if table.shape[0] == 1 else table[which]
-
-
 def free_response(a: Array, c: Array, grid: Grid) -> Array:
     """Outputs ``C exp(A (t - t0)) e_i`` for every unit initial state, shape ``(m, n)``.
 
@@ -266,7 +267,6 @@ def free_response(a: Array, c: Array, grid: Grid) -> Array:
     grid
         Instants of the log.
     """
-    n = a.shape[0]
     m = grid.which.size
     if m == 0:
         return c[None, :].copy()
@@ -274,31 +274,22 @@ def free_response(a: Array, c: Array, grid: Grid) -> Array:
     # a stable system forgets: what is left after the head is the last value
     head = min(m, _HEAD) if phi.shape[0] == 1 else m
     step = phi[0] if phi.shape[0] == 1 else phi[grid.which]
-    columns = _free_columns(step, c, head, n)
+    columns = _free_columns(step, c, head)
     if head < m:
         change = np.abs(columns[-1] - columns[-2])
         if np.all(change <= 1e-15 * np.abs(columns).max(axis=0)):
-            tail = np.broadcast_to(columns[-1], (m - head, n))
+            tail = np.broadcast_to(columns[-1], (m - head, c.size))
             return np.concatenate((columns, tail))
-        columns = _free_columns(step, c, m, n)
+        columns = _free_columns(step, c, m)
     return columns
 
 
-def _free_columns(step: Array, c: Array, m: int, n: int) -> Array:
+def _free_columns(step: Array, c: Array, m: int) -> Array:
     """Free responses over ``m`` steps, shape ``(m + 1, n)``."""
-    if step.ndim == 3:
-        none = np.zeros((m, n))
-        return np.column_stack([scan(step, none, np.eye(n)[i]) @ c for i in range(n)])
-    out = np.empty((m + 1, n), dtype=np.result_type(step, c))
-    out[0] = c
-    have, top = 1, step
-    while have <= m:  # row k is c phi**k: as many again with every product
-        more = min(have, m + 1 - have)
-        np.matmul(out[:more], top, out=out[have : have + more])
-        have += more
-        if have <= m:
-            top = top @ top
-    return out
+    if step.ndim == 2:
+        return _orbit(c, step, m + 1)
+    none = np.zeros((m, c.size))
+    return np.column_stack([scan(step, none, e) @ c for e in np.eye(c.size)])
 
 
 def forced_response(
@@ -334,7 +325,6 @@ def forced_response(
     (k,)
     """
     grid = make_grid(u.nodes) if grid is None else grid
-    degree = u.coefficients.shape[1] - 1
     if states is None:
         states = states_at_nodes(a, b, u, grid)
     if instants is grid.instants and not np.iscomplexobj(dead_time) and dead_time == 0.0:
@@ -358,7 +348,13 @@ def forced_response(
     if moved.size == 1 and abs(moved[0]) == 0.0:
         y = states[piece] @ c
     else:
-        y = _advance(a, b, c, u, states, piece, which_all, moved, degree)
+        phi, gamma = _scaled_transition(a, b, moved, u.coefficients.shape[1] - 1)
+        row, rows = np.einsum("i,kij->kj", c, phi), np.einsum("i,kij->kj", c, gamma)
+        if moved.size == 1:
+            y = states[piece] @ row[0] + u.coefficients[piece] @ rows[0]
+        else:
+            y = np.einsum("kn,kn->k", states[piece], row[which_all])
+            y = y + np.einsum("kd,kd->k", u.coefficients[piece], rows[which_all])
         y += _kink_part(a, b, c, u, instants - dead_time, piece, grid.instants)
     return np.where(inside, y, 0.0)
 
@@ -368,51 +364,22 @@ def states_at_nodes(a: Array, b: Array, u: PiecewiseInput, grid: Grid) -> Array:
     n, degree = a.shape[0], u.coefficients.shape[1] - 1
     if grid.which.size == 0:
         return np.zeros((1, n), dtype=np.result_type(a, b))
-    phi, gamma = transition(a, b, grid.distinct, degree)
-    assert gamma is not None
-    powers = grid.distinct[:, None] ** np.arange(degree + 1)
-    scaled = gamma * powers[:, None, :]
+    phi, gamma = _scaled_transition(a, b, grid.distinct, degree)
     pieces = u.coefficients[:-1]
-    if scaled.shape[0] == 1:
-        forcing = pieces @ scaled[0].T
+    equal = phi.shape[0] == 1
+    if equal:
+        forcing = pieces @ gamma[0].T
     else:
-        forcing = np.einsum("mi,mni->mn", pieces, scaled[grid.which])
+        forcing = np.einsum("mi,mni->mn", pieces, gamma[grid.which])
     kinks = u.kinks
     if kinks.interval.size:
-        step = grid.distinct[grid.which] if grid.distinct.size > 1 else None
-        length = grid.distinct[0] if step is None else step
         last = kinks.interval < grid.which.size
         index = kinks.interval[last]
-        lengths = length if step is None else step[index]
-        rest = lengths - kinks.offset[last]
+        rest = grid.distinct[grid.which[index]] - kinks.offset[last]
         extra = _bend_response(a, b, kinks.bend[last], rest)
-        if np.iscomplexobj(extra) and not np.iscomplexobj(forcing):
-            forcing = forcing.astype(complex)
+        forcing = forcing.astype(np.result_type(forcing, extra))
         np.add.at(forcing, index, extra)
-    return scan(_select(phi, grid.which), forcing, np.zeros(n))
-
-
-def _advance(
-    a: Array,
-    b: Array,
-    c: Array,
-    u: PiecewiseInput,
-    states: Array,
-    piece: npt.NDArray[np.intp],
-    which: npt.NDArray[np.intp],
-    partial: Array,
-    degree: int,
-) -> Array:
-    """Carry the states at the nodes to the instants by one partial step."""
-    phi, gamma = transition(a, b, partial, degree)
-    assert gamma is not None
-    powers = partial[:, None] ** np.arange(degree + 1)
-    row = np.einsum("i,kij->kj", c, phi)
-    rows = np.einsum("i,kij->kj", c, gamma) * powers
-    if partial.size == 1:
-        return states[piece] @ row[0] + u.coefficients[piece] @ rows[0]
-    from_state = np.einsum("kn,kn->k", states[piece], row[which])
-    return from_state + np.einsum("kd,kd->k", u.coefficients[piece], rows[which])
+    return scan(phi[0] if equal else phi[grid.which], forcing, np.zeros(n))
 
 
 def _kink_part(
@@ -446,8 +413,5 @@ def _kink_part(
 
 def _bend_response(a: Array, b: Array, bend: Array, rest: Array) -> Array:
     """States after ``rest`` of a bend that starts at zero, shape ``(k, n)``."""
-    degree = bend.shape[1]
-    _, gamma = transition(a, b, rest, degree)
-    assert gamma is not None
-    powers = rest[:, None] ** np.arange(1, degree + 1)
-    return np.asarray(np.einsum("kni,ki->kn", gamma[:, :, 1:], bend * powers))
+    gamma = _scaled_transition(a, b, rest, bend.shape[1])[1]
+    return np.asarray(np.einsum("kni,ki->kn", gamma[:, :, 1:], bend))

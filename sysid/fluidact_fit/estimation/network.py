@@ -33,7 +33,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, combinations_with_replacement, pairwise
 from typing import Literal
 
 import numpy as np
@@ -215,13 +215,14 @@ class Chords:
         """Deviations for outputs (or columns of a Jacobian) at all points in a row."""
         return np.asarray(np.einsum("ij,ij...->i...", self.shares, y.reshape(-1, 3, *y.shape[1:])))
 
+    @property
     def table(self) -> FloatArray:
         """All points in rows, shape ``(3 m, inputs)``."""
         return self.points.reshape(-1, self.points.shape[2])
 
     def cost(self, net: Network) -> float:
         """Strength times the mean squared deviation."""
-        return self.strength * float(np.mean(self.deviation(net(self.table())) ** 2))
+        return self.strength * float(np.mean(self.deviation(net(self.table)) ** 2))
 
 
 @dataclass(frozen=True)
@@ -245,12 +246,8 @@ def huber_cost(residual: FloatArray, limit: float) -> float:
 
 def _penalised(net: Network) -> FloatArray:
     """One for weights, zero for biases: decay bends no curve towards the origin."""
-    return np.concatenate(
-        [
-            np.concatenate((np.ones(w.size), np.zeros(b.size)))
-            for w, b in zip(net.weights, net.biases)
-        ]
-    )
+    ones, zeros = map(np.ones_like, net.weights), map(np.zeros_like, net.biases)
+    return replace(net, weights=tuple(ones), biases=tuple(zeros)).vector()
 
 
 def _normal_equations(
@@ -263,16 +260,14 @@ def _normal_equations(
         part = slice(begin, begin + _BLOCK)
         found, jacobian = output_and_jacobian(net, x[part])
         r = y[part] - found
-        weighted = jacobian
-        if np.isfinite(limit):
-            share = np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300))
-            weighted = jacobian * share[:, None]
+        share = np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300))
+        weighted = jacobian * share[:, None] if np.isfinite(limit) else jacobian
         both = cross(weighted, np.column_stack((jacobian, r)))
         matrix += both[:, :-1]
         gradient += both[:, -1]
         cost += huber_cost(r, limit)
     if chords is not None:
-        found, jacobian = output_and_jacobian(net, chords.table())
+        found, jacobian = output_and_jacobian(net, chords.table)
         r, jacobian = chords.deviation(found), chords.deviation(jacobian)
         factor = chords.strength * y.size / r.size
         matrix += factor * cross(jacobian, jacobian)
@@ -332,8 +327,7 @@ def train_from(
                 break
             damping *= 4.0
         else:
-            done = True
-            break
+            return Trained(net, cost / n, count, True)
         done = cost - now <= tolerance * cost
         p, net = p + step, trial
         damping = max(damping / 4.0, 1e-10)
@@ -355,8 +349,7 @@ def make_start(
     """
     sharpness = _SHARPER[0] if activation == "relu" else np.inf
     few = thin(y.size, 1500)
-    w, b = _pursue(x[few], y[few], hidden[0], activation, rng)
-    weights, biases = [w], [b]
+    weights, biases = ([v] for v in _pursue(x[few], y[few], hidden[0], activation, rng))
     for inputs, units in pairwise(hidden):
         weights.append(rng.standard_normal((units, inputs)) / np.sqrt(inputs))
         biases.append(0.5 * rng.standard_normal(units))
@@ -366,13 +359,8 @@ def make_start(
     columns = np.column_stack((a, np.ones(y.size)))
     both = cross(columns, np.column_stack((columns, y)))
     square = both[:, :-1] + 1e-6 * y.size * np.eye(columns.shape[1])
-    last: FloatArray = np.asarray(np.linalg.solve(square, both[:, -1]), dtype=np.float64)
+    last = np.asarray(np.linalg.solve(square, both[:, -1]))
     return Network((*weights, last[None, :-1]), (*biases, last[-1:]), activation, sharpness)
-
-
-def _along(columns: FloatArray, v: FloatArray) -> FloatArray:
-    """``columns.T @ v``."""
-    return np.asarray(np.einsum("ij,i->j", columns, v))
 
 
 def _pursue(
@@ -390,15 +378,14 @@ def _pursue(
     chosen: list[int] = []
     for _ in range(units):
         length = np.linalg.norm(columns, axis=0)
-        gain = np.where(
-            length < least, -1.0, np.abs(_along(columns, rest)) / np.maximum(length, least)
-        )
+        seen = np.abs(np.einsum("ij,i->j", columns, rest))
+        gain = np.where(length < least, -1.0, seen / np.maximum(length, least))
         gain[chosen] = -2.0
         best = int(np.argmax(gain))
         chosen.append(best)
         q = columns[:, best] / max(length[best], 1e-300)
         rest = rest - q * (q @ rest)
-        columns -= np.outer(q, _along(columns, q))
+        columns -= np.outer(q, np.einsum("ij,i->j", columns, q))
     return w[chosen], b[chosen]
 
 
@@ -421,9 +408,7 @@ class Search:
 
 def thin(rows: int, most: int) -> npt.NDArray[np.intp]:
     """Evenly spaced row numbers, ``most`` at most."""
-    if rows <= most:
-        return np.arange(rows)
-    return np.linspace(0, rows - 1, most).round().astype(np.intp)
+    return np.linspace(0, rows - 1, min(rows, most)).round().astype(np.intp)
 
 
 def robust_deviation(residual: FloatArray) -> float:
@@ -460,7 +445,7 @@ def search(
     iterations
         Most steps of a start.
     """
-    few = thin(y.size, rows)
+    few, many = thin(y.size, rows), thin(y.size, _MANY)
     xs, ys = x[few], y[few]
     found = [
         train_from(
@@ -472,15 +457,12 @@ def search(
     found.sort(key=lambda t: t.cost)
     sharp = [_sharpen(t.network, xs, ys, decay, chords, iterations) for t in found[:finalists]]
     limit = _HUBER * min(robust_deviation(ys - net(xs)) for net in sharp)
-    many = thin(y.size, _MANY)
-    xm, ym = x[many], y[many]
     polished = [
-        train_from(net, xm, ym, decay=decay, limit=limit, chords=chords,
+        train_from(net, x[many], y[many], decay=decay, limit=limit, chords=chords,
                    iterations=3 * iterations, tolerance=1e-5)
         for net in sharp
     ]  # fmt: skip
-    polished.sort(key=lambda t: t.cost)
-    return Search(tuple(polished), starts, limit)
+    return Search(tuple(sorted(polished, key=lambda t: t.cost)), starts, limit)
 
 
 def _sharpen(
@@ -505,8 +487,7 @@ def cross_validate(
     *,
     activation: Activation = "relu",
     decay: float = 1e-5,
-    chords: Callable[[FloatArray], Chords | None] | None = None,
-    starts: int = 4,
+    chords: Callable[[FloatArray], Chords | None] = lambda x: None,
     rows: int = 1200,
 ) -> FloatArray:
     """Errors on rows that were not trained, fold by fold.
@@ -521,8 +502,7 @@ def cross_validate(
 
     Returns
     -------
-    FloatArray
-        Shape ``(n,)``; NaN where a row was in no fold.
+    (n,) errors, NaN where a row was in no fold.
     """
     error = np.full(y.size, np.nan)
     for k, held in enumerate(folds):
@@ -531,8 +511,7 @@ def cross_validate(
         rest = rest[thin(rest.size, rows)]
         found = search(
             x[rest], y[rest], hidden, rng, activation=activation, decay=decay,
-            chords=None if chords is None else chords(x[rest]), starts=starts, finalists=2,
-            rows=rows, iterations=25,
+            chords=chords(x[rest]), starts=4, finalists=2, rows=rows, iterations=25,
         )  # fmt: skip
         error[held] = y[held] - found.best.network(x[held])
     return error
@@ -575,10 +554,10 @@ def activation_regions(net: Network, low: FloatArray, high: FloatArray) -> list[
     size = np.linalg.norm(w, axis=1)
     flat = size <= 1e-12
     w, b = w / np.where(flat, 1.0, size)[:, None], b / np.where(flat, 1.0, size)
-    found: list[tuple[list[bool], FloatArray]] = [([], np.full(int(free.sum()), 0.5))]
+    found: list[tuple[tuple[bool, ...], FloatArray]] = [((), np.full(int(free.sum()), 0.5))]
     for k in range(b.size):
         found = [
-            ([*pattern, side], point)
+            ((*pattern, side), point)
             for pattern, old in found
             for side, point in _sides(w[: k + 1], b[: k + 1], pattern, old)
         ]
@@ -586,32 +565,24 @@ def activation_regions(net: Network, low: FloatArray, high: FloatArray) -> list[
     for pattern, point in found:
         inside = low.copy()
         inside[free] += point * span[free]
-        active = np.array(pattern, dtype=float)
-        gradient = (net.weights[1][0] * active) @ net.weights[0]
-        out.append(Region(tuple(pattern), inside, gradient))
+        gradient = (net.weights[1][0] * np.array(pattern, dtype=float)) @ net.weights[0]
+        out.append(Region(pattern, inside, gradient))
     return out
 
 
 def _sides(
-    w: FloatArray, b: FloatArray, pattern: list[bool], point: FloatArray
+    w: FloatArray, b: FloatArray, pattern: tuple[bool, ...], point: FloatArray
 ) -> list[tuple[bool, FloatArray]]:
     """Which sides of the last unit's hyperplane a region reaches, with a point each."""
-    normal, offset = w[-1], b[-1]
-    most = float(np.maximum(normal, 0.0).sum() + offset)
-    least = float(np.minimum(normal, 0.0).sum() + offset)
-    if least >= -_NARROWEST:
+    if np.minimum(w[-1], 0.0).sum() + b[-1] >= -_NARROWEST:
         return [(True, point)]
-    if most <= _NARROWEST:
+    if np.maximum(w[-1], 0.0).sum() + b[-1] <= _NARROWEST:
         return [(False, point)]
-    here = float(normal @ point + offset)
-    out = []
-    for side in (False, True):
-        if (here > _NARROWEST) if side else (here < -_NARROWEST):
-            out.append((side, point))
-            continue
-        ball = _largest_ball(w, b, np.array([*pattern, side]))
-        if ball is not None:
-            out.append((side, ball))
+    here, out = float(w[-1] @ point + b[-1]), []
+    for side, known in ((False, here < -_NARROWEST), (True, here > _NARROWEST)):
+        inside = point if known else _largest_ball(w, b, np.array([*pattern, side]))
+        if inside is not None:
+            out.append((side, inside))
     return out
 
 
@@ -629,12 +600,9 @@ def _largest_ball(w: FloatArray, b: FloatArray, sides: BoolArray) -> FloatArray 
          np.column_stack((np.eye(d), np.ones(d))))
     )  # fmt: skip
     right = np.concatenate((sign * b, np.zeros(d), np.ones(d)))
-    goal = np.append(np.zeros(d), -1.0)
-    answer = linprog(goal, A_ub=rows, b_ub=right, bounds=[(None, None)] * (d + 1), method="highs")
-    if answer.status != 0 or answer.x is None:
-        return None
-    ball = np.asarray(answer.x, dtype=np.float64)
-    return ball[:-1] if ball[-1] > _NARROWEST else None
+    answer = linprog(np.append(np.zeros(d), -1.0), rows, right, bounds=(None, None))
+    found = answer.status == 0 and answer.x is not None and answer.x[-1] > _NARROWEST
+    return np.asarray(answer.x[:-1]) if found else None
 
 
 def gradient_interval(
@@ -677,12 +645,8 @@ def _slope_range(
 
 def polynomial_terms(inputs: int, degree: int) -> list[tuple[int, ...]]:
     """Factors of all monomials of up to a degree: ``(), (0,), (0, 0), (0, 1) ...``."""
-    out: list[tuple[int, ...]] = [()]
-    last: list[tuple[int, ...]] = [()]
-    for _ in range(degree):
-        last = [(*t, k) for t in last for k in range(t[-1] if t else 0, inputs)]
-        out += last
-    return out
+    choices = (combinations_with_replacement(range(inputs), d) for d in range(degree + 1))
+    return list(chain.from_iterable(choices))
 
 
 def polynomial_fit(

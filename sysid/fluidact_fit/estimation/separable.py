@@ -32,6 +32,7 @@ import numpy.typing as npt
 from ..experiment import FloatArray
 
 Array = npt.NDArray[Any]
+Mask = npt.NDArray[np.bool_]
 _STEP = 1e-30  # complex step: no cancellation, so it can be as small as one likes
 
 
@@ -48,6 +49,10 @@ class Unknown:
     low: float = -np.inf
     high: float = np.inf
     scale: float = 1.0
+
+
+def _bounds(unknowns: Sequence[Unknown]) -> tuple[FloatArray, FloatArray]:
+    return np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
 
 
 @dataclass(frozen=True)
@@ -73,18 +78,14 @@ class Slopes:
 
 
 class Model(Protocol):
-    """What the solver needs to know of a model."""
+    """What the solver needs to know of a model.
+
+    One that knows its own derivatives has a method ``slopes(index, eta)`` as well, which
+    returns the columns and their :class:`Slopes`.
+    """
 
     def basis(self, index: int, eta: Array) -> Basis:
         """Columns of experiment ``index``; analytic in ``eta`` unless slopes are given."""
-        ...
-
-
-class ModelWithSlopes(Model, Protocol):
-    """A model that knows its own derivatives."""
-
-    def slopes(self, index: int, eta: FloatArray) -> tuple[Basis, Slopes]:
-        """Columns and their derivatives."""
         ...
 
 
@@ -122,9 +123,10 @@ class Problem:
             out[order:] -= c * rows[order - 1 - i : rows.shape[0] - 1 - i]
         return out
 
-    def weight(self, index: int) -> FloatArray | float:
-        """Weight of the residuals of one experiment."""
-        return self.weights[index] if self.weights else 1.0
+    def weigh(self, index: int, rows: Array) -> Array:
+        """Weigh and whiten rows (samples first) of one experiment."""
+        w = np.asarray(self.weights[index] if self.weights else 1.0)
+        return self.filter(rows * (w[:, None] if w.ndim and rows.ndim > 1 else w))
 
 
 def _predictors(a: FloatArray) -> list[tuple[FloatArray, float]]:
@@ -182,7 +184,7 @@ class Solution:
     simulated: list[FloatArray]
     jacobian: list[FloatArray] = field(default_factory=list)
     local_counts: tuple[int, ...] = ()
-    active: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    active: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
     iterations: int = 0
     converged: bool = False
 
@@ -201,26 +203,15 @@ def differentiate(
         known.append(np.imag(turned.known) / unit)
         shared.append(np.imag(turned.shared) / unit)
         local.append(np.imag(turned.local) / unit)
-    n = at.known.shape[0]
-    if not known:
-        empty = np.zeros((0, n))
-        return at, Slopes(
-            empty,
-            np.zeros((0, n, at.shared.shape[1])),
-            np.zeros((0, n, at.local.shape[1])),
-        )
-    return at, Slopes(np.array(known), np.array(shared), np.array(local))
+    columns = ((known, at.known), (shared, at.shared), (local, at.local))
+    return at, Slopes(*(np.reshape(c, (eta.size, *x.shape)) for c, x in columns))
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:
     """Orthonormal basis of the span of some columns; negligible directions are left out."""
-    if columns.shape[1] == 0:
-        return columns
     norms = np.linalg.norm(columns, axis=0)
     used = columns[:, norms > 0.0] / norms[norms > 0.0]
-    if used.shape[1] == 0:
-        return used
-    if used.shape[1] == 1:
+    if used.shape[1] <= 1:
         return used
     q, r = np.linalg.qr(used)
     size = np.abs(np.diag(r))
@@ -255,70 +246,56 @@ class _Fit:
         self.cost = cost if np.isfinite(cost) else np.inf
 
     def _reduce(self, index: int, basis: Basis) -> _Reduced:
-        w = self.problem.weight(index)
-        column = w[:, None] if isinstance(w, np.ndarray) else w
-        whiten = self.problem.filter
-        target = whiten((self.problem.measured[index] - basis.known) * w)
-        shared = whiten(basis.shared * column)
-        q = _orthonormal(whiten(basis.local * column))
+        target = self.problem.weigh(index, self.problem.measured[index] - basis.known)
+        shared = self.problem.weigh(index, basis.shared)
+        q = _orthonormal(self.problem.weigh(index, basis.local))
         if q.shape[1]:
             target = target - q @ (q.T @ target)
             shared = shared - q @ (q.T @ shared)
         return _Reduced(target, shared, q, basis)
 
-    def _solve_shared(self) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    def _solve_shared(self) -> tuple[FloatArray, Mask]:
         """Shared linear unknowns by bounded least squares (active set)."""
         unknowns = self.problem.linear
         if not unknowns:
             return np.zeros(0), np.zeros(0, dtype=bool)
-        low = np.array([u.low for u in unknowns])
-        high = np.array([u.high for u in unknowns])
         normal = np.vstack([r.shared for r in self.reduced])
         target = np.concatenate([r.target for r in self.reduced])
-        return bounded_least_squares(normal, target, low, high)
+        return bounded_least_squares(normal, target, *_bounds(unknowns))
 
     def local(self) -> list[FloatArray]:
         """Local unknowns of every experiment."""
         out: list[FloatArray] = []
         for i, r in enumerate(self.reduced):
-            w = self.problem.weight(i)
-            column = w[:, None] if isinstance(w, np.ndarray) else w
+            if r.basis.local.shape[1] == 0:
+                out.append(np.zeros(0))
+                continue
             rest = self.problem.measured[i] - r.basis.known
             if self.linear.size:
                 rest = rest - r.basis.shared @ self.linear
-            if r.basis.local.shape[1] == 0:
-                out.append(np.zeros(0))
-            else:
-                whiten = self.problem.filter
-                found = np.linalg.lstsq(
-                    whiten(r.basis.local * column), whiten(rest * w), rcond=None
-                )[0]
-                out.append(np.asarray(found, dtype=float))
+            columns, target = (self.problem.weigh(i, x) for x in (r.basis.local, rest))
+            out.append(np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0], dtype=float))
         return out
 
-    def jacobian(self, slopes: Sequence[Slopes], local: list[FloatArray]) -> list[FloatArray]:
-        """Derivative of the model by ``eta``, local and free shared unknowns projected out."""
-        raw = self.raw_jacobian(slopes, local)
+    def jacobian(self, slopes: Sequence[Slopes]) -> FloatArray:
+        """Derivative of all models by ``eta``, local and free shared unknowns projected out."""
+        raw = self.raw_jacobian(slopes, self.local())
         free = ~self.linear_active
         if not free.any():
-            return raw
-        shared = np.vstack([r.shared[:, free] for r in self.reduced])
-        q = _orthonormal(shared)
+            return np.vstack(raw)
+        q = _orthonormal(np.vstack([r.shared[:, free] for r in self.reduced]))
         stacked = np.vstack(raw)
-        stacked = stacked - q @ (q.T @ stacked)
-        ends = np.cumsum([r.shape[0] for r in raw])[:-1]
-        return list(np.split(stacked, ends))
+        return np.asarray(stacked - q @ (q.T @ stacked))
 
     def raw_jacobian(self, slopes: Sequence[Slopes], local: list[FloatArray]) -> list[FloatArray]:
         """Derivative of the model by ``eta`` with the local unknowns projected out."""
         out = []
         for i, (r, s) in enumerate(zip(self.reduced, slopes)):
-            w = self.problem.weight(i)
             j = s.known.copy()
             for columns, values in ((s.shared, self.linear), (s.local, local[i])):
                 if values.size:  # as one matrix times a vector: the columns lie interleaved
                     j += columns.reshape(-1, values.size).dot(values).reshape(j.shape)
-            j = self.problem.filter((j * w).T)
+            j = self.problem.weigh(i, j.T)
             if r.q.shape[1]:
                 j = j - r.q @ (r.q.T @ j)
             out.append(j)
@@ -327,7 +304,7 @@ class _Fit:
 
 def bounded_least_squares(
     a: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray
-) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+) -> tuple[FloatArray, Mask]:
     """Least squares ``min |y - a x|`` with bounds, and which entries are at one.
 
     Parameters
@@ -377,26 +354,22 @@ def solve(
         below which the iteration has converged.
     """
     scales = np.array([u.scale for u in problem.nonlinear])
-    low = np.array([u.low for u in problem.nonlinear]) / scales
-    high = np.array([u.high for u in problem.nonlinear]) / scales
+    low, high = (b / scales for b in _bounds(problem.nonlinear))
     begin = np.array([u.start for u in problem.nonlinear]) if start is None else start
     x = np.clip(np.asarray(begin, dtype=float) / scales, low, high)
     fit, slopes = _evaluate(problem, x * scales, scales)
     damping, converged, count = 1e-3, x.size == 0, 0
     while not converged and count < max_iterations:
-        local = fit.local()
-        j = np.vstack(fit.jacobian(slopes, local)) * scales
+        j = fit.jacobian(slopes) * scales
         r = np.concatenate(fit.residuals)
         gradient, curvature = j.T @ r, j.T @ j
-        free = ~(((x <= low) & (gradient <= 0.0)) | ((x >= high) & (gradient >= 0.0)))
-        if not free.any() or not np.all(np.isfinite(curvature)):
-            converged = not free.any()
+        if not np.all(np.isfinite(curvature)):
             break
         noise = fit.cost / max(r.size - x.size, 1)
         moved = False
         while count < max_iterations:
             count += 1
-            step = _damped_step(curvature, gradient, free, damping, x, low, high)
+            step = damped_step(curvature, gradient, x, (low, high), damping)
             candidate = np.clip(x + step, low, high)
             step = candidate - x
             predicted = float(2.0 * gradient @ step - step @ curvature @ step)
@@ -425,22 +398,28 @@ def solve(
                 break
         if moved:
             fit, slopes = _evaluate(problem, x * scales, scales)
-    return _finish(problem, fit, slopes, x, low, high, count, converged)
+    return _finish(fit, slopes, (x <= low) | (x >= high), count, converged)
 
 
-def _damped_step(
-    curvature: FloatArray,
-    gradient: FloatArray,
-    free: npt.NDArray[np.bool_],
-    damping: float,
-    x: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-) -> FloatArray:
-    """Marquardt step over the free unknowns; those that would cross a bound stop on it."""
-    step = np.zeros(gradient.size)
-    free = free.copy()
-    for _ in range(gradient.size + 1):
+def damped_step(
+    curvature: FloatArray, gradient: FloatArray, x: FloatArray,
+    bounds: tuple[FloatArray, FloatArray], damping: float,
+) -> FloatArray:  # fmt: skip
+    """Marquardt step; unknowns that would cross a bound stop on it, shape ``(p,)``.
+
+    Parameters
+    ----------
+    curvature, gradient : (p, p), (p,)
+        ``J'J`` and ``J'r`` for residuals ``r = measured - model``.
+    x, bounds : (p,)
+        Where the step begins, and how far it may lead.
+    damping
+        Share of the diagonal that is added to it.
+    """
+    low, high = bounds
+    step = np.zeros(x.size)
+    free = ~(((x <= low) & (gradient <= 0.0)) | ((x >= high) & (gradient >= 0.0)))
+    for _ in range(x.size + 1):
         index = np.flatnonzero(free)
         if index.size == 0:
             break
@@ -482,40 +461,21 @@ def evaluate(problem: Problem, eta: FloatArray) -> Solution:
 
 
 def _finish(
-    problem: Problem,
-    fit: _Fit,
-    slopes: list[Slopes],
-    x: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    count: int,
-    converged: bool,
+    fit: _Fit, slopes: list[Slopes], on_bound: Mask, count: int, converged: bool
 ) -> Solution:
     local = fit.local()
     raw = fit.raw_jacobian(slopes, local)
-    jacobian = [np.column_stack((j, r.shared)) for j, r in zip(raw, fit.reduced)]
-    simulated = []
-    for r, own in zip(fit.reduced, local):
-        y = np.array(r.basis.known, dtype=float)
-        if fit.linear.size:
-            y = y + r.basis.shared @ fit.linear
-        if own.size:
-            y = y + r.basis.local @ own
-        simulated.append(y)
-    on_bound = (x <= low) | (x >= high)
+    simulated = [
+        r.basis.known + r.basis.shared @ fit.linear + r.basis.local @ own
+        for r, own in zip(fit.reduced, local)
+    ]
     return Solution(
-        eta=fit.eta,
-        linear=fit.linear,
-        local=local,
-        cost=fit.cost,
-        residuals=fit.residuals,
-        simulated=simulated,
-        jacobian=jacobian,
+        fit.eta, fit.linear, local, fit.cost, fit.residuals, simulated,
+        jacobian=[np.column_stack((j, r.shared)) for j, r in zip(raw, fit.reduced)],
         local_counts=tuple(r.q.shape[1] for r in fit.reduced),
         active=np.concatenate((on_bound, fit.linear_active)),
-        iterations=count,
-        converged=converged,
-    )
+        iterations=count, converged=converged,
+    )  # fmt: skip
 
 
 def profile(problem: Problem, candidates: FloatArray) -> FloatArray:
@@ -539,9 +499,7 @@ def _cost(problem: Problem, eta: FloatArray) -> float:
     blocks = []
     for i, measured in enumerate(problem.measured):
         b = problem.model.basis(i, eta)
-        rows = np.column_stack((b.local, b.shared, measured - b.known))
-        w = problem.weight(i)
-        rows = problem.filter(rows * (w[:, None] if isinstance(w, np.ndarray) else w))
+        rows = problem.weigh(i, np.column_stack((b.local, b.shared, measured - b.known)))
         if not np.all(np.isfinite(rows)):
             return float("inf")
         local = b.local.shape[1]
@@ -550,9 +508,10 @@ def _cost(problem: Problem, eta: FloatArray) -> float:
     rest = np.vstack(blocks)
     target = rest[:, -1]
     if problem.linear:
-        low = np.array([u.low for u in problem.linear])
-        high = np.array([u.high for u in problem.linear])
-        target = target - rest[:, :-1] @ bounded_least_squares(rest[:, :-1], target, low, high)[0]
+        columns = rest[:, :-1]
+        target = (
+            target - columns @ bounded_least_squares(columns, target, *_bounds(problem.linear))[0]
+        )
     return float(target @ target)
 
 

@@ -20,7 +20,9 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from math import exp, factorial
 from typing import Any
 
@@ -28,7 +30,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .inputs import PiecewiseInput
-from .linear import Grid, scan, transition
+from .linear import Grid, states_at_nodes
 
 Array = npt.NDArray[Any]
 _INVERSE = [1.0 / factorial(n) for n in range(32)]
@@ -94,6 +96,11 @@ def _phi_real(z: float, count: int) -> list[float]:
     return values
 
 
+def _first(values: Array) -> float:
+    """Real part of row 0."""
+    return float(np.real(values[0]))
+
+
 class _Direction:
     """Motion in one direction: response of the moving mass to ``tau - s F``.
 
@@ -102,34 +109,17 @@ class _Direction:
     """
 
     def __init__(
-        self,
-        sign: int,
-        inertia: Array,
-        viscous: Array,
-        level: Array,
-        u: PiecewiseInput,
-        grid: Grid,
-        memo: dict[tuple[complex, complex], tuple[Array, Array]],
-    ) -> None:
-        self.sign, self.level = sign, level
-        self.inertia, self.viscous = inertia, viscous
-        self.rate = viscous / inertia
-        self.first = (
-            float(np.real(inertia[0])),
-            float(np.real(self.rate[0])),
-            sign * float(np.real(level[0])),
+        self, sign: int, inertia: Array, viscous: Array, level: Array, torque: Array,
+        unstopped: Callable[[complex, complex], tuple[Array, Array]],
+    ) -> None:  # fmt: skip
+        self.sign, self.level, self.torque = sign, level, torque
+        self.inertia, self.viscous, self.rate = inertia, viscous, viscous / inertia
+        self.first = _first(inertia), _first(self.rate), sign * _first(level)
+        motions = [unstopped(j, b) for j, b in zip(inertia, viscous)]
+        self.place, self.speed = (
+            np.array([m[:, i] - sign * f * one[:, i] for (m, one), f in zip(motions, level)])
+            for i in (0, 1)
         )
-        degree = u.coefficients.shape[1] - 1
-        self.torque = u.coefficients
-        self.speed = np.empty((inertia.size, grid.instants.size), dtype=inertia.dtype)
-        self.place = np.empty_like(self.speed)
-        for k in range(inertia.size):
-            key = (complex(inertia[k]), complex(viscous[k]))
-            if key not in memo:
-                memo[key] = _unstopped(inertia[k], viscous[k], u, grid, degree)
-            moving, constant = memo[key]
-            self.speed[k] = moving[:, 1] - sign * level[k] * constant[:, 1]
-            self.place[k] = moving[:, 0] - sign * level[k] * constant[:, 0]
 
     def inside(self, node: int, offset: Array) -> tuple[Array, Array]:
         """Speed and place of the unstopped motion between nodes; offset of shape ``(k,)``."""
@@ -159,40 +149,20 @@ class _Direction:
             power *= offset * (i + 1)
         return total
 
-    def acceleration(self, node: int, offset: float, speed: float) -> float:
-        """Acceleration of row 0 at a given speed."""
-        torque = _polynomial(self.torque[node], offset)
-        force = torque - self.sign * float(np.real(self.level[0]))
-        return (force - float(np.real(self.viscous[0])) * speed) / float(np.real(self.inertia[0]))
-
 
 def _unstopped(
-    inertia: complex, viscous: complex, u: PiecewiseInput, grid: Grid, degree: int
+    inertia: complex, viscous: complex, u: PiecewiseInput, grid: Grid
 ) -> tuple[Array, Array]:
     """Position and velocity at the nodes under ``u`` and under a constant one: ``(m, 2)``."""
     a = np.array([[0.0, 1.0], [0.0, -viscous / inertia]])
     b = np.array([0.0, 1.0 / inertia])
-    phi, gamma = transition(a, b, grid.distinct, degree)
-    assert gamma is not None
-    scaled = gamma * (grid.distinct[:, None] ** np.arange(degree + 1))[:, None, :]
-    pieces = u.coefficients[:-1]
-    one = phi.shape[0] == 1
-    if one:
-        forcing, constant = pieces @ scaled[0].T, np.broadcast_to(scaled[0, :, 0], (len(pieces), 2))
-    else:
-        forcing = np.einsum("mi,mni->mn", pieces, scaled[grid.which])
-        constant = scaled[grid.which][:, :, 0]
-    step = phi[0] if one else phi[grid.which]
-    rest = np.zeros(2)
-    return scan(step, forcing, rest), scan(step, constant, rest)
+    one = PiecewiseInput(u.nodes, np.ones((u.nodes.size, 1)))
+    return states_at_nodes(a, b, u, grid), states_at_nodes(a, b, one, grid)
 
 
-def _polynomial(coefficients: Array, offset: float) -> float:
+def _value(coefficients: Array, offset: float) -> float:
     """Value of a polynomial with rising powers."""
-    total = 0.0
-    for c in coefficients[::-1]:
-        total = total * offset + float(c)
-    return total
+    return float(np.polyval(coefficients[::-1], offset))
 
 
 class _Run:
@@ -201,36 +171,26 @@ class _Run:
     def __init__(
         self, p: StickSlip, u: PiecewiseInput, grid: Grid, speed: Array, place: Array
     ) -> None:
-        self.grid, self.time = grid, grid.instants
-        self.torque = u.coefficients
+        self.time, self.torque = grid.instants, u.coefficients
         kind = np.result_type(p.inertia, p.viscous, p.coulomb_positive, p.breakaway_positive, float)
         self.k = p.inertia.size
         negative = p.viscous if p.viscous_negative is None else p.viscous_negative
-        memo: dict[tuple[complex, complex], tuple[Array, Array]] = {}
-        inertia = p.inertia.astype(kind)
-        self.forward = _Direction(
-            1, inertia, p.viscous.astype(kind), p.coulomb_positive, u, grid, memo
-        )
-        self.backward = _Direction(
-            -1, inertia, negative.astype(kind), p.coulomb_negative, u, grid, memo
-        )
+        inertia, ways = p.inertia.astype(kind), (p.viscous.astype(kind), negative.astype(kind))
+        unstopped = cache(lambda inertia, viscous: _unstopped(inertia, viscous, u, grid))
+        self.forward = _Direction(1, inertia, ways[0], p.coulomb_positive, self.torque, unstopped)
+        self.backward = _Direction(-1, inertia, ways[1], p.coulomb_negative, self.torque, unstopped)
         self.static = (p.breakaway_positive, p.breakaway_negative)
-        self.upper = max(float(np.real(p.breakaway_positive[0])), 0.0)
-        self.lower = -max(float(np.real(p.breakaway_negative[0])), 0.0)
+        self.upper = max(_first(p.breakaway_positive), 0.0)
+        self.lower = -max(_first(p.breakaway_negative), 0.0)
         self.position = np.empty((self.k, self.time.size), dtype=kind)
         self.velocity = np.zeros((self.k, self.time.size), dtype=kind)
         self.here = np.broadcast_to(place, (self.k,)).astype(kind)
         self.start_speed = np.broadcast_to(speed, (self.k,)).astype(kind)
         self.breakaways = [0, 0]
         self.stops = 0
-        self._find_hot()
-
-    def _find_hot(self) -> None:
-        """Intervals in which the torque leaves the static band somewhere."""
+        # intervals in which the torque leaves the static band somewhere
         start = self.torque[:, 0]
-        end = np.append(start[1:], start[-1])
-        if self.torque.shape[1] == 1:
-            end = start
+        end = start if self.torque.shape[1] == 1 else np.append(start[1:], start[-1])
         high, low = np.maximum(start, end), np.minimum(start, end)
         self.hot = np.flatnonzero((high > self.upper) | (low < self.lower))
 
@@ -266,40 +226,34 @@ class _Run:
 
     def _breakaway(self, node: int, offset: Array) -> tuple[int, Array, int] | None:
         """Next instant at which the torque leaves the static band."""
-        position = int(np.searchsorted(self.hot, node))
-        here = float(np.real(offset[0]))
-        while position < self.hot.size:
-            j = int(self.hot[position])
+        for j in map(int, self.hot[np.searchsorted(self.hot, node) :]):
             if j >= self.time.size - 1:
                 return None
-            begin = here if j == node else 0.0
-            found = self._leave(j, begin, offset if j == node else np.zeros(self.k))
+            found = self._leave(j, offset if j == node else np.zeros(self.k))
             if found is not None:
                 return j, *found
-            position += 1
         return None
 
-    def _leave(self, j: int, begin: float, offset: Array) -> tuple[Array, int] | None:
+    def _leave(self, j: int, offset: Array) -> tuple[Array, int] | None:
         """Where the torque leaves the static band inside interval ``j``, and which way."""
-        c = self.torque[j]
-        now = _polynomial(c, begin)
+        c, begin = self.torque[j], _first(offset)
+        now = _value(c, begin)
         if now > self.upper or now < self.lower:
             return offset, 1 if now > self.upper else -1
         if c.size == 1:
             return None
         step = self.time[j + 1] - self.time[j]
-        then = _polynomial(c, step)
+        then = _value(c, step)
         if self.lower <= then <= self.upper:
             return None
         sign = 1 if then > self.upper else -1
         level = self.static[0] if sign > 0 else -self.static[1]
         if c.size == 2:
             return (level - c[0]) / c[1], sign
-        root = _bracketed(
-            lambda o: (_polynomial(c, o) - float(np.real(level[0]))) * sign, begin, step
-        )
-        slope = _polynomial(c[1:] * np.arange(1, c.size), root)
-        return root + (level - np.real(level[0])) / slope, sign
+        wanted = _first(level)
+        root = _rising_root(lambda o: (_value(c, o) - wanted) * sign, begin, step)
+        slope = _value(c[1:] * np.arange(1, c.size), root)
+        return root + (level - wanted) / slope, sign
 
     def _slip(self, node: int, offset: Array, sign: int, speed: Array) -> tuple[int, Array, int]:
         """Slip from an event to the next stop; returns where it stops and what follows."""
@@ -307,7 +261,7 @@ class _Run:
         v0, p0 = way.inside(node, offset)
         lag = v0 - speed  # what the unstopped motion has more than this one
         began = self.time[node] + offset
-        stop = self._find_stop(way, node, lag, began, sign)
+        stop = self._find_stop(way, node, lag, began)
         last = self.time.size - 1 if stop is None else stop
         if last > node:
             nodes = slice(node + 1, last + 1)
@@ -323,112 +277,78 @@ class _Run:
             )
         if stop is None:
             return last, np.zeros(self.k), sign
-        return self._stop(way, stop, node, offset, lag, p0, sign)
+        return self._stop(way, stop, node, offset, lag, p0)
 
-    def _find_stop(
-        self, way: _Direction, node: int, lag: Array, began: Array, sign: int
-    ) -> int | None:
+    def _find_stop(self, way: _Direction, node: int, lag: Array, began: Array) -> int | None:
         """Interval in which the speed returns to zero; ``None`` when the log ends first."""
-        rate, less = float(np.real(way.rate[0])), float(np.real(lag[0]))
-        start = float(np.real(began[0]))
+        rate, less, start = _first(way.rate), _first(lag), _first(began)
         first, width, end = node + 1, 32, self.time.size
         while first < end:
             part = slice(first, min(first + width, end))
             v = np.real(way.speed[0, part]) - less * np.exp(-rate * (self.time[part] - start))
-            back = np.flatnonzero(v * sign <= 0.0)
+            back = np.flatnonzero(v * way.sign <= 0.0)
             if back.size:
                 return first + int(back[0]) - 1
             first, width = first + width, width * 2
         return None
 
     def _stop(
-        self,
-        way: _Direction,
-        j: int,
-        node: int,
-        offset: Array,
-        lag: Array,
-        p0: Array,
-        sign: int,
+        self, way: _Direction, j: int, node: int, offset: Array, lag: Array, p0: Array
     ) -> tuple[int, Array, int]:
         """Solve the instant of the stop inside interval ``j`` and decide what follows."""
-        begin = float(np.real(offset[0])) if j == node else 0.0
+        begin = _first(offset) if j == node else 0.0
         step = self.time[j + 1] - self.time[j]
-        rate, less = float(np.real(way.rate[0])), float(np.real(lag[0]))
+        rate, less = _first(way.rate), _first(lag)
         # actual speed at the node: the unstopped motion less what this phase never had
-        since = self.time[j] - self.time[node] - float(np.real(offset[0]))
+        since = self.time[j] - self.time[node] - _first(offset)
         base = float(np.real(way.speed[0, j])) - less * exp(-rate * since)
 
-        def speed(o: float) -> float:
-            return sign * way.speed_inside(j, o, base)
+        def backwards(o: float) -> float:
+            return -way.sign * way.speed_inside(j, o, base)
 
-        low = _positive_start(speed, begin, step) if j == node else begin
-        root = begin if low is None else _bracketed_falling(speed, low, step)
+        low = _moving_start(backwards, begin, step) if j == node else begin
+        root = begin if low is None else _rising_root(backwards, low, step)
         v, _ = way.inside(j, np.full(self.k, root))
         since = self.time[j] + root - self.time[node] - offset
         v = v - lag * np.exp(-way.rate * since)
-        slope = way.acceleration(j, root, 0.0)
+        inertia, _, level = way.first
+        torque = _value(self.torque[j], root)
+        slope = (torque - level) / inertia
         moment: Array = np.full(self.k, root)
-        if np.iscomplexobj(v) and slope * sign < 0.0:
+        if np.iscomplexobj(v) and slope * way.sign < 0.0:
             moment = root - 1j * np.imag(v) / slope
         since = self.time[j] + moment - self.time[node] - offset
         _, p = way.inside(j, moment)
         travel = since * _phi(-way.rate * since, 1)[0]
         self.here = self.here + p - p0 - lag * travel
         self.stops += 1
-        torque = _polynomial(self.torque[j], root)
         if torque > self.upper or torque < self.lower:
             # no rest: the torque already exceeds the static level at the turning point
             return j, moment, 1 if torque > self.upper else -1
         return j, moment, 0
 
 
-def _positive_start(speed: Any, begin: float, end: float) -> float | None:
+def _moving_start(backwards: Callable[[float], float], begin: float, end: float) -> float | None:
     """A point shortly after a break-away at which the motion really moves."""
     width = end - begin
     for _ in range(40):
         width *= 0.5
         if width <= 1e-12 * max(end, 1e-12):
             return None
-        if speed(begin + width) > 0.0:
+        if backwards(begin + width) < 0.0:
             return begin + width
     return None
 
 
-def _bracketed_falling(function: Any, low: float, high: float) -> float:
-    """Root of a function that is positive at ``low`` and not at ``high``."""
-    return _bracketed(lambda o: -function(o), low, high)
+def _rising_root(function: Callable[[float], float], low: float, high: float) -> float:
+    """Where a function becomes positive; an end where it already is, or does not."""
+    from scipy.optimize import brentq
 
-
-def _bracketed(function: Any, low: float, high: float) -> float:
-    """Root of a function that is not positive at ``low`` and not negative at ``high``.
-
-    Illinois variant of regula falsi: superlinear and never leaves the bracket.
-    """
-    f_low, f_high = function(low), function(high)
-    if f_low >= 0.0:
+    if function(low) >= 0.0:
         return low
-    if f_high <= 0.0:
+    if function(high) <= 0.0:
         return high
-    side = 0
-    for _ in range(60):
-        middle = (f_high * low - f_low * high) / (f_high - f_low)
-        f = function(middle)
-        if f == 0.0 or high - low <= 1e-15 * max(abs(high), 1e-300):
-            return float(middle)
-        if abs(f) <= 1e-15 * max(abs(f_low), abs(f_high)):
-            return float(middle)
-        if f > 0.0:
-            high, f_high = middle, f
-            if side == 1:
-                f_low *= 0.5
-            side = 1
-        else:
-            low, f_low = middle, f
-            if side == -1:
-                f_high *= 0.5
-            side = -1
-    return 0.5 * (low + high)
+    return float(brentq(function, low, high, xtol=1e-15 * high))
 
 
 @dataclass(frozen=True)
@@ -457,20 +377,12 @@ def simulate_stick_slip(
     Parameters
     ----------
     parameters
-        Six numbers, each as a row of ``k`` (complex) values.
-    torque
-        Degree 0 (held), 1 (straight lines) or higher.
-    grid
-        Its nodes.
+        Each as a row of ``k`` (complex) values.
+    torque, grid
+        Of any degree, and its nodes.
     initial_speed, initial_position
         At the first node.
     """
-    run = _Run(
-        parameters,
-        torque,
-        grid,
-        np.atleast_1d(np.asarray(initial_speed)),
-        np.atleast_1d(np.asarray(initial_position)),
-    )
+    run = _Run(parameters, torque, grid, np.asarray(initial_speed), np.asarray(initial_position))
     run.run()
     return Motion(run.position, run.velocity, (run.breakaways[0], run.breakaways[1]), run.stops)

@@ -26,11 +26,9 @@ _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance of the unknowns and how it was made.
+    """Covariance ``(p, p)`` of the unknowns, degrees of freedom, residual standard deviation.
 
-    ``covariance`` has shape ``(p, p)``, ``degrees`` is the number of degrees of freedom,
-    ``sigma`` the residual standard deviation, ``order`` the order of the autoregression
-    (0: white).
+    ``order`` is that of the autoregression that the residuals were taken for (0: white).
     """
 
     covariance: FloatArray
@@ -55,28 +53,17 @@ def t_quantile(probability: float, degrees: int) -> float:
     return float(stdtrit(max(degrees, 1), probability))
 
 
-def chi2_tail(statistic: float, degrees: int) -> float:
-    """Probability that a chi-square variable exceeds ``statistic``."""
-    from scipy.special import chdtrc
-
-    return float(chdtrc(max(degrees, 1), max(statistic, 0.0)))
-
-
 def autocovariance(series: Sequence[FloatArray], lags: int) -> FloatArray:
     """Autocovariances at lags ``0..lags``, pooled over series, shape ``(lags + 1,)``."""
     total = sum(s.size for s in series)
-    out = np.zeros(lags + 1)
-    for s in series:
-        for k in range(min(lags, s.size - 1) + 1):
-            out[k] += float(s[: s.size - k] @ s[k:])
-    return out / max(total, 1)
+    sums = [sum(float(s[: s.size - k] @ s[k:]) for s in series if k < s.size)
+            for k in range(lags + 1)]  # fmt: skip
+    return np.array(sums) / max(total, 1)
 
 
 def _middle(series: FloatArray) -> FloatArray:
     """The middle of a very long series, which shows its autocorrelation as well as the whole."""
-    if series.size <= _LONG:
-        return series
-    begin = (series.size - _LONG) // 2
+    begin = max((series.size - _LONG) // 2, 0)
     return series[begin : begin + _LONG]
 
 
@@ -90,6 +77,8 @@ def whiteness(residuals: Sequence[FloatArray], fitted: int = 0) -> Whiteness:
     fitted
         Number of fitted unknowns; too few samples beyond it give a p-value of one.
     """
+    from scipy.special import chdtrc
+
     kept = [r - r.mean() for r in map(_middle, residuals) if r.size > 3]
     n = sum(r.size for r in kept)
     shortest = min((r.size for r in kept), default=0)
@@ -101,7 +90,7 @@ def whiteness(residuals: Sequence[FloatArray], fitted: int = 0) -> Whiteness:
         return Whiteness(0.0, 1.0, lags)
     rho = r[1:] / r[0]
     statistic = float(n * (n + 2) * np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    return Whiteness(statistic, chi2_tail(statistic, lags), lags)
+    return Whiteness(statistic, float(chdtrc(lags, statistic)), lags)
 
 
 def fit_autoregression(residuals: Sequence[FloatArray], highest: int) -> tuple[FloatArray, float]:
@@ -144,15 +133,10 @@ def _ar_autocovariance(a: FloatArray, variance: float, length: int) -> FloatArra
 
 
 def _weighted_product(jacobian: FloatArray, r: FloatArray) -> FloatArray:
-    """``J' R J`` with the Toeplitz matrix of ``r``, by fast convolution; shape ``(p, p)``."""
-    n = jacobian.shape[0]
-    size = 1 << int(np.ceil(np.log2(max(2 * n, 2))))
-    kernel = np.zeros(size)
-    kernel[:n] = r[:n]
-    kernel[size - n + 1 :] = r[1:n][::-1]
-    spectrum = np.fft.rfft(kernel)
-    product = np.fft.irfft(np.fft.rfft(jacobian, size, axis=0) * spectrum[:, None], size, axis=0)
-    return np.asarray(jacobian.T @ product[:n])
+    """``J' R J`` with the symmetric Toeplitz matrix of ``r``, shape ``(p, p)``."""
+    from scipy.linalg import matmul_toeplitz
+
+    return np.asarray(jacobian.T @ matmul_toeplitz(r, jacobian))
 
 
 def _step_variance(readings: Sequence[tuple[FloatArray, float]]) -> float:
@@ -266,7 +250,7 @@ def covariance(
             r = _ar_autocovariance(a, variance, length)
             # the fitted autocorrelation keeps the residuals' own size, floor included
             r *= max(sigma**2 / r[0], 1.0)
-            middle = np.sum([_weighted_product(j, r) for j in jacobian], axis=0)
+            middle = np.sum([_weighted_product(j, r[: len(j)]) for j in jacobian], axis=0)
     total = sigma**2 * bread if middle is None else bread @ middle @ bread
     steps = _converter_middle(jacobian, readings, sigma) if robust else None
     if steps is not None:
@@ -333,16 +317,5 @@ def _long_run(scores: FloatArray) -> FloatArray:
     alike = np.sum(scores[1:] * scores[:-1], axis=0) / np.where(power == 0.0, 1.0, power)
     rho = float(np.clip(np.max(alike, initial=0.0), 0.0, 0.999))
     width = int(min(n // 4, 1.1447 * (4.0 * rho**2 / (1.0 - rho**2) ** 2 * n) ** (1.0 / 3.0)))
-    total = scores.T @ scores
-    if width < 1:
-        return np.asarray(total)
-    size = 1 << int(np.ceil(np.log2(n + width + 1)))
-    kernel = np.zeros(size)
-    weights = 1.0 - np.arange(1, width + 1) / (width + 1.0)
-    kernel[0] = 1.0
-    kernel[1 : width + 1] = weights
-    kernel[size - width :] = weights[::-1]
-    spectrum = np.fft.rfft(kernel)[:, None]
-    smeared = np.fft.irfft(np.fft.rfft(scores, size, axis=0) * spectrum, size, axis=0)[:n]
-    total = scores.T @ smeared
+    total = _weighted_product(scores, np.maximum(1.0 - np.arange(n) / (width + 1.0), 0.0))
     return np.asarray(0.5 * (total + total.T))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -58,13 +59,9 @@ class HydraulicBlock(Block):
         return net
 
     def flow(
-        self,
-        chamber: int,
-        command: npt.ArrayLike,
-        pressure: npt.ArrayLike,
-        *,
+        self, chamber: int, command: npt.ArrayLike, pressure: npt.ArrayLike, *,
         network: bool = False,
-    ) -> FloatArray:
+    ) -> FloatArray:  # fmt: skip
         """Flow into chamber 1 or out of chamber 2 [m3/s].
 
         Parameters
@@ -104,17 +101,10 @@ class HydraulicBlock(Block):
         return chamber if chamber in self._known else self._known[0]
 
     def __call__(self, command: float, pressure_1: float = 0.0, pressure_2: float = 0.0) -> float:
-        """Steady speed for a command and the measured pressures [m/s].
+        """Steady speed for a command [V] and the measured pressures [Pa], in m/s.
 
-        The flow of the chamber that is being fed sets it; friction and load are in the
-        pressures.
-
-        Parameters
-        ----------
-        command
-            [V]
-        pressure_1, pressure_2
-            [Pa]; only that of the chamber being fed is used.
+        The flow of the chamber that is being fed sets it, and only that pressure is used:
+        friction and load are in it.
         """
         chamber = self._feeding(command >= 0.0)
         pressure = pressure_1 if chamber == 1 else pressure_2
@@ -123,19 +113,9 @@ class HydraulicBlock(Block):
     def command_for(
         self, velocity: float, pressure_1: float = 0.0, pressure_2: float = 0.0
     ) -> float:
-        """Feed-forward command for a wanted speed: the exact inverse of calling the block.
+        """Feed-forward command [V] for a speed [m/s]: the exact inverse of calling the block.
 
-        Parameters
-        ----------
-        velocity
-            [m/s]
-        pressure_1, pressure_2
-            [Pa]
-
-        Returns
-        -------
-        float
-            Command [V]; 0 for zero speed, infinite where the pressures leave no drop for it.
+        It is 0 for zero speed and infinite where the pressures [Pa] leave no drop for it.
         """
         if velocity == 0.0:
             return 0.0
@@ -160,8 +140,5 @@ class HydraulicBlock(Block):
         pressure as well. The run starts from rest in the middle of the fitted logs.
         """
         inputs = {r: s for r, s in experiment.signals.items() if r != "position"}
-        run = Experiment(
-            experiment.name, experiment.log, experiment.time, inputs, experiment.sample_time,
-            experiment.uniform,
-        )  # fmt: skip
+        run = replace(experiment, signals=inputs)
         return simulate_run(run, self.parameters, self._options).output

@@ -20,18 +20,10 @@ _SLOWEST = 2.5e-3  # s: at slower sampling the pressure resonance cannot be foll
 
 @dataclass(frozen=True)
 class Case:
-    """Everything on the way from experiments to an estimate or a simulation.
+    """What a fit works on, as it came and as far as it was recorded.
 
-    Attributes
-    ----------
-    variant, experiments, request
-        As they came.
-    machine
-        What is given; without what the stage of the fit leaves aside.
-    chambers
-        Those whose pressure was recorded in any log.
-    window
-        Length of the windows [s].
+    ``machine`` is without what the stage of the fit leaves aside, ``chambers`` are those whose
+    pressure any log holds, ``window`` is the length of the windows [s].
     """
 
     variant: Variant
@@ -62,14 +54,7 @@ class Case:
         return self.cut()
 
     def cut(self, overlap: int = 1, shorter: float = 1.0) -> list[Windows]:
-        """Cut the logs into windows, several of which may begin within the length of one.
-
-        Parameters
-        ----------
-        overlap
-            How many.
-        shorter
-            By what to divide the usual length.
+        """Cut the logs into windows so much ``shorter``, of which ``overlap`` begin within one.
 
         Raises
         ------

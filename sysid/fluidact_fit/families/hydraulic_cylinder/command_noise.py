@@ -44,10 +44,8 @@ def with_command_noise(
 
     Parameters
     ----------
-    box, solution
-        The fit.
-    uncertainty
-        What the residuals alone say.
+    box, solution, uncertainty
+        The fit, and what its residuals alone say.
 
     Returns
     -------
@@ -65,13 +63,13 @@ def with_command_noise(
     largest = 0.0
     for k, log in enumerate(box.logs):
         own = solution.jacobian[k].reshape(len(log.channels), log.samples, -1)
-        white = white_levels(solution.residuals[k].reshape(len(log.channels), -1))
+        white = _white_levels(solution.residuals[k].reshape(len(log.channels), -1))
         middle += np.einsum("c,cnp,cnq->pq", white**2, own, own)
         sigma = noise_floor(log.command, 4)
         if sigma == 0.0:
             continue
         transition, drive = box.per_sample(log, solution.states[k], solution.values)
-        if favours_noise(log, solution, k, transition, drive, sigma):
+        if _favours_noise(log, solution, k, transition, drive, sigma):
             largest = max(largest, sigma)
             scores = _score_slopes(log, own, solution.sigma, transition, drive)
             middle += sigma**2 * scores.T @ scores
@@ -79,7 +77,7 @@ def with_command_noise(
     return replace(uncertainty, covariance=total), largest
 
 
-def white_levels(residuals: FloatArray) -> FloatArray:
+def _white_levels(residuals: FloatArray) -> FloatArray:
     """Standard deviation of the white part of every channel of ``(channels, n)``."""
     return np.array([noise_floor(r, 2, robust=False) for r in residuals])
 
@@ -103,37 +101,25 @@ def _score_slopes(
     return out
 
 
-def favours_noise(
-    log: GrayLog,
-    solution: GraySolution,
-    index: int,
-    transition: FloatArray,
-    drive: FloatArray,
+def _favours_noise(
+    log: GrayLog, solution: GraySolution, index: int, transition: FloatArray, drive: FloatArray,
     sigma: float,
-) -> bool:
+) -> bool:  # fmt: skip
     """Whether the residuals of a log speak for noise on its command, or at least not against it.
 
-    Parameters
-    ----------
-    log, solution, index
-        The log and its number in the solution.
-    transition : (n - 1, 4, 4)
-    drive : (n - 1, 4)
-        Linearised model from one sample to the next, by state and command.
-    sigma
-        Standard deviation of the noise [V].
+    ``transition`` and ``drive`` are those of :meth:`.GrayBox.per_sample`, ``sigma`` is the
+    standard deviation of the noise [V].
     """
     n = min(log.samples, _ENOUGH)
     channels = len(log.channels)
     r = solution.residuals[index].reshape(channels, -1)
-    white = white_levels(r)
+    white = _white_levels(r)
     if not np.all(white > 0.0):
         return True
     j = solution.jacobian[index].reshape(channels, log.samples, -1)
     table = np.concatenate((r[:, :n, None], j[:, :n]), axis=2).transpose(1, 0, 2)
     table = table / white[:, None]
-    size = np.linalg.norm(table[:, :, 1:], axis=(0, 1))
-    table = np.concatenate((table[:, :, :1], table[:, :, 1:] / np.maximum(size, 1e-300)), axis=2)
+    table[:, :, 1:] /= np.maximum(np.linalg.norm(table[:, :, 1:], axis=(0, 1)), 1e-300)
     plain = _restricted(table.reshape(n * channels, -1), 0.0)
     noise = white * solution.sigma[list(log.channels)]
     noisy = _restricted(*_innovations(log, table, noise, transition, drive, sigma))
@@ -141,13 +127,9 @@ def favours_noise(
 
 
 def _innovations(
-    log: GrayLog,
-    table: FloatArray,
-    noise: FloatArray,
-    transition: FloatArray,
-    drive: FloatArray,
-    sigma: float,
-) -> tuple[FloatArray, float]:
+    log: GrayLog, table: FloatArray, noise: FloatArray, transition: FloatArray,
+    drive: FloatArray, sigma: float,
+) -> tuple[FloatArray, float]:  # fmt: skip
     """Kalman filter over every column of a table, ``(n, channels, m)``, in units of the noise.
 
     Returns

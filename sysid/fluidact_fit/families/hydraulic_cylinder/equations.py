@@ -1,9 +1,6 @@
 """Equations of the valve and its two chambers, and what is given of the machine.
 
-References
-----------
-.. [1] "A hydraulic actuator model using feedforward neural networks", 25th ABCM
-   International Congress of Mechanical Engineering (COBEM), 2019.
+Numbers of equations are those of the paper that :mod:`.family` names.
 """
 
 from __future__ import annotations
@@ -27,14 +24,9 @@ LOSSES = {1: ("line_loss_1", "line_loss_3"), 2: ("line_loss_4", "line_loss_2")}
 
 
 def effective_command(command: Array, negative: complex, positive: complex) -> Array:
-    """Command beyond the dead zone: ``max(u - u+, 0) + min(u - u-, 0)``.
+    """Command beyond the dead zone [V]: ``max(u - u+, 0) + min(u - u-, 0)``, shape ``(n,)``.
 
-    Parameters
-    ----------
-    command : (n,)
-        [V]
-    negative, positive
-        Edges of the dead zone [V]; complex in derivatives.
+    The edges are complex in derivatives.
     """
     above = np.where(np.real(command - positive) > 0.0, command - positive, 0.0)
     below = np.where(np.real(command - negative) < 0.0, command - negative, 0.0)
@@ -48,19 +40,13 @@ def orifice_flow(command: Array, drop: Array, gain: complex, loss: complex) -> A
     solution is ``Q = sgn(u) (-k^2 r + sqrt(k^4 r^2 + 4 k^2 drop)) / 2``, written here as
     ``sgn(u) 2 k drop / (k r + sqrt(k^2 r^2 + 4 drop))`` which loses no digits at small flow.
 
-    The paper [1]_ (equation 4, table 1) gives ``l = r Q`` with its sign; for ``u < 0`` that
-    would make the loss drive the flow. A loss brakes, so it goes with ``|Q|``.
-
     Parameters
     ----------
-    command : (n,)
-        Beyond the dead zone [V].
-    drop : (n,)
-        Pressure across valve and line [Pa]; flow turns back where it is negative.
-    gain
-        ``K`` [m3/(s V Pa^0.5)].
-    loss
-        ``r`` [Pa s/m3].
+    command, drop : (n,)
+        Beyond the dead zone [V]; pressure across valve and line [Pa]: flow turns back where it
+        is negative.
+    gain, loss
+        ``K`` [m3/(s V Pa^0.5)] and ``r`` [Pa s/m3].
 
     Returns
     -------
@@ -76,31 +62,15 @@ def orifice_flow(command: Array, drop: Array, gain: complex, loss: complex) -> A
 def pressure_drop(
     chamber: int, extending: Mask, pressure: Array, supply: float, tank: float
 ) -> Array:
-    """Pressure that drives the flow of a chamber: equation 4 of the paper without losses.
-
-    Parameters
-    ----------
-    chamber
-        1 (fed for ``u >= 0``) or 2 (fed for ``u < 0``).
-    extending : (n,)
-        Where the command is not negative.
-    pressure : (n,)
-        In the chamber [Pa].
-    supply, tank
-        [Pa]
-    """
+    """Pressure drop [Pa] over the open edge: chamber 1 is fed while ``extending``, 2 while not."""
     fed = extending if chamber == 1 else ~extending
     return np.asarray(np.where(fed, supply - pressure, pressure - tank))
 
 
 def chamber_flow(
-    chamber: int,
-    command: Array,
-    pressure: Array,
-    values: Mapping[str, Any],
-    supply: float,
-    tank: float,
-) -> Array:
+    chamber: int, command: Array, pressure: Array, values: Mapping[str, Any],
+    supply: float, tank: float,
+) -> Array:  # fmt: skip
     """Flow into chamber 1 or out of chamber 2, ``K_i u g_i`` of equation 4.
 
     Parameters
@@ -159,6 +129,17 @@ class Machine:
         sign = 1.0 if chamber == 1 else -1.0
         return np.asarray(dead + sign * self.area(chamber) * position)
 
+    def swelling(self, chamber: int, position: Array, pressure: Array) -> Array:
+        """``-+ V dp`` between samples: ``beta`` times the oil that adds to the motion [m3 Pa].
+
+        Zero where the dead volume is not known.
+        """
+        volume = self.volume(chamber, position)
+        if volume is None:
+            return np.zeros(position.size - 1)
+        sign = -0.5 if chamber == 1 else 0.5
+        return np.asarray(sign * (volume[1:] + volume[:-1]) * np.diff(pressure))
+
     @property
     def complete(self) -> bool:
         """Whether the gray box can be simulated."""
@@ -180,3 +161,14 @@ class Machine:
         area_1, area_2 = self.area(1), self.area(2)
         share = 0.5 * (self.supply + self.tank) * (area_1 + area_2) / (area_1**2 + area_2**2)
         return np.array([share * area_2, share * area_1, position, 0.0])
+
+
+def mean_flow(
+    chamber: int, command: Array, ends: tuple[Array, Array], values: Mapping[str, Any],
+    machine: Machine,
+) -> Array:  # fmt: skip
+    """`chamber_flow` over intervals, the mean of that at the pressures of both ends."""
+    before, after = (
+        chamber_flow(chamber, command, p, values, machine.supply, machine.tank) for p in ends
+    )
+    return 0.5 * (before + after)

@@ -47,7 +47,7 @@ import numpy as np
 
 from ...errors import Notice, NotIdentifiedError
 from ...estimation.parametric import check_request
-from ...estimation.results import Refusal, Solved, refuse
+from ...estimation.results import Solved, refuse
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
     Estimate,
@@ -93,14 +93,27 @@ def _specs() -> tuple[ParameterSpec, ...]:
         )
         for i in (1, 2)
     ]  # fmt: skip
-    where = ("supply to chamber 1", "supply to chamber 2", "chamber 1 to tank",
-             "chamber 2 to tank")  # fmt: skip
+    where = "supply to chamber 1", "supply to chamber 2", "chamber 1 to tank", "chamber 2 to tank"
     losses = [
         ParameterSpec(
             f"line_loss_{i}", "Pa s/m3", f"pressure loss per flow, {text}",
             neutral=0.0, minimum=0.0, optional=True, remedy=_LOSS_REMEDY,
         )
         for i, text in enumerate(where, start=1)
+    ]  # fmt: skip
+    edges = [
+        ParameterSpec(
+            f"dead_zone_{side}", "V", f"command {beyond} which the valve opens", neutral=0.0,
+            curved=True, remedy=_EDGE_REMEDY, minimum=low, maximum=high,
+        )
+        for side, beyond, low, high in (
+            ("negative", "below", -np.inf, 0.0), ("positive", "above", 0.0, np.inf),
+        )
+    ]  # fmt: skip
+    friction = [
+        ParameterSpec(name, unit, f"{kind} friction of the piston", neutral=0.0, minimum=0.0,
+                      remedy=_FRICTION_REMEDY)
+        for name, unit, kind in (("viscous", "N s/m", "viscous"), ("coulomb", "N", "dry"))
     ]  # fmt: skip
     networks = [
         ParameterSpec(
@@ -120,22 +133,8 @@ def _specs() -> tuple[ParameterSpec, ...]:
             "bulk_modulus=1e9 (typical: 0.5e9 to 1.5e9 Pa). Without --dead-volume-1 and "
             "--dead-volume-2 the plateaus alone are used, which do not need it.",
         ),
-        ParameterSpec(
-            "dead_zone_negative", "V", "command below which the valve opens", neutral=0.0,
-            maximum=0.0, curved=True, remedy=_EDGE_REMEDY,
-        ),
-        ParameterSpec(
-            "dead_zone_positive", "V", "command above which the valve opens", neutral=0.0,
-            minimum=0.0, curved=True, remedy=_EDGE_REMEDY,
-        ),
-        ParameterSpec(
-            "viscous", "N s/m", "viscous friction of the piston", neutral=0.0, minimum=0.0,
-            remedy=_FRICTION_REMEDY,
-        ),
-        ParameterSpec(
-            "coulomb", "N", "dry friction of the piston", neutral=0.0, minimum=0.0,
-            remedy=_FRICTION_REMEDY,
-        ),
+        *edges,
+        *friction,
         *networks,
     )  # fmt: skip
 
@@ -170,13 +169,12 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         """Fit the cylinder; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         case = make_case(variant, experiments, request)
-        found, stage, notices = None, _stage(case), []
-        if stage == "gray-box":
-            found = _by_gray_box(case)
-        if stage == "gray-box" and found is None:
-            stage, notices = "plateaus", [_left_out(case)]
-            case = replace(case, machine=case.machine.plain())
+        stage, notices = _stage(case), []
+        found = _by_gray_box(case) if stage == "gray-box" else None
         if found is None:
+            if stage == "gray-box":
+                stage, notices = "plateaus", [_left_out(case)]
+                case = replace(case, machine=case.machine.plain())
             found = _by_flow_balance(case, stage)
         nets, tables = fit_networks(case, found.values, found.friction)
         details = {**found.details, "comparisons": tables} if tables else found.details
@@ -194,12 +192,7 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         options: HydraulicCylinderOptions,
         offset: float | None = None,
     ) -> list[Simulated]:
-        """Position from the command, or from command and pressure; see :meth:`Family.simulate`.
-
-        The gray box needs nothing but the command; its initial state is fitted to each run.
-        Elsewhere the flow over windows is integrated, which needs the measured pressure, and
-        every row of windows has its own offset; other samples are NaN.
-        """
+        """Position from the command, or from command and pressure; see :meth:`Family.simulate`."""
         plain = scalars(values)
         return [simulate_run(e, plain, options) for e in experiments]
 
@@ -224,10 +217,7 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         sample_time: float,
         hold: Hold,
     ) -> dict[str, Any]:
-        """The equations' numbers, and sums of magnitudes of the layers of the networks.
-
-        Areas and supply pressure stand among the options.
-        """
+        """The equations' numbers, and sums of magnitudes of the layers of the networks."""
         v = scalars(values)
         layers = {n: float(np.abs(x).sum()) for n, x in values.items() if isinstance(x, list)}
         return {
@@ -306,8 +296,8 @@ def _by_gray_box(case: Case) -> _Found | None:
         return None
     parameters, order, matrix = found.solved.quantities(case.variant.parameters)
     return _Found(
-        friction, parameters, order, matrix, found.settle(case.options),
-        found.notices, found.details(), found.solved,
+        friction, parameters, order, matrix, found.options, found.notices, found.details,
+        found.solved,
     )  # fmt: skip
 
 
@@ -324,6 +314,8 @@ def _left_out(case: Case) -> Notice:
 
 def _by_flow_balance(case: Case, stage: str) -> _Found:
     """Flow balance over windows, friction beside it."""
+    from scipy.linalg import block_diag
+
     rows = friction_rows(case)
     first = fit_flow(case, lenient=False)
     specs = case.variant.parameters
@@ -333,20 +325,17 @@ def _by_flow_balance(case: Case, stage: str) -> _Found:
         friction = fit_friction(case, rows)
         more, names, block = friction.quantities(specs)
         parameters, order = {**parameters, **more}, (*order, *names)
-        matrix = _beside(matrix, block)
+        matrix = block_diag(matrix, block)
         notices += friction.notices
-    fixed = {n: float(v) for n, v in case.request.fixed.items() if n not in parameters}
-    open_ones = {
-        s.name: Refusal(s.name, "it needs the pressures of both chambers.")
-        for s in specs
-        if not (s.optional or s.name in parameters or s.name in fixed)
-    }
-    notices += [refuse(case.variant.parameter(n), r.reason) for n, r in open_ones.items()]
-    rest = Solved(
-        {**fixed, **dict.fromkeys(open_ones, 0.0)}, (), np.zeros((0, 0)), 1, fixed, open_ones
-    )
+    for spec in specs:
+        if spec.name in case.request.fixed and spec.name not in parameters:
+            given = float(case.request.fixed[spec.name])
+            parameters[spec.name] = Quantity(given, spec.unit, "fixed")
+        elif not (spec.optional or spec.name in parameters):
+            notices.append(refuse(spec, "it needs the pressures of both chambers."))
+            parameters[spec.name] = Quantity(spec.neutral or 0.0, spec.unit, "not_identified")
     return _Found(
-        rows, {**parameters, **rest.quantities(specs)[0]}, order, matrix,
+        rows, parameters, order, matrix,
         replace(case.options, stage=stage), [*notices, *_not_recorded(case)],
         {
             "method": "flow balance over windows",
@@ -354,14 +343,6 @@ def _by_flow_balance(case: Case, stage: str) -> _Found:
             "covariance": first.details()["covariance"],
         },
     )  # fmt: skip
-
-
-def _beside(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Block-diagonal matrix of two."""
-    n, size = first.shape[0], first.shape[0] + second.shape[0]
-    whole = np.zeros((size, size))
-    whole[:n, :n], whole[n:, n:] = first, second
-    return whole
 
 
 def _not_recorded(case: Case) -> list[Notice]:

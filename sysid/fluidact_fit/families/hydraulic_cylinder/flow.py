@@ -27,16 +27,16 @@ def _unknowns(case: Case) -> dict[str, Unknown]:
     volts = max(float(np.abs(w.command).max()) for w in windows)
     if volts == 0.0:
         raise LogError("the command is zero throughout", remedy="Record strokes of the valve.")
-    scales: dict[str, float] = {"bulk_modulus": 1e9}
-    limits: dict[str, tuple[float, float]] = {
+    names = ["dead_zone_negative", "dead_zone_positive"]
+    scales = {**dict.fromkeys(names, 0.05 * volts), "bulk_modulus": 1e9}
+    limits = {
         "dead_zone_negative": (-0.5 * volts, 0.0),
         "dead_zone_positive": (0.0, 0.5 * volts),
         "bulk_modulus": (1e7, 1e11),
     }
-    scales["dead_zone_negative"] = scales["dead_zone_positive"] = 0.05 * volts
-    names = ["dead_zone_negative", "dead_zone_positive"]
     for chamber in case.chambers:
-        flow = max(_largest(windows, chamber), 1e-12)
+        flows = [np.abs(w.motion) for w in windows if w.chamber == chamber]
+        flow = max(float(np.quantile(np.concatenate(flows), 0.98)) if flows else 0.0, 1e-12)
         gain = flow / (volts * np.sqrt(0.5 * head))
         scales[f"valve_gain_{chamber}"] = gain
         limits[f"valve_gain_{chamber}"] = (1e-4 * gain, 1e4 * gain)
@@ -48,20 +48,12 @@ def _unknowns(case: Case) -> dict[str, Unknown]:
     return make_unknowns(case.variant.parameters, names, scales, case.request, limits)
 
 
-def _largest(windows: Sequence[Windows], chamber: int) -> float:
-    flows = [np.abs(w.motion) for w in windows if w.chamber == chamber]
-    return float(np.quantile(np.concatenate(flows), 0.98)) if flows else 0.0
-
-
 def sensible_widths(unknowns: Mapping[str, Unknown]) -> dict[str, float]:
     """Widths beyond which an interval says nothing."""
-    out = {}
-    for name, u in unknowns.items():
-        if name.startswith("line_loss"):
-            out[name] = 0.25 * u.high
-        elif name.startswith("dead_zone"):
-            out[name] = 0.5 * max(abs(u.low), abs(u.high))
-    return out
+    reach = {n: max(abs(u.low), abs(u.high)) for n, u in unknowns.items()}
+    shares = {"line_loss": 0.25, "dead_zone": 0.5}
+    return {n: share * r for kind, share in shares.items() for n, r in reach.items()
+            if n.startswith(kind)}  # fmt: skip
 
 
 def one_sided(case: Case) -> list[Refusal]:
@@ -106,20 +98,14 @@ def fit_flow(case: Case, lenient: bool) -> Fitted:
         return Basis(flow, empty, empty)
 
     model = NamedModel(
-        nonlinear=names,
-        linear=(),
-        columns=columns,
-        measured=[w.motion for w in windows],
+        names, (), columns, [w.motion for w in windows],
         weights=[1.0 / case.machine.area(w.chamber) for w in windows],
-    )
+    )  # fmt: skip
+    edges = {"dead_zone_negative": -0.2, "dead_zone_positive": 0.2}
     starts = []
-    for share in (0.0, 1.0):
-        start = {n: u.scale for n, u in unknowns.items()}
-        for n, u in unknowns.items():
-            if n.startswith("line_loss"):
-                start[n] = share * u.scale
-            elif n.startswith("dead_zone"):
-                start[n] = 0.2 * u.scale * (1.0 if n.endswith("positive") else -1.0)
+    for loss in (0.0, 1.0):
+        shares = {**edges, **{n: loss for n in names if n.startswith("line_loss")}}
+        start = {n: u.scale * shares.get(n, 1.0) for n, u in unknowns.items()}
         starts.append({**start, **case.request.start})
     sensible = dict.fromkeys(names, np.inf) if lenient else sensible_widths(unknowns)
     if not lenient and "bulk_modulus" in names:

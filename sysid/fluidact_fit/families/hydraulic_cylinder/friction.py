@@ -28,10 +28,8 @@ class FrictionRows:
     @property
     def moving(self) -> npt.NDArray[np.bool_]:
         """Rows fast enough to have a direction."""
-        if not self.speed.size:
-            return np.zeros(0, dtype=bool)
-        fast = float(np.quantile(np.abs(self.speed), 0.95))
-        return np.asarray(np.abs(self.speed) > 0.1 * fast)
+        size = np.abs(self.speed)
+        return size > 0.1 * np.quantile(size, 0.95) if size.size else size > 0.0
 
 
 def friction_rows(case: Case) -> FrictionRows:
@@ -77,50 +75,39 @@ def _paired_plateaus(case: Case) -> FrictionRows:
             area = case.machine.area(w.chamber)
             speed = float(np.sum((w.motion * w.duration)[rows]) / np.sum(w.duration[rows]) / area)
             means.setdefault((w.chamber, float(u)), []).append((speed, pressure))
-    speeds: list[float] = []
-    forces: list[float] = []
-    for (chamber, u), found in sorted(means.items()):
-        other = means.get((2, u))
-        if chamber == 1 and other:
-            for (v1, p1), (v2, p2) in zip(found, other):
-                speeds.append(0.5 * (v1 + v2))
-                forces.append(p1 * case.machine.area(1) - p2 * case.machine.area(2))
-    return FrictionRows(np.array(speeds), np.array(forces), "plateaus of separate logs")
+    area_1, area_2 = case.machine.area(1), case.machine.area(2)
+    pairs = [
+        (0.5 * (v1 + v2), p1 * area_1 - p2 * area_2)
+        for (chamber, u), found in sorted(means.items()) if chamber == 1
+        for (v1, p1), (v2, p2) in zip(found, means.get((2, u), ()))
+    ]  # fmt: skip
+    speeds, forces = np.array(pairs).reshape(-1, 2).T
+    return FrictionRows(speeds, forces, "plateaus of separate logs")
 
 
 def fit_friction(case: Case, rows: FrictionRows, lenient: bool = False) -> Fitted:
     """Viscous and Coulomb friction by linear regression; an offset where both directions moved."""
     v, f = rows.speed[rows.moving], rows.force[rows.moving]
-    columns = [v, np.sign(v)]
-    both = (v > 0.0).any() and (v < 0.0).any()
-    if both and not lenient:
-        columns.append(np.ones(v.size))
-    table = np.column_stack(columns)
+    both = not lenient and (v > 0.0).any() and (v < 0.0).any()
+    table = np.column_stack([v, np.sign(v), *([np.ones(v.size)] if both else ())])
     basis = Basis(np.zeros(v.size), table, np.zeros((v.size, 0)))
-    names = ("viscous", "coulomb")
     size = max(float(np.abs(f).max()), 1e-300)
-    model = NamedModel((), names, lambda index, values: basis, [f],
-                       nuisance=("offset",) if both and not lenient else ())  # fmt: skip
-    unknowns = make_unknowns(
-        case.variant.parameters, names,
-        {"viscous": size / float(np.abs(v).max()), "coulomb": size}, case.request,
-    )  # fmt: skip
-    sensible = {"viscous": 0.5 * size / float(np.abs(v).max()), "coulomb": 0.5 * size}
-    if lenient:
-        sensible = dict.fromkeys(names, np.inf)
+    scales = {"viscous": size / float(np.abs(v).max()), "coulomb": size}
+    model = NamedModel((), (*scales,), lambda index, values: basis, [f],
+                       nuisance=("offset",) if both else ())  # fmt: skip
+    unknowns = make_unknowns(case.variant.parameters, (*scales,), scales, case.request)
+    sensible = {n: np.inf if lenient else 0.5 * s for n, s in scales.items()}
     return fit_named(model, case.variant.parameters, case.request, unknowns, [{}],
                      sensible=sensible, robust=rows.source == "windows")  # fmt: skip
 
 
 def friction_levels(rows: FrictionRows) -> dict[str, Quantity]:
     """Mean friction in either direction, signed [N]."""
-    out = {}
-    moving = rows.moving
+    out, robust = {}, rows.source == "windows"
     for sign, word in ((1.0, "extending"), (-1.0, "retracting")):
-        chosen = rows.force[moving & (sign * rows.speed > 0.0)]
+        chosen = rows.force[rows.moving & (sign * rows.speed > 0.0)]
         if chosen.size >= 2:
             one = np.ones((chosen.size, 1))
-            robust = rows.source == "windows"
             found = covariance([one], [chosen - chosen.mean()], robust=robust)
             se = float(np.sqrt(found.covariance[0, 0]))
             out[f"friction_{word}"] = Quantity(float(chosen.mean()), "N", "derived", se)

@@ -77,14 +77,8 @@ def make_gray_log(e: Experiment, machine: Machine) -> GrayLog:
 class Scheme:
     """How a sample is integrated.
 
-    Attributes
-    ----------
-    slip
-        Speed over which dry friction is rounded off [m/s].
-    rest
-        Speed below which a piston counts as near rest [m/s].
-    moving, resting
-        Runge-Kutta steps per sample away from rest and near it.
+    Dry friction is rounded off over the speed ``slip``; below the speed ``rest`` [m/s] a sample
+    takes ``resting`` Runge-Kutta steps, and ``moving`` ones elsewhere.
     """
 
     slip: float
@@ -152,11 +146,7 @@ def _sample_function(ca: Any, f: Any, substeps: int) -> Any:
 
 
 def _symbolic_rates(ca: Any, x: Any, u: Any, theta: Any, machine: Machine, slip: float) -> Any:
-    """Equations 1 to 4 with dead zone, losses and dry friction, as CasADi expressions.
-
-    Equation 5 of the paper writes ``f`` with a dot although it is no derivative, and equation
-    8 has ``M y'`` where equation 1 has ``M y''``: both are typing errors.
-    """
+    """Equations 1 to 4 with dead zone, losses and dry friction, as CasADi expressions."""
     p = dict(zip(GRAY_NAMES, ca.vertsplit(theta)))
     beyond = ca.fmax(u - p["dead_zone_positive"], 0.0) + ca.fmin(u - p["dead_zone_negative"], 0.0)
     forward = beyond >= 0.0
@@ -199,22 +189,11 @@ class Linear:
 
 
 class GrayBox:
-    """Output error of pressures and position over several logs.
+    """Simulation and sensitivities of several logs, in segments of so many samples.
 
-    Parameters
-    ----------
-    logs
-        See :func:`make_gray_log`.
-    machine
-        Everything given; complete.
-    friction
-        Largest dry and viscous friction to be expected [N], [N s/m]: they set the speed over
-        which dry friction is rounded off and the number of Runge-Kutta steps per sample.
-    segment
-        Samples between two shooting nodes.
-    slip
-        Speed over which dry friction is rounded off, where it need not be, in steps this small
-        [m/s]; from the speeds of the logs when left out.
+    The largest dry and viscous friction to be expected [N], [N s/m] set the number of
+    Runge-Kutta steps per sample and the speed over which dry friction is rounded off where it
+    need not be in steps this small: ``slip`` [m/s], from the speeds of the logs when left out.
     """
 
     def __init__(
@@ -250,12 +229,7 @@ class GrayBox:
     def rounded(self, factor: float, most: int = _MOST_SUBSTEPS) -> GrayBox:
         """The same with dry friction rounded off over a speed ``factor`` times as wide.
 
-        Parameters
-        ----------
-        factor
-            Of the speed.
-        most
-            Limit on the Runge-Kutta steps per sample near rest; the speed grows until it holds.
+        That speed grows until ``most`` Runge-Kutta steps per sample do near rest.
         """
         other = copy(self)
         other.scheme = self._scheme(factor * self.scheme.slip, most)
@@ -270,10 +244,8 @@ class GrayBox:
 
     def _inputs(self, log: GrayLog) -> FloatArray:
         """Command and step of every sample, the last segment filled up, ``(2, m)``."""
-        inputs = np.empty((2, self._segments(log) * self.segment))
-        for row, values in zip(inputs, (log.command, log.step)):
-            row[: values.size], row[values.size :] = values, values[-1]
-        return inputs
+        missing = self._segments(log) * self.segment - log.command.size
+        return np.pad((log.command, log.step), ((0, 0), (0, missing)), mode="edge")
 
     def integrate(
         self, log: GrayLog, nodes: FloatArray, values: Mapping[str, float], free: Sequence[str]
@@ -282,14 +254,10 @@ class GrayBox:
 
         Parameters
         ----------
-        log
-            The log.
         nodes : (segments, 4)
             State at the beginning of every segment [Pa, Pa, m, m/s].
-        values
-            All parameters by name.
-        free
-            Names of those whose sensitivities are wanted.
+        values, free
+            All parameters by name, and the names of those whose sensitivities are wanted.
 
         Returns
         -------
@@ -310,17 +278,7 @@ class GrayBox:
     def simulate(
         self, log: GrayLog, initial: FloatArray, values: Mapping[str, float]
     ) -> FloatArray:
-        """States at every sample from the initial state, ``(n, 4)``.
-
-        Parameters
-        ----------
-        log
-            The log.
-        initial : (4,)
-            [Pa, Pa, m, m/s]
-        values
-            All parameters by name.
-        """
+        """States at every sample, ``(n, 4)``, from the initial one [Pa, Pa, m, m/s]."""
         function = _segment_function(self.machine, self.segment, self.scheme, None)
         theta = np.tile(_theta(values), (1, self.segment))
         inputs = self._inputs(log)
@@ -336,16 +294,7 @@ class GrayBox:
     def per_sample(
         self, log: GrayLog, states: FloatArray, values: Mapping[str, float]
     ) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of the state after every sample.
-
-        Parameters
-        ----------
-        log
-            The log.
-        states : (n, 4)
-            Of a simulation.
-        values
-            All parameters by name.
+        """Derivatives of the state after every sample of a simulation, ``(n, 4)``.
 
         Returns
         -------
@@ -367,35 +316,28 @@ class GrayBox:
         return np.asarray((log.guess if states is None else states)[rows]).copy()
 
     def linearise(
-        self,
-        log: GrayLog,
-        nodes: FloatArray,
-        values: Mapping[str, float],
-        free: Sequence[str],
+        self, log: GrayLog, nodes: FloatArray, values: Mapping[str, float], free: Sequence[str]
     ) -> Linear:
         """Condense one log: states as an affine function of initial state and parameters."""
         states, slopes = self.integrate(log, nodes, values, free)
-        count, length = states.shape[:2]
-        n, q = log.samples, 4 + len(free)
-        value, slope = np.empty((count * length + 1, 4)), np.empty((count * length + 1, 4, q))
-        shift, defects = np.empty((count * length + 1, 4)), np.zeros((count, 4))
-        by_node, known = np.zeros((4, q)), np.zeros(4)
-        by_node[:, :4] = np.eye(4)
-        chain, offsets = np.empty((count, 4, q)), np.empty((count, 4))
-        value[0], slope[0], shift[0] = nodes[0], by_node, known
+        (count, length), n, q = states.shape[:2], log.samples, 4 + len(free)
+        slope, chain = np.empty((count * length + 1, 4, q + 1)), np.empty((count, 4, q + 1))
+        defects = np.zeros((count, 4))
+        now = np.eye(4, q + 1)  # by initial state and parameters, and the gaps in the last column
+        slope[0] = now
         for k in range(count):
-            rows = slice(k * length + 1, (k + 1) * length + 1)
-            chain[k], offsets[k] = by_node, known
-            forward = slopes[k, :, :, :4]
-            slope[rows] = forward @ by_node
-            slope[rows, :, 4:] += slopes[k, :, :, 4:]
-            shift[rows] = forward @ known
-            value[rows] = states[k]
-            by_node, known = slope[rows][-1], shift[rows][-1]
+            chain[k] = now
+            rows = slope[k * length + 1 : (k + 1) * length + 1]
+            rows[:] = slopes[k, :, :, :4] @ now
+            rows[:, :, 4:q] += slopes[k, :, :, 4:]
+            now = rows[-1].copy()
             if k + 1 < count:
                 defects[k] = states[k, -1] - nodes[k + 1]
-                known = known + defects[k]
-        return Linear(value[:n], slope[:n], shift[:n], chain, offsets, defects)
+                now[:, q] += defects[k]
+        value = np.vstack((nodes[:1], states.reshape(-1, 4)))[:n]
+        return Linear(
+            value, slope[:n, :, :q], slope[:n, :, q], chain[:, :, :q], chain[:, :, q], defects
+        )
 
 
 def _theta(values: Mapping[str, float]) -> FloatArray:

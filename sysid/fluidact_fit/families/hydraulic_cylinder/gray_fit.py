@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...errors import Notice
 from ...estimation.noise import noise_floor
 from ...estimation.parametric import Fitted, make_unknowns
-from ...estimation.results import Refusal, Solved, determine, refuse
+from ...estimation.results import Refusal, Solved, determine, left_open, refuse
 from ...estimation.separable import Unknown
-from ...estimation.uncertainty import Uncertainty, score_covariance, t_quantile
+from ...estimation.uncertainty import Uncertainty, score_covariance
 from ...experiment import Experiment, FloatArray
 from ...family import Quantity
 from .case import Case
@@ -31,35 +31,15 @@ _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says 
 
 @dataclass(frozen=True)
 class GrayFit:
-    """A finished fit of the gray box; ``command_noise`` is what was found of it [V]."""
+    """A finished fit of the gray box, with the options it settled and what the file says of it."""
 
     solved: Solved
-    solution: GraySolution
-    slip: float
-    command_noise: float
+    options: HydraulicCylinderOptions
+    details: dict[str, Any]
     notices: list[Notice]
 
-    def settle(self, options: HydraulicCylinderOptions) -> HydraulicCylinderOptions:
-        """Options with the weights of the channels and the rounding of friction."""
-        sigma = self.solution.sigma.tolist()
-        return replace(
-            options, stage="gray-box", slip=self.slip,
-            residual_pressure_1=sigma[0], residual_pressure_2=sigma[1], residual_position=sigma[2],
-        )  # fmt: skip
 
-    def details(self) -> dict[str, Any]:
-        """What the file says of the fit beside its numbers."""
-        return {
-            "method": "gray-box output error of pressures and position (multiple shooting)",
-            "iterations": self.solution.iterations,
-            "converged": self.solution.converged,
-            "covariance": "long-run variance of the scores",
-            "command_noise": self.command_noise,
-        }
-
-
-@dataclass(frozen=True)
-class _Attempt:
+class _Attempt(NamedTuple):
     """One search with some parameters held."""
 
     problem: GrayProblem
@@ -109,32 +89,21 @@ class _Search:
 
     def undetermined(self, attempt: _Attempt) -> list[Refusal]:
         """The parameter whose interval says least, if it says nothing."""
-        solution, uncertainty = attempt.solution, attempt.uncertainty
-        quantile = t_quantile(0.975, uncertainty.degrees)
-        sensible = {
-            **sensible_widths(self.unknowns),
-            **{n: self.unknowns[n].scale for n in ("viscous", "coulomb")},
-        }
-        found: list[tuple[bool, float, Refusal]] = []
-        for k, name in enumerate(attempt.problem.names):
-            half = quantile * float(np.sqrt(max(uncertainty.covariance[k, k], 0.0)))
-            value, spec = solution.values[name], self.case.variant.parameter(name)
-            share = 0.5
-            if name == "bulk_modulus":
-                share, half = _CERTAIN, np.inf if solution.active[k] else half
-            width = sensible.get(name, share * abs(value))
-            if half <= width:
-                continue
-            reason = (
-                f"its 95 % interval would be {value:.3g} ± {half:.2g} {spec.unit}, wide enough "
-                "to hold every sensible value."
-                if np.isfinite(half)
-                else "the pressures and the position hardly depend on it in these logs."
-            )
-            ratio = half / width if np.isfinite(half) and width > 0.0 else np.inf
-            found.append((spec.neutral is not None, ratio, Refusal(name, reason)))
+        problem, solution, uncertainty = attempt
+        sizes = {n: 0.5 * max(abs(solution.values[n]), 1e-300) for n in problem.names}
+        friction = {n: self.unknowns[n].scale for n in ("viscous", "coulomb")}
+        sensible = {**sizes, **sensible_widths(self.unknowns), **friction}
+        matrix = uncertainty.covariance.copy()
+        if "bulk_modulus" in problem.names:
+            k = problem.names.index("bulk_modulus")
+            sensible["bulk_modulus"] *= _CERTAIN / 0.5
+            matrix[k, k] = np.inf if solution.active[k] else matrix[k, k]
+        solved = Solved(solution.values, problem.names, matrix, uncertainty.degrees)
+        specs = [self.case.variant.parameter(n) for n in problem.names]
         # what can be left out goes first: a gain may be sure once the losses are gone
-        return [max(found, key=lambda f: f[:2])[2]] if found else []
+        dispensable = {s.name: s for s in specs if s.neutral is not None}
+        others = {s.name: s for s in specs if s.neutral is None}
+        return left_open(solved, dispensable, sensible) or left_open(solved, others, sensible)
 
     def check_bulk_modulus(self, attempt: _Attempt) -> None:
         """Refuse a bulk modulus that looks certain only because other parameters were held.
@@ -144,13 +113,11 @@ class _Search:
         NotIdentifiedError
             When its interval is wide once losses and dead zone may vary again.
         """
-        fixed = self.case.request.fixed
-        every = [self.unknowns[n] for n in GRAY_NAMES if n not in fixed]
-        free = attempt.problem.names
-        if "bulk_modulus" not in free or len(every) == len(free):
+        problem, solution, _ = attempt
+        every = [self.unknowns[n] for n in GRAY_NAMES if n not in self.case.request.fixed]
+        if "bulk_modulus" not in problem.names or len(every) == len(problem.names):
             return
-        solution = attempt.solution
-        wide = replace(attempt.problem, free=every, sigma=solution.sigma)
+        wide = replace(problem, free=every, sigma=solution.sigma)
         again = solve_gray_box(wide, solution.values, solution.initial, max_iterations=0)
         k = wide.names.index("bulk_modulus")
         half = 1.96 * float(np.sqrt(max(self.uncertainty(again).covariance[k, k], 0.0)))
@@ -168,13 +135,11 @@ def fit_gray(case: Case, first: Fitted, rows: FrictionRows) -> GrayFit:
     fixed = {n: float(v) for n, v in case.request.fixed.items() if n in GRAY_NAMES}
     specs = {s.name: s for s in case.variant.parameters}
     found = determine(
-        search.solve, search.undetermined, specs,
-        fixed=fixed, refusals=one_sided(case),
-    )  # fmt: skip
-    attempt, notices = found.solution, found.notices
-    solution = attempt.solution
-    search.check_bulk_modulus(attempt)
-    uncertainty, noise = with_command_noise(search.box, solution, attempt.uncertainty)
+        search.solve, search.undetermined, specs, fixed=fixed, refusals=one_sided(case)
+    )
+    search.check_bulk_modulus(found.solution)
+    (problem, solution, uncertainty), notices = found.solution, found.notices
+    uncertainty, noise = with_command_noise(search.box, solution, uncertainty)
     if not solution.converged:
         notices.append(
             Notice(
@@ -184,10 +149,22 @@ def fit_gray(case: Case, first: Fitted, rows: FrictionRows) -> GrayFit:
             )
         )
     solved = Solved(
-        solution.values, attempt.problem.names, uncertainty.covariance, uncertainty.degrees,
+        solution.values, problem.names, uncertainty.covariance, uncertainty.degrees,
         fixed, found.refused,
     )  # fmt: skip
-    return GrayFit(solved, solution, search.box.slip, noise, notices)
+    sigma = solution.sigma.tolist()
+    options = replace(
+        case.options, stage="gray-box", slip=search.box.slip,
+        residual_pressure_1=sigma[0], residual_pressure_2=sigma[1], residual_position=sigma[2],
+    )  # fmt: skip
+    details = {
+        "method": "gray-box output error of pressures and position (multiple shooting)",
+        "iterations": solution.iterations,
+        "converged": solution.converged,
+        "covariance": "long-run variance of the scores",
+        "command_noise": noise,
+    }
+    return GrayFit(solved, options, details, notices)
 
 
 def _start(
@@ -198,14 +175,11 @@ def _start(
     force = 0.01 * (machine.supply - machine.tank) * machine.area(1)
     speeds = [np.abs(np.diff(e["position"])).sum() / np.ptp(e.time) for e in case.experiments]
     speed = max(float(np.mean(speeds)), 1e-6)
-    values = {"viscous": force / speed, "coulomb": force}
+    values = scales = {"viscous": force / speed, "coulomb": force}
     if rows.moving.sum() >= 8:
         found = fit_friction(case, rows, lenient=True).values
-        values = {n: found[n] for n in values}
-    scales = {
-        "viscous": max(values["viscous"], force / speed),
-        "coulomb": max(values["coulomb"], force),
-    }
+        values = {n: found[n] for n in scales}
+        scales = {n: max(v, scales[n]) for n, v in values.items()}
     start = {**dict.fromkeys(GRAY_NAMES, 0.0), **first.values, **values}
     start["bulk_modulus"] = float(np.clip(first.values["bulk_modulus"], 2e8, 3e9))
     return {**start, **{n: v for n, v in case.request.start.items() if n in start}}, scales
@@ -213,24 +187,22 @@ def _start(
 
 def _noise(experiments: Sequence[Experiment]) -> FloatArray:
     """Noise of the three channels, with a floor [Pa, Pa, m]."""
-    out = []
-    for role in CHANNELS:
-        found = [
-            noise_floor(e[role], 2) + max(e.signals[role].resolution, 1e-4 * float(np.ptp(e[role])))
-            for e in experiments
-            if role in e
-        ]
-        out.append(max(found, default=1.0))
-    return np.array(out)
+
+    def noise(e: Experiment, role: str) -> float:
+        least = max(e.signals[role].resolution, 1e-4 * float(np.ptp(e[role])))
+        return noise_floor(e[role], 2) + least
+
+    found = ([noise(e, role) for e in experiments if role in e] for role in CHANNELS)
+    return np.array([max(values, default=1.0) for values in found])
 
 
 def _spread(logs: Sequence[GrayLog], solution: GraySolution) -> FloatArray:
     """Root mean square of the residuals of each channel over all logs [Pa, Pa, m]."""
     total, count = np.zeros(3), np.zeros(3)
     for log, states in zip(logs, solution.states):
-        for c, y in zip(log.channels, log.measured):
-            total[c] += float(np.sum((y - states[:, c]) ** 2))
-            count[c] += y.size
+        rows = list(log.channels)
+        total[rows] += np.sum((log.measured - states.T[rows]) ** 2, axis=1)
+        count[rows] += log.samples
     spread = np.sqrt(total / np.maximum(count, 1.0))
     return np.where(spread > 0.0, spread, solution.sigma)
 
@@ -239,11 +211,8 @@ def resonance(case: Case, solved: Solved) -> dict[str, Quantity]:
     """Undamped resonance of the piston between the closed chambers, in the middle of the logs."""
     m, mass = case.machine, case.machine.mass or 1.0
     middle = np.array(case.rest_position())
-    compliance = 0.0
-    for i in (1, 2):
-        volume = m.volume(i, middle)
-        assert volume is not None
-        compliance += m.area(i) ** 2 / float(np.real(volume))
+    volumes = {i: m.volume(i, middle) for i in (1, 2)}
+    compliance = sum(m.area(i) ** 2 / float(v) for i, v in volumes.items() if v is not None)
 
     def function(v: Mapping[str, Any]) -> dict[str, Any]:
         omega = np.sqrt(v["bulk_modulus"] * compliance / mass)

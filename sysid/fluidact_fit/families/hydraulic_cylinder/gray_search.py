@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...estimation.separable import Unknown
+from ...estimation.separable import Unknown, damped_step
 from ...experiment import FloatArray
 from .equations import Mask
 from .gray_box import GrayBox, GrayLog, Linear
@@ -30,7 +30,7 @@ class GraySolution:
     """Outcome of the gray-box iteration.
 
     ``states`` holds ``(n, 4)`` per log (p1, p2, y, v), ``residuals`` and ``jacobian`` the
-    weighted rows of every log, channel after channel, initial states projected out.
+    weighted rows of every log, channel after channel, initial states projected out of the latter.
     """
 
     values: dict[str, float]
@@ -62,16 +62,9 @@ class _Iterate:
 
 @dataclass(frozen=True)
 class GrayProblem:
-    """What a search works on.
+    """What a search works on: logs and machine, the parameters to be estimated, weights.
 
-    Attributes
-    ----------
-    box
-        Logs and machine.
-    free
-        The parameters to be estimated, with typical size and closed range.
-    sigma : (3,)
-        Standard deviation of the residuals of p1, p2 and y [Pa, Pa, m].
+    ``sigma`` holds the standard deviation of the residuals of p1, p2 and y [Pa, Pa, m].
     """
 
     box: GrayBox
@@ -99,10 +92,8 @@ def solve_gray_box(
 
     Parameters
     ----------
-    problem
-        Logs, machine, and what is free.
-    start
-        All parameters by name.
+    problem, start
+        Logs, machine and what is free, and where to begin: all parameters by name.
     initial
         State of every log at its beginning [SI], from an earlier solution near by; the search then
         starts without gaps between the segments. Left out, it starts from the measured signals.
@@ -203,22 +194,22 @@ def _sharpen(problem: GrayProblem, now: _Iterate) -> _Iterate:
     return last if np.isfinite(last.cost) else now
 
 
-def _rows(
-    log: GrayLog, states: FloatArray, slope: FloatArray, sigma: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Weighted residuals and Jacobian, channel after channel."""
-    with np.errstate(over="ignore", invalid="ignore"):  # a simulation that has run away
-        r = [(y - states[:, c]) / sigma[c] for c, y in zip(log.channels, log.measured)]
-        j = [slope[:, c, :] / sigma[c] for c in log.channels]
-    return np.concatenate(r), np.vstack(j)
+@np.errstate(all="ignore")  # a simulation that has run away
+def _residuals(log: GrayLog, states: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Weighted residuals, channel after channel."""
+    r = [(y - states[:, c]) / sigma[c] for c, y in zip(log.channels, log.measured)]
+    return np.concatenate(r)
 
 
-def _weighted_cost(log: GrayLog, states: FloatArray, sigma: FloatArray) -> float:
-    with np.errstate(all="ignore"):
-        cost = sum(
-            float(np.sum(((y - states[:, c]) / sigma[c]) ** 2))
-            for c, y in zip(log.channels, log.measured)
-        )
+@np.errstate(all="ignore")
+def _jacobian(log: GrayLog, slope: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Their derivatives with the sign of the model."""
+    return np.vstack([slope[:, c, :] / sigma[c] for c in log.channels])
+
+
+@np.errstate(all="ignore")
+def _cost(log: GrayLog, states: FloatArray, sigma: FloatArray) -> float:
+    cost = float(np.sum(_residuals(log, states, sigma) ** 2))
     return cost if np.isfinite(cost) else np.inf
 
 
@@ -228,17 +219,17 @@ def _close(
     """Simulate every log from its initial state."""
     box = problem.box
     states = [box.simulate(log, x, values) for log, x in zip(box.logs, initial)]
-    cost = sum(_weighted_cost(log, s, problem.sigma) for log, s in zip(box.logs, states))
+    cost = sum(_cost(log, s, problem.sigma) for log, s in zip(box.logs, states))
     nodes = [box.nodes_of(log, s) for log, s in zip(box.logs, states)]
     return _Iterate(dict(values), nodes, states, [], cost)
 
 
+@np.errstate(all="ignore")
 def _linearise(problem: GrayProblem, point: _Iterate) -> None:
-    with np.errstate(all="ignore"):
-        point.linear = [
-            problem.box.linearise(log, nodes, point.values, problem.names)
-            for log, nodes in zip(problem.box.logs, point.nodes)
-        ]
+    point.linear = [
+        problem.box.linearise(log, nodes, point.values, problem.names)
+        for log, nodes in zip(problem.box.logs, point.nodes)
+    ]
 
 
 def _evaluate_gaps(problem: GrayProblem, point: _Iterate) -> None:
@@ -248,7 +239,7 @@ def _evaluate_gaps(problem: GrayProblem, point: _Iterate) -> None:
     gap = np.array([sigma[0], sigma[1], sigma[2], 100.0 * sigma[2]])  # counts as one residual
     cost, defect = 0.0, 0.0
     for log, linear in zip(problem.box.logs, point.linear):
-        cost += _weighted_cost(log, linear.value, sigma)
+        cost += _cost(log, linear.value, sigma)
         defect += float(10.0 * np.sum((linear.defects / gap) ** 2))
     finite = np.isfinite(cost) and np.isfinite(defect)
     point.cost, point.defect = (cost, defect) if finite else (np.inf, np.inf)
@@ -262,7 +253,8 @@ def _propose(
     h, g = np.zeros((p, p)), np.zeros(p)
     blocks = []
     for log, linear, states in zip(problem.box.logs, now.linear, now.states or _opened(now)):
-        r, j = _rows(log, states, linear.slope, problem.sigma)
+        r = _residuals(log, states, problem.sigma)
+        j = _jacobian(log, linear.slope, problem.sigma)
         if not (np.all(np.abs(r) < _ASTRAY) and np.all(np.abs(j) < _ASTRAY**8)):
             raise np.linalg.LinAlgError("the simulation leaves every measured range")
         own, shared = j[:, :4] * STATE_SCALE, j[:, 4:] * scale
@@ -271,10 +263,9 @@ def _propose(
         h += shared.T @ shared
         g += shared.T @ (r - q @ (q.T @ r))
         blocks.append((q, t, r, j))
-    low = np.array([u.low for u in problem.free]) / scale
-    high = np.array([u.high for u in problem.free]) / scale
-    x = np.array([now.values[n] for n in problem.names]) / scale
-    step = _bounded_step(h, g, x, low, high, damping)
+    low, high = (np.array([getattr(u, end) for u in problem.free]) for end in ("low", "high"))
+    x = np.array([now.values[n] for n in problem.names])
+    step = damped_step(h, g, x / scale, (low / scale, high / scale), damping)
     initial = []
     for q, t, r, j in blocks:
         rest = r - j[:, 4:] @ (step * scale)
@@ -288,28 +279,6 @@ def _propose(
 def _opened(now: _Iterate) -> list[FloatArray]:
     """States with the gaps between the segments closed to first order."""
     return [linear.value + linear.shift for linear in now.linear]
-
-
-def _bounded_step(
-    h: FloatArray, g: FloatArray, x: FloatArray, low: FloatArray, high: FloatArray, damping: float
-) -> FloatArray:
-    """Marquardt step in scaled unknowns; those that would cross a bound stop on it."""
-    step = np.zeros(g.size)
-    free = ~(((x <= low) & (g <= 0.0)) | ((x >= high) & (g >= 0.0)))
-    for _ in range(g.size + 1):
-        index = np.flatnonzero(free)
-        if index.size == 0:
-            break
-        size = np.sqrt(np.maximum(np.diag(h)[index], 1e-300))
-        normal = h[np.ix_(index, index)] / np.outer(size, size) + damping * np.eye(index.size)
-        rhs = (g[index] - h[index][:, ~free] @ step[~free]) / size
-        step[index] = np.linalg.lstsq(normal, rhs, rcond=1e-14)[0] / size
-        crossing = free & ((x + step < low) | (x + step > high))
-        if not crossing.any():
-            break
-        step[crossing] = np.clip(x + step, low, high)[crossing] - x[crossing]
-        free &= ~crossing
-    return step
 
 
 def _move(
@@ -329,11 +298,10 @@ def _move(
 def _finish(problem: GrayProblem, now: _Iterate, count: int, converged: bool) -> GraySolution:
     residuals, jacobian = [], []
     for log, states, linear in zip(problem.box.logs, now.states, now.linear):
-        r, j = _rows(log, states, linear.slope, problem.sigma)
+        j = _jacobian(log, linear.slope, problem.sigma)
         q = np.linalg.qr(j[:, :4] * STATE_SCALE)[0]
-        shared = j[:, 4:]
-        residuals.append(r)
-        jacobian.append(shared - q @ (q.T @ shared))
+        residuals.append(_residuals(log, states, problem.sigma))
+        jacobian.append(j[:, 4:] - q @ (q.T @ j[:, 4:]))
     values = now.values
     active = [not u.low < values[u.name] < u.high for u in problem.free]
     return GraySolution(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,6 @@ from .equations import Mask, chamber_flow
 from .friction import FrictionRows
 from .windows import Windows
 
-LAYERS = ("weights_1", "biases_1", "weights_2", "biases_2", "input_offset", "input_scale",
-          "output_offset", "output_scale")  # fmt: skip
 _EDGES = ("dead_zone_negative", "dead_zone_positive")
 NETWORKS = ("flow_1", "flow_2", "friction")
 _RAMP = 1.5  # how much shorter the windows of a fast ramp are; speed is noisier there
@@ -27,23 +25,13 @@ _HIDDEN = 10  # units of the networks
 _WINDOWS = 1500  # rows a network is trained on, before those near zero are repeated
 
 
-@dataclass(frozen=True)
-class Network:
+class Network(NamedTuple):
     """One hidden layer of rectified linear units with its standardisation.
 
-    ``y = output_offset + output_scale (w2 max(w1 x + b1, 0) + b2)`` with
-    ``x = (input - input_offset) / input_scale``.
-
-    Attributes
-    ----------
-    weights_1 : (hidden, inputs)
-    biases_1 : (hidden,)
-    weights_2 : (1, hidden)
-    biases_2 : (1,)
-    input_offset, input_scale : (inputs,)
-        In the units of the inputs.
-    output_offset, output_scale : (1,)
-        In the unit of the output.
+    ``y = output_offset + output_scale (weights_2 max(weights_1 x + biases_1, 0) + biases_2)``
+    with ``x = (input - input_offset) / input_scale``. Shapes are ``(hidden, inputs)``,
+    ``(hidden,)``, ``(1, hidden)`` and ``(1,)`` of the layers, ``(inputs,)`` and ``(1,)`` of
+    offsets and scales, which have the units of inputs and output.
     """
 
     weights_1: FloatArray
@@ -56,49 +44,27 @@ class Network:
     output_scale: FloatArray
 
     def __call__(self, inputs: FloatArray) -> FloatArray:
-        """Evaluate.
-
-        Parameters
-        ----------
-        inputs : (n, inputs)
-            In their own units.
-
-        Returns
-        -------
-        (n,) outputs in their own unit.
-        """
+        """Outputs ``(n,)`` for inputs ``(n, inputs)``, all in their own units."""
         x = (inputs - self.input_offset) / self.input_scale
         layer = np.maximum(x @ self.weights_1.T + self.biases_1, 0.0)
         y = layer @ self.weights_2[0] + self.biases_2[0]
         return np.asarray(self.output_offset[0] + self.output_scale[0] * y)
 
 
-def train_network(inputs: FloatArray, target: FloatArray, hidden: int, seed: int) -> Network:
-    """Train one hidden layer by multi-start Levenberg-Marquardt (:mod:`.estimation.network`).
+LAYERS = Network._fields
 
-    Parameters
-    ----------
-    inputs : (n, inputs)
-        In any units.
-    target : (n,)
-        In any unit.
-    hidden
-        Number of units.
-    seed
-        Of the starts.
-    """
+
+def _train(inputs: FloatArray, target: FloatArray, hidden: int, seed: int) -> Network:
+    """Train on inputs ``(n, inputs)`` and a target ``(n,)`` in any units; see :func:`search`."""
     from ...estimation.network import search
 
     centre, spread = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), 1e-300)
-    middle, size = float(target.mean()), max(float(target.std()), 1e-300)
+    middle, size = target.mean(keepdims=True), np.maximum(target.std(keepdims=True), 1e-300)
     rng = np.random.default_rng([seed, hidden, inputs.shape[1]])
-    net = search(
-        (inputs - centre) / spread, (target - middle) / size, (hidden,), rng, starts=8
-    ).best.network
-    return Network(
-        net.weights[0], net.biases[0], net.weights[1], net.biases[1],
-        centre, spread, np.array([middle]), np.array([size]),
-    )  # fmt: skip
+    x, y = (inputs - centre) / spread, (target - middle) / size
+    net = search(x, y, (hidden,), rng, starts=8).best.network
+    (w1, w2), (b1, b2) = net.weights, net.biases
+    return Network(w1, b1, w2, b2, centre, spread, middle, size)
 
 
 def network_of(parameters: Mapping[str, Any], name: str) -> Network | None:
@@ -140,9 +106,9 @@ def fit_networks(
         nets["friction"], table = _friction_network(rows, values, case.request.seed)
         tables["Friction: models on held-out windows"] = table
     layers = {
-        f"{name}_{layer}": Quantity(getattr(net, layer).tolist(), "1", "estimated")
+        f"{name}_{layer}": Quantity(numbers.tolist(), "1", "estimated")
         for name, net in nets.items()
-        for layer in LAYERS
+        for layer, numbers in net._asdict().items()
     }
     return layers, {title: table for title, table in tables.items() if table}
 
@@ -199,14 +165,13 @@ def _flow_network(
     close = rows[np.abs(inputs[rows, 0]) < near]
     if close.size:
         rows = np.concatenate((rows, np.tile(close, max(rows.size // close.size - 1, 0))))
-    net = train_network(inputs[rows], flow[rows], _HIDDEN, case.request.seed)
+    net = _train(inputs[rows], flow[rows], _HIDDEN, case.request.seed)
     tests = [_chosen(w, h) for w, h in zip(windows, held)]
     inputs, flow = _flow_rows(tests, values)
     law = np.real(np.concatenate([w.flow(values, case.machine) for w in tests]))
     errors = {"orifice": law - flow, "network": net(inputs) - flow}
-    table = _compare(np.abs(inputs[:, 0]), near, errors)
-    words = ("near zero command", "away from zero command")
-    return net, [{"where": words[k], "limit": near, "unit": "m3/s", **row} for k, row in table]
+    words = "near zero command", "away from zero command"
+    return net, _compare(np.abs(inputs[:, 0]), near, errors, words, "m3/s")
 
 
 def _flow_rows(
@@ -227,24 +192,24 @@ def _friction_network(
 ) -> tuple[Network, list[dict[str, Any]]]:
     """Network of the friction over speed, beside Coulomb and viscous friction."""
     held = (np.arange(rows.speed.size) // 20) % 4 == 3
-    net = train_network(rows.speed[~held, None], rows.force[~held], 6, seed)
+    net = _train(rows.speed[~held, None], rows.force[~held], 6, seed)
     v, f = rows.speed[held], rows.force[held]
     edge = 0.1 * float(np.quantile(np.abs(rows.speed), 0.95))
     errors = {"coulomb": FrictionLaw.of(values).moving(v) - f, "network": net(v[:, None]) - f}
-    table = _compare(np.abs(v), edge, errors)
-    words = ("slow", "moving")
-    return net, [{"where": words[k], "limit": edge, "unit": "N", **row} for k, row in table]
+    return net, _compare(np.abs(v), edge, errors, ("slow", "moving"), "N")
 
 
 def _compare(
-    size: FloatArray, limit: float, errors: Mapping[str, FloatArray]
-) -> list[tuple[int, dict[str, Any]]]:
-    """Root mean squares of the errors below a limit of the input (0) and above it (1)."""
+    size: FloatArray, limit: float, errors: Mapping[str, FloatArray], words: tuple[str, str],
+    unit: str,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Root mean squares of the errors below a limit of the input and above it."""
     out = []
-    for k, rows in enumerate((size <= limit, size > limit)):
+    for where, rows in zip(words, (size <= limit, size > limit)):
         if rows.sum() >= _FEW:
             rms = {n: float(np.sqrt(np.mean(e[rows] ** 2))) for n, e in errors.items()}
-            out.append((k, {"windows": int(rows.sum()), **rms}))
+            part = {"where": where, "limit": limit, "unit": unit, "windows": int(rows.sum())}
+            out.append({**part, **rms})
     return out
 
 
@@ -281,15 +246,7 @@ def flow_view(case: Case, parameters: Mapping[str, Value]) -> StaticView | None:
 
 
 def _running_mean(command: FloatArray, seen: FloatArray, flow: FloatArray) -> FloatArray:
-    """Mean flow of the 2 % of the windows whose command is closest, ``(n,)`` [m3/s].
-
-    Parameters
-    ----------
-    command : (n,)
-        Where it is wanted [V].
-    seen, flow : (m,)
-        Of the windows [V], [m3/s].
-    """
+    """Mean flow ``(n,)`` of the 2 % of the windows whose command ``(m,)`` is closest."""
     near = max(seen.size // 50, 1)
     closest = np.argpartition(np.abs(command[:, None] - seen), near - 1, axis=1)[:, :near]
     return np.asarray(flow[closest].mean(axis=1))

@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from ...options import FamilyOptions, choice, number, settled
 
 STAGES = ("gray-box", "flow-balance", "plateaus")
 
 
+def _given(help: str, unit: str) -> Any:
+    return number(help=help, unit=unit, above=0.0)
+
+
+def _found(help: str, unit: str) -> Any:
+    return settled("float", help, unit=unit, above=0.0)
+
+
 @dataclass(frozen=True)
 class HydraulicCylinderOptions(FamilyOptions):
     """Properties of the machine, and networks beside the equations."""
 
-    area_1: float | None = number(help="piston area of chamber 1", unit="m2", above=0.0)
-    area_2: float | None = number(
-        help="piston area of chamber 2, rod taken off", unit="m2", above=0.0
-    )
-    dead_volume_1: float | None = number(
-        help="volume of chamber 1 and its line at position 0", unit="m3", above=0.0
-    )
-    dead_volume_2: float | None = number(
-        help="volume of chamber 2 and its line at position 0", unit="m3", above=0.0
-    )
-    mass: float | None = number(help="moving mass", unit="kg", above=0.0)
-    supply_pressure: float | None = number(
-        help="supply pressure, on the scale of the sensors", unit="Pa", above=0.0
-    )
+    area_1: float | None = _given("piston area of chamber 1", "m2")
+    area_2: float | None = _given("piston area of chamber 2, rod taken off", "m2")
+    dead_volume_1: float | None = _given("volume of chamber 1 and its line at position 0", "m3")
+    dead_volume_2: float | None = _given("volume of chamber 2 and its line at position 0", "m3")
+    mass: float | None = _given("moving mass", "kg")
+    supply_pressure: float | None = _given("supply pressure, on the scale of the sensors", "Pa")
     tank_pressure: float = number(0.0, help="tank pressure, on the scale of the sensors", unit="Pa")
     flow: str = choice(
         "orifice",
@@ -44,21 +45,17 @@ class HydraulicCylinderOptions(FamilyOptions):
         "where its volume is given, or the flow over plateaus with mass and volumes left aside",
         choices=STAGES,
     )
-    window: float | None = settled(
-        "float", "length of the windows over which the flow is compared", unit="s", above=0.0
-    )
+    window: float | None = _found("length of the windows over which the flow is compared", "s")
     rest_position: float | None = settled(
         "float", "mean position of the logs, where a run without one begins", unit="m"
     )
-    slip: float | None = settled(
-        "float", "speed over which the gray box rounds off dry friction", unit="m/s", above=0.0
+    slip: float | None = _found("speed over which the gray box rounds off dry friction", "m/s")
+    residual_pressure_1: float | None = _found(
+        "residuals of pressure 1, the measure of its weight", "Pa"
     )
-    residual_pressure_1: float | None = settled(
-        "float", "residuals of pressure 1, the measure of its weight", unit="Pa", above=0.0
+    residual_pressure_2: float | None = _found(
+        "residuals of pressure 2, the measure of its weight", "Pa"
     )
-    residual_pressure_2: float | None = settled(
-        "float", "residuals of pressure 2, the measure of its weight", unit="Pa", above=0.0
-    )
-    residual_position: float | None = settled(
-        "float", "residuals of the position, the measure of its weight", unit="m", above=0.0
+    residual_position: float | None = _found(
+        "residuals of the position, the measure of its weight", "m"
     )

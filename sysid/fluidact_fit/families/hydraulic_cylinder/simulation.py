@@ -16,7 +16,7 @@ from ...errors import LogError, UsageError
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Simulated
 from .case import check_volumes, read_machine
-from .equations import GRAY_NAMES, Machine, chamber_flow
+from .equations import GRAY_NAMES, Machine, mean_flow
 from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log
 from .gray_fit import MARGIN
 from .gray_search import GrayProblem, solve_gray_box
@@ -137,32 +137,20 @@ def _cut(e: Experiment, chambers: Sequence[int], machine: Machine, length: float
 
 
 def _flow_from_rest(
-    e: Experiment,
-    chamber: int,
-    machine: Machine,
-    values: Values,
-    options: HydraulicCylinderOptions,
+    e: Experiment, chamber: int, machine: Machine, values: Values, options: HydraulicCylinderOptions
 ) -> Simulated:
     """Position by integrating the flow of one chamber from beginning to end.
 
     Claimed are the samples that would be fitted if the position were measured so.
     """
     u, p, area = e.sampled("command"), e.sampled(f"pressure_{chamber}"), machine.area(chamber)
-    ends = [
-        chamber_flow(chamber, u[:-1], x, values, machine.supply, machine.tank)
-        for x in (p[:-1], p[1:])
-    ]
-    moved = 0.5 * np.real(ends[0] + ends[1]) * np.diff(e.time) / area
+    flow = mean_flow(chamber, u[:-1], (p[:-1], p[1:]), values, machine)
+    moved = np.real(flow) * np.diff(e.time) / area
     start = options.rest_position or 0.0
     y = start + np.r_[0.0, np.cumsum(moved)]
     beta = values.get("bulk_modulus")
     for _ in range(3 if beta else 0):  # the volume follows from the position, hardly changed
-        volume = machine.volume(chamber, y)
-        if volume is None:
-            break
-        sign = -1.0 if chamber == 1 else 1.0
-        oil = sign * 0.5 * (volume[1:] + volume[:-1]) * np.diff(p) / (beta or 1.0)
-        y = start + np.r_[0.0, np.cumsum(moved + oil / area)]
+        y = start + np.r_[0.0, np.cumsum(moved + machine.swelling(chamber, y, p) / beta / area)]
     _require_oil(e, machine, y)
     position = Signal("position", e.time, y, "m")
     as_measured = replace(e, signals={**e.signals, "position": position})

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from ...estimation.noise import noise_floor
 from ...experiment import Experiment, FloatArray
-from .equations import Array, Machine, Mask, chamber_flow, pressure_drop
+from .equations import Array, Machine, Mask, mean_flow, pressure_drop
 
 _LEAST_DROP = 0.04  # of supply above tank: below it the piston stands at the end of its stroke
 _STEADY = 0.01 * 0.7e9 / 0.5  # Pa/m: 1 % of the motion, compressing half a metre of oil of 0.7 GPa
@@ -26,28 +26,21 @@ Rows = npt.NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Windows:
-    """Flow balance of one chamber of one experiment over short windows.
+    """Flow balance of one chamber (1 or 2) of one experiment over short windows.
 
     Attributes
     ----------
     experiment
-        Index of the experiment.
-    chamber
-        1 or 2.
-    first, last : (m,)
-        First and last sample of every window.
-    duration : (m,)
-        [s]
+        Its index.
+    first, last, duration : (m,)
+        First and last sample of every window, and the time between them [s].
     motion : (m,)
         ``A dy / duration``: flow that moves the piston [m3/s].
     swelling : (m,)
-        ``-+ int V dp / duration``: times ``1/beta`` the flow that compresses oil [m3 Pa/s],
-        with the sign that makes ``motion = Q + swelling / beta``. Zero where the dead
-        volume is not known.
-    command, before, after
-        Held command and pressure at both ends of every interval of the log, ``(n - 1,)``.
-    step : (n - 1,)
-        [s]
+        ``-+ int V dp / duration`` [m3 Pa/s]: ``motion = Q + swelling / beta``. Zero where the
+        dead volume is not known.
+    command, before, after, step : (n - 1,)
+        Held command, pressure at both ends and length [s] of every interval of the log.
     """
 
     experiment: int
@@ -69,11 +62,8 @@ class Windows:
 
     def flow(self, values: Mapping[str, Any], machine: Machine) -> Array:
         """Mean flow of the valve over every window, ``(m,)`` [m3/s]."""
-        ends = [
-            chamber_flow(self.chamber, self.command, p, values, machine.supply, machine.tank)
-            for p in (self.before, self.after)
-        ]
-        return self.mean(0.5 * (ends[0] + ends[1]))
+        ends = (self.before, self.after)
+        return self.mean(mean_flow(self.chamber, self.command, ends, values, machine))
 
     def modelled(self, values: Mapping[str, Any], machine: Machine) -> Array:
         """What ``motion`` should be: that flow, less what compresses the oil."""
@@ -102,13 +92,9 @@ def window_length(experiments: Sequence[Experiment]) -> float:
 
 
 def make_windows(
-    experiment: Experiment,
-    index: int,
-    chamber: int,
-    machine: Machine,
-    length: float,
+    experiment: Experiment, index: int, chamber: int, machine: Machine, length: float,
     overlap: int = 1,
-) -> Windows | None:
+) -> Windows | None:  # fmt: skip
     """Cut one experiment into windows and keep those that say something of the valve.
 
     Left out: windows in which the valve has hardly any pressure drop left (a piston at the
@@ -117,12 +103,8 @@ def make_windows(
 
     Parameters
     ----------
-    experiment, index
-        The log and its number.
-    chamber
-        1 or 2.
-    machine
-        What is given.
+    experiment, index, chamber, machine
+        The log and its number, 1 or 2, and what is given.
     length
         Of a window [s].
     overlap
@@ -136,14 +118,13 @@ def make_windows(
     first = np.arange(0, e.samples - samples, max(samples // overlap, 1))
     if first.size < 2:
         return None
-    volume = machine.volume(chamber, y)
-    kept = _with_drop(u, p, chamber, machine, first, samples)
-    swelling = np.zeros(e.samples)
-    if volume is None:
-        kept &= _steady(time, u, p, y, first, samples)
-    else:
-        parts = 0.5 * (volume[1:] + volume[:-1]) * np.diff(p)
-        swelling[1:] = np.cumsum(parts) * (-1.0 if chamber == 1 else 1.0)
+    rows = first[:, None] + np.arange(samples)
+    extending, pressure = u[rows].mean(axis=1) >= 0.0, p[rows].mean(axis=1)
+    drop = pressure_drop(chamber, extending, pressure, machine.supply, machine.tank)
+    kept = drop > _LEAST_DROP * (machine.supply - machine.tank)
+    if machine.dead_volume(chamber) is None:
+        kept &= _steady(e, pressure, noise_floor(p, 2), first, samples)
+    swelling = np.concatenate(([0.0], np.cumsum(machine.swelling(chamber, y, p))))
     first = first[kept]
     last = first + samples
     duration = time[last] - time[first]
@@ -155,19 +136,7 @@ def make_windows(
     )  # fmt: skip
 
 
-def _with_drop(
-    u: FloatArray, p: FloatArray, chamber: int, machine: Machine, first: Rows, samples: int
-) -> Mask:
-    """Windows in which the valve has pressure drop left to say something."""
-    rows = first[:, None] + np.arange(samples)
-    extending = u[rows].mean(axis=1) >= 0.0
-    drop = pressure_drop(chamber, extending, p[rows].mean(axis=1), machine.supply, machine.tank)
-    return np.asarray(drop > _LEAST_DROP * (machine.supply - machine.tank))
-
-
-def _steady(
-    time: FloatArray, u: FloatArray, p: FloatArray, y: FloatArray, first: Rows, samples: int
-) -> Mask:
+def _steady(e: Experiment, pressure: FloatArray, noise: float, first: Rows, samples: int) -> Mask:
     """Windows amid a plateau: command held and pressure constant two windows to either side.
 
     The flow ``V/beta dp/dt`` that compresses the oil has to be below 1 % of the motion's; a
@@ -177,15 +146,15 @@ def _steady(
     kept = np.zeros(first.size, dtype=bool)
     if first.size <= 2 * reach:
         return kept
+    time, u, y = e.time, e.sampled("command"), e["position"]
     middle = slice(reach, first.size - reach)
     ends, begins = first[2 * reach :], first[: -2 * reach]
     duration = time[ends] - time[begins]
-    mean = p[first[:, None] + np.arange(samples)].mean(axis=1)
-    slope = np.abs(mean[2 * reach :] - mean[: -2 * reach]) / duration
+    slope = np.abs(pressure[2 * reach :] - pressure[: -2 * reach]) / duration
     change = np.concatenate(([0], np.cumsum(np.diff(u) != 0.0)))
     last = np.minimum(first + samples, time.size - 1)
     held = change[last[2 * reach :]] == change[begins]
     speed = np.abs(y[last[middle]] - y[first[middle]]) / (time[last] - time[first])[middle]
-    random = 3.0 * noise_floor(p, 2) * np.sqrt(2.0 / samples) / duration
+    random = 3.0 * noise * np.sqrt(2.0 / samples) / duration
     kept[middle] = held & (slope <= np.maximum(_STEADY * speed, random))
     return kept
