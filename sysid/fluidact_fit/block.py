@@ -106,19 +106,23 @@ class Block(ABC):
         self.offset = float(document.model.get("output_offset", 0.0))
 
     def __repr__(self) -> str:
-        words = [f"{self.family}: {self.input} -> {self.output}", f"verdict {self.verdict}"]
+        ports = " -> ".join(str(port) for port in (self.input, self.output) if port)
+        words = [f"{self.family}: {ports}", f"verdict {self.verdict}"]
         if self.not_identified:
             words.append(f"not identified: {', '.join(self.not_identified)}")
         text = f"<{type(self).__name__} {', '.join(words)}>"
         return text if len(text) < 200 else text[:196] + "...>"
 
     @property
-    def input(self) -> Port:
-        """What drives the model: its first role with a hold, or the argument of a map."""
+    def input(self) -> Port | None:
+        """What drives the model: its first role with a hold, or the argument of a map.
+
+        ``None`` where nothing does.
+        """
         roles = self.variant.driving or [
             r for r in self.variant.roles if not r.output and r.name != "time"
         ]
-        return self._port(roles[0])
+        return self._port(roles[0]) if roles else None
 
     @property
     def output(self) -> Port:

@@ -177,6 +177,13 @@ def simulate_steps(
                 f"the input '{role.name}' is missing.",
                 remedy=f"Give --input {role.name}=FROM:TO@T, or a LOG.",
             )
+    names = [role.name for role in roles]
+    for name in inputs:
+        if name not in names:
+            raise UsageError(
+                f"--input {name}=FROM:TO: '{name}' is no input of this model",
+                expected=f"Its inputs: {', '.join(names) or 'none'}.",
+            )
     samples = duration / sample_time
     if not 2 <= samples <= _MOST_SAMPLES:
         raise UsageError(

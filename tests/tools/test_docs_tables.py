@@ -32,12 +32,12 @@ class LeakOptions(FamilyOptions):
 class Leak(Family[LeakOptions]):
     """A chamber that leaks."""
 
-    name = "leak"
+    name = "test-chamber"
     title = "Leak: time constant of a chamber"
     equation = "pressure' = -(pressure - ambient) / time_constant"
     variants = (
         Variant(
-            "leak",
+            "test-chamber",
             (
                 Role("pressure", "Pa", "pressure in the chamber", output=True),
                 Role("valve", "V", "a | b", required=False, hold="zoh", alternatives=("A",)),
@@ -56,8 +56,10 @@ def with_leak(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Family, "__abstractmethods__", frozenset(), raising=False)
     first, *others = ff.family_names()
     real = ff.get_family
-    monkeypatch.setattr(ff, "family_names", lambda: (first, "leak", *others))
-    monkeypatch.setattr(ff, "get_family", lambda name: Leak() if name == "leak" else real(name))
+    monkeypatch.setattr(ff, "family_names", lambda: (first, "test-chamber", *others))
+    monkeypatch.setattr(
+        ff, "get_family", lambda name: Leak() if name == "test-chamber" else real(name)
+    )
 
 
 def test_page_has_its_sections_in_order() -> None:
@@ -67,21 +69,21 @@ def test_page_has_its_sections_in_order() -> None:
 def test_new_family_gets_a_section_in_its_place(with_leak: None) -> None:
     page = docs.arrange_sections(PAGE)
     first, second = (page.index(f"## {name}\n") for name in ("potentiometer", "ball-screw"))
-    section = page[page.index("## leak\n") :]
-    assert first < page.index("## leak\n") < second
+    section = page[page.index("## test-chamber\n") :]
+    assert first < page.index("## test-chamber\n") < second
     assert "A chamber that leaks." in section
     assert docs.arrange_sections(page) == page
 
 
 def test_tables_hold_what_the_family_says(with_leak: None) -> None:
-    text = docs.family("leak")
+    text = docs.family("test-chamber")
     assert "| `pressure` | Pa | | pressure in the chamber (compared with the model) |" in text
     assert "| `valve` | V or A | `zoh` | a \\| b (optional) |" in text
     assert "| `ambient` | Pa | 0 | final pressure (optional) |" in text
     assert "| `--method` | `exact` or `rough`, default `exact` | how |" in text
     assert "| `--volume` | number [m3] | volume of the chamber |" in text
     assert "| `start` | number [s] | instant of the first drop |" in text
-    assert Leak.equation in docs.equation("leak")
+    assert Leak.equation in docs.equation("test-chamber")
 
 
 def test_section_of_a_family_that_is_gone_goes() -> None:

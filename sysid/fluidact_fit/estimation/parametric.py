@@ -388,8 +388,10 @@ def fit_named(
     fixed = {n: float(request.fixed[n]) for n in every if n in request.fixed}
     several = bool(channels) and len(channels[0]) > 1
 
+    begin = [{**s, **request.start} for s in starts]
+
     def solve_with(held: Mapping[str, float]) -> _Attempt:
-        return _attempt(model, unknowns, held, starts, robust, sigma_floor, channels)
+        return _attempt(model, unknowns, held, begin, robust, sigma_floor, channels)
 
     def undetermined(attempt: _Attempt) -> list[Refusal]:
         return left_open(attempt.solved, by_name, sensible or {})

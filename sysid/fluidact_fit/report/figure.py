@@ -155,22 +155,22 @@ def _dynamic(figure: Figure, runs: Sequence[Run], result: Outcome, right: float)
     choice = choose(runs)
     shown = choice.runs
     columns = [shown] if choice.overlay else [[r] for r in shown]
-    heights = (3.2, 1.5, 1.0)
-    top = 0.855
+    drive = drive_role(result.variant)
+    heights = (3.2, 1.5, 1.0) if drive else (3.2, 1.5)
     grid = figure.add_gridspec(
-        3, len(columns), height_ratios=heights, left=0.055, right=right, top=top, bottom=0.085,
-        hspace=0.16, wspace=0.1,
+        len(heights), len(columns), height_ratios=heights, left=0.055, right=right, top=0.855,
+        bottom=0.085, hspace=0.16, wspace=0.1,
     )  # fmt: skip
     first = result.experiments[0].signals
-    output, drive = result.variant.output.name, drive_role(result.variant)
+    output = result.variant.output.name
     t = choose_scale("s", max(float(np.ptp(r.time)) for r in shown))
     y = scale_of([r.measured for r in shown], first[output].unit)
     e = scale_of([r.residual for r in shown], first[output].unit)
     u = scale_of([r.drive.values for r in shown if r.drive], first[drive].unit if drive else "1")
     rmse = agreement([r.measured for r in runs], [r.simulated for r in runs]).rmse
-    rows: list[list[Any]] = [[], [], []]
+    rows: list[list[Any]] = [[] for _ in heights]
     for k, column in enumerate(columns):
-        for j in range(3):
+        for j in range(len(heights)):
             rows[j].append(
                 figure.add_subplot(
                     grid[j, k],
@@ -181,7 +181,8 @@ def _dynamic(figure: Figure, runs: Sequence[Run], result: Outcome, right: float)
         name = choice.note if choice.overlay else _run_title(column[0], len(columns), len(runs))
         output_panel(rows[0][k], column, t, y, name)
         residual_panel(rows[1][k], column, rmse, e, t)
-        input_panel(rows[2][k], column, t, u)
+        if drive:
+            input_panel(rows[2][k], column, t, u)
     _label(rows, t, [y.label(output), e.label("residual"), u.label(drive)])
     legend(rows[1][-1], rows[0][-1])
     if choice.note and not choice.overlay:
