@@ -153,27 +153,11 @@ def _predictors(a: FloatArray) -> list[tuple[FloatArray, float]]:
 class Solution:
     """A stationary point of a `Problem`.
 
-    Attributes
-    ----------
-    eta, linear
-        Values of the nonlinear and the shared linear unknowns.
-    local
-        Local linear unknowns, one array per experiment.
-    cost
-        Sum of the squared weighted residuals.
-    residuals
-        Weighted residuals ``measured - model`` per experiment.
-    simulated
-        Model output per experiment.
-    jacobian
-        Weighted derivative of the model output by ``(eta, linear)`` with the local
-        unknowns projected out, one array ``(n_i, p + q)`` per experiment.
-    local_counts
-        Number of local unknowns per experiment.
-    active
-        For each of ``(eta, linear)`` whether it rests on a bound.
-    iterations, converged
-        What the iteration did.
+    ``eta`` and ``linear`` are the nonlinear and the shared linear unknowns, and ``active`` says
+    which of them rest on a bound. One array per experiment holds the ``local`` unknowns, the
+    weighted ``residuals`` (``measured - model``; ``cost`` is the sum of their squares), the
+    ``simulated`` output of the model and its weighted ``jacobian`` by ``(eta, linear)``, shape
+    ``(n_i, p + q)``, with the local unknowns, ``local_counts`` of them, projected out.
     """
 
     eta: FloatArray
@@ -343,8 +327,6 @@ def solve(
 
     Parameters
     ----------
-    problem
-        Data, model and unknowns.
     start : (p,), optional
         Instead of the unknowns' own start values.
     max_iterations
