@@ -19,14 +19,13 @@ _KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
 
 def execute(path: Path) -> None:
     """Run one notebook from its own folder and write it back."""
-    notebook = nbformat.read(path, as_version=4)
-    NotebookClient(
-        notebook, timeout=600, resources={"metadata": {"path": str(path.parent)}}
-    ).execute()
+    notebook = nbformat.read(path, as_version=4)  # type: ignore[no-untyped-call]
+    place = {"metadata": {"path": str(path.parent)}}
+    NotebookClient(notebook, timeout=600, resources=place).execute()
     notebook.metadata = {"kernelspec": _KERNEL, "language_info": {"name": "python"}}
     for cell in notebook.cells:
         cell.metadata = {}
-    nbformat.write(notebook, path)
+    nbformat.write(notebook, path)  # type: ignore[no-untyped-call]
 
 
 def main() -> None:

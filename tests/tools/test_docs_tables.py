@@ -57,9 +57,7 @@ def with_leak(monkeypatch: pytest.MonkeyPatch) -> None:
     first, *others = ff.family_names()
     real = ff.get_family
     monkeypatch.setattr(ff, "family_names", lambda: (first, "test-chamber", *others))
-    monkeypatch.setattr(
-        ff, "get_family", lambda name: Leak() if name == "test-chamber" else real(name)
-    )
+    monkeypatch.setattr(ff, "get_family", lambda n: Leak() if n == "test-chamber" else real(n))
 
 
 def test_page_has_its_sections_in_order() -> None:

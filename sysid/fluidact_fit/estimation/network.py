@@ -293,9 +293,7 @@ def train_from(
     ----------
     net
         Where the search begins.
-    x : (n, inputs)
-        Standardised.
-    y : (n,)
+    x, y : (n, inputs), (n,)
         Standardised.
     decay
         Weight decay per sample, at outputs of unit variance.
@@ -434,8 +432,7 @@ def search(
 
     Parameters
     ----------
-    x : (n, inputs)
-    y : (n,)
+    x, y : (n, inputs), (n,)
         Standardised rows.
     starts
         Searches on ``rows`` evenly spaced rows.

@@ -15,7 +15,7 @@ from ...estimation.friction_law import FrictionLaw
 from ...experiment import Experiment, FloatArray
 from ...specification import scalars
 from .case import read_machine
-from .equations import LOSSES, Machine, chamber_flow
+from .equations import LOSSES, Machine, chamber_flow, pressure_drop
 from .networks import Network, network_of
 from .options import HydraulicCylinderOptions
 from .simulation import simulate_run
@@ -66,8 +66,6 @@ class HydraulicBlock(Block):
 
         Parameters
         ----------
-        chamber
-            1 or 2.
         command, pressure
             [V] and [Pa], scalars or arrays.
         network
@@ -81,15 +79,7 @@ class HydraulicBlock(Block):
         return np.real(chamber_flow(chamber, u, p, values, m.supply, m.tank))
 
     def friction(self, velocity: npt.ArrayLike, *, network: bool = False) -> FloatArray:
-        """Friction of the moving piston [N].
-
-        Parameters
-        ----------
-        velocity
-            [m/s], scalar or array.
-        network
-            Whether to ask the network (``--friction mlp``) instead of the law.
-        """
+        """Friction of the moving piston [N] at velocities [m/s]: of the law, or of the network."""
         v = np.asarray(velocity, float)
         if network:
             return self._network("friction", "friction")(v.reshape(-1, 1)).reshape(v.shape)
@@ -123,8 +113,7 @@ class HydraulicBlock(Block):
         chamber = self._feeding(extending)
         pressure = pressure_1 if chamber == 1 else pressure_2
         m, v = self._machine, self._of_chamber(chamber)
-        fed = extending == (chamber == 1)
-        drop = m.supply - pressure if fed else pressure - m.tank
+        drop = float(pressure_drop(chamber, np.array(extending), pressure, m.supply, m.tank))
         flow = abs(velocity) * m.area(chamber)
         rest = drop - v[LOSSES[chamber][0 if extending else 1]] * flow
         sign = 1.0 if extending else -1.0

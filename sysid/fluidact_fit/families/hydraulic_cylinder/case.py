@@ -15,8 +15,6 @@ from .equations import Machine
 from .options import HydraulicCylinderOptions
 from .windows import Windows, make_windows, window_length
 
-_SLOWEST = 2.5e-3  # s: at slower sampling the pressure resonance cannot be followed
-
 
 @dataclass(frozen=True)
 class Case:
@@ -37,11 +35,6 @@ class Case:
     def options(self) -> HydraulicCylinderOptions:
         """The options of the request."""
         return self.request.options
-
-    @property
-    def fast(self) -> bool:
-        """Whether all logs are fast enough for the pressure dynamics."""
-        return max(e.sample_time for e in self.experiments) <= _SLOWEST
 
     @property
     def both(self) -> bool:
@@ -96,24 +89,6 @@ def make_case(
     UsageError, LogError
         When something that the logs need is missing, or cannot be.
     """
-    options = request.options
-    chambers = recorded_chambers(experiments)
-    machine = read_machine(options, chambers)
-    check_volumes(machine, experiments)
-    if options.stage == "plateaus":
-        machine = machine.plain()
-    window = options.window or window_length(experiments)
-    return Case(variant, experiments, request, machine, chambers, window)
-
-
-def recorded_chambers(experiments: Sequence[Experiment]) -> tuple[int, ...]:
-    """Chambers whose pressure was recorded anywhere.
-
-    Raises
-    ------
-    LogError
-        When a log has neither pressure.
-    """
     for e in experiments:
         if "pressure_1" not in e and "pressure_2" not in e:
             raise LogError(
@@ -122,7 +97,14 @@ def recorded_chambers(experiments: Sequence[Experiment]) -> tuple[int, ...]:
                 expected="Expected pressure_1, pressure_2 or both.",
                 remedy="Give --column pressure_1=... or --column pressure_2=...",
             )
-    return tuple(i for i in (1, 2) if any(f"pressure_{i}" in e for e in experiments))
+    chambers = tuple(i for i in (1, 2) if any(f"pressure_{i}" in e for e in experiments))
+    options = request.options
+    machine = read_machine(options, chambers)
+    check_volumes(machine, experiments)
+    if options.stage == "plateaus":
+        machine = machine.plain()
+    window = options.window or window_length(experiments)
+    return Case(variant, experiments, request, machine, chambers, window)
 
 
 def read_machine(options: HydraulicCylinderOptions, chambers: Sequence[int]) -> Machine:

@@ -60,7 +60,7 @@ def orifice_flow(command: Array, drop: Array, gain: complex, loss: complex) -> A
 
 
 def pressure_drop(
-    chamber: int, extending: Mask, pressure: Array, supply: float, tank: float
+    chamber: int, extending: Mask, pressure: Array | float, supply: float, tank: float
 ) -> Array:
     """Pressure drop [Pa] over the open edge: chamber 1 is fed while ``extending``, 2 while not."""
     fed = extending if chamber == 1 else ~extending

@@ -115,8 +115,7 @@ def _segment_function(
     if scheme.resting > scheme.moving:
         states_only = ca.Function("g", [x, u, theta], [rate])
         ahead = _sample_function(ca, states_only, scheme.moving)
-        now, held = ca.MX.sym("z", z.shape[0]), ca.MX.sym("input", 2)
-        values = ca.MX.sym("theta", len(GRAY_NAMES))
+        now, held, values = _arguments(ca.MX, z.shape[0])
         v0, v1 = now[3], ahead(now[:4], held, values)[3]
         slowest = ca.fmin(ca.fabs(v0), ca.fabs(v1))
         near_rest = ca.logic_or(slowest < scheme.rest, v0 * v1 < 0.0)
@@ -126,19 +125,21 @@ def _segment_function(
     return after.mapaccum("segment", segment)
 
 
+def _arguments(kind: Any, size: int) -> tuple[Any, Any, Any]:
+    """Symbols of states, ``[u; h]`` and parameters."""
+    return kind.sym("z", size), kind.sym("input", 2), kind.sym("theta", len(GRAY_NAMES))
+
+
 def _sample_function(ca: Any, f: Any, substeps: int) -> Any:
     """Classical Runge-Kutta over one sample, ``(z, [u; h], theta) -> z``."""
-    size = f.size1_in(0)
-    z, input = ca.SX.sym("z", size), ca.SX.sym("input", 2)
-    theta = ca.SX.sym("theta", len(GRAY_NAMES))
+    z, input, theta = _arguments(ca.SX, f.size1_in(0))
     u, h = input[0], input[1] / substeps
     k1 = f(z, u, theta)
     k2 = f(z + 0.5 * h * k1, u, theta)
     k3 = f(z + 0.5 * h * k2, u, theta)
     k4 = f(z + h * k3, u, theta)
     one = ca.Function("one", [z, input, theta], [z + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)])
-    now, held = ca.MX.sym("z", size), ca.MX.sym("input", 2)
-    values = ca.MX.sym("theta", len(GRAY_NAMES))
+    now, held, values = _arguments(ca.MX, f.size1_in(0))
     after = now
     for _ in range(substeps):
         after = one(after, held, values)

@@ -59,6 +59,11 @@ class _Iterate:
     cost: float = np.inf
     defect: float = 0.0
 
+    @property
+    def initial(self) -> list[FloatArray]:
+        """State of every log at its beginning."""
+        return [n[0] for n in self.nodes]
+
 
 @dataclass(frozen=True)
 class GrayProblem:
@@ -100,22 +105,20 @@ def solve_gray_box(
     max_iterations
         Limit on accepted and rejected steps together.
     """
-    box = problem.box
-    count = 0
-    begin = dict(start)
+    box, begin, count = problem.box, dict(start), 0
     if initial is None:
         # far away, sharp friction is of no use and takes most of the time
         coarse = replace(problem, box=box.rounded(_COARSE, most=1))
         far = _Iterate(begin, [box.nodes_of(log) for log in box.logs])
         _evaluate_gaps(coarse, far)
         far, count = _close_gaps(coarse, far, max_iterations)
-        begin, initial = far.values, [n[0] for n in far.nodes]
+        begin, initial = far.values, far.initial
         # a gap closes last; what is left of it must not hide a first state that is off
         now = _close(coarse, begin, initial)
         if np.isfinite(now.cost):
             now, more, _ = _iterate(coarse, now, max_iterations)
             count += more
-            begin, initial = now.values, [n[0] for n in now.nodes]
+            begin, initial = now.values, now.initial
     now = _close(problem, begin, initial)
     now, more, converged = _iterate(problem, now, max_iterations)
     if not now.linear:
@@ -157,16 +160,13 @@ def _iterate(problem: GrayProblem, now: _Iterate, most: int) -> tuple[_Iterate, 
             _linearise(problem, now)
         step, initial, predicted = _propose(problem, now, damping)
         moved = _move(problem, now, step, initial)
-        trial = _close(problem, moved.values, [n[0] for n in moved.nodes])
+        trial = _close(problem, moved.values, moved.initial)
         gain = now.cost - trial.cost
         if gain >= -1e-12 * now.cost:
-            small = gain <= 1e-2  # a hundredth of one squared standard error
-            if small:
-                # so near that the slopes are the same
+            if gain <= 1e-2:  # a hundredth of one squared standard error: the slopes are the same
                 trial.linear = now.linear
+                return trial, count, True
             now, damping = trial, max(0.1 * damping, 1e-10)
-            if small:
-                return now, count, True
         else:
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e4 or predicted <= 1e-2:
@@ -185,11 +185,11 @@ def _sharpen(problem: GrayProblem, now: _Iterate) -> _Iterate:
     sharp = replace(problem, box=problem.box.sharp())
     point = now
     for _ in range(2):
-        trial = _close(sharp, point.values, [n[0] for n in point.nodes])
+        trial = _close(sharp, point.values, point.initial)
         trial.linear = now.linear
         step, initial, _ = _propose(sharp, trial, 1e-9)
         point = _move(sharp, trial, step, initial)
-    last = _close(sharp, point.values, [n[0] for n in point.nodes])
+    last = _close(sharp, point.values, point.initial)
     last.linear = now.linear
     return last if np.isfinite(last.cost) else now
 
@@ -236,11 +236,9 @@ def _evaluate_gaps(problem: GrayProblem, point: _Iterate) -> None:
     """Linearise every segment from its own node; weigh the gaps between them."""
     _linearise(problem, point)
     sigma = problem.sigma
-    gap = np.array([sigma[0], sigma[1], sigma[2], 100.0 * sigma[2]])  # counts as one residual
-    cost, defect = 0.0, 0.0
-    for log, linear in zip(problem.box.logs, point.linear):
-        cost += _cost(log, linear.value, sigma)
-        defect += float(10.0 * np.sum((linear.defects / gap) ** 2))
+    gap = np.append(sigma, 100.0 * sigma[2])  # counts as one residual
+    cost = sum(_cost(log, x.value, sigma) for log, x in zip(problem.box.logs, point.linear))
+    defect = 10.0 * sum(float(np.sum((x.defects / gap) ** 2)) for x in point.linear)
     finite = np.isfinite(cost) and np.isfinite(defect)
     point.cost, point.defect = (cost, defect) if finite else (np.inf, np.inf)
 
@@ -285,14 +283,15 @@ def _move(
     problem: GrayProblem, now: _Iterate, step: FloatArray, initial: Sequence[FloatArray]
 ) -> _Iterate:
     """Take a step: parameters, initial states, and the nodes that follow from them."""
-    values = dict(now.values)
-    for u, d in zip(problem.free, step):
-        values[u.name] = float(np.clip(values[u.name] + d, u.low, u.high))
-    nodes = []
-    for linear, old, start in zip(now.linear, now.nodes, initial):
-        d = np.concatenate((start, step))
-        nodes.append(old + linear.chain @ d + linear.offsets)
-    return _Iterate(values, nodes)
+    moved = {
+        u.name: float(np.clip(now.values[u.name] + d, u.low, u.high))
+        for u, d in zip(problem.free, step)
+    }
+    nodes = [
+        old + linear.chain @ np.concatenate((start, step)) + linear.offsets
+        for linear, old, start in zip(now.linear, now.nodes, initial)
+    ]
+    return _Iterate({**now.values, **moved}, nodes)
 
 
 def _finish(problem: GrayProblem, now: _Iterate, count: int, converged: bool) -> GraySolution:
@@ -305,6 +304,6 @@ def _finish(problem: GrayProblem, now: _Iterate, count: int, converged: bool) ->
     values = now.values
     active = [not u.low < values[u.name] < u.high for u in problem.free]
     return GraySolution(
-        values, now.states, residuals, jacobian, [n[0] for n in now.nodes], now.cost, count,
+        values, now.states, residuals, jacobian, now.initial, now.cost, count,
         converged and np.isfinite(now.cost), np.array(active, dtype=bool), problem.sigma,
     )  # fmt: skip

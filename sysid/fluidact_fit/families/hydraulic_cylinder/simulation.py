@@ -150,7 +150,8 @@ def _flow_from_rest(
     y = start + np.r_[0.0, np.cumsum(moved)]
     beta = values.get("bulk_modulus")
     for _ in range(3 if beta else 0):  # the volume follows from the position, hardly changed
-        y = start + np.r_[0.0, np.cumsum(moved + machine.swelling(chamber, y, p) / beta / area)]
+        oil = machine.swelling(chamber, y, p) / beta
+        y = start + np.r_[0.0, np.cumsum(moved + oil / area)]
     _require_oil(e, machine, y)
     position = Signal("position", e.time, y, "m")
     as_measured = replace(e, signals={**e.signals, "position": position})
