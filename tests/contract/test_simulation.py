@@ -89,13 +89,13 @@ def test_inputs_that_step_are_simulated_or_refused(trial: Any, here: Callable[..
         assert done.err.strip(), "the message says why not"
 
 
-def test_an_output_is_no_input(trial: Any, run: Callable[..., Any]) -> None:
+def test_an_output_is_no_input(trial: Any, here: Callable[..., Any]) -> None:
     """A step of what the model gives would be ignored: it is refused."""
     document = ff.read_document(trial.path)
     output = ff.get_family(document.family).variant(document.variant).output.name
     words = ["--input", f"{output}=0:1", "--duration", "1", "--sample-time", "0.1"]
     for role in trial.inputs:
         words += ["--input", f"{role}=0:1"]
-    done = run("simulate", trial.path, *words)
+    done = here("simulate", trial.path, *words)
     assert done.status == 2, done.err
     assert f"'{output}' is no input of this model" in done.err

@@ -153,7 +153,6 @@ def _predictors(a: FloatArray) -> list[tuple[FloatArray, float]]:
 class Solution:
     """A stationary point of a `Problem`.
 
-<<<<<<< HEAD
     Attributes
     ----------
     eta, linear
@@ -175,13 +174,6 @@ class Solution:
         For each of ``(eta, linear)`` whether it is at a bound.
     iterations, converged
         What the iteration did.
-=======
-    ``eta`` and ``linear`` are the nonlinear and the shared linear unknowns, and ``active`` says
-    which of them rest on a bound. One array per experiment holds the ``local`` unknowns, the
-    weighted ``residuals`` (``measured - model``; ``cost`` is the sum of their squares), the
-    ``simulated`` output of the model and its weighted ``jacobian`` by ``(eta, linear)``, shape
-    ``(n_i, p + q)``, with the local unknowns, ``local_counts`` of them, projected out.
->>>>>>> shrink
     """
 
     eta: FloatArray
