@@ -32,8 +32,8 @@ demo: $(INSTALLED)
 	$(BIN)/fluidact-fit demo demo-output
 
 test: lint
-	$(BIN)/python -m pytest -n 2 --dist loadgroup tests
-	$(BIN)/python -m pytest --nbmake notebooks
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not slow" tests
+	$(BIN)/python -m pytest -n 2 --nbmake notebooks
 
 # What depends on the interfaces of the dependencies; the estimates are left to `test`. Old releases
 # warn of newer ones below them, and pydantic's word the JSON Schema differently from the committed
@@ -76,7 +76,8 @@ acceptance: $(INSTALLED)
 	$(BIN)/python -m studies.acceptance $(ACCEPTANCE)
 
 # Takes an hour or two on two cores; make study STUDY='--scale 0.1' is a taste of it.
-study: $(INSTALLED)
+study: $(INSTALLED_DEV)
+	$(BIN)/python -m pytest -m slow tests
 	$(BIN)/python studies/statistics_study.py $(STUDY)
 	$(BIN)/python studies/ball_screw.py
 	$(BIN)/python studies/design.py --output docs/design-study.md

@@ -452,6 +452,7 @@ def misses(found: Estimate[ForceMapOptions], logs: list[Experiment]) -> FloatArr
     return np.concatenate([e["force"] - r.output for e, r in zip(logs, runs)])
 
 
+@pytest.mark.slow
 @real
 @pytest.mark.parametrize(("hidden", "limit"), [("8", 8.5)])
 def test_muscles_on_another_repeat(hidden: str, limit: float) -> None:
@@ -463,6 +464,7 @@ def test_muscles_on_another_repeat(hidden: str, limit: float) -> None:
     assert found.details["cubic_polynomial"]["rmse"] > found.details["branches"]["rmse"]
 
 
+@pytest.mark.slow
 @real
 def test_a_muscle_of_a_length_that_was_not_trained() -> None:
     """Judged on the repeat that was trained: another one adds what changed in between."""

@@ -706,6 +706,7 @@ def test_a_chamber_without_oil_is_refused() -> None:
         ff.fit("hydraulic-cylinder", dataset()[0], **{**GIVEN, "dead_volume_2": 1e-6})
 
 
+@pytest.mark.slow
 @real
 def test_real_logs_that_the_gray_box_cannot_follow_fall_back_to_the_plateaus() -> None:
     """One pressure per log at 500 Hz: mass and volumes are then left out of the file as well."""
