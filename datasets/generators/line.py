@@ -64,4 +64,5 @@ DATASET = Dataset(
         "(invented)",
         "5 m of 2.5 mm inner diameter (thesis); the dead time is 1.47 samples",
     ),
+    {"length": 5.0, "sound_speed": 340.0},
 )
