@@ -13,10 +13,10 @@ from .errors import LogError, Notice, NotIdentifiedError
 from .experiment import Experiment
 from .family import Quantity, Variant
 from .fitting import refit
-from .logs import Log, share_columns
+from .logs import Log
 from .outcome import Simulation
 from .parameters.document import ParameterDocument
-from .simulation import prepare_logs, recall_columns, simulate_runs, variant_of
+from .simulation import prepare_logs, recall_logs, simulate_runs, variant_of
 
 RMSE_FACTOR = 2.0  # of the file's own rmse, plus one resolution step of the output
 MOST_STD_ERRORS = 4.0
@@ -106,7 +106,7 @@ def check_logs(
     """
     say = progress or (lambda message: None)
     say("simulating")
-    logs = share_columns([recall_columns(document, log) for log in logs])
+    logs = recall_logs(document, logs)
     variant = variant_of(document)
     runs, notices = prepare_logs(document, logs)
     _require_output(runs, variant)

@@ -257,6 +257,10 @@ class Family(ABC, Generic[OptionsT]):
         """The variant of that name; a single one need not be named."""
         return next((v for v in self.variants if v.name == name), self.variants[0])
 
+    def settled_options(self, document: ParameterDocument) -> OptionsT:
+        """The options as the fit of a file settled them."""
+        return self.options_type.read(document.options or {}, from_file=True)
+
     @abstractmethod
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[OptionsT]

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from .errors import LogError, Notice, NotIdentifiedError, UsageError
 from .estimation.inputs import settle_holds
-from .experiment import Experiment, Hold
+from .experiment import Experiment
 from .families import get_family
 from .family import Estimate, Family, FamilyOptions, ParameterDocument, Quantity, Request, Variant
 from .findings import Findings, make_parameter_document, mean_offset
@@ -100,11 +100,11 @@ def fit(
     simulated = found.compare(experiments, raw)
     validation: list[Simulation] = []
     if judged:
-        others, more = _prepare(judged, variant)
+        # their inputs move as those of the fit were settled to
+        holds = {r: x.hold for r, x in experiments[0].signals.items() if x.hold is not None}
+        others, more = _prepare([_open(log, holds) for log in judged], variant)
         notices += more
         offset = mean_offset(chosen, simulated)
-        holds = {r: s.hold for r, s in experiments[0].signals.items()}
-        others = _with_holds(others, holds)
         validation = found.compare(others, found.simulate(others, offset))
     document, said = make_parameter_document(
         found, simulated, validation, notices, controller_sample_time, command
@@ -170,7 +170,7 @@ def refit(
     family = get_family(document.family)
     given = document.provenance.options or {}
     request = Request(
-        options=family.options_type.read(document.options or {}, from_file=True),
+        options=family.settled_options(document),
         fixed=given.get("fixed") or {},
         bounds={k: (v[0], v[1]) for k, v in (given.get("bounds") or {}).items()},
         seed=document.provenance.seed or 0,
@@ -235,21 +235,3 @@ def _require_samples(log: Log, variant: Variant, found: Sequence[Experiment]) ->
             expected=f"Expected {_FEWEST} or more.",
             remedy="Record longer or sample faster; check --window where it was given.",
         )
-
-
-def _with_holds(
-    experiments: Sequence[Experiment], holds: Mapping[str, Hold | None]
-) -> list[Experiment]:
-    """Runs to validate with, their holds as settled by the fit."""
-    return [
-        replace(
-            e,
-            signals={
-                r: s
-                if s.hold is None or s.time.size == 1
-                else replace(s, hold=holds.get(r, s.hold))
-                for r, s in e.signals.items()
-            },
-        )
-        for e in experiments
-    ]

@@ -82,10 +82,15 @@ def _apply(log: Log, remembered: Mapping[str, Column]) -> Log:
     return replace(log, bindings=bindings, units=units, scales=scales, steps=steps, holds=holds)
 
 
+def recall_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Log]:
+    """Bind the columns of logs that belong together as the file's own logs were bound."""
+    return share_columns([recall_columns(document, log) for log in logs])
+
+
 def prepare_logs(
     document: ParameterDocument, logs: Sequence[Log]
 ) -> tuple[list[Experiment], list[Notice]]:
-    """Turn logs into runs, columns bound and holds settled as in the file.
+    """Turn logs whose columns are bound (:func:`recall_logs`) into runs, holds as in the file.
 
     The output may be missing.
 
@@ -103,8 +108,7 @@ def prepare_logs(
     roles = tuple(replace(r, required=r.required and not r.output) for r in variant.roles)
     runs: list[Experiment] = []
     notices: list[Notice] = []
-    recalled = share_columns([recall_columns(document, log) for log in logs])
-    for index, log in enumerate(recalled):
+    for index, log in enumerate(logs):
         some, said = experiments_of(log, replace(variant, roles=roles), index=index)
         runs += some
         notices += said
@@ -114,7 +118,7 @@ def prepare_logs(
 def simulate_runs(document: ParameterDocument, runs: Sequence[Experiment]) -> list[Simulation]:
     """Simulate a document's model for runs that have been prepared."""
     family, variant = get_family(document.family), variant_of(document)
-    options = family.options_type.read(document.options or {}, from_file=True)
+    options = family.settled_options(document)
     offset = document.model.get("output_offset")
     found = family.simulate(variant, document.values(), runs, options, offset)
     return [Simulation.of(e, s, variant.output.name) for e, s in zip(runs, found, strict=True)]
@@ -142,7 +146,7 @@ def simulate_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Simu
     UsageError, LogError
         When a log does not have what the model needs.
     """
-    return simulate_runs(document, prepare_logs(document, logs)[0])
+    return simulate_runs(document, prepare_logs(document, recall_logs(document, logs))[0])
 
 
 def simulate_steps(

@@ -8,7 +8,7 @@ from collections.abc import Collection
 from ..block import Block
 from ..errors import StrictError
 from ..families import get_family
-from ..parameters import read_document
+from ..files import read_document
 from ..parameters.document import ParameterDocument
 
 
@@ -46,7 +46,7 @@ def load(
     StrictError
         When the fit failed and that was not accepted.
     """
-    document = read_document(path, get_family)
+    document = read_document(path)
     block = make_block(document, accept_failed=accept_failed, where=os.fspath(path))
     block.accept(accept_not_identified)
     return block

@@ -105,7 +105,7 @@ def make_task(
         )
     columns = [source.columns.get(drive.name) for source in document.provenance.logs]
     hold = next((c.hold for c in columns if c and c.hold), drive.hold)
-    options = family.options_type.read(document.options or {}, from_file=True)
+    options = family.settled_options(document)
     notes = tuple(f"{n} was not identified; the design supposes {values[n]:.4g}." for n in supposed)
     if hold == "zoh" and any(u.spec.threshold for u in unknowns):
         notes += (

@@ -231,7 +231,7 @@ class CylinderFriction(Family[FrictionOptions]):
 
         Slow ones keep clear of the dead band by as much again, to allow for noise.
         """
-        options = self.options_type.read(document.options or {}, from_file=True)
+        options = self.settled_options(document)
         details = document.fit.details or {}
         fast = max((abs(v) for pair in details["speeds"].values() for v in pair), default=0.0)
         if motion_role(variant) == "velocity":  # what noise the filter met, a design has not

@@ -91,6 +91,8 @@ class Plan:
     refusals: Sequence[Refusal] = ()
 
 
+ASKED = ("none", "estimate")  # of a parameter that is estimated on request
+
 T = TypeVar("T", bound=TransferOptions)
 
 

@@ -31,9 +31,7 @@ from ...estimation.transfer import TransferModel, dead_time_axis, grid_search, t
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice
-from .base import Plan, TransferFamily, TransferOptions
-
-_ASKED = ("none", "estimate")
+from .base import ASKED, Plan, TransferFamily, TransferOptions
 
 
 def realise(values: Values) -> tuple[Any, Any, Any]:
@@ -47,8 +45,8 @@ def realise(values: Values) -> tuple[Any, Any, Any]:
 class HydrostaticOptions(TransferOptions):
     """What is estimated beside mass, damping and dead zone."""
 
-    stiffness: str = choice("none", _ASKED, "whether to estimate a spring")
-    dead_time: str = choice("none", _ASKED, "whether to estimate a dead time")
+    stiffness: str = choice("none", ASKED, "whether to estimate a spring")
+    dead_time: str = choice("none", ASKED, "whether to estimate a dead time")
 
 
 class Hydrostatic(TransferFamily[HydrostaticOptions]):

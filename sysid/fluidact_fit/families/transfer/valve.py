@@ -25,9 +25,7 @@ from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice
 from ...specification import quotient_unit
-from .base import Plan, TransferFamily, TransferOptions
-
-_ASKED = ("none", "estimate")
+from .base import ASKED, Plan, TransferFamily, TransferOptions
 
 
 def realise(values: Values) -> tuple[Any, Any, Any]:
@@ -43,8 +41,8 @@ def realise(values: Values) -> tuple[Any, Any, Any]:
 class ValveOptions(TransferOptions):
     """What is estimated beside gain, frequency and damping."""
 
-    dead_time: str = choice("none", _ASKED, "whether to estimate a dead time")
-    zero: str = choice("none", _ASKED, "whether to estimate a zero")
+    dead_time: str = choice("none", ASKED, "whether to estimate a dead time")
+    zero: str = choice("none", ASKED, "whether to estimate a zero")
 
 
 class Valve(TransferFamily[ValveOptions]):
