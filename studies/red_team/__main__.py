@@ -1,0 +1,56 @@
+# ruff: noqa: T201 (it prints its table)
+"""Run all attacks and write what came of them into ``docs/red-team.md``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from multiprocessing import get_context
+from pathlib import Path
+
+from .attack import Attack, Result
+from .attacks import every
+from .run import run
+from .table import page, shown
+
+_TASKS: list[tuple[Attack, int]] = []
+PAGE = Path(__file__).parents[2] / "docs" / "red-team.md"
+
+
+def _one(index: int) -> Result:
+    return run(*_TASKS[index])
+
+
+def main() -> int:
+    """Return 1 where a wrong number passed in silence, or the program broke."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--family", nargs="+", help="attack these families only")
+    parser.add_argument("--group", nargs="+", help="run only groups whose title holds a word")
+    parser.add_argument("--scale", type=float, default=1.0, help="share of the repetitions")
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--write", action="store_true", help="write the page")
+    parser.add_argument("--verbose", action="store_true", help="print every single result")
+    given = parser.parse_args()
+    attacks = [
+        a
+        for a in every(given.family)
+        if not given.group or any(word in a.group for word in given.group)
+    ]
+    began = time.perf_counter()
+    tasks = [(a, k) for a in attacks for k in range(max(1, round(a.repetitions * given.scale)))]
+    _TASKS.extend(tasks)
+    # forked, since an attack holds functions that cannot be sent
+    with get_context("fork").Pool(given.jobs) as pool:
+        results = pool.map(_one, range(len(tasks)), chunksize=1)
+    if given.verbose:
+        print("\n".join(shown(r) for r in results))
+    text = page(results, time.perf_counter() - began)
+    print(text)
+    if given.write:
+        PAGE.write_text(text, encoding="utf-8")
+    return int(any(r.silent or r.verdict in ("crash", "endless") for r in results))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

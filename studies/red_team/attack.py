@@ -1,0 +1,157 @@
+"""What an attack is, and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Recording = Mapping[str, Array]
+"""One log: role to samples [SI], ``time`` among them where there is one."""
+
+
+@dataclass(frozen=True)
+class Attack:
+    """A machine recorded in one way, with one thing wrong or unusual.
+
+    Attributes
+    ----------
+    family
+        Whose estimator is attacked.
+    group, name
+        Row of the table, and what distinguishes the attack within it.
+    truth
+        Parameters that the written values are compared with [SI]. What has no counterpart
+        in the machine (the gain of a machine of another structure) is left out.
+    record
+        Simulates the logs with the given random numbers.
+    units
+        Role to SI unit.
+    options, hold, fixed
+        As given to ``fit``.
+    scales
+        What an error is relative to, where that is not the true value itself: the width of
+        a dead zone for its edges.
+    bounds
+        Cramér-Rao standard deviations [SI] where the model is right and the sampling
+        sufficient: a parameter whose 95 % interval would be narrower than 20 % must then not
+        be refused.
+    repetitions
+        How often it is recorded and fitted, each time with other random numbers.
+    """
+
+    family: str
+    group: str
+    name: str
+    truth: Mapping[str, float]
+    record: Callable[[np.random.Generator], Sequence[Recording]]
+    units: Mapping[str, str]
+    options: Mapping[str, Any] = field(default_factory=dict)
+    hold: Mapping[str, str] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    scales: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, float] = field(default_factory=dict)
+    repetitions: int = 1
+
+    def scale(self, parameter: str) -> float:
+        """What the error of a parameter is relative to [SI]."""
+        return float(self.scales.get(parameter, abs(self.truth[parameter])))
+
+    @property
+    def determined(self) -> set[str]:
+        """Parameters whose 95 % interval is narrower than 20 %, as the bound has it."""
+        return {n for n, s in self.bounds.items() if 2.0 * 1.96 * s < 0.2 * self.scale(n)}
+
+
+@dataclass(frozen=True)
+class Error:
+    """Error of one written parameter.
+
+    ``deviations`` is it in stated standard errors, ``relative`` in parts of the scale;
+    ``held`` whether the 95 % interval holds the truth.
+    """
+
+    deviations: float
+    relative: float
+    held: bool
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of one recording.
+
+    Attributes
+    ----------
+    verdict
+        ``pass``, ``warn`` or ``fail`` of the file; ``refused`` where nothing was written,
+        ``crash`` where the program broke, ``endless`` where it was stopped.
+    codes, message
+        Warning codes, and the text of a refusal or a crash.
+    errors
+        Of the parameters that were estimated.
+    not_identified
+        Those that were written without having been measured.
+    wrongly_refused
+        Those that the data determine to 20 % and that were refused all the same.
+    seconds
+        Of processor time.
+    """
+
+    family: str
+    group: str
+    name: str
+    verdict: str
+    codes: tuple[str, ...] = ()
+    message: str = ""
+    errors: Mapping[str, Error] = field(default_factory=dict)
+    not_identified: tuple[str, ...] = ()
+    wrongly_refused: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    @property
+    def silent(self) -> list[str]:
+        """Parameters that are wrong by more than 4 standard errors and 2 % in a passed file."""
+        if self.verdict != "pass":
+            return []
+        return [
+            n for n, e in self.errors.items() if abs(e.deviations) > 4.0 and abs(e.relative) > 0.02
+        ]
+
+
+def cramer_rao(
+    simulate: Callable[[Mapping[str, float]], Sequence[Array]],
+    truth: Mapping[str, float],
+    sigma: float,
+    nuisance: Callable[[int], Array] | None = None,
+) -> dict[str, float]:
+    """Cramér-Rao standard deviations for white noise [SI].
+
+    Parameters
+    ----------
+    simulate
+        Noise-free outputs of all logs.
+    truth
+        Where; parameters at zero are moved by 1e-5.
+    sigma
+        Standard deviation of the noise of the output [SI].
+    nuisance
+        Columns ``(n, q)`` of the unknowns of a log of ``n`` samples; an offset by default.
+    """
+    columns: list[list[Array]] = []
+    for name, value in truth.items():
+        h = 1e-5 * abs(value) if value else 1e-5
+        up, down = (simulate({**truth, name: value + s * h}) for s in (1.0, -1.0))
+        columns.append([(a - b) / (2.0 * h) for a, b in zip(up, down)])
+    information = np.zeros((len(truth), len(truth)))
+    for parts in zip(*columns):
+        j = np.column_stack(parts)
+        local = np.ones((j.shape[0], 1)) if nuisance is None else nuisance(j.shape[0])
+        j = j - local @ np.linalg.lstsq(local, j, rcond=None)[0]
+        information += j.T @ j / sigma**2
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    inverse = np.linalg.pinv(information / np.outer(scale, scale)) / np.outer(scale, scale)
+    return dict(zip(truth, np.sqrt(np.maximum(np.diag(inverse), 0.0)).tolist()))

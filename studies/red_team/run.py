@@ -1,0 +1,90 @@
+"""One attack: recorded, fitted through the public interface, compared with the truth."""
+
+from __future__ import annotations
+
+import signal
+import time
+import zlib
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from .attack import Attack, Error, Recording, Result
+
+SEED = 20_261_122
+LIMIT = 120  # s of processor time after which a fit counts as endless
+
+
+class _TooLong(Exception):
+    """The limit of processor time was reached."""
+
+
+def run(attack: Attack, repetition: int = 0) -> Result:
+    """Record and fit an attack once; every repetition has random numbers of its own."""
+    key = zlib.crc32(f"{attack.family} {attack.group} {attack.name}".encode())
+    rng = np.random.default_rng([SEED, key, repetition])
+    with TemporaryDirectory(prefix="red-team-") as name:
+        paths = [
+            _write(Path(name) / f"log{k}.csv", recording, attack)
+            for k, recording in enumerate(attack.record(rng), start=1)
+        ]
+        return _fit(attack, paths)
+
+
+def _write(path: Path, recording: Recording, attack: Attack) -> Path:
+    units = {"time": "s", **attack.units}
+    header = ",".join(f"{role} [{units[role]}]" for role in recording)
+    rows = np.column_stack(list(recording.values()))
+    np.savetxt(path, rows, fmt="%.12g", delimiter=",", header=header, comments="")
+    return path
+
+
+def _fit(attack: Attack, paths: list[Path]) -> Result:
+    import fluidact_fit as ff
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise _TooLong
+
+    def end(verdict: str, **more: Any) -> Result:
+        seconds = time.process_time() - began
+        return Result(
+            attack.family, attack.group, attack.name, verdict, seconds=seconds, **more
+        )
+
+    signal.signal(signal.SIGVTALRM, stop)
+    signal.setitimer(signal.ITIMER_VIRTUAL, LIMIT)
+    began = time.process_time()
+    try:
+        found = ff.fit(
+            attack.family, paths, hold=attack.hold, fixed=attack.fixed, **attack.options
+        )
+    except (ff.NotIdentifiedError, ff.LogError, ff.UsageError) as error:
+        return end("refused", message=str(error), wrongly_refused=tuple(sorted(attack.determined)))
+    except _TooLong:
+        return end("endless")
+    except Exception as error:  # a crash is what is looked for
+        return end("crash", message=f"{type(error).__name__}: {error}")
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+    errors = {}
+    for parameter, truth in attack.truth.items():
+        q = found.parameters.get(parameter)
+        if q is None or q.status != "estimated":
+            continue
+        miss = float(q.value) - truth
+        low, high = q.ci95
+        errors[parameter] = Error(
+            miss / max(float(q.std_error), 1e-300), miss / attack.scale(parameter),
+            bool(low <= truth <= high),
+        )  # fmt: skip
+    refused = tuple(n for n, q in found.parameters.items() if q.status == "not_identified")
+    return end(
+        str(found.verdict),
+        codes=tuple(dict.fromkeys(n.code for n in found.notices)),
+        errors=errors,
+        not_identified=refused,
+        wrongly_refused=tuple(sorted(attack.determined & set(refused))),
+    )

@@ -1,0 +1,152 @@
+"""Do a few samples carry the answer? Leave-one-out of every sample, run and half, in closed form.
+
+With the derivatives ``J`` of a least-squares fit the estimate without sample ``i`` differs by
+``(J'J)^-1 J_i' r_i / (1 - h_i)``, ``h_i`` being the sample's leverage, the diagonal of
+``J (J'J)^-1 J'`` [1]_. A sample that stands alone, far from what all others say, or that is
+matched exactly because nothing else holds what it says, can turn a result without showing in
+its root-mean-square error.
+
+References
+----------
+.. [1] R. D. Cook, S. Weisberg, Residuals and Influence in Regression, 1982.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import Notice
+from ..estimation.agreement_of_logs import Drift, compare_logs
+from ..experiment import FloatArray
+from .optimum import Optimum
+
+_ODD = 1e-6  # probability of a residual that large among all samples
+_MOVES = 0.5  # standard errors by which an odd sample may move a parameter
+_CARRIES = 3.0  # standard errors by which any sample may
+_LISTED = 5
+_FEWEST = 50  # samples of a part of the data that is compared with the rest
+_DISAGREE = 1e-5  # probability of a difference that large between parts of the data
+_MATTERS = 0.02  # part of a parameter that a difference must exceed
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A sample that decides: where it is, how far off, and what it moves."""
+
+    place: str
+    deviations: float
+    parameter: str
+    shift: float
+    errors: float
+
+
+def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
+    """Samples that the result hangs on: an entry for the file, and a warning."""
+    j, r = np.vstack(at.jacobians), np.concatenate(at.residuals)
+    n, p = j.shape
+    if n <= p + 10:
+        return {}, []
+    scale = np.linalg.norm(j, axis=0)
+    scale[scale == 0.0] = 1.0
+    q, triangle = np.linalg.qr(j / scale)
+    if np.min(np.abs(np.diag(triangle))) < 1e-9:
+        return {}, []
+    leverage = np.minimum(np.sum(q**2, axis=1), 1.0 - 1e-9)
+    gain = np.linalg.inv(triangle) / scale[:, None]
+    moves = (q * (r / (1.0 - leverage))[:, None]) @ gain.T
+    errors = moves / at.errors
+    most = np.abs(errors).max(axis=1)
+    deviations = _studentised(r, leverage, p)
+    odd = np.abs(deviations) > _limit(n, n - p - 1)
+    deciding = np.flatnonzero((odd & (most > _MOVES)) | (most > _CARRIES))
+    deciding = deciding[np.argsort(-most[deciding])]
+    entry = {"largest_influence": float(most.max()), "largest_leverage": float(leverage.max())}
+    if not deciding.size:
+        return entry, []
+    places = at.places()
+    found = []
+    for i in deciding[:_LISTED]:
+        k = int(np.argmax(np.abs(errors[i])))
+        found.append(
+            Sample(
+                places[i], float(deviations[i]), at.names[k], float(-moves[i, k]),
+                float(-errors[i, k]),
+            )
+        )  # fmt: skip
+    entry["samples"] = [vars(s) for s in found]
+    return entry, [_notice(found, int(deciding.size))]
+
+
+def _studentised(r: FloatArray, leverage: FloatArray, p: int) -> FloatArray:
+    """Residuals in standard deviations of the others, robust against many odd ones."""
+    n = r.size
+    own = r / np.sqrt(1.0 - leverage)
+    rest = np.maximum(float(r @ r) - own**2, 0.0) / max(n - p - 1, 1)
+    robust = 1.4826 * float(np.median(np.abs(r))) * np.sqrt(n / max(n - p, 1))
+    # a residual that is mostly zero (a counter at rest) has no robust size
+    sigma = np.sqrt(rest) if robust == 0.0 else np.minimum(np.sqrt(rest), 2.0 * robust)
+    return np.asarray(own / np.maximum(sigma, 1e-300))
+
+
+def _limit(n: int, degrees: int) -> float:
+    """Studentised residual that one of ``n`` exceeds with a probability of ``_ODD``."""
+    from scipy.special import stdtrit
+
+    return float(-stdtrit(max(degrees, 1), 0.5 * _ODD / n))
+
+
+def _notice(found: list[Sample], count: int) -> Notice:
+    first = found[0]
+    others = "" if count == 1 else f" and {count - 1} more"
+    listed = ", ".join(s.place for s in found[1:])
+    return Notice(
+        "few-samples-decide",
+        f"{first.place}{others} {'carries' if count == 1 else 'carry'} the result: without "
+        f"{'it' if count == 1 else 'that first one'} {first.parameter} would change by "
+        f"{first.shift:+.3g}, {abs(first.errors):.1f} standard errors (its residual is "
+        f"{abs(first.deviations):.0f} standard deviations)."
+        + (f" The others: {listed}." if listed else "")
+        + " Look at the log there (--plot); cut it with --window or correct it, and fit again.",
+    )
+
+
+def find_disagreeing_parts(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
+    """Compare the halves of the data, and every run with the others."""
+    half = [0 if k < len(at.residuals) / 2 else 1 for k in range(len(at.residuals))]
+    if len(at.residuals) == 1:
+        cut = at.residuals[0].size // 2
+        jacobians = [at.jacobians[0][:cut], at.jacobians[0][cut:]]
+        residuals = [at.residuals[0][:cut], at.residuals[0][cut:]]
+        half = [0, 1]
+    else:
+        jacobians, residuals = list(at.jacobians), list(at.residuals)
+    if min(sum(r.size for r, h in zip(residuals, half) if h == k) for k in (0, 1)) < _FEWEST:
+        return {}, []
+    drifts, _ = compare_logs(jacobians, residuals, half, at.names)
+    d = drifts[0]
+    entry = {
+        "halves": {
+            "parameter": d.parameter, "difference": d.difference,
+            "deviations": d.deviations, "p_value": d.p_value,
+        }
+    }  # fmt: skip
+    return entry, [_halves_notice(at, d)] if _telling(at, d) else []
+
+
+def _telling(at: Optimum, d: Drift) -> bool:
+    value = at.number(d.parameter)
+    return d.p_value < _DISAGREE and abs(d.difference) > _MATTERS * abs(value)
+
+
+def _halves_notice(at: Optimum, d: Drift) -> Notice:
+    return Notice(
+        "halves-disagree",
+        f"the first and the second half of the data give a {d.parameter} that differs by "
+        f"{d.difference:+.3g} ({100.0 * d.difference / abs(at.number(d.parameter)):+.1f} %), "
+        f"{abs(d.deviations):.1f} standard errors: the machine changed while it was recorded, or "
+        "the model describes only part of what it did. Fit the halves separately (--window) and "
+        "look at both pictures.",
+    )
