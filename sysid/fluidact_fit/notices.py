@@ -71,6 +71,11 @@ _READING = {
         "A measured signal stays at its highest or lowest value for many samples in a row.",
         "Check whether the sensor or its converter was clipped; cut that part with `--window`.",
     ),
+    "spikes": _warning(
+        "Single samples of a measured signal stand alone, far from their neighbours; they were "
+        "replaced by what lies between these.",
+        "Check cable, converter and logger; look at the samples that are named.",
+    ),
     "time-out-of-order": _warning(
         "Lines whose time is earlier than that of the line before were left out.",
         "Check the lines that are named; `--sample-time` replaces the time column.",
@@ -115,11 +120,20 @@ _JUDGEMENT = {
         "biases the parameters.",
         "Record with the controller off, with an added excitation, or with a cleaner sensor.",
     ),
+    "few-samples-decide": _warning(
+        "The result hangs on a few samples, which lie far from all others or are matched exactly "
+        "because nothing else holds what they say.",
+        "Look at the log where the message says, and cut it with `--window` or correct it.",
+    ),
+    "halves-disagree": _warning(
+        "The two halves of the data give different values of a parameter.",
+        "Fit them separately: the machine changed, or the model describes only part of it.",
+    ),
     "hold-doubtful": _warning(
         "The data fit better if an input is taken to behave differently between its samples.",
         "Say with `--hold` whether the column is a held command or a measured signal.",
     ),
-    "hold-matters": _warning(
+    "hold-matters": _information(
         "A parameter depends on the hold of an input, which the data cannot determine.",
         "Say with `--hold` whether the column is a held command or a measured signal.",
     ),
@@ -152,6 +166,11 @@ _JUDGEMENT = {
         "The residuals are autocorrelated and far larger than the noise of the output: the "
         "machine does something that the model does not describe.",
         "Look at the picture (`--plot`) and judge whether the misfit matters for your use.",
+    ),
+    "unmodelled-response": _warning(
+        "The residual holds a response that the model does not have (a delay, a lag, a drift, a "
+        "parameter that was not asked for), and it moves a parameter by more than its interval.",
+        "Do what the message says: estimate or fix what is missing, or look for its cause.",
     ),
     "weak-fit": _warning(
         "The model explains only part of the output.",

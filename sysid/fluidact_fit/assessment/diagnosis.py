@@ -20,7 +20,15 @@ from ..estimation.uncertainty import fit_autoregression
 from ..experiment import Experiment, FloatArray, Hold
 from ..family import Estimate, Family, FamilyOptions, Value, Variant
 from ..outcome import Simulation
+from .influence import find_deciding_samples, find_disagreeing_parts
+from .optimum import make_optimum
+from .structure import find_missing_response
 
+_EXAMINATIONS = {
+    "influence": find_deciding_samples,
+    "parts": find_disagreeing_parts,
+    "missing_response": find_missing_response,
+}
 _LAGS = 10
 _DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one
 _LONG = 200_000  # samples beyond which a part of the log is enough
@@ -52,7 +60,15 @@ def diagnose(
     correlation, said = _cross_correlation(variant, fitted)
     if correlation:
         details["cross_correlation"] = correlation
-    return details, notices + said
+    notices += said
+    at = make_optimum(family, variant, estimate, fitted)
+    if at is not None:
+        for name, examine in _EXAMINATIONS.items():
+            entry, said = examine(at)
+            if entry:
+                details[name] = entry
+            notices += said
+    return details, notices
 
 
 def _noise_or_model(fitted: Sequence[Simulation]) -> float | None:

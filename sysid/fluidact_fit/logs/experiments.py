@@ -23,6 +23,7 @@ from .columns import (
     require_numbers,
 )
 from .log import Log, StepInput
+from .spikes import replace_spikes
 from .timebase import Run, counted_run, split_runs, untimed_run
 
 _LARGEST = 1e100  # beyond it squares overflow
@@ -100,6 +101,9 @@ def experiments(
     notices += assumed_notice(log, bindings.values())
     runs = _apply_window(log, runs)
     found = _make_experiments(log, variant, bindings, runs, index)
+    cleaned = [replace_spikes(e, variant) for e in found]
+    found = [e for e, _ in cleaned]
+    notices += [n for _, said in cleaned for n in said]
     notices += check_sampling(log, runs)
     notices += check_signals(log, bindings, found)
     return found, notices

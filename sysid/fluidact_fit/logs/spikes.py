@@ -1,0 +1,134 @@
+"""Single samples that no machine produces: a lost byte, a broken contact, a reading of zero.
+
+A spike is one sample wide: the signal jumps and is back where it was with the next sample, and
+nothing else in the record jumps nearly as far. At the ends of a record there is one neighbour
+only, and a step that is recorded from its first sample looks the same; a sample there is taken
+for a spike only where no input moves.
+
+Criteria are far on the safe side: what is less clear stays in the record, and the fit says so
+where its result hangs on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import Notice
+from ..experiment import Experiment, FloatArray
+from ..family import Variant
+
+_FARTHER = 5.0  # times the largest other jump of the record
+_BACK = 0.2  # part of the jump by which the neighbours may differ
+_MOVED = 0.3  # part of its largest jump by which an input has moved
+_NEAR = 3  # samples within which an input would explain it
+_FEWEST = 20  # samples of a record that is looked at
+_SHARE = 0.005  # largest part of a record that can be spikes
+_LISTED = 5
+
+Index = npt.NDArray[np.intp]
+
+
+def replace_spikes(experiment: Experiment, variant: Variant) -> tuple[Experiment, list[Notice]]:
+    """Replace spikes of measured signals by what lies between their neighbours.
+
+    Held inputs stay as they are: a command may well be one sample long.
+
+    Returns
+    -------
+    tuple
+        The run, and one warning per role with spikes.
+    """
+    if experiment.time.size < _FEWEST:
+        return experiment, []
+    moved = _where_inputs_move(experiment, variant)
+    signals, notices = dict(experiment.signals), []
+    for role in variant.roles:
+        signal = experiment.signals.get(role.name)
+        if signal is None or signal.values.size != experiment.samples or signal.hold == "zoh":
+            continue
+        others = moved if role.output else np.zeros_like(moved)
+        found = find_spikes(signal.values, others)
+        if not found.size:
+            continue
+        values = _bridged(experiment.time, signal.values, found)
+        before = float(values[0])
+        signals[role.name] = replace(signal, values=values, before=before)
+        notices.append(_notice(experiment, role.name, signal.unit, signal.values, found))
+    return replace(experiment, signals=signals), notices
+
+
+def find_spikes(values: FloatArray, moved: npt.NDArray[np.bool_]) -> Index:
+    """Return the samples that stand alone, in order.
+
+    Parameters
+    ----------
+    values : (n,)
+        The signal [any unit].
+    moved : (n,)
+        Where an input explains a jump.
+    """
+    jumps = np.diff(values)
+    size = np.abs(jumps)
+    height = np.zeros(values.size)
+    there_and_back = jumps[:-1] * jumps[1:] < 0.0
+    inner = np.minimum(size[:-1], size[1:])
+    back = np.abs(values[2:] - values[:-2]) <= _BACK * inner
+    height[1:-1] = np.where(there_and_back & back, inner, 0.0)
+    height[0] = size[0] if size[1] <= _BACK * size[0] else 0.0
+    height[-1] = size[-1] if size[-2] <= _BACK * size[-1] else 0.0
+    height[moved] = 0.0
+    most = max(3, int(_SHARE * values.size))
+    order = np.argsort(-height)[:most]
+    order = order[height[order] > 0.0]
+    count = 0
+    for m in range(1, order.size + 1):
+        beside = np.unique(np.concatenate((order[:m] - 1, order[:m])))
+        rest = np.delete(size, beside[(beside >= 0) & (beside < size.size)])
+        if height[order[m - 1]] > _FARTHER * rest.max(initial=0.0):
+            count = m
+    return np.sort(order[:count])
+
+
+def _where_inputs_move(experiment: Experiment, variant: Variant) -> npt.NDArray[np.bool_]:
+    """Samples at which, or shortly before which, an input jumps; shape ``(n,)``."""
+    n = experiment.samples
+    moved = np.zeros(n, dtype=bool)
+    for role in variant.roles:
+        signal = experiment.signals.get(role.name)
+        if signal is None or role.output:
+            continue
+        if signal.values.size != n:  # a step that was not recorded
+            moved |= np.abs(experiment.time - signal.time[0]) <= _NEAR * experiment.sample_time
+            continue
+        size = np.abs(np.diff(signal.values))
+        for k in np.flatnonzero(size > _MOVED * size.max(initial=0.0)):
+            moved[max(k - 1, 0) : k + 1 + _NEAR] = True
+    return moved
+
+
+def _bridged(time: FloatArray, values: FloatArray, spikes: Index) -> FloatArray:
+    """The signal with straight lines across its spikes; the ends are level."""
+    kept = np.delete(np.arange(values.size), spikes)
+    out = values.copy()
+    out[spikes] = np.interp(time[spikes], time[kept], values[kept])
+    return out
+
+
+def _notice(
+    experiment: Experiment, role: str, unit: str, values: FloatArray, found: Index
+) -> Notice:
+    listed = ", ".join(
+        f"{values[k]:.4g} {unit} at t = {experiment.time[k]:.6g} s" for k in found[:_LISTED]
+    )
+    more = f" and {found.size - _LISTED} more" if found.size > _LISTED else ""
+    what = "1 sample" if found.size == 1 else f"{found.size} samples"
+    stand = "stands" if found.size == 1 else "stand"
+    return Notice(
+        "spikes",
+        f"{experiment.name}: {what} of '{role}' {stand} alone, far from the neighbours ({listed}"
+        f"{more}), and {'was' if found.size == 1 else 'were'} replaced by what lies between them. "
+        "Check the cable, the converter and the logger.",
+    )
