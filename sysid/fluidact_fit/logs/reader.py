@@ -125,34 +125,24 @@ def _check_arguments(
 
 def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:
     columns = []
-    for index, (values, bad) in enumerate(zip(table.values, table.bad)):
-        header = layout.headers[index]
+    parts = zip(layout.headers, layout.units, table.values, table.bad)
+    for index, (header, unit_in_row, values, bad) in enumerate(parts, start=1):
         name, unit = parse_unit_from_header(header)
-        from_row = layout.units[index] or None
-        columns.append(
-            Column(
-                index=index + 1,
-                header=header,
-                name=name,
-                unit=from_row or unit,
-                doubtful=from_row is None and is_doubtful_suffix(header),
-                values=values,
-                bad=bad,
-            )
-        )
+        doubtful = not unit_in_row and is_doubtful_suffix(header)
+        columns.append(Column(index, header, name, unit_in_row or unit, doubtful, values, bad))
     return tuple(columns)
 
 
 def _describe_dialect(source: Source, layout: Layout, table: Table) -> Dialect:
-    rows = [r for r in (layout.header_row, layout.units_row) if r is not None]
+    header, units = layout.header_row, layout.units_row
     return Dialect(
         name=layout.hints.name,
         encoding=source.encoding,
         delimiter=layout.delimiter,
         decimal=layout.decimal,
-        preamble=min([*rows, layout.first_row]),
-        header_line=None if layout.header_row is None else layout.header_row + 1,
-        units_line=None if layout.units_row is None else layout.units_row + 1,
+        preamble=layout.first_row if header is None else header,
+        header_line=None if header is None else header + 1,
+        units_line=None if units is None else units + 1,
         first_data_line=int(table.lines[0]),
         serial=layout.hints.serial,
     )
