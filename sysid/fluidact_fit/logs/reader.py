@@ -6,13 +6,11 @@ import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import get_args
 
 from ..errors import UsageError
-from ..experiment import Hold
 from ..units import is_doubtful_suffix, parse_unit_from_header
 from .dialect import Layout, find_layout
-from .log import Column, Dialect, Log, StepInput
+from .log import Column, Dialect, Log, StepInput, check_hold
 from .source import Source, read_source
 from .table import Table, read_table
 
@@ -109,11 +107,7 @@ def _check_arguments(
         if not all(map(math.isfinite, (step.start, step.end, step.at))):
             raise UsageError(f"the step of '{role}' is not finite.", remedy="Give three numbers.")
     for role, hold in holds.items():
-        if hold not in get_args(Hold):
-            raise UsageError(
-                f"'{hold}' is not a hold, as given for '{role}'.",
-                remedy=f"Choose one of {', '.join(get_args(Hold))}.",
-            )
+        check_hold(role, hold)
     low, high = window or (None, None)
     if any(side is not None and math.isnan(side) for side in (low, high)) or (
         low is not None and high is not None and low >= high

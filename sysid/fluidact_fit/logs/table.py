@@ -145,9 +145,7 @@ def _collect_bad(
         return tuple({} for _ in columns)
     lines = data[offset:].split(b"\n")
     return tuple(
-        {
-            int(row): layout.split(lines[row].decode(errors="replace"))[index] for row in found
-        }
+        {int(row): layout.split(lines[row].decode(errors="replace"))[index] for row in found}
         for index, found in enumerate(rows)
     )
 
