@@ -36,16 +36,9 @@ _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 
 @dataclass(frozen=True)
 class Cut:
-    """How lines are cut into cells.
+    """How lines are cut into cells; ``delimiter`` and ``decimal`` as in `Dialect`.
 
-    Attributes
-    ----------
-    delimiter, decimal
-        As in `Dialect`.
-    width
-        Number of columns.
-    trailing
-        Whether rows end with one more separator.
+    ``width`` is the number of columns, ``trailing`` whether rows end with one more separator.
     """
 
     delimiter: str
@@ -76,16 +69,8 @@ class Cut:
 class Layout(Cut):
     """Where the table is and how to split it.
 
-    Attributes
-    ----------
-    first_row
-        Index (from 0) of the first line of the table.
-    hints
-        What is known of the logger.
-    header_row, units_row
-        Indices, ``None`` when absent.
-    headers, units
-        One entry per column; empty text when absent.
+    Rows are indices of lines, from 0, ``None`` when absent; ``headers`` and ``units`` have one
+    entry per column, empty text when absent.
     """
 
     first_row: int

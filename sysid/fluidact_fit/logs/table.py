@@ -29,18 +29,11 @@ RAGGED_SHARE_SERIAL = 0.5
 
 @dataclass(frozen=True)
 class Table:
-    """Numbers by column, NaN where a cell is not a finite number.
+    """Numbers by column.
 
-    Attributes
-    ----------
-    values
-        One array per column, shape ``(n_rows,)``.
-    bad
-        Per column: row to text of cells that are not finite numbers.
-    lines
-        1-based source line per row.
-    notices
-        What was left out.
+    ``values`` has one array per column, shape ``(n_rows,)``, NaN where a cell is not a finite
+    number; ``bad`` has the text of these cells by row. ``lines`` is the 1-based source line of
+    every row, ``notices`` says what was left out.
     """
 
     values: tuple[FloatArray, ...]

@@ -28,16 +28,9 @@ _UNIFORM = 1e-6
 class Run:
     """Consecutive rows with increasing time.
 
-    Attributes
-    ----------
-    rows
-        Indices into the log, shape ``(n,)``.
-    time
-        Instants [s], shape ``(n,)``; empty when the log has no time.
-    sample_time
-        Median step [s], 0 without time.
-    uniform
-        Whether the instants lie on one grid, to which they were then snapped.
+    ``rows`` are indices into the log and ``time`` their instants [s], shape ``(n,)``; a log without
+    time has none. ``sample_time`` is the median step [s], 0 without time. ``uniform`` says that
+    the instants lie on one grid, to which they were then snapped.
     """
 
     rows: IndexArray
@@ -106,16 +99,8 @@ def print_resolution(stamps: FloatArray) -> float:
 def make_run(rows: IndexArray, stamps: FloatArray, resolution: float, factor: float) -> Run:
     """Turn increasing stamps into a run, snapped to a grid when they lie on one.
 
-    Parameters
-    ----------
-    rows
-        Row indices, shape ``(n,)``.
-    stamps
-        Strictly increasing stamps [unit of the column], shape ``(n,)``.
-    resolution
-        Print resolution of the stamps [same].
-    factor
-        Seconds per unit.
+    ``stamps`` and their print ``resolution`` are in the unit of the column, which is ``factor``
+    seconds; ``rows`` are indices, of shape ``(n,)`` as the stamps.
     """
     if stamps.size < 2:
         return Run(rows, stamps * factor, 0.0, False)

@@ -60,19 +60,17 @@ def migrate(document: Mapping[str, Any], problems: Problems) -> dict[str, Any]:
     """
     version = document.get("format_version")
     migrated = copy.deepcopy(dict(document))
-    place = ("format_version",)
     if version is None:
-        problems.add(place, "missing")
+        words = "missing"
     elif type(version) is not int or version < 0:  # True is an int too
-        problems.add(place, f"{version!r} is not a version; this program reads {CURRENT_VERSION}")
+        words = f"{version!r} is not a version; this program reads {CURRENT_VERSION}"
     elif is_newer(document):
-        problems.add(
-            place,
-            f"{version} is newer than this program reads ({CURRENT_VERSION}); upgrade fluidact-fit",
-        )
+        words = f"{version} is newer than this program reads ({CURRENT_VERSION})"
+        words += "; upgrade fluidact-fit"
     else:
         for step in range(version, CURRENT_VERSION):
             migrated = MIGRATIONS[step](migrated)
             migrated["format_version"] = step + 1
-        migrated = _settle_holds(migrated)
+        return _settle_holds(migrated)
+    problems.add(("format_version",), words)
     return migrated

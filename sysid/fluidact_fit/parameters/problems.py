@@ -63,14 +63,8 @@ class Problems:
         """Return ``(path, message)`` pairs, with line numbers where they are known."""
         pairs = []
         for location, message in self.found.items():
-            line = _line_of(location, lines)
+            # A missing key has no line of its own: take that of the part that lacks it.
+            above = (location[:size] for size in range(len(location), 0, -1))
+            line = next((lines[part] for part in above if part in lines), None)
             pairs.append((format_path(location), f"{message} (line {line})" if line else message))
         return pairs
-
-
-def _line_of(location: Location, lines: Mapping[Location, int]) -> int | None:
-    # A missing key has no line of its own: take that of the part that lacks it.
-    for size in range(len(location), 0, -1):
-        if location[:size] in lines:
-            return lines[location[:size]]
-    return None

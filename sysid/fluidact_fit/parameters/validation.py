@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
+from .. import units
 from ..errors import FluidactError, UsageError
 from ..specification import Described, ParameterSpec, Variant
 from .document import TAG, ParameterDocument, Part
@@ -45,14 +47,7 @@ def validate(
 ) -> ParameterDocument | None:
     """Check a plain document of the current version.
 
-    Parameters
-    ----------
-    document
-        Plain dicts, lists, text and numbers.
-    problems
-        Problems known so far; those found here are added.
-    lookup
-        Finds a family by name.
+    Problems that are found are added to those known so far; ``lookup`` finds a family by name.
 
     Returns
     -------
@@ -234,9 +229,7 @@ def _check_unit(
     unit: Any, expected: str, place: Location, problems: Problems, *, free: bool = False
 ) -> None:
     if unit == expected or not isinstance(unit, str):
-        return
-    from .. import units  # slow to load, and not needed for a file that is right
-
+        return  # without asking what units are, which may be slow
     if not units.is_known_unit(unit):
         problems.add(place, f"{unit!r} is not a known unit; expected {expected!r}")
     elif free:
@@ -263,7 +256,9 @@ def _check_units(document: dict[str, Any], variant: Variant, problems: Problems)
     for place, unit in _measured(document):
         if isinstance(unit, str) and unit not in outputs:
             # Which role is the output may depend on an option (a force map turned round).
-            _check_output_unit(unit, variant, place, problems)
+            alike = (r.unit for r in variant.roles if units.same_dimension(unit, r.unit))
+            first = (r.unit for r in variant.roles if r.output)
+            _check_unit(unit, next(chain(alike, first, ["1"])), place, problems)
     usual = {spec.unit for spec in variant.parameters}
     for place, unit in _find(document, "derived", "*", "unit"):
         if isinstance(unit, str) and unit not in usual:
@@ -276,11 +271,3 @@ def _measured(document: dict[str, Any]) -> Iterator[tuple[Location, Any]]:
     for logs in (("fit", "logs"), ("validation",)):
         for what in ("rmse", "offset"):
             yield from _find(document, *logs, "*", what, "unit")
-
-
-def _check_output_unit(unit: str, variant: Variant, place: Location, problems: Problems) -> None:
-    from .. import units
-
-    alike = [role.unit for role in variant.roles if units.same_dimension(unit, role.unit)]
-    outputs = [role.unit for role in variant.roles if role.output]
-    _check_unit(unit, (alike or outputs or ["1"])[0], place, problems)
