@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .problems import Problems
+from .problems import Problems, find_entries
 
 CURRENT_VERSION = 1
 
@@ -14,8 +14,7 @@ CURRENT_VERSION = 1
 def _from_0(document: dict[str, Any]) -> dict[str, Any]:
     """Version 0, the draft: ``std`` instead of ``std_error``, and no ``status``."""
     for section in ("parameters", "derived"):
-        entries = document.get(section)
-        for entry in entries.values() if isinstance(entries, dict) else ():
+        for _, entry in find_entries(document, section, "*"):
             if not isinstance(entry, dict):
                 continue
             # The draft wrote a standard error for whatever it had estimated.
@@ -32,14 +31,11 @@ def _settle_holds(document: dict[str, Any]) -> dict[str, Any]:
 
     Their ``linear`` is called ``foh`` now, and their ``cubic`` ``smooth``.
     """
-    provenance = document.get("provenance")
-    logs = provenance.get("logs") if isinstance(provenance, dict) else None
-    for log in logs if isinstance(logs, list) else ():
-        columns = log.get("columns") if isinstance(log, dict) else None
-        for column in columns.values() if isinstance(columns, dict) else ():
-            if isinstance(column, dict) and "hold" in column:
-                hold = column.pop("interpolation", column["hold"])
-                column["hold"] = {"linear": "foh", "cubic": "smooth"}.get(hold, hold)
+    names = {"linear": "foh", "cubic": "smooth"}
+    for _, column in find_entries(document, "provenance", "logs", "*", "columns", "*"):
+        if isinstance(column, dict) and "hold" in column:
+            hold = column.pop("interpolation", column["hold"])
+            column["hold"] = names.get(hold, hold) if isinstance(hold, str) else hold
     return document
 
 
