@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from ..experiment import FloatArray, Signal
 from ..family import Quantity, StaticView
+from ..outcome import Simulation
 from .numbers import Scale, choose_scale, count, plain, pretty_unit, show
-from .runs import Run
+from .runs import envelope, instants, subset
 from .style import (
     BAND,
     FAINT,
@@ -26,10 +27,9 @@ from .style import (
     SMALL,
     SPARSE,
     VERDICT,
+    band,
     dress,
-    head,
 )
-from .thinning import envelope, subset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,16 +38,16 @@ _MOST_POINTS = 6000
 _MOST_ROWS = 18
 
 
-def output_panel(axes: Axes, runs: Sequence[Run], t: Scale, y: Scale, title: str) -> None:
+def output_panel(axes: Axes, runs: Sequence[Simulation], t: Scale, y: Scale, title: str) -> None:
     """Measured against simulated over time; several runs are overlaid."""
     many = len(runs) > 1
-    sparse = max(r.time.size for r in runs) <= 120
+    sparse = max(r.measured.size for r in runs) <= 120
     for k, run in enumerate(runs):
         for values, colour, label, order in (
             (run.measured, MEASURED, "measured", 2),
             (run.simulated, SIMULATED, "simulated", 3),
         ):
-            x, v = envelope(run.time, values)
+            x, v = envelope(instants(run), values)
             measured = label == "measured"
             axes.plot(
                 x * t.factor, v * y.factor, color=SPARSE if measured and sparse else colour,
@@ -57,18 +57,15 @@ def output_panel(axes: Axes, runs: Sequence[Run], t: Scale, y: Scale, title: str
                 linewidth=2.8 if measured and not many else 1.0,
                 alpha=0.55 if many else 1.0, label=label if k == 0 else None,
             )  # fmt: skip
-    dress(axes)
-    head(axes, title)
+    dress(axes, title)
 
 
-def residual_panel(axes: Axes, runs: Sequence[Run], rmse: float, y: Scale, t: Scale) -> None:
+def residual_panel(axes: Axes, runs: Sequence[Simulation], rmse: float, t: Scale, y: Scale) -> None:
     """Residuals over time with the band of two root-mean-square errors."""
-    axes.axhspan(-2 * rmse * y.factor, 2 * rmse * y.factor, color=BAND, alpha=0.22, lw=0,
-                 label="± 2 rmse")  # fmt: skip
-    axes.axhline(0.0, color=FAINT, linewidth=0.7)
+    band(axes, 2.0 * rmse * y.factor, 0.22, "± 2 rmse")
     many = len(runs) > 1
     for run in runs:
-        x, v = envelope(run.time, run.residual)
+        x, v = envelope(instants(run), run.residual)
         sparse = x.size <= 120
         axes.plot(x * t.factor, v * y.factor, color=RESIDUAL, alpha=0.4 if many else 1.0,
                   linewidth=0.0 if many and sparse else 0.7, marker="o" if sparse else "",
@@ -76,13 +73,14 @@ def residual_panel(axes: Axes, runs: Sequence[Run], rmse: float, y: Scale, t: Sc
     dress(axes)
 
 
-def input_panel(axes: Axes, runs: Sequence[Run], t: Scale, u: Scale) -> None:
+def input_panel(axes: Axes, runs: Sequence[Simulation], drive: str, t: Scale, u: Scale) -> None:
     """What drove the model, drawn with the hold that the fit used."""
     for run in runs:
-        if run.drive is None:
+        signal = run.experiment.signals.get(drive)
+        if signal is None:
             continue
-        x, v = _drawn(run.drive, run.time)
-        step = "steps-post" if run.drive.hold in (None, "zoh") and x.size == v.size else "default"
+        x, v = _drawn(signal, instants(run))
+        step = "steps-post" if signal.hold in (None, "zoh") and x.size == v.size else "default"
         x, v = envelope(x, v)
         axes.plot(x * t.factor, v * u.factor, color=INPUT, linewidth=0.9, drawstyle=step,
                   alpha=0.4 if len(runs) > 1 else 1.0)  # fmt: skip
@@ -103,15 +101,12 @@ def correlation_panel(axes: Axes, residuals: Sequence[FloatArray], whiteness: st
     """Autocorrelation of the residuals with the band of white noise."""
     finite = [r[np.isfinite(r)] for r in residuals]
     lags, rho = correlation(finite)
-    band = 1.96 / max(sum(r.size for r in finite), 1) ** 0.5
-    axes.axhspan(-band, band, color=BAND, alpha=0.35, lw=0)
-    axes.axhline(0.0, color=FAINT, linewidth=0.7)
+    band(axes, 1.96 / max(sum(r.size for r in finite), 1) ** 0.5, 0.35)
     axes.vlines(lags, 0.0, rho, color=RESIDUAL, linewidth=1.6)
     axes.set_ylim(min(-0.25, 1.15 * float(rho.min(initial=0.0))), 1.05)
     axes.set_xlim(0, float(lags[-1]) + float(lags[0]))
     axes.set_xlabel("lag [samples]" + (f"     ({whiteness})" if whiteness else ""))
-    dress(axes)
-    head(axes, "Residual autocorrelation, shaded: 95 % band of white noise")
+    dress(axes, "Residual autocorrelation, shaded: 95 % band of white noise")
 
 
 def correlation(
@@ -166,7 +161,6 @@ def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
                   linestyle=":", marker="s", markersize=4.5, markerfacecolor="white",
                   label=plain(view.points.label, 30), zorder=5)  # fmt: skip
     axes.set_ylabel(y.label(view.y_name))
-    dress(axes)
     axes.set_xlim(low * x.factor, high * x.factor)
     notes = [f"{count(size)} samples" + (f" ({count(_MOST_POINTS)} drawn)" * (size > _MOST_POINTS))]
     left = view.used.size - size
@@ -175,7 +169,7 @@ def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
         notes.append(
             f"{count(left)} left out" + (f", {count(beyond)} beyond the picture" * (beyond > 0))
         )
-    head(axes, "; ".join(notes))
+    dress(axes, "; ".join(notes))
 
 
 def window(view: StaticView) -> tuple[float, float]:
@@ -193,9 +187,7 @@ def window(view: StaticView) -> tuple[float, float]:
 
 def map_residual_panel(axes: Axes, view: StaticView, x: Scale, y: Scale, rmse: float) -> None:
     """Residuals over the input of a static map."""
-    axes.axhspan(-2 * rmse * y.factor, 2 * rmse * y.factor, color=BAND, alpha=0.22, lw=0,
-                 label="± 2 rmse")  # fmt: skip
-    axes.axhline(0.0, color=FAINT, linewidth=0.7)
+    band(axes, 2.0 * rmse * y.factor, 0.22, "± 2 rmse")
     rest = view.measured - view.fitted
     low, high = window(view)
     out = ~view.used & (view.x >= low) & (view.x <= high)
@@ -235,8 +227,7 @@ def histogram_panel(axes: Axes, residuals: FloatArray, y: Scale) -> None:
         axes.plot(x, normal, color=INK, linewidth=1.0)
     axes.set_yticks([])
     axes.set_xlabel(y.label("residual"))
-    dress(axes)
-    head(axes, "Residuals, and the normal curve of the same width")
+    dress(axes, "Residuals, and the normal curve of the same width")
 
 
 def table_panel(
@@ -280,8 +271,5 @@ def _rows(quantities: Mapping[str, Quantity]) -> list[tuple[str, str, str, str]]
 
 def scale_of(values: Sequence[FloatArray], unit: str) -> Scale:
     """Engineering unit for the largest finite size among arrays."""
-    largest = 0.0
-    for v in values:
-        finite = v[np.isfinite(v)]
-        largest = max(largest, float(np.abs(finite).max(initial=0.0)))
-    return choose_scale(unit, largest)
+    finite = (np.abs(v[np.isfinite(v)]) for v in values)
+    return choose_scale(unit, max((float(v.max(initial=0.0)) for v in finite), default=0.0))
