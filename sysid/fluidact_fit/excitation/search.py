@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..estimation.information import cramer_rao
-from ..experiment import Experiment, FloatArray, Signal
+from ..experiment import FloatArray
 from ..family import Information
 from .task import Task
 from .waveforms import Waveform, limit_slope, smooth_corners, to_segments
@@ -119,32 +119,22 @@ class Search:
             u = smooth_corners(u, max(RISE, width))
         return u if most is None else limit_slope(u, most)
 
-    def _run(self, command: FloatArray) -> Experiment:
-        name, step = self.task.drive.name, self.task.limits.sample_time
-        before = float(command[0])
-        signal = Signal(name, self.time, command, self.task.unit, self.task.hold, before)
-        return Experiment("design", 0, self.time, {name: signal}, step, True)
-
     def _simulate(self, command: FloatArray) -> FloatArray:
         task = self.task
-        run = self._run(command)
+        run = task.run(self.time, command, task.hold)
         (found,) = task.family.simulate(task.variant, task.values, [run], task.options)
         return np.asarray(found.output, dtype=float)
 
     def _errors(self, command: FloatArray) -> FloatArray:
         """Predicted standard errors in the order of the task's unknowns, shape ``(p,)``."""
         task = self.task
-        run = self._run(command)
-        found = task.family.information(task.variant, task.values, run, task.options)
-        assert found is not None, f"{task.family.name} has a command but no information"
-        used = [n for n in task.names if n in found.names]
-        jacobian = found.jacobian[:, [found.names.index(n) for n in used]]
-        bread = cramer_rao(jacobian.T @ jacobian)
+        found = task.inform(task.run(self.time, command, task.hold), task.options)
+        bread = cramer_rao(found.jacobian.T @ found.jacobian)
         variance = np.diag(bread) * task.sigma**2
         step = (task.document.fit.details or {}).get("output_resolution")
         if step and step >= task.sigma:
-            variance = np.maximum(variance, _converter_variance(bread, jacobian, found, step))
-        spread = dict(zip(used, np.sqrt(np.maximum(variance, 0.0))))
+            variance = np.maximum(variance, _converter_variance(bread, found, step))
+        spread = dict(zip(found.names, np.sqrt(np.maximum(variance, 0.0))))
         return np.array(
             [max(spread.get(n, 0.0), found.floor.get(n, 0.0)) or np.inf for n in task.names]
         )
@@ -161,15 +151,13 @@ class Search:
         return bool(output.min() >= low - slack and output.max() <= high + slack)
 
 
-def _converter_variance(
-    bread: FloatArray, jacobian: FloatArray, found: Information, step: float
-) -> FloatArray:
+def _converter_variance(bread: FloatArray, found: Information, step: float) -> FloatArray:
     """Variances by the error of a converter, which lasts as long as a reading, shape ``(p,)``.
 
     As in :func:`.estimation.uncertainty.covariance`: an axis at rest repeats the same error
     over and over again.
     """
     starts = np.flatnonzero(np.diff(np.floor(found.output / step), prepend=np.nan) != 0.0)
-    sums = np.add.reduceat(jacobian, starts, axis=0)
+    sums = np.add.reduceat(found.jacobian, starts, axis=0)
     known = np.where(np.isfinite(bread), bread, 0.0)
     return np.diag(known @ (sums.T @ sums) @ known) * step**2 / 12.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import UsageError
 from ..estimation.information import cramer_rao
-from ..experiment import Experiment, FloatArray, Signal
+from ..experiment import FloatArray
 from .points import is_speed, static_errors, static_rows, static_samples
 from .result import Design
 from .task import Task, undetermined
@@ -112,13 +112,8 @@ def _play(task: Task, strokes: _Strokes) -> tuple[FloatArray, FloatArray, FloatA
 def _stroke_errors(task: Task, strokes: _Strokes) -> FloatArray:
     """Predicted standard errors from the samples that a fit would keep, shape ``(p,)``."""
     time, velocity, place = _play(task, strokes)
-    drive = task.drive
-    signal = Signal(drive.name, time, velocity if is_speed(drive) else place, task.unit)
-    run = Experiment("design", 0, time, {drive.name: signal}, float(time[1]), True)
-    options = task.excitation.options or task.options
-    found = task.family.information(task.variant, task.values, run, options)
-    assert found is not None
-    rows = found.jacobian[:, [found.names.index(name) for name in task.names]]
+    run = task.run(time, velocity if is_speed(task.drive) else place)
+    rows = task.inform(run, task.excitation.options or task.options).jacobian
     return np.sqrt(np.diag(cramer_rao(rows.T @ rows))) * task.excitation.noise
 
 

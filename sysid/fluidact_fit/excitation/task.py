@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import NotIdentifiedError, UsageError
-from ..experiment import FloatArray, Hold
+from ..experiment import Experiment, FloatArray, Hold, Signal
 from ..family import (
     Excitation,
     Family,
     FamilyOptions,
+    Information,
     ParameterDocument,
     ParameterSpec,
     Role,
@@ -79,6 +80,19 @@ class Task:
     def sigma(self) -> float:
         """Noise of the output [SI]."""
         return max(self.document.fit.rmse.value, 1e-300)
+
+    def run(self, time: FloatArray, drive: FloatArray, hold: Hold | None = None) -> Experiment:
+        """A run in which the drive takes these values [SI], shape ``(n,)``."""
+        signal = Signal(self.drive.name, time, drive, self.unit, hold, float(drive[0]))
+        return Experiment("design", 0, time, {self.drive.name: signal}, float(time[1]), True)
+
+    def inform(self, run: Experiment, options: FamilyOptions) -> Information:
+        """The information in a run, of the parameters that are unknown."""
+        found = self.family.information(self.variant, self.values, run, options)
+        assert found is not None, f"{self.family.name} has a design but no information"
+        used = [n for n in self.names if n in found.names]
+        columns = found.jacobian[:, [found.names.index(n) for n in used]]
+        return replace(found, names=tuple(used), jacobian=columns)
 
     @property
     def rest(self) -> float:
@@ -221,7 +235,9 @@ def _fill_limits(
             raise UsageError(
                 f"{name}={pair[0]:g}:{pair[1]:g}: the lower end is not below the upper."
             )
-    step, duration = _time_base(document, given)
+    logs = [(source.sample_time or 0.0, source.rows) for source in document.provenance.logs]
+    longest, step = max(((step * rows, step) for step, rows in logs), default=(0.0, 0.0))
+    step, duration = given.sample_time or step, given.duration or longest
     limits = Limits(amplitude, given.rate, stroke, duration, step)
     if step and not 20 <= limits.count <= _MOST:
         raise UsageError(
@@ -230,13 +246,6 @@ def _fill_limits(
             remedy="Change --duration or --sample-time.",
         )
     return limits
-
-
-def _time_base(document: ParameterDocument, given: Limits) -> tuple[float, float]:
-    """Sample time and duration [s]: given, or those of the longest log; 0 without time."""
-    steps = [(source.sample_time or 0.0, source.rows) for source in document.provenance.logs]
-    duration, step = max(((step * rows, step) for step, rows in steps), default=(0.0, 0.0))
-    return given.sample_time or step, given.duration or duration
 
 
 def _suppose(

@@ -256,17 +256,12 @@ def table_panel(
 
 
 def _rows(quantities: Mapping[str, Quantity]) -> list[tuple[str, str, str, str]]:
-    out = []
-    for name, q in quantities.items():
-        unit = pretty_unit(q.unit)
-        value = f"{show(q.value, q.std_error)} {unit}".rstrip()
-        if q.status == "not_identified":
-            out.append((name, value, "not identified", VERDICT["fail"]))
-        elif q.status == "fixed":
-            out.append((name, value, "fixed", FAINT))
-        else:
-            out.append((name, value, "", INK))
-    return out
+    said = {"not_identified": ("not identified", VERDICT["fail"]), "fixed": ("fixed", FAINT)}
+    return [
+        (name, f"{show(q.value, q.std_error)} {pretty_unit(q.unit)}".rstrip(),
+         *said.get(q.status, ("", INK)))
+        for name, q in quantities.items()
+    ]  # fmt: skip
 
 
 def scale_of(values: Sequence[FloatArray], unit: str) -> Scale:
