@@ -71,15 +71,7 @@ def _change(waveform: Waveform, name: str, shift: float, factor: float) -> Wavef
 
 
 def design_command(task: Task) -> Design:
-    """Design the command to play.
-
-    Raises
-    ------
-    UsageError
-        When the sample time is unknown, or the family cannot predict what a command would show.
-    NotIdentifiedError
-        When no command within the limits determines every parameter.
-    """
+    """Design the command to play."""
     if not task.limits.sample_time:
         raise UsageError("the sample time is unknown.", remedy="Give --sample-time and --duration.")
     search = Search(task)

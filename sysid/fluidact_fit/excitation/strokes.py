@@ -32,10 +32,15 @@ class _Strokes:
     fast: tuple[float, float]
     share: float
 
+    @property
+    def pairs(self) -> tuple[tuple[tuple[float, float], float], ...]:
+        """Speeds of the slow and of the fast pairs with their shares of the time."""
+        return (self.slow, self.share), (self.fast, 1.0 - self.share)
+
     def speeds(self) -> list[tuple[float, float]]:
         """Signed speeds and shares of the time; a pair covers the same distance both ways."""
         out = []
-        for (to, fro), share in ((self.slow, self.share), (self.fast, 1.0 - self.share)):
+        for (to, fro), share in self.pairs:
             out += [(to, share * fro / (to + fro)), (-fro, share * to / (to + fro))]
         return out
 
@@ -43,7 +48,7 @@ class _Strokes:
         """Velocity at the samples, shape ``(n,)`` [m/s]; straight ramps at the turns."""
         count, turn = round(duration / step), max(round(_TURN / step), 2)
         pieces: list[FloatArray] = []
-        for (to, fro), share in ((self.slow, self.share), (self.fast, 1.0 - self.share)):
+        for (to, fro), share in self.pairs:
             there = share * duration * fro / (to + fro)
             laps = max(int(np.ceil(to * there / (_USED * travel))), 1)
             for _ in range(laps):
@@ -76,13 +81,7 @@ def design_strokes(task: Task) -> Design:
 
 
 def _speed_limits(task: Task) -> tuple[float, float]:
-    """Lowest and highest velocity [m/s]: as given, or what the file's logs covered.
-
-    Raises
-    ------
-    UsageError
-        When they allow no motion in both directions.
-    """
+    """Lowest and highest velocity [m/s]: as given, or what the file's logs covered."""
     low, high = task.limits.amplitude if is_speed(task.drive) else task.excitation.fastest
     if not (high > task.excitation.slowest and -low > task.excitation.slowest):
         raise UsageError(

@@ -163,13 +163,7 @@ def make_task(
     seed: int,
     progress: Callable[[str], None],
 ) -> Task:
-    """The task that a parameter file and the limits given make.
-
-    Raises
-    ------
-    UsageError
-        When a limit or the criterion is impossible, or no experiment can be designed.
-    """
+    """The task that a parameter file and the limits given make."""
     variant = family.variant(document.variant)
     excitation = family.excitation(variant, document)
     if excitation.kind == "none":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -112,19 +112,10 @@ def correlation_panel(axes: Axes, residuals: Sequence[FloatArray], whiteness: st
 def correlation(
     residuals: Sequence[FloatArray], stems: int = 40
 ) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Autocorrelation at evenly spaced lags, as far as the residuals are correlated.
+    """Autocorrelation at up to ``stems`` lags, as far as the residuals of the runs have any.
 
-    Parameters
-    ----------
-    residuals
-        One array per run.
-    stems
-        Number of lags. They are one sample apart unless the correlation is still above
-        one half at the last; then they are spread, up to a quarter of the longest run.
-
-    Returns
-    -------
-    lags, rho : (stems,) or fewer
+    The lags are one sample apart unless the correlation is still above one half at the last;
+    then they are spread, up to a quarter of the longest run.
     """
     longest = max((r.size for r in residuals), default=0)
     energy = sum(float(r @ r) for r in residuals) or 1.0
@@ -142,11 +133,7 @@ def correlation(
 def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
     """Samples of a static map with the fitted curve."""
     size = int(view.used.sum())
-    low, high = window(view)
-    out = ~view.used & (view.x >= low) & (view.x <= high)
-    if out.any():
-        _points(axes, view.x, view.measured, out, x, y, LEFT_OUT, "left out", "x")
-    _points(axes, view.x, view.measured, view.used, x, y, SPARSE, "measured")
+    beside = _draw_samples(axes, view, x.factor, view.measured * y.factor, SPARSE, named=True)
     styles, colours = ("-", "--", "-.", ":"), (SIMULATED, INPUT, POINTS, INK)
     for k, curve in enumerate(view.curves):
         axes.plot(curve.x * x.factor, curve.y * y.factor, color=colours[k % 4],
@@ -161,11 +148,11 @@ def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
                   linestyle=":", marker="s", markersize=4.5, markerfacecolor="white",
                   label=plain(view.points.label, 30), zorder=5)  # fmt: skip
     axes.set_ylabel(y.label(view.y_name))
-    axes.set_xlim(low * x.factor, high * x.factor)
+    axes.set_xlim(*(x.factor * end for end in window(view)))
     notes = [f"{count(size)} samples" + (f" ({count(_MOST_POINTS)} drawn)" * (size > _MOST_POINTS))]
     left = view.used.size - size
     if left:
-        beyond = left - int(out.sum())
+        beyond = left - beside
         notes.append(
             f"{count(left)} left out" + (f", {count(beyond)} beyond the picture" * (beyond > 0))
         )
@@ -189,12 +176,7 @@ def map_residual_panel(axes: Axes, view: StaticView, x: Scale, y: Scale, rmse: f
     """Residuals over the input of a static map."""
     band(axes, 2.0 * rmse * y.factor, 0.22, "± 2 rmse")
     rest = view.measured - view.fitted
-    low, high = window(view)
-    out = ~view.used & (view.x >= low) & (view.x <= high)
-    if out.any():
-        _points(axes, view.x, rest, out, x, y, LEFT_OUT, "", "x")
-    _points(axes, view.x, rest, view.used, x, y, RESIDUAL, "")
-    if out.any():
+    if _draw_samples(axes, view, x.factor, rest * y.factor, RESIDUAL, named=False):
         inside = np.abs(rest[view.used]).max(initial=0.0)
         axes.set_ylim(*(np.array([-1.3, 1.3]) * max(inside, 2.5 * rmse) * y.factor))
     axes.set_ylabel(y.label("residual"))
@@ -202,17 +184,24 @@ def map_residual_panel(axes: Axes, view: StaticView, x: Scale, y: Scale, rmse: f
     dress(axes)
 
 
-def _points(
-    axes: Axes, x: FloatArray, y: FloatArray, chosen: Any, sx: Scale, sy: Scale,
-    colour: str, label: str, marker: str = "o",
-) -> None:  # fmt: skip
-    index = np.flatnonzero(chosen)
-    index = index[subset(index.size, _MOST_POINTS)]
-    axes.plot(x[index] * sx.factor, y[index] * sy.factor, linestyle="", marker=marker,
-              markersize=2.5 if index.size > 400 else 4, color=colour,
-              markeredgewidth=0 if marker == "o" else 0.8,
-              alpha=0.5 if index.size > 1000 else 0.8, label=label or None,
-              zorder=2, rasterized=index.size > 1000)  # fmt: skip
+def _draw_samples(
+    axes: Axes, view: StaticView, factor: float, values: FloatArray, colour: str, *, named: bool
+) -> int:
+    """Samples of a map, and those left out just beside them, whose number is returned."""
+    low, high = window(view)
+    beside = ~view.used & (view.x >= low) & (view.x <= high)
+    for chosen, shade, marker, edge, label in (
+        (beside, LEFT_OUT, "x", 0.8, "left out"), (view.used, colour, "o", 0, "measured"),
+    ):  # fmt: skip
+        index = np.flatnonzero(chosen)
+        index = index[subset(index.size, _MOST_POINTS)]
+        if not index.size:
+            continue
+        axes.plot(view.x[index] * factor, values[index], linestyle="", marker=marker,
+                  markersize=2.5 if index.size > 400 else 4, color=shade, markeredgewidth=edge,
+                  alpha=0.5 if index.size > 1000 else 0.8, label=label if named else None,
+                  zorder=2, rasterized=index.size > 1000)  # fmt: skip
+    return int(beside.sum())
 
 
 def histogram_panel(axes: Axes, residuals: FloatArray, y: Scale) -> None:

@@ -56,16 +56,8 @@ def choose(runs: Sequence[Simulation]) -> Choice:
 def envelope(x: FloatArray, y: FloatArray, bins: int = 1500) -> tuple[FloatArray, FloatArray]:
     """Keep the smallest and the largest value of every bin: peaks survive.
 
-    Parameters
-    ----------
-    x, y : (n,)
-    bins
-        Bins of equal count, about the pixels of the axis.
-
-    Returns
-    -------
-    x, y : (k,)
-        All of them when there are not many more than ``2 * bins``.
+    ``bins`` of equal count, about the pixels of the axis; nothing is left out when there are
+    not many more than ``2 * bins`` samples.
     """
     if y.size <= 4 * bins:
         return x, y

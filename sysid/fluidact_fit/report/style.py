@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 MEASURED = "#8E979E"
@@ -66,12 +66,8 @@ def legend(axes: Axes, *others: Axes, columns: int = 4) -> None:
     Entries of ``others`` come first; as many columns, up to ``columns``, as the panel is wide
     enough for.
     """
-    handles: list[Artist] = []
-    labels: list[str] = []
-    for source in (*others, axes):
-        found = source.get_legend_handles_labels()
-        handles += found[0]
-        labels += found[1]
+    found = [a.get_legend_handles_labels() for a in (*others, axes)]
+    handles, labels = (list(chain.from_iterable(part)) for part in zip(*found))
     axes.legend(
         handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize=SMALL,
         ncols=_fitting_columns(labels, columns), frameon=False, borderaxespad=0.1,
