@@ -77,6 +77,11 @@ class Simulation:
         return cls(experiment, simulated, measured, found.offset)
 
     @property
+    def residual(self) -> FloatArray:
+        """Measured less simulated, shape ``(n,)`` [SI]; NaN where a sample was left out."""
+        return self.measured - self.simulated
+
+    @property
     def agreement(self) -> Agreement:
         """Measured against simulated."""
         return agreement([self.measured], [self.simulated])
