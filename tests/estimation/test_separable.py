@@ -172,4 +172,4 @@ def test_the_odd_log_is_named() -> None:
     assert drifts[0].p_value < 1e-6
     assert drifts[0].difference == pytest.approx(0.3, abs=0.05)
     assert all(d.p_value > 1e-3 for d in drifts[1:])
-    assert max(left_out, key=lambda x: x.rmse).log == 4
+    assert max(left_out, key=left_out.__getitem__) == 4

@@ -34,14 +34,6 @@ class Drift:
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """Root-mean-square error of a log predicted from all the others."""
-
-    log: int
-    rmse: float
-
-
-@dataclass(frozen=True)
 class _Part:
     """Normal equations of one log."""
 
@@ -57,7 +49,7 @@ def compare_logs(
     residuals: Sequence[FloatArray],
     logs: Sequence[int],
     names: Sequence[str],
-) -> tuple[list[Drift], list[LeftOut]]:
+) -> tuple[list[Drift], dict[int, float]]:
     """Drift of every log in every parameter, and the error of each predicted by the others.
 
     Parameters
@@ -76,11 +68,11 @@ def compare_logs(
         left out of the reference of those after them, so that one odd log does not
         make the others look odd.
     left_out
-        In the order of the logs.
+        Root-mean-square error of every log predicted from all the others.
     """
     every = list(dict.fromkeys(logs))
     parts = {k: _part(jacobian, residuals, logs, k) for k in every}
-    left_out = [LeftOut(k, _predicted_error(parts, k)) for k in every]
+    left_out = {k: _predicted_error(parts, k) for k in every}
     drifts: list[Drift] = []
     rest = dict(parts)
     tests = len(every) * len(names)

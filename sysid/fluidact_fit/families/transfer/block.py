@@ -12,14 +12,14 @@ import numpy.typing as npt
 
 from ...block import Block
 from ...errors import UsageError
-from ...estimation.discrete import companion, discretise
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, piecewise
 from ...estimation.linear import forced_response
-from ...estimation.parametric import input_level
 from ...estimation.records import make_signal
 from ...experiment import Experiment, FloatArray, Hold
 from ...parameters.document import ParameterDocument
 from ...specification import Variant
+from .discrete import companion, discretise
+from .model import input_level
 
 
 @dataclass(frozen=True)

@@ -27,11 +27,12 @@ from ...errors import LogError
 from ...estimation.parametric import Fitted, Values, bind
 from ...estimation.results import Refusal
 from ...estimation.separable import Unknown, solve
-from ...estimation.transfer import TransferModel, dead_time_axis, grid_search, time_scales
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice
 from .base import ASKED, Plan, TransferFamily, TransferOptions
+from .fit import dead_time_axis, grid_search
+from .model import TransferModel, time_scales
 
 
 def realise(values: Values) -> tuple[Any, Any, Any]:
