@@ -20,7 +20,17 @@ from ..family import FamilyOptions, ParameterSpec, Request
 from .agreement_of_logs import Drift, compare_logs
 from .profile_likelihood import Interval, profile_interval
 from .results import Refusal, Solved, determine, left_open
-from .separable import Basis, Problem, Search, Slopes, Solution, Unknown, solve, solve_from
+from .separable import (
+    Basis,
+    Problem,
+    Search,
+    Slopes,
+    Solution,
+    Unknown,
+    project_out,
+    solve,
+    solve_from,
+)
 from .uncertainty import Uncertainty, covariance, score_covariance, t_quantile
 
 Array = npt.NDArray[Any]
@@ -151,7 +161,7 @@ def bind(model: NamedModel, unknowns: Mapping[str, Unknown], held: Mapping[str, 
     """Make the solver's problem of a model with some parameters held."""
     view = _Bound(model, held)
     linear = [unknowns[n] for n in model.linear if n not in held]
-    nuisance = [Unknown(n, 0.0) for n in model.nuisance]
+    nuisance = [Unknown(n) for n in model.nuisance]
     return Problem(
         view, model.measured, [unknowns[n] for n in view.names], [*linear, *nuisance],
         model.weights, model.whiten,
@@ -176,8 +186,7 @@ def make_unknowns(
         if limits and name in limits:
             low, high = max(low, limits[name][0]), min(high, limits[name][1])
         low, high = request.bounds.get(name, (low, high))
-        start = request.start.get(name, 0.0)
-        out[name] = Unknown(name, start, low, high, abs(scales.get(name, 1.0)) or 1.0)
+        out[name] = Unknown(name, low, high, abs(scales.get(name, 1.0)) or 1.0)
     return out
 
 
@@ -252,10 +261,7 @@ class Fitted(Solved):
         kept = self._reported()
         other = [k for k in range(len(self.names)) if k not in kept]
         stacked = np.vstack(self.solution.jacobian)
-        wanted = stacked[:, kept]
-        if other:
-            q, _ = np.linalg.qr(stacked[:, other])
-            wanted = wanted - q @ (q.T @ wanted)
+        wanted = project_out(stacked[:, kept], stacked[:, other])
         ends = np.cumsum([j.shape[0] for j in self.solution.jacobian])[:-1]
         parts = np.split(wanted, ends)
         if not self.factors:
@@ -426,8 +432,7 @@ def _balance(model: NamedModel, solution: Solution) -> dict[int, float]:
         return {}
     rows = dict.fromkeys(every, 0.0)
     cost = dict(rows)
-    counts = solution.local_counts or (0,) * len(model.logs)
-    for r, k, local in zip(solution.residuals, model.logs, counts):
+    for r, k, local in zip(solution.residuals, model.logs, solution.local_counts):
         rows[k] += r.size - local
         cost[k] += float(r @ r)
     sigma = {k: np.sqrt(cost[k] / max(rows[k], 1.0)) for k in every}

@@ -45,7 +45,6 @@ class Unknown:
     """
 
     name: str
-    start: float
     low: float = -np.inf
     high: float = np.inf
     scale: float = 1.0
@@ -182,29 +181,25 @@ class Solution:
     cost: float
     residuals: list[FloatArray]
     simulated: list[FloatArray]
-    jacobian: list[FloatArray] = field(default_factory=list)
-    local_counts: tuple[int, ...] = ()
-    active: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    iterations: int = 0
-    converged: bool = False
+    jacobian: list[FloatArray]
+    local_counts: tuple[int, ...]
+    active: Mask
+    iterations: int
+    converged: bool
 
 
 def differentiate(
     basis: Callable[[Array], Basis], eta: FloatArray, scales: FloatArray
 ) -> tuple[Basis, Slopes]:
     """Columns and their exact derivatives by complex steps."""
-    at: Basis = basis(eta)
-    known, shared, local = [], [], []
-    for j in range(eta.size):
-        moved = eta.astype(complex)
-        moved[j] += 1j * _STEP * scales[j]
-        turned = basis(moved)
-        unit = _STEP * scales[j]
-        known.append(np.imag(turned.known) / unit)
-        shared.append(np.imag(turned.shared) / unit)
-        local.append(np.imag(turned.local) / unit)
-    columns = ((known, at.known), (shared, at.shared), (local, at.local))
-    return at, Slopes(*(np.reshape(c, (eta.size, *x.shape)) for c, x in columns))
+    at, steps = basis(eta), _STEP * scales
+    turned = [basis(eta + 1j * row) for row in np.diag(steps)]
+
+    def slope(part: str) -> FloatArray:
+        rows = [np.imag(getattr(b, part)) / step for b, step in zip(turned, steps)]
+        return np.reshape(rows, (eta.size, *getattr(at, part).shape))
+
+    return at, Slopes(slope("known"), slope("shared"), slope("local"))
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:
@@ -219,6 +214,12 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
         return q
     left, singular, _ = np.linalg.svd(used, full_matrices=False)
     return left[:, singular > 1e-10 * singular[0]]
+
+
+def project_out(rows: FloatArray, columns: FloatArray) -> FloatArray:
+    """Remove from ``rows``, shape ``(n, p)``, what ``columns``, ``(n, q)``, explain."""
+    q = _orthonormal(columns)
+    return np.asarray(rows - q @ (q.T @ rows)) if q.shape[1] else rows
 
 
 @dataclass(frozen=True)
@@ -279,13 +280,9 @@ class _Fit:
 
     def jacobian(self, slopes: Sequence[Slopes]) -> FloatArray:
         """Derivative of all models by ``eta``, local and free shared unknowns projected out."""
-        raw = self.raw_jacobian(slopes, self.local())
+        raw = np.vstack(self.raw_jacobian(slopes, self.local()))
         free = ~self.linear_active
-        if not free.any():
-            return np.vstack(raw)
-        q = _orthonormal(np.vstack([r.shared[:, free] for r in self.reduced]))
-        stacked = np.vstack(raw)
-        return np.asarray(stacked - q @ (q.T @ stacked))
+        return project_out(raw, np.vstack([r.shared[:, free] for r in self.reduced]))
 
     def raw_jacobian(self, slopes: Sequence[Slopes], local: list[FloatArray]) -> list[FloatArray]:
         """Derivative of the model by ``eta`` with the local unknowns projected out."""
@@ -334,7 +331,7 @@ def bounded_least_squares(
 
 def solve(
     problem: Problem,
-    start: FloatArray | None = None,
+    start: FloatArray,
     *,
     max_iterations: int = 60,
     tolerance: float = 1e-5,
@@ -343,8 +340,8 @@ def solve(
 
     Parameters
     ----------
-    start : (p,), optional
-        Instead of the unknowns' own start values.
+    start : (p,)
+        Of the nonlinear unknowns.
     max_iterations
         Limit on accepted and rejected steps together.
     tolerance
@@ -353,8 +350,7 @@ def solve(
     """
     scales = np.array([u.scale for u in problem.nonlinear])
     low, high = (b / scales for b in _bounds(problem.nonlinear))
-    begin = np.array([u.start for u in problem.nonlinear]) if start is None else start
-    x = np.clip(np.asarray(begin, dtype=float) / scales, low, high)
+    x = np.clip(np.asarray(start, dtype=float) / scales, low, high)
     fit, slopes = _evaluate(problem, x * scales, scales)
     damping, converged, count = 1e-3, x.size == 0, 0
     while not converged and count < max_iterations:
@@ -441,16 +437,12 @@ def _value(problem: Problem, eta: FloatArray) -> _Fit:
 
 
 def _evaluate(problem: Problem, eta: FloatArray, scales: FloatArray) -> tuple[_Fit, list[Slopes]]:
-    bases, slopes = [], []
     own = getattr(problem.model, "slopes", None)
-    for i in range(len(problem.measured)):
-        if own is not None:
-            basis, slope = own(i, eta)
-        else:
-            basis, slope = differentiate(partial(problem.model.basis, i), eta, scales)
-        bases.append(basis)
-        slopes.append(slope)
-    return _Fit(problem, eta, bases), slopes
+    pairs = [
+        differentiate(partial(problem.model.basis, i), eta, scales) if own is None else own(i, eta)
+        for i in range(len(problem.measured))
+    ]
+    return _Fit(problem, eta, [basis for basis, _ in pairs]), [slopes for _, slopes in pairs]
 
 
 def evaluate(problem: Problem, eta: FloatArray) -> Solution:

@@ -264,7 +264,7 @@ class TransferFamily(Family[T], Generic[T]):
             "numerator": numerator, "denominator": denominator, "dead_time": dead_time,
         }  # fmt: skip
         if sample_time > 0.0:
-            section["discrete"] = discretise(numerator, denominator, sample_time, "zoh", dead_time)
+            section["discrete"] = discretise(numerator, denominator, sample_time, dead_time)
         return section
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil, floor
-from typing import Any, Literal
+from math import ceil
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from ...estimation.linear import forced_response, transition
 from ...experiment import FloatArray
 
 _LONGEST = 10_000  # samples of dead time that a controller may be asked to store
-Method = Literal["zoh", "foh", "tustin"]
 
 
 def companion(
@@ -38,15 +37,12 @@ def discretise(
     numerator: Sequence[float],
     denominator: Sequence[float],
     sample_time: float,
-    method: Method,
     dead_time: float = 0.0,
 ) -> dict[str, Any]:
     """Difference equation of ``exp(-dead_time s) numerator(s)/denominator(s)``.
 
-    ``zoh`` and ``foh`` are exact for an input that is held or follows straight lines, with a
-    dead time of any fraction of a sample: the numerator is the pulse response of the
-    continuous model times the denominator. ``tustin`` maps ``s = 2/T (z-1)/(z+1)`` and
-    splits the dead time linearly between the two neighbouring samples.
+    Exact for an input that is held, with a dead time of any fraction of a sample: the
+    numerator is the pulse response of the continuous model times the denominator.
 
     Parameters
     ----------
@@ -54,8 +50,6 @@ def discretise(
         Falling powers of ``s``; strictly proper.
     sample_time
         [s]
-    method
-        ``"zoh"``, ``"foh"`` or ``"tustin"``.
     dead_time
         [s]
 
@@ -76,64 +70,19 @@ def discretise(
             expected="A difference equation stores every sample of its dead time.",
             remedy="Correct the dead time, or give a longer --controller-sample-time.",
         )
-    if method == "tustin":
-        num, den = _tustin(numerator, denominator, sample_time)
-        whole = floor(dead_time / sample_time + 1e-9)
-        share = max(dead_time / sample_time - whole, 0.0)
-        delay = [0.0] * whole + ([1.0] if share < 1e-9 else [1.0 - share, share])
-        num = np.convolve(num, delay)
-    else:
-        num, den = _exact(numerator, denominator, sample_time, method, dead_time)
+    a, b, c = companion(numerator, denominator)
+    phi, _ = transition(a, None, np.array([sample_time]))
+    den = np.real(np.poly(phi[0]))
+    instants = np.arange(a.shape[0] + 2 + ceil(dead_time / sample_time - 1e-9)) * sample_time
+    pulse = PiecewiseInput(np.array([0.0, sample_time]), np.array([[1.0], [0.0]]))
+    response = np.real(forced_response(a, b, c, pulse, instants, dead_time=dead_time))
+    num = np.convolve(den, response)[: instants.size]
+    num[np.abs(num) < 1e-13 * np.abs(num).max()] = 0.0
+    num = np.trim_zeros(num, "b")
     length = max(num.size, den.size)
     return {
         "sample_time": float(sample_time),
-        "hold": method,
+        "hold": "zoh",
         "numerator": np.append(num, np.zeros(length - num.size)).tolist(),
         "denominator": np.append(den, np.zeros(length - den.size)).tolist(),
     }
-
-
-def _exact(
-    numerator: Sequence[float],
-    denominator: Sequence[float],
-    step: float,
-    method: Method,
-    dead_time: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Exact hold-equivalent by the pulse response."""
-    a, b, c = companion(numerator, denominator)
-    phi, _ = transition(a, None, np.array([step]))
-    den = np.real(np.poly(phi[0]))
-    length = a.shape[0] + 2 + ceil(dead_time / step - 1e-9)
-    if method == "zoh":
-        pulse = PiecewiseInput(np.array([0.0, step]), np.array([[1.0], [0.0]]))
-    else:
-        nodes = np.array([-step, 0.0, step])
-        pulse = PiecewiseInput(nodes, np.array([[0.0, 1 / step], [1.0, -1 / step], [0.0, 0.0]]))
-    instants = np.arange(length) * step
-    response = np.real(forced_response(a, b, c, pulse, instants, dead_time=dead_time))
-    num = np.convolve(den, response)[:length]
-    num[np.abs(num) < 1e-13 * np.abs(num).max()] = 0.0
-    return np.trim_zeros(num, "b"), den
-
-
-def _tustin(
-    numerator: Sequence[float], denominator: Sequence[float], step: float
-) -> tuple[FloatArray, FloatArray]:
-    """Bilinear transform, coefficients in rising powers of ``1/z``."""
-    order = len(denominator) - 1
-
-    def substitute(coefficients: Sequence[float]) -> FloatArray:
-        total = np.zeros(order + 1)
-        padded = [0.0] * (order + 1 - len(coefficients)) + list(coefficients)
-        for power, value in zip(range(order, -1, -1), padded):
-            term = np.array([value * (2.0 / step) ** power])
-            for _ in range(power):
-                term = np.convolve(term, [1.0, -1.0])
-            for _ in range(order - power):
-                term = np.convolve(term, [1.0, 1.0])
-            total += term
-        return total
-
-    num, den = substitute(numerator), substitute(denominator)
-    return num / den[0], den / den[0]

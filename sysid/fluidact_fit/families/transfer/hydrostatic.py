@@ -180,8 +180,8 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             experiments, "force", "position", _realise_per_damping, gain="mobility",
             dead_zone=True, confounded=self.confounded, rest=rest,
         )  # fmt: skip
-        free = {n: Unknown(n, 0.0) for n in used}
-        free["mobility"] = Unknown("mobility", 1.0, 1e-300)
+        free = {n: Unknown(n) for n in used}
+        free["mobility"] = Unknown("mobility", 1e-300)
         problem = bind(model.named(used), free, {})
         out = []
         for found in grid_search(

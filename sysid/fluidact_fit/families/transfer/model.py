@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...estimation.information import project_out
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, piecewise
 from ...estimation.linear import (
     Grid,
@@ -22,7 +21,7 @@ from ...estimation.linear import (
     states_at_nodes,
 )
 from ...estimation.parametric import NamedModel, Values
-from ...estimation.separable import Basis
+from ...estimation.separable import Basis, project_out
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Simulated
 
