@@ -8,7 +8,7 @@ here, once, for all of them.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -280,16 +280,7 @@ class Fitted(Solved):
         names = [self.names[k] for k in kept]
         drifts, errors = compare_logs(jacobian, self.solution.residuals, logs, names)
         table: dict[str, Any] = {
-            "drift": [
-                {
-                    "file": label[d.log],
-                    "parameter": d.parameter,
-                    "difference": d.difference,
-                    "deviations": d.deviations,
-                    "p_value": d.p_value,
-                }
-                for d in drifts
-            ]
+            "drift": [{"file": label[row.pop("log")], **row} for row in map(asdict, drifts)]
         }
         if len(errors) > 2:
             table["leave_one_log_out"] = [

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -218,7 +218,11 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
 
 def project_out(rows: FloatArray, columns: FloatArray) -> FloatArray:
     """Remove from ``rows``, shape ``(n, p)``, what ``columns``, ``(n, q)``, explain."""
-    q = _orthonormal(columns)
+    return _without(_orthonormal(columns), rows)
+
+
+def _without(q: FloatArray, rows: Array) -> Array:
+    """Remove the part of rows that lies in the span of an orthonormal ``q``."""
     return np.asarray(rows - q @ (q.T @ rows)) if q.shape[1] else rows
 
 
@@ -240,9 +244,7 @@ class _Fit:
         self.eta = eta
         self.reduced = [self._reduce(i, b) for i, b in enumerate(bases)]
         self.linear, self.linear_active = self._solve_shared()
-        self.residuals = [
-            r.target - (r.shared @ self.linear if self.linear.size else 0.0) for r in self.reduced
-        ]
+        self.residuals = [r.target - r.shared @ self.linear for r in self.reduced]
         cost = float(sum(float(r @ r) for r in self.residuals))
         self.cost = cost if np.isfinite(cost) else np.inf
 
@@ -250,10 +252,7 @@ class _Fit:
         target = self.problem.weigh(index, self.problem.measured[index] - basis.known)
         shared = self.problem.weigh(index, basis.shared)
         q = _orthonormal(self.problem.weigh(index, basis.local))
-        if q.shape[1]:
-            target = target - q @ (q.T @ target)
-            shared = shared - q @ (q.T @ shared)
-        return _Reduced(target, shared, q, basis)
+        return _Reduced(_without(q, target), _without(q, shared), q, basis)
 
     def _solve_shared(self) -> tuple[FloatArray, Mask]:
         """Shared linear unknowns by bounded least squares (active set)."""
@@ -264,38 +263,31 @@ class _Fit:
         target = np.concatenate([r.target for r in self.reduced])
         return bounded_least_squares(normal, target, *_bounds(unknowns))
 
+    @cached_property
     def local(self) -> list[FloatArray]:
         """Local unknowns of every experiment."""
-        out: list[FloatArray] = []
+        out = []
         for i, r in enumerate(self.reduced):
-            if r.basis.local.shape[1] == 0:
-                out.append(np.zeros(0))
-                continue
-            rest = self.problem.measured[i] - r.basis.known
-            if self.linear.size:
-                rest = rest - r.basis.shared @ self.linear
+            rest = self.problem.measured[i] - r.basis.known - r.basis.shared @ self.linear
             columns, target = (self.problem.weigh(i, x) for x in (r.basis.local, rest))
-            out.append(np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0], dtype=float))
+            out.append(np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0]))
         return out
 
     def jacobian(self, slopes: Sequence[Slopes]) -> FloatArray:
         """Derivative of all models by ``eta``, local and free shared unknowns projected out."""
-        raw = np.vstack(self.raw_jacobian(slopes, self.local()))
+        raw = np.vstack(self.raw_jacobian(slopes))
         free = ~self.linear_active
         return project_out(raw, np.vstack([r.shared[:, free] for r in self.reduced]))
 
-    def raw_jacobian(self, slopes: Sequence[Slopes], local: list[FloatArray]) -> list[FloatArray]:
+    def raw_jacobian(self, slopes: Sequence[Slopes]) -> list[FloatArray]:
         """Derivative of the model by ``eta`` with the local unknowns projected out."""
         out = []
         for i, (r, s) in enumerate(zip(self.reduced, slopes)):
             j = s.known.copy()
-            for columns, values in ((s.shared, self.linear), (s.local, local[i])):
+            for columns, values in ((s.shared, self.linear), (s.local, self.local[i])):
                 if values.size:  # as one matrix times a vector: the columns lie interleaved
                     j += columns.reshape(-1, values.size).dot(values).reshape(j.shape)
-            j = self.problem.weigh(i, j.T)
-            if r.q.shape[1]:
-                j = j - r.q @ (r.q.T @ j)
-            out.append(j)
+            out.append(_without(r.q, self.problem.weigh(i, j.T)))
         return out
 
 
@@ -453,14 +445,13 @@ def evaluate(problem: Problem, eta: FloatArray) -> Solution:
 def _finish(
     fit: _Fit, slopes: list[Slopes], on_bound: Mask, count: int, converged: bool
 ) -> Solution:
-    local = fit.local()
-    raw = fit.raw_jacobian(slopes, local)
+    raw = fit.raw_jacobian(slopes)
     simulated = [
         r.basis.known + r.basis.shared @ fit.linear + r.basis.local @ own
-        for r, own in zip(fit.reduced, local)
+        for r, own in zip(fit.reduced, fit.local)
     ]
     return Solution(
-        fit.eta, fit.linear, local, fit.cost, fit.residuals, simulated,
+        fit.eta, fit.linear, fit.local, fit.cost, fit.residuals, simulated,
         jacobian=[np.column_stack((j, r.shared)) for j, r in zip(raw, fit.reduced)],
         local_counts=tuple(r.q.shape[1] for r in fit.reduced),
         active=np.concatenate((on_bound, fit.linear_active)),
@@ -485,24 +476,11 @@ def profile(problem: Problem, candidates: FloatArray) -> FloatArray:
 
 
 def _cost(problem: Problem, eta: FloatArray) -> float:
-    """Cost at ``eta`` and nothing else: triangular factors in place of projections."""
-    blocks = []
-    for i, measured in enumerate(problem.measured):
-        b = problem.model.basis(i, eta)
-        rows = problem.weigh(i, np.column_stack((b.local, b.shared, measured - b.known)))
-        if not np.all(np.isfinite(rows)):
-            return float("inf")
-        local = b.local.shape[1]
-        factor = np.asarray(np.linalg.qr(rows, mode="r"))
-        blocks.append(factor[local:, local:])
-    rest = np.vstack(blocks)
-    target = rest[:, -1]
-    if problem.linear:
-        columns = rest[:, :-1]
-        target = (
-            target - columns @ bounded_least_squares(columns, target, *_bounds(problem.linear))[0]
-        )
-    return float(target @ target)
+    bases = [problem.model.basis(i, eta) for i in range(len(problem.measured))]
+    columns = (c for b in bases for c in (b.known, b.shared, b.local))
+    if not all(np.isfinite(c).all() for c in columns):
+        return float("inf")
+    return _Fit(problem, eta, bases).cost
 
 
 @dataclass(frozen=True)

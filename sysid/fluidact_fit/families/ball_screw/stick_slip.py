@@ -54,6 +54,19 @@ class StickSlip:
     viscous_negative: Array | None = None
 
 
+@dataclass(frozen=True)
+class Motion:
+    """Simulated motion: position and velocity at the nodes, shape ``(k, m)``, and events.
+
+    ``breakaways`` counts break-aways in the positive and the negative direction.
+    """
+
+    position: Array
+    velocity: Array
+    breakaways: tuple[int, int]
+    stops: int
+
+
 def _phi(z: Array, count: int) -> list[Array]:
     """``phi_n(z) = sum_k z**k / (k + n)!`` for ``n = 1..count``, any size of ``z``."""
     small = np.abs(z) < 0.7
@@ -347,19 +360,6 @@ def _rising_root(function: Callable[[float], float], low: float, high: float) ->
     if function(high) <= 0.0:
         return high
     return float(brentq(function, low, high, xtol=1e-15 * high))
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Simulated motion: position and velocity at the nodes, shape ``(k, m)``, and events.
-
-    ``breakaways`` counts break-aways in the positive and the negative direction.
-    """
-
-    position: Array
-    velocity: Array
-    breakaways: tuple[int, int]
-    stops: int
 
 
 def simulate_stick_slip(
