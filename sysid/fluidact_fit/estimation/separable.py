@@ -344,46 +344,39 @@ def solve(
     low, high = (b / scales for b in _bounds(problem.nonlinear))
     x = np.clip(np.asarray(start, dtype=float) / scales, low, high)
     fit, slopes = _evaluate(problem, x * scales, scales)
-    damping, converged, count = 1e-3, x.size == 0, 0
+    damping, count, moved, converged = 1e-3, 0, True, x.size == 0
     while not converged and count < max_iterations:
-        j = fit.jacobian(slopes) * scales
-        r = np.concatenate(fit.residuals)
-        gradient, curvature = j.T @ r, j.T @ j
-        if not np.all(np.isfinite(curvature)):
-            break
-        noise = fit.cost / max(r.size - x.size, 1)
-        moved = False
-        while count < max_iterations:
-            count += 1
-            step = damped_step(curvature, gradient, x, (low, high), damping)
-            candidate = np.clip(x + step, low, high)
-            step = candidate - x
-            predicted = float(2.0 * gradient @ step - step @ curvature @ step)
-            if predicted <= tolerance**2 * max(noise, 1e-300) or not np.any(step):
-                converged = True
-                break
-            trial = _value(problem, candidate * scales)
-            gain = (fit.cost - trial.cost) / predicted
-            if gain > 1e-4:
-                x, moved = candidate, True
-                length = float(np.sqrt(predicted / max(noise, 1e-300)))
-                miss = min(1.0, 4.0 * abs(1.0 - gain)) if tolerance > 1e-3 else 1.0
-                if miss * length <= 10.0 * tolerance and gain > 0.5:
-                    # so short a step, or so exactly predicted, that the next one would be
-                    # below the tolerance: keep these slopes
-                    fit, converged, moved = trial, True, False
-                    break
-                damping = max(damping * (0.1 if gain > 0.5 else 0.5), 1e-12)
-                break
-            if abs(fit.cost - trial.cost) <= 1e-13 * fit.cost and predicted <= 1e-11 * fit.cost:
-                converged = True
-                break
-            damping = max(damping * 8.0, 1e-9)
-            if damping > 1e12:
-                converged = True
-                break
         if moved:
+            j, r = fit.jacobian(slopes) * scales, np.concatenate(fit.residuals)
+            gradient, curvature = j.T @ r, j.T @ j
+            noise = max(fit.cost / max(r.size - x.size, 1), 1e-300)
+            if not np.all(np.isfinite(curvature)):
+                break
+        count += 1
+        step = damped_step(curvature, gradient, x, (low, high), damping)
+        candidate = np.clip(x + step, low, high)
+        step = candidate - x
+        predicted = float(2.0 * gradient @ step - step @ curvature @ step)
+        if predicted <= tolerance**2 * noise or not np.any(step):
+            converged = True
+            break
+        trial = _value(problem, candidate * scales)
+        gain = (fit.cost - trial.cost) / predicted
+        moved = gain > 1e-4
+        if moved:
+            x, length = candidate, float(np.sqrt(predicted / noise))
+            miss = min(1.0, 4.0 * abs(1.0 - gain)) if tolerance > 1e-3 else 1.0
+            if miss * length <= 10.0 * tolerance and gain > 0.5:
+                # so short a step, or so exactly predicted, that the next one would be
+                # below the tolerance: keep these slopes
+                fit, converged = trial, True
+                break
+            damping = max(damping * (0.1 if gain > 0.5 else 0.5), 1e-12)
             fit, slopes = _evaluate(problem, x * scales, scales)
+        else:
+            still = abs(fit.cost - trial.cost) <= 1e-13 * fit.cost
+            damping = max(damping * 8.0, 1e-9)
+            converged = (still and predicted <= 1e-11 * fit.cost) or damping > 1e12
     return _finish(fit, slopes, (x <= low) | (x >= high), count, converged)
 
 
