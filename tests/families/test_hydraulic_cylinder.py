@@ -205,7 +205,7 @@ def test_multiple_shooting_comes_from_far_away() -> None:
     box = GrayBox([log], machine, (40.0, 4000.0))
     free = ("valve_gain_1", "valve_gain_2", "bulk_modulus")
     start = {**truth(), "valve_gain_1": 1e-8, "valve_gain_2": 4e-8, "bulk_modulus": 3e8}
-    unknowns = [Unknown(n, 0.0, 0.01 * truth()[n], 100.0 * truth()[n], truth()[n]) for n in free]
+    unknowns = [Unknown(n, 0.01 * truth()[n], 100.0 * truth()[n], truth()[n]) for n in free]
     found = solve_gray_box(GrayProblem(box, unknowns, np.array([2e4, 2e4, 5e-5])), start)
     assert found.converged
     for n in free:

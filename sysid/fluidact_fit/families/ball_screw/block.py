@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ...block import Block
 from ...errors import UsageError
 from ...estimation.friction_law import FrictionLaw
-from ...estimation.records import make_signal
+from ...estimation.inputs import make_signal
 from ...experiment import Experiment, FloatArray, Hold
 from ...parameters.document import ParameterDocument
 from ...specification import Variant, scalars

@@ -5,7 +5,7 @@
 
 Kinetic and static level may differ and both may differ by direction [1]_. A linear axis is
 the same with mass, force and position. The motion is solved with events
-(:mod:`...estimation.stick_slip`); nothing is smoothed in the estimate.
+(:mod:`.stick_slip`); nothing is smoothed in the estimate.
 
 Three stages: the inverse dynamics by linear least squares on smoothed derivatives, then
 increments of position (no drift), then position. A one-shot fit of the position from a
@@ -140,16 +140,19 @@ class BallScrew(Family[BallScrewOptions]):
         if beyond:
             request.progress("forces beyond the model: comparing speed and acceleration too")
             compared, weights = with_derivatives(stage)
-        fitted = fit_named(
+        model = replace(
             DriveModel(experiments, axis, compared).named(stage.names, weights),
+            sigma_floor=0.0 if beyond else stage.resolution / np.sqrt(12.0),
+            channels=[compared.channels(e.samples) for e in experiments],
+        )
+        fitted = fit_named(
+            model,
             [*variant.parameters, *excess_specs(variant)],
             replace(request, fixed=stage.fixed),
             stage.unknowns,
             [stage.start],
             refusals=stage.refusals,
             sensible=_sensible(stage),
-            sigma_floor=0.0 if beyond else stage.resolution / np.sqrt(12.0),
-            channels=[compared.channels(e.samples) for e in experiments],
         )
         found = Reported(variant, in_levels(fitted), brackets, resting)
         parameters, order, covariance = found.quantities()

@@ -13,9 +13,9 @@ from ...estimation.inputs import PiecewiseInput, piecewise
 from ...estimation.linear import Grid, make_grid
 from ...estimation.parametric import NamedModel, Values
 from ...estimation.separable import Basis, Slopes
-from ...estimation.stick_slip import Motion, StickSlip, simulate_stick_slip
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Variant
+from .stick_slip import Motion, StickSlip, simulate_stick_slip
 
 Array = npt.NDArray[Any]
 SIDES: tuple[Literal["positive"], Literal["negative"]] = ("positive", "negative")

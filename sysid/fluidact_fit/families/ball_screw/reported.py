@@ -33,14 +33,14 @@ def in_levels(fitted: Fitted) -> Fitted:
         values[BREAKAWAY[s]] = fitted.values[f"coulomb_{s}"] + fitted.values[EXCESS[s]]
         if {EXCESS[s], f"coulomb_{s}"} <= set(fitted.names):
             turn[fitted.names.index(EXCESS[s]), fitted.names.index(f"coulomb_{s}")] = 1.0
-    u, back = fitted.uncertainty, np.linalg.inv(turn)
+    back = np.linalg.inv(turn)
     refusals = [replace(r, parameter=level.get(n, n)) for n, r in fitted.refused.items()]
     return replace(
         fitted,
         names=tuple(level.get(n, n) for n in fitted.names),
         values=values,
         refused={r.parameter: r for r in refusals},
-        uncertainty=replace(u, covariance=turn @ u.covariance @ turn.T),
+        covariance=turn @ fitted.covariance @ turn.T,
         solution=replace(fitted.solution, jacobian=[j @ back for j in fitted.solution.jacobian]),
     )
 
@@ -67,7 +67,7 @@ class Reported:
     @property
     def solved(self) -> Solved:
         """Values and covariance, brackets among the estimates."""
-        s, found = self.fitted.solved, self.brackets
+        s, found = self.fitted, self.brackets
         size = len(s.names)
         covariance = np.diag([0.0] * size + [b.std_error**2 for b in found.values()])
         covariance[:size, :size] = s.covariance

@@ -103,7 +103,7 @@ def search_limits(
 
 def speed_unknowns(moving: Mapping[str, float]) -> dict[str, Unknown]:
     """Unknowns of the initial speeds."""
-    return {n: Unknown(n, v, scale=abs(v) or 1.0) for n, v in moving.items()}
+    return {n: Unknown(n, scale=abs(v) or 1.0) for n, v in moving.items()}
 
 
 def fit_increments(stage: Stage, asked: Mapping[str, float]) -> dict[str, float]:

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.network import Network, activation_regions, gradient_interval
+from ...estimation.network import Network
 from ...experiment import FloatArray
 from .data import Data, Scaling
+from .slope_bounds import activation_regions, gradient_interval
 
 ENUMERATED = 8  # hidden units up to which the regions are enumerated
 

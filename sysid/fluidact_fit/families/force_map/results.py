@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import chain, combinations_with_replacement
 from typing import Any
 
 import numpy as np
 
-from ...estimation.network import polynomial_fit, polynomial_terms, thin
+from ...estimation.network import cross, thin
 from ...experiment import FloatArray
 from ...family import Quantity
 from .certificates import Certificate, certificate_details
@@ -100,3 +102,25 @@ def _polynomial(fit: Fit) -> dict[str, Any]:
         **_scores(data, error),
         "validation_rms": s.span * rms(held),
     }
+
+
+def polynomial_terms(inputs: int, degree: int) -> list[tuple[int, ...]]:
+    """Factors of all monomials of up to a degree: ``(), (0,), (0, 0), (0, 1) ...``."""
+    choices = (combinations_with_replacement(range(inputs), d) for d in range(degree + 1))
+    return list(chain.from_iterable(choices))
+
+
+def polynomial_fit(
+    x: FloatArray, y: FloatArray, degree: int = 3
+) -> Callable[[FloatArray], FloatArray]:
+    """Least-squares polynomial of all inputs, for comparison; returns it as a function."""
+    terms = polynomial_terms(x.shape[1], degree)
+
+    def columns(z: FloatArray) -> FloatArray:
+        return np.column_stack([np.prod(z[:, list(t)], axis=1) for t in terms])
+
+    c = columns(x)
+    both = cross(c, np.column_stack((c, y)))
+    # direction^2 = 1: columns repeat, and the shortest solution is as good as any
+    weights = np.linalg.pinv(both[:, :-1], rcond=1e-12, hermitian=True) @ both[:, -1]
+    return lambda z: np.asarray(columns(z) @ weights)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import Notice
 from ...estimation.motion_state import BoolArray
-from ...estimation.network import Network, Search, search, train_from
+from ...estimation.network import Cost, Network, Search, Training, search, train_from
 from ...experiment import Experiment, FloatArray
 from ...family import Request
 from .certificates import ENUMERATED, certify
@@ -146,11 +146,12 @@ def _train(
     chords = rows.chords(rows.x, trial.straightness)
     # a larger network has more to tell apart, and more optima nearly as good
     weights = sum(trial.hidden) * (rows.x.shape[1] + 1)
-    found = search(
-        rows.x, rows.y, trial.hidden, rng, activation=options.activation, decay=trial.decay,
-        chords=chords, starts=options.starts, rows=int(np.clip(100 * weights, 3000, 8000)),
+    training = Training(
+        trial.hidden, options.activation, trial.decay, options.starts,
+        rows=int(np.clip(100 * weights, 3000, 8000)),
         finalists=3 if sum(trial.hidden) <= ENUMERATED else 6,
     )  # fmt: skip
+    found = search(rows.x, rows.y, training, rng, chords)
 
     def used_by(network: Network) -> tuple[NetworkMap, FloatArray, BoolArray]:
         made = NetworkMap(network, s.offset, s.scale, s.base, s.span)
@@ -161,8 +162,8 @@ def _train(
     net = _choose_candidate(found, s, data, options.driver)
     kept = used_by(net)[2]
     last = train_from(
-        net, s.inputs(data.x[kept]), s.output(data.y[kept]), decay=trial.decay, limit=found.limit,
-        chords=chords, iterations=10, tolerance=1e-5,
+        net, s.inputs(data.x[kept]), s.output(data.y[kept]),
+        Cost(trial.decay, found.limit, chords), iterations=10, tolerance=1e-5,
     )  # fmt: skip
     made, predicted, used = used_by(last.network)
     return Fit(replace(data, used=used), made, s, trial, rows, found, predicted, last.iterations)

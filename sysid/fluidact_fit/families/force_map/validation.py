@@ -11,7 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ...estimation.motion_state import BoolArray
-from ...estimation.network import Chords, cross_validate, robust_deviation, search, thin
+from ...estimation.network import (
+    Chords,
+    Training,
+    cross_validate,
+    robust_deviation,
+    search,
+    thin,
+)
 from ...experiment import FloatArray
 from ...family import Request
 from .data import Data
@@ -165,9 +172,10 @@ def _usual_or_better(scores: Sequence[float]) -> int:
     return best if scores[best] < (1.0 - _OBJECTION) * scores[0] else 0
 
 
-def _few_rows(rows: Rows, hidden: tuple[int, ...]) -> int:
-    """Rows of a search for validation."""
-    return max(1200, 12 * sum(hidden) * (rows.x.shape[1] + 1))
+def _brief(rows: Rows, hidden: tuple[int, ...], options: ForceMapOptions, decay: float) -> Training:
+    """A short search, for validation."""
+    few = max(1200, 12 * sum(hidden) * (rows.x.shape[1] + 1))
+    return Training(hidden, options.activation, decay, 4, few, iterations=25, finalists=2)
 
 
 def _held_out(
@@ -176,8 +184,8 @@ def _held_out(
 ) -> FloatArray:  # fmt: skip
     """Errors on rows that were not trained; see :func:`cross_validate`."""
     return cross_validate(
-        rows.x, rows.y, folds, hidden, seed, activation=options.activation, decay=decay,
-        chords=lambda x: rows.chords(x, straightness), rows=_few_rows(rows, hidden),
+        rows.x, rows.y, folds, _brief(rows, hidden, options, decay), seed,
+        lambda x: rows.chords(x, straightness),
     )  # fmt: skip
 
 
@@ -201,13 +209,10 @@ def straighten(
     folds, table, scores = rows.held_lengths(), [], []
     for strength in _STRAIGHT if len(folds) > 1 else ():
         between = _held_out(rows, folds, trial.hidden, options, seed, trial.decay, strength)
-        few = thin(rows.y.size, _few_rows(rows, trial.hidden))
+        brief = _brief(rows, trial.hidden, options, trial.decay)
+        few = thin(rows.y.size, brief.rows)
         x, y = rows.x[few], rows.y[few]
-        found = search(
-            x, y, trial.hidden, np.random.default_rng([seed, 3]), activation=options.activation,
-            decay=trial.decay, chords=rows.chords(x, strength), starts=4, finalists=2,
-            rows=few.size, iterations=25,
-        )  # fmt: skip
+        found = search(x, y, brief, np.random.default_rng([seed, 3]), rows.chords(x, strength))
         both = _clipped_rms(y - found.best.network(x)), _clipped_rms(between)
         table.append({"strength": strength, "recorded_rms": both[0], "held_out_rms": both[1]})
         scores.append(float(np.hypot(*both)))

@@ -94,11 +94,12 @@ def fit_friction(case: Case, rows: FrictionRows, lenient: bool = False) -> Fitte
     size = max(float(np.abs(f).max()), 1e-300)
     scales = {"viscous": size / float(np.abs(v).max()), "coulomb": size}
     model = NamedModel((), (*scales,), lambda index, values: basis, [f],
-                       nuisance=("offset",) if both else ())  # fmt: skip
+                       nuisance=("offset",) if both else (),
+                       robust=rows.source == "windows")  # fmt: skip
     unknowns = make_unknowns(case.variant.parameters, (*scales,), scales, case.request)
     sensible = {n: np.inf if lenient else 0.5 * s for n, s in scales.items()}
     return fit_named(model, case.variant.parameters, case.request, unknowns, [{}],
-                     sensible=sensible, robust=rows.source == "windows")  # fmt: skip
+                     sensible=sensible)  # fmt: skip
 
 
 def friction_levels(rows: FrictionRows) -> dict[str, Quantity]:

@@ -56,13 +56,13 @@ LAYERS = Network._fields
 
 def _train(inputs: FloatArray, target: FloatArray, hidden: int, seed: int) -> Network:
     """Train on inputs ``(n, inputs)`` and a target ``(n,)`` in any units; see :func:`search`."""
-    from ...estimation.network import search
+    from ...estimation.network import Training, search
 
     centre, spread = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), 1e-300)
     middle, size = target.mean(keepdims=True), np.maximum(target.std(keepdims=True), 1e-300)
     rng = np.random.default_rng([seed, hidden, inputs.shape[1]])
     x, y = (inputs - centre) / spread, (target - middle) / size
-    net = search(x, y, (hidden,), rng, starts=8).best.network
+    net = search(x, y, Training((hidden,), starts=8), rng).best.network
     (w1, w2), (b1, b2) = net.weights, net.biases
     return Network(w1, b1, w2, b2, centre, spread, middle, size)
 

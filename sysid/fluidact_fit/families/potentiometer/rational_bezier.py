@@ -431,11 +431,11 @@ def fit_shape(
 ) -> CurveFit:
     """Fit a curve of a given shape by variable projection."""
     limit = LOG_WEIGHT_LIMIT
-    one = [Unknown(f"log_weight_{i}", 0.0, -limit, limit) for i in range(shape.degree)]
+    one = [Unknown(f"log_weight_{i}", -limit, limit) for i in range(shape.degree)]
     own = one if shape.rational else []
-    own = [*own, *(Unknown(f"share_{i}", 0.5, 0.0, 1.0) for i in range(shape.chained))]
+    own = [*own, *(Unknown(f"share_{i}", 0.0, 1.0) for i in range(shape.chained))]
     kept = shape.direction != 0 and shape.ends is None
-    line = [Unknown(f"point_{i}", 0.0, 0.0 if kept and i else -np.inf) for i in range(shape.linear)]
+    line = [Unknown(f"point_{i}", 0.0 if kept and i else -np.inf) for i in range(shape.linear)]
     problem = Problem(
         _CurveModel(rows, shape),
         [rows.y],

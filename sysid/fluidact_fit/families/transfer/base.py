@@ -12,20 +12,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Generic, TypeVar
 
 from ...errors import Notice
-from ...estimation.discrete import discretise
 from ...estimation.information import sensitivity
 from ...estimation.parametric import Fitted, Values, bind, check_request, make_unknowns
 from ...estimation.results import Refusal
 from ...estimation.separable import Unknown
-from ...estimation.transfer import (
-    TransferModel,
-    are_short,
-    dead_time_axis,
-    fit_transfer,
-    grid_search,
-    simulate_transfer,
-    time_scales,
-)
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
     Estimate,
@@ -43,6 +33,9 @@ from ...family import (
 )
 from ...options import settled
 from .block import TransferBlock
+from .discrete import discretise
+from .fit import TransferFit, dead_time_axis, grid_search
+from .model import TransferModel, are_short, simulate_transfer, time_scales
 
 
 @dataclass(frozen=True)
@@ -142,8 +135,7 @@ class TransferFamily(Family[T], Generic[T]):
         return grid_search(
             bind(model, unknowns, request.fixed),
             plan.axes,
-            lambda at: dead_time_axis(step, 0.5 * span, plan.lag(at)),
-            request.fixed,
+            lambda at: dead_time_axis(step, 0.5 * span, plan.lag({**request.fixed, **at})),
         )
 
     def confounded(self, values: Values) -> tuple[int, ...]:
@@ -191,18 +183,17 @@ class TransferFamily(Family[T], Generic[T]):
         unknowns = make_unknowns(variant.parameters, every, plan.scales, request, plan.limits)
         state, owner = request.options.initial_state, request.options.offset_of
         common = are_short(experiments) if owner is None else owner == "log"
-        fitted, rest = fit_transfer(
+        fitted, rest = TransferFit(
             lambda some, still: self.transfer_model(variant, some, still, common).named(plan.names),
+            lambda some, still: self.starts(variant, plan, some, still, unknowns, request),
             experiments,
             variant.output.name,
             variant.parameters,
             request,
             unknowns,
-            lambda some, still: self.starts(variant, plan, some, still, unknowns, request),
-            sensible=plan.sensible,
-            refusals=plan.refusals,
-            rest=None if state is None else state == "rest",
-        )
+            plan.sensible,
+            plan.refusals,
+        ).run(None if state is None else state == "rest")
         parameters, order, covariance = fitted.quantities(
             variant.parameters, self.units(experiments)
         )
@@ -273,7 +264,7 @@ class TransferFamily(Family[T], Generic[T]):
             "numerator": numerator, "denominator": denominator, "dead_time": dead_time,
         }  # fmt: skip
         if sample_time > 0.0:
-            section["discrete"] = discretise(numerator, denominator, sample_time, "zoh", dead_time)
+            section["discrete"] = discretise(numerator, denominator, sample_time, dead_time)
         return section
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:

@@ -12,14 +12,13 @@ import numpy.typing as npt
 
 from ...block import Block
 from ...errors import UsageError
-from ...estimation.discrete import companion, discretise
-from ...estimation.inputs import PiecewiseInput, apply_dead_zone, piecewise
+from ...estimation.inputs import PiecewiseInput, apply_dead_zone, make_signal, piecewise
 from ...estimation.linear import forced_response
-from ...estimation.parametric import input_level
-from ...estimation.records import make_signal
 from ...experiment import Experiment, FloatArray, Hold
 from ...parameters.document import ParameterDocument
 from ...specification import Variant
+from .discrete import companion, discretise
+from .model import input_level
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ class TransferBlock(Block):
                 remedy="Use with_sample_time(...), or fit with --controller-sample-time.",
             )
         f = self._linear
-        d = discretise(f.numerator, f.denominator, self.sample_time, "zoh", f.dead_time)
+        d = discretise(f.numerator, f.denominator, self.sample_time, f.dead_time)
         return d["numerator"], d["denominator"]
 
     @cached_property

@@ -27,11 +27,12 @@ from ...errors import LogError
 from ...estimation.parametric import Fitted, Values, bind
 from ...estimation.results import Refusal
 from ...estimation.separable import Unknown, solve
-from ...estimation.transfer import TransferModel, dead_time_axis, grid_search, time_scales
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice
 from .base import ASKED, Plan, TransferFamily, TransferOptions
+from .fit import dead_time_axis, grid_search
+from .model import TransferModel, time_scales
 
 
 def realise(values: Values) -> tuple[Any, Any, Any]:
@@ -179,8 +180,8 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             experiments, "force", "position", _realise_per_damping, gain="mobility",
             dead_zone=True, confounded=self.confounded, rest=rest,
         )  # fmt: skip
-        free = {n: Unknown(n, 0.0) for n in used}
-        free["mobility"] = Unknown("mobility", 1.0, 1e-300)
+        free = {n: Unknown(n) for n in used}
+        free["mobility"] = Unknown("mobility", 1e-300)
         problem = bind(model.named(used), free, {})
         out = []
         for found in grid_search(

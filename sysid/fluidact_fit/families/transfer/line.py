@@ -21,11 +21,11 @@ import numpy as np
 
 from ...errors import Notice
 from ...estimation.parametric import Fitted, Values
-from ...estimation.transfer import time_scales
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import number
 from .base import Plan, TransferFamily, TransferOptions
+from .model import time_scales
 
 
 def realise(values: Values) -> tuple[Any, Any, Any]:

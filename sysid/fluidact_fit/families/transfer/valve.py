@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 
 from ...estimation.parametric import Fitted, Values
-from ...estimation.transfer import time_scales
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice
 from ...specification import quotient_unit
 from .base import ASKED, Plan, TransferFamily, TransferOptions
+from .model import time_scales
 
 
 def realise(values: Values) -> tuple[Any, Any, Any]:
