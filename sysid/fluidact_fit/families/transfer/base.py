@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Generic, TypeVar
 
+import numpy as np
+
 from ...errors import Notice
 from ...estimation.discrete import discretise
 from ...estimation.information import sensitivity
@@ -60,35 +62,56 @@ class TransferOptions(FamilyOptions):
 
 
 @dataclass(frozen=True)
+class Searched:
+    """How a nonlinear parameter is searched for [SI].
+
+    Attributes
+    ----------
+    scale, limits
+        Typical size and search range.
+    axis
+        Values to try first, shape ``(k,)``; dead times are tried in proportion to the lag.
+    sensible
+        Half-width beyond which an interval is useless; the value found when ``None``.
+    """
+
+    name: str
+    scale: float = 1.0
+    limits: tuple[float, float] = (-np.inf, np.inf)
+    axis: FloatArray = field(default_factory=lambda: np.zeros(1))
+    sensible: float | None = None
+
+
+@dataclass(frozen=True)
 class Plan:
     """How the search for the parameters of one set of logs goes.
 
     Attributes
     ----------
-    names
+    searched
         Nonlinear parameters of the model.
-    scales, limits
-        Typical sizes and search range by name [SI].
-    axes
-        Values to try of every nonlinear parameter but the dead time, shape ``(k,)`` each.
     lag
         Slowest response time [s] at a point of the axes: dead times are tried in proportion.
-    sensible
-        Half-width beyond which an interval is useless, by name [SI].
     fixed
         Values held although the user did not fix them.
     refusals
         Parameters known beforehand to be undetermined.
     """
 
-    names: tuple[str, ...]
-    scales: Mapping[str, float]
-    limits: Mapping[str, tuple[float, float]]
-    axes: Mapping[str, FloatArray]
+    searched: Sequence[Searched]
     lag: Callable[[Mapping[str, float]], float]
-    sensible: Mapping[str, float]
     fixed: Mapping[str, float] = field(default_factory=dict)
     refusals: Sequence[Refusal] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the nonlinear parameters."""
+        return tuple(s.name for s in self.searched)
+
+    @property
+    def axes(self) -> dict[str, FloatArray]:
+        """Values to try first."""
+        return {s.name: s.axis for s in self.searched}
 
 
 ASKED = ("none", "estimate")  # of a parameter that is estimated on request
@@ -111,8 +134,9 @@ class TransferFamily(Family[T], Generic[T]):
     gain: ClassVar[str | None] = None
     dead_zone: ClassVar[bool] = False
 
+    @staticmethod
     @abstractmethod
-    def realise(self, values: Values) -> tuple[Any, Any, Any]:
+    def realise(values: Values) -> tuple[Any, Any, Any]:
         """State space ``(A, B, C)``, analytic in the values; of unit gain where there is one."""
 
     @abstractmethod
@@ -188,7 +212,9 @@ class TransferFamily(Family[T], Generic[T]):
         plan = self.plan(experiments, request)
         request = replace(request, fixed={**plan.fixed, **request.fixed})
         every = (*plan.names, self.gain) if self.gain else plan.names
-        unknowns = make_unknowns(variant.parameters, every, plan.scales, request, plan.limits)
+        scales = {s.name: s.scale for s in plan.searched}
+        limits = {s.name: s.limits for s in plan.searched}
+        unknowns = make_unknowns(variant.parameters, every, scales, request, limits)
         state, owner = request.options.initial_state, request.options.offset_of
         common = are_short(experiments) if owner is None else owner == "log"
         fitted, rest = fit_transfer(
@@ -199,7 +225,7 @@ class TransferFamily(Family[T], Generic[T]):
             request,
             unknowns,
             lambda some, still: self.starts(variant, plan, some, still, unknowns, request),
-            sensible=plan.sensible,
+            sensible={s.name: s.sensible for s in plan.searched if s.sensible is not None},
             refusals=plan.refusals,
             rest=None if state is None else state == "rest",
         )

@@ -25,16 +25,7 @@ from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice
 from ...specification import quotient_unit
-from .base import ASKED, Plan, TransferFamily, TransferOptions
-
-
-def realise(values: Values) -> tuple[Any, Any, Any]:
-    """State space of the valve with unit gain, balanced by scaling time with ``wn``."""
-    wn, zeta = values["natural_frequency"], values["damping_ratio"]
-    a = wn * np.array([[0.0, 1.0], [-1.0, -2.0 * zeta]])
-    b = wn * np.array([0.0, 1.0])
-    c = np.array([1.0, values.get("zero_time_constant", 0.0) * wn])
-    return a, b, c
+from .base import ASKED, Plan, Searched, TransferFamily, TransferOptions
 
 
 @dataclass(frozen=True)
@@ -97,9 +88,14 @@ class Valve(TransferFamily[ValveOptions]):
     gain = "gain"
     steady_offset = True
 
-    def realise(self, values: Values) -> tuple[Any, Any, Any]:
-        """See :func:`realise`."""
-        return realise(values)
+    @staticmethod
+    def realise(values: Values) -> tuple[Any, Any, Any]:
+        """State space of the valve with unit gain, balanced by scaling time with ``wn``."""
+        wn, zeta = values["natural_frequency"], values["damping_ratio"]
+        a = wn * np.array([[0.0, 1.0], [-1.0, -2.0 * zeta]])
+        b = wn * np.array([0.0, 1.0])
+        c = np.array([1.0, values.get("zero_time_constant", 0.0) * wn])
+        return a, b, c
 
     def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
         """``gain wn^2 (zero s + 1) / (s^2 + 2 zeta wn s + wn^2)``."""
@@ -112,24 +108,17 @@ class Valve(TransferFamily[ValveOptions]):
     def plan(self, experiments: Sequence[Experiment], request: Request[ValveOptions]) -> Plan:
         """Search over frequencies and dampings; a dead time and a zero where asked for."""
         step, span = time_scales(experiments)
-        zero = request.options.zero == "estimate" or "zero_time_constant" in request.fixed
-        names = ["natural_frequency", "damping_ratio", "dead_time"]
+        frequencies = np.geomspace(3.0 / span, 2.5 / step, 12)
+        searched = [
+            Searched("natural_frequency", 1.0 / step, (1e-3 / span, 1e3 / step), frequencies),
+            Searched("damping_ratio", 1.0, (1e-6, 1e3), np.array([0.2, 0.7, 2.0])),
+            Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span),
+        ]
+        if request.options.zero == "estimate" or "zero_time_constant" in request.fixed:
+            searched.append(Searched("zero_time_constant", step, (-span, span), sensible=span))
         return Plan(
-            names=(*names, "zero_time_constant") if zero else tuple(names),
-            scales={"natural_frequency": 1.0 / step, "dead_time": step, "zero_time_constant": step},
-            limits={
-                "natural_frequency": (1e-3 / span, 1e3 / step),
-                "damping_ratio": (1e-6, 1e3),
-                "dead_time": (0.0, 0.5 * span),
-                "zero_time_constant": (-span, span),
-            },
-            axes={
-                "natural_frequency": np.geomspace(3.0 / span, 2.5 / step, 12),
-                "damping_ratio": np.array([0.2, 0.7, 2.0]),
-                "zero_time_constant": np.zeros(1),
-            },
+            searched,
             lag=lambda at: 2.0 / at["natural_frequency"],
-            sensible={"dead_time": 0.25 * span, "zero_time_constant": span},
             fixed={"dead_time": 0.0} if request.options.dead_time == "none" else {},
         )
 
