@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...estimation.profile_likelihood import Interval
 from ...experiment import FloatArray
 from .model import BREAKAWAY, EXCESS, SIDES, Compared, DriveModel, increments, leading_parts
 from .stages import Stage, values_at
@@ -38,11 +37,6 @@ class Bracket:
         """Of a value that lies anywhere in between."""
         return (self.high - self.low) / float(np.sqrt(12.0))
 
-    @property
-    def interval(self) -> Interval:
-        """The bracket as interval of the level."""
-        return Interval(self.low, self.high, "bracket")
-
 
 def over_cells(edges: FloatArray, costs: FloatArray, most: float, margin: int = 0) -> Bracket:
     """Bracket over every cell of a cost up to ``most``, its value among those around the best.
@@ -61,10 +55,7 @@ def over_cells(edges: FloatArray, costs: FloatArray, most: float, margin: int = 
 
 
 def search_level(
-    cost: Callable[[float], float],
-    levels: FloatArray,
-    slack: float,
-    near: Bracket | None = None,
+    cost: Callable[[float], float], levels: FloatArray, slack: float, near: Bracket | None = None
 ) -> Bracket:
     """Find the steps of a staircase that fit best, coarse to fine.
 

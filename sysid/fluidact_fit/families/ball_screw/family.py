@@ -53,7 +53,7 @@ from .block import DriveBlock
 from .brackets import Bracket, bracket_levels, bracket_widths, narrow_levels
 from .model import BREAKAWAY, LINEAR, ROTARY, SIDES, Axis, Compared, DriveModel, axis_of
 from .reported import derived_numbers, in_levels, refusal_notices, specs_of_file, with_brackets
-from .stages import Stage, excess_specs, first_stages, initial_speeds, withstood
+from .stages import Stage, excess_specs, first_stages, initial_speeds
 
 UNKNOWN_FORCES = (
     "the motion is dominated by forces beyond this model, which move the instant of "
@@ -130,9 +130,8 @@ class BallScrew(Family[BallScrewOptions]):
         """Fit inertia and friction in three stages; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         axis = axis_of(variant)
-        resting = withstood(experiments, axis)
         one_sided = request.options.viscous == "asymmetric"
-        stage = first_stages(variant, experiments, request, one_sided, resting)
+        stage = first_stages(variant, experiments, request, one_sided)
         request.progress("fitting positions")
         stage, brackets, beyond = _levels_and_forces(stage, request)
         compared, weights = Compared(), list[FloatArray]()
@@ -153,11 +152,11 @@ class BallScrew(Family[BallScrewOptions]):
         fitted = in_levels(fitted)
         solved = with_brackets(fitted.solved, brackets)
         parameters, order, covariance = solved.quantities(
-            specs_of_file(variant, fitted.values, resting)
+            specs_of_file(variant, fitted.values, stage.resting)
         )
         table, drift = fitted.compare_logs(experiments)
         last = "position, speed and acceleration" if beyond else "position"
-        refused = refusal_notices(variant, fitted.refused, resting)
+        refused = refusal_notices(variant, fitted.refused, stage.resting)
         return Estimate(
             parameters,
             derived_numbers(solved, axis.inertia, variant.role(axis.drive).unit),
@@ -193,12 +192,9 @@ class BallScrew(Family[BallScrewOptions]):
         """Sensitivities by complex steps; see :meth:`Family.information`."""
         v, axis = scalars(values), axis_of(variant)
         model = DriveModel([experiment], axis)
-        held = settled_hold(experiment.signals[axis.drive]) == "zoh"
-        found = sensitivity(
-            model.named([n for n in v if not (held and n in BREAKAWAY.values())]), v
-        )
-        if not held:
-            return found
+        if settled_hold(experiment.signals[axis.drive]) != "zoh":
+            return sensitivity(model.named(list(v)), v)
+        found = sensitivity(model.named([n for n in v if n not in BREAKAWAY.values()]), v)
         motion, samples = model.motion(0, v)
         speed = np.real(motion.velocity[0, samples])
         return replace(found, floor=bracket_widths(experiment.sampled(axis.drive), speed, v))

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import Notice
 from ...estimation.parametric import Fitted, Values
+from ...estimation.profile_likelihood import Interval
 from ...estimation.results import Refusal, Solved, refuse
 from ...family import ParameterSpec, Quantity, Variant
 from .brackets import Bracket
@@ -39,6 +40,7 @@ def in_levels(fitted: Fitted) -> Fitted:
 def with_brackets(solved: Solved, brackets: Mapping[str, Bracket]) -> Solved:
     """Bracketed levels, which were held in the fit, among the estimates."""
     size = len(solved.names)
+    found = {n: Interval(b.low, b.high, "bracket") for n, b in brackets.items()}
     covariance = np.diag([0.0] * size + [b.std_error**2 for b in brackets.values()])
     covariance[:size, :size] = solved.covariance
     return replace(
@@ -46,7 +48,7 @@ def with_brackets(solved: Solved, brackets: Mapping[str, Bracket]) -> Solved:
         names=(*solved.names, *brackets),
         covariance=covariance,
         fixed={n: v for n, v in solved.fixed.items() if n not in brackets},
-        intervals={**solved.intervals, **{n: b.interval for n, b in brackets.items()}},
+        intervals={**solved.intervals, **found},
     )
 
 

@@ -44,6 +44,8 @@ class Stage:
         Parameters of the model and initial speeds, those that are held included.
     start
         Where the search now is [SI].
+    resting
+        Directions in which no log ever moves, and the strongest push there [SI].
     fixed, refusals
         What the user gave (or a bracket found), and what the data cannot determine.
     """
@@ -53,6 +55,7 @@ class Stage:
     names: tuple[str, ...]
     unknowns: Mapping[str, Unknown]
     start: Mapping[str, float]
+    resting: Mapping[str, float]
     fixed: Mapping[str, float] = field(default_factory=dict)
     refusals: tuple[Refusal, ...] = ()
 
@@ -111,33 +114,15 @@ def excess_specs(variant: Variant) -> list[ParameterSpec]:
     return [replace(variant.parameter(BREAKAWAY[s]), name=EXCESS[s]) for s in SIDES]
 
 
-def withstood(experiments: Sequence[Experiment], axis: Axis) -> dict[str, float]:
-    """Directions in which no log ever moves, and the strongest push there [SI], at least 0."""
-    travel = dict.fromkeys(SIDES, 0.0)
-    push = dict.fromkeys(SIDES, 0.0)
-    for e in experiments:
-        y, drive = e[axis.motion], e.sampled(axis.drive)
-        lag = max(1, y.size // 200)
-        d = y[lag:] - y[:-lag]
-        for s, sign in zip(SIDES, (1.0, -1.0)):
-            travel[s] = max(travel[s], float((sign * d).max()))
-            push[s] = max(push[s], float((sign * drive).max()))
-    resolution = max(e.signals[axis.motion].resolution for e in experiments)
-    least = max(3.0 * resolution, 0.01 * max(travel.values()))
-    return {s: push[s] for s in SIDES if travel[s] <= least}
-
-
 def first_stages(
     variant: Variant,
     experiments: Sequence[Experiment],
     request: Request[FamilyOptions],
     one_sided: bool,
-    resting: Mapping[str, float],
 ) -> Stage:
     """Inverse dynamics and increments of position: where the fit of the position begins.
 
-    ``one_sided`` asks for viscous friction by direction; ``resting`` is what :func:`withstood`
-    found.
+    ``one_sided`` asks for viscous friction by direction.
     """
     axis = axis_of(variant)
     viscous = [f"viscous_{s}" for s in SIDES] if one_sided else ["viscous"]
@@ -148,9 +133,10 @@ def first_stages(
     request.progress("inverse dynamics")
     guess = _inverse_dynamics(experiments, axis, viscous)
     unknowns = make_unknowns(specs, names, guess, request, _search_limits(names, guess))
-    stage = Stage(experiments, axis, names, unknowns, guess, dict(request.fixed))
+    resting = _withstood(experiments, axis)
+    stage = Stage(experiments, axis, names, unknowns, guess, resting, dict(request.fixed))
     unit = variant.role(axis.drive).unit
-    stage = replace(stage, refusals=tuple(_sides_at_rest(stage, resting, unit)))
+    stage = replace(stage, refusals=tuple(_sides_at_rest(stage, unit)))
     request.progress("fitting increments of position")
     moving = initial_speeds(experiments, axis)
     start = {**_fit_increments(stage, request.start), **{n: u.start for n, u in moving.items()}}
@@ -225,10 +211,26 @@ def _search_limits(
     return {**limits, names[0]: (1e-3 * guess[names[0]], 1e3 * guess[names[0]])}
 
 
-def _sides_at_rest(stage: Stage, resting: Mapping[str, float], unit: str) -> list[Refusal]:
+def _withstood(experiments: Sequence[Experiment], axis: Axis) -> dict[str, float]:
+    """Directions in which no log ever moves, and the strongest push there [SI], at least 0."""
+    travel = dict.fromkeys(SIDES, 0.0)
+    push = dict.fromkeys(SIDES, 0.0)
+    for e in experiments:
+        y, drive = e[axis.motion], e.sampled(axis.drive)
+        lag = max(1, y.size // 200)
+        step = y[lag:] - y[:-lag]
+        for s, sign in zip(SIDES, (1.0, -1.0)):
+            travel[s] = max(travel[s], float((sign * step).max()))
+            push[s] = max(push[s], float((sign * drive).max()))
+    resolution = max(e.signals[axis.motion].resolution for e in experiments)
+    least = max(3.0 * resolution, 0.01 * max(travel.values()))
+    return {s: push[s] for s in SIDES if travel[s] <= least}
+
+
+def _sides_at_rest(stage: Stage, unit: str) -> list[Refusal]:
     """Friction of the directions in which no log ever moves, held where it is never left."""
     out = []
-    for s, push in resting.items():
+    for s, push in stage.resting.items():
         tried = f"at most {push:.3g} {unit} push that way" if push > 0.0 else "nothing pushes"
         reason = f"the {stage.axis.motion} never moves in the {s} direction ({tried})."
         hold = 1.5 * stage.largest_drive

@@ -148,8 +148,8 @@ class TransferFamily(Family[T], Generic[T]):
         """How the fit of these logs begins."""
 
     @abstractmethod
-    def derive(self, fitted: Fitted) -> dict[str, Quantity]:
-        """Numbers computed from the parameters."""
+    def derive(self, fitted: Fitted, options: T) -> tuple[dict[str, Quantity], list[Notice]]:
+        """Numbers computed from the parameters, and what is to be said of them."""
 
     def starts(
         self,
@@ -177,12 +177,6 @@ class TransferFamily(Family[T], Generic[T]):
     def units(self, experiments: Sequence[Experiment]) -> dict[str, str]:
         """Units of the parameters that depend on the log."""
         return {}
-
-    def compare(
-        self, parameters: Mapping[str, Quantity], options: T
-    ) -> tuple[dict[str, Quantity], list[Notice]]:
-        """What the options let the parameters be compared with: numbers and warnings."""
-        return {}, []
 
     def transfer_model(
         self,
@@ -233,10 +227,10 @@ class TransferFamily(Family[T], Generic[T]):
             variant.parameters, self.units(experiments)
         )
         table, drift = fitted.compare_logs(experiments)
-        more, said = self.compare(parameters, request.options)
+        derived, said = self.derive(fitted, request.options)
         return Estimate(
             parameters,
-            {**self.derive(fitted), **more},
+            derived,
             order,
             covariance,
             replace(
@@ -264,11 +258,7 @@ class TransferFamily(Family[T], Generic[T]):
         return simulate_transfer(model, scalars(values), offset)
 
     def information(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        experiment: Experiment,
-        options: T,
+        self, variant: Variant, values: Mapping[str, Value], experiment: Experiment, options: T
     ) -> Information:
         """Sensitivities by complex steps; see :meth:`Family.information`."""
         v = scalars(values)

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import LogError
+from ...errors import LogError, Notice
 from ...estimation.parametric import Fitted, Values, bind
 from ...estimation.results import Refusal
 from ...estimation.separable import Unknown, solve
@@ -40,6 +40,16 @@ class HydrostaticOptions(TransferOptions):
 
     stiffness: str = choice("none", ASKED, "whether to estimate a spring")
     dead_time: str = choice("none", ASKED, "whether to estimate a dead time")
+
+
+def _edge(side: str, beyond: str, low: float, high: float) -> ParameterSpec:
+    """An edge of the dead zone, on one side of zero."""
+    return ParameterSpec(
+        f"dead_zone_{side}", "N", f"force {beyond} which the piston moves", neutral=0.0,
+        minimum=low, maximum=high, curved=True,
+        remedy=f"Record strokes in the {side} direction that pass the edge of the "
+        "dead zone slowly, several times.",
+    )  # fmt: skip
 
 
 class Hydrostatic(TransferFamily[HydrostaticOptions]):
@@ -71,20 +81,8 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
                     neutral=0.0, optional=True,
                     remedy="Record strokes that stop at several positions.",
                 ),
-                ParameterSpec(
-                    "dead_zone_negative", "N", "force below which the piston moves", maximum=0.0,
-                    neutral=0.0,
-                    curved=True,
-                    remedy="Record strokes in the negative direction that pass the edge of the "
-                    "dead zone slowly, several times.",
-                ),
-                ParameterSpec(
-                    "dead_zone_positive", "N", "force above which the piston moves", minimum=0.0,
-                    neutral=0.0,
-                    curved=True,
-                    remedy="Record strokes in the positive direction that pass the edge of the "
-                    "dead zone slowly, several times.",
-                ),
+                _edge("negative", "below", -np.inf, 0.0),
+                _edge("positive", "above", 0.0, np.inf),
                 ParameterSpec(
                     "dead_time", "s", "dead time between force and position", minimum=0.0,
                     neutral=0.0, optional=True,
@@ -173,19 +171,24 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             out.append(start)
         return out
 
-    def derive(self, fitted: Fitted) -> dict[str, Quantity]:
+    def derive(
+        self, fitted: Fitted, options: HydrostaticOptions
+    ) -> tuple[dict[str, Quantity], list[Notice]]:
         """Time constant, half-width and centre of the dead zone.
 
         The centre cannot be separated from an offset of the load cell, the half-width can.
         """
-        return fitted.derive(
-            {"time_constant": "s", "dead_zone_half_width": "N", "dead_zone_centre": "N"},
-            lambda v: {
+        units = {"time_constant": "s", "dead_zone_half_width": "N", "dead_zone_centre": "N"}
+
+        def function(v: Values) -> Values:
+            low, high = v["dead_zone_negative"], v["dead_zone_positive"]
+            return {
                 "time_constant": v["mass"] / v["damping"],
-                "dead_zone_half_width": 0.5 * (v["dead_zone_positive"] - v["dead_zone_negative"]),
-                "dead_zone_centre": 0.5 * (v["dead_zone_positive"] + v["dead_zone_negative"]),
-            },
-        )
+                "dead_zone_half_width": 0.5 * (high - low),
+                "dead_zone_centre": 0.5 * (high + low),
+            }
+
+        return fitted.derive(units, function), []
 
 
 def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:

@@ -94,30 +94,26 @@ class Line(TransferFamily[LineOptions]):
         )
         return Plan(searched, lag=lambda at: at["time_constant"])
 
-    def derive(self, fitted: Fitted) -> dict[str, Quantity]:
-        """Bandwidth, and the time from 10 to 90 %."""
-        return fitted.derive(
+    def derive(
+        self, fitted: Fitted, options: LineOptions
+    ) -> tuple[dict[str, Quantity], list[Notice]]:
+        """Bandwidth, rise time from 10 to 90 %, and how the dead time compares with ``L/c``."""
+        derived = fitted.derive(
             {"bandwidth": "rad/s", "rise_time": "s"},
             lambda v: {
                 "bandwidth": 1.0 / v["time_constant"],
                 "rise_time": np.log(9.0) * v["time_constant"],
             },
         )
-
-    def compare(
-        self, parameters: Mapping[str, Quantity], options: LineOptions
-    ) -> tuple[dict[str, Quantity], list[Notice]]:
-        """Compare the dead time with ``L/c`` and say when they disagree."""
         length, speed = options.length, options.sound_speed
         if length is None:
-            return {}, []
-        found = parameters["dead_time"]
-        dead_time, expected = found.number, length / (speed or 343.0)
-        derived = {"wave_travel_time": Quantity(expected, "s", "derived")}
+            return derived, []
+        dead_time, expected = float(fitted.values["dead_time"]), length / (speed or 343.0)
+        derived["wave_travel_time"] = Quantity(expected, "s", "derived")
         if dead_time > 0.0:
             derived["apparent_sound_speed"] = Quantity(length / dead_time, "m/s", "derived")
-        error = found.std_error
-        allowed = max(2.0 * float(error) if isinstance(error, float) else 0.0, 0.05 * expected)
+        error = fitted.std_error("dead_time") if "dead_time" in fitted.names else 0.0
+        allowed = max(2.0 * error, 0.05 * expected)
         if abs(dead_time - expected) <= allowed:
             return derived, []
         assumed = "" if speed else " (air at 20 °C assumed; give --sound-speed)"

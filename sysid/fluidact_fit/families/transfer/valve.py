@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ...errors import Notice
 from ...estimation.parametric import Fitted, Values
 from ...estimation.transfer import time_scales
 from ...experiment import Experiment
@@ -26,6 +27,9 @@ from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice
 from ...specification import quotient_unit
 from .base import ASKED, Plan, Searched, TransferFamily, TransferOptions
+
+_RISE = "Record steps of the command, sampled at least ten times within the rise of the outlet."
+_SHARP = "Record sharp steps of the command at a higher sampling rate."
 
 
 @dataclass(frozen=True)
@@ -63,23 +67,21 @@ class Valve(TransferFamily[ValveOptions]):
                 ),
                 ParameterSpec(
                     "natural_frequency", "rad/s", "undamped natural frequency", minimum=1e-9,
-                    remedy="Record steps of the command, sampled at least ten times within the "
-                    "rise of the outlet.",
+                    remedy=_RISE,
                 ),
                 ParameterSpec(
                     "damping_ratio", "1", "damping ratio", minimum=1e-6,
-                    remedy="Record steps of the command, sampled at least ten times within the "
-                    "rise of the outlet.",
+                    remedy=_RISE,
                 ),
                 ParameterSpec(
                     "dead_time", "s", "time before the outlet begins to move",
                     neutral=0.0, minimum=0.0, curved=True,
-                    remedy="Record sharp steps of the command at a higher sampling rate.",
+                    remedy=_SHARP,
                 ),
                 ParameterSpec(
                     "zero_time_constant", "s", "time constant of the zero", neutral=0.0,
                     optional=True,
-                    remedy="Record sharp steps of the command at a higher sampling rate.",
+                    remedy=_SHARP,
                 ),
             ),
         ),
@@ -127,7 +129,9 @@ class Valve(TransferFamily[ValveOptions]):
         signals = experiments[0].signals
         return {"gain": quotient_unit(signals["outlet"].unit, signals["command"].unit)}
 
-    def derive(self, fitted: Fitted) -> dict[str, Quantity]:
+    def derive(
+        self, fitted: Fitted, options: ValveOptions
+    ) -> tuple[dict[str, Quantity], list[Notice]]:
         """Undamped frequency in hertz, and overshoot where there is one."""
         resonant = fitted.values["damping_ratio"] < 1.0
 
@@ -138,4 +142,4 @@ class Valve(TransferFamily[ValveOptions]):
                 out["overshoot"] = np.exp(-np.pi * z / np.sqrt(1.0 - z * z))
             return out
 
-        return fitted.derive({"frequency": "Hz", "overshoot": "1"}, function)
+        return fitted.derive({"frequency": "Hz", "overshoot": "1"}, function), []
