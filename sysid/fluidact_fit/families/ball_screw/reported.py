@@ -21,17 +21,19 @@ def in_levels(fitted: Fitted) -> Fitted:
     level = {EXCESS[s]: BREAKAWAY[s] for s in SIDES}
     values = {n: v for n, v in fitted.values.items() if n not in level}
     turn = np.eye(len(fitted.names))
-    for s, kinetic in ((s, f"coulomb_{s}") for s in SIDES if EXCESS[s] in fitted.values):
-        values[BREAKAWAY[s]] = fitted.values[kinetic] + fitted.values[EXCESS[s]]
-        if {EXCESS[s], kinetic} <= set(fitted.names):
-            turn[fitted.names.index(EXCESS[s]), fitted.names.index(kinetic)] = 1.0
+    for s in SIDES:
+        kinetic, excess = f"coulomb_{s}", EXCESS[s]
+        if excess in fitted.values:
+            values[BREAKAWAY[s]] = fitted.values[kinetic] + fitted.values[excess]
+        if {excess, kinetic} <= set(fitted.names):
+            turn[fitted.names.index(excess), fitted.names.index(kinetic)] = 1.0
     u, back = fitted.uncertainty, np.linalg.inv(turn)
-    refused = {level.get(n, n): r for n, r in fitted.refused.items()}
+    refusals = [replace(r, parameter=level.get(n, n)) for n, r in fitted.refused.items()]
     return replace(
         fitted,
         names=tuple(level.get(n, n) for n in fitted.names),
         values=values,
-        refused={n: replace(r, parameter=n) for n, r in refused.items()},
+        refused={r.parameter: r for r in refusals},
         uncertainty=replace(u, covariance=turn @ u.covariance @ turn.T),
         solution=replace(fitted.solution, jacobian=[j @ back for j in fitted.solution.jacobian]),
     )

@@ -84,9 +84,8 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
                 _edge("negative", "below", -np.inf, 0.0),
                 _edge("positive", "above", 0.0, np.inf),
                 ParameterSpec(
-                    "dead_time", "s", "dead time between force and position", minimum=0.0,
-                    neutral=0.0, optional=True,
-                    curved=True,
+                    "dead_time", "s", "dead time between force and position", neutral=0.0,
+                    minimum=0.0, optional=True, curved=True,
                     remedy="Record sharp changes of the force at a higher sampling rate.",
                 ),
             ),
