@@ -91,7 +91,7 @@ def _phi(z: Array, count: int) -> list[Array]:
     return out
 
 
-def _phi_real(z: float, count: int) -> list[float]:
+def phi_real(z: float, count: int) -> list[float]:
     """``phi_1 .. phi_count`` of one real number; the hot path of every event."""
     if abs(z) < 0.7:
         total = 0.0
@@ -154,7 +154,7 @@ class _Direction:
         torque = self.torque[node].tolist()
         torque[0] -= level
         z = -rate * offset
-        phi = _phi_real(z, len(torque))
+        phi = phi_real(z, len(torque))
         total = speed * exp(z)
         power = offset / inertia
         for i, c in enumerate(torque):
