@@ -67,16 +67,11 @@ from .block import FrictionBlock
 from .fit import LEVELS, fit_friction
 from .options import PRESSURES, FrictionOptions, motion_role
 from .regression import System
-from .remarks import (
-    fit_details,
-    warn_of_attenuation,
-    warn_of_disagreement,
-    warn_of_flattening,
-    warn_of_spikes,
-)
+from .remarks import fit_details, remarks
 from .samples import (
     SIDES,
     check_measured,
+    count_kept,
     leave_out_accelerations,
     prepare,
     sides_moved,
@@ -159,26 +154,19 @@ class CylinderFriction(Family[FrictionOptions]):
         """Fit levels and viscous friction; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         data, options = prepare(variant, experiments, request.options)
-        every, moving = sum(d.kept.size for d in data), sum(int(d.kept.sum()) for d in data)
+        every, moving = sum(d.kept.size for d in data), count_kept(data)
         sides_moved(data)
         check_measured(data)
         notices: list[Notice] = []
         if options.mass is None and not options.is_settled:
             data, options, notices = leave_out_accelerations(data, options)
-        quiet = sum(int(d.kept.sum()) for d in data)
+        quiet = count_kept(data)
         fit = fit_friction(variant, data, replace(request, options=options))
-        notices += [
-            *fit.notices,
-            *warn_of_spikes(fit),
-            *warn_of_disagreement(fit),
-            *warn_of_attenuation(fit),
-            *warn_of_flattening(fit, variant, experiments),
-        ]
-        fitted = sum(int(d.kept.sum()) for d in fit.data)
+        notices += [*fit.notices, *remarks(fit, variant, experiments)]
         counts = {
             "slow_or_reversing": every - moving,
             "accelerating": moving - quiet,
-            "stroke_ends": quiet - fitted,
+            "stroke_ends": quiet - count_kept(fit.data),
         }
         parameters, order, matrix = fit.solved.quantities(variant.parameters)
         return Estimate(
@@ -223,7 +211,7 @@ class CylinderFriction(Family[FrictionOptions]):
         names = ("viscous", *LEVELS)
         rows = np.zeros((d.kept.size, len(names)))
         if d.kept.any():
-            rows[d.support] = System([d], names, {}, {}).jacobian()
+            (rows[d.support],) = System([d], names).jacobian()
         return Information(names, rows, FrictionLaw.of(scalars(values)).moving(d.motion.sharp))
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:

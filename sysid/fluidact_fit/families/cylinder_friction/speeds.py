@@ -52,11 +52,6 @@ def one_speed(ranges: Mapping[str, tuple[float, float]], noise: float) -> bool:
     return True
 
 
-def around(ranges: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    """Ranges that leave out the ends of the strokes, so that levels belong to the one speed."""
-    return {s: (0.9 * low, 1.1 * high) for s, (low, high) in ranges.items()}
-
-
 def describe_speeds(ranges: Mapping[str, tuple[float, float]]) -> str:
     """Say which speeds the logs have."""
     parts = [f"{low:.3g} and {high:.3g} m/s ({s} direction)" for s, (low, high) in ranges.items()]
