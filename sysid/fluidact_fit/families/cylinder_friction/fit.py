@@ -57,10 +57,7 @@ class Fit:
 def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOptions]) -> Fit:
     """Fit, refuse what is not determined, and add an offset where one is needed.
 
-    Raises
-    ------
-    LogError, UsageError, NotIdentifiedError
-        When the forces cannot be those of friction, or nothing is left to estimate.
+    An error where the forces cannot be those of friction, or nothing is left to estimate.
     """
     options, fixed, moved = request.options, request.fixed, sides_moved(data)
     asked = options.offset == "estimate" or options.force_offset is True
@@ -96,11 +93,8 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
 def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
     """Reject forces that act along the motion, as friction never does.
 
-    Raises
-    ------
-    LogError
-        When the mean force of the strokes, half the difference of the two directions, is
-        negative beyond doubt.
+    The mean force of the strokes, half the difference of the two directions, would then be
+    negative beyond doubt.
     """
     names = [f"coulomb_{s}" for s in moved]
     found = System(data, names).solve().free

@@ -28,32 +28,19 @@ _FLATTENED = 0.8  # of the highest speed, left by a filter that is too long for 
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of one log; arrays of shape ``(n,)``, velocities and noise in m/s.
+    """Motion of one log: arrays of shape ``(n,)``, velocities and noise in m/s.
 
-    Attributes
-    ----------
-    velocity
-        Filtered; it gives the direction of a sample, and is the instrument of the regression.
-        Of a measured velocity, each sample's own reading is left out of it.
-    regressor
-        Velocity that belongs to the matched force: the measured one as it is, or the
-        filtered slope of a position.
-    sharp
-        Velocity to predict with, quiet and hardly flattened: a measured one smoothed, or from a
-        position with the first order of what the filter removed restored.
-    inside
-        Whether the filter window lies within the record.
-    noise
-        Standard deviation of ``velocity``.
-    acceleration
-        Derivative of the regressor, a measured velocity filtered before [m/s2]; ``None``
-        without time.
-    half
-        Half-width of the filter in samples; 0: not filtered.
-    kernel : (2 m + 1,)
-        What the force is smoothed with to match the regressor.
-    exact
-        Whether it was given as a step and not measured: nothing in it is noise.
+    ``velocity`` is filtered; it gives the direction of a sample, and is the instrument of the
+    regression: of a measured velocity, each sample's own reading is left out of it. ``regressor``
+    belongs to the matched force: the measured velocity as it is, or the filtered slope of a
+    position. ``sharp`` is to predict with, quiet and hardly flattened: a measured velocity
+    smoothed, or that of a position with the first order of what the filter removed restored.
+
+    ``inside`` marks the samples whose filter window lies within the record; ``noise`` is the
+    standard deviation of ``velocity``. ``acceleration`` is the derivative of the regressor, a
+    measured velocity filtered before [m/s2]; ``None`` without time. ``half`` is the half-width of
+    the filter in samples (0: not filtered), and with ``kernel`` the force is smoothed to match
+    the regressor. ``exact`` motion was given as a step: nothing in it is noise.
     """
 
     velocity: FloatArray

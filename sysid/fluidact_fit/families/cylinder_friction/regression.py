@@ -204,7 +204,7 @@ def _bounded(z: FloatArray, x: FloatArray, low: FloatArray, high: FloatArray) ->
     from scipy.optimize import lsq_linear
 
     scale = _lengths(z)
-    a = np.linalg.qr(z / scale, mode="r")
+    a = np.asarray(np.linalg.qr(z / scale, mode="r"))
     y, low, high = a @ (scale * x), low * scale, high * scale
     free = low < high
     out = np.where(free, 0.0, low)

@@ -27,13 +27,7 @@ def remarks(fit: Fit, variant: Variant, experiments: Sequence[Experiment]) -> It
 
 
 def _explain_levels(fit: Fit) -> Iterator[Notice]:
-    """Name the offset of the force, or a level that is negative without one.
-
-    Raises
-    ------
-    LogError
-        When a level is negative and an offset was ruled out.
-    """
+    """Name the offset of the force, or a level that is negative where one was ruled out."""
     if fit.options.force_offset:
         if fit.options.offset != "estimate":
             size = fit.derived()["force_offset"].number

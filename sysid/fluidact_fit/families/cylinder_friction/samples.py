@@ -119,30 +119,27 @@ def _passes(velocity: FloatArray, begin: int, end: int) -> bool:
     """Whether samples ``begin`` to ``end`` are on the way from one direction to the other."""
     if begin < 1 or end + 1 > velocity.size:
         return False
-    before, after = float(velocity[begin - 1]), float(velocity[min(end, velocity.size - 1)])
+    before, after = float(velocity[begin - 1]), float(velocity[end])
     if before * after >= 0.0:
         return False
     # as many samples as a straight line through the neighbours of the dead band would need
     run = end - begin
     slope = abs(after - before) / (run + 1)
-    edge = [abs(velocity[begin - 1] - velocity[max(begin - 2, 0)]),
-            abs(velocity[min(end + 1, velocity.size - 1)] - after)]  # fmt: skip
-    return bool(run <= 1 or _LINGER * slope >= 0.5 * (edge[0] + edge[1]))
-
-
-def _pressure_force(experiment: Experiment, role: str, area: float | None) -> FloatArray:
-    """Force of one chamber, shape ``(n,)`` [N]; zero where it is not known."""
-    if area is None or role not in experiment:
-        return np.zeros(experiment.samples)
-    return area * experiment.sampled(role)
+    entry = abs(before - velocity[max(begin - 2, 0)])
+    leave = abs(velocity[min(end + 1, velocity.size - 1)] - after)
+    return bool(run <= 1 or _LINGER * slope >= 0.5 * (entry + leave))
 
 
 def _drive(
     variant: Variant, experiment: Experiment, options: FrictionOptions
 ) -> tuple[FloatArray | None, FloatArray]:
     """What drives the motion, ``None`` where it was not recorded, and what pressure opposes [N]."""
-    first = _pressure_force(experiment, "pressure", options.area)
-    second = _pressure_force(experiment, "pressure_2", options.area_2)
+    first, second = (
+        np.zeros(experiment.samples)
+        if area is None or role not in experiment
+        else area * experiment.sampled(role)
+        for role, area in (("pressure", options.area), ("pressure_2", options.area_2))
+    )
     recorded = variant.output.name in experiment
     if driven_by_pressure(variant):
         return first if recorded else None, second
@@ -215,12 +212,9 @@ def simulate_force(
         offsets |= _find_offsets(data, law)
     out = []
     for d in data:
-        v = np.where(d.moving, d.motion.sharp, 0.0)
         own = offsets.get(d.experiment.log)
-        force = d.known + law.moving(v) + (own or 0.0)
-        out.append(
-            Simulated(np.asarray(force / d.scale), d.kept, None if own is None else own / d.scale)
-        )
+        force = d.known + law.moving(np.where(d.moving, d.motion.sharp, 0.0)) + (own or 0.0)
+        out.append(Simulated(force / d.scale, d.kept, None if own is None else own / d.scale))
     return out
 
 
@@ -231,24 +225,18 @@ def _find_offsets(data: Sequence[Data], law: FrictionLaw) -> dict[int, float]:
     as it is.
     """
     out = {}
-    for log in dict.fromkeys(d.experiment.log for d in data):
+    for log in dict.fromkeys(d.experiment.log for d in data if d.driven):
         runs = [d for d in data if d.experiment.log == log and d.driven]
         rests = [d.friction[d.kept] - law.moving(d.motion.sharp[d.kept]) for d in runs]
-        sides = [[r[d.side(s)] for d, r in zip(runs, rests)] for s in SIDES]
-        means = [np.mean(np.concatenate(r)) for r in sides if any(part.size for part in r)]
+        sides = [np.concatenate([r[d.side(s)] for d, r in zip(runs, rests)]) for s in SIDES]
+        means = [side.mean() for side in sides if side.size]
         if means:
             out[log] = float(np.mean(means))
     return out
 
 
 def sides_moved(data: Sequence[Data]) -> list[str]:
-    """Directions with enough moving samples to average.
-
-    Raises
-    ------
-    NotIdentifiedError
-        When nothing moves.
-    """
+    """Directions with enough moving samples to average; refused where there is none."""
     counts = _count_sides(data)
     least = max(5.0, 0.005 * sum(counts.values()))
     moved = [s for s in SIDES if counts[s] >= least]
@@ -263,13 +251,7 @@ def sides_moved(data: Sequence[Data]) -> list[str]:
 
 
 def check_measured(data: Sequence[Data]) -> None:
-    """Refuse a force that never changes while the piston moves.
-
-    Raises
-    ------
-    LogError
-        When all moving samples hold one and the same value.
-    """
+    """Refuse a force that has one and the same value in all moving samples."""
     force = np.concatenate([d.friction[d.kept] for d in data])
     span = float(np.ptp(force))
     if span > 1e-12 * float(np.abs(force).max()):
