@@ -10,13 +10,14 @@ import numpy as np
 from ...errors import LogError, Notice, NotIdentifiedError, UsageError
 from ...estimation.results import Refusal, Solved, determine
 from ...estimation.uncertainty import t_quantile
+from ...experiment import FloatArray
 from ...family import ParameterSpec, Quantity, Request, Variant
 from .options import FrictionOptions
 from .regression import Regression, System
 from .samples import SIDES, Data, at_speeds, half_range, sides_moved
-from .speeds import SECOND_SPEED, describe_speeds, one_speed, speed_ranges, speed_span
 
 LEVELS = ("coulomb_positive", "coulomb_negative")
+SECOND_SPEED = 1.5  # ratio of two speeds that are clearly different
 _MEAN = "coulomb_mean"  # stands for both levels where they are equal about an offset
 
 
@@ -63,12 +64,12 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
     asked = options.offset == "estimate" or options.force_offset is True
     if not asked and not fixed:
         _check_signs(data, moved)
-    ranges, noise = speed_ranges(data, moved), max(d.motion.noise for d in data)
+    ranges, noise = _speed_ranges(data, moved), max(d.motion.noise for d in data)
     specs = {p.name: _with_remedy(p, ranges) for p in variant.parameters}
     limits = {p.name: request.bounds.get(p.name, (p.minimum, p.maximum)) for p in specs.values()}
     refusals = [_idle(s) for s in SIDES if s not in moved]
-    if "viscous" not in fixed and one_speed(ranges, noise):
-        refusals.append(_too_alike(describe_speeds(ranges) + "."))
+    if "viscous" not in fixed and _one_speed(ranges, noise):
+        refusals.append(_too_alike(_describe_speeds(ranges) + "."))
         if not options.is_settled:  # without the ends of the strokes, levels are of one speed
             near = {s: (0.9 * low, 1.1 * high) for s, (low, high) in ranges.items()}
             data = [replace(d, kept=d.kept & at_speeds(d.motion, near)) for d in data]
@@ -170,12 +171,12 @@ def _undetermined(
     """
     if "viscous" not in found.names:
         return []
-    span = max(speed_span(low, high, noise) for low, high in ranges.values())
+    span = max(_speed_span(low, high, noise) for low, high in ranges.values())
     half = found.half_width("viscous")
     if half * span <= 0.5 * half_range(data):
         return []
     interval = f"{found.values['viscous']:.3g} ± {half:.2g} N s/m"
-    return [_too_alike(f"its 95 % interval would be {interval}; {describe_speeds(ranges)}.")]
+    return [_too_alike(f"its 95 % interval would be {interval}; {_describe_speeds(ranges)}.")]
 
 
 @dataclass(frozen=True)
@@ -245,3 +246,46 @@ def levels_impossible(found: Regression) -> bool:
     """Whether a level about zero is negative beyond its interval."""
     free = found.free
     return any(free.values[n] + free.half_width(n) < 0.0 for n in LEVELS if n in free.names)
+
+
+def _speeds(speed: FloatArray) -> tuple[float, float] | None:
+    """Range of the speeds of whole strokes [m/s].
+
+    Weighted by distance, the short slow tails about a reversal weigh little and a fast
+    stroke as much as a slow one: the middle 80 % of the distance. Slow strokes that take a
+    fifth of the time are not tails, however short they are.
+    """
+    if speed.size < 5:
+        return None
+    v = np.sort(np.abs(speed))
+    share = np.cumsum(v)
+    low, high = np.searchsorted(share, np.array([0.1, 0.9]) * share[-1])
+    low = min(int(low), v.size // 5)
+    return float(v[low]), float(v[min(int(high), v.size - 1)])
+
+
+def _speed_ranges(data: Sequence[Data], moved: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Slowest and fastest speed by direction, over all logs."""
+    out = {}
+    for s in moved:
+        found = [r for d in data if (r := _speeds(d.speed[d.side(s)])) is not None]
+        if found:
+            out[s] = min(r[0] for r in found), max(r[1] for r in found)
+    return out
+
+
+def _speed_span(low: float, high: float, noise: float) -> float:
+    """Spread of true speeds, the noise of the velocity (2 x 1.282 sd) subtracted [m/s]."""
+    return float(np.sqrt(max((high - low) ** 2 - (2.563 * noise) ** 2, 0.0)))
+
+
+def _one_speed(ranges: Mapping[str, tuple[float, float]], noise: float) -> bool:
+    """Whether every direction has one speed only."""
+    spans = [(low + high, _speed_span(low, high, noise)) for low, high in ranges.values()]
+    return all(twice + span < SECOND_SPEED * (twice - span) for twice, span in spans)
+
+
+def _describe_speeds(ranges: Mapping[str, tuple[float, float]]) -> str:
+    """Say which speeds the logs have."""
+    parts = [f"{low:.3g} and {high:.3g} m/s ({s} direction)" for s, (low, high) in ranges.items()]
+    return "all strokes, apart from their ends, are between " + " and between ".join(parts)

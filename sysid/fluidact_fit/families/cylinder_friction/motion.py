@@ -75,7 +75,10 @@ class Motion:
 
 
 def _filter(experiment: Experiment, role: str, half_width: float) -> Motion:
-    """Motion by a zero-phase quadratic; ``half_width`` is that of its window [s]."""
+    """Motion by a zero-phase quadratic; ``half_width`` is that of its window [s].
+
+    The slope of a position is regressor and instrument at once.
+    """
     y = experiment[role]
     if y.size != experiment.samples:
         return _stepped(experiment, role)
@@ -91,9 +94,14 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> Motion:
             where=experiment.name,
             remedy="Give a shorter --filter, or a longer log.",
         )
-    if role == "position":
-        return _slope_of_position(experiment, rows[1], inside, noise, half)
-    return _smoothed_velocity(experiment, y, rows, inside, noise, half)
+    if role == "velocity":
+        return _smoothed_velocity(experiment, y, rows, inside, noise, half)
+    v, kernel = fill(rows[1], inside), matched_kernel(half, 1)
+    far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
+    inside = far if far.any() else inside
+    noise /= experiment.sample_time * float(np.linalg.norm(np.arange(-half, half + 1)))
+    acceleration = central_difference(v, experiment.time)
+    return Motion(v, v, sharpen(v, kernel), inside, noise, acceleration, half, kernel)
 
 
 def _stepped(experiment: Experiment, role: str) -> Motion:
@@ -110,20 +118,6 @@ def _stepped(experiment: Experiment, role: str) -> Motion:
         )
     v = experiment.sampled(role)
     return Motion(v, v, v, np.ones(v.size, dtype=bool), 0.0, np.zeros(v.size), exact=True)
-
-
-def _slope_of_position(
-    experiment: Experiment, slope: FloatArray, inside: Mask, noise: float, half: int
-) -> Motion:
-    """Motion from a position: its slope is regressor and instrument at once."""
-    v = fill(slope, inside)
-    kernel = matched_kernel(half, 1)
-    far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
-    inside = far if far.any() else inside
-    offsets = np.arange(-half, half + 1)
-    noise *= 1.0 / (experiment.sample_time * float(np.linalg.norm(offsets)))
-    acceleration = central_difference(v, experiment.time)
-    return Motion(v, v, sharpen(v, kernel), inside, noise, acceleration, half, kernel)
 
 
 def _smoothed_velocity(
