@@ -15,7 +15,7 @@ from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
 from .family import Estimate, Family, FamilyOptions, ParameterDocument, Quantity, Request, Variant
-from .findings import Findings, make_parameter_document, mean_offset
+from .findings import Findings, make_parameter_document
 from .logs import Log, choose_variant, read_log, share_columns
 from .logs import experiments as experiments_of
 from .outcome import Simulation
@@ -96,21 +96,20 @@ def fit(
     experiments, notices = _prepare(opened, variant)
     estimate = _estimate(chosen, variant, experiments, request)
     found = Findings(chosen, variant, opened, experiments, request, estimate)
-    raw = found.simulate(experiments)
-    simulated = found.compare(experiments, raw)
     validation: list[Simulation] = []
     if judged:
         # their inputs move as those of the fit were settled to
         holds = {r: x.hold for r, x in experiments[0].signals.items() if x.hold is not None}
         others, more = _prepare([_open(log, holds) for log in judged], variant)
         notices += more
-        offset = mean_offset(chosen, simulated)
-        validation = found.compare(others, found.simulate(others, offset))
+        validation = found.validate(others)
     document, said = make_parameter_document(
-        found, simulated, validation, notices, controller_sample_time, command
+        found, validation, notices, controller_sample_time, command
     )
-    view = chosen.static_view(variant, estimate.values, experiments, raw, estimate.options)
-    return FitResult(family, variant, estimate, simulated, validation, document, said, view)
+    view = chosen.static_view(
+        variant, estimate.values, experiments, found.simulated, estimate.options
+    )
+    return FitResult(family, variant, estimate, found.fitted, validation, document, said, view)
 
 
 def _numbers(option: str, given: Mapping[str, float] | None) -> dict[str, float]:

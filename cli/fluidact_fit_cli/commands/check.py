@@ -47,7 +47,7 @@ def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: An
       - a parameter moved by more than 4 combined standard errors and by more than 2 %.
     """
     from fluidact_fit.check import check_logs
-    from fluidact_fit.files import read_document
+    from fluidact_fit.control import read_document
     from fluidact_fit.simulation import variant_of
 
     document = read_document(params_file)

@@ -73,8 +73,8 @@ def command(
       fluidact-fit design valve --from valve.yaml -o next.csv
       fluidact-fit design ball-screw --from drive.yaml --amplitude -0.006:0.006 --stroke 0:200
     """
+    from fluidact_fit.control import read_document
     from fluidact_fit.excitation import design as make_design
-    from fluidact_fit.files import read_document
 
     check_names("FAMILY", "family", [family], family_names())
     if output is not None:

@@ -62,7 +62,7 @@ def command(
       fluidact-fit simulate valve.yaml trial1.csv -o simulated.csv
       fluidact-fit simulate valve.yaml --input command=0:2@0.1 --duration 1 --sample-time 0.001
     """
-    from fluidact_fit.files import read_document
+    from fluidact_fit.control import read_document
     from fluidact_fit.simulation import to_csv, variant_of
 
     _check_source(logs, params)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 
+from ..control import read_document
 from ..families import get_family
-from ..files import read_document
 from ..parameters.document import ParameterDocument
 from .command import design_command
 from .points import design_points
