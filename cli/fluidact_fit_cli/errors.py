@@ -85,7 +85,12 @@ def explain(error: BaseException) -> tuple[str, int]:
     if isinstance(error, OSError) and error.strerror:
         where = f"{error.filename}: " if error.filename else ""
         return f"{where}{error.strerror}.\nCheck the path, the permissions and the free space.", 3
-    return _apology(error), 1
+    found = " ".join(f"{type(error).__name__}: {error}".split())
+    return (
+        f"This is a bug in fluidact-fit, not in your data, sorry: {found[:300]}. Nothing was "
+        "written. Run the same command with --debug added and report what it shows, with the log "
+        "if you can."
+    ), 1
 
 
 def _explain_usage(error: click.UsageError) -> str:
@@ -95,15 +100,6 @@ def _explain_usage(error: click.UsageError) -> str:
     if error.ctx is not None:
         text += f"\nTry '{error.ctx.command_path} --help'."
     return text
-
-
-def _apology(error: BaseException) -> str:
-    found = " ".join(f"{type(error).__name__}: {error}".split())
-    return (
-        f"This is a bug in fluidact-fit, not in your data, sorry: {found[:300]}. Nothing was "
-        "written. Run the same command with --debug added and report what it shows, with the log "
-        "if you can."
-    )
 
 
 def _drop_output() -> None:

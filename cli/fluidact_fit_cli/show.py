@@ -79,15 +79,13 @@ def quantity_rows(quantities: Mapping[str, Mapping[str, Any]]) -> list[list[str]
     return rows
 
 
-def _row(
-    name: str, value: float, spread: Any, interval: Any, entry: Mapping[str, Any]
-) -> list[str]:
+def _row(name: str, value: float, spread: Any, ends: Any, entry: Mapping[str, Any]) -> list[str]:
     return [
         name,
         format_number(value, spread),
         f"± {format_spread(spread)}" if spread else "",
         entry["unit"],
-        format_interval(interval, spread),
+        format_interval(ends, spread),
         str(entry.get("status") or "").replace("_", " "),
     ]
 
@@ -102,11 +100,12 @@ def echo_parameters(document: Mapping[str, Any], verbose: bool = False) -> None:
         )
     echo_table([head, *rows], right=(1,))
     fit = document["fit"]
-    percent = fit.get("fit_percent")
-    click.echo(f"\nfit {percent:.2f} %   " if percent is not None else "\n", nl=False)
-    rmse = fit["rmse"]
-    click.echo(f"rmse {rmse['value']:.4g} {rmse['unit']}   samples {fit['samples']}   ", nl=False)
-    click.echo(f"verdict {fit['verdict'].upper()}")
+    percent, rmse = fit.get("fit_percent"), fit["rmse"]
+    agreement = "" if percent is None else f"fit {percent:.2f} %   "
+    click.echo(
+        f"\n{agreement}rmse {rmse['value']:.4g} {rmse['unit']}   samples {fit['samples']}   "
+        f"verdict {fit['verdict'].upper()}"
+    )
     logs = fit.get("logs", [])
     if len(logs) > _MANY_RUNS and not verbose:
         worst = min(logs, key=lambda entry: entry.get("fit_percent", 100.0))

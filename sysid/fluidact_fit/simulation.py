@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from os import PathLike
 
 import numpy as np
 
@@ -12,14 +13,21 @@ from .estimation.inputs import settle_holds
 from .experiment import Experiment, Signal
 from .families import get_family
 from .family import Role, Variant
-from .logs import Log, StepInput, share_columns
+from .logs import Log, StepInput, read_log, share_columns
 from .logs import experiments as experiments_of
 from .logs.columns import find_column
 from .outcome import Simulation, pair
 from .parameters.document import Column, ParameterDocument
 from .units import conversion_factor
 
+LogLike = Log | str | PathLike[str]
 _MOST_SAMPLES = 5_000_000
+
+
+def open_logs(logs: Sequence[LogLike] | LogLike) -> list[Log]:
+    """Read the logs that are given as paths; one need not stand in a list."""
+    given = [logs] if isinstance(logs, Log | str | PathLike) else logs
+    return [log if isinstance(log, Log) else read_log(log) for log in given]
 
 
 def variant_of(document: ParameterDocument) -> Variant:
@@ -124,21 +132,10 @@ def simulate_runs(document: ParameterDocument, runs: Sequence[Experiment]) -> li
 
 
 def simulate_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Simulation]:
-    """Simulate a document's model with the inputs of logs.
+    """Simulate a document's model with the inputs of logs, one entry per run.
 
-    Everything that the fit settled is read from the file; nothing is settled here.
-
-    Parameters
-    ----------
-    document
-        The parameter file.
-    logs
-        Their output role may be missing; ``measured`` is then NaN.
-
-    Returns
-    -------
-    list of Simulation
-        One per run.
+    Everything that the fit settled is read from the file; nothing is settled here. The logs may
+    lack the output role; ``measured`` is then NaN.
 
     Raises
     ------
