@@ -70,9 +70,8 @@ class Check:
     notices: tuple[Notice, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain mappings, lists, text and numbers."""
-        found = asdict(self)
-        return {**found, **{k: list(found[k]) for k in ("reasons", "logs", "drifts", "notices")}}
+        """Return plain mappings, tuples, text and numbers."""
+        return asdict(self)
 
 
 def check_logs(
@@ -141,15 +140,8 @@ def _check_log(document: ParameterDocument, simulation: Simulation, variant: Var
     found = simulation.agreement
     signal = simulation.experiment.signals[variant.output.name]
     limit = RMSE_FACTOR * document.fit.rmse.value + signal.resolution
-    return LogCheck(
-        file=simulation.experiment.name,
-        samples=found.samples,
-        rmse=found.rmse,
-        limit=limit,
-        unit=signal.unit,
-        fit_percent=found.fit_percent,
-        within=found.rmse <= limit,
-    )
+    return LogCheck(simulation.experiment.name, found.samples, found.rmse, limit, signal.unit,
+                    found.fit_percent, found.rmse <= limit)  # fmt: skip
 
 
 def _compare(before: Mapping[str, Quantity], now: Mapping[str, Quantity]) -> tuple[Drift, ...]:
@@ -159,19 +151,15 @@ def _compare(before: Mapping[str, Quantity], now: Mapping[str, Quantity]) -> tup
         new = now.get(name)
         if new is None or old.status != "estimated" or new.status != "estimated":
             continue
-        parts = [np.atleast_1d(np.asarray(q, dtype=float)) for q in (
-            old.value, new.value, _errors(old), _errors(new))]  # fmt: skip
+        errors = ([] if q.std_error is None else q.std_error for q in (old, new))
+        parts = [np.atleast_1d(np.asarray(q, dtype=float)) for q in (old.value, new.value, *errors)]
         if len({p.shape for p in parts}) > 1 or parts[0].ndim > 1:
             continue
         labels = [name] if parts[0].size == 1 else [f"{name}[{i}]" for i in range(parts[0].size)]
         for label, a, b, error_a, error_b in zip(labels, *parts):
-            if math.hypot(error_a, error_b) > 0.0:
-                drifts.append(_drift(label, old.unit, a, b, math.hypot(error_a, error_b)))
+            if (error := math.hypot(error_a, error_b)) > 0.0:
+                drifts.append(_drift(label, old.unit, a, b, error))
     return tuple(drifts)
-
-
-def _errors(quantity: Quantity) -> Any:
-    return [] if quantity.std_error is None else quantity.std_error
 
 
 def _drift(name: str, unit: str, before: float, now: float, error: float) -> Drift:

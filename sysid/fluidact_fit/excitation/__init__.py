@@ -20,7 +20,7 @@ import os
 from collections.abc import Callable
 
 from ..families import get_family
-from ..files import read_document
+from ..control import read_document
 from ..parameters import ParameterDocument
 from .command import design_command
 from .points import design_points
