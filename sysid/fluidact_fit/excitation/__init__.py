@@ -19,8 +19,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 
-from ..families import get_family
 from ..control import read_document
+from ..families import get_family
 from ..parameters import ParameterDocument
 from .command import design_command
 from .points import design_points
