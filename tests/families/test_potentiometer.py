@@ -141,7 +141,8 @@ def test_slope_powers_and_elevation_agree_with_the_curve() -> None:
     np.testing.assert_allclose(rational_bezier_slope(t, p, w), central, rtol=1e-7, atol=1e-8)
     top = np.polynomial.Polynomial(power_coefficients(w * p))
     np.testing.assert_allclose(top(t) / np.polynomial.Polynomial(power_coefficients(w))(t), y)
-    np.testing.assert_allclose(rational_bezier(t, *elevate(p, w)), y)
+    raised = elevate(w)
+    np.testing.assert_allclose(rational_bezier(t, elevate(w * p) / raised, raised), y)
 
 
 increments = st.lists(st.floats(0.01, 1.0), min_size=1, max_size=6)

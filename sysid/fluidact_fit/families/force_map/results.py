@@ -25,12 +25,11 @@ def file_parameters(fit: Fit) -> dict[str, Quantity]:
         out[f"weights_{k}"] = Quantity(w.tolist(), "1")
         out[f"biases_{k}"] = Quantity(b.tolist(), "1")
     for name, value in (
-        ("input_offset", s.offset), ("input_scale", s.scale),
-        ("input_low", x.min(axis=0)), ("input_high", x.max(axis=0)),
+        ("input_offset", s.offset.tolist()), ("input_scale", s.scale.tolist()),
+        ("input_low", x.min(axis=0).tolist()), ("input_high", x.max(axis=0).tolist()),
+        ("output_offset", s.base), ("output_scale", s.span),
     ):  # fmt: skip
-        out[name] = Quantity(value.tolist(), "1", "derived")
-    out["output_offset"] = Quantity(s.base, "1", "derived")
-    out["output_scale"] = Quantity(s.span, "1", "derived")
+        out[name] = Quantity(value, "1", "derived")
     return out
 
 
@@ -60,9 +59,9 @@ def fit_details(fit: Fit, certificate: Certificate, options: ForceMapOptions) ->
         "correlation": float(np.corrcoef(data.y[used], fit.predicted[used])[0, 1]),
         "branches": _scores(data, error),
         "validation": {
-            "split_by": rows.split.by,
-            "groups_held_out": rows.split.groups,
-            "folds": len(rows.split.folds),
+            "split_by": rows.split_by,
+            "groups_held_out": rows.groups,
+            "folds": len(rows.folds),
             **_scores(judged, held),
         },
         "cubic_polynomial": _polynomial(fit),
@@ -90,7 +89,7 @@ def _polynomial(fit: Fit) -> dict[str, Any]:
     z, t = s.inputs(data.x), s.output(data.y)
     error = s.span * (t - polynomial_fit(z[data.used], t[data.used])(z))
     held = np.full(rows.y.size, np.nan)
-    for fold in rows.split.folds:
+    for fold in rows.folds:
         rest = np.flatnonzero(~fold)
         rest = rest[thin(rest.size, 20_000)]
         held[fold] = rows.y[fold] - polynomial_fit(rows.x[rest], rows.y[rest])(rows.x[fold])

@@ -16,15 +16,7 @@ from .certificates import ENUMERATED, certify, is_enumerable
 from .data import Data, check_data, gather, settle_dead_bands
 from .equation import NetworkMap, predict_runs
 from .options import PAPER_UNITS, ForceMapOptions, default_inputs, has_velocity, input_layers
-from .validation import (
-    DECAYS,
-    Rows,
-    Trial,
-    smallest_sufficient,
-    straighten,
-    sweep,
-    try_layer,
-)
+from .validation import DECAYS, Rows, Trial, smallest_sufficient, straighten, sweep, try_layer
 
 
 @dataclass(frozen=True)
@@ -71,10 +63,7 @@ def fit_network(
         tables["straight"] = {
             "along": "length",
             "strength": trial.straightness,
-            "judged": [
-                {k: v * (span if k.endswith("rms") else 1.0) for k, v in row.items()}
-                for row in judged
-            ],
+            "judged": judged,
         }
     options = replace(
         options, inputs=",".join(names), hidden=",".join(map(str, units)),

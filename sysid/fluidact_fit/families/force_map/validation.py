@@ -11,14 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...estimation.motion_state import BoolArray
-from ...estimation.network import (
-    Activation,
-    Chords,
-    cross_validate,
-    robust_deviation,
-    search,
-    thin,
-)
+from ...estimation.network import Activation, Chords, cross_validate, robust_deviation, search, thin
 from ...experiment import FloatArray
 from .data import Data, Scaling
 
@@ -33,36 +26,28 @@ _MOST_FOLDS = 4
 _SPIKE = 12.0  # errors beyond this many robust standard deviations do not choose a network
 
 
-@dataclass(frozen=True)
-class Split:
-    """Held-out rows per fold, over the used rows, and what they were split by."""
-
-    folds: tuple[BoolArray, ...]
-    by: str
-    groups: int
-
-
-def split_rows(data: Data, seed: int) -> Split:
+def _split(data: Data, seed: int) -> tuple[list[BoolArray], str, int]:
     """Fold the used rows by position, by log, or by stretches of the record.
 
     The outermost positions are never held out: beyond them a network extrapolates.
+    Returns the rows held out in each fold, what they were split by, and the number of groups.
     """
     position, logs = data.position[data.used], data.log[data.used]
     levels = _levels(position)
     count, records = int(levels.max()) + 1, np.unique(logs)
     if count >= 5 or (count >= 3 and records.size < 3):
-        by, labels, inner = "position", levels, list(range(1, count - 1))
+        by, labels, inner = "position", levels, np.arange(1, count - 1)
     elif records.size >= 3:
-        means = {int(k): float(position[logs == k].mean()) for k in records}
-        ends = {min(means.values()), max(means.values())}
-        alone = {k for k, m in means.items() if m in ends and list(means.values()).count(m) == 1}
-        by, labels, inner = "log", logs, [k for k in means if k not in alone]
+        means = np.array([position[logs == k].mean() for k in records])
+        outer = (means == means.min()) | (means == means.max())
+        alone = outer & (np.sum(means[:, None] == means, axis=0) == 1)
+        by, labels, inner = "log", logs, records[~alone]
     else:
         by, labels = "stretch of the record", np.arange(position.size) * 6 // position.size
-        inner = [1, 2, 3, 4]
+        inner = np.arange(1, 5)
     order = np.random.default_rng(seed).permutation(inner)
     folds = min(_MOST_FOLDS, order.size)
-    return Split(tuple(np.isin(labels, order[k::folds]) for k in range(folds)), by, order.size)
+    return [np.isin(labels, order[k::folds]) for k in range(folds)], by, order.size
 
 
 def _levels(position: FloatArray) -> npt.NDArray[np.intp]:
@@ -91,6 +76,7 @@ def _clipped_rms(error: FloatArray) -> float:
 class Rows:
     """The used rows of the data, standardised, with their split and the settings of a training.
 
+    Rows of the ``groups`` inside are held out together, ``folds`` tells in which turn;
     ``length`` is the column of a length that names the specimens.
     """
 
@@ -98,7 +84,9 @@ class Rows:
     scaling: Scaling
     x: FloatArray
     y: FloatArray
-    split: Split
+    folds: Sequence[BoolArray]
+    split_by: str
+    groups: int
     length: int | None
     activation: Activation
     seed: int
@@ -108,19 +96,13 @@ class Rows:
         """Standardise and split the used rows."""
         s = Scaling.of(data)
         x, y = s.inputs(data.x[data.used]), s.output(data.y[data.used])
-        split = split_rows(data, seed)
-        return cls(data, s, x, y, split, _length_column(data), activation, seed)
+        return cls(data, s, x, y, *_split(data, seed), _length_column(data), activation, seed)
 
     def chords(self, x: FloatArray, strength: float) -> Chords | None:
         """Chords along the length, for some of the rows."""
         if self.length is None or strength == 0.0:
             return None
         return Chords.along(x, self.length, strength)
-
-    @property
-    def usual_straightness(self) -> float:
-        """Strength of the chords unless validation objects."""
-        return _STRAIGHT[0] if len(self.held_lengths()) > 1 else _STRAIGHT_FEW
 
     def held_lengths(self) -> list[BoolArray]:
         """Rows of each length but the shortest and the longest."""
@@ -182,10 +164,11 @@ def try_layer(
     strength: float | None = None,
 ) -> Trial:
     """Cross-validate a layer with the usual weight decay, or one that is clearly better."""
-    kept = rows.usual_straightness if strength is None else strength
-    errors = [rows.held_out(rows.split.folds, hidden, decay, kept) for decay in decays]
+    if strength is None:
+        strength = _STRAIGHT[0] if len(rows.held_lengths()) > 1 else _STRAIGHT_FEW
+    errors = [rows.held_out(rows.folds, hidden, decay, strength) for decay in decays]
     best = _usual_or_better([_clipped_rms(e) for e in errors])
-    return Trial(rows.data.names, hidden, decays[best], errors[best], kept)
+    return Trial(rows.data.names, hidden, decays[best], errors[best], strength)
 
 
 def _usual_or_better(scores: Sequence[float]) -> int:
@@ -202,10 +185,10 @@ def straighten(rows: Rows, trial: Trial) -> tuple[Trial, list[dict[str, float]]]
     strength stands unless a rival is clearly better. Of three lengths only one can be held
     out, and between the two that are left nothing is curved: there is nothing to judge.
 
-    Returns the trial with the strength that is kept, and a table of strengths with both errors,
-    standardised.
+    Returns the trial with the strength that is kept, and a table of strengths with both errors
+    [unit of the output].
     """
-    folds, table, scores = rows.held_lengths(), [], []
+    folds, span, table, scores = rows.held_lengths(), rows.scaling.span, [], []
     if len(folds) < 2:
         return trial, []
     few = thin(rows.y.size, rows.few(trial.hidden))
@@ -217,9 +200,11 @@ def straighten(rows: Rows, trial: Trial) -> tuple[Trial, list[dict[str, float]]]
             decay=trial.decay, chords=rows.chords(x, strength), starts=4, finalists=2,
             rows=few.size, iterations=25,
         )  # fmt: skip
-        both = _clipped_rms(y - found.best.network(x)), _clipped_rms(between)
-        table.append({"strength": strength, "recorded_rms": both[0], "held_out_rms": both[1]})
-        scores.append(float(np.hypot(*both)))
+        here, there = _clipped_rms(y - found.best.network(x)), _clipped_rms(between)
+        table.append(
+            {"strength": strength, "recorded_rms": span * here, "held_out_rms": span * there}
+        )
+        scores.append(float(np.hypot(here, there)))
     kept = _usual_or_better(scores)
     if kept == 0:
         return trial, table

@@ -12,12 +12,7 @@ import numpy.typing as npt
 from ...errors import UsageError
 from ...experiment import FloatArray
 from ...family import Value
-from .rational_bezier import (
-    blend,
-    is_monotone,
-    rational_bezier,
-    rational_bezier_slope,
-)
+from .rational_bezier import blend, is_monotone, rational_bezier, rational_bezier_slope
 
 SECOND = ("", "_falling")
 
@@ -110,12 +105,11 @@ class Calibration:
         inside = (t == (reading - self.low) / span).astype(float)
         return np.asarray(blend(slopes, self.share(reading, direction)) * inside / span)
 
-    def reading(self, position: FloatArray, share: float) -> FloatArray:
-        """Reading at positions of a monotone calibration; the end of the range beyond it."""
-        return np.asarray(self.low + (self.high - self.low) * self.invert(position, share))
-
     def invert(self, position: FloatArray, share: float) -> FloatArray:
-        """Places 0..1 of positions, by bisection down to the spacing of floating point numbers."""
+        """Places of positions on a monotone calibration; the end of the range beyond it.
+
+        By bisection down to the spacing of floating point numbers.
+        """
         sign = 1.0 if self.curves[0][0][-1] >= self.curves[0][0][0] else -1.0
         low, high = np.zeros_like(position), np.ones_like(position)
         for _ in range(60):

@@ -121,12 +121,12 @@ def check_enough(rows: Rows, shape: Shape) -> None:
     needed = shape.unknowns // shape.branches
     if samples >= shape.unknowns + 2 and distinct >= needed:
         return
-    lower = f"or give a --degree below {shape.degree}" if shape.degree > 1 else ""
+    lower = f" or give a --degree below {shape.degree}" if shape.degree > 1 else ""
     raise NotIdentifiedError(
         f"{samples} samples at {distinct} distinct readings cannot determine a curve of degree "
         f"{shape.degree}, which has {shape.unknowns} unknowns.",
         expected=f"At least {shape.unknowns + 2} samples at {needed} distinct readings.",
-        remedy=" ".join(f"Record more positions {lower}".split()) + ".",
+        remedy=f"Record more positions{lower}.",
     )
 
 

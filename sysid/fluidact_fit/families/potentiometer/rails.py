@@ -39,10 +39,8 @@ def prepare(
 
 def between(reading: FloatArray, rails: tuple[float, float] | None) -> BoolArray:
     """Readings that are finite and inside the rails, if there are any."""
-    finite = np.isfinite(reading)
-    if rails is None:
-        return finite
-    return finite & (reading > rails[0]) & (reading < rails[1])
+    low, high = rails or (-np.inf, np.inf)
+    return (reading > low) & (reading < high)
 
 
 def widen_rails(data: Data, rails: tuple[float, float]) -> tuple[tuple[float, float], list[Notice]]:
@@ -96,9 +94,7 @@ def _rails_notice(count: int, place: str) -> Notice:
     return Notice("rails", f"{_samples(count)} {place} {text}")
 
 
-def find_rails(
-    data: Data,
-) -> tuple[tuple[float, float] | None, list[float], list[Notice]]:
+def find_rails(data: Data) -> tuple[tuple[float, float] | None, list[float], list[Notice]]:
     """Find extremes that the reading rests on while the reference moves.
 
     At least three samples exactly on an extreme whose references spread three times wider

@@ -101,16 +101,10 @@ def power_coefficients(points: npt.ArrayLike) -> FloatArray:
     return out
 
 
-def elevate(control_points: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the same curve with a degree of one more."""
-    n = weights.size - 1
-    part = np.arange(n + 2) / (n + 1)
-
-    def raised(h: FloatArray) -> FloatArray:
-        return np.asarray(part * np.append(0.0, h) + (1.0 - part) * np.append(h, 0.0))
-
-    w = raised(weights)
-    return raised(weights * control_points) / w, w
+def elevate(points: FloatArray) -> FloatArray:
+    """Coefficients of the same ``sum_i c_i B_i(t)`` at a degree of one more."""
+    share = np.arange(points.size + 1) / points.size
+    return np.asarray(share * np.append(0.0, points) + (1.0 - share) * np.append(points, 0.0))
 
 
 # ------------------------------------------------------------------------------- rows
@@ -362,7 +356,7 @@ def fit_ladder(rows: Rows, shape: Shape) -> list[CurveFit]:
         now = replace(shape, degree=degree)
         starts = now.starts()
         if fits:
-            starts.append(now.start_at([elevate(p, w)[1] for p, w in fits[-1].curves]))
+            starts.append(now.start_at([elevate(w) for w in fits[-1].weights]))
         fits.append(fit_shape(rows, now, starts))
     return fits
 
