@@ -108,7 +108,7 @@ def branch_curves(
     network: NetworkMap, x: FloatArray, names: Sequence[str], source: str
 ) -> list[Curve]:
     """Both branches at the lowest and the highest position, all other inputs at their means."""
-    middle: dict[str, Any] = dict(zip(names, x.mean(axis=0)))
+    middle: dict[str, npt.ArrayLike] = dict(zip(names, x.mean(axis=0)))
     along = np.linspace(x[:, names.index(source)].min(), x[:, names.index(source)].max(), 200)
     ends: dict[str, dict[str, float]] = {"": {}}
     if "position" in names:

@@ -155,7 +155,7 @@ def held_state(values: FloatArray, source: str, options: ForceMapOptions) -> Flo
     band = options.dead_band if source == "command" else options.force_dead_band
     if band is None:  # no log of the fit needed one
         band = choose_dead_band(values)
-    return held_direction(values, band).astype(float)
+    return held_direction(values, band)
 
 
 def check_data(data: Data, options: ForceMapOptions) -> None:

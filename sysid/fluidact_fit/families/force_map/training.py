@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice
+from ...estimation.motion_state import BoolArray
 from ...estimation.network import Search, search, train_from
 from ...experiment import Experiment, FloatArray
 from ...family import Request, Simulated
@@ -60,11 +61,7 @@ def fit_network(
         units = smallest_sufficient(swept).hidden
     trial, judged = _choose_training(rows, units, options)
     if rows.length is not None:
-        tables["straight"] = {
-            "along": "length",
-            "strength": trial.straightness,
-            "judged": judged,
-        }
+        tables["straight"] = {"along": "length", "strength": trial.straightness, "judged": judged}
     options = replace(
         options, inputs=",".join(names), hidden=",".join(map(str, units)),
         weight_decay=trial.decay, straightness=None if rows.length is None else trial.straightness,
@@ -127,12 +124,8 @@ def _train(
         finalists=3 if sum(trial.hidden) <= ENUMERATED else 6,
     )  # fmt: skip
 
-    def described(runs: Sequence[Simulated]) -> Data:
-        used = np.concatenate([r.used for r in runs if r.used is not None])
-        return replace(data, used=used)
-
     best = _choose_candidate(found, rows, options.driver)
-    kept = described(predict_runs(best, experiments, options)).used
+    kept = _described(predict_runs(best, experiments, options))
     last = train_from(
         best.network, s.inputs(data.x[kept]), s.output(data.y[kept]), decay=trial.decay,
         limit=found.limit, chords=chords, iterations=10, tolerance=1e-5,
@@ -140,17 +133,21 @@ def _train(
     made = NetworkMap(last.network, s)
     runs = predict_runs(made, experiments, options)
     output = np.concatenate([r.output for r in runs])
-    return Fit(described(runs), made, trial, rows, found, output, last.iterations, tables)
+    data = replace(data, used=_described(runs))
+    return Fit(data, made, trial, rows, found, output, last.iterations, tables)
+
+
+def _described(runs: Sequence[Simulated]) -> BoolArray:
+    return np.concatenate([r.used for r in runs if r.used is not None])
 
 
 def _choose_candidate(found: Search, rows: Rows, source: str) -> NetworkMap:
     """The best network; of nearly equal ones a monotone one."""
-    best = NetworkMap(found.best.network, rows.scaling)
-    if not is_enumerable(best.network):
-        return best
-    near = (c.network for c in found.candidates if c.cost <= 1.05 * found.best.cost)
-    maps = (NetworkMap(net, rows.scaling) for net in near)
-    return next((m for m in maps if certify(m, rows.data).monotone(source)), best)
+    near = [c.network for c in found.candidates if c.cost <= 1.05 * found.best.cost]
+    maps = [NetworkMap(net, rows.scaling) for net in near]
+    if not is_enumerable(near[0]):
+        return maps[0]
+    return next((m for m in maps if certify(m, rows.data).monotone(source)), maps[0])
 
 
 def spike_notice(fit: Fit) -> list[Notice]:
