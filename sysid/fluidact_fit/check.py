@@ -110,14 +110,16 @@ def check_logs(
     runs, notices = prepare_logs(document, logs)
     _require_output(runs, variant)
     simulations = simulate_runs(document, runs)
-    say("fitting again")
-    try:
-        drifts = _compare(document.quantities(), refit(document, logs, progress=progress))
-    except NotIdentifiedError as error:
-        text = " ".join(error.text.split())
-        message = f"only the simulation was compared, not the parameters: {text}"
-        notices.append(Notice("not-compared", message))
-        drifts = ()
+    drifts: tuple[Drift, ...] = ()
+    before = document.quantities()
+    if any(q.std_error is not None for q in before.values() if q.status == "estimated"):
+        say("fitting again")
+        try:
+            drifts = _compare(before, refit(document, logs, progress=progress))
+        except NotIdentifiedError as error:
+            text = " ".join(error.text.split())
+            message = f"only the simulation was compared, not the parameters: {text}"
+            notices.append(Notice("not-compared", message))
     checks = tuple(_check_log(document, s, variant) for s in simulations)
     reasons = _reasons(checks, drifts)
     return Check(
