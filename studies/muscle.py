@@ -20,10 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fluidact_fit.estimation.network import polynomial_fit
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families.force_map.family import ForceMap
 from fluidact_fit.families.force_map.options import ForceMapOptions
+from fluidact_fit.families.force_map.results import polynomial_fit
 from fluidact_fit.family import Request
 
 Tests = dict[str, list[Experiment]]

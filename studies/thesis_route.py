@@ -62,7 +62,7 @@ class DiscreteRoute:
         variant = get_family("hydrostatic").variants[0]
         request = Request(FamilyOptions())
         unknowns = make_unknowns(variant.parameters, NAMES, dict(start), request)
-        unknowns["integrator_pole"] = Unknown("integrator_pole", 1.0, 0.5, 1.5, 1e-2)
+        unknowns["integrator_pole"] = Unknown("integrator_pole", 0.5, 1.5, 1e-2)
         model = NamedModel(
             (*NAMES, "integrator_pole"), (), self.columns, [e["position"] for e in self.experiments]
         )

@@ -268,7 +268,7 @@ def test_cramer_rao_is_infinite_where_nothing_is_known() -> None:
     "waveform",
     [
         Waveform("steps", {"hold": 0.1, "levels": 3.0}),
-        Waveform("square", {"hold": 0.1, "last": 0.4, "duty": 1.5}),
+        Waveform("square", {"hold": 0.1, "last": 0.4}),
         Waveform("two sizes", {"hold": 0.2, "small": 0.1, "part": 0.4}),
         Waveform("rest and go", {"hold": 0.2, "pause": 0.1}),
         Waveform("chirp", {"first": 0.1, "last": 10.0, "log": 1.0}),
@@ -276,8 +276,9 @@ def test_cramer_rao_is_infinite_where_nothing_is_known() -> None:
         Waveform("triangle", {"period": 1.0}),
     ],
 )
-def test_waveforms_stay_within_one(waveform: Waveform) -> None:
-    values = waveform.sample(500, 0.01)
+@pytest.mark.parametrize("duty", [1.0, 1.5])
+def test_waveforms_stay_within_one(waveform: Waveform, duty: float) -> None:
+    values = waveform.sample(500, 0.01, duty)
     assert values.shape == (500,)
     assert np.abs(values).max() <= 1.0 + 1e-12
     assert values.max() > 0.3

@@ -27,13 +27,16 @@ def assigned_texts(tree: ast.Module, name: str) -> Iterator[str]:
 
 
 def codes_in(source: str) -> Iterator[str]:
-    """First arguments of ``Notice(...)``; copies (``Notice(n.code, ...)``) are left out."""
+    """First arguments of ``Notice(...)`` and of methods ``notice``, which add one.
+
+    Copies (``Notice(n.code, ...)``) are left out.
+    """
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call) or not isinstance(node.func, (ast.Name, ast.Attribute)):
             continue
         name = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
-        if name != "Notice":
+        if name not in ("Notice", "notice"):
             continue
         keywords = {keyword.arg: keyword.value for keyword in node.keywords}
         code = node.args[0] if node.args else keywords["code"]
@@ -53,8 +56,9 @@ Notice("second", "...")
 Notice("third" if x else "fourth", "...")
 Notice(code="fifth", message="...")
 Notice(old.code, "...")
+self.notice("sixth", "...")
 """
-    assert {*codes_in(source)} == {"first", "second", "third", "fourth", "fifth"}
+    assert {*codes_in(source)} == {"first", "second", "third", "fourth", "fifth", "sixth"}
 
 
 def test_table_has_the_codes_of_the_sources_and_no_others() -> None:

@@ -7,12 +7,13 @@ import sys
 import traceback
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import click
 
-from fluidact_fit.errors import FluidactError, StrictError
+from fluidact_fit.errors import FluidactError
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 PIPE_CLOSED = 141  # 128 + SIGPIPE
@@ -31,19 +32,10 @@ class Invocation:
         return "--debug" in given
 
 
-class Refused(StrictError):
-    """A finished fit that is not written: ``--strict``, or a failed verdict."""
-
-
 def run_guarded(action: Callable[[], Any], invocation: Invocation) -> int:
     """Run an action and turn whatever it raises into a message and an exit status.
 
-    Parameters
-    ----------
-    action
-        Returns the exit status, or anything else for 0.
-    invocation
-        The command line.
+    The action returns the exit status, or anything else for 0.
     """
     try:
         with warnings.catch_warnings():
@@ -51,7 +43,9 @@ def run_guarded(action: Callable[[], Any], invocation: Invocation) -> int:
             if not invocation.debug and not sys.warnoptions:
                 warnings.simplefilter("ignore")
             status = action()
-        _flush()
+        # A broken pipe has to show up here, where it is handled.
+        sys.stdout.flush()
+        sys.stderr.flush()
         return status if isinstance(status, int) else 0
     except SystemExit as error:
         # click ends a broken pipe itself, with status 1.
@@ -59,20 +53,15 @@ def run_guarded(action: Callable[[], Any], invocation: Invocation) -> int:
     except BaseException as error:
         if invocation.debug:
             traceback.print_exc()
-        return report_error(error)
-
-
-def report_error(error: BaseException) -> int:
-    """Tell the user and return the exit status."""
-    if isinstance(error, BrokenPipeError):
-        _drop_output()
-        return PIPE_CLOSED
-    message, status = explain(error)
-    try:
-        click.echo(message, err=True)
-    except BrokenPipeError:
-        _drop_output()
-    return status
+        if isinstance(error, BrokenPipeError):
+            _drop_output()
+            return PIPE_CLOSED
+        message, status = explain(error)
+        try:
+            click.echo(message, err=True)
+        except BrokenPipeError:
+            _drop_output()
+        return status
 
 
 def explain(error: BaseException) -> tuple[str, int]:
@@ -96,7 +85,12 @@ def explain(error: BaseException) -> tuple[str, int]:
     if isinstance(error, OSError) and error.strerror:
         where = f"{error.filename}: " if error.filename else ""
         return f"{where}{error.strerror}.\nCheck the path, the permissions and the free space.", 3
-    return _apology(error), 1
+    found = " ".join(f"{type(error).__name__}: {error}".split())
+    return (
+        f"This is a bug in fluidact-fit, not in your data, sorry: {found[:300]}. Nothing was "
+        "written. Run the same command with --debug added and report what it shows, with the log "
+        "if you can."
+    ), 1
 
 
 def _explain_usage(error: click.UsageError) -> str:
@@ -108,25 +102,7 @@ def _explain_usage(error: click.UsageError) -> str:
     return text
 
 
-def _apology(error: BaseException) -> str:
-    found = " ".join(f"{type(error).__name__}: {error}".split())
-    return (
-        f"This is a bug in fluidact-fit, not in your data, sorry: {found[:300]}. Nothing was "
-        "written. Run the same command with --debug added and report what it shows, with the log "
-        "if you can."
-    )
-
-
-def _flush() -> None:
-    """Let a broken pipe show up here, where it is handled."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-
-
 def _drop_output() -> None:
     """Point standard output nowhere, so that the interpreter's last flush is silent."""
-    try:
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())
-    except (OSError, ValueError):
-        return
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -13,7 +13,7 @@ from fluidact_fit.options import Option as FamilyOption
 from fluidact_fit.options import describe
 from fluidact_fit.specification import Described, ParameterSpec, Role
 
-from .options import Option
+from .options import Option, flag
 from .parse import Parsed, parse_number, parse_range, parse_text
 
 _PREFIX = "family_option_"
@@ -22,7 +22,9 @@ _WIDTH = 76
 
 def help_text(family: Described) -> str:
     """Return title, equation, roles and parameters of a family."""
-    parts = [family.title + ".", _block(["Equation:", *_indent(family.equation)])]
+    equation = textwrap.wrap(family.equation, _WIDTH, initial_indent="  ",
+                             subsequent_indent="    ", break_long_words=False)  # fmt: skip
+    parts = [family.title + ".", _block(["Equation:", *equation])]
     several = len(family.variants) > 1
     for variant in family.variants:
         of = f" ({variant.name})" if several else ""
@@ -39,11 +41,6 @@ def help_text(family: Described) -> str:
 def _block(lines: Iterable[str]) -> str:
     """A paragraph that click leaves as it is."""
     return "\n".join(["\b", *lines])
-
-
-def _indent(text: str) -> list[str]:
-    return textwrap.wrap(text, _WIDTH, initial_indent="  ", subsequent_indent="    ",
-                         break_long_words=False)  # fmt: skip
 
 
 def _definitions(rows: Iterable[tuple[str, str]]) -> list[str]:
@@ -64,8 +61,7 @@ def _role(role: Role) -> tuple[str, str]:
         f"default hold {role.hold}" if role.hold else "",
         "compared with the model" if role.output else "",
     ]
-    said = "; ".join(text for text in remarks if text)
-    return role.name, f"[{unit}] {role.description}" + (f" ({said})" if said else "")
+    return role.name, f"[{unit}] {role.description}{_in_brackets(remarks)}"
 
 
 def _parameter(spec: ParameterSpec) -> tuple[str, str]:
@@ -76,8 +72,12 @@ def _parameter(spec: ParameterSpec) -> tuple[str, str]:
         f"not below {spec.minimum:g}" if math.isfinite(spec.minimum) else "",
         f"not above {spec.maximum:g}" if math.isfinite(spec.maximum) else "",
     ]
+    return spec.name, f"[{spec.unit}] {rank}{spec.description}{_in_brackets(remarks)}"
+
+
+def _in_brackets(remarks: Iterable[str]) -> str:
     said = "; ".join(text for text in remarks if text)
-    return spec.name, f"[{spec.unit}] {rank}{spec.description}" + (f" ({said})" if said else "")
+    return f" ({said})" if said else ""
 
 
 def family_options(family: Described) -> list[click.Parameter]:
@@ -86,20 +86,19 @@ def family_options(family: Described) -> list[click.Parameter]:
 
 
 def _option(option: FamilyOption) -> Option:
-    name, dest = f"--{option.name}", _PREFIX + option.name.replace("-", "_")
-    default = "" if option.default is None else f" Default: {_shown(option)}."
+    yes, no = f"--{option.name}", f"--no-{option.name}"
+    dest = _PREFIX + option.name.replace("-", "_")
+    default = option.default
+    if isinstance(default, bool):
+        default = yes if default else no
     unit = f" [{option.unit}]" if option.unit else ""
-    text = option.help[:1].upper() + option.help[1:].rstrip(".") + unit + "." + default
+    text = option.help[:1].upper() + option.help[1:].rstrip(".") + unit + "."
+    if default is not None:
+        text += f" Default: {default}."
     if option.kind == "flag":
-        flag = name if option.default is False else f"{name}/--no-{option.name}"
-        return Option([flag, dest], is_flag=True, default=None, help=text, group="Model")
-    return Option([name, dest], type=_type(option), help=text, group="Model")
-
-
-def _shown(option: FamilyOption) -> str:
-    if option.kind == "flag":
-        return f"--{option.name}" if option.default else f"--no-{option.name}"
-    return str(option.default)
+        return flag(yes if option.default is False else f"{yes}/{no}", dest,
+                    default=None, help=text, group="Model")  # fmt: skip
+    return Option([yes, dest], type=_type(option), help=text, group="Model")
 
 
 def _type(option: FamilyOption) -> click.ParamType[Any]:

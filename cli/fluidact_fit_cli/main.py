@@ -14,6 +14,7 @@ from fluidact_fit import __version__
 from fluidact_fit.families import family_names, family_title
 
 from .errors import Invocation, run_guarded
+from .options import debug_option
 
 # Command, the module in ``commands``, and its line in the list.
 _COMMANDS = {
@@ -78,23 +79,13 @@ program = Program(
     help="System identification for fluid-powered actuators: CSV logs in, parameter files out.",
     epilog=_EPILOG,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    params=[
-        click.Option(
-            ["--debug"], is_flag=True, expose_value=False, help="Show a traceback on an error."
-        )
-    ],
+    params=[debug_option()],
 )
 click.version_option(__version__, prog_name="fluidact-fit", message="%(prog)s %(version)s")(program)
 
 
 def run(args: Sequence[str]) -> int:
-    """Run the program and return its exit status.
-
-    Parameters
-    ----------
-    args
-        The command line without the program's name.
-    """
+    """Run the program with the words after its name and return its exit status."""
     invocation = Invocation(tuple(args))
     return run_guarded(
         lambda: program.main(

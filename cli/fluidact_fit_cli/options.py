@@ -61,63 +61,58 @@ class Command(click.Command):
                 formatter.write_dl(records)
 
 
-def _assignment(
+def parsed(
     option: str, form: str, example: str, parse: Callable[[str], Any], help_text: str, group: str
 ) -> Option:
+    """An option whose value is in a small language."""
+    return Option([option], type=Parsed(form, f"{option} {example}", parse), help=help_text,
+                  group=group)  # fmt: skip
+
+
+def assignment(
+    option: str, form: str, example: str, parse: Callable[[str], Any], help_text: str, group: str
+) -> Option:
+    """An option ``KEY=VALUE`` that may be repeated."""
     kind = Assigned(form, f"{option} {example}", parse)
     return Option([option], type=kind, multiple=True, callback=collect, help=help_text, group=group)
-
-
-def logs_argument() -> click.Argument:
-    """One or several logs."""
-    return click.Argument(["logs"], metavar="LOG...", nargs=-1, required=True)
 
 
 def reading_options() -> list[click.Parameter]:
     """How columns become roles: what every command that reads logs has."""
     group = "Reading the log"
-    seconds = Parsed("SECONDS", "--sample-time 0.001", parse_positive)
     return [
-        _assignment("--column", "ROLE=HEADER", "force='F [N]' (or force=#3)", parse_text,
-                    "The column of a role, by header or as #N, counted from 1. Default: the column "
-                    "named like the role. Some of several logs may lack the column of an optional "
-                    "role. Repeatable.", group),
-        _assignment("--unit", "ROLE=UNIT", "position=mm", parse_text,
-                    "Unit of a role; overrides that of the header. Without either, SI.", group),
-        _assignment("--scale", "ROLE=FACTOR", "torque=-1", parse_factor,
-                    "Factor for the raw column: a sensor gain, or -1 to reverse the sign.", group),
-        Option(["--sample-time"], type=seconds, group=group,
-               help="Time from one sample to the next, for logs without a time column."),
-        _assignment("--step", "ROLE=FROM:TO[@T]", "command=0:2.5@0.1", parse_step,
-                    "For an input that was not recorded: constant at FROM, then constant at TO (in "
-                    "its --unit, or SI) from T seconds on (default 0).", group),
-        Option(["--window"], type=Parsed("START:END", "--window 0.5:3", parse_window), group=group,
-               help="Part of the log to use, in seconds; either side may be empty."),
-        hold_option(group),
+        assignment("--column", "ROLE=HEADER", "force='F [N]' (or force=#3)", parse_text,
+                   "The column of a role, by header or as #N, counted from 1. Default: the column "
+                   "named like the role. Some of several logs may lack the column of an optional "
+                   "role. Repeatable.", group),
+        assignment("--unit", "ROLE=UNIT", "position=mm", parse_text,
+                   "Unit of a role; overrides that of the header. Without either, SI.", group),
+        assignment("--scale", "ROLE=FACTOR", "torque=-1", parse_factor,
+                   "Factor for the raw column: a sensor gain, or -1 to reverse the sign.", group),
+        parsed("--sample-time", "SECONDS", "0.001", parse_positive,
+               "Time from one sample to the next, for logs without a time column.", group),
+        assignment("--step", "ROLE=FROM:TO[@T]", "command=0:2.5@0.1", parse_step,
+                   "For an input that was not recorded: constant at FROM, then constant at TO (in "
+                   "its --unit, or SI) from T seconds on (default 0).", group),
+        parsed("--window", "START:END", "0.5:3", parse_window,
+               "Part of the log to use, in seconds; either side may be empty.", group),
+        assignment("--hold", "ROLE=zoh|foh|smooth|auto", "force=foh", parse_hold,
+                   "How an input behaves between its samples: zoh is held, foh follows straight "
+                   "lines, smooth a smooth curve through the samples; auto chooses foh or smooth "
+                   "(zoh for a signal of two levels), and the file says which.", group),
     ]  # fmt: skip
-
-
-def hold_option(group: str) -> Option:
-    """How inputs move between samples."""
-    return _assignment(
-        "--hold", "ROLE=zoh|foh|smooth|auto", "force=foh", parse_hold,
-        "How an input behaves between its samples: zoh is held, foh follows straight lines, "
-        "smooth a smooth curve through the samples; auto chooses foh or smooth (zoh for a signal "
-        "of two levels), and the file says which.",
-        group,
-    )  # fmt: skip
 
 
 def parameter_options() -> list[click.Parameter]:
     """What is known of the parameters beforehand."""
     group = "Parameters"
     return [
-        _assignment("--fix", "NAME=VALUE", "dead_time=0", parse_number,
-                    "Hold a parameter at a value (SI).", group),
-        _assignment("--start", "NAME=VALUE", "mass=50", parse_number,
-                    "Where the search begins (SI).", group),
-        _assignment("--bounds", "NAME=LOW:HIGH", "damping_ratio=0.1:2", parse_range,
-                    "Range of a parameter (SI).", group),
+        assignment("--fix", "NAME=VALUE", "dead_time=0", parse_number,
+                   "Hold a parameter at a value (SI).", group),
+        assignment("--start", "NAME=VALUE", "mass=50", parse_number,
+                   "Where the search begins (SI).", group),
+        assignment("--bounds", "NAME=LOW:HIGH", "damping_ratio=0.1:2", parse_range,
+                   "Range of a parameter (SI).", group),
     ]  # fmt: skip
 
 
@@ -125,43 +120,42 @@ def verbosity_options() -> list[click.Parameter]:
     """How much is printed."""
     group = "Messages"
     return [
-        Option(["--quiet", "-q"], is_flag=True, group=group, help="Print nothing but errors."),
-        Option(["--verbose", "-v"], is_flag=True, group=group, help="Print more."),
+        flag("--quiet", "-q", group=group, help="Print nothing but errors."),
+        flag("--verbose", "-v", group=group, help="Print more."),
         debug_option(),
     ]
 
 
-def debug_option() -> click.Parameter:
+def flag(*names: str, group: str, help: str, **more: Any) -> Option:
+    """An option without a value."""
+    return Option(names, is_flag=True, group=group, help=help, **more)
+
+
+def debug_option() -> Option:
     """Traceback on an error; looked up on the raw command line (see ``errors``)."""
-    return Option(["--debug"], is_flag=True, expose_value=False, group="Messages",
-                  help="Show a traceback on an error.")  # fmt: skip
+    return flag("--debug", group="Messages", help="Show a traceback on an error.",
+                expose_value=False)  # fmt: skip
 
 
-def json_option(what: str) -> click.Parameter:
+def force_option() -> Option:
+    """Whether ``-o`` and the like may replace files."""
+    return flag("--force", "-f", group="Output", help="Replace existing files.")
+
+
+def json_option(what: str) -> Option:
     """The result as JSON."""
-    return Option(["--json", "as_json"], is_flag=True, group="Output",
-                  help=f"{what} as JSON on standard output, and nothing else.")  # fmt: skip
-
-
-def reading_arguments(params: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keyword arguments of ``read_log`` that the options give."""
-    from fluidact_fit.logs import StepInput
-
-    found = {name: dict(params.get(key) or {}) for key, name in _ROLE_OPTIONS.items()}
-    found["steps"] = {role: StepInput(*step) for role, step in found["steps"].items()}
-    return {
-        **found,
-        "sample_time": params.get("sample_time"),
-        "window": params.get("window"),
-    }
+    return flag("--json", "as_json", group="Output",
+                help=f"{what} as JSON on standard output, and nothing else.")  # fmt: skip
 
 
 def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
     """Read logs with the options of the command line."""
-    from fluidact_fit.logs import read_log
+    from fluidact_fit.logs import StepInput, read_log
 
-    arguments = reading_arguments(params)
-    return [read_log(path, **arguments) for path in paths]
+    by_role = {keyword: params[option] for option, keyword in _ROLE_OPTIONS.items()}
+    by_role["steps"] = {role: StepInput(*step) for role, step in params["step"].items()}
+    sample_time, window = params["sample_time"], params["window"]
+    return [read_log(p, sample_time=sample_time, window=window, **by_role) for p in paths]
 
 
 def check_role_names(params: Mapping[str, Any], known: Iterable[str]) -> None:
@@ -173,7 +167,7 @@ def check_role_names(params: Mapping[str, Any], known: Iterable[str]) -> None:
         With the closest name and those there are.
     """
     for option in _ROLE_OPTIONS:
-        check_names(f"--{option}", "role", params.get(option) or {}, known)
+        check_names(f"--{option}", "role", params[option], known)
 
 
 def check_names(option: str, noun: str, given: Iterable[str], known: Iterable[str]) -> None:

@@ -4,42 +4,26 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from fluidact_fit.errors import OutputError, UsageError
 
-_PICTURES = (".png", ".pdf", ".svg")
+_SUFFIXES = {"--plot": (".png", ".pdf", ".svg"), "--report": (".html", ".htm")}
 
 
-@dataclass(frozen=True)
-class Target:
-    """A file that an option asks for."""
-
-    option: str
-    path: str
-    suffixes: tuple[str, ...] = ()
-
-
-def parameter_target(path: str) -> Target:
-    """The parameter file of ``-o``."""
-    return Target("-o", path)
-
-
-def picture_target(path: str) -> Target:
-    """The picture of ``--plot``."""
-    return Target("--plot", path, _PICTURES)
-
-
-def page_target(path: str) -> Target:
-    """The page of ``--report``."""
-    return Target("--report", path, (".html", ".htm"))
-
-
-def check_targets(targets: Iterable[Target], inputs: Iterable[str], force: bool) -> None:
+def check_targets(targets: Mapping[str, str], inputs: Iterable[str], force: bool) -> None:
     """Refuse outputs that cannot be written, before any work is done.
+
+    Parameters
+    ----------
+    targets
+        Option to the path it asks for.
+    inputs
+        Files that are read.
+    force
+        Whether files may be replaced.
 
     Raises
     ------
@@ -50,61 +34,58 @@ def check_targets(targets: Iterable[Target], inputs: Iterable[str], force: bool)
     """
     read = {os.path.realpath(path) for path in inputs}
     seen: dict[str, str] = {}
-    for target in targets:
-        _check_name(target)
-        real = os.path.realpath(target.path)
+    for option, path in targets.items():
+        _check_name(option, path)
+        real = os.path.realpath(path)
         if real in read:
             raise UsageError(
-                f"{target.option} {target.path} is one of the files read and would be overwritten.",
+                f"{option} {path} is one of the files read and would be overwritten.",
                 remedy="Give another name.",
             )
         if real in seen:
             raise UsageError(
-                f"{seen[real]} and {target.option} both name {target.path}.",
+                f"{seen[real]} and {option} both name {path}.",
                 remedy="Give two different files.",
             )
-        seen[real] = target.option
-        _check_place(target, force)
+        seen[real] = option
+        _check_place(option, path, force)
 
 
-def _check_name(target: Target) -> None:
-    if target.path == "-":
+def _check_name(option: str, path: str) -> None:
+    if path == "-":
         raise UsageError(
-            f"{target.option} - is not supported.",
+            f"{option} - is not supported.",
             remedy="Give a file name, or --json to have the result on standard output.",
         )
-    if not target.path.strip() or "\0" in target.path:
-        raise UsageError(f"{target.option} has no file name.", remedy="Give one.")
-    if target.suffixes and Path(target.path).suffix.lower() not in target.suffixes:
-        known = ", ".join(target.suffixes)
+    if not path.strip() or "\0" in path:
+        raise UsageError(f"{option} has no file name.", remedy="Give one.")
+    suffixes = _SUFFIXES.get(option)
+    if suffixes and Path(path).suffix.lower() not in suffixes:
         raise UsageError(
-            f"{target.option} {target.path} has an unknown suffix.",
-            expected=f"Expected one of {known}.",
-            remedy=f"Give for example {target.option} {Path(target.path).stem or 'fit'}"
-            f"{target.suffixes[0]}.",
+            f"{option} {path} has an unknown suffix.",
+            expected=f"Expected one of {', '.join(suffixes)}.",
+            remedy=f"Give for example {option} {Path(path).stem or 'fit'}{suffixes[0]}.",
         )
 
 
-def _check_place(target: Target, force: bool) -> None:
-    if os.path.isdir(target.path):
+def _check_place(option: str, path: str, force: bool) -> None:
+    if os.path.isdir(path):
+        raise UsageError(f"{option} {path} is a directory.", remedy="Give a file name inside it.")
+    if os.path.isfile(path) and not force:
         raise UsageError(
-            f"{target.option} {target.path} is a directory.", remedy="Give a file name inside it."
+            f"{path} exists already and was kept.",
+            remedy=f"Give --force to replace it, or another name with {option}.",
         )
-    if os.path.isfile(target.path) and not force:
-        raise UsageError(
-            f"{target.path} exists already and was kept.",
-            remedy=f"Give --force to replace it, or another name with {target.option}.",
-        )
-    parent = os.path.dirname(os.path.realpath(target.path))
+    parent = os.path.dirname(os.path.realpath(path))
     if not os.path.isdir(parent):
         raise UsageError(
-            f"{target.option} {target.path}: there is no directory {os.path.dirname(target.path)}.",
+            f"{option} {path}: there is no directory {os.path.dirname(path)}.",
             remedy="Create it first, or give another name.",
         )
-    if not os.path.exists(target.path) and not os.access(parent, os.W_OK):
+    if not os.path.exists(path) and not os.access(parent, os.W_OK):
         raise OutputError(
             "cannot be written: no permission for its directory.",
-            where=target.path,
+            where=path,
             remedy="Check the permissions of the directory, or give another name.",
         )
 
@@ -117,7 +98,7 @@ def render(path: str, write: Callable[[Path], object]) -> bytes:
         return temporary.read_bytes()
 
 
-def write_all(contents: dict[str, bytes | str], force: bool) -> None:
+def write_all(contents: Mapping[str, bytes | str], force: bool) -> None:
     """Write files, each whole; when one fails, those that were new are removed again.
 
     Raises

@@ -50,26 +50,27 @@ def parse_factor(text: str) -> float:
     return value
 
 
-def parse_range(text: str) -> tuple[float, float]:
-    """Return ``LOW:HIGH`` in increasing order."""
-    low, colon, high = text.partition(":")
+def _split(text: str) -> tuple[str, str]:
+    before, colon, after = text.partition(":")
     if not colon:
         raise ValueError(f"'{text}' has no colon")
-    pair = parse_number(low), parse_number(high)
-    if pair[0] >= pair[1]:
-        raise ValueError(f"{pair[0]:g} is not below {pair[1]:g}")
-    return pair
+    return before.strip(), after.strip()
+
+
+def parse_range(text: str) -> tuple[float, float]:
+    """Return ``LOW:HIGH`` in increasing order."""
+    low, high = map(parse_number, _split(text))
+    if low >= high:
+        raise ValueError(f"{low:g} is not below {high:g}")
+    return low, high
 
 
 def parse_window(text: str) -> tuple[float | None, float | None]:
     """Return ``START:END``; a side that is empty is ``None``."""
-    start, colon, end = text.partition(":")
-    if not colon:
-        raise ValueError(f"'{text}' has no colon")
-    if not start.strip() and not end.strip():
+    sides = _split(text)
+    if not any(sides):
         raise ValueError("both sides are empty")
-    low = parse_number(start) if start.strip() else None
-    high = parse_number(end) if end.strip() else None
+    low, high = (parse_number(side) if side else None for side in sides)
     if low is not None and high is not None and low >= high:
         raise ValueError(f"{low:g} is not before {high:g}")
     return low, high
@@ -77,10 +78,8 @@ def parse_window(text: str) -> tuple[float | None, float | None]:
 
 def parse_step(text: str) -> tuple[float, float, float]:
     """Return ``FROM:TO[@T]``; without ``@T`` the step is at 0 s."""
-    levels, at, instant = text.partition("@")
-    start, colon, end = levels.partition(":")
-    if not colon:
-        raise ValueError(f"'{text}' has no colon")
+    start, rest = _split(text)
+    end, at, instant = rest.partition("@")
     return parse_number(start), parse_number(end), parse_number(instant) if at else 0.0
 
 
@@ -121,16 +120,16 @@ class Parsed(ParamType):
         if not isinstance(value, str):
             return value
         try:
-            return self.parse(value)
+            return self.read(value)
         except ValueError as error:
-            raise self._wrong(value, str(error), param, ctx) from None
+            why = str(error)
+            what = why if why.startswith(f"'{value}'") else f"'{value}': {why}"
+            text = f"{what}.\nExpected {self.name}, for example {self.example}"
+            raise click.BadParameter(text, ctx=ctx, param=param) from None
 
-    def _wrong(
-        self, value: str, why: str, param: click.Parameter | None, ctx: click.Context | None
-    ) -> click.BadParameter:
-        what = why if why.startswith(f"'{value}'") else f"'{value}': {why}"
-        text = f"{what}.\nExpected {self.name}, for example {self.example}"
-        return click.BadParameter(text, ctx=ctx, param=param)
+    def read(self, text: str) -> Any:
+        """The value; raises ``ValueError``."""
+        return self.parse(text)
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
         """The form, as written."""
@@ -140,19 +139,14 @@ class Parsed(ParamType):
 class Assigned(Parsed):
     """``KEY=VALUE`` with a value in a small language."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return key and parsed value."""
-        if not isinstance(value, str):
-            return value
-        key, sign, text = value.partition("=")
-        try:
-            if not sign:
-                raise ValueError("there is no '='")
-            if not key.strip():
-                raise ValueError("there is nothing before the '='")
-            return key.strip(), self.parse(text)
-        except ValueError as error:
-            raise self._wrong(value, str(error), param, ctx) from None
+    def read(self, text: str) -> tuple[str, Any]:
+        """Key and value; raises ``ValueError``."""
+        key, sign, value = text.partition("=")
+        if not sign:
+            raise ValueError("there is no '='")
+        if not key.strip():
+            raise ValueError("there is nothing before the '='")
+        return key.strip(), self.parse(value)
 
 
 def collect(ctx: click.Context, param: click.Parameter, value: Any) -> dict[str, Any]:

@@ -37,7 +37,7 @@ class Progress:
             click.echo(f"{message} ... ({now - self.begun:.0f} s)", err=True)
             self.last = now
 
-    def clear(self) -> None:
+    def close(self) -> None:
         """Remove the line."""
         if self.shown:
             click.echo("\r\x1b[K", nl=False, err=True)

@@ -10,7 +10,6 @@ from typing import Any
 import click
 
 _MOST_ROWS = 24  # of one list parameter
-
 _MANY_RUNS = 10  # more than fit on a screen beside the table
 
 
@@ -33,23 +32,22 @@ def format_spread(spread: float | None) -> str:
     return "" if spread is None else format_number(spread, spread)
 
 
-def align(rows: Sequence[Sequence[str]], right: Iterable[int] = ()) -> list[str]:
-    """Return a table as lines, columns aligned; ``right`` lists right-aligned columns."""
-    flush = set(right)
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return [
-        "  ".join(
-            cell.rjust(width) if i in flush else cell.ljust(width)
+def format_interval(ends: Sequence[float] | None, spread: float | None) -> str:
+    """Return a confidence interval with the digits of the standard error."""
+    if ends is None:
+        return ""
+    return f"[{format_number(ends[0], spread)}, {format_number(ends[1], spread)}]"
+
+
+def echo_table(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> None:
+    """Print a table, columns aligned; ``right`` lists right-aligned columns."""
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    for row in rows:
+        cells = [
+            cell.rjust(width) if i in right else cell.ljust(width)
             for i, (cell, width) in enumerate(zip(row, widths))
-        ).rstrip()
-        for row in rows
-    ]
-
-
-def echo_table(rows: Sequence[Sequence[str]], right: Iterable[int] = ()) -> None:
-    """Print a table."""
-    for line in align(rows, right):
-        click.echo(line)
+        ]
+        click.echo("  ".join(cells).rstrip())
 
 
 def echo_json(document: Any) -> None:
@@ -81,18 +79,13 @@ def quantity_rows(quantities: Mapping[str, Mapping[str, Any]]) -> list[list[str]
     return rows
 
 
-def _row(
-    name: str, value: float, spread: Any, interval: Any, entry: Mapping[str, Any]
-) -> list[str]:
-    ends = ""
-    if interval is not None:
-        ends = f"[{format_number(interval[0], spread)}, {format_number(interval[1], spread)}]"
+def _row(name: str, value: float, spread: Any, ends: Any, entry: Mapping[str, Any]) -> list[str]:
     return [
         name,
         format_number(value, spread),
         f"± {format_spread(spread)}" if spread else "",
         entry["unit"],
-        ends,
+        format_interval(ends, spread),
         str(entry.get("status") or "").replace("_", " "),
     ]
 
@@ -107,11 +100,12 @@ def echo_parameters(document: Mapping[str, Any], verbose: bool = False) -> None:
         )
     echo_table([head, *rows], right=(1,))
     fit = document["fit"]
-    percent = fit.get("fit_percent")
-    click.echo(f"\nfit {percent:.2f} %   " if percent is not None else "\n", nl=False)
-    rmse = fit["rmse"]
-    click.echo(f"rmse {rmse['value']:.4g} {rmse['unit']}   samples {fit['samples']}   ", nl=False)
-    click.echo(f"verdict {fit['verdict'].upper()}")
+    percent, rmse = fit.get("fit_percent"), fit["rmse"]
+    agreement = "" if percent is None else f"fit {percent:.2f} %   "
+    click.echo(
+        f"\n{agreement}rmse {rmse['value']:.4g} {rmse['unit']}   samples {fit['samples']}   "
+        f"verdict {fit['verdict'].upper()}"
+    )
     logs = fit.get("logs", [])
     if len(logs) > _MANY_RUNS and not verbose:
         worst = min(logs, key=lambda entry: entry.get("fit_percent", 100.0))

@@ -50,17 +50,13 @@ def _fit(attack: Attack, paths: list[Path]) -> Result:
 
     def end(verdict: str, **more: Any) -> Result:
         seconds = time.process_time() - began
-        return Result(
-            attack.family, attack.group, attack.name, verdict, seconds=seconds, **more
-        )
+        return Result(attack.family, attack.group, attack.name, verdict, seconds=seconds, **more)
 
     signal.signal(signal.SIGVTALRM, stop)
     signal.setitimer(signal.ITIMER_VIRTUAL, LIMIT)
     began = time.process_time()
     try:
-        found = ff.fit(
-            attack.family, paths, hold=attack.hold, fixed=attack.fixed, **attack.options
-        )
+        found = ff.fit(attack.family, paths, hold=attack.hold, fixed=attack.fixed, **attack.options)
     except (ff.NotIdentifiedError, ff.LogError, ff.UsageError) as error:
         return end("refused", message=str(error), wrongly_refused=tuple(sorted(attack.determined)))
     except _TooLong:

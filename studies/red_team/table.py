@@ -51,9 +51,10 @@ def page(results: Sequence[Result], seconds: float) -> str:
     bad = [r for r in results if r.silent or r.verdict in ("crash", "endless")]
     asked = sum(len(g) for g in groups.values())
     refused = sum(bool(r.wrongly_refused) for r in results)
+    silent, broken = sum(bool(r.silent) for r in results), len([r for r in bad if not r.silent])
     summary = (
-        f"{asked} runs in {seconds:.0f} s: {sum(bool(r.silent) for r in results)} wrong in silence, "
-        f"{refused} falsely refused, {sum(r.verdict in ('crash', 'endless') for r in results)} "
+        f"{asked} runs in {seconds:.0f} s: {silent} wrong in silence, {refused} falsely refused, "
+        f"{broken} "
         f"broken or endless, slowest {max((r.seconds for r in results), default=0.0):.1f} s."
     )
     failures = ["", "## What failed", "", *(f"- {shown(r)}" for r in bad)] if bad else []

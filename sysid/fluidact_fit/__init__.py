@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from .version import __version__
 
 if TYPE_CHECKING:
-    from .control import load
+    from .control import load, read_document
     from .errors import (
         FluidactError,
         LogError,
@@ -30,52 +30,29 @@ if TYPE_CHECKING:
         UsageError,
     )
     from .families import family_names, get_family
-    from .files import read_document
     from .fitting import fit
     from .logs import Log, StepInput, read_log
     from .result import FitResult
 
-_HOMES = {
-    "load": "control",
-    **dict.fromkeys(
-        (
-            "FluidactError", "LogError", "MismatchError", "NotIdentifiedError", "Notice",
-            "OutputError", "ParameterFileError", "StrictError", "UnitError", "UsageError",
-        ),
-        "errors",
+_NAMES = {
+    "control": ("load", "read_document"),
+    "errors": (
+        "FluidactError", "LogError", "MismatchError", "NotIdentifiedError", "Notice",
+        "OutputError", "ParameterFileError", "StrictError", "UnitError", "UsageError",
     ),
-    "family_names": "families",
-    "get_family": "families",
-    "fit": "fitting",
-    "Log": "logs",
-    "StepInput": "logs",
-    "read_log": "logs",
-    "read_document": "files",
-    "FitResult": "result",
+    "families": ("family_names", "get_family"),
+    "fitting": ("fit",),
+    "logs": ("Log", "StepInput", "read_log"),
+    "result": ("FitResult",),
 }  # fmt: skip
+_HOMES = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "FitResult",
-    "FluidactError",
-    "Log",
-    "LogError",
-    "MismatchError",
-    "NotIdentifiedError",
-    "Notice",
-    "OutputError",
-    "ParameterFileError",
-    "StepInput",
-    "StrictError",
-    "UnitError",
-    "UsageError",
-    "__version__",
-    "family_names",
-    "fit",
-    "get_family",
-    "load",
-    "read_document",
+    "FitResult", "FluidactError", "Log", "LogError", "MismatchError", "NotIdentifiedError",
+    "Notice", "OutputError", "ParameterFileError", "StepInput", "StrictError", "UnitError",
+    "UsageError", "__version__", "family_names", "fit", "get_family", "load", "read_document",
     "read_log",
-]
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
-from typing import Any, NamedTuple
+from copy import copy
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -205,3 +206,44 @@ class Block(ABC):
         -------
         (n,) [SI unit of the output]
         """
+
+
+class SteppedBlock(Block):
+    """A block that steps once per sample.
+
+    Attributes
+    ----------
+    sample_time
+        Period of :meth:`step` [s]; 0 when the file holds none.
+    """
+
+    def __init__(self, document: ParameterDocument, variant: Variant) -> None:
+        super().__init__(document, variant)
+        self.sample_time = float(document.model.get("discrete", {}).get("sample_time", 0.0))
+        self._begin()
+
+    def with_sample_time(self, sample_time: float) -> Self:
+        """Return the same model, at rest, stepping at another period [s]."""
+        if not (np.isfinite(sample_time) and sample_time > 0.0):
+            raise UsageError(f"sample_time {sample_time!r} is not a positive number")
+        other = copy(self)
+        other.parameters = copy(self.parameters)
+        other.sample_time = float(sample_time)
+        other._begin()
+        return other
+
+    def _need_sample_time(self, missing: str) -> None:
+        """Raise where the file holds none; ``missing`` is what it lacks."""
+        if self.sample_time <= 0.0:
+            raise UsageError(
+                f"the parameter file holds no {missing}",
+                remedy="Use with_sample_time(...), or fit with --controller-sample-time.",
+            )
+
+    @abstractmethod
+    def _begin(self) -> None:
+        """Be at rest, as before the first step."""
+
+    @abstractmethod
+    def step(self, value: float) -> float:
+        """Take the input of this sample and return the output at the same instant."""

@@ -70,9 +70,8 @@ class Check:
     notices: tuple[Notice, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain mappings, lists, text and numbers."""
-        found = asdict(self)
-        return {**found, **{k: list(found[k]) for k in ("reasons", "logs", "drifts", "notices")}}
+        """Return plain mappings, tuples, text and numbers."""
+        return asdict(self)
 
 
 def check_logs(
@@ -111,14 +110,16 @@ def check_logs(
     runs, notices = prepare_logs(document, logs)
     _require_output(runs, variant)
     simulations = simulate_runs(document, runs)
-    say("fitting again")
-    try:
-        drifts = _compare(document.quantities(), refit(document, logs, progress=progress))
-    except NotIdentifiedError as error:
-        text = " ".join(error.text.split())
-        message = f"only the simulation was compared, not the parameters: {text}"
-        notices.append(Notice("not-compared", message))
-        drifts = ()
+    drifts: tuple[Drift, ...] = ()
+    before = document.quantities()
+    if any(q.std_error is not None for q in before.values() if q.status == "estimated"):
+        say("fitting again")
+        try:
+            drifts = _compare(before, refit(document, logs, progress=progress))
+        except NotIdentifiedError as error:
+            text = " ".join(error.text.split())
+            message = f"only the simulation was compared, not the parameters: {text}"
+            notices.append(Notice("not-compared", message))
     checks = tuple(_check_log(document, s, variant) for s in simulations)
     reasons = _reasons(checks, drifts)
     return Check(
@@ -141,15 +142,8 @@ def _check_log(document: ParameterDocument, simulation: Simulation, variant: Var
     found = simulation.agreement
     signal = simulation.experiment.signals[variant.output.name]
     limit = RMSE_FACTOR * document.fit.rmse.value + signal.resolution
-    return LogCheck(
-        file=simulation.experiment.name,
-        samples=found.samples,
-        rmse=found.rmse,
-        limit=limit,
-        unit=signal.unit,
-        fit_percent=found.fit_percent,
-        within=found.rmse <= limit,
-    )
+    return LogCheck(simulation.experiment.name, found.samples, found.rmse, limit, signal.unit,
+                    found.fit_percent, found.rmse <= limit)  # fmt: skip
 
 
 def _compare(before: Mapping[str, Quantity], now: Mapping[str, Quantity]) -> tuple[Drift, ...]:
@@ -159,19 +153,15 @@ def _compare(before: Mapping[str, Quantity], now: Mapping[str, Quantity]) -> tup
         new = now.get(name)
         if new is None or old.status != "estimated" or new.status != "estimated":
             continue
-        parts = [np.atleast_1d(np.asarray(q, dtype=float)) for q in (
-            old.value, new.value, _errors(old), _errors(new))]  # fmt: skip
+        errors = ([] if q.std_error is None else q.std_error for q in (old, new))
+        parts = [np.atleast_1d(np.asarray(q, dtype=float)) for q in (old.value, new.value, *errors)]
         if len({p.shape for p in parts}) > 1 or parts[0].ndim > 1:
             continue
         labels = [name] if parts[0].size == 1 else [f"{name}[{i}]" for i in range(parts[0].size)]
         for label, a, b, error_a, error_b in zip(labels, *parts):
-            if math.hypot(error_a, error_b) > 0.0:
-                drifts.append(_drift(label, old.unit, a, b, math.hypot(error_a, error_b)))
+            if (error := math.hypot(error_a, error_b)) > 0.0:
+                drifts.append(_drift(label, old.unit, a, b, error))
     return tuple(drifts)
-
-
-def _errors(quantity: Quantity) -> Any:
-    return [] if quantity.std_error is None else quantity.std_error
 
 
 def _drift(name: str, unit: str, before: float, now: float, error: float) -> Drift:

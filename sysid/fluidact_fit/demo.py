@@ -82,13 +82,7 @@ def find_datasets() -> Path:
 
 
 def load_dataset(family: str) -> Dataset:
-    """Return the dataset of a family with its truth.
-
-    Parameters
-    ----------
-    family
-        Name of the family, for example ``"line"``.
-    """
+    """Return the dataset of a family with its truth."""
     from .parameters import read_yaml
 
     folder = find_datasets() / family
@@ -125,6 +119,8 @@ def run_demo(directory: str | Path, echo: Callable[[str], None], *, overwrite: b
     OutputError
         When the directory cannot be written, or holds results already.
     """
+    from .report import plot_result, save_figure
+
     directory = Path(directory)
     _check_directory(directory, overwrite)
     rows: list[Row] = []
@@ -132,21 +128,19 @@ def run_demo(directory: str | Path, echo: Callable[[str], None], *, overwrite: b
         dataset = load_dataset(name)
         echo(f"fitting {name} ({len(dataset.logs)} logs)")
         result = fit(name, dataset.read(), **dataset.options)
-        _write(result, directory, overwrite)
+        result.save(directory / f"{name}.yaml", overwrite=overwrite)
+        save_figure(plot_result(result), directory / f"{name}.png")
         rows += compare(dataset, result)
-    echo("")
-    for line in format_table(rows):
-        echo(line)
-    missed = sum(not row.good for row in rows)
-    echo("")
-    echo(f"parameter files and pictures: {directory}")
+    missed, number = sum(not row.good for row in rows), len(rows)
     if missed:
-        echo(
-            f"{missed} of {len(rows)} true values were missed (by over {ALLOWED:g} standard errors)"
+        found = (
+            f"{missed} of {number} true values were missed (by over {ALLOWED:g} standard errors)"
         )
-        return 1
-    echo(f"all {len(rows)} true values lie within {ALLOWED:g} standard errors")
-    return 0
+    else:
+        found = f"all {number} true values lie within {ALLOWED:g} standard errors"
+    for line in ("", *format_table(rows), "", f"parameter files and pictures: {directory}", found):
+        echo(line)
+    return int(missed > 0)
 
 
 def compare(dataset: Dataset, result: FitResult) -> list[Row]:
@@ -186,8 +180,7 @@ def _compare_curve(dataset: Dataset, result: FitResult, fit_percent: str) -> Row
         for values in (truth, result.estimate.values)
     ]
     distance = float(np.max(np.abs(curves[0] - curves[1])))
-    tolerance = dataset.curve["tolerance"]
-    unit = dataset.curve["unit"]
+    tolerance, unit = dataset.curve["tolerance"], dataset.curve["unit"]
     stated, estimate = f"± {tolerance:g} {unit}", f"off by {distance:.3g} {unit} at most"
     cells = (dataset.family, "curve", stated, estimate, "-", fit_percent)
     return Row(cells, distance <= tolerance)
@@ -212,13 +205,6 @@ def _check_directory(directory: Path, overwrite: bool) -> None:
             where=str(directory),
             remedy="Give another directory, or remove the files of the earlier run.",
         )
-
-
-def _write(result: FitResult, directory: Path, overwrite: bool) -> None:
-    from .report import plot_result, save_figure
-
-    result.save(directory / f"{result.family}.yaml", overwrite=overwrite)
-    save_figure(plot_result(result), directory / f"{result.family}.png")
 
 
 def format_table(rows: Sequence[Row]) -> list[str]:

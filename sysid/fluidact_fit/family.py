@@ -23,25 +23,10 @@ from .parameters.document import ParameterDocument
 from .specification import ParameterSpec, Quantity, Role, Status, Value, Variant, scalars
 
 __all__ = [
-    "Block",
-    "Curve",
-    "Estimate",
-    "Excitation",
-    "Family",
-    "FamilyOptions",
-    "Information",
-    "ParameterDocument",
-    "ParameterSpec",
-    "Quantity",
-    "Request",
-    "Role",
-    "Simulated",
-    "StaticView",
-    "Status",
-    "Value",
-    "Variant",
-    "scalars",
-]
+    "Block", "Curve", "Estimate", "Excitation", "Family", "FamilyOptions", "Information",
+    "ParameterDocument", "ParameterSpec", "Quantity", "Request", "Role", "Simulated",
+    "StaticView", "Status", "Value", "Variant", "scalars",
+]  # fmt: skip
 
 OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
 # what is only read may hold the options of any family

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from .family import (
     Variant,
 )
 from .logs import Log, provenance
-from .outcome import Simulation, agreement
+from .outcome import Simulation, agreement, pair
 from .parameters import make_document
 from .version import __version__
 
@@ -39,33 +40,35 @@ class Findings:
     request: Request[FamilyOptions]
     estimate: Estimate[FamilyOptions]
 
-    def simulate(
-        self, experiments: Sequence[Experiment], offset: float | None = None
-    ) -> list[Simulated]:
-        """What the model gives with the values and options that are written."""
+    @cached_property
+    def simulated(self) -> list[Simulated]:
+        """What the model gives for the logs, with the values and options that are written."""
         e = self.estimate
-        return self.family.simulate(self.variant, e.values, experiments, e.options, offset)
+        return self.family.simulate(self.variant, e.values, self.experiments, e.options)
 
-    def compare(
-        self, experiments: Sequence[Experiment], found: Sequence[Simulated]
-    ) -> list[Simulation]:
-        """Simulations beside what was measured."""
-        output = self.variant.output.name
-        return [Simulation.of(e, s, output) for e, s in zip(experiments, found, strict=True)]
+    @cached_property
+    def fitted(self) -> list[Simulation]:
+        """The same, beside what was measured."""
+        return pair(self.experiments, self.simulated, self.variant)
 
+    @cached_property
+    def offset(self) -> float | None:
+        """Offset of the output at rest, mean over all samples; ``None`` where it means nothing."""
+        known = [(s.offset, s.experiment.samples) for s in self.fitted if s.offset is not None]
+        if not self.family.steady_offset or not known:
+            return None
+        offsets, samples = zip(*known)
+        return float(np.average(offsets, weights=samples))
 
-def mean_offset(family: Family[FamilyOptions], fitted: Sequence[Simulation]) -> float | None:
-    """Offset of the output at rest, mean over all samples; ``None`` where it means nothing."""
-    known = [(s.offset, s.experiment.samples) for s in fitted if s.offset is not None]
-    if not family.steady_offset or not known:
-        return None
-    offsets, samples = zip(*known)
-    return float(np.average(offsets, weights=samples))
+    def validate(self, others: Sequence[Experiment]) -> list[Simulation]:
+        """Simulate runs that were not fitted."""
+        e = self.estimate
+        found = self.family.simulate(self.variant, e.values, others, e.options, self.offset)
+        return pair(others, found, self.variant)
 
 
 def make_parameter_document(
     found: Findings,
-    fitted: Sequence[Simulation],
     validation: Sequence[Simulation],
     notices: Sequence[Notice],
     sample_time: float | None,
@@ -73,23 +76,22 @@ def make_parameter_document(
 ) -> tuple[ParameterDocument, list[Notice]]:
     """Assemble and check the parameter document; returns it with all warnings."""
     family, variant, estimate, request = found.family, found.variant, found.estimate, found.request
-    unit = found.experiments[0].signals[variant.output.name].unit
+    fitted = found.fitted
+    output = variant.output.name
+    unit = found.experiments[0].signals[output].unit
     declared = {role for log in found.logs for role in log.holds}
     details, warned = diagnose(family, variant, estimate, fitted, declared)
     overall = agreement([s.measured for s in fitted], [s.simulated for s in fitted])
     white = residual_whiteness(fitted, len(estimate.covariance_order))
-    notices = _distinct([*notices, *estimate.notices, *warned])
+    notices = list(dict.fromkeys([*notices, *estimate.notices, *warned]))
     verdict, reasons = judge(overall, notices, details.get("residual_to_noise"), white)
-    every = _distinct([*notices, *reasons])
-    period = sample_time
-    if period is None:
-        period = min((e.sample_time for e in found.experiments), default=0.0)
+    every = list(dict.fromkeys([*notices, *reasons]))
+    period = min(e.sample_time for e in found.experiments) if sample_time is None else sample_time
     model = family.model(
         variant, estimate.values, estimate.options, float(period), _hold(variant, fitted)
     )
-    offset = mean_offset(family, fitted)
-    if offset is not None:
-        model["output_offset"] = offset
+    if found.offset is not None:
+        model["output_offset"] = found.offset
     document = {
         "format": "fluidact-parameters",
         "format_version": 1,
@@ -108,18 +110,14 @@ def make_parameter_document(
             "samples": overall.samples,
             "rmse": {"value": overall.rmse, "unit": unit},
             "fit_percent": overall.fit_percent,
-            "residual_whiteness": {
-                "statistic": white.statistic,
-                "p_value": white.p_value,
-                "lags": white.lags,
-            },
+            "residual_whiteness": asdict(white),
             "verdict": verdict,
             "logs": [_log_entry(s, unit) for s in fitted],
             "details": {
                 **estimate.details,
                 **details,
                 "residual_sum_of_squares": overall.sum_of_squares,
-                "output_resolution": _resolution(variant, fitted),
+                "output_resolution": max(e.signals[output].resolution for e in found.experiments),
             },
         },
         "validation": [_log_entry(s, unit) for s in validation],
@@ -134,29 +132,15 @@ def make_parameter_document(
                 for i, log in enumerate(found.logs)
             ],
             "options": {
-                key: {k: list(v) if isinstance(v, tuple) else v for k, v in given.items()}
-                for key, given in (
-                    ("fixed", request.fixed),
-                    ("start", request.start),
-                    ("bounds", request.bounds),
-                )
-                if given
+                key: getattr(request, key)
+                for key in ("fixed", "start", "bounds")
+                if getattr(request, key)
             },
         },
     }
     if not estimate.covariance_order:
         del document["covariance"]
     return make_document(document, get_family), every
-
-
-def _distinct(notices: Sequence[Notice]) -> list[Notice]:
-    return list(dict.fromkeys(notices))
-
-
-def _resolution(variant: Variant, fitted: Sequence[Simulation]) -> float:
-    """Coarsest step of a converter that the logs show in the output [SI]."""
-    name = variant.output.name
-    return max(s.experiment.signals[name].resolution for s in fitted)
 
 
 def _hold(variant: Variant, fitted: Sequence[Simulation]) -> Hold:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -15,13 +14,13 @@ from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
 from .family import Estimate, Family, FamilyOptions, ParameterDocument, Quantity, Request, Variant
-from .findings import Findings, make_parameter_document, mean_offset
-from .logs import Log, choose_variant, read_log, share_columns
+from .findings import Findings, make_parameter_document
+from .logs import Log, choose_variant, share_columns
 from .logs import experiments as experiments_of
 from .outcome import Simulation
 from .result import FitResult
+from .simulation import LogLike, open_logs
 
-LogLike = Log | str | PathLike[str]
 _FEWEST = 8  # samples of a log that is fitted or judged
 
 
@@ -78,11 +77,10 @@ def fit(
         With what was found, where, and what to do.
     """
     chosen = get_family(family)
-    given = [logs] if isinstance(logs, Log | str | PathLike) else list(logs)
+    given = open_logs(logs)
     if not given:
         raise UsageError("no log was given", remedy="Give at least one CSV file.")
-    judged = [_open(log, hold) for log in validate]
-    together = share_columns([*(_open(log, hold) for log in given), *judged])
+    together = share_columns(_hold([*given, *open_logs(validate)], hold or {}))
     opened, judged = together[: len(given)], together[len(given) :]
     request = Request(
         options=chosen.options_type.read(options),
@@ -96,21 +94,20 @@ def fit(
     experiments, notices = _prepare(opened, variant)
     estimate = _estimate(chosen, variant, experiments, request)
     found = Findings(chosen, variant, opened, experiments, request, estimate)
-    raw = found.simulate(experiments)
-    simulated = found.compare(experiments, raw)
     validation: list[Simulation] = []
     if judged:
         # their inputs move as those of the fit were settled to
         holds = {r: x.hold for r, x in experiments[0].signals.items() if x.hold is not None}
-        others, more = _prepare([_open(log, holds) for log in judged], variant)
+        others, more = _prepare(_hold(judged, holds), variant)
         notices += more
-        offset = mean_offset(chosen, simulated)
-        validation = found.compare(others, found.simulate(others, offset))
+        validation = found.validate(others)
     document, said = make_parameter_document(
-        found, simulated, validation, notices, controller_sample_time, command
+        found, validation, notices, controller_sample_time, command
     )
-    view = chosen.static_view(variant, estimate.values, experiments, raw, estimate.options)
-    return FitResult(family, variant, estimate, simulated, validation, document, said, view)
+    view = chosen.static_view(
+        variant, estimate.values, experiments, found.simulated, estimate.options
+    )
+    return FitResult(family, variant, estimate, found.fitted, validation, document, said, view)
 
 
 def _numbers(option: str, given: Mapping[str, float] | None) -> dict[str, float]:
@@ -201,9 +198,8 @@ def _estimate(
         ) from error
 
 
-def _open(log: LogLike, hold: Mapping[str, str] | None) -> Log:
-    opened = log if isinstance(log, Log) else read_log(log)
-    return replace(opened, holds={**opened.holds, **hold}) if hold else opened
+def _hold(logs: Sequence[Log], holds: Mapping[str, str]) -> list[Log]:
+    return [replace(log, holds={**log.holds, **holds}) for log in logs]
 
 
 def _prepare(logs: Sequence[Log], variant: Variant) -> tuple[list[Experiment], list[Notice]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Literal
 
@@ -34,13 +35,8 @@ class Code:
     remedy: str
 
 
-def _information(meaning: str, remedy: str) -> Code:
-    return Code("information", meaning, remedy)
-
-
-def _warning(meaning: str, remedy: str) -> Code:
-    return Code("warning", meaning, remedy)
-
+_information = partial(Code, "information")
+_warning = partial(Code, "warning")
 
 _READING = {
     "constant-signal": _warning(

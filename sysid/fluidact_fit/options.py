@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from typing import Any, Literal, Self
 
@@ -50,6 +50,9 @@ class Option:
         What text it has to be, in words.
     settled
         Found by the fit and kept in the file; nothing a user gives.
+    frees
+        Parameter that is estimated where the choice is ``"estimate"`` and has its neutral
+        value otherwise.
     """
 
     name: str
@@ -64,6 +67,7 @@ class Option:
     check: Callable[[str], str] | None = None
     form: str = ""
     settled: bool = False
+    frees: str = ""
 
     @property
     def expected(self) -> str:
@@ -77,9 +81,8 @@ class Option:
             words.append(f"not below {self.minimum:g}")
         if math.isfinite(self.maximum):
             words.append(f"not above {self.maximum:g}")
-        return " ".join((words[0], ", ".join(words[1:]))).strip() + (
-            f" [{self.unit}]" if self.unit else ""
-        )
+        unit = f" [{self.unit}]" if self.unit else ""
+        return " ".join((words[0], ", ".join(words[1:]))).strip() + unit
 
     def read(self, value: Any) -> Any:
         """Return the value in its proper type.
@@ -91,19 +94,17 @@ class Option:
         """
         if value is None:
             return None
-        if self.kind == "choice":
-            if value not in self.choices:
-                raise ValueError("there is no such choice")
-            return value
-        if self.kind == "flag":
-            if not isinstance(value, bool):
-                raise ValueError("neither true nor false")
-            return value
         if self.kind == "text":
             return self._read_text(value)
         if self.kind == "range":
             return self._read_range(value)
-        return self._read_number(value)
+        if self.kind in ("float", "int"):
+            return self._read_number(value)
+        if self.kind == "choice" and value not in self.choices:
+            raise ValueError("there is no such choice")
+        if self.kind == "flag" and not isinstance(value, bool):
+            raise ValueError("neither true nor false")
+        return value
 
     def _read_text(self, value: Any) -> str:
         if isinstance(value, bool) or not isinstance(value, str | int):
@@ -138,33 +139,19 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def choice(default: str, values: tuple[str, ...], help: str) -> Any:
-    """One word out of several."""
-    return _field("choice", help, default, choices=values)
+def choice(default: str, values: tuple[str, ...], help: str, frees: str = "") -> Any:
+    """One word out of several; ``frees`` names the parameter that ``"estimate"`` frees."""
+    return _field("choice", help, default, choices=values, frees=frees)
 
 
-def number(
-    default: float | None = None,
-    *,
-    help: str,
-    unit: str = "",
-    minimum: float = -math.inf,
-    maximum: float = math.inf,
-    above: float = -math.inf,
-) -> Any:
-    """A number [``unit``] of a closed range, or one above ``above``."""
-    return _field("float", help, default, unit=unit, minimum=minimum, maximum=maximum, above=above)
+def number(default: float | None = None, *, help: str, unit: str = "", **limits: float) -> Any:
+    """A number [``unit``] from ``minimum`` to ``maximum``, or one above ``above``."""
+    return _field("float", help, default, unit=unit, **limits)
 
 
-def whole(
-    default: int | None = None,
-    *,
-    help: str,
-    minimum: float = -math.inf,
-    maximum: float = math.inf,
-) -> Any:
-    """A whole number."""
-    return _field("int", help, default, minimum=minimum, maximum=maximum)
+def whole(default: int | None = None, *, help: str, **limits: float) -> Any:
+    """A whole number from ``minimum`` to ``maximum``."""
+    return _field("int", help, default, **limits)
 
 
 def flag(default: bool | None = None, *, help: str) -> Any:
@@ -199,8 +186,6 @@ def _field(kind: Kind, help: str, default: Any, **more: Any) -> Any:
 
 def describe(options: type[FamilyOptions], *, every: bool = False) -> tuple[Option, ...]:
     """Options of a family in the order of the class; ``every`` adds the settled ones."""
-    from dataclasses import replace
-
     found = (replace(f.metadata["option"], name=f.name.replace("_", "-")) for f in fields(options))
     return tuple(o for o in found if every or not o.settled)
 
@@ -231,11 +216,10 @@ class FamilyOptions:
             key = name.replace("_", "-")
             if key not in known:
                 close = get_close_matches(key, known, 1)
+                options = ", ".join(f"--{n}" for n in known) or "none"
                 raise UsageError(
                     f"there is no option --{key}",
-                    expected="The options are: "
-                    + (", ".join(f"--{n}" for n in known) or "none")
-                    + ".",
+                    expected=f"The options are: {options}.",
                     remedy=f"Did you mean --{close[0]}?" if close else "",
                 )
             try:

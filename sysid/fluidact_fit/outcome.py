@@ -37,10 +37,9 @@ def agreement(measured: Sequence[FloatArray], simulated: Sequence[FloatArray]) -
         spread += float(np.sum((y[used] - y[used].mean()) ** 2))
         samples += int(used.sum())
     rmse = float(np.sqrt(error / max(samples, 1)))
+    fit = 100.0 if error == 0.0 else 0.0
     if spread > 0.0:
         fit = 100.0 * (1.0 - float(np.sqrt(error / spread)))
-    else:
-        fit = 100.0 if error == 0.0 else 0.0
     return Agreement(rmse, fit, samples, error)
 
 
@@ -77,6 +76,11 @@ class Simulation:
         return cls(experiment, simulated, measured, found.offset)
 
     @property
+    def residual(self) -> FloatArray:
+        """Measured less simulated, shape ``(n,)`` [SI]; NaN where a sample was left out."""
+        return self.measured - self.simulated
+
+    @property
     def agreement(self) -> Agreement:
         """Measured against simulated."""
         return agreement([self.measured], [self.simulated])
@@ -90,6 +94,14 @@ class Simulation:
     def left_out(self) -> int:
         """Samples that the model does not claim to describe."""
         return int(np.sum(~np.isfinite(self.measured)))
+
+
+def pair(
+    runs: Sequence[Experiment], found: Sequence[Simulated], variant: Variant
+) -> list[Simulation]:
+    """Put simulations beside what the runs recorded."""
+    output = variant.output.name
+    return [Simulation.of(run, s, output) for run, s in zip(runs, found, strict=True)]
 
 
 @dataclass(frozen=True)

@@ -5,17 +5,15 @@ from __future__ import annotations
 import html
 from collections.abc import Sequence
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .errors import in_python
 from .experiment import FloatArray
 from .family import Quantity
-from .logs import Log, read_log
 from .outcome import Outcome, Simulation
 from .parameters import save_document
-from .simulation import simulate_logs
+from .simulation import LogLike, open_logs, simulate_logs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,13 +53,8 @@ class FitResult(Outcome):
             + ("" if fit.fit_percent is None else f", fit {fit.fit_percent:.2f} %")
         ]
         rows = [_row(name, q) for name, q in self.parameters.items()]
-        widths = [max(len(row[k]) for row in rows) for k in range(3)]
-        lines += [
-            "  "
-            + "  ".join((r[0].ljust(widths[0]), r[1].rjust(widths[1]), r[2].ljust(widths[2])))
-            + f"  {r[3]}"
-            for r in rows
-        ]
+        wide = [max(map(len, column)) for column in zip(*rows)]
+        lines += [f"  {r[0]:{wide[0]}}  {r[1]:>{wide[1]}}  {r[2]:{wide[2]}}  {r[3]}" for r in rows]
         lines += [f"[{n.code}] {in_python(n.message)}" for n in self.notices]
         return "\n".join(lines)
 
@@ -87,9 +80,7 @@ class FitResult(Outcome):
         """
         return save_document(self.document, path, overwrite=overwrite)
 
-    def simulate(
-        self, logs: Log | str | PathLike[str] | Sequence[Log | str | PathLike[str]]
-    ) -> list[Simulation]:
+    def simulate(self, logs: Sequence[LogLike] | LogLike) -> list[Simulation]:
         """Simulate other logs, one entry per run; columns are bound as those of the fit were.
 
         Raises
@@ -97,10 +88,7 @@ class FitResult(Outcome):
         LogError, UsageError
             When a log does not have what the model needs.
         """
-        given = [logs] if isinstance(logs, Log | str | PathLike) else list(logs)
-        return simulate_logs(
-            self.document, [x if isinstance(x, Log) else read_log(x) for x in given]
-        )
+        return simulate_logs(self.document, open_logs(logs))
 
     def plot(self) -> Figure:
         """Return a figure: measured against simulated, residuals, and the curve of a map."""

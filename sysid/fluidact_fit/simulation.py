@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from os import PathLike
 
 import numpy as np
 
 from .errors import LogError, Notice, UsageError
 from .estimation.inputs import settle_holds
-from .experiment import Experiment, FloatArray, Signal
+from .experiment import Experiment, Signal
 from .families import get_family
 from .family import Role, Variant
-from .logs import Log, StepInput, share_columns
+from .logs import Log, StepInput, read_log, share_columns
 from .logs import experiments as experiments_of
 from .logs.columns import find_column
-from .outcome import Simulation
+from .outcome import Simulation, pair
 from .parameters.document import Column, ParameterDocument
 from .units import conversion_factor
 
+LogLike = Log | str | PathLike[str]
 _MOST_SAMPLES = 5_000_000
+
+
+def open_logs(logs: Sequence[LogLike] | LogLike) -> list[Log]:
+    """Read the logs that are given as paths; one need not stand in a list."""
+    given = [logs] if isinstance(logs, Log | str | PathLike) else logs
+    return [log if isinstance(log, Log) else read_log(log) for log in given]
 
 
 def variant_of(document: ParameterDocument) -> Variant:
@@ -121,25 +128,14 @@ def simulate_runs(document: ParameterDocument, runs: Sequence[Experiment]) -> li
     options = family.settled_options(document)
     offset = document.model.get("output_offset")
     found = family.simulate(variant, document.values(), runs, options, offset)
-    return [Simulation.of(e, s, variant.output.name) for e, s in zip(runs, found, strict=True)]
+    return pair(runs, found, variant)
 
 
 def simulate_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Simulation]:
-    """Simulate a document's model with the inputs of logs.
+    """Simulate a document's model with the inputs of logs, one entry per run.
 
-    Everything that the fit settled is read from the file; nothing is settled here.
-
-    Parameters
-    ----------
-    document
-        The parameter file.
-    logs
-        Their output role may be missing; ``measured`` is then NaN.
-
-    Returns
-    -------
-    list of Simulation
-        One per run.
+    Everything that the fit settled is read from the file; nothing is settled here. The logs may
+    lack the output role; ``measured`` is then NaN.
 
     Raises
     ------
@@ -214,29 +210,23 @@ def _step(role: Role, step: StepInput, units: Mapping[str, str]) -> Signal:
 
 def to_csv(document: ParameterDocument, simulations: Sequence[Simulation]) -> str:
     """Return simulations as CSV: time, signals, simulated output; all in SI."""
-    text = io.StringIO()
+    import pandas as pd  # slow to load
+
     output = variant_of(document).output
-    header = f"{output.name}_simulated [{output.unit}]"
-    several = len(simulations) > 1
-    partly = any(0 < s.left_out < s.measured.size for s in simulations)
-    for number, simulation in enumerate(simulations, start=1):
-        columns = {**({"run": np.full(simulation.simulated.shape, number)} if several else {}),
-                   **_columns(simulation.experiment, simulation.simulated, header)}  # fmt: skip
-        if partly:
+    tables = []
+    for simulation in simulations:
+        run = simulation.experiment
+        columns = {"time [s]": run.time} if run.time.size else {}
+        for role, signal in run.signals.items():
+            columns[f"{role} [{signal.unit}]"] = run.sampled(role)
+        columns[f"{output.name}_simulated [{output.unit}]"] = simulation.simulated
+        if any(0 < s.left_out < s.measured.size for s in simulations):
             columns["used"] = np.isfinite(simulation.measured).astype(float)
-        if number == 1:
-            text.write(",".join(columns) + "\n")
-        for row in zip(*columns.values()):
-            text.write(",".join(f"{value:.12g}" for value in row) + "\n")
-    return text.getvalue()
-
-
-def _columns(experiment: Experiment, simulated: FloatArray, header: str) -> dict[str, FloatArray]:
-    """Columns by header, inputs that stepped written out on the samples."""
-    columns: dict[str, FloatArray] = {}
-    if experiment.time.size:
-        columns["time [s]"] = experiment.time
-    for role, signal in experiment.signals.items():
-        columns[f"{role} [{signal.unit}]"] = experiment.sampled(role)
-    columns[header] = simulated
-    return columns
+        tables.append(pd.DataFrame(columns))
+    if len(tables) > 1:
+        for number, table in enumerate(tables, start=1):
+            table.insert(0, "run", number)
+    text: str = pd.concat(tables).to_csv(
+        index=False, float_format="%.12g", na_rep="nan", lineterminator="\n"
+    )
+    return text

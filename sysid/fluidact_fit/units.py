@@ -80,13 +80,12 @@ _FOR_PINT = {"1": "dimensionless"}
 # Suffixes that mean a unit behind an underscore. ``A``, ``a``, ``in``, ``g`` and ``min``
 # are not among them: ``p_A``, ``p_in``, ``motor_a`` and ``x_min`` are names.
 _SUFFIXES = {
-    "rad_s": "rad/s",
-    "deg_s": "deg/s",
-    "mm_s": "mm/s",
-    "m_s": "m/s",
-    **{u: u for u in ("s", "ms", "us", "m", "mm", "cm", "um", "N", "kN", "mN", "Nm", "mNm")},
-    **{u: u for u in ("Pa", "kPa", "MPa", "bar", "mbar", "psi", "V", "mV", "mA", "kg")},
-    **{u: u for u in ("rad", "deg", "rpm")},
+    unit.replace("/", "_"): unit
+    for units in (
+        "rad/s deg/s mm/s m/s s ms us m mm cm um N kN mN Nm mNm",
+        "Pa kPa MPa bar mbar psi V mV mA kg rad deg rpm",
+    )
+    for unit in units.split()
 }
 # One small letter may as well be an index (``valve_m``): believed only where it fits the role.
 _DOUBTFUL_SUFFIXES = {"s", "m"}
@@ -255,11 +254,8 @@ def parse_unit_from_header(header: str) -> tuple[str, str | None]:
 
 def is_doubtful_suffix(header: str) -> bool:
     """Return whether the unit was read from one small letter behind an underscore."""
-    text = header.strip()
-    return (
-        text.rpartition("_")[2] in _DOUBTFUL_SUFFIXES
-        and parse_unit_from_header(text)[1] == text.rpartition("_")[2]
-    )
+    suffix = header.strip().rpartition("_")[2]
+    return suffix in _DOUBTFUL_SUFFIXES and parse_unit_from_header(header)[1] == suffix
 
 
 def _is_unit_in_round_brackets(text: str) -> bool:

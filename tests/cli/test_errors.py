@@ -124,7 +124,7 @@ def test_progress(
     monkeypatch.setattr(sys, "stderr", stream)
     progress = Progress(**options)
     progress("first")
-    progress.clear()
+    progress.close()
     text = stream.getvalue()
     assert shown in text if shown else text == ""
     if terminal and shown:

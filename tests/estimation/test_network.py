@@ -13,19 +13,19 @@ from hypothesis import strategies as st
 from fluidact_fit.estimation.network import (
     Activation,
     Chords,
+    Cost,
     Network,
-    activation_regions,
+    Training,
     cross,
     cross_validate,
-    gradient_interval,
     huber_cost,
     output_and_jacobian,
-    polynomial_fit,
-    polynomial_terms,
     search,
     times,
     train_from,
 )
+from fluidact_fit.families.force_map.results import polynomial_fit, polynomial_terms
+from fluidact_fit.families.force_map.slope_bounds import activation_regions, gradient_interval
 
 
 def make_network(sizes: tuple[int, ...], activation: Activation = "relu", seed: int = 0) -> Network:
@@ -69,7 +69,7 @@ def test_training_finds_the_network_that_made_the_data() -> None:
     rng = np.random.default_rng(2)
     x = rng.uniform(-2.0, 2.0, (2000, 2))
     y = true(x)
-    found = search(x, y / y.std(), (3,), np.random.default_rng(0), decay=1e-9)
+    found = search(x, y / y.std(), Training((3,), decay=1e-9), np.random.default_rng(0))
     error = y.std() * found.best.network(x) - y
     assert np.sqrt(np.mean(error**2)) < 0.02 * y.std()
 
@@ -77,8 +77,8 @@ def test_training_finds_the_network_that_made_the_data() -> None:
 def test_training_is_deterministic() -> None:
     x = np.random.default_rng(0).uniform(-1.0, 1.0, (500, 2))
     y = np.abs(x[:, 0]) + x[:, 1]
-    one, two = (search(x, y, (4,), np.random.default_rng(5)).best.network.vector() for _ in "ab")
-    assert np.array_equal(one, two)
+    one, two = (search(x, y, Training((4,)), np.random.default_rng(5)).best.network for _ in "ab")
+    assert np.array_equal(one.vector(), two.vector())
 
 
 def test_spikes_do_not_pull() -> None:
@@ -87,7 +87,7 @@ def test_spikes_do_not_pull() -> None:
     clean = np.maximum(x[:, 0], 0.0)
     y = clean + 0.01 * rng.standard_normal(3000)
     y[::100] += 20.0
-    found = search(x, y, (2,), np.random.default_rng(0))
+    found = search(x, y, Training((2,)), np.random.default_rng(0))
     assert np.sqrt(np.mean((found.best.network(x) - clean) ** 2)) < 0.05
 
 
@@ -105,9 +105,9 @@ def test_chords_measure_the_deviation_from_a_straight_line() -> None:
 def test_chords_straighten_one_input_only() -> None:
     x = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 2))
     y = np.abs(x[:, 0]) + np.abs(x[:, 1])
-    start = search(x, y, (6,), np.random.default_rng(0)).best.network
+    start = search(x, y, Training((6,)), np.random.default_rng(0)).best.network
     chords = Chords.along(x, 0, 100.0)
-    found = train_from(start, x, y, decay=1e-6, chords=chords)
+    found = train_from(start, x, y, Cost(1e-6, chords=chords))
     assert chords.cost(found.network) / 100.0 < 1e-4 < chords.cost(start) / 100.0
     rest = y - found.network(x)
     assert rest.std() == pytest.approx(np.abs(x[:, 0]).std(), rel=0.1)
@@ -123,7 +123,7 @@ def test_huber_cost_is_smooth_at_the_limit() -> None:
 def test_held_out_rows_are_never_trained() -> None:
     x = np.linspace(-1.0, 1.0, 400)[:, None]
     y = np.where(x[:, 0] > 0.5, 5.0, x[:, 0])  # a jump that only training on it could know
-    error = cross_validate(x, y, [x[:, 0] > 0.5], (3,), 0)
+    error = cross_validate(x, y, [x[:, 0] > 0.5], Training((3,), starts=4, rows=1200), 0)
     assert np.isnan(error[x[:, 0] <= 0.5]).all()
     assert np.abs(error[x[:, 0] > 0.5]).min() > 2.0
 

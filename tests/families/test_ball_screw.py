@@ -11,7 +11,9 @@ import pytest
 from fluidact_fit import NotIdentifiedError
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
+from fluidact_fit.families.ball_screw import brackets
 from fluidact_fit.families.ball_screw.brackets import Bracket, narrowing_edges, search_level
+from fluidact_fit.families.ball_screw.stages import first_stages
 from fluidact_fit.family import Estimate, Request, Simulated
 from fluidact_fit.parameters import make_document
 
@@ -200,6 +202,29 @@ def test_the_search_finds_a_single_level_among_thousands() -> None:
     assert (flat.low, flat.high) == (levels[0], levels[-1])
     ask = counted(lambda x: 1.0, 0)
     assert search_level(ask, levels[:1], 1e-9).value == levels[0]
+
+
+def test_bracketing_ends_when_the_cost_no_longer_falls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Brackets that wander among levels of the same cost, as on a force that was measured."""
+    costs = iter((1.0, 0.9, 0.8999, 0.8998))
+    centres = iter(np.linspace(2e-3, 3e-3, 20))
+    asked: list[float] = []
+
+    def refit(self: brackets._Staircase, values: dict) -> tuple[float, dict]:
+        asked.append(next(costs))
+        return asked[-1], values
+
+    def search(*given: object) -> Bracket:
+        centre = next(centres)
+        return Bracket(centre - 1e-4, centre + 1e-4, centre)
+
+    monkeypatch.setattr(brackets._Staircase, "refit", refit)
+    monkeypatch.setattr(brackets._Staircase, "search", search)
+    stage = first_stages(ROTARY, [drive_log(1, "zoh")], Request(FAMILY.options_type()), False)
+    held, found = brackets.bracket_levels(stage)
+    assert asked == [1.0, 0.9, 0.8999], "a ten-thousandth less is not worth another round"
+    for name, bracket in found.items():
+        assert held.fixed[name] == held.start[name] == bracket.value
 
 
 def test_a_wide_bracket_is_refitted_at_few_levels() -> None:

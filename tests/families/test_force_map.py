@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import fluidact_fit as ff
+from fluidact_fit.check import check_logs
 from fluidact_fit.control import make_block
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.estimation import network
@@ -236,6 +237,18 @@ def test_the_papers_network_trains_with_few_evaluations(monkeypatch: pytest.Monk
 def test_same_seed_same_numbers() -> None:
     again = ff.fit("force-map", [read(1), read(2)])
     assert again.parameters["weights_1"].value == fitted().parameters["weights_1"].value
+
+
+def test_a_check_trains_no_second_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    document = fitted("command").document
+
+    def train(*given: Any) -> None:
+        raise AssertionError("weights have no standard errors to compare")
+
+    monkeypatch.setattr(ForceMap, "estimate", train)
+    found = check_logs(document, [read(2)])
+    assert found.fits, found.reasons
+    assert not found.drifts
 
 
 def test_input_layers_are_compared() -> None:

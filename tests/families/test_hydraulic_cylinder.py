@@ -28,7 +28,7 @@ from fluidact_fit.families.hydraulic_cylinder.equations import (
     effective_command,
     orifice_flow,
 )
-from fluidact_fit.families.hydraulic_cylinder.gray_box import GrayBox, make_gray_log
+from fluidact_fit.families.hydraulic_cylinder.gray_box import GrayBox, GrayLog, make_gray_log
 from fluidact_fit.families.hydraulic_cylinder.gray_search import GrayProblem, solve_gray_box
 from fluidact_fit.logs import StepInput
 from fluidact_fit.result import FitResult
@@ -47,6 +47,10 @@ GIVEN: dict[str, Any] = {
     "mass": 14.54,
     "supply_pressure": 50e5,
 }
+MACHINE = Machine(*(GIVEN[n] for n in (
+    "area_1", "area_2", "dead_volume_1", "dead_volume_2", "mass", "supply_pressure"
+)))  # fmt: skip
+ROLES = ("command", "pressure_1", "pressure_2", "position")
 COLUMNS = {
     "time": "t [s]",
     "command": "u [V]",
@@ -106,7 +110,7 @@ def simulate(
 
 
 def write(path: Path, rows: FloatArray) -> Path:
-    header = "time,command,pressure_1,pressure_2,position"
+    header = ",".join(("time", *ROLES))
     np.savetxt(path, rows, delimiter=",", header=header, comments="", fmt="%.7g")
     return path
 
@@ -144,7 +148,7 @@ def test_loss_brakes_in_both_directions() -> None:
     for chamber in (1, 2):
         for u in (-3.0, 3.0):
             some = (np.array([u]), np.array([2e6]))
-            slow, fast = (chamber_flow(chamber, *some, v, 5e6, 0.0)[0] for v in (values, without))
+            slow, fast = (chamber_flow(chamber, *some, v, MACHINE)[0] for v in (values, without))
             assert 0.0 < slow / fast < 1.0
             assert np.sign(slow) == np.sign(u)
 
@@ -158,7 +162,7 @@ def test_flow_agrees_with_the_generator() -> None:
     for u in (-4.0, -0.5, 0.1, 0.3, 6.0):
         due = generator().flows(u, 1.4e6, 2.3e6)
         found = [
-            chamber_flow(c, np.array([u]), np.array([p]), truth(), 5e6, 0.0)[0]
+            chamber_flow(c, np.array([u]), np.array([p]), truth(), MACHINE)[0]
             for c, p in ((1, 1.4e6), (2, 2.3e6))
         ]
         assert found == pytest.approx(due, rel=1e-9, abs=1e-15)
@@ -169,22 +173,22 @@ def test_rated_flow_shows_that_the_gain_is_per_volt() -> None:
     assert rated / (10.0 * np.sqrt(0.5 * 70e5)) == pytest.approx(truth()["valve_gain_1"], rel=1e-3)
 
 
-def gray_experiment(samples: int = 120) -> Experiment:
-    u = np.where(np.arange(samples) < 60, 1.0, -2.0)
-    rows = simulate(u)
+def gray_log(rows: FloatArray) -> GrayLog:
+    """Rows of time, command, pressures and position as the gray box sees them."""
     t = rows[:, 0]
-    names = ("command", "pressure_1", "pressure_2", "position")
-    signals = {
-        n: Signal(n, t, rows[:, k + 1], "", "zoh" if k == 0 else None) for k, n in enumerate(names)
-    }
-    return Experiment("x", 0, t, signals, 1e-3, True)
+    signals = {n: Signal(n, t, column, "") for n, column in zip(ROLES, rows.T[1:])}
+    return make_gray_log(Experiment("x", 0, t, signals, 1e-3, True), MACHINE)
+
+
+def reversal() -> GrayLog:
+    """A tenth of a second out and back, with noise."""
+    return gray_log(simulate(np.where(np.arange(120) < 60, 1.0, -2.0)))
 
 
 def test_sensitivities_are_the_derivatives_of_the_scheme() -> None:
-    machine = Machine(4.91e-4, 2.37e-4, 1.2446e-4, 9.906e-5, 14.54, 50e5, 0.0)
-    log = make_gray_log(gray_experiment(), machine)
-    box = GrayBox([log], machine, (40.0, 4000.0), segment=40)
-    nodes = box.nodes_of(log)
+    log = reversal()
+    box = GrayBox([log], MACHINE, (35.0, 3600.0), segment=40)
+    nodes = box.nodes_of(log.guess)
     free = ("valve_gain_1", "line_loss_3", "bulk_modulus", "dead_zone_positive", "coulomb")
     states, slopes = box.integrate(log, nodes, truth(), free)
     for k, name in enumerate(free):
@@ -200,12 +204,10 @@ def test_sensitivities_are_the_derivatives_of_the_scheme() -> None:
 
 
 def test_multiple_shooting_comes_from_far_away() -> None:
-    machine = Machine(4.91e-4, 2.37e-4, 1.2446e-4, 9.906e-5, 14.54, 50e5, 0.0)
-    log = make_gray_log(gray_experiment(), machine)
-    box = GrayBox([log], machine, (40.0, 4000.0))
+    box = GrayBox([reversal()], MACHINE, (35.0, 3600.0))
     free = ("valve_gain_1", "valve_gain_2", "bulk_modulus")
     start = {**truth(), "valve_gain_1": 1e-8, "valve_gain_2": 4e-8, "bulk_modulus": 3e8}
-    unknowns = [Unknown(n, 0.0, 0.01 * truth()[n], 100.0 * truth()[n], truth()[n]) for n in free]
+    unknowns = [Unknown(n, 0.01 * truth()[n], 100.0 * truth()[n], truth()[n]) for n in free]
     found = solve_gray_box(GrayProblem(box, unknowns, np.array([2e4, 2e4, 5e-5])), start)
     assert found.converged
     for n in free:
@@ -221,12 +223,8 @@ def slow_triangles(samples: int) -> FloatArray:
 def test_sharp_friction_sticks_and_slips_like_the_generator() -> None:
     """The generator stops the piston by Karnopp's rule, the gray box by a steep slope."""
     rows = exact(slow_triangles(700), fine=150)
-    t = rows[:, 0]
-    names = ("command", "pressure_1", "pressure_2", "position")
-    signals = {n: Signal(n, t, rows[:, k + 1], "") for k, n in enumerate(names)}
-    machine = Machine(4.91e-4, 2.37e-4, 1.2446e-4, 9.906e-5, 14.54, 50e5, 0.0)
-    log = make_gray_log(Experiment("x", 0, t, signals, 1e-3, True), machine)
-    box = GrayBox([log], machine, (45.0, 4600.0))
+    log = gray_log(rows)
+    box = GrayBox([log], MACHINE, (35.0, 3600.0))
     start = np.append(rows[0, 2:], 0.0)
     noise = np.array([2e4, 2e4, 5e-5])
     errors = [
@@ -239,12 +237,8 @@ def test_sharp_friction_sticks_and_slips_like_the_generator() -> None:
 
 def test_short_steps_are_needed_near_rest_only() -> None:
     rows = exact(np.r_[np.full(60, 2.0), np.full(60, -3.0), slow_triangles(300)])
-    t = rows[:, 0]
-    names = ("command", "pressure_1", "pressure_2", "position")
-    signals = {n: Signal(n, t, rows[:, k + 1], "") for k, n in enumerate(names)}
-    machine = Machine(4.91e-4, 2.37e-4, 1.2446e-4, 9.906e-5, 14.54, 50e5, 0.0)
-    log = make_gray_log(Experiment("x", 0, t, signals, 1e-3, True), machine)
-    box = GrayBox([log], machine, (45.0, 4600.0))
+    log = gray_log(rows)
+    box = GrayBox([log], MACHINE, (35.0, 3600.0))
     start = np.append(rows[0, 2:], 0.0)
     some = box.simulate(log, start, truth())
     assert box.scheme.moving < box.scheme.resting
@@ -557,7 +551,7 @@ def test_a_step_of_the_command_starts_from_rest() -> None:
         speed = (y[-1] - y[-101]) / 0.1
         # steady: both flows balance the areas, both pressures the friction
         p1, p2 = steady_pressures(2.0 * sign)
-        due = chamber_flow(1, np.array([2.0 * sign]), np.array([p1]), values(), 5e6, 0.0)[0]
+        due = chamber_flow(1, np.array([2.0 * sign]), np.array([p1]), values(), MACHINE)[0]
         assert speed == pytest.approx(due / GIVEN["area_1"], rel=1e-3)
         assert min(p1, p2) > 0.0
 
@@ -573,10 +567,10 @@ def steady_pressures(u: float) -> tuple[float, float]:
     v, command = values(), np.array([u])
 
     def balance(p1: float) -> tuple[float, float]:
-        speed = chamber_flow(1, command, np.array([p1]), v, 5e6, 0.0)[0] / GIVEN["area_1"]
+        speed = chamber_flow(1, command, np.array([p1]), v, MACHINE)[0] / GIVEN["area_1"]
         friction = v["viscous"] * speed + v["coulomb"] * np.sign(speed)
         p2 = (p1 * GIVEN["area_1"] - friction) / GIVEN["area_2"]
-        other = chamber_flow(2, command, np.array([p2]), v, 5e6, 0.0)[0] / GIVEN["area_2"]
+        other = chamber_flow(2, command, np.array([p2]), v, MACHINE)[0] / GIVEN["area_2"]
         return speed - other, p2
 
     p1 = brentq(lambda p: balance(p)[0], 1e3, 4.999e6)
@@ -623,7 +617,7 @@ def test_without_pressure_dynamics_the_pressure_is_needed(tmp_path: Path) -> Non
     assert np.isfinite(moved).all()
     assert np.ptp(moved[:100]) == 0.0
     v = {n: number(without_mass(), n) for n in GRAY_NAMES if n in without_mass().parameters}
-    due = chamber_flow(1, np.array([2.0]), np.array([12e5]), v, 5e6, 0.0)[0] / GIVEN["area_1"]
+    due = chamber_flow(1, np.array([2.0]), np.array([12e5]), v, MACHINE)[0] / GIVEN["area_1"]
     assert (moved[-1] - moved[500]) / 0.5 == pytest.approx(due)
 
 

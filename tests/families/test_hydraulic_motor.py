@@ -18,7 +18,7 @@ from fluidact_fit.experiment import Experiment, FloatArray, Hold, Signal
 from fluidact_fit.families.hydraulic_motor.block import MotorBlock
 from fluidact_fit.families.hydraulic_motor.equation import MotorModel, play, static_speed
 from fluidact_fit.families.hydraulic_motor.family import HydraulicMotor
-from fluidact_fit.families.hydraulic_motor.options import MotorOptions
+from fluidact_fit.families.hydraulic_motor.fit import MotorOptions
 from fluidact_fit.result import FitResult
 
 REAL = Path(__file__).parents[2] / ".." / "shared" / "data" / "hydraulic_motor"

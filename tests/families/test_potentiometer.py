@@ -16,14 +16,13 @@ from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families import get_family
 from fluidact_fit.families.potentiometer import selection, spread
 from fluidact_fit.families.potentiometer.block import PotentiometerBlock
-from fluidact_fit.families.potentiometer.calibration import rising_share
+from fluidact_fit.families.potentiometer.calibration import Calibration, rising_share
 from fluidact_fit.families.potentiometer.family import Potentiometer
 from fluidact_fit.families.potentiometer.options import PotentiometerOptions
 from fluidact_fit.families.potentiometer.rational_bezier import (
     CurveFit,
     Rows,
     elevate,
-    invert_rational_bezier,
     power_coefficients,
     rational_bezier,
     rational_bezier_slope,
@@ -142,7 +141,8 @@ def test_slope_powers_and_elevation_agree_with_the_curve() -> None:
     np.testing.assert_allclose(rational_bezier_slope(t, p, w), central, rtol=1e-7, atol=1e-8)
     top = np.polynomial.Polynomial(power_coefficients(w * p))
     np.testing.assert_allclose(top(t) / np.polynomial.Polynomial(power_coefficients(w))(t), y)
-    np.testing.assert_allclose(rational_bezier(t, *elevate(p, w)), y)
+    raised = elevate(w)
+    np.testing.assert_allclose(rational_bezier(t, elevate(w * p) / raised, raised), y)
 
 
 increments = st.lists(st.floats(0.01, 1.0), min_size=1, max_size=6)
@@ -162,7 +162,7 @@ def test_inverse_undoes_the_potentiometer(
     }))  # fmt: skip
     x = np.linspace(100.0, 900.0, 41)
     np.testing.assert_allclose(pot.inverse(pot(x)), x, atol=1e-8)
-    t = invert_rational_bezier(pot(x), p, w)
+    t = Calibration(((p, w),), 100.0, 900.0).invert(pot(x), 0.5)
     np.testing.assert_allclose(rational_bezier(t, p, w), pot(x), rtol=1e-13, atol=1e-14)
 
 

@@ -127,6 +127,8 @@ def test_missing_column_lists_what_there_is(tmp_path: Path) -> None:
         run(path, columns={"position": "travl"})
     assert "Did you mean 'travel'?" in str(error.value)
     assert "#2 'force [N]'" in str(error.value)
+    with pytest.raises(LogError, match="no column '#²'"):
+        run(path, columns={"position": "#²"})
     with pytest.raises(LogError, match="no column #9"):
         run(path, columns={"position": "#9"})
     with pytest.raises(LogError, match="no column is named 'position'"):

@@ -54,3 +54,12 @@ def test_a_broken_old_file_is_a_problem_not_a_fault(parameters, lookup, tmp_path
     path.write_text(f"format_version: 0\nparameters: {parameters}\n", encoding="utf-8")
     with pytest.raises(ParameterFileError):
         read_document(path, lookup)
+
+
+@pytest.mark.parametrize("hold", ["[linear]", "{a: 1}", "3"])
+def test_a_hold_that_is_no_text_is_a_problem_not_a_fault(hold, lookup, tmp_path):
+    path = tmp_path / "old.yaml"
+    logs = f"[{{columns: {{force: {{unit: N, hold: {hold}}}}}}}]"
+    path.write_text(f"format_version: 1\nprovenance: {{logs: {logs}}}\n", encoding="utf-8")
+    with pytest.raises(ParameterFileError, match=r"columns\.force\.hold"):
+        read_document(path, lookup)

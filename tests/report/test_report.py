@@ -36,7 +36,7 @@ from fluidact_fit.report.numbers import (
     with_error,
 )
 from fluidact_fit.report.panels import correlation
-from fluidact_fit.report.thinning import envelope
+from fluidact_fit.report.runs import envelope
 from fluidact_fit.result import FitResult
 
 EVIL = '<script>alert(1)</script>&"$x_1$\u4e2d.csv'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,7 +13,6 @@ from ..options import (
     Command,
     check_role_names,
     json_option,
-    logs_argument,
     read_logs,
     reading_options,
     verbosity_options,
@@ -21,33 +21,40 @@ from ..progress import Progress
 from ..show import echo_json, echo_table, echo_warnings, format_number, format_spread
 
 if TYPE_CHECKING:
-    from fluidact_fit.check import Check
-
-_HELP = """Check whether the parameter file PARAMS still describes the machine that recorded LOG.
-
-The columns are those the file was fitted with, unless options say otherwise. Each log is
-simulated with the file's parameters, and the family is fitted again to compare the parameters.
-
-\b
-The model no longer fits (exit status 5) when
-  - the rmse of a log is above twice the file's rmse plus one resolution step of the output, or
-  - a parameter moved by more than 4 combined standard errors and by more than 2 %."""
+    from fluidact_fit.check import Check, Drift
 
 
-def check(params_file: str, logs: tuple[str, ...], as_json: bool, **params: Any) -> None:
-    """Simulate, fit again, compare."""
+@click.command(
+    "check",
+    cls=Command,
+    params=[
+        click.Argument(["params_file"], metavar="PARAMS"),
+        click.Argument(["logs"], metavar="LOG...", nargs=-1, required=True),
+        json_option("The comparison"),
+        *reading_options(),
+        *verbosity_options(),
+    ],
+)
+def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: Any) -> None:
+    """Check whether the parameter file PARAMS still describes the machine that recorded LOG.
+
+    The columns are those the file was fitted with, unless options say otherwise. Each log is
+    simulated with the file's parameters, and the family is fitted again to compare the parameters.
+
+    \b
+    The model no longer fits (exit status 5) when
+      - the rmse of a log is above twice the file's rmse plus one resolution step of the output, or
+      - a parameter moved by more than 4 combined standard errors and by more than 2 %.
+    """
     from fluidact_fit.check import check_logs
-    from fluidact_fit.files import read_document
+    from fluidact_fit.control import read_document
     from fluidact_fit.simulation import variant_of
 
     document = read_document(params_file)
     check_role_names(params, [role.name for role in variant_of(document).roles])
-    progress = Progress(params["quiet"], params["verbose"])
-    try:
+    with closing(Progress(params["quiet"], params["verbose"])) as progress:
         progress("reading")
         found = check_logs(document, read_logs(logs, params), progress=progress)
-    finally:
-        progress.clear()
     if not params["quiet"]:
         echo_warnings(found.notices)
     if as_json:
@@ -66,16 +73,10 @@ def check(params_file: str, logs: tuple[str, ...], as_json: bool, **params: Any)
 def _show(found: Check) -> None:
     head = ["log", "fit", "rmse", "limit", "unit", ""]
     rows = [
-        [
-            log.file,
-            f"{log.fit_percent:.2f} %",
-            f"{log.rmse:.4g}",
-            f"{log.limit:.4g}",
-            log.unit,
-            "" if log.within else "TOO LARGE",
-        ]
+        [log.file, f"{log.fit_percent:.2f} %", f"{log.rmse:.4g}", f"{log.limit:.4g}", log.unit,
+         "" if log.within else "TOO LARGE"]
         for log in found.logs
-    ]
+    ]  # fmt: skip
     echo_table([head, *rows], right=(1, 2, 3))
     if found.drifts:
         click.echo()
@@ -85,7 +86,7 @@ def _show(found: Check) -> None:
         click.echo("\nthe model still fits")
 
 
-def _drift_row(drift: Any) -> list[str]:
+def _drift_row(drift: Drift) -> list[str]:
     return [
         drift.name,
         format_number(drift.before, drift.combined_error),
@@ -96,17 +97,3 @@ def _drift_row(drift: Any) -> list[str]:
         "" if drift.percent is None else f"{drift.percent:+.2f} %",
         "MOVED" if drift.moved else "",
     ]
-
-
-command = Command(
-    "check",
-    params=[
-        click.Argument(["params_file"], metavar="PARAMS"),
-        logs_argument(),
-        json_option("The comparison"),
-        *reading_options(),
-        *verbosity_options(),
-    ],
-    callback=check,
-    help=_HELP,
-)

@@ -8,24 +8,20 @@ import click
 
 from ..options import Command, debug_option
 
-_HELP = """Fit the synthetic logs of every family and compare the results with the truth.
 
-DIRECTORY receives parameter files and pictures (default: fluidact-demo)."""
-
-
-def demo(directory: str) -> int:
-    """Run the demonstration."""
-    from fluidact_fit.demo import run_demo
-
-    return run_demo(Path(directory), click.echo)
-
-
-command = Command(
+@click.command(
     "demo",
+    cls=Command,
     params=[
         click.Argument(["directory"], metavar="[DIRECTORY]", default="fluidact-demo"),
         debug_option(),
     ],
-    callback=demo,
-    help=_HELP,
 )
+def command(directory: str) -> int:
+    """Fit the synthetic logs of every family and compare the results with the truth.
+
+    DIRECTORY receives parameter files and pictures (default: fluidact-demo).
+    """
+    from fluidact_fit.demo import run_demo
+
+    return run_demo(Path(directory), click.echo)

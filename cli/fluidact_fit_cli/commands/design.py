@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -9,37 +10,75 @@ import click
 from fluidact_fit.errors import UsageError
 from fluidact_fit.families import family_names
 
-from ..options import Command, Option, check_names, json_option, verbosity_options
-from ..outputs import Target, check_targets, write_all
-from ..parse import Parsed, parse_positive, parse_range
+from ..options import (
+    Command,
+    Option,
+    check_names,
+    force_option,
+    json_option,
+    parsed,
+    verbosity_options,
+)
+from ..outputs import check_targets, write_all
+from ..parse import parse_positive, parse_range
 from ..progress import Progress
-from ..show import echo_json, echo_table, format_number, format_spread
+from ..show import echo_json, echo_table, format_interval, format_number, format_spread
 
 if TYPE_CHECKING:
     from fluidact_fit.excitation import Design, Forecast
 
-_HELP = """Design the next experiment: the one that best determines the least certain parameter.
-
-Predicts the standard error of every parameter of the file for many excitations within the limits
-(Fisher information at the file's values and noise) and writes the best as a CSV that a controller
-can play. Limits that are not given are what the file's logs covered; all are in SI.
-
-\b
-Examples:
-  fluidact-fit design valve --from valve.yaml -o next.csv
-  fluidact-fit design ball-screw --from drive.yaml --amplitude -0.006:0.006 --stroke 0:200"""
+_LIMITS = "Limits (SI)"
 
 
-def design(
+@click.command(
+    "design",
+    cls=Command,
+    params=[
+        click.Argument(["family"], metavar="FAMILY"),
+        Option(["--from", "params_file"], metavar="PARAMS", required=True, group="Input",
+               help="The parameter file of the present fit."),
+        parsed("--amplitude", "LOW:HIGH", "-12:12", parse_range,
+               "Range of the driving role (default: the file's validity).", _LIMITS),
+        parsed("--rate", "NUMBER", "100", parse_positive,
+               "Largest slope of the driving role, per second (default: no limit).", _LIMITS),
+        parsed("--stroke", "LOW:HIGH", "0:0.05", parse_range,
+               "Range of the output (default: the file's validity).", _LIMITS),
+        parsed("--duration", "SECONDS", "10", parse_positive,
+               "Duration (default: that of the longest log of the file).", _LIMITS),
+        parsed("--sample-time", "SECONDS", "0.01", parse_positive,
+               "Time between samples (default: that of the same log).", _LIMITS),
+        Option(["--criterion"], default="worst", metavar="worst|determinant|PARAMETER",
+               group="Search", help="What to minimise: the worst relative standard error, the "
+               "volume of the confidence region, or the standard error of one parameter."),
+        Option(["--seed"], type=click.IntRange(min=0), default=0, group="Search",
+               help="Seed of the random shapes."),
+        Option(["--output", "-o"], metavar="FILE.csv", group="Output",
+               help="CSV file with the experiment; without it nothing is written."),
+        force_option(),
+        json_option("The prediction"),
+        *verbosity_options(),
+    ],
+)  # fmt: skip
+def command(
     family: str, params_file: str, output: str | None, force: bool, as_json: bool, **params: Any
 ) -> None:
-    """Search, show, write."""
+    """Design the next experiment: the one that best determines the least certain parameter.
+
+    Predicts the standard error of every parameter of the file for many excitations within the
+    limits (Fisher information at the file's values and noise) and writes the best as a CSV that a
+    controller can play. Limits that are not given are what the file's logs covered; all are in SI.
+
+    \b
+    Examples:
+      fluidact-fit design valve --from valve.yaml -o next.csv
+      fluidact-fit design ball-screw --from drive.yaml --amplitude -0.006:0.006 --stroke 0:200
+    """
+    from fluidact_fit.control import read_document
     from fluidact_fit.excitation import design as make_design
-    from fluidact_fit.files import read_document
 
     check_names("FAMILY", "family", [family], family_names())
     if output is not None:
-        check_targets([Target("-o", output)], [params_file], force)
+        check_targets({"-o": output}, [params_file], force)
     document = read_document(params_file)
     if document.family != family:
         raise UsageError(
@@ -47,11 +86,8 @@ def design(
             remedy=f"Give `design {document.family}`, or another file.",
         )
     names = ("amplitude", "rate", "stroke", "duration", "sample_time", "criterion", "seed")
-    progress = Progress(params["quiet"], params["verbose"])
-    try:
+    with closing(Progress(params["quiet"], params["verbose"])) as progress:
         found = make_design(document, progress=progress, **{n: params[n] for n in names})
-    finally:
-        progress.clear()
     if output is not None:
         write_all({output: found.to_csv()}, force)
     if as_json:
@@ -84,46 +120,6 @@ def _row(f: Forecast) -> list[str]:
         f"± {format_spread(f.present)}" if f.present else "not identified",
         f"± {format_spread(f.predicted)}" if f.predicted else "not identified",
         f"{f.ratio:.2g}" if f.ratio is not None else "",
-        _interval(f.present_ci95, f.present),
-        _interval(f.predicted_ci95, f.predicted),
+        format_interval(f.present_ci95, f.present),
+        format_interval(f.predicted_ci95, f.predicted),
     ]
-
-
-def _interval(ends: tuple[float, float] | None, spread: float | None) -> str:
-    if ends is None:
-        return ""
-    return f"[{format_number(ends[0], spread)}, {format_number(ends[1], spread)}]"
-
-
-_LIMITS = "Limits (SI)"
-
-command = Command(
-    "design",
-    params=[
-        click.Argument(["family"], metavar="FAMILY"),
-        Option(["--from", "params_file"], metavar="PARAMS", required=True, group="Input",
-               help="The parameter file of the present fit."),
-        Option(["--amplitude"], type=Parsed("LOW:HIGH", "--amplitude -12:12", parse_range),
-               group=_LIMITS, help="Range of the driving role (default: the file's validity)."),
-        Option(["--rate"], type=Parsed("NUMBER", "--rate 100", parse_positive), group=_LIMITS,
-               help="Largest slope of the driving role, per second (default: no limit)."),
-        Option(["--stroke"], type=Parsed("LOW:HIGH", "--stroke 0:0.05", parse_range),
-               group=_LIMITS, help="Range of the output (default: the file's validity)."),
-        Option(["--duration"], type=Parsed("SECONDS", "--duration 10", parse_positive),
-               group=_LIMITS, help="Duration (default: that of the longest log of the file)."),
-        Option(["--sample-time"], type=Parsed("SECONDS", "--sample-time 0.01", parse_positive),
-               group=_LIMITS, help="Time between samples (default: that of the same log)."),
-        Option(["--criterion"], default="worst", metavar="worst|determinant|PARAMETER",
-               group="Search", help="What to minimise: the worst relative standard error, the "
-               "volume of the confidence region, or the standard error of one parameter."),
-        Option(["--seed"], type=click.IntRange(min=0), default=0, group="Search",
-               help="Seed of the random shapes."),
-        Option(["--output", "-o"], metavar="FILE.csv", group="Output",
-               help="CSV file with the experiment; without it nothing is written."),
-        Option(["--force", "-f"], is_flag=True, group="Output", help="Replace existing files."),
-        json_option("The prediction"),
-        *verbosity_options(),
-    ],
-    callback=design,
-    help=_HELP,
-)  # fmt: skip

@@ -5,37 +5,34 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
+from fluidact_fit.errors import LogError, NotIdentifiedError, StrictError, UsageError
 from fluidact_fit.families import get_family
 
-from ..errors import Invocation, Refused
+from ..errors import Invocation
 from ..family_help import chosen_options, family_options, help_text
 from ..options import (
     Command,
     Option,
     check_names,
     check_role_names,
-    logs_argument,
+    flag,
+    force_option,
     parameter_options,
+    parsed,
     read_logs,
     reading_options,
     verbosity_options,
 )
-from ..outputs import (
-    Target,
-    check_targets,
-    page_target,
-    parameter_target,
-    picture_target,
-    render,
-    write_all,
-)
-from ..parse import Parsed, parse_positive
+from ..outputs import check_targets, render, write_all
+from ..parse import parse_positive
 from ..progress import Progress
 from ..show import echo_json, echo_parameters, echo_warnings
 
@@ -55,7 +52,7 @@ def make_command(name: str) -> click.Command:
     return Command(
         name,
         params=[
-            logs_argument(),
+            click.Argument(["logs"], metavar="LOG...", nargs=-1, required=True),
             *_output_options(name),
             *reading_options(),
             *family_options(family),
@@ -74,16 +71,15 @@ def _output_options(name: str) -> list[click.Parameter]:
     return [
         Option(["--output", "-o"], metavar="FILE", group=group,
                help=f"Parameter file (default {name}.yaml). An existing file is kept unless -f."),
-        Option(["--force", "-f"], is_flag=True, group=group, help="Replace existing files."),
+        force_option(),
         Option(["--plot"], metavar="FILE", group=group,
                help="Picture of measured and simulated output: png, pdf or svg."),
         Option(["--report"], metavar="FILE.html", group=group, help="Report as a web page."),
-        Option(["--json", "as_json"], is_flag=True, group=group,
-               help="The parameter document as JSON on standard output, and nothing else. A file "
-               "is then written only if -o names one."),
-        Option(["--controller-sample-time"], group=group,
-               type=Parsed("SECONDS", "--controller-sample-time 0.002", parse_positive),
-               help="Sample time of the discrete model in the file (default: the log's)."),
+        flag("--json", "as_json", group=group,
+             help="The parameter document as JSON on standard output, and nothing else. A file "
+             "is then written only if -o names one."),
+        parsed("--controller-sample-time", "SECONDS", "0.002", parse_positive,
+               "Sample time of the discrete model in the file (default: the log's).", group),
     ]  # fmt: skip
 
 
@@ -92,10 +88,10 @@ def _judging_options() -> list[click.Parameter]:
     return [
         Option(["--validate"], metavar="LOG", multiple=True, group=group,
                help="A log to validate the result with; it is not fitted. Repeatable."),
-        Option(["--strict"], is_flag=True, group=group,
-               help="Any warning ends the run with exit status 4, and nothing is written."),
-        Option(["--accept-failed"], is_flag=True, group=group,
-               help="Write the file even if the verdict is FAIL; the file says so."),
+        flag("--strict", group=group,
+             help="Any warning ends the run with exit status 4, and nothing is written."),
+        flag("--accept-failed", group=group,
+             help="Write the file even if the verdict is FAIL; the file says so."),
         Option(["--seed"], type=click.IntRange(0, 2**32 - 1), default=0, metavar="N", group=group,
                help="Seed of the random numbers. The same logs, options and seed give the same "
                "result. Default: 0."),
@@ -116,38 +112,35 @@ def run_fit(
         echo_json(result.document.to_dict())
     elif not params["quiet"]:
         echo_parameters(result.document.to_dict(), params["verbose"])
-        click.echo("written to " + ", ".join(target.path for target in targets))
+        click.echo("written to " + ", ".join(targets.values()))
 
 
-def _targets(name: str, params: Mapping[str, Any]) -> list[Target]:
-    """Files to write; the parameter file is the last."""
-    targets = []
-    if params["plot"] is not None:
-        targets.append(picture_target(params["plot"]))
-    if params["report"] is not None:
-        targets.append(page_target(params["report"]))
-    if params["output"] is not None:
-        targets.append(parameter_target(params["output"]))
-    elif not params["as_json"]:
-        targets.append(parameter_target(f"{name}.yaml"))
-    return targets
+def _targets(name: str, params: Mapping[str, Any]) -> dict[str, str]:
+    """Files to write, by option; the parameter file is the last."""
+    output = params["output"]
+    if output is None and not params["as_json"]:
+        output = f"{name}.yaml"
+    asked = {"--plot": params["plot"], "--report": params["report"], "-o": output}
+    return {option: path for option, path in asked.items() if path is not None}
 
 
 def _check_arguments(
-    family: Family[FamilyOptions], params: Mapping[str, Any], targets: Sequence[Target]
+    family: Family[FamilyOptions], params: Mapping[str, Any], targets: Mapping[str, str]
 ) -> None:
     """Refuse what is wrong whatever the logs hold, before any is read."""
-    logs, judged = params["logs"], params["validate"]
+    logs = (*params["logs"], *params["validate"])
     check_role_names(params, [r.name for v in family.variants for r in v.roles])
     _check_parameter_names(family, params)
-    real = [os.path.realpath(path) for path in (*logs, *judged)]
-    for index, path in enumerate((*logs, *judged)):
-        if real[index] in real[:index]:
+    seen = set()
+    for path in logs:
+        real = os.path.realpath(path)
+        if real in seen:
             raise UsageError(
                 f"{path} is given twice.",
                 remedy="Give each log once; a log for --validate must not be fitted as well.",
             )
-    check_targets(targets, (*logs, *judged), params["force"])
+        seen.add(real)
+    check_targets(targets, logs, params["force"])
 
 
 def _check_parameter_names(family: Family[FamilyOptions], params: Mapping[str, Any]) -> None:
@@ -167,25 +160,25 @@ def _fit(
 ) -> FitResult:
     from fluidact_fit.fitting import fit
 
-    progress = Progress(params["quiet"], params["verbose"])
     try:
-        progress("reading")
-        logs = read_logs(params["logs"], params)
-        judged = read_logs(params["validate"], params)
-        progress("fitting")
-        return fit(
-            family.name,
-            logs,
-            fixed=params["fix"],
-            start=params["start"],
-            bounds=params["bounds"],
-            validate=judged,
-            controller_sample_time=params["controller_sample_time"],
-            seed=params["seed"],
-            command=recorded_command(invocation.args, params),
-            progress=progress,
-            **chosen_options(params),
-        )
+        with closing(Progress(params["quiet"], params["verbose"])) as progress:
+            progress("reading")
+            logs = read_logs(params["logs"], params)
+            judged = read_logs(params["validate"], params)
+            progress("fitting")
+            return fit(
+                family.name,
+                logs,
+                fixed=params["fix"],
+                start=params["start"],
+                bounds=params["bounds"],
+                validate=judged,
+                controller_sample_time=params["controller_sample_time"],
+                seed=params["seed"],
+                command=recorded_command(invocation.args, params),
+                progress=progress,
+                **chosen_options(params),
+            )
     except (LogError, NotIdentifiedError) as error:
         if error.where:
             raise
@@ -193,8 +186,6 @@ def _fit(
         raise type(error)(
             error.what, where=names, expected=error.expected, remedy=error.remedy
         ) from error
-    finally:
-        progress.clear()
 
 
 def recorded_command(args: Sequence[str], params: Mapping[str, Any]) -> str:
@@ -203,7 +194,7 @@ def recorded_command(args: Sequence[str], params: Mapping[str, Any]) -> str:
     A parameter file is passed on; the folders of the machine that wrote it are private and
     would make equal runs differ.
     """
-    given = [params.get("output"), params.get("plot"), params.get("report")]
+    given = (params["output"], params["plot"], params["report"])
     paths = [p for p in (*params["logs"], *params["validate"], *given) if p and os.path.isabs(p)]
     words = []
     for arg in args:
@@ -214,47 +205,42 @@ def recorded_command(args: Sequence[str], params: Mapping[str, Any]) -> str:
 
 def _judge(result: FitResult, params: Mapping[str, Any]) -> FitResult:
     """Refuse what may not be written, and mark what is written against the verdict."""
+    said = "\n".join(f"  {n.code}: {n.message}" for n in result.notices)
     if params["strict"] and result.notices:
         count = len(result.notices)
-        raise Refused(
+        raise StrictError(
             f"{count} warning{'s' if count > 1 else ''} under --strict, nothing was written:",
-            expected="\n".join(f"  {n.code}: {n.message}" for n in result.notices),
+            expected=said,
             remedy="Remove the causes, or run without --strict.",
         )
     if result.verdict != "fail":
         return result
     if not params["accept_failed"]:
-        raise Refused(
+        raise StrictError(
             "the verdict is FAIL, nothing was written:",
-            expected="\n".join(f"  {n.code}: {n.message}" for n in result.notices),
+            expected=said,
             remedy="Correct the cause, or give --accept-failed to write the file anyway.",
         )
     return replace(result, document=result.document.model_copy(update={"accepted_failed": True}))
 
 
-def _render(result: FitResult, targets: Sequence[Target]) -> dict[str, bytes | str]:
+def _render(result: FitResult, targets: Mapping[str, str]) -> dict[str, bytes | str]:
     """Return the content of every file."""
     from fluidact_fit.parameters import dump_document
 
     contents: dict[str, bytes | str] = {}
-    for target in targets:
-        if target.option == "--plot":
-            contents[target.path] = _picture(result, target.path)
-        elif target.option == "--report":
-            contents[target.path] = _page(result, target.path)
+    for option, path in targets.items():
+        if option == "-o":
+            contents[path] = dump_document(result.document)
         else:
-            contents[target.path] = dump_document(result.document)
+            contents[path] = render(path, partial(_draw, result, option))
     return contents
 
 
-def _picture(result: FitResult, path: str) -> bytes:
-    from fluidact_fit.report import plot_result, save_figure
+def _draw(result: FitResult, option: str, path: Path) -> None:
+    from fluidact_fit.report import plot_result, save_figure, write_html
 
-    figure = plot_result(result)
-    return render(path, lambda temporary: save_figure(figure, temporary))
-
-
-def _page(result: FitResult, path: str) -> bytes:
-    from fluidact_fit.report import write_html
-
-    return render(path, lambda temporary: write_html(result, temporary, overwrite=True))
+    if option == "--plot":
+        save_figure(plot_result(result), path)
+    else:
+        write_html(result, path, overwrite=True)

@@ -23,22 +23,34 @@ from ..show import echo_json, echo_table, echo_warnings, format_number
 if TYPE_CHECKING:
     from fluidact_fit.logs import Log
 
-_HELP = """Show what is in a LOG and what is wrong with it.
 
-Without --family only --column time=..., --unit time=... and --scale time=... matter: the other
-roles are unknown. With --family it also says whether the log can be fitted."""
+@click.command(
+    "inspect",
+    cls=Command,
+    params=[
+        click.Argument(["log"], metavar="LOG"),
+        Option(["--family"], type=click.Choice(family_names()), metavar="FAMILY", group="Output",
+               help="Also check whether the log can be used for this model family."),
+        json_option("The description"),
+        *reading_options(),
+        *verbosity_options(),
+    ],
+)  # fmt: skip
+def command(log: str, family: str | None, as_json: bool, **params: Any) -> None:
+    """Show what is in a LOG and what is wrong with it.
 
-
-def inspect(log: str, family: str | None, as_json: bool, **params: Any) -> None:
-    """Read a log and describe it."""
+    Without --family only --column time=..., --unit time=... and --scale time=... matter: the other
+    roles are unknown. With --family it also says whether the log can be fitted.
+    """
     from fluidact_fit.errors import Notice
     from fluidact_fit.logs import describe
+    from fluidact_fit.logs.columns import find_column
 
-    known = _known_roles(family)
-    if known is not None:
-        check_role_names(params, known)
+    if family is not None:
+        check_role_names(params, [r.name for v in get_family(family).variants for r in v.roles])
     (read,) = read_logs([log], params)
-    roles = _explicit_roles(read)
+    # Refuses a column that is not there.
+    roles = {find_column(read, role, at).index: role for role, at in read.bindings.items()}
     found = describe(read)
     if family is not None:
         found["family"] = _usable(read, family, found)
@@ -48,19 +60,6 @@ def inspect(log: str, family: str | None, as_json: bool, **params: Any) -> None:
         _show(found, roles)
     if not params["quiet"] and not as_json:
         echo_warnings(Notice(n["code"], n["message"]) for n in found["notices"])
-
-
-def _known_roles(family: str | None) -> list[str] | None:
-    if family is None:
-        return None
-    return [r.name for v in get_family(family).variants for r in v.roles]
-
-
-def _explicit_roles(log: Log) -> dict[int, str]:
-    """Column number to role of the columns that were named; refuses one that is not there."""
-    from fluidact_fit.logs.columns import find_column
-
-    return {find_column(log, role, header).index: role for role, header in log.bindings.items()}
 
 
 def _usable(log: Log, name: str, found: dict[str, Any]) -> dict[str, Any]:
@@ -120,18 +119,3 @@ def _column_row(column: Mapping[str, Any], roles: Mapping[int, str]) -> list[str
         str(column["invalid_cells"] or ""),
         roles.get(column["number"], ""),
     ]
-
-
-command = Command(
-    "inspect",
-    params=[
-        click.Argument(["log"], metavar="LOG"),
-        Option(["--family"], type=click.Choice(family_names()), metavar="FAMILY", group="Output",
-               help="Also check whether the log can be used for this model family."),
-        json_option("The description"),
-        *reading_options(),
-        *verbosity_options(),
-    ],
-    callback=inspect,
-    help=_HELP,
-)  # fmt: skip

@@ -10,44 +10,64 @@ import click
 from ..options import (
     Command,
     Option,
+    assignment,
     check_names,
     check_role_names,
+    force_option,
+    parsed,
     read_logs,
     reading_options,
     verbosity_options,
 )
-from ..outputs import Target, check_targets, write_all
-from ..parse import Assigned, Parsed, collect, parse_positive, parse_step
+from ..outputs import check_targets, write_all
+from ..parse import parse_positive, parse_step
 from ..show import echo_warnings
 
 if TYPE_CHECKING:
     from fluidact_fit.outcome import Simulation
     from fluidact_fit.parameters import ParameterDocument
 
-_HELP = """Simulate the model in PARAMS with the inputs recorded in LOGs, or with --input steps.
 
-Writes CSV with time, inputs, the measured output where the log has one, and the simulated output,
-in SI. The columns of the log are those the file was fitted with, unless options say otherwise.
-Offset and initial state are fitted to the measured output where there is one; else the model
-starts from rest, with the file's offset. A column `used` is 0 for samples that the model does not
-claim to describe, where there are any.
-
-\b
-Examples:
-  fluidact-fit simulate valve.yaml trial1.csv -o simulated.csv
-  fluidact-fit simulate valve.yaml --input command=0:2@0.1 --duration 1 --sample-time 0.001"""
-
-
-def simulate(
+@click.command(
+    "simulate",
+    cls=Command,
+    params=[
+        click.Argument(["params_file"], metavar="PARAMS"),
+        click.Argument(["logs"], metavar="[LOG...]", nargs=-1),
+        Option(["--output", "-o"], metavar="FILE.csv", group="Output",
+               help="CSV file; without it the table goes to standard output."),
+        force_option(),
+        assignment("--input", "ROLE=FROM:TO[@T]", "command=0:2@0.1", parse_step,
+                   "An input that steps from FROM to TO (in its --unit, or SI) at T seconds.",
+                   "Instead of a log"),
+        parsed("--duration", "SECONDS", "2", parse_positive,
+               "How long to simulate (with --sample-time).", "Instead of a log"),
+        *reading_options(),
+        *verbosity_options(),
+    ],
+)  # fmt: skip
+def command(
     params_file: str, logs: tuple[str, ...], output: str | None, force: bool, **params: Any
 ) -> None:
-    """Simulate and write CSV."""
-    from fluidact_fit.files import read_document
+    """Simulate the model in PARAMS with the inputs recorded in LOGs, or with --input steps.
+
+    Writes CSV with time, inputs, the measured output where the log has one, and the simulated
+    output, in SI. The columns of the log are those the file was fitted with, unless options say
+    otherwise. Offset and initial state are fitted to the measured output where there is one; else
+    the model starts from rest, with the file's offset. A column `used` is 0 for samples that the
+    model does not claim to describe, where there are any.
+
+    \b
+    Examples:
+      fluidact-fit simulate valve.yaml trial1.csv -o simulated.csv
+      fluidact-fit simulate valve.yaml --input command=0:2@0.1 --duration 1 --sample-time 0.001
+    """
+    from fluidact_fit.control import read_document
     from fluidact_fit.simulation import to_csv, variant_of
 
     _check_source(logs, params)
     if output is not None:
-        check_targets([Target("-o", output)], [params_file, *logs], force)
+        check_targets({"-o": output}, [params_file, *logs], force)
     document = read_document(params_file)
     roles = [role.name for role in variant_of(document).roles]
     check_role_names(params, roles)
@@ -109,24 +129,3 @@ def _with_steps(document: ParameterDocument, params: Mapping[str, Any]) -> list[
     return simulate_steps(
         document, steps, params["unit"], params["duration"], params["sample_time"]
     )
-
-
-command = Command(
-    "simulate",
-    params=[
-        click.Argument(["params_file"], metavar="PARAMS"),
-        click.Argument(["logs"], metavar="[LOG...]", nargs=-1),
-        Option(["--output", "-o"], metavar="FILE.csv", group="Output",
-               help="CSV file; without it the table goes to standard output."),
-        Option(["--force", "-f"], is_flag=True, group="Output", help="Replace existing files."),
-        Option(["--input"], type=Assigned("ROLE=FROM:TO[@T]", "--input command=0:2@0.1",
-               parse_step), multiple=True, callback=collect, group="Instead of a log",
-               help="An input that steps from FROM to TO (in its --unit, or SI) at T seconds."),
-        Option(["--duration"], type=Parsed("SECONDS", "--duration 2", parse_positive),
-               group="Instead of a log", help="How long to simulate (with --sample-time)."),
-        *reading_options(),
-        *verbosity_options(),
-    ],
-    callback=simulate,
-    help=_HELP,
-)  # fmt: skip

@@ -57,8 +57,13 @@ def simulate(
 
 
 def _log(
-    rng: np.random.Generator, *, truth: Mapping[str, float] = TRUTH, step: float = 0.01,
-    n: int = 1000, sigma: float = 0.01, hold: tuple[float, float] = (0.3, 1.0),
+    rng: np.random.Generator,
+    *,
+    truth: Mapping[str, float] = TRUTH,
+    step: float = 0.01,
+    n: int = 1000,
+    sigma: float = 0.01,
+    hold: tuple[float, float] = (0.3, 1.0),
     spoil: Callable[[Recording, np.random.Generator], Recording] | None = None,
     **machine: float,
 ) -> list[Recording]:

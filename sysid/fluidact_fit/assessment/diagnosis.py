@@ -7,7 +7,7 @@ optimum, with the Jacobian that the fit already has.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from math import erfc, sqrt
 from typing import Any
 
@@ -17,11 +17,11 @@ from ..errors import Notice
 from ..estimation.inputs import choose_hold
 from ..estimation.noise import noise_floor
 from ..estimation.uncertainty import fit_autoregression
-from ..experiment import Experiment, FloatArray, Hold
+from ..experiment import FloatArray, Hold
 from ..family import Estimate, Family, FamilyOptions, Value, Variant
 from ..outcome import Simulation
 from .influence import find_deciding_samples, find_disagreeing_parts
-from .optimum import make_optimum
+from .optimum import Optimum, make_optimum
 from .structure import find_missing_response
 
 _EXAMINATIONS = {
@@ -30,8 +30,14 @@ _EXAMINATIONS = {
     "missing_response": find_missing_response,
 }
 _LAGS = 10
+_SERIES = 50_000  # samples of a run that are correlated
 _DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one
 _LONG = 200_000  # samples beyond which a part of the log is enough
+_WORDS = {
+    "zoh": "held between its samples",
+    "foh": "on straight lines between its samples",
+    "smooth": "on a smooth curve through its samples",
+}
 
 
 def diagnose(
@@ -46,29 +52,31 @@ def diagnose(
     ``fitted`` are the runs simulated with the estimate. ``declared`` are the roles whose hold
     the user has given: those are not questioned, unless the data contradict them.
     """
-    details: dict[str, Any] = {}
-    notices: list[Notice] = []
+    details, notices = _examined(make_optimum(family, variant, estimate, fitted))
     if not all(s.experiment.time.size for s in fitted):
         return details, notices
-    ratio = _noise_or_model(fitted)
-    if ratio is not None:
-        details["residual_to_noise"] = ratio
-    holds, said = _other_holds(family, variant, estimate, fitted, declared)
-    if holds:
-        details["intersample"] = holds
-    notices += said
-    correlation, said = _cross_correlation(variant, fitted)
-    if correlation:
-        details["cross_correlation"] = correlation
-    notices += said
-    at = make_optimum(family, variant, estimate, fitted)
-    if at is not None:
-        for name, examine in _EXAMINATIONS.items():
-            entry, said = examine(at)
-            if entry:
-                details[name] = entry
-            notices += said
-    return details, notices
+    holds, doubts = _other_holds(family, variant, estimate, fitted, declared)
+    correlation, feedback = _cross_correlation(variant, fitted)
+    found = {
+        "residual_to_noise": _noise_or_model(fitted),
+        "intersample": holds,
+        "cross_correlation": correlation,
+        **details,
+    }
+    kept = {key: entry for key, entry in found.items() if entry not in (None, {})}
+    return kept, [*doubts, *feedback, *notices]
+
+
+def _examined(at: Optimum | None) -> tuple[dict[str, Any], list[Notice]]:
+    """What the derivatives of the fit show."""
+    details: dict[str, Any] = {}
+    notices: list[Notice] = []
+    if at is None:
+        return details, notices
+    for name, examine in _EXAMINATIONS.items():
+        details[name], said = examine(at)
+        notices += said
+    return {name: entry for name, entry in details.items() if entry}, notices
 
 
 def _noise_or_model(fitted: Sequence[Simulation]) -> float | None:
@@ -76,27 +84,25 @@ def _noise_or_model(fitted: Sequence[Simulation]) -> float | None:
 
     Near one, the residual is noise. Far above, it is what the model does not describe.
     """
-    error, floor, samples = 0.0, 0.0, 0
+    error, floor = 0.0, 0.0
     for s in fitted:
-        y, r = s.measured, s.measured - s.simulated
-        used = np.isfinite(r)
+        used = np.isfinite(s.residual)
         if used.sum() < 50:
             continue
-        error += float(np.sum(r[used] ** 2))
-        floor += float(used.sum()) * noise_floor(y[used], robust=False) ** 2
-        samples += int(used.sum())
-    if samples == 0 or floor <= 0.0:
-        return None
-    return float(sqrt(error / floor))
+        error += float(np.sum(s.residual[used] ** 2))
+        floor += float(used.sum()) * noise_floor(s.measured[used], robust=False) ** 2
+    return sqrt(error / floor) if floor > 0.0 else None
 
 
 @dataclass(frozen=True)
 class _Shift:
-    """How another hold would change the parameters."""
+    """How another hold would change the parameters, as the file tells it."""
 
+    hold: str
+    other: Hold
     parameter: str
     shift: float
-    deviations: float
+    standard_errors: float
     evidence: float
 
 
@@ -117,25 +123,17 @@ def _other_holds(
         driving = [e for e in experiments if role.name in e and e.signals[role.name].time.size > 1]
         if len(driving) < len(experiments):
             continue
-        now = experiments[0].signals[role.name].hold or "zoh"
-        if now == "zoh":
-            other = choose_hold([e.signals[role.name] for e in experiments])
-            other = "foh" if other == "zoh" else other
-        else:
-            other = "zoh"
+        other: Hold = "zoh"
+        if experiments[0].signals[role.name].hold in (None, "zoh"):
+            smooth = choose_hold([e.signals[role.name] for e in experiments])
+            other = "foh" if smooth == "zoh" else smooth
         found = _shift(family, variant, estimate, fitted, role.name, other)
         if found is None:
             continue
-        table[role.name] = {
-            "hold": now,
-            "other": other,
-            "parameter": found.parameter,
-            "shift": found.shift,
-            "standard_errors": found.deviations,
-            "evidence": found.evidence,
-        }
-        said = _hold_notice(role.name, now, other, found, estimate.values)
-        notices += [n for n in said if n.code == "hold-doubtful" or role.name not in declared]
+        table[role.name] = asdict(found)
+        said = _hold_notice(role.name, found, estimate.values)
+        if said and (said.code == "hold-doubtful" or role.name not in declared):
+            notices.append(said)
     return table, notices
 
 
@@ -153,9 +151,9 @@ def _shift(
         signal = replace(s.experiment.signals[role], hold=other)
         turned.append(replace(s.experiment, signals={**s.experiment.signals, role: signal}))
     again = family.simulate(variant, estimate.values, turned, estimate.options)
-    residuals = [s.measured - a.output for s, a in zip(fitted, again)]
-    before = sum(float(np.sum((s.measured - s.simulated) ** 2)) for s in fitted)
-    j, r = np.vstack(estimate.sensitivity), np.concatenate(residuals)
+    before = sum(float(np.sum(s.residual**2)) for s in fitted)
+    j = np.vstack(estimate.sensitivity)
+    r = np.concatenate([s.measured - a.output for s, a in zip(fitted, again)])
     if j.shape[0] != r.size or j.shape[1] == 0 or not np.all(np.isfinite(r)):
         return None
     scale = np.linalg.norm(j, axis=0)
@@ -167,46 +165,36 @@ def _shift(
     worst = int(np.argmax(np.abs(deviations)))
     evidence = 0.5 * r.size * float(np.log(max(after, 1e-300) / max(before, 1e-300)))
     return _Shift(
-        estimate.covariance_order[worst], float(step[worst]), float(deviations[worst]), evidence
+        fitted[0].experiment.signals[role].hold or "zoh",
+        other,
+        estimate.covariance_order[worst],
+        float(step[worst]),
+        float(deviations[worst]),
+        evidence,
     )
 
 
-def _hold_notice(
-    role: str,
-    now: str,
-    other: str,
-    found: _Shift,
-    values: Mapping[str, Value],
-) -> list[Notice]:
+def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notice | None:
     """A warning when the hold matters and the data do not confirm the one assumed."""
-    if abs(found.deviations) <= 2.0 or found.evidence > _DECISIVE:
-        return []
+    if abs(found.standard_errors) <= 2.0 or found.evidence > _DECISIVE:
+        return None
     value = values[found.parameter.split("[")[0]]
-    share = (
-        f" ({100.0 * found.shift / abs(value):+.1f} %)"
-        if isinstance(value, float) and value
-        else ""
-    )
-    words = {
-        "zoh": "held between its samples",
-        "foh": "on straight lines between its samples",
-        "smooth": "on a smooth curve through its samples",
-    }
-    taken = words[now]
+    share = ""
+    if isinstance(value, float) and value:
+        share = f" ({100.0 * found.shift / abs(value):+.1f} %)"
+    taken, better = _WORDS[found.hold], _WORDS[found.other]
     if found.evidence < -_DECISIVE:
-        lead = f"the data fit better with '{role}' {words[other]} than {taken}, as assumed"
         code = "hold-doubtful"
+        lead = f"the data fit better with '{role}' {better} than {taken}, as assumed"
     else:
-        lead = f"the data cannot tell whether '{role}' is {taken}, as assumed"
         code = "hold-matters"
-    return [
-        Notice(
-            code,
-            f"{lead}; with --hold {role}={other} {found.parameter} would change by "
-            f"{found.shift:+.3g}{share}, {abs(found.deviations):.1f} standard errors. Commands "
-            "are held (zoh), measured signals are not (foh or smooth): state which this is.",
-        )
-    ]
+        lead = f"the data cannot tell whether '{role}' is {taken}, as assumed"
+    return Notice(
+        code,
+        f"{lead}; with --hold {role}={found.other} {found.parameter} would change by "
+        f"{found.shift:+.3g}{share}, {abs(found.standard_errors):.1f} standard errors. Commands "
+        "are held (zoh), measured signals are not (foh or smooth): state which this is.",
+    )
 
 
 def _cross_correlation(
@@ -222,39 +210,34 @@ def _cross_correlation(
     for role in variant.driving:
         past, future, count = np.zeros(_LAGS), np.zeros(_LAGS), 0
         for s in fitted:
-            pair = _whitened(s.experiment, role.name, s.measured - s.simulated)
+            pair = _whitened(s, role.name)
             if pair is None:
                 continue
             u, r = pair
-            n = u.size
-            for k in range(1, _LAGS + 1):
-                past[k - 1] += float(u[:-k] @ r[k:])
-                future[k - 1] += float(u[k:] @ r[:-k])
-            count += n
+            past += [u[:-k] @ r[k:] for k in range(1, _LAGS + 1)]
+            future += [u[k:] @ r[:-k] for k in range(1, _LAGS + 1)]
+            count += u.size
         if count < 200:
             continue
-        before, after = past / sqrt(count), future / sqrt(count)
+        feedback = _significance(future / sqrt(count))
         table[role.name] = {
-            "residual_follows_input": _significance(before),
-            "input_follows_residual": _significance(after),
+            "residual_follows_input": _significance(past / sqrt(count)),
+            "input_follows_residual": feedback,
         }
-        if _significance(after) < 1e-5:
-            lag = int(np.argmax(np.abs(after))) + 1
-            notices.append(_feedback_notice(role.name, lag))
+        if feedback < 1e-5:
+            notices.append(_feedback_notice(role.name, int(np.argmax(np.abs(future))) + 1))
     return table, notices
 
 
-def _whitened(
-    experiment: Experiment, role: str, residual: FloatArray
-) -> tuple[FloatArray, FloatArray] | None:
+def _whitened(run: Simulation, role: str) -> tuple[FloatArray, FloatArray] | None:
     """Innovations of input and residual, of unit variance; None when one has none."""
-    if role not in experiment or experiment.signals[role].time.size != residual.size:
+    residual = run.residual
+    if role not in run.experiment or run.experiment.signals[role].time.size != residual.size:
         return None
-    part = slice(0, min(residual.size, 50_000))
-    if residual.size < 100 or not np.all(np.isfinite(residual[part])):
+    if residual.size < 100 or not np.all(np.isfinite(residual[:_SERIES])):
         return None
     out = []
-    for series in (experiment[role][part], residual[part]):
+    for series in (run.experiment[role][:_SERIES], residual[:_SERIES]):
         centred = series - series.mean()
         a, variance = fit_autoregression([centred], 20)
         innovation = centred.copy()

@@ -63,7 +63,10 @@ def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     odd = np.abs(deviations) > _limit(n, n - p - 1)
     deciding = np.flatnonzero((odd & (most > _MOVES)) | (most > _CARRIES))
     deciding = deciding[np.argsort(-most[deciding])]
-    entry = {"largest_influence": float(most.max()), "largest_leverage": float(leverage.max())}
+    entry: dict[str, Any] = {
+        "largest_influence": float(most.max()),
+        "largest_leverage": float(leverage.max()),
+    }
     if not deciding.size:
         return entry, []
     places = at.places()
@@ -114,26 +117,28 @@ def _notice(found: list[Sample], count: int) -> Notice:
 
 
 def find_disagreeing_parts(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
-    """Compare the halves of the data, and every run with the others."""
-    half = [0 if k < len(at.residuals) / 2 else 1 for k in range(len(at.residuals))]
-    if len(at.residuals) == 1:
-        cut = at.residuals[0].size // 2
-        jacobians = [at.jacobians[0][:cut], at.jacobians[0][cut:]]
-        residuals = [at.residuals[0][:cut], at.residuals[0][cut:]]
-        half = [0, 1]
-    else:
-        jacobians, residuals = list(at.jacobians), list(at.residuals)
+    """Compare the two halves of the data."""
+    jacobians, residuals, half = _halves(at)
     if min(sum(r.size for r, h in zip(residuals, half) if h == k) for k in (0, 1)) < _FEWEST:
         return {}, []
-    drifts, _ = compare_logs(jacobians, residuals, half, at.names)
-    d = drifts[0]
+    drift = compare_logs(jacobians, residuals, half, at.names)[0][0]
     entry = {
-        "halves": {
-            "parameter": d.parameter, "difference": d.difference,
-            "deviations": d.deviations, "p_value": d.p_value,
-        }
-    }  # fmt: skip
-    return entry, [_halves_notice(at, d)] if _telling(at, d) else []
+        "parameter": drift.parameter,
+        "difference": drift.difference,
+        "deviations": drift.deviations,
+        "p_value": drift.p_value,
+    }
+    return {"halves": entry}, [_halves_notice(at, drift)] if _telling(at, drift) else []
+
+
+def _halves(at: Optimum) -> tuple[list[FloatArray], list[FloatArray], list[int]]:
+    """Derivatives and residuals of the parts, and which half each belongs to."""
+    if len(at.residuals) == 1:
+        (j,), (r,) = at.jacobians, at.residuals
+        middle = r.size // 2
+        return [j[:middle], j[middle:]], [r[:middle], r[middle:]], [0, 1]
+    half = [int(2 * k >= len(at.residuals)) for k in range(len(at.residuals))]
+    return list(at.jacobians), list(at.residuals), half
 
 
 def _telling(at: Optimum, d: Drift) -> bool:

@@ -62,6 +62,11 @@ class Optimum:
         ]
 
     @property
+    def sigma(self) -> float:
+        """Root mean square of the residuals [unit of the output]."""
+        return float(np.sqrt(np.mean(np.concatenate(self.residuals) ** 2)))
+
+    @property
     def used(self) -> list[npt.NDArray[np.bool_]]:
         """Which samples of every run were used, shape ``(n_i,)`` each."""
         return [np.isfinite(s.measured) for s in self.fitted]
@@ -105,7 +110,11 @@ def make_optimum(
 ) -> Optimum | None:
     """The fit with its derivatives; ``None`` where it has none to be examined by."""
     residuals = [(s.measured - s.simulated)[np.isfinite(s.measured)] for s in fitted]
-    errors = np.sqrt(np.maximum(np.diag(estimate.covariance), 0.0)) if estimate.covariance.size else np.zeros(0)
+    errors = (
+        np.sqrt(np.maximum(np.diag(estimate.covariance), 0.0))
+        if estimate.covariance.size
+        else np.zeros(0)
+    )
     names = estimate.covariance_order
     if not names or min((r.size for r in residuals), default=0) < 20:
         return None

@@ -1,8 +1,8 @@
 """Is a response missing from the model? One more term at a time, judged without another fit.
 
-Every input may act later or earlier than recorded, the output may lag behind (a filter, a
-transducer, a pole that the model has not) or drift, and a parameter of the family that was not
-asked for may matter. Each of these changes the output in a direction of its own. Where the
+A parameter of the family that was not estimated may matter; every input may act later or
+earlier than recorded; the output may lag behind (a filter, a transducer, a pole that the model
+has not) or drift. Each of these changes the output in a direction of its own. Where the
 residual has a significant part in that direction, and taking it along would move a parameter
 by more than its interval, the interval does not hold what it says and the fit must not pass in
 silence. This is Rao's score test of one added parameter [1]_; residual and directions are
@@ -16,21 +16,23 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
+from ..options import describe
 from .optimum import Optimum, moved
 
 _SIGNIFICANT = 5.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
+_PREFERRED = 0.8  # share of the best significance at which a parameter of the family is named
 _LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
 _SHIFT = 0.1  # sample times by which an input is moved to see what a delay does
+_SMALL = 0.3  # standard deviations of the residual by which a parameter is moved
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
 
 
@@ -38,15 +40,16 @@ _OWN = 1e-3  # part of a direction that the parameters must leave over to tell i
 class Term:
     """One thing that the model may lack.
 
-    ``columns`` are its directions in the output, per run and per ``unit``; ``found`` says in
-    words what a size of it is, ``remedy`` what to do.
+    ``columns`` are its directions in the output, per run and per ``unit``; ``words`` says what
+    a size of it would mean, ``remedy`` what to do. ``offered`` marks a parameter of the family.
     """
 
     name: str
     unit: str
-    found: str
+    words: Callable[[float], str]
     remedy: str
     columns: Sequence[FloatArray]
+    offered: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,11 @@ class Score:
     shift: float
     errors: float
 
+    @property
+    def telling(self) -> bool:
+        """Whether the term is there, and matters."""
+        return abs(self.deviations) > _SIGNIFICANT and abs(self.errors) > _MATTERS
+
 
 def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Judge every term that the model may lack: entries for the file, and a warning."""
@@ -79,70 +87,96 @@ def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
         }
         for s in scores
     }
-    telling = [s for s in scores if abs(s.deviations) > _SIGNIFICANT and abs(s.errors) > _MATTERS]
+    telling = [s for s in scores if s.telling]
     if not telling:
         return table, []
-    return table, [_notice(at, max(telling, key=lambda s: abs(s.deviations)))]
+    best = max(abs(s.deviations) for s in telling)
+    near = [s for s in telling if s.term.offered and abs(s.deviations) > _PREFERRED * best]
+    return table, [_notice(at, max(near or telling, key=lambda s: abs(s.deviations)))]
 
 
 def _terms(at: Optimum) -> Iterator[Term]:
     """Everything that is tried: what the family offers, delays, lags and a drift."""
     runs = [s.experiment for s in at.fitted]
+    yield from _offered(at, runs)
     if not all(e.time.size for e in runs):
         return
     step = min(e.sample_time for e in runs)
     for role in at.variant.driving:
         if all(role.name in e and e.signals[role.name].time.size > 1 for e in runs):
-            late = [_delayed(e, role.name, _SHIFT * step) for e in runs]
-            columns = [c / (_SHIFT * step) for c in at.change(at.simulate(late))]
-            yield Term(
-                f"delay of {role.name}", "s", f"'{role.name}' acts {{0:.3g}} ms {{1}} than recorded",
-                "Check that all channels are stamped by one clock, and look for delays of filters, "
-                "buses and valves.", columns,
-            )  # fmt: skip
+            yield _delay(at, runs, role.name, _SHIFT * step)
     for lag in _LAGS:
         yield Term(
-            f"lag of {lag:g} samples", "s", "the response lags by another {0:.3g} ms or so",
+            f"lag of {lag:g} samples", "s",
+            lambda size: f"the response lags by another {1e3 * size:.3g} ms",
             "Look for a filter or transducer in the measuring chain and for dynamics that this "
             "family does not have.", _behind(at, lag * step),
         )  # fmt: skip
     middle = float(np.mean([e.time.mean() for e in runs]))
     yield Term(
-        "drift", "1/s", "the output drifts",
+        "drift", "1/s", lambda size: "the output drifts",
         "Let the sensor warm up, or cut the log with --window.",
         [e.time[u] - middle for e, u in zip(runs, at.used)],
     )  # fmt: skip
 
 
 def _offered(at: Optimum, runs: Sequence[Experiment]) -> Iterator[Term]:
-    """Parameters of the family that were left at their neutral value unasked."""
-    values = at.estimate.values
-    for name, (step, option) in at.family.unasked(at.variant, values, at.estimate.options).items():
-        columns = [c / step for c in at.change(at.simulate(runs, moved(values, name, step)))]
+    """Parameters of the family that were not estimated."""
+    freed = {o.frees: o.name for o in describe(at.family.options_type) if o.frees}
+    values, parameters = at.estimate.values, at.estimate.parameters
+    given = [n for n, q in parameters.items() if q.status == "fixed" and isinstance(q.value, float)]
+    for name in dict.fromkeys((*given, *(n for n in freed if n not in parameters))):
         spec = at.variant.parameter(name)
+        value = parameters[name].number if name in parameters else spec.neutral or 0.0
+        full = {**values, name: value}
+        step = _SHIFT * runs[0].sample_time if spec.unit == "s" else abs(value) * 1e-3 or 1.0
+        columns = at.change(at.simulate(runs, moved(full, name, step)))
+        size = float(np.sqrt(np.mean(np.concatenate(columns) ** 2)))
+        if not (np.isfinite(size) and size > 0.0):
+            continue
+        if spec.unit != "s":
+            step *= _SMALL * at.sigma / size
+            columns = at.change(at.simulate(runs, moved(full, name, step)))
+        option = f"--{freed[name]}=estimate" if name in freed else f"another --fix {name}=VALUE"
         yield Term(
-            name, spec.unit, f"{name} would be {{0:+.3g}} {spec.unit}, not {values[name]:g}",
-            f"Estimate it with {option}, or fix it with --fix {name}=VALUE.", columns,
+            name, spec.unit,
+            lambda size, name=name, value=value, unit=spec.unit: (  # type: ignore[misc]
+                f"{name} is about {value + size:.3g} {unit} instead of {value:.3g}"
+            ),
+            f"Try {option}.", [c / step for c in columns], offered=True,
         )  # fmt: skip
 
 
-def _delayed(experiment: Experiment, role: str, by: float) -> Experiment:
-    """The same run with an input that acts later [s]."""
-    signal = experiment.signals[role]
-    late = replace(signal, time=signal.time + by)
-    return replace(experiment, signals={**experiment.signals, role: late})
+def _delay(at: Optimum, runs: Sequence[Experiment], role: str, by: float) -> Term:
+    """An input that acts later than recorded."""
+    late = []
+    for e in runs:
+        signal = replace(e.signals[role], time=e.signals[role].time + by)
+        late.append(replace(e, signals={**e.signals, role: signal}))
+    columns = [c / by for c in at.change(at.simulate(late))]
+
+    def words(size: float) -> str:
+        when = "later" if size > 0.0 else "earlier"
+        return f"'{role}' acts {1e3 * abs(size):.3g} ms {when} than recorded"
+
+    return Term(
+        f"delay of {role}", "s", words,
+        "Check that one clock stamps all channels; look for delays of filters, buses and valves.",
+        columns,
+    )  # fmt: skip
 
 
 def _behind(at: Optimum, lag: float) -> list[FloatArray]:
     """Change of the simulated output per second of a first-order lag [s] behind it."""
+    from scipy.signal import lfilter
+
     out = []
     for s, used in zip(at.fitted, at.used):
-        t, y = s.experiment.time, s.simulated
-        grid = np.arange(t[0], t[-1] + s.experiment.sample_time, s.experiment.sample_time)
+        t, y, step = s.experiment.time, s.simulated, s.experiment.sample_time
+        grid = np.arange(t[0], t[-1] + step, step)
         even = np.interp(grid, t, y)
-        ratio = s.experiment.sample_time / lag
-        decay = float(np.exp(-ratio))
-        ramp = (1.0 - decay) / ratio  # response to a straight line from sample to sample
+        decay = float(np.exp(-step / lag))
+        ramp = (1.0 - decay) * lag / step  # mean of the decay over a sample
         start = [ramp * even[0]]  # at rest at the first value
         late, _ = lfilter([1.0 - ramp, ramp - decay], [1.0, -decay], even, zi=start)
         out.append(((np.interp(t, grid, late) - y) / lag)[used])
@@ -152,17 +186,18 @@ def _behind(at: Optimum, lag: float) -> list[FloatArray]:
 def _score(at: Optimum, term: Term) -> Score | None:
     """Size and significance of a term; ``None`` where the parameters can stand for it."""
     p = len(at.names)
-    rows = [
-        np.column_stack((j, np.ones(r.size), c, r))
-        for j, c, r in zip(at.jacobians, term.columns, at.residuals)
-    ]
-    white = at.whiten(rows)
+    white = at.whiten(
+        [
+            np.column_stack((j, np.ones(r.size), c, r))
+            for j, c, r in zip(at.jacobians, term.columns, at.residuals)
+        ]
+    )
     if not np.all(np.isfinite(white)):
         return None
     columns, target = white[:, :-1], white[:, -1]
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
-    own = abs(float(np.linalg.qr(columns / scale, mode="r")[-1, -1]))
+    own = abs(float(np.asarray(np.linalg.qr(columns / scale, mode="r"))[-1, -1]))
     if own < _OWN:
         return None
     x = np.linalg.lstsq(columns / scale, target, rcond=1e-12)[0]
@@ -178,17 +213,12 @@ def _score(at: Optimum, term: Term) -> Score | None:
 
 
 def _notice(at: Optimum, s: Score) -> Notice:
-    key = s.parameter.split("[")[0]
-    value = at.estimate.values[key]
-    share = f" ({100.0 * s.shift / abs(value):+.1f} %)" if isinstance(value, float) and value else ""
-    size = 1e3 * s.size if s.term.unit == "s" and "delay" in s.term.name else s.size
-    if s.term.unit == "s" and "{1}" not in s.term.found:
-        size *= 1e3 if "lag" in s.term.name else 1.0
-    words = s.term.found.format(abs(size) if "{1}" in s.term.found else size, "later" if s.size > 0.0 else "earlier")
+    value = at.number(s.parameter)
+    share = f" ({100.0 * s.shift / abs(value):+.1f} %)" if value else ""
     return Notice(
         "unmodelled-response",
-        f"the residual holds a response that the model does not have: it is explained better "
-        f"({abs(s.deviations):.0f} standard errors) if {words}. With it {s.parameter} would "
-        f"change by {s.shift:+.3g}{share}, {abs(s.errors):.1f} of its standard errors: its "
-        f"interval does not cover this. {s.term.remedy}",
+        "the residual holds a response that the model does not have: the data fit better "
+        f"({abs(s.deviations):.0f} standard errors) if {s.term.words(s.size)}. {s.parameter} would "
+        f"then change by {s.shift:+.3g}{share}, {abs(s.errors):.1f} standard errors: more than its "
+        f"interval allows for. {s.term.remedy}",
     )

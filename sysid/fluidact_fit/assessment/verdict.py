@@ -14,8 +14,7 @@ from ..outcome import Agreement, Simulation
 
 def residual_whiteness(fitted: Sequence[Simulation], unknowns: int) -> Whiteness:
     """Ljung-Box test of the residuals of all runs."""
-    rest = (s.measured - s.simulated for s in fitted)
-    return whiteness([r[np.isfinite(r)] for r in rest], unknowns)
+    return whiteness([s.residual[np.isfinite(s.residual)] for s in fitted], unknowns)
 
 
 def judge(
@@ -26,17 +25,13 @@ def judge(
 ) -> tuple[str, list[Notice]]:
     """Verdict ``pass``, ``warn`` or ``fail`` and the reasons as notices."""
     reasons: list[Notice] = []
-    if (
-        residual_to_noise is not None
-        and white is not None
-        and residual_to_noise > 3.0
-        and white.p_value < 1e-3
-        and overall.fit_percent < 99.0
-    ):
+    structured = white is not None and white.p_value < 1e-3
+    ratio = residual_to_noise or 0.0
+    if ratio > 3.0 and structured and overall.fit_percent < 99.0:
         reasons.append(
             Notice(
                 "residuals-autocorrelated",
-                f"the residuals are {residual_to_noise:.0f} times the noise of the output and "
+                f"the residuals are {ratio:.0f} times the noise of the output and "
                 "autocorrelated: this machine does something that the model does not describe. The "
                 "intervals allow for the autocorrelation, not for a wrong model; look at the "
                 "picture (--plot) and judge whether the misfit matters where the model will be "

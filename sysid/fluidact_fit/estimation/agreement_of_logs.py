@@ -34,14 +34,6 @@ class Drift:
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """Root-mean-square error of a log predicted from all the others."""
-
-    log: int
-    rmse: float
-
-
-@dataclass(frozen=True)
 class _Part:
     """Normal equations of one log."""
 
@@ -57,7 +49,7 @@ def compare_logs(
     residuals: Sequence[FloatArray],
     logs: Sequence[int],
     names: Sequence[str],
-) -> tuple[list[Drift], list[LeftOut]]:
+) -> tuple[list[Drift], dict[int, float]]:
     """Drift of every log in every parameter, and the error of each predicted by the others.
 
     Parameters
@@ -76,11 +68,11 @@ def compare_logs(
         left out of the reference of those after them, so that one odd log does not
         make the others look odd.
     left_out
-        In the order of the logs.
+        Root-mean-square error of every log predicted from all the others.
     """
     every = list(dict.fromkeys(logs))
     parts = {k: _part(jacobian, residuals, logs, k) for k in every}
-    left_out = [LeftOut(k, _predicted_error(parts, k)) for k in every]
+    left_out = {k: _predicted_error(parts, k) for k in every}
     drifts: list[Drift] = []
     rest = dict(parts)
     tests = len(every) * len(names)
@@ -101,6 +93,13 @@ def _part(
     return _Part(stacked.T @ stacked, stacked.T @ rest, spread, stacked, rest)
 
 
+def _pooled(parts: dict[int, _Part], k: int) -> tuple[list[_Part], FloatArray, FloatArray]:
+    """All logs but one, their information, and how far they would move the estimate."""
+    others = [p for j, p in parts.items() if j != k]
+    information = np.sum([p.information for p in others], axis=0)
+    return others, information, _solve(information, np.sum([p.score for p in others], axis=0))
+
+
 def _solve(information: FloatArray, score: FloatArray) -> FloatArray:
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     scaled = information / np.outer(scale, scale)
@@ -108,17 +107,13 @@ def _solve(information: FloatArray, score: FloatArray) -> FloatArray:
 
 
 def _drift(parts: dict[int, _Part], k: int, names: Sequence[str], tests: int) -> Drift:
-    one = parts[k]
-    others = [p for j, p in parts.items() if j != k]
-    information = np.sum([p.information for p in others], axis=0)
-    mine = _solve(one.information, one.score)
-    theirs = _solve(information, np.sum([p.score for p in others], axis=0))
+    one, (others, information, theirs) = parts[k], _pooled(parts, k)
     # covariance of the pooled others: each log's sandwich, weighted by its information
     middle = np.sum([p.information @ p.covariance @ p.information for p in others], axis=0)
     half = np.linalg.lstsq(information, middle, rcond=1e-12)[0]
     spread = np.linalg.lstsq(information, half.T, rcond=1e-12)[0]
     variance = np.diag(one.covariance) + np.diag(spread)
-    difference = mine - theirs
+    difference = _solve(one.information, one.score) - theirs
     z = difference / np.sqrt(np.maximum(variance, 1e-300))
     worst = int(np.argmax(np.where(np.isfinite(z), np.abs(z), 0.0)))
     p_value = min(1.0, tests * erfc(abs(float(z[worst])) / sqrt(2.0)))
@@ -126,8 +121,5 @@ def _drift(parts: dict[int, _Part], k: int, names: Sequence[str], tests: int) ->
 
 
 def _predicted_error(parts: dict[int, _Part], k: int) -> float:
-    others = [p for j, p in parts.items() if j != k]
-    information = np.sum([p.information for p in others], axis=0)
-    step = _solve(information, np.sum([p.score for p in others], axis=0))
-    error = parts[k].residual - parts[k].jacobian @ step
+    error = parts[k].residual - parts[k].jacobian @ _pooled(parts, k)[2]
     return float(np.sqrt(np.mean(error**2)))

@@ -15,8 +15,6 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,7 +22,7 @@ import numpy as np
 from ..experiment import FloatArray
 from ..family import Information
 from .parametric import NamedModel, Values
-from .separable import Basis, differentiate
+from .separable import Basis, differentiate, project_out
 
 
 def sensitivity(model: NamedModel, values: Values, level: float = 0.0) -> Information:
@@ -44,7 +42,10 @@ def sensitivity(model: NamedModel, values: Values, level: float = 0.0) -> Inform
     if model.slopes is not None:
         basis, slopes = model.slopes(0, dict(values), list(names))
     else:
-        columns = partial(_columns, model, names, values)
+
+        def columns(eta: Any) -> Basis:
+            return model.columns(0, {**values, **dict(zip(names, eta))})
+
         basis, slopes = differentiate(columns, eta, np.maximum(np.abs(eta), 1e-9))
     output, jacobian = basis.known + level, slopes.known.T.copy()
     for k, name in enumerate(model.linear):
@@ -54,21 +55,6 @@ def sensitivity(model: NamedModel, values: Values, level: float = 0.0) -> Inform
     jacobian = np.column_stack((jacobian, basis.shared[:, :count]))
     nuisance = np.column_stack((basis.shared[:, count:], basis.local))
     return Information((*names, *model.linear), project_out(jacobian, nuisance), output)
-
-
-def _columns(model: NamedModel, names: Sequence[str], values: Values, eta: Any) -> Basis:
-    return model.columns(0, {**values, **dict(zip(names, eta))})
-
-
-def project_out(jacobian: FloatArray, columns: FloatArray) -> FloatArray:
-    """Remove from ``jacobian``, shape ``(n, p)``, what ``columns``, ``(n, q)``, explain."""
-    norms = np.linalg.norm(columns, axis=0)
-    used = columns[:, norms > 0.0] / norms[norms > 0.0]
-    if not used.shape[1]:
-        return jacobian
-    left, singular, _ = np.linalg.svd(used, full_matrices=False)
-    q = left[:, singular > 1e-10 * singular[0]]
-    return np.asarray(jacobian - q @ (q.T @ jacobian))
 
 
 def cramer_rao(normal: FloatArray) -> FloatArray:

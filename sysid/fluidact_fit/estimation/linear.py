@@ -159,19 +159,21 @@ def _scan_equal(phi: Array, forcing: Array, start: Array) -> Array:
     kind = np.result_type(phi, forcing, start)
     powers = np.zeros((width + 2, n, n), dtype=kind)
     powers[1:] = _orbit(np.eye(n), phi, width + 1)
-    padded = np.zeros((blocks * width, n), dtype=kind)
-    padded[:m] = forcing
     answer = powers[_lags(width)].transpose(0, 3, 1, 2).reshape(width * n, width * n)
-    local = padded.reshape(blocks, width * n) @ answer
+    local = _in_blocks(forcing, blocks, width, kind).reshape(blocks, width * n) @ answer
     if blocks > 1:
         carry = _scan_equal(powers[-1], local[:-1, -n:], start)
     else:
         carry = np.asarray(start, dtype=kind)[None]
     local += carry @ powers[2:].transpose(2, 0, 1).reshape(n, width * n)
-    result = np.empty((m + 1, n), dtype=kind)
-    result[0] = start
-    result[1:] = local.reshape(blocks * width, n)[:m]
-    return result
+    return np.vstack((start, local.reshape(blocks * width, n)[:m]))
+
+
+def _in_blocks(steps: Array, blocks: int, width: int, kind: npt.DTypeLike) -> Array:
+    """Cut what belongs to steps into blocks of equal width, zeros at the end."""
+    out = np.zeros((blocks * width, *steps.shape[1:]), dtype=kind)
+    out[: steps.shape[0]] = steps
+    return out.reshape(blocks, width, *steps.shape[1:])
 
 
 def _scan_unequal(phi: Array, forcing: Array, start: Array) -> Array:
@@ -184,12 +186,8 @@ def _scan_unequal(phi: Array, forcing: Array, start: Array) -> Array:
     width = max(1, ceil(m**0.5))
     blocks = -(-m // width)
     kind = np.result_type(phi, forcing, start)
-    padded = np.zeros((blocks * width, n), dtype=kind)
-    padded[:m] = forcing
-    padded = padded.reshape(blocks, width, n)
-    full = np.zeros((blocks * width, n, n), dtype=kind)
-    full[:m] = phi
-    full = full.reshape(blocks, width, n, n)
+    padded = _in_blocks(forcing, blocks, width, kind)
+    full = _in_blocks(phi, blocks, width, kind)
     local = np.empty((width, blocks, n), dtype=kind)
     products = np.empty((width, blocks, n, n), dtype=kind)
     state = np.zeros((blocks, n), dtype=kind)
@@ -205,10 +203,7 @@ def _scan_unequal(phi: Array, forcing: Array, start: Array) -> Array:
         carry[k] = x
         x = product[k] @ x + state[k]
     local += (products @ carry[None, :, :, None])[..., 0]
-    result = np.empty((m + 1, n), dtype=kind)
-    result[0] = start
-    result[1:] = local.transpose(1, 0, 2).reshape(blocks * width, n)[:m]
-    return result
+    return np.vstack((start, local.transpose(1, 0, 2).reshape(blocks * width, n)[:m]))
 
 
 @dataclass(frozen=True)

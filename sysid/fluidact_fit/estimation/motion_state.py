@@ -23,9 +23,7 @@ def motion_state(column: FloatArray) -> FloatArray:
     or of 1 and 0 is understood as well.
     """
     kinds = set(np.unique(column).tolist())
-    if kinds <= {1.0, 2.0}:
-        return np.where(column == 1.0, 1.0, -1.0)
-    if kinds == {0.0, 1.0}:
+    if kinds <= {1.0, 2.0} or kinds == {0.0, 1.0}:
         return np.where(column == 1.0, 1.0, -1.0)
     return np.sign(column)
 

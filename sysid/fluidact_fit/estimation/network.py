@@ -1,4 +1,4 @@
-"""Small feed-forward networks: exact Jacobians, Levenberg-Marquardt, exact bounds.
+"""Small feed-forward networks: exact Jacobians, Levenberg-Marquardt from many starts.
 
     a_0 = x,  a_l = phi(W_l a_(l-1) + b_l),  y = W_L a_(L-1) + b_L
 
@@ -16,41 +16,34 @@ An input of which only a few values were recorded, each with another specimen, l
 network free in between. :class:`Chords` hold it near a straight line there, weakly enough for
 it to pass through every specimen that was recorded.
 
-A ReLU network is affine in every region of constant activation pattern. For few units the
-regions that meet a box are enumerated by linear programs, which makes the range of the
-gradient exact [2]_; larger networks get an interval bound that is safe and wider.
-
 References
 ----------
 .. [1] M. Hagan, M. Menhaj, "Training feedforward networks with the Marquardt algorithm",
    IEEE Trans. Neural Networks 5(6), 1994.
-.. [2] G. Montufar, R. Pascanu, K. Cho, Y. Bengio, "On the number of linear regions of deep
-   neural networks", NIPS 2014.
-.. [3] P. J. Huber, E. Ronchetti, Robust Statistics, 2nd ed., 2009, section 7.8.
+.. [2] P. J. Huber, E. Ronchetti, Robust Statistics, 2nd ed., 2009, section 7.8.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, combinations_with_replacement, pairwise
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
+from .motion_state import BoolArray
 
 Activation = Literal["relu", "tanh"]
-BoolArray = npt.NDArray[np.bool_]
 
 _BLOCK = 8192  # rows per block of the normal equations: a few megabytes
-_FEW, _MANY = 3000, 40_000  # rows of the searches, and of the fit before the last
+_MANY = 40_000  # rows of the fit before the last
 _HUBER = 1.5  # threshold in robust standard deviations: nearly as efficient as squares
 _CHORDS = 1500  # lines along an input that is to be straight
 _GOLDEN = 0.6180339887  # steps of this, modulo one, spread evenly
 _SHARPER = (3.0, 6.0, 15.0, 40.0)  # sharpness of rounded kinks, in widths of the data
-_NARROWEST = 1e-9  # radius of a region, in widths of the box, below which it is no region
 
 
 # Threads of a linear-algebra library cost more than they gain on matrices this small, and far
@@ -122,7 +115,7 @@ class Network:
         """Output for inputs of shape ``(n, inputs)``, shape ``(n,)``."""
         a = x
         for w, b in zip(self.weights[:-1], self.biases[:-1]):
-            a = _activate(times(a, w) + b, self.activation, self.sharpness)
+            a = activate(times(a, w) + b, self.activation, self.sharpness)
         return np.asarray((times(a, self.weights[-1]) + self.biases[-1])[:, 0])
 
     def vector(self) -> FloatArray:
@@ -141,7 +134,7 @@ class Network:
         return replace(self, weights=tuple(weights), biases=tuple(biases))
 
 
-def _activate(z: FloatArray, activation: Activation, sharpness: float = np.inf) -> FloatArray:
+def activate(z: FloatArray, activation: Activation, sharpness: float = np.inf) -> FloatArray:
     if activation == "tanh":
         return np.asarray(np.tanh(z))
     if np.isfinite(sharpness):
@@ -170,7 +163,7 @@ def output_and_jacobian(net: Network, x: FloatArray) -> tuple[FloatArray, FloatA
     layers, slopes, a = [x], [], x
     for w, b in zip(net.weights[:-1], net.biases[:-1]):
         z = times(a, w) + b
-        a = _activate(z, net.activation, net.sharpness)
+        a = activate(z, net.activation, net.sharpness)
         slopes.append(_slope(z, a, net))
         layers.append(a)
     y = np.asarray((times(a, net.weights[-1]) + net.biases[-1])[:, 0])
@@ -225,69 +218,87 @@ class Chords:
         return self.strength * float(np.mean(self.deviation(net(self.table)) ** 2))
 
 
-@dataclass(frozen=True)
-class Trained:
-    """A network with its cost and how it was reached.
-
-    ``cost`` is the mean of the (robust) squared residuals with the penalties added.
-    """
-
-    network: Network
-    cost: float
-    iterations: int
-    converged: bool
-
-
 def huber_cost(residual: FloatArray, limit: float) -> float:
-    """Sum of ``r^2`` up to the limit and of straight lines beyond [3]_."""
+    """Sum of ``r^2`` up to the limit and of straight lines beyond [2]_."""
     size = np.abs(residual)
     return float(np.where(size <= limit, size**2, limit * (2.0 * size - limit)).sum())
 
 
-def _penalised(net: Network) -> FloatArray:
-    """One for weights, zero for biases: decay bends no curve towards the origin."""
-    ones, zeros = map(np.ones_like, net.weights), map(np.zeros_like, net.biases)
-    return replace(net, weights=tuple(ones), biases=tuple(zeros)).vector()
+@dataclass(frozen=True)
+class Cost:
+    """What training minimises: ``mean(rho(y - net(x))) + decay * sum(weights^2) + chords``.
+
+    Attributes
+    ----------
+    decay
+        Weight decay per sample, at outputs of unit variance. There is none of biases: it
+        bends no curve towards the origin.
+    limit
+        Residual beyond which the cost grows linearly; infinite for least squares.
+    chords
+        Lines along which the output is to be nearly straight.
+    """
+
+    decay: float = 0.0
+    limit: float = np.inf
+    chords: Chords | None = None
+
+    def _ridge(self, net: Network, rows: int) -> FloatArray:
+        """Factor of every squared parameter."""
+        ones, zeros = map(np.ones_like, net.weights), map(np.zeros_like, net.biases)
+        return rows * self.decay * replace(net, weights=tuple(ones), biases=tuple(zeros)).vector()
+
+    def total(self, net: Network, x: FloatArray, y: FloatArray) -> float:
+        """Cost of a network times the number of rows."""
+        found = huber_cost(y - net(x), self.limit)
+        found += float(self._ridge(net, y.size) @ net.vector() ** 2)
+        return found if self.chords is None else found + y.size * self.chords.cost(net)
+
+    def normal_equations(
+        self, net: Network, x: FloatArray, y: FloatArray
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """``J'WJ``, ``J'Wr`` and :meth:`total`, block by block of rows, penalties included."""
+        size, limit, chords = net.parameters, self.limit, self.chords
+        matrix, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
+        for begin in range(0, y.size, _BLOCK):
+            part = slice(begin, begin + _BLOCK)
+            found, jacobian = output_and_jacobian(net, x[part])
+            r = y[part] - found
+            share = np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300))
+            weighted = jacobian * share[:, None] if np.isfinite(limit) else jacobian
+            both = cross(weighted, np.column_stack((jacobian, r)))
+            matrix += both[:, :-1]
+            gradient += both[:, -1]
+            cost += huber_cost(r, limit)
+        if chords is not None:
+            found, jacobian = output_and_jacobian(net, chords.table)
+            r, jacobian = chords.deviation(found), chords.deviation(jacobian)
+            factor = chords.strength * y.size / r.size
+            matrix += factor * cross(jacobian, jacobian)
+            gradient -= factor * (r @ jacobian)
+            cost += factor * float(r @ r)
+        ridge, p = self._ridge(net, y.size), net.vector()
+        return matrix + np.diag(ridge), gradient - ridge * p, cost + float(ridge @ p**2)
 
 
-def _normal_equations(
-    net: Network, x: FloatArray, y: FloatArray, limit: float, chords: Chords | None
-) -> tuple[FloatArray, FloatArray, float]:
-    """``J'WJ``, ``J'Wr`` and the cost, block by block of rows, with the chords added."""
-    size = net.parameters
-    matrix, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
-    for begin in range(0, y.size, _BLOCK):
-        part = slice(begin, begin + _BLOCK)
-        found, jacobian = output_and_jacobian(net, x[part])
-        r = y[part] - found
-        share = np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300))
-        weighted = jacobian * share[:, None] if np.isfinite(limit) else jacobian
-        both = cross(weighted, np.column_stack((jacobian, r)))
-        matrix += both[:, :-1]
-        gradient += both[:, -1]
-        cost += huber_cost(r, limit)
-    if chords is not None:
-        found, jacobian = output_and_jacobian(net, chords.table)
-        r, jacobian = chords.deviation(found), chords.deviation(jacobian)
-        factor = chords.strength * y.size / r.size
-        matrix += factor * cross(jacobian, jacobian)
-        gradient -= factor * (r @ jacobian)
-        cost += factor * float(r @ r)
-    return matrix, gradient, cost
+@dataclass(frozen=True)
+class Trained:
+    """A network, its :class:`Cost` per row, and after how many steps it was reached."""
+
+    network: Network
+    cost: float
+    iterations: int
 
 
 def train_from(
     net: Network,
     x: FloatArray,
     y: FloatArray,
-    *,
-    decay: float = 0.0,
-    limit: float = np.inf,
-    chords: Chords | None = None,
+    cost: Cost,
     iterations: int = 100,
     tolerance: float = 1e-6,
 ) -> Trained:
-    """Minimise ``mean(rho(y - net(x))) + decay * sum(weights^2) + chords`` from a start.
+    """Minimise a cost from a start.
 
     Parameters
     ----------
@@ -295,43 +306,27 @@ def train_from(
         Where the search begins.
     x, y : (n, inputs), (n,)
         Standardised.
-    decay
-        Weight decay per sample, at outputs of unit variance.
-    limit
-        Residual beyond which the cost grows linearly; infinite for least squares.
-    chords
-        Lines along which the output is to be nearly straight.
     iterations, tolerance
         Most steps, and the relative gain of one below which the search ends.
     """
-    n = y.size
-    ridge = n * decay * _penalised(net)
-    p = net.vector()
-    matrix, gradient, cost = _normal_equations(net, x, y, limit, chords)
-    cost += float(ridge @ p**2)
+    matrix, gradient, now = cost.normal_equations(net, x, y)
     damping, done, count = 1e-2, False, 0
     while count < iterations and not done:
         count += 1
-        a = matrix + np.diag(ridge)
-        g = gradient - ridge * p
-        scale = np.maximum(np.diag(a), 1e-8 * np.diag(a).max() + 1e-12)
+        scale = np.maximum(np.diag(matrix), 1e-8 * np.diag(matrix).max() + 1e-12)
         for _ in range(12):
-            step = np.linalg.solve(a + damping * np.diag(scale), g)
-            trial = net.from_vector(p + step)
-            now = huber_cost(y - trial(x), limit) + float(ridge @ (p + step) ** 2)
-            if chords is not None:
-                now += n * chords.cost(trial)
-            if now < cost:
+            step = np.linalg.solve(matrix + damping * np.diag(scale), gradient)
+            trial = net.from_vector(net.vector() + step)
+            reached = cost.total(trial, x, y)
+            if reached < now:
                 break
             damping *= 4.0
         else:
-            return Trained(net, cost / n, count, True)
-        done = cost - now <= tolerance * cost
-        p, net = p + step, trial
-        damping = max(damping / 4.0, 1e-10)
-        matrix, gradient, cost = _normal_equations(net, x, y, limit, chords)
-        cost += float(ridge @ p**2)
-    return Trained(net, cost / n, count, done)
+            break
+        done = now - reached <= tolerance * now
+        net, damping = trial, max(damping / 4.0, 1e-10)
+        matrix, gradient, now = cost.normal_equations(net, x, y)
+    return Trained(net, now / y.size, count)
 
 
 # ------------------------------------------------------------------------------- starts
@@ -353,7 +348,7 @@ def make_start(
         biases.append(0.5 * rng.standard_normal(units))
     a = x
     for w, b in zip(weights, biases):
-        a = _activate(times(a, w) + b, activation, sharpness)
+        a = activate(times(a, w) + b, activation, sharpness)
     columns = np.column_stack((a, np.ones(y.size)))
     both = cross(columns, np.column_stack((columns, y)))
     square = both[:, :-1] + 1e-6 * y.size * np.eye(columns.shape[1])
@@ -369,7 +364,7 @@ def _pursue(
     w = rng.standard_normal((pool, x.shape[1]))
     w /= np.linalg.norm(w, axis=1)[:, None]
     b = -np.einsum("ij,ij->i", w, x[rng.integers(0, x.shape[0], pool)])
-    columns = _activate(times(x, w) + b, activation)
+    columns = activate(times(x, w) + b, activation)
     columns -= columns.mean(axis=0)
     least = 1e-3 * np.linalg.norm(columns, axis=0) + 1e-12
     rest = y - y.mean()
@@ -388,6 +383,32 @@ def _pursue(
 
 
 # ------------------------------------------------------------------------------ training
+
+
+@dataclass(frozen=True)
+class Training:
+    """A network to be found, and how long the search for it may take.
+
+    Attributes
+    ----------
+    hidden
+        Units of each hidden layer.
+    decay
+        As in :class:`Cost`.
+    starts, rows, iterations
+        Searches on evenly spaced rows, and most steps of each.
+    finalists
+        Of them, how many are trained on up to 40 000 rows, by a robust cost whose scale
+        comes from the best start.
+    """
+
+    hidden: tuple[int, ...]
+    activation: Activation = "relu"
+    decay: float = 1e-5
+    starts: int = 16
+    rows: int = 3000
+    iterations: int = 40
+    finalists: int = 3
 
 
 @dataclass(frozen=True)
@@ -417,16 +438,9 @@ def robust_deviation(residual: FloatArray) -> float:
 def search(
     x: FloatArray,
     y: FloatArray,
-    hidden: Sequence[int],
+    training: Training,
     rng: np.random.Generator,
-    *,
-    activation: Activation = "relu",
-    decay: float = 1e-5,
     chords: Chords | None = None,
-    starts: int = 16,
-    finalists: int = 3,
-    rows: int = _FEW,
-    iterations: int = 40,
 ) -> Search:
     """Train from many starts on few rows, the best of them on many.
 
@@ -434,44 +448,31 @@ def search(
     ----------
     x, y : (n, inputs), (n,)
         Standardised rows.
-    starts
-        Searches on ``rows`` evenly spaced rows.
-    finalists
-        Of them, how many are trained on up to 40 000 rows, by a robust cost whose scale
-        comes from the best start.
-    iterations
-        Most steps of a start.
+    chords
+        As in :class:`Cost`.
     """
-    few, many = thin(y.size, rows), thin(y.size, _MANY)
-    xs, ys = x[few], y[few]
-    found = [
-        train_from(
-            make_start(xs, ys, hidden, activation, rng), xs, ys, decay=decay, chords=chords,
-            iterations=iterations, tolerance=1e-3,
-        )
-        for _ in range(starts)
-    ]  # fmt: skip
+    few, many = thin(y.size, training.rows), thin(y.size, _MANY)
+    xs, ys, steps = x[few], y[few], training.iterations
+    cost = Cost(training.decay, chords=chords)
+    starts = (
+        make_start(xs, ys, training.hidden, training.activation, rng)
+        for _ in range(training.starts)
+    )
+    found = [train_from(net, xs, ys, cost, steps, 1e-3) for net in starts]
     found.sort(key=lambda t: t.cost)
-    sharp = [_sharpen(t.network, xs, ys, decay, chords, iterations) for t in found[:finalists]]
+    sharp = [_sharpen(t.network, xs, ys, cost, steps) for t in found[: training.finalists]]
     limit = _HUBER * min(robust_deviation(ys - net(xs)) for net in sharp)
-    polished = [
-        train_from(net, x[many], y[many], decay=decay, limit=limit, chords=chords,
-                   iterations=3 * iterations, tolerance=1e-5)
-        for net in sharp
-    ]  # fmt: skip
-    return Search(tuple(sorted(polished, key=lambda t: t.cost)), starts, limit)
+    robust = replace(cost, limit=limit)
+    polished = [train_from(net, x[many], y[many], robust, 3 * steps, 1e-5) for net in sharp]
+    return Search(tuple(sorted(polished, key=lambda t: t.cost)), training.starts, limit)
 
 
-def _sharpen(
-    net: Network, x: FloatArray, y: FloatArray, decay: float, chords: Chords | None, iterations: int
-) -> Network:
+def _sharpen(net: Network, x: FloatArray, y: FloatArray, cost: Cost, iterations: int) -> Network:
     """Train on with kinks less and less rounded; leaves true kinks."""
     if net.activation == "relu":
         for sharpness in _SHARPER[1:]:
             start = replace(net, sharpness=sharpness)
-            net = train_from(
-                start, x, y, decay=decay, chords=chords, iterations=iterations, tolerance=1e-3
-            ).network
+            net = train_from(start, x, y, cost, iterations, 1e-3).network
     return replace(net, sharpness=np.inf)
 
 
@@ -479,13 +480,9 @@ def cross_validate(
     x: FloatArray,
     y: FloatArray,
     folds: Sequence[BoolArray],
-    hidden: Sequence[int],
+    training: Training,
     seed: int,
-    *,
-    activation: Activation = "relu",
-    decay: float = 1e-5,
     chords: Callable[[FloatArray], Chords | None] = lambda x: None,
-    rows: int = 1200,
 ) -> FloatArray:
     """Errors on rows that were not trained, fold by fold.
 
@@ -503,160 +500,9 @@ def cross_validate(
     """
     error = np.full(y.size, np.nan)
     for k, held in enumerate(folds):
-        rng = np.random.default_rng([seed, k])
         rest = np.flatnonzero(~held)
-        rest = rest[thin(rest.size, rows)]
-        found = search(
-            x[rest], y[rest], hidden, rng, activation=activation, decay=decay,
-            chords=chords(x[rest]), starts=4, finalists=2, rows=rows, iterations=25,
-        )  # fmt: skip
+        rest = rest[thin(rest.size, training.rows)]
+        rng = np.random.default_rng([seed, k])
+        found = search(x[rest], y[rest], training, rng, chords(x[rest]))
         error[held] = y[held] - found.best.network(x[held])
     return error
-
-
-# ------------------------------------------------------------------------------- bounds
-
-
-@dataclass(frozen=True)
-class Region:
-    """A part of the box in which a ReLU network is affine.
-
-    ``pattern`` says which units are active, ``inside`` is a point of the region and
-    ``gradient`` the derivative of the output there, all standardised.
-    """
-
-    pattern: tuple[bool, ...]
-    inside: FloatArray
-    gradient: FloatArray
-
-
-def activation_regions(net: Network, low: FloatArray, high: FloatArray) -> list[Region]:
-    """All regions of a ReLU network of one hidden layer that meet a box.
-
-    The box is cut by one unit after the other. Each region carries a point inside; the
-    side that holds it is known to be there, the other one is asked for by a linear
-    program (largest ball). An input with ``low == high`` is held.
-
-    Parameters
-    ----------
-    low, high : (inputs,)
-        Corners of the box, standardised.
-    """
-    if net.activation != "relu" or len(net.weights) != 2:
-        raise ValueError("regions can be enumerated for one hidden layer of ReLU units only")
-    free = high > low
-    span = np.where(free, high - low, 1.0)
-    w = net.weights[0][:, free] * span[free]
-    b = net.biases[0] + net.weights[0] @ low
-    size = np.linalg.norm(w, axis=1)
-    flat = size <= 1e-12
-    w, b = w / np.where(flat, 1.0, size)[:, None], b / np.where(flat, 1.0, size)
-    found: list[tuple[tuple[bool, ...], FloatArray]] = [((), np.full(int(free.sum()), 0.5))]
-    for k in range(b.size):
-        found = [
-            ((*pattern, side), point)
-            for pattern, old in found
-            for side, point in _sides(w[: k + 1], b[: k + 1], pattern, old)
-        ]
-    out = []
-    for pattern, point in found:
-        inside = low.copy()
-        inside[free] += point * span[free]
-        gradient = (net.weights[1][0] * np.array(pattern, dtype=float)) @ net.weights[0]
-        out.append(Region(pattern, inside, gradient))
-    return out
-
-
-def _sides(
-    w: FloatArray, b: FloatArray, pattern: tuple[bool, ...], point: FloatArray
-) -> list[tuple[bool, FloatArray]]:
-    """Which sides of the last unit's hyperplane a region reaches, with a point each."""
-    if np.minimum(w[-1], 0.0).sum() + b[-1] >= -_NARROWEST:
-        return [(True, point)]
-    if np.maximum(w[-1], 0.0).sum() + b[-1] <= _NARROWEST:
-        return [(False, point)]
-    here, out = float(w[-1] @ point + b[-1]), []
-    for side, known in ((False, here < -_NARROWEST), (True, here > _NARROWEST)):
-        inside = point if known else _largest_ball(w, b, np.array([*pattern, side]))
-        if inside is not None:
-            out.append((side, inside))
-    return out
-
-
-def _largest_ball(w: FloatArray, b: FloatArray, sides: BoolArray) -> FloatArray | None:
-    """Centre of the largest ball in a region of the unit box, ``None`` when it is empty."""
-    from scipy.optimize import linprog
-
-    sign = np.where(sides, 1.0, -1.0)
-    size = np.linalg.norm(w, axis=1)
-    d = w.shape[1]
-    # sign (w x + b) >= r |w|, and r <= x <= 1 - r
-    rows = np.vstack(
-        (np.column_stack((-sign[:, None] * w, size)),
-         np.column_stack((-np.eye(d), np.ones(d))),
-         np.column_stack((np.eye(d), np.ones(d))))
-    )  # fmt: skip
-    right = np.concatenate((sign * b, np.zeros(d), np.ones(d)))
-    answer = linprog(np.append(np.zeros(d), -1.0), rows, right, bounds=(None, None))
-    found = answer.status == 0 and answer.x is not None and answer.x[-1] > _NARROWEST
-    return np.asarray(answer.x[:-1]) if found else None
-
-
-def gradient_interval(
-    net: Network, low: FloatArray, high: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Safe bounds of the gradient in a box by interval arithmetic, shape ``(inputs,)`` each.
-
-    Not exact: the true range lies within.
-    """
-    centre, radius = 0.5 * (low + high), 0.5 * (high - low)
-    slopes: list[tuple[FloatArray, FloatArray]] = []
-    for w, b in zip(net.weights[:-1], net.biases[:-1]):
-        middle, reach = w @ centre + b, np.abs(w) @ radius
-        least, most = middle - reach, middle + reach
-        slopes.append(_slope_range(least, most, net.activation))
-        least, most = _activate(least, net.activation), _activate(most, net.activation)
-        centre, radius = 0.5 * (least + most), 0.5 * (most - least)
-    down = up = net.weights[-1][0]
-    for w, (flat, steep) in zip(net.weights[-2::-1], slopes[::-1]):
-        ends = np.stack((down * flat, down * steep, up * flat, up * steep))
-        least, most = ends.min(axis=0), ends.max(axis=0)
-        middle, reach = 0.5 * (least + most) @ w, 0.5 * (most - least) @ np.abs(w)
-        down, up = middle - reach, middle + reach
-    return down, up
-
-
-def _slope_range(
-    least: FloatArray, most: FloatArray, activation: Activation
-) -> tuple[FloatArray, FloatArray]:
-    """Smallest and largest derivative of the activation over intervals."""
-    if activation == "relu":
-        return (least > 0.0).astype(float), (most > 0.0).astype(float)
-    ends = 1.0 - np.tanh(np.stack((least, most))) ** 2
-    across = (least < 0.0) & (most > 0.0)
-    return ends.min(axis=0), np.where(across, 1.0, ends.max(axis=0))
-
-
-# ------------------------------------------------------------------------------ polynomial
-
-
-def polynomial_terms(inputs: int, degree: int) -> list[tuple[int, ...]]:
-    """Factors of all monomials of up to a degree: ``(), (0,), (0, 0), (0, 1) ...``."""
-    choices = (combinations_with_replacement(range(inputs), d) for d in range(degree + 1))
-    return list(chain.from_iterable(choices))
-
-
-def polynomial_fit(
-    x: FloatArray, y: FloatArray, degree: int = 3
-) -> Callable[[FloatArray], FloatArray]:
-    """Least-squares polynomial of all inputs, for comparison; returns it as a function."""
-    terms = polynomial_terms(x.shape[1], degree)
-
-    def columns(z: FloatArray) -> FloatArray:
-        return np.column_stack([np.prod(z[:, list(t)], axis=1) for t in terms])
-
-    c = columns(x)
-    both = cross(c, np.column_stack((c, y)))
-    # direction^2 = 1: columns repeat, and the shortest solution is as good as any
-    weights = np.linalg.pinv(both[:, :-1], rcond=1e-12, hermitian=True) @ both[:, -1]
-    return lambda z: np.asarray(columns(z) @ weights)

@@ -8,19 +8,29 @@ here, once, for all of them.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import Notice, UsageError
-from ..experiment import Experiment, FloatArray, Signal
-from ..family import FamilyOptions, ParameterSpec, Quantity, Request
+from ..experiment import Experiment, FloatArray
+from ..family import FamilyOptions, ParameterSpec, Request
 from .agreement_of_logs import Drift, compare_logs
 from .profile_likelihood import Interval, profile_interval
 from .results import Refusal, Solved, determine, left_open
-from .separable import Basis, Problem, Search, Slopes, Solution, Unknown, solve, solve_from
+from .separable import (
+    Basis,
+    Problem,
+    Search,
+    Slopes,
+    Solution,
+    Unknown,
+    project_out,
+    solve,
+    solve_from,
+)
 from .uncertainty import Uncertainty, covariance, score_covariance, t_quantile
 
 Array = npt.NDArray[Any]
@@ -58,6 +68,11 @@ class NamedModel:
     logs
         Per experiment the number of its log, when logs may differ in noise: those with
         more of it then weigh less.
+    robust, sigma_floor
+        As in :func:`.uncertainty.covariance`.
+    channels
+        Rows of each experiment that hold different functions of the same samples. Their
+        errors are not independent; the covariance is then taken from the scores.
     """
 
     nonlinear: tuple[str, ...]
@@ -70,6 +85,9 @@ class NamedModel:
     resolutions: Sequence[float] = ()
     whiten: FloatArray = field(default_factory=lambda: np.zeros(0))
     logs: Sequence[int] = ()
+    robust: bool = True
+    sigma_floor: float = 0.0
+    channels: Sequence[Sequence[slice]] = ()
 
     def scaled(self, factors: Mapping[int, float]) -> NamedModel:
         """The same model with the residuals of every log multiplied by a factor."""
@@ -80,6 +98,24 @@ class NamedModel:
             self,
             weights=[w * factors.get(k, 1.0) for w, k in zip(before, self.logs)],
             resolutions=[r * factors.get(k, 1.0) for r, k in zip(self.resolutions, self.logs)],
+        )
+
+    def uncertainty(self, solution: Solution) -> Uncertainty:
+        """Covariance of ``(eta, linear)`` at a solution."""
+        if self.whiten.size:
+            # what is left is white but not everywhere equally strong
+            parts = [[slice(0, r.size)] for r in solution.residuals]
+            return score_covariance(solution.jacobian, solution.residuals, parts)
+        if self.channels and len(self.channels[0]) > 1:
+            return score_covariance(solution.jacobian, solution.residuals, self.channels)
+        return covariance(
+            solution.jacobian,
+            solution.residuals,
+            local_unknowns=sum(solution.local_counts),
+            robust=self.robust,
+            sigma_floor=self.sigma_floor,
+            small_sample=True,
+            readings=list(zip(self.measured, self.resolutions)),
         )
 
     @property
@@ -95,54 +131,41 @@ class _Bound:
         self.model, self.held = model, held
         self.names = [n for n in model.nonlinear if n not in held]
         self.free = np.array([n not in held for n in model.every_linear], dtype=bool)
-        self.values = np.array([held.get(n, 0.0) for n in model.every_linear])
+        self.fixed = np.array([held.get(n, 0.0) for n in model.every_linear])[~self.free]
         if model.slopes is not None:
             self.slopes = self._slopes
 
-    def _absorb(self, b: Basis) -> Basis:
+    def _split(self, known: Array, shared: Array) -> tuple[Array, Array]:
+        """Add the held columns to what is known; the others stay."""
         if self.free.all():
-            return b
-        held = ~self.free
-        return Basis(
-            b.known + b.shared[:, held] @ self.values[held], b.shared[:, self.free], b.local
-        )
+            return known, shared
+        return known + shared[..., ~self.free] @ self.fixed, shared[..., self.free]
+
+    def _values(self, eta: Array) -> Values:
+        return {**self.held, **dict(zip(self.names, eta))}
 
     def basis(self, index: int, eta: Array) -> Basis:
-        values = {**self.held, **dict(zip(self.names, eta))}
-        return self._absorb(self.model.columns(index, values))
+        b = self.model.columns(index, self._values(eta))
+        return Basis(*self._split(b.known, b.shared), b.local)
 
     def _slopes(self, index: int, eta: FloatArray) -> tuple[Basis, Slopes]:
         assert self.model.slopes is not None
-        values = {**self.held, **dict(zip(self.names, eta))}
-        basis, s = self.model.slopes(index, values, self.names)
-        held = ~self.free
-        if held.any():
-            s = Slopes(
-                s.known + s.shared[:, :, held] @ self.values[held],
-                s.shared[:, :, self.free],
-                s.local,
-            )
-        return self._absorb(basis), s
+        b, s = self.model.slopes(index, self._values(eta), self.names)
+        return (
+            Basis(*self._split(b.known, b.shared), b.local),
+            Slopes(*self._split(s.known, s.shared), s.local),
+        )
 
 
-def bind(
-    model: NamedModel,
-    unknowns: Mapping[str, Unknown],
-    held: Mapping[str, float],
-) -> Problem:
+def bind(model: NamedModel, unknowns: Mapping[str, Unknown], held: Mapping[str, float]) -> Problem:
     """Make the solver's problem of a model with some parameters held."""
     view = _Bound(model, held)
+    linear = [unknowns[n] for n in model.linear if n not in held]
+    nuisance = [Unknown(n) for n in model.nuisance]
     return Problem(
-        model=view,
-        measured=model.measured,
-        nonlinear=[unknowns[n] for n in view.names],
-        linear=[
-            *(unknowns[n] for n in model.linear if n not in held),
-            *(Unknown(n, 0.0) for n in model.nuisance),
-        ],
-        weights=model.weights,
-        whiten=model.whiten,
-    )
+        view, model.measured, [unknowns[n] for n in view.names], [*linear, *nuisance],
+        model.weights, model.whiten,
+    )  # fmt: skip
 
 
 def make_unknowns(
@@ -154,28 +177,16 @@ def make_unknowns(
 ) -> dict[str, Unknown]:
     """Unknowns with the physical range, the search range and the user's bounds applied.
 
-    Raises
-    ------
-    UsageError
-        When a bound, start or fixed value lies outside the physical range.
+    The request has passed :func:`check_request`.
     """
     by_name = {s.name: s for s in specs}
     out = {}
     for name in names:
-        spec = by_name[name]
-        low, high = spec.minimum, spec.maximum
+        low, high = by_name[name].minimum, by_name[name].maximum
         if limits and name in limits:
             low, high = max(low, limits[name][0]), min(high, limits[name][1])
-        if name in request.bounds:
-            low, high = request.bounds[name]
-            if low < spec.minimum or high > spec.maximum:
-                raise UsageError(
-                    f"--bounds {name}={low:g}:{high:g} reaches outside the possible range",
-                    expected=f"{name} is {spec.minimum:g} to {spec.maximum:g} {spec.unit}",
-                    remedy="Give bounds inside that range.",
-                )
-        start = request.start.get(name, 0.0)
-        out[name] = Unknown(name, start, low, high, abs(scales.get(name, 1.0)) or 1.0)
+        low, high = request.bounds.get(name, (low, high))
+        out[name] = Unknown(name, low, high, abs(scales.get(name, 1.0)) or 1.0)
     return out
 
 
@@ -217,68 +228,40 @@ def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions
 
 
 @dataclass(frozen=True)
-class Fitted:
+class Fitted(Solved):
     """A finished search: values by name, covariance, and what is known of its quality.
 
-    ``names`` is the order of ``uncertainty.covariance``; other names belong to single
-    logs. ``fixed`` and ``refused`` hold what was not estimated. ``factors`` are the
-    weights by log that made its residuals as large as those of the others; ``logs`` tells
-    the log of every experiment.
+    Attributes
+    ----------
+    order
+        Of the autoregression of the residuals, as in :class:`.uncertainty.Uncertainty`.
+    factors
+        Weights by log that made its residuals as large as those of the others.
+    logs
+        The log of every experiment.
     """
 
-    values: dict[str, float]
-    names: tuple[str, ...]
-    uncertainty: Uncertainty
-    search: Search
-    solution: Solution
-    specs: Mapping[str, ParameterSpec]
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    refused: Mapping[str, Refusal] = field(default_factory=dict)
+    order: int = 0
+    search: Search = field(kw_only=True)
+    solution: Solution = field(kw_only=True)
+    specs: Mapping[str, ParameterSpec] = field(kw_only=True)
+    unknowns: Mapping[str, Unknown] = field(kw_only=True)
     notices: list[Notice] = field(default_factory=list)
-    unknowns: Mapping[str, Unknown] = field(default_factory=dict)
     remarks: Mapping[str, Any] = field(default_factory=dict)
-    intervals: Mapping[str, Interval] = field(default_factory=dict)
     factors: Mapping[int, float] = field(default_factory=dict)
     logs: Sequence[int] = ()
-
-    @property
-    def solved(self) -> Solved:
-        """Values and covariance, as every family hands them on."""
-        return Solved(
-            self.values, self.names, self.uncertainty.covariance, self.uncertainty.degrees,
-            self.fixed, self.refused, self.intervals,
-        )  # fmt: skip
-
-    def quantities(
-        self, specs: Sequence[ParameterSpec], units: Mapping[str, str] | None = None
-    ) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray]:
-        """As :meth:`.results.Solved.quantities`."""
-        return self.solved.quantities(specs, units)
-
-    def derive(
-        self, units: Mapping[str, str], function: Callable[[Values], Mapping[str, Any]]
-    ) -> dict[str, Quantity]:
-        """As :meth:`.results.Solved.derive`."""
-        return self.solved.derive(units, function)
-
-    def std_error(self, name: str) -> float:
-        """Standard error of an estimated value."""
-        return self.solved.std_error(name)
 
     def _reported(self) -> list[int]:
         return [k for k, n in enumerate(self.names) if n in self.specs]
 
     def sensitivity(self) -> list[FloatArray]:
         """Derivative of every output by the reported parameters, nuisance projected out."""
-        if self.uncertainty.order < 0:
+        if self.order < 0:
             return []  # the rows are not samples of the output alone
         kept = self._reported()
         other = [k for k in range(len(self.names)) if k not in kept]
         stacked = np.vstack(self.solution.jacobian)
-        wanted = stacked[:, kept]
-        if other:
-            q, _ = np.linalg.qr(stacked[:, other])
-            wanted = wanted - q @ (q.T @ wanted)
+        wanted = project_out(stacked[:, kept], stacked[:, other])
         ends = np.cumsum([j.shape[0] for j in self.solution.jacobian])[:-1]
         parts = np.split(wanted, ends)
         if not self.factors:
@@ -289,33 +272,22 @@ class Fitted:
         self, experiments: Sequence[Experiment]
     ) -> tuple[dict[str, Any], list[Notice]]:
         """Leave-one-log-out errors and drift, for the file, and what is worth a warning."""
-        logs = [e.log for e in experiments]
-        every = list(dict.fromkeys(logs))
-        kept = self._reported()
-        if len(every) < 2 or not kept or self.uncertainty.order < 0:
+        logs, kept = [e.log for e in experiments], self._reported()
+        if len(set(logs)) < 2 or not kept or self.order < 0:
             return {}, []
         label = {e.log: e.name.split("#")[0] for e in experiments}
+        jacobian = [j[:, kept] for j in self.solution.jacobian]
         names = [self.names[k] for k in kept]
-        drifts, left_out = compare_logs(
-            [j[:, kept] for j in self.solution.jacobian], self.solution.residuals, logs, names
-        )
+        drifts, errors = compare_logs(jacobian, self.solution.residuals, logs, names)
         table: dict[str, Any] = {
-            "drift": [
-                {
-                    "file": label[d.log],
-                    "parameter": d.parameter,
-                    "difference": d.difference,
-                    "deviations": d.deviations,
-                    "p_value": d.p_value,
-                }
-                for d in drifts
-            ]
+            "drift": [{"file": label[row.pop("log")], **row} for row in map(asdict, drifts)]
         }
-        if len(every) > 2:
-            table["leave_one_log_out"] = [{"file": label[x.log], "rmse": x.rmse} for x in left_out]
-        return table, [
-            _drift_notice(d, label, self.values) for d in drifts if _matters(d, self.values)
-        ]
+        if len(errors) > 2:
+            table["leave_one_log_out"] = [
+                {"file": label[k], "rmse": error} for k, error in errors.items()
+            ]
+        notices = (_drift_notice(d, label[d.log], self.values[d.parameter]) for d in drifts)
+        return table, [n for n in notices if n is not None]
 
     def details(self) -> dict[str, Any]:
         """What the search did, for the file."""
@@ -328,25 +300,26 @@ class Fitted:
             },
             "iterations": self.solution.iterations,
             "converged": self.solution.converged,
-            "covariance": "white"
-            if self.uncertainty.order == 0
-            else "long-run variance of the scores"
-            if self.uncertainty.order < 0
-            else f"autoregressive residuals of order {self.uncertainty.order}",
+            "covariance": _covariance_name(self.order),
             **self.remarks,
         }
 
 
-def _matters(drift: Drift, values: Mapping[str, float]) -> bool:
-    """Whether a drift is significant, and large enough to matter."""
-    return drift.p_value < 1e-3 and abs(drift.difference) > 5e-3 * abs(values[drift.parameter])
+def _covariance_name(order: int) -> str:
+    """What the residuals were taken for, as the file says it."""
+    if order < 0:
+        return "long-run variance of the scores"
+    return f"autoregressive residuals of order {order}" if order else "white"
 
 
-def _drift_notice(drift: Drift, label: Mapping[int, str], values: Mapping[str, float]) -> Notice:
-    share = 100.0 * drift.difference / abs(values[drift.parameter] or 1.0)
+def _drift_notice(drift: Drift, label: str, value: float) -> Notice | None:
+    """Warn of a drift that is significant, and large enough to matter."""
+    if drift.p_value >= 1e-3 or abs(drift.difference) <= 5e-3 * abs(value):
+        return None
+    share = 100.0 * drift.difference / abs(value or 1.0)
     return Notice(
         "log-differs",
-        f"{label[drift.log]} does not agree with the other logs: its own {drift.parameter} "
+        f"{label} does not agree with the other logs: its own {drift.parameter} "
         f"differs by {drift.difference:+.3g} ({share:+.1f} %), {abs(drift.deviations):.1f} "
         f"standard errors (p = {drift.p_value:.1g}). Check whether it comes from the same "
         "machine in the same state; leave it out or fit it separately.",
@@ -362,9 +335,6 @@ def fit_named(
     *,
     refusals: Sequence[Refusal] = (),
     sensible: Mapping[str, float] | None = None,
-    robust: bool = True,
-    sigma_floor: float = 0.0,
-    channels: Sequence[Sequence[slice]] = (),
 ) -> Fitted:
     """Fit a named model and refuse what the data do not determine.
 
@@ -379,35 +349,30 @@ def fit_named(
     sensible
         Per parameter the width beyond which its 95 % interval is uninformative
         (default: its own value).
-    channels
-        Rows of each experiment that hold different functions of the same samples. Their
-        errors are not independent; the covariance is then taken from the scores.
     """
     by_name = {s.name: s for s in specs}
     every = (*model.nonlinear, *model.linear)
     fixed = {n: float(request.fixed[n]) for n in every if n in request.fixed}
-    several = bool(channels) and len(channels[0]) > 1
-
     begin = [{**s, **request.start} for s in starts]
 
     def solve_with(held: Mapping[str, float]) -> _Attempt:
-        return _attempt(model, unknowns, held, begin, robust, sigma_floor, channels)
+        return _attempt(model, unknowns, held, begin)
 
     def undetermined(attempt: _Attempt) -> list[Refusal]:
         return left_open(attempt.solved, by_name, sensible or {})
 
     found = determine(solve_with, undetermined, by_name, fixed=fixed, refusals=refusals)
-    attempt = found.solution
-    final = {n: float(v) for n, v in attempt.solved.values.items()} | fixed
-    for name in found.refused:
-        final[name] = float(by_name[name].neutral or 0.0)
+    attempt, solved = found.solution, found.solution.solved
+    values = {n: float(v) for n, v in solved.values.items()} | fixed
+    values |= {n: float(by_name[n].neutral or 0.0) for n in found.refused}
     fitted = Fitted(
-        final, attempt.solved.names, attempt.uncertainty, attempt.search, attempt.best, by_name,
-        fixed, found.refused, found.notices, unknowns, factors=attempt.factors, logs=model.logs,
+        values, solved.names, solved.covariance, solved.degrees, fixed, found.refused,
+        order=attempt.order, search=attempt.search, solution=attempt.best, specs=by_name,
+        unknowns=unknowns, notices=found.notices, factors=attempt.factors, logs=model.logs,
     )  # fmt: skip
-    if model.whiten.size or several:
+    if attempt.order < 0:
         return fitted
-    return replace(fitted, intervals=_examine_intervals(attempt, fitted, by_name))
+    return replace(fitted, intervals=_examine_intervals(attempt, fitted))
 
 
 @dataclass(frozen=True)
@@ -419,7 +384,7 @@ class _Attempt:
     search: Search
     best: Solution
     factors: Mapping[int, float]
-    uncertainty: Uncertainty
+    order: int
     solved: Solved
 
 
@@ -428,9 +393,6 @@ def _attempt(
     unknowns: Mapping[str, Unknown],
     held: Mapping[str, float],
     starts: Sequence[Mapping[str, float]],
-    robust: bool,
-    sigma_floor: float,
-    channels: Sequence[Sequence[slice]],
 ) -> _Attempt:
     """Solve from every start, weigh the logs, and take the covariance."""
     problem = bind(model, unknowns, held)
@@ -443,26 +405,11 @@ def _attempt(
     if factors:
         fair = model.scaled(factors)
         best = solve(bind(fair, unknowns, held), best.eta, tolerance=tolerance)
-    if model.whiten.size:
-        # what is left is white but not everywhere equally strong
-        parts = [[slice(0, r.size)] for r in best.residuals]
-        uncertainty = score_covariance(best.jacobian, best.residuals, parts)
-    elif channels and len(channels[0]) > 1:
-        uncertainty = score_covariance(best.jacobian, best.residuals, channels)
-    else:
-        uncertainty = covariance(
-            best.jacobian,
-            best.residuals,
-            local_unknowns=sum(best.local_counts),
-            robust=robust,
-            sigma_floor=sigma_floor,
-            small_sample=True,
-            readings=list(zip(fair.measured, fair.resolutions)),
-        )
+    found = fair.uncertainty(best)
     names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
     values = dict(zip(names, (*best.eta, *best.linear)))
-    solved = Solved(values, names, uncertainty.covariance, uncertainty.degrees)
-    return _Attempt(fair, held, search, best, factors, uncertainty, solved)
+    solved = Solved(values, names, found.covariance, found.degrees)
+    return _Attempt(fair, held, search, best, factors, found.order, solved)
 
 
 def _balance(model: NamedModel, solution: Solution) -> dict[int, float]:
@@ -476,8 +423,7 @@ def _balance(model: NamedModel, solution: Solution) -> dict[int, float]:
         return {}
     rows = dict.fromkeys(every, 0.0)
     cost = dict(rows)
-    counts = solution.local_counts or (0,) * len(model.logs)
-    for r, k, local in zip(solution.residuals, model.logs, counts):
+    for r, k, local in zip(solution.residuals, model.logs, solution.local_counts):
         rows[k] += r.size - local
         cost[k] += float(r @ r)
     sigma = {k: np.sqrt(cost[k] / max(rows[k], 1.0)) for k in every}
@@ -487,9 +433,7 @@ def _balance(model: NamedModel, solution: Solution) -> dict[int, float]:
     return {k: float(np.clip(common / sigma[k], 0.1, 10.0)) for k in every}
 
 
-def _examine_intervals(
-    attempt: _Attempt, fitted: Fitted, specified: Mapping[str, ParameterSpec]
-) -> dict[str, Interval]:
+def _examine_intervals(attempt: _Attempt, fitted: Fitted) -> dict[str, Interval]:
     """Intervals of the parameters whose cost need not be a parabola.
 
     Those that are ``curved`` have kinks, and those within three standard errors of a bound
@@ -499,7 +443,7 @@ def _examine_intervals(
     if sum(y.size for y in model.measured) > _PROFILED:
         return {}
     out = {}
-    quantile = t_quantile(0.975, fitted.uncertainty.degrees)
+    quantile = t_quantile(0.975, fitted.degrees)
     plain = covariance(
         fitted.solution.jacobian,
         fitted.solution.residuals,
@@ -507,18 +451,18 @@ def _examine_intervals(
         robust=False,
     )
     for k, name in enumerate(fitted.names):
-        if name not in model.nonlinear or name not in specified:
+        if name not in model.nonlinear or name not in fitted.specs:
             continue
         value, se = fitted.values[name], fitted.std_error(name)
         u = fitted.unknowns[name]
         near = min(value - u.low, u.high - value) < 3.0 * se
-        if se <= 0.0 or not (near or specified[name].curved):
+        if se <= 0.0 or not (near or fitted.specs[name].curved):
             continue
         # autocorrelated residuals carry less information: the cost counts for less
         own = plain.covariance[k, k]
         if not (np.isfinite(own) and own > 0.0 and np.isfinite(se)):
             continue
-        excess = max(fitted.uncertainty.covariance[k, k] / own, 1.0)
+        excess = max(fitted.covariance[k, k] / own, 1.0)
         rise = _make_rise(model, fitted, held, name, plain.sigma**2 * excess)
         out[name] = profile_interval(rise, value, se, quantile, (u.low, u.high))
     return out
@@ -529,7 +473,7 @@ def _make_rise(
 ) -> Callable[[float], float]:
     """Root of the rise of the profiled cost of one parameter, in standard deviations."""
     order = [n for n in fitted.names if n in model.nonlinear]
-    covariance_of = fitted.uncertainty.covariance
+    covariance_of = fitted.covariance
     k = fitted.names.index(name)
 
     def rise(x: float) -> float:
@@ -544,47 +488,3 @@ def _make_rise(
         return float(np.sqrt(max(found.cost - fitted.solution.cost, 0.0) / variance))
 
     return rise
-
-
-def shorten(
-    experiments: Sequence[Experiment], output: str, *, samples: int = 1500, runs: int = 2
-) -> list[Experiment]:
-    """The most eventful parts of the logs, for starting searches.
-
-    Searching for a start on a million samples or a hundred runs costs minutes and buys
-    nothing: the full fit that follows uses them all.
-    """
-    lively = sorted(experiments, key=lambda e: -float(np.ptp(e[output])))
-    taken: list[Experiment] = []
-    for e in lively:
-        if len(taken) >= runs and sum(t.samples for t in taken) >= samples:
-            break
-        taken.append(_liveliest_part(e, output, samples))
-        if len(taken) >= 12 * runs:
-            break
-    return taken
-
-
-def _liveliest_part(experiment: Experiment, output: str, samples: int) -> Experiment:
-    n = experiment.samples
-    if n <= samples:
-        return experiment
-    begins = np.unique(np.linspace(0, n - samples, 12).astype(int))
-    y = experiment[output]
-    begin = int(max(begins, key=lambda b: float(np.std(y[b : b + samples]))))
-    part = slice(begin, begin + samples)
-    signals = {}
-    for role, s in experiment.signals.items():
-        if s.time is experiment.time or s.values.size == n:
-            signals[role] = replace(
-                s, time=s.time[part], values=s.values[part], before=float(s.values[begin])
-            )
-        else:
-            signals[role] = s
-    return replace(experiment, time=experiment.time[part], signals=signals)
-
-
-def input_level(signal: Signal) -> float:
-    """The level of rest that a signal starts from [unit of the signal]."""
-    stepped = signal.time.size == 1
-    return signal.before if stepped else float(signal.values[0])

@@ -7,7 +7,7 @@ flow balances.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -139,6 +139,21 @@ class Solved:
         k = self.names.index(name)
         return float(np.sqrt(max(self.covariance[k, k], 0.0)))
 
+    def half_width(self, name: str) -> float:
+        """Half-width of the 95 % interval of an estimated value."""
+        return t_quantile(0.975, self.degrees) * self.std_error(name)
+
+    def renamed(self, source: Mapping[str, str]) -> Solved:
+        """The same fit by other names: ``source`` gives the value that each name stands for.
+
+        Several names can stand for one value, such as two levels that are taken to be equal.
+        """
+        names = tuple(n for n, s in source.items() if s in self.names)
+        rows = [self.names.index(source[n]) for n in names]
+        values = {n: self.values[s] for n, s in source.items()}
+        matrix = self.covariance[np.ix_(rows, rows)]
+        return replace(self, values=values, names=names, covariance=matrix)
+
     def quantities(
         self, specs: Sequence[ParameterSpec], units: Mapping[str, str] | None = None
     ) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray]:
@@ -166,7 +181,7 @@ class Solved:
         error = self.std_error(name)
         found = self.intervals.get(name)
         if found is None:
-            half = t_quantile(0.975, self.degrees) * error
+            half = self.half_width(name)
             found = Interval(value - half, value + half, "wald")
         ends = [max(found.low, spec.minimum), min(found.high, spec.maximum)]
         return Quantity(value, unit, "estimated", error, ends, found.method)
@@ -204,22 +219,21 @@ def left_open(
     ``sensible`` holds the half-width beyond which a 95 % interval is useless;
     a parameter's own value where it is not listed.
     """
-    quantile = t_quantile(0.975, solved.degrees)
     worst, excess = "", 1.0
-    for k, name in enumerate(solved.names):
+    for name in solved.names:
         if name not in specs:
             continue  # a nuisance value is not reported
         width = sensible.get(name, max(abs(solved.values[name]), 1e-300))
         if not np.isfinite(width):
             continue
-        half = quantile * float(np.sqrt(max(solved.covariance[k, k], 0.0)))
+        half = solved.half_width(name)
         if not np.isfinite(half):
             return [Refusal(name, "the output does not depend on it anywhere in the logs.")]
         if half > width * excess:
             excess, worst = half / width, name
     if not worst:
         return []
-    half = quantile * solved.std_error(worst)
+    half = solved.half_width(worst)
     return [
         Refusal(
             worst,

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -45,7 +45,6 @@ class Unknown:
     """
 
     name: str
-    start: float
     low: float = -np.inf
     high: float = np.inf
     scale: float = 1.0
@@ -182,29 +181,25 @@ class Solution:
     cost: float
     residuals: list[FloatArray]
     simulated: list[FloatArray]
-    jacobian: list[FloatArray] = field(default_factory=list)
-    local_counts: tuple[int, ...] = ()
-    active: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    iterations: int = 0
-    converged: bool = False
+    jacobian: list[FloatArray]
+    local_counts: tuple[int, ...]
+    active: Mask
+    iterations: int
+    converged: bool
 
 
 def differentiate(
     basis: Callable[[Array], Basis], eta: FloatArray, scales: FloatArray
 ) -> tuple[Basis, Slopes]:
     """Columns and their exact derivatives by complex steps."""
-    at: Basis = basis(eta)
-    known, shared, local = [], [], []
-    for j in range(eta.size):
-        moved = eta.astype(complex)
-        moved[j] += 1j * _STEP * scales[j]
-        turned = basis(moved)
-        unit = _STEP * scales[j]
-        known.append(np.imag(turned.known) / unit)
-        shared.append(np.imag(turned.shared) / unit)
-        local.append(np.imag(turned.local) / unit)
-    columns = ((known, at.known), (shared, at.shared), (local, at.local))
-    return at, Slopes(*(np.reshape(c, (eta.size, *x.shape)) for c, x in columns))
+    at, steps = basis(eta), _STEP * scales
+    turned = [basis(eta + 1j * row) for row in np.diag(steps)]
+
+    def slope(part: str) -> FloatArray:
+        rows = [np.imag(getattr(b, part)) / step for b, step in zip(turned, steps)]
+        return np.reshape(rows, (eta.size, *getattr(at, part).shape))
+
+    return at, Slopes(slope("known"), slope("shared"), slope("local"))
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:
@@ -219,6 +214,16 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
         return q
     left, singular, _ = np.linalg.svd(used, full_matrices=False)
     return left[:, singular > 1e-10 * singular[0]]
+
+
+def project_out(rows: FloatArray, columns: FloatArray) -> FloatArray:
+    """Remove from ``rows``, shape ``(n, p)``, what ``columns``, ``(n, q)``, explain."""
+    return _without(_orthonormal(columns), rows)
+
+
+def _without(q: FloatArray, rows: Array) -> Array:
+    """Remove the part of rows that lies in the span of an orthonormal ``q``."""
+    return np.asarray(rows - q @ (q.T @ rows)) if q.shape[1] else rows
 
 
 @dataclass(frozen=True)
@@ -239,9 +244,7 @@ class _Fit:
         self.eta = eta
         self.reduced = [self._reduce(i, b) for i, b in enumerate(bases)]
         self.linear, self.linear_active = self._solve_shared()
-        self.residuals = [
-            r.target - (r.shared @ self.linear if self.linear.size else 0.0) for r in self.reduced
-        ]
+        self.residuals = [r.target - r.shared @ self.linear for r in self.reduced]
         cost = float(sum(float(r @ r) for r in self.residuals))
         self.cost = cost if np.isfinite(cost) else np.inf
 
@@ -249,10 +252,7 @@ class _Fit:
         target = self.problem.weigh(index, self.problem.measured[index] - basis.known)
         shared = self.problem.weigh(index, basis.shared)
         q = _orthonormal(self.problem.weigh(index, basis.local))
-        if q.shape[1]:
-            target = target - q @ (q.T @ target)
-            shared = shared - q @ (q.T @ shared)
-        return _Reduced(target, shared, q, basis)
+        return _Reduced(_without(q, target), _without(q, shared), q, basis)
 
     def _solve_shared(self) -> tuple[FloatArray, Mask]:
         """Shared linear unknowns by bounded least squares (active set)."""
@@ -263,42 +263,31 @@ class _Fit:
         target = np.concatenate([r.target for r in self.reduced])
         return bounded_least_squares(normal, target, *_bounds(unknowns))
 
+    @cached_property
     def local(self) -> list[FloatArray]:
         """Local unknowns of every experiment."""
-        out: list[FloatArray] = []
+        out = []
         for i, r in enumerate(self.reduced):
-            if r.basis.local.shape[1] == 0:
-                out.append(np.zeros(0))
-                continue
-            rest = self.problem.measured[i] - r.basis.known
-            if self.linear.size:
-                rest = rest - r.basis.shared @ self.linear
+            rest = self.problem.measured[i] - r.basis.known - r.basis.shared @ self.linear
             columns, target = (self.problem.weigh(i, x) for x in (r.basis.local, rest))
-            out.append(np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0], dtype=float))
+            out.append(np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0]))
         return out
 
     def jacobian(self, slopes: Sequence[Slopes]) -> FloatArray:
         """Derivative of all models by ``eta``, local and free shared unknowns projected out."""
-        raw = self.raw_jacobian(slopes, self.local())
+        raw = np.vstack(self.raw_jacobian(slopes))
         free = ~self.linear_active
-        if not free.any():
-            return np.vstack(raw)
-        q = _orthonormal(np.vstack([r.shared[:, free] for r in self.reduced]))
-        stacked = np.vstack(raw)
-        return np.asarray(stacked - q @ (q.T @ stacked))
+        return project_out(raw, np.vstack([r.shared[:, free] for r in self.reduced]))
 
-    def raw_jacobian(self, slopes: Sequence[Slopes], local: list[FloatArray]) -> list[FloatArray]:
+    def raw_jacobian(self, slopes: Sequence[Slopes]) -> list[FloatArray]:
         """Derivative of the model by ``eta`` with the local unknowns projected out."""
         out = []
         for i, (r, s) in enumerate(zip(self.reduced, slopes)):
             j = s.known.copy()
-            for columns, values in ((s.shared, self.linear), (s.local, local[i])):
+            for columns, values in ((s.shared, self.linear), (s.local, self.local[i])):
                 if values.size:  # as one matrix times a vector: the columns lie interleaved
                     j += columns.reshape(-1, values.size).dot(values).reshape(j.shape)
-            j = self.problem.weigh(i, j.T)
-            if r.q.shape[1]:
-                j = j - r.q @ (r.q.T @ j)
-            out.append(j)
+            out.append(_without(r.q, self.problem.weigh(i, j.T)))
         return out
 
 
@@ -334,7 +323,7 @@ def bounded_least_squares(
 
 def solve(
     problem: Problem,
-    start: FloatArray | None = None,
+    start: FloatArray,
     *,
     max_iterations: int = 60,
     tolerance: float = 1e-5,
@@ -343,8 +332,8 @@ def solve(
 
     Parameters
     ----------
-    start : (p,), optional
-        Instead of the unknowns' own start values.
+    start : (p,)
+        Of the nonlinear unknowns.
     max_iterations
         Limit on accepted and rejected steps together.
     tolerance
@@ -353,49 +342,41 @@ def solve(
     """
     scales = np.array([u.scale for u in problem.nonlinear])
     low, high = (b / scales for b in _bounds(problem.nonlinear))
-    begin = np.array([u.start for u in problem.nonlinear]) if start is None else start
-    x = np.clip(np.asarray(begin, dtype=float) / scales, low, high)
+    x = np.clip(np.asarray(start, dtype=float) / scales, low, high)
     fit, slopes = _evaluate(problem, x * scales, scales)
-    damping, converged, count = 1e-3, x.size == 0, 0
+    damping, count, moved, converged = 1e-3, 0, True, x.size == 0
     while not converged and count < max_iterations:
-        j = fit.jacobian(slopes) * scales
-        r = np.concatenate(fit.residuals)
-        gradient, curvature = j.T @ r, j.T @ j
-        if not np.all(np.isfinite(curvature)):
-            break
-        noise = fit.cost / max(r.size - x.size, 1)
-        moved = False
-        while count < max_iterations:
-            count += 1
-            step = damped_step(curvature, gradient, x, (low, high), damping)
-            candidate = np.clip(x + step, low, high)
-            step = candidate - x
-            predicted = float(2.0 * gradient @ step - step @ curvature @ step)
-            if predicted <= tolerance**2 * max(noise, 1e-300) or not np.any(step):
-                converged = True
-                break
-            trial = _value(problem, candidate * scales)
-            gain = (fit.cost - trial.cost) / predicted
-            if gain > 1e-4:
-                x, moved = candidate, True
-                length = float(np.sqrt(predicted / max(noise, 1e-300)))
-                miss = min(1.0, 4.0 * abs(1.0 - gain)) if tolerance > 1e-3 else 1.0
-                if miss * length <= 10.0 * tolerance and gain > 0.5:
-                    # so short a step, or so exactly predicted, that the next one would be
-                    # below the tolerance: keep these slopes
-                    fit, converged, moved = trial, True, False
-                    break
-                damping = max(damping * (0.1 if gain > 0.5 else 0.5), 1e-12)
-                break
-            if abs(fit.cost - trial.cost) <= 1e-13 * fit.cost and predicted <= 1e-11 * fit.cost:
-                converged = True
-                break
-            damping = max(damping * 8.0, 1e-9)
-            if damping > 1e12:
-                converged = True
-                break
         if moved:
+            j, r = fit.jacobian(slopes) * scales, np.concatenate(fit.residuals)
+            gradient, curvature = j.T @ r, j.T @ j
+            noise = max(fit.cost / max(r.size - x.size, 1), 1e-300)
+            if not np.all(np.isfinite(curvature)):
+                break
+        count += 1
+        step = damped_step(curvature, gradient, x, (low, high), damping)
+        candidate = np.clip(x + step, low, high)
+        step = candidate - x
+        predicted = float(2.0 * gradient @ step - step @ curvature @ step)
+        if predicted <= tolerance**2 * noise or not np.any(step):
+            converged = True
+            break
+        trial = _value(problem, candidate * scales)
+        gain = (fit.cost - trial.cost) / predicted
+        moved = gain > 1e-4
+        if moved:
+            x, length = candidate, float(np.sqrt(predicted / noise))
+            miss = min(1.0, 4.0 * abs(1.0 - gain)) if tolerance > 1e-3 else 1.0
+            if miss * length <= 10.0 * tolerance and gain > 0.5:
+                # so short a step, or so exactly predicted, that the next one would be
+                # below the tolerance: keep these slopes
+                fit, converged = trial, True
+                break
+            damping = max(damping * (0.1 if gain > 0.5 else 0.5), 1e-12)
             fit, slopes = _evaluate(problem, x * scales, scales)
+        else:
+            still = abs(fit.cost - trial.cost) <= 1e-13 * fit.cost
+            damping = max(damping * 8.0, 1e-9)
+            converged = (still and predicted <= 1e-11 * fit.cost) or damping > 1e12
     return _finish(fit, slopes, (x <= low) | (x >= high), count, converged)
 
 
@@ -441,16 +422,12 @@ def _value(problem: Problem, eta: FloatArray) -> _Fit:
 
 
 def _evaluate(problem: Problem, eta: FloatArray, scales: FloatArray) -> tuple[_Fit, list[Slopes]]:
-    bases, slopes = [], []
     own = getattr(problem.model, "slopes", None)
-    for i in range(len(problem.measured)):
-        if own is not None:
-            basis, slope = own(i, eta)
-        else:
-            basis, slope = differentiate(partial(problem.model.basis, i), eta, scales)
-        bases.append(basis)
-        slopes.append(slope)
-    return _Fit(problem, eta, bases), slopes
+    pairs = [
+        differentiate(partial(problem.model.basis, i), eta, scales) if own is None else own(i, eta)
+        for i in range(len(problem.measured))
+    ]
+    return _Fit(problem, eta, [basis for basis, _ in pairs]), [slopes for _, slopes in pairs]
 
 
 def evaluate(problem: Problem, eta: FloatArray) -> Solution:
@@ -461,14 +438,13 @@ def evaluate(problem: Problem, eta: FloatArray) -> Solution:
 def _finish(
     fit: _Fit, slopes: list[Slopes], on_bound: Mask, count: int, converged: bool
 ) -> Solution:
-    local = fit.local()
-    raw = fit.raw_jacobian(slopes, local)
+    raw = fit.raw_jacobian(slopes)
     simulated = [
         r.basis.known + r.basis.shared @ fit.linear + r.basis.local @ own
-        for r, own in zip(fit.reduced, local)
+        for r, own in zip(fit.reduced, fit.local)
     ]
     return Solution(
-        fit.eta, fit.linear, local, fit.cost, fit.residuals, simulated,
+        fit.eta, fit.linear, fit.local, fit.cost, fit.residuals, simulated,
         jacobian=[np.column_stack((j, r.shared)) for j, r in zip(raw, fit.reduced)],
         local_counts=tuple(r.q.shape[1] for r in fit.reduced),
         active=np.concatenate((on_bound, fit.linear_active)),
@@ -493,24 +469,11 @@ def profile(problem: Problem, candidates: FloatArray) -> FloatArray:
 
 
 def _cost(problem: Problem, eta: FloatArray) -> float:
-    """Cost at ``eta`` and nothing else: triangular factors in place of projections."""
-    blocks = []
-    for i, measured in enumerate(problem.measured):
-        b = problem.model.basis(i, eta)
-        rows = problem.weigh(i, np.column_stack((b.local, b.shared, measured - b.known)))
-        if not np.all(np.isfinite(rows)):
-            return float("inf")
-        local = b.local.shape[1]
-        factor = np.asarray(np.linalg.qr(rows, mode="r"))
-        blocks.append(factor[local:, local:])
-    rest = np.vstack(blocks)
-    target = rest[:, -1]
-    if problem.linear:
-        columns = rest[:, :-1]
-        target = (
-            target - columns @ bounded_least_squares(columns, target, *_bounds(problem.linear))[0]
-        )
-    return float(target @ target)
+    bases = [problem.model.basis(i, eta) for i in range(len(problem.measured))]
+    columns = (c for b in bases for c in (b.known, b.shared, b.local))
+    if not all(np.isfinite(c).all() for c in columns):
+        return float("inf")
+    return _Fit(problem, eta, bases).cost
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from ..experiment import FloatArray
+
+BoolArray = npt.NDArray[np.bool_]
 
 _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 
@@ -182,6 +185,20 @@ def _positive(matrix: FloatArray) -> FloatArray:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
 
 
+def _inverse_information(jacobian: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """``(J'J)^-1`` where the data determine it, and which unknowns they do not."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    blind = scale == 0.0
+    scale = np.where(blind, 1.0, scale)
+    # the triangle of a QR has the singular values of the whole, at a fraction of the cost
+    _, s, vt = np.linalg.svd(np.linalg.qr(jacobian / scale, mode="r"))
+    inverse = np.where(s > 1e-12 * s.max(initial=0.0), 1.0 / np.maximum(s, 1e-300), 0.0)
+    # directions that the data do not determine leave every parameter in them unknown
+    silent = np.abs(vt[inverse == 0.0])
+    blind = blind | np.any(silent > 1e-4, axis=0)
+    return (vt.T * inverse**2) @ vt / np.outer(scale, scale), blind
+
+
 def covariance(
     jacobian: Sequence[FloatArray],
     residuals: Sequence[FloatArray],
@@ -228,16 +245,7 @@ def covariance(
     degrees = max(n - p - local_unknowns, 1)
     cost = float(sum(float(r @ r) for r in residuals))
     sigma = max(np.sqrt(cost / degrees), sigma_floor)
-    scale = np.linalg.norm(stacked, axis=0)
-    blind = scale == 0.0
-    scale = np.where(blind, 1.0, scale)
-    # the triangle of a QR has the singular values of the whole, at a fraction of the cost
-    _, s, vt = np.linalg.svd(np.linalg.qr(stacked / scale, mode="r"))
-    inverse = np.where(s > 1e-12 * s.max(initial=0.0), 1.0 / np.maximum(s, 1e-300), 0.0)
-    bread = (vt.T * inverse**2) @ vt / np.outer(scale, scale)
-    # directions that the data do not determine leave every parameter in them unknown
-    silent = np.abs(vt[inverse == 0.0])
-    blind = blind | np.any(silent > 1e-4, axis=0)
+    bread, blind = _inverse_information(stacked)
     order, middle = 0, None
     if robust and n > 30:
         shortest = min(r.size for r in residuals)

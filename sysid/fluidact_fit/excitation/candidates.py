@@ -14,26 +14,22 @@ from .waveforms import Waveform
 def first_waveforms(task: Task) -> list[Waveform]:
     """Shapes to begin with; the search stretches their times and frequencies."""
     span, step = task.limits.duration, task.limits.sample_time
-    sizes = ("hold", "small", "part")
     holds = np.geomspace(max(4.0 * step, 0.002 * span), 0.12 * span, 8)
-    out = [Waveform("steps", {"hold": h, "levels": n, "duty": 1.0}, ("hold",), task.seed)
-           for h in holds for n in (2.0, 5.0)]  # fmt: skip
-    out += [Waveform("square", {"hold": h, "last": h * g, "duty": 1.0}, ("hold", "last"))
-            for h in holds for g in (1.0, 4.0)]  # fmt: skip
-    out += [Waveform("two sizes", {"hold": h, "small": h * g, "part": p, "duty": 1.0}, sizes)
-            for h in holds for g, p in ((1.0, 0.5), (2.0, 0.35))]  # fmt: skip
-    out += [Waveform("rest and go", {"hold": h, "pause": h * g}, ("hold", "pause"))
-            for h in holds for g in (0.3, 1.0)]  # fmt: skip
-    bands = [1.0 / (2.0 * h) for h in holds]
-    out += [Waveform("chirp", {"first": 1.0 / span, "last": f, "log": k}, ("first", "last"))
-            for f in bands[:6] for k in (0.0, 1.0)]  # fmt: skip
-    out += [Waveform("multisine", {"first": 1.0 / span, "last": f}, ("last",), task.seed)
-            for f in bands[:6]]  # fmt: skip
-    out += [Waveform("triangle", {"period": span / n}, ("period",)) for n in (1.0, 2.0, 4.0, 8.0)]
-    slow = Waveform("triangle", {"period": 0.25 * span}, ("period",))
+    bands, lowest = [1.0 / (2.0 * h) for h in holds[:6]], 1.0 / span
+    sizes = ((1.0, 0.5), (2.0, 0.35))
+    shapes = [
+        *(("steps", {"hold": h, "levels": n}) for h in holds for n in (2.0, 5.0)),
+        *(("square", {"hold": h, "last": h * g}) for h in holds for g in (1.0, 4.0)),
+        *(("two sizes", {"hold": h, "small": h * g, "part": p}) for h in holds for g, p in sizes),
+        *(("rest and go", {"hold": h, "pause": h * g}) for h in holds for g in (0.3, 1.0)),
+        *(("chirp", {"first": lowest, "last": f, "log": k}) for f in bands for k in (0.0, 1.0)),
+        *(("multisine", {"first": lowest, "last": f}) for f in bands),
+        *(("triangle", {"period": span / n}) for n in (1.0, 2.0, 4.0, 8.0)),
+    ]
+    out = [Waveform(shape, numbers, task.seed) for shape, numbers in shapes]
+    slow = Waveform("triangle", {"period": 0.25 * span})
     for h in holds[1:6]:
-        numbers = {"hold": h, "levels": 2.0, "duty": 1.0}
-        out.append(replace(slow, then=Waveform("steps", numbers, ("hold",), task.seed)))
+        out.append(replace(slow, then=Waveform("steps", {"hold": h, "levels": 2.0}, task.seed)))
     return [*out, *_mixtures(holds), *_approaches(task)]
 
 
@@ -41,10 +37,9 @@ def _mixtures(holds: FloatArray) -> list[Waveform]:
     """Slow squares of two sizes, which show levels and slopes, and then a quick one."""
     out = []
     for q in holds[1:6:2]:
-        quick = Waveform("square", {"hold": q, "last": q, "duty": 1.0}, ("hold", "last"))
+        quick = Waveform("square", {"hold": q, "last": q})
         for h in holds[4:]:
-            numbers = {"hold": h, "small": h, "part": 0.6, "duty": 1.0}
-            slow = Waveform("two sizes", numbers, ("hold", "small", "part"), then=quick)
+            slow = Waveform("two sizes", {"hold": h, "small": h, "part": 0.6}, then=quick)
             out += [replace(slow, turn=turn) for turn in (0.35, 0.65)]
     return out
 
@@ -60,16 +55,14 @@ def _approaches(task: Task) -> list[Waveform]:
         levels[f"low_{side}"] = low / abs(limit)
         levels[f"high_{side}"] = min(high / abs(limit), 1.0)
     span = task.limits.duration
-    free = ("half", "pause", "push")
     out = []
     # A fit of slow passages alone has several optima; vigorous motion has one.
     for last in (10.0, 40.0):
-        band = {"first": 2.0 / span, "last": last / span, "log": 0.0}
-        lively = Waveform("chirp", band, ("first", "last"))
+        lively = Waveform("chirp", {"first": 2.0 / span, "last": last / span, "log": 0.0})
         for n in (2.0, 4.0, 6.0):
             for pause in (0.15, 0.3):
                 numbers = {"half": 0.5 * span / n, "pause": pause, "push": 0.03, **levels}
-                out.append(Waveform("approach", numbers, free, then=lively))
+                out.append(Waveform("approach", numbers, then=lively))
     return out
 
 

@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import NotIdentifiedError, UsageError
+from ..errors import UsageError
 from .candidates import first_waveforms
-from .forecasts import finite_or_none, make_forecasts
 from .result import Candidate, Design
 from .search import RISE, Search, Trial
-from .task import Task
+from .task import Task, finite_or_none, undetermined
 from .waveforms import Waveform
 
 _LEADERS = 4  # shapes that are improved
@@ -63,25 +62,16 @@ def _change(waveform: Waveform, name: str, shift: float, factor: float) -> Wavef
     kind, _, index = name.partition("_")
     if kind == "length":
         numbers[name] *= factor
-        return replace(waveform, numbers=numbers)
-    flat = numbers[name] == numbers[f"end_{index}"]
-    moved = float(np.clip(numbers[name] + shift, -1.0, 1.0))
-    numbers[name] = moved
-    if flat:
-        numbers[f"end_{index}"] = moved
+    else:
+        flat = numbers[name] == numbers[f"end_{index}"]
+        numbers[name] = float(np.clip(numbers[name] + shift, -1.0, 1.0))
+        if flat:
+            numbers[f"end_{index}"] = numbers[name]
     return replace(waveform, numbers=numbers)
 
 
 def design_command(task: Task) -> Design:
-    """Design the command to play.
-
-    Raises
-    ------
-    UsageError
-        When the sample time is unknown, or the family cannot predict what a command would show.
-    NotIdentifiedError
-        When no command within the limits determines every parameter.
-    """
+    """Design the command to play."""
     if not task.limits.sample_time:
         raise UsageError("the sample time is unknown.", remedy="Give --sample-time and --duration.")
     search = Search(task)
@@ -93,11 +83,7 @@ def design_command(task: Task) -> Design:
         trials.append(search.try_out(waveform))
     trials = sorted((t for t in trials if np.isfinite(t.score)), key=lambda t: t.score)
     if not trials:
-        raise NotIdentifiedError(
-            "no excitation within these limits determines every parameter.",
-            expected="Nothing was written.",
-            remedy="Widen --amplitude or --stroke, or give a longer --duration.",
-        )
+        raise undetermined("excitation")
     leaders = _best_of_each(trials)
     improved = []
     for number, trial in enumerate(leaders[:_LEADERS], start=1):
@@ -120,33 +106,31 @@ def _best_of_each(trials: Sequence[Trial]) -> list[Trial]:
 
 
 def _to_design(task: Task, search: Search, ranking: Sequence[Trial]) -> Design:
-    best = ranking[0]
-    scales = np.array([u.scale for u in task.unknowns])
+    best, name, output = ranking[0], task.drive.name, task.variant.output
     notes = list(task.notes)
     if search.drifts and task.limits.stroke is not None:
+        needed = float(np.ptp(best.output))
         start = task.limits.stroke[0] - float(best.output.min() - best.output[0])
-        spare = task.limits.stroke[1] - task.limits.stroke[0] - float(np.ptp(best.output))
-        unit = task.variant.output.unit
+        start += 0.5 * (task.limits.travel - needed)
         notes.append(
-            f"Start at {task.variant.output.name} {start + 0.5 * spare:.4g} {unit}: from there the "
-            f"run needs {np.ptp(best.output):.4g} {unit} of stroke."
+            f"Start at {output.name} {start:.4g} {output.unit}: from there the "
+            f"run needs {needed:.4g} {output.unit} of stroke."
         )
     if task.hold != "zoh" and task.limits.rate is None:
         notes.append(
-            f"{task.drive.name} is not held between samples, so jumps are spread over {RISE} "
+            f"{name} is not held between samples, so jumps are spread over {RISE} "
             "samples. Give --rate if the source is slower."
         )
     candidates = [
-        Candidate(t.waveform.describe(), finite_or_none(np.max(t.errors / scales))) for t in ranking
+        Candidate(t.waveform.describe(), finite_or_none(task.worst(t.errors))) for t in ranking
     ]
-    name = task.drive.name
     return Design(
         family=task.family.name,
         description=best.waveform.describe(),
         time=search.time,
         signals={name: best.command},
         units={name: task.unit},
-        forecasts=make_forecasts(task, best.errors),
+        forecasts=task.forecasts(best.errors),
         criterion=task.criterion,
         limits=task.limits,
         binding=_binding(task, search, best),
@@ -166,9 +150,8 @@ def _binding(task: Task, search: Search, best: Trial) -> tuple[str, ...]:
     slope = float(np.abs(np.diff(best.command)).max()) / limits.sample_time
     if limits.rate is not None and slope >= 0.97 * limits.rate:
         out.append("rate")
-    if limits.stroke is not None:
-        wide = limits.stroke[1] - limits.stroke[0]
-        reached = float(np.ptp(best.output)) >= 0.85 * wide
-        if search.drifts and (reached or best.waveform.size < 1.0):
+    if limits.stroke is not None and search.drifts:
+        reached = float(np.ptp(best.output)) >= 0.85 * limits.travel
+        if reached or best.waveform.size < 1.0:
             out.append("stroke")
     return (*out, "duration")

@@ -1,59 +1,31 @@
-"""Positions at which to sample a static map, and for how long."""
+"""A static map at chosen points: where to sample it, for how long, and what that shows."""
 
 from __future__ import annotations
+
+from copy import deepcopy
+from typing import Any
 
 import numpy as np
 
 from ..estimation.information import cramer_rao, optimal_measure
-from ..experiment import FloatArray
-from .forecasts import make_forecasts
+from ..experiment import Experiment, FloatArray, Signal
+from ..family import Role, Variant
 from .result import Design
-from .static_map import evaluate_map, static_rows, static_samples
-from .task import Task
+from .task import Task, Unknown
 
 _SPREAD = 0.2  # share of a static design that is spread evenly, to show a wrong model
 
 
 def design_points(task: Task) -> Design:
-    """Where to sample a static map."""
+    """Positions to hold, each for a number of samples."""
     grid = np.linspace(*task.limits.amplitude, 161)
-    rows = static_rows(task, grid)
-    scales = np.array([u.scale for u in task.unknowns])
     chosen: str | int = task.criterion
     if task.criterion not in ("worst", "determinant"):
-        chosen = [u.name for u in task.unknowns].index(task.criterion)
-    share = optimal_measure(rows, scales, chosen)
-    points, counts = _support(grid, share, _SPREAD)
-    weights = counts * static_samples(task)
-    return _positions(task, points, weights, _static_errors(task, points, weights))
-
-
-def _static_errors(task: Task, points: FloatArray, weights: FloatArray) -> FloatArray:
-    """Predicted standard errors of so many samples at some points, shape ``(p,)``."""
-    at = static_rows(task, points)
-    return np.sqrt(np.diag(cramer_rao(at.T @ (weights[:, None] * at)))) * task.sigma
-
-
-def _support(grid: FloatArray, share: FloatArray, spread: float) -> tuple[FloatArray, FloatArray]:
-    """Points that carry the design and their shares; ``spread`` of it goes to an even grid."""
-    kept = np.flatnonzero(share > 0.02 * share.max())
-    apart = (np.diff(kept) > 2) | (grid[kept[:-1]] * grid[kept[1:]] < 0.0)
-    groups = np.split(kept, np.flatnonzero(apart) + 1)
-    points = [float(grid[g] @ share[g] / share[g].sum()) for g in groups]
-    weights = np.array([float(share[g].sum()) for g in groups])
-    weights *= (1.0 - spread) / weights.sum()
-    even = np.linspace(grid[0], grid[-1], 21)
-    all_points = np.concatenate((points, even))
-    all_weights = np.concatenate((weights, np.full(even.size, spread / even.size)))
-    merged, where = np.unique(np.round(all_points, 9), return_inverse=True)
-    return np.asarray(merged, dtype=float), np.bincount(where.ravel(), all_weights).astype(float)
-
-
-def _positions(task: Task, points: FloatArray, weights: FloatArray, errors: FloatArray) -> Design:
-    """A list of positions to hold, each for a number of samples."""
-    output = task.variant.output
-    counts = np.maximum(np.round(weights), 1.0)
-    reference = evaluate_map(task, task.unknowns[0].name, task.unknowns[0].value, points)
+        chosen = task.names.index(task.criterion)
+    share = optimal_measure(static_rows(task, grid), task.scales, chosen)
+    points, shares = _support(grid, share)
+    weights = shares * static_samples(task)
+    output, unknown = task.variant.output, task.unknowns[0]
     note = (
         f"{100.0 * _SPREAD:.0f} % of the samples are spread evenly: the rest would not show "
         "whether the curve has another shape."
@@ -62,12 +34,79 @@ def _positions(task: Task, points: FloatArray, weights: FloatArray, errors: Floa
         family=task.family.name,
         description=f"{points.size} positions to hold",
         time=np.zeros(0),
-        signals={output.name: reference, task.drive.name: points, "samples": counts},
+        signals={
+            output.name: _evaluate(task, unknown, unknown.value, points),
+            task.drive.name: points,
+            "samples": np.maximum(np.round(weights), 1.0),
+        },
         units={output.name: output.unit, task.drive.name: task.unit, "samples": "1"},
-        forecasts=make_forecasts(task, errors),
+        forecasts=task.forecasts(task.sigma * static_errors(static_rows(task, points), weights)),
         criterion=task.criterion,
         limits=task.limits,
         binding=("amplitude", "duration"),
         notes=(*task.notes, note),
-        candidates=(),
     )
+
+
+def static_samples(task: Task) -> int:
+    """Samples of the next static experiment: those of the longest log, or the duration's."""
+    if task.limits.sample_time and task.limits.duration:
+        return task.limits.count
+    return max((source.rows for source in task.document.provenance.logs), default=1000)
+
+
+def static_rows(task: Task, points: FloatArray) -> FloatArray:
+    """Derivative of the map by the unknowns at some points, shape ``(n, p)``."""
+    rows = []
+    for u in task.unknowns:
+        size = 1e-5 * u.scale
+        up, down = (_evaluate(task, u, u.value + s * size, points) for s in (1.0, -1.0))
+        rows.append((up - down) / (2.0 * size))
+    return np.column_stack(rows)
+
+
+def static_errors(rows: FloatArray, weights: FloatArray) -> FloatArray:
+    """Standard errors by so many samples of unit noise at the points of ``rows``, ``(p,)``."""
+    return np.sqrt(np.diag(cramer_rao(rows.T @ (weights[:, None] * rows))))
+
+
+def is_speed(role: Role) -> bool:
+    """Whether a role is a speed, by its unit."""
+    return role.unit.endswith("/s")
+
+
+def _evaluate(task: Task, unknown: Unknown, value: float, points: FloatArray) -> FloatArray:
+    """The map with one number changed."""
+    values: dict[str, Any] = deepcopy(dict(task.values))
+    if unknown.index is None:
+        values[unknown.name] = value
+    else:
+        values[unknown.spec.name][unknown.index] = value
+    variant = _over(task)
+    role = next(r for r in variant.roles if r.name != "time" and not r.output and r.required)
+    signal = Signal(role.name, np.zeros(0), points, role.unit, role.hold)
+    run = Experiment("design", 0, np.zeros(0), {role.name: signal}, 0.0, False)
+    (found,) = task.family.simulate(variant, values, [run], task.options)
+    return np.asarray(found.output, dtype=float)
+
+
+def _over(task: Task) -> Variant:
+    """The variant whose map is over what is chosen: of strokes, the speed itself."""
+    if task.excitation.kind != "strokes":
+        return task.variant
+    return next(v for v in task.family.variants if any(is_speed(r) for r in v.roles))
+
+
+def _support(grid: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points that carry the design and their shares; some of it goes to an even grid."""
+    kept = np.flatnonzero(share > 0.02 * share.max())
+    apart = (np.diff(kept) > 2) | (grid[kept[:-1]] * grid[kept[1:]] < 0.0)
+    groups = np.split(kept, np.flatnonzero(apart) + 1)
+    points = [float(grid[g] @ share[g] / share[g].sum()) for g in groups]
+    weights = np.array([float(share[g].sum()) for g in groups])
+    weights *= (1.0 - _SPREAD) / weights.sum()
+    even = np.linspace(grid[0], grid[-1], 21)
+    all_points = np.concatenate((points, even))
+    all_weights = np.concatenate((weights, np.full(even.size, _SPREAD / even.size)))
+    merged, where = np.unique(np.round(all_points, 9), return_inverse=True)
+    return np.asarray(merged, dtype=float), np.bincount(where.ravel(), all_weights).astype(float)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import io
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..experiment import FloatArray
+from ..parameters import write_atomically
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,11 @@ class Limits:
     def count(self) -> int:
         """Number of samples."""
         return round(self.duration / self.sample_time)
+
+    @property
+    def travel(self) -> float:
+        """Length of the stroke [SI]; infinite without a limit."""
+        return np.inf if self.stroke is None else self.stroke[1] - self.stroke[0]
 
 
 @dataclass(frozen=True)
@@ -107,7 +114,7 @@ class Design:
     limits: Limits
     binding: tuple[str, ...]
     notes: tuple[str, ...]
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[Candidate, ...] = ()
 
     @property
     def predicted(self) -> dict[str, float | None]:
@@ -124,11 +131,8 @@ class Design:
         columns = {f"{n} [{self.units[n]}]": v for n, v in self.signals.items()}
         if self.time.size:
             columns = {"time [s]": self.time, **columns}
-        text = io.StringIO()
-        text.write(",".join(columns) + "\n")
-        for row in zip(*columns.values()):
-            text.write(",".join(f"{value:.10g}" for value in row) + "\n")
-        return text.getvalue()
+        rows = [",".join(f"{value:.10g}" for value in row) for row in zip(*columns.values())]
+        return "\n".join([",".join(columns), *rows, ""])
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain mappings, lists, text and numbers, without the samples."""
@@ -138,16 +142,12 @@ class Design:
             "criterion": self.criterion,
             "samples": int(next(iter(self.signals.values())).size),
             "limits": {
-                "amplitude": list(self.limits.amplitude),
-                "rate": self.limits.rate,
-                "stroke": list(self.limits.stroke) if self.limits.stroke else None,
-                "duration": self.limits.duration,
-                "sample_time": self.limits.sample_time,
+                k: list(v) if isinstance(v, tuple) else v for k, v in vars(self.limits).items()
             },
             "binding": list(self.binding),
-            "parameters": [{**vars(f)} for f in self.forecasts],
+            "parameters": [asdict(f) for f in self.forecasts],
             "notes": list(self.notes),
-            "candidates": [{**vars(c)} for c in self.candidates],
+            "candidates": [asdict(c) for c in self.candidates],
         }
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
@@ -158,6 +158,4 @@ class Design:
         OutputError
             When the file exists and ``overwrite`` is false, or cannot be written.
         """
-        from ..parameters import write_atomically
-
         return write_atomically(path, self.to_csv(), overwrite=overwrite)

@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import NotIdentifiedError, UsageError
+from ..errors import UsageError
 from ..estimation.information import cramer_rao
-from ..experiment import Experiment, FloatArray, Signal
-from .forecasts import make_forecasts
+from ..experiment import FloatArray
+from .points import is_speed, static_errors, static_rows, static_samples
 from .result import Design
-from .static_map import is_speed, static_rows, static_samples
-from .task import Task, score_of
+from .task import Task, undetermined
 
 _TURN = 0.1  # s that the motion takes to reach its speed
 _USED = 0.9  # share of the stroke that strokes at constant speed use
+_DURATION = 10.0  # s, where neither the file nor the user says
 
 
 @dataclass(frozen=True)
@@ -32,21 +32,25 @@ class _Strokes:
     fast: tuple[float, float]
     share: float
 
+    @property
+    def pairs(self) -> tuple[tuple[tuple[float, float], float], ...]:
+        """Speeds of the slow and of the fast pairs with their shares of the time."""
+        return (self.slow, self.share), (self.fast, 1.0 - self.share)
+
     def speeds(self) -> list[tuple[float, float]]:
         """Signed speeds and shares of the time; a pair covers the same distance both ways."""
         out = []
-        for (to, fro), share in ((self.slow, self.share), (self.fast, 1.0 - self.share)):
+        for (to, fro), share in self.pairs:
             out += [(to, share * fro / (to + fro)), (-fro, share * to / (to + fro))]
         return out
 
-    def play(self, stroke: tuple[float, float] | None, duration: float, step: float) -> FloatArray:
+    def play(self, travel: float, duration: float, step: float) -> FloatArray:
         """Velocity at the samples, shape ``(n,)`` [m/s]; straight ramps at the turns."""
         count, turn = round(duration / step), max(round(_TURN / step), 2)
         pieces: list[FloatArray] = []
-        for (to, fro), share in ((self.slow, self.share), (self.fast, 1.0 - self.share)):
+        for (to, fro), share in self.pairs:
             there = share * duration * fro / (to + fro)
-            longest = _USED * (stroke[1] - stroke[0]) if stroke else np.inf
-            laps = max(int(np.ceil(to * there / longest)), 1) if np.isfinite(longest) else 1
+            laps = max(int(np.ceil(to * there / (_USED * travel))), 1)
             for _ in range(laps):
                 n, m = (max(round(t / laps / step), 2 * turn) for t in (there, there * to / fro))
                 pieces += [_stroke(to, n, turn), -_stroke(fro, m, turn)]
@@ -57,37 +61,27 @@ class _Strokes:
 def design_strokes(task: Task) -> Design:
     """Strokes at constant speed whose speeds and shares of the time are searched."""
     low, high = _speed_limits(task)
+    task = replace(task, limits=replace(task.limits, stroke=_stroke_limit(task)))
     slowest = max(task.excitation.slowest, 0.075 * max(high, -low))
+
+    def badness(strokes: _Strokes) -> float:
+        return task.score(_stroke_errors(task, strokes))
+
     starts = [
         _Strokes((k * slowest, k * slowest), (high, -low), share)
         for k in (1.0, 2.0, 4.0)
         for share in (0.3, 0.5, 0.7, 0.85)
         if k * slowest < min(high, -low)
     ]
-    tried = sorted(
-        ((score_of(task, _stroke_errors(task, s)), s) for s in starts), key=lambda t: t[0]
-    )
-    if not tried or not np.isfinite(tried[0][0]):
-        raise NotIdentifiedError(
-            "no strokes within these limits determine every parameter.",
-            expected="Nothing was written.",
-            remedy="Widen --amplitude or --stroke, or give a longer --duration.",
-        )
-    best = min(
-        (_improve_strokes(task, s, (low, high), slowest) for _, s in tried[:2]),
-        key=lambda s: score_of(task, _stroke_errors(task, s)),
-    )
-    return _describe_strokes(task, best, _least(task, low, high, slowest))
+    starts.sort(key=badness)
+    if not starts or not np.isfinite(badness(starts[0])):
+        raise undetermined("strokes")
+    improved = [_improve_strokes(badness, s, (low, high), slowest) for s in starts[:2]]
+    return _describe_strokes(task, min(improved, key=badness), _least(task, low, high, slowest))
 
 
 def _speed_limits(task: Task) -> tuple[float, float]:
-    """Lowest and highest velocity [m/s]: as given, or what the file's logs covered.
-
-    Raises
-    ------
-    UsageError
-        When they allow no motion in both directions.
-    """
+    """Lowest and highest velocity [m/s]: as given, or what the file's logs covered."""
     low, high = task.limits.amplitude if is_speed(task.drive) else task.excitation.fastest
     if not (high > task.excitation.slowest and -low > task.excitation.slowest):
         raise UsageError(
@@ -107,29 +101,26 @@ def _stroke_limit(task: Task) -> tuple[float, float] | None:
 
 def _play(task: Task, strokes: _Strokes) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Time [s], velocity [m/s] and position [m], shape ``(n,)`` each."""
-    step = task.limits.sample_time or 0.01
-    stroke = _stroke_limit(task)
-    velocity = strokes.play(stroke, task.limits.duration or 10.0, step)
+    limits, step = task.limits, task.limits.sample_time or 0.01
+    velocity = strokes.play(limits.travel, limits.duration or _DURATION, step)
     place = step * (np.cumsum(velocity) - 0.5 * velocity)
-    place += (stroke or (0.0, 0.0))[0] - place.min()
+    place += (limits.stroke or (0.0, 0.0))[0] - place.min()
     return step * np.arange(velocity.size, dtype=np.float64), velocity, place
 
 
 def _stroke_errors(task: Task, strokes: _Strokes) -> FloatArray:
     """Predicted standard errors from the samples that a fit would keep, shape ``(p,)``."""
     time, velocity, place = _play(task, strokes)
-    drive = task.drive
-    signal = Signal(drive.name, time, velocity if is_speed(drive) else place, task.unit)
-    run = Experiment("design", 0, time, {drive.name: signal}, float(time[1]), True)
-    options = task.excitation.options or task.options
-    found = task.family.information(task.variant, task.values, run, options)
-    assert found is not None
-    rows = found.jacobian[:, [found.names.index(u.name) for u in task.unknowns]]
+    run = task.run(time, velocity if is_speed(task.drive) else place)
+    rows = task.inform(run, task.excitation.options or task.options).jacobian
     return np.sqrt(np.diag(cramer_rao(rows.T @ rows))) * task.excitation.noise
 
 
 def _improve_strokes(
-    task: Task, start: _Strokes, limits: tuple[float, float], slowest: float
+    badness: Callable[[_Strokes], float],
+    start: _Strokes,
+    limits: tuple[float, float],
+    slowest: float,
 ) -> _Strokes:
     """Search speeds and shares from a start."""
     low, high = limits
@@ -143,13 +134,8 @@ def _improve_strokes(
 
     at = [np.log(start.slow[0] / slowest), np.log(start.slow[1] / slowest),
           np.log(start.share / (1.0 - start.share)), 0.0, 0.0]  # fmt: skip
-    found = _minimise(
-        lambda x: score_of(task, _stroke_errors(task, make(x))),
-        np.array(at),
-        np.array([0.3, 0.3, 0.4, 0.15, 0.15]),
-        200,
-    )
-    return make(found)
+    spread = np.array([0.3, 0.3, 0.4, 0.15, 0.15])
+    return make(_minimise(lambda x: badness(make(x)), np.array(at), spread, 200))
 
 
 def _minimise(
@@ -180,23 +166,22 @@ def _least(task: Task, low: float, high: float, slowest: float) -> FloatArray:
     size = task.excitation.noise / np.sqrt(static_samples(task))
 
     def errors(x: FloatArray) -> FloatArray:
-        shares = np.exp(np.append(x, 0.0) - np.max(np.append(x, 0.0)))
-        shares /= shares.sum()
-        return np.asarray(size * np.sqrt(np.diag(cramer_rao(rows.T @ (shares[:, None] * rows)))))
+        logits = np.append(x, 0.0)
+        shares = np.exp(logits - np.max(logits))
+        return np.asarray(size * static_errors(rows, shares / shares.sum()))
 
-    return errors(_minimise(lambda x: score_of(task, errors(x)), np.zeros(3), np.ones(3), 600))
+    return errors(_minimise(lambda x: task.score(errors(x)), np.zeros(3), np.ones(3), 600))
 
 
 def _describe_strokes(task: Task, best: _Strokes, ideal: FloatArray) -> Design:
     """The design in words and numbers."""
     time, velocity, place = _play(task, best)
-    errors = _stroke_errors(task, best)
-    stroke, scales = _stroke_limit(task), np.array([u.scale for u in task.unknowns])
+    errors, stroke = _stroke_errors(task, best), task.limits.stroke
     listed = ", ".join(f"{v:.3g} m/s ({100.0 * s:.0f} %)" for v, s in sorted(best.speeds()))
     notes = [*task.notes, f"Speeds and their shares of the time: {listed}."]
     notes.append(
-        f"The worst relative standard error becomes {100.0 * np.max(errors / scales):.3g} %; no "
-        f"speeds within the limits can bring it below {100.0 * np.max(ideal / scales):.3g} %."
+        f"The worst relative standard error becomes {100.0 * task.worst(errors):.3g} %; no "
+        f"speeds within the limits can bring it below {100.0 * task.worst(ideal):.3g} %."
     )
     notes += _time_to_halve(task, errors)
     if stroke is None:
@@ -210,25 +195,23 @@ def _describe_strokes(task: Task, best: _Strokes, ideal: FloatArray) -> Design:
         time=time,
         signals={"velocity": velocity, "position": place},
         units={"velocity": "m/s", "position": "m"},
-        forecasts=make_forecasts(task, errors),
+        forecasts=task.forecasts(errors),
         criterion=task.criterion,
-        limits=replace(task.limits, stroke=stroke),
+        limits=task.limits,
         binding=("amplitude", *(("stroke",) if stroke else ()), "duration"),
         notes=tuple(notes),
-        candidates=(),
     )
 
 
 def _time_to_halve(task: Task, errors: FloatArray) -> list[str]:
     """How long these strokes must last to halve the present worst standard error."""
-    scales = np.array([u.scale for u in task.unknowns])
     present = [u.present / u.scale for u in task.unknowns if u.present is not None]
     if len(present) < len(task.unknowns):
         return []
-    ratio = float(np.max(errors / scales)) / max(present)
+    ratio = task.worst(errors) / max(present)
     if ratio <= 0.5:
         return []
-    duration = (task.limits.duration or 10.0) * (ratio / 0.5) ** 2
+    duration = (task.limits.duration or _DURATION) * (ratio / 0.5) ** 2
     return [
         f"That is {ratio:.2g} times the present worst one. To halve it, such strokes take "
         f"{duration:.3g} s: give --duration {np.ceil(duration):.0f}, or average more readings of "

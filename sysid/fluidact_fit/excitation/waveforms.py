@@ -28,7 +28,7 @@ Shape = Callable[[int, float, Numbers, np.random.Generator], FloatArray]
 def steps(count: int, step: float, numbers: Numbers, rng: np.random.Generator) -> FloatArray:
     """Random levels held for one to three times ``hold`` [s]; ``levels`` of them.
 
-    In all shapes that have it, ``duty`` is how much longer the negative side lasts.
+    Here and in the shapes below, ``duty`` is how much longer the negative side lasts.
     """
     length = max(numbers["hold"] / step, 1.0)
     levels = np.linspace(-1.0, 1.0, max(int(numbers["levels"]), 2))
@@ -37,7 +37,7 @@ def steps(count: int, step: float, numbers: Numbers, rng: np.random.Generator) -
     while k < count:
         others = np.delete(np.arange(levels.size), last)
         last = int(rng.choice(others))
-        longer = numbers.get("duty", 1.0) if levels[last] < 0.0 else 1.0
+        longer = numbers["duty"] if levels[last] < 0.0 else 1.0
         until = k + length * longer * float(rng.choice([1.0, 1.0, 2.0, 3.0]))
         out[round(k) : round(until)] = levels[last]
         k = until
@@ -47,8 +47,7 @@ def steps(count: int, step: float, numbers: Numbers, rng: np.random.Generator) -
 def square(count: int, step: float, numbers: Numbers, rng: np.random.Generator) -> FloatArray:
     """Both limits in turn; the half period changes from ``hold`` to ``last`` [s]."""
     hold = np.geomspace(max(numbers["hold"], step), max(numbers["last"], step), count)
-    longer = numbers.get("duty", 1.0)
-    phase = np.mod(np.cumsum(step / hold) - step / hold[0], 1.0 + longer)
+    phase = np.mod(np.cumsum(step / hold) - step / hold[0], 1.0 + numbers["duty"])
     return np.where(phase < 1.0, 1.0, -1.0)
 
 
@@ -58,7 +57,7 @@ def two_sizes(count: int, step: float, numbers: Numbers, rng: np.random.Generato
     One size of a square cannot separate a dead zone or a friction level from a slope; two can.
     """
     hold, small = max(numbers["hold"], step), max(numbers["small"], step)
-    there_and_back = 1.0 + numbers.get("duty", 1.0)
+    there_and_back = 1.0 + numbers["duty"]
     place = np.mod(step * np.arange(count), there_and_back * (hold + small))
     part = min(numbers["part"], 1.0)
     marks = (hold, there_and_back * hold, there_and_back * hold + small)
@@ -136,8 +135,7 @@ def segments(count: int, step: float, numbers: Numbers, rng: np.random.Generator
     Piece ``k`` takes a share ``length_k`` of the run (of the sum of all) and goes from
     ``begin_k`` to ``end_k``.
     """
-    pieces = sum(name.startswith("length_") for name in numbers)
-    lengths = np.array([numbers[f"length_{k}"] for k in range(pieces)])
+    lengths = np.array([numbers[f"length_{k}"] for k in range(_count_pieces(numbers))])
     edges = np.round(count * np.concatenate(([0.0], np.cumsum(lengths) / lengths.sum())))
     out = np.zeros(count)
     for k, (first, last) in enumerate(pairwise(edges.astype(int).tolist())):
@@ -145,16 +143,17 @@ def segments(count: int, step: float, numbers: Numbers, rng: np.random.Generator
     return np.clip(out, -1.0, 1.0)
 
 
-_SHAPES: dict[str, Shape] = {
-    "steps": steps,
-    "square": square,
-    "two sizes": two_sizes,
-    "rest and go": rest_and_go,
-    "chirp": chirp,
-    "multisine": multisine,
-    "triangle": triangle,
-    "approach": approach,
-    "segments": segments,
+# every shape, and the numbers of it that a search may change by factors
+_SHAPES: dict[str, tuple[Shape, tuple[str, ...]]] = {
+    "steps": (steps, ("hold",)),
+    "square": (square, ("hold", "last")),
+    "two sizes": (two_sizes, ("hold", "small", "part")),
+    "rest and go": (rest_and_go, ("hold", "pause")),
+    "chirp": (chirp, ("first", "last")),
+    "multisine": (multisine, ("last",)),
+    "triangle": (triangle, ("period",)),
+    "approach": (approach, ("half", "pause", "push")),
+    "segments": (segments, ()),
 }
 
 
@@ -162,73 +161,84 @@ _SHAPES: dict[str, Shape] = {
 class Waveform:
     """A shape with its numbers; ``then`` follows after a share ``turn`` of the run.
 
-    ``free`` names the numbers that a search may change, by factors; ``size`` is the share
-    of the amplitude that is used.
+    ``size`` is the share of the amplitude that is used.
     """
 
     shape: str
     numbers: Numbers
-    free: tuple[str, ...] = ()
     seed: int = 0
     size: float = 1.0
     then: Waveform | None = None
     turn: float = 0.5
 
-    def sample(self, count: int, step: float) -> FloatArray:
-        """Values at the samples, shape ``(count,)``, between -1 and 1."""
-        rng = np.random.default_rng([self.seed, 77])
-        if self.then is None:
-            return self.size * _SHAPES[self.shape](count, step, self.numbers, rng)
-        first = min(max(int(self.turn * count), 8), count - 8)
-        alone = replace(self, then=None)
-        return np.concatenate((alone.sample(first, step), self.then.sample(count - first, step)))
+    @property
+    def absolute(self) -> bool:
+        """Whether its levels are those of the machine, so that a share of them is useless."""
+        return self.shape == "approach"
 
-    def lengthen(self, duty: float) -> Waveform:
-        """The same with another ``duty``; shapes that have none stay as they are."""
-        numbers = {**self.numbers, "duty": duty} if "duty" in self.numbers else self.numbers
-        then = None if self.then is None else self.then.lengthen(duty)
-        return replace(self, numbers=numbers, then=then)
+    @property
+    def has_duty(self) -> bool:
+        """Whether the two directions can last differently long."""
+        own = self.shape in ("steps", "square", "two sizes")
+        return own or (self.then is not None and self.then.has_duty)
+
+    def sample(self, count: int, step: float, duty: float = 1.0) -> FloatArray:
+        """Values at the samples, shape ``(count,)``, between -1 and 1.
+
+        ``duty`` is how much longer the negative side lasts, of shapes that have one.
+        """
+        if self.then is None:
+            rng = np.random.default_rng([self.seed, 77])
+            make, _ = _SHAPES[self.shape]
+            return self.size * make(count, step, {**self.numbers, "duty": duty}, rng)
+        first = min(max(int(self.turn * count), 8), count - 8)
+        alone = replace(self, then=None).sample(first, step, duty)
+        return np.concatenate((alone, self.then.sample(count - first, step, duty)))
 
     def describe(self) -> str:
         """In words, for a person."""
         if self.shape == "segments":
-            pieces = sum(name.startswith("length_") for name in self.numbers)
-            return f"{pieces} straight pieces"
-        shown = {k: v for k, v in self.numbers.items()
-                 if not k.startswith(("low_", "high_")) and (k, v) != ("duty", 1.0)}  # fmt: skip
-        text = ", ".join(f"{k} {v:.3g}" for k, v in shown.items())
+            return f"{_count_pieces(self.numbers)} straight pieces"
+        shown = (f"{k} {v:.3g}" for k, v in self.numbers.items()
+                 if not k.startswith(("low_", "high_")))  # fmt: skip
         size = "" if self.size == 1.0 else f", {100.0 * self.size:.0f} % of the amplitude"
-        head = f"{self.shape} ({text}){size}"
+        head = f"{self.shape} ({', '.join(shown)}){size}"
         return head if self.then is None else f"{head}, then {self.then.describe()}"
+
+    def shrink(self, share: float) -> Waveform:
+        """The same at a share of its size."""
+        if self.absolute and self.then is not None:
+            return replace(self, then=self.then.shrink(share))
+        return replace(self, size=share * self.size)
 
     def neighbours(self, factor: float) -> list[Waveform]:
         """The same shape with one number changed by ``factor``, either way."""
-        out = []
-        for name in self.free:
-            for f in (factor, 1.0 / factor):
-                out.append(replace(self, numbers={**self.numbers, name: self.numbers[name] * f}))
+        out, either = [], (factor, 1.0 / factor)
+        for name in _SHAPES[self.shape][1]:
+            value = self.numbers[name]
+            out += [replace(self, numbers={**self.numbers, name: value * f}) for f in either]
         if self.shape in ("steps", "multisine"):
             out.append(replace(self, seed=self.seed + 1))
-        absolute = self.shape == "approach"  # its levels are those of the machine
-        if not absolute:
-            out += [replace(self, size=min(self.size * f, 1.0)) for f in (factor, 1.0 / factor)]
+        if not self.absolute:
+            out += [replace(self, size=min(self.size * f, 1.0)) for f in either]
         if self.then is not None:
             out += [replace(self, then=w) for w in self.then.neighbours(factor)]
-            low, high = (0.3, 0.7) if absolute else (0.05, 0.95)
-            out += [replace(self, turn=min(max(self.turn * f, low), high))
-                    for f in (factor, 1.0 / factor)]  # fmt: skip
+            low, high = (0.3, 0.7) if self.absolute else (0.05, 0.95)
+            out += [replace(self, turn=min(max(self.turn * f, low), high)) for f in either]
         return [w for w in out if w != self]
+
+
+def _count_pieces(numbers: Numbers) -> int:
+    return sum(name.startswith("length_") for name in numbers)
 
 
 def to_segments(values: FloatArray, most: int) -> Waveform | None:
     """The straight pieces of a shape, shape ``(n,)``; ``None`` if there are more than ``most``."""
-    bends = np.abs(np.diff(values, 2)) > 1e-6
-    # a jump bends twice, a corner once or twice
-    marks = np.flatnonzero(bends) + 1
     cuts = [0]
-    for mark in marks.tolist():
-        if mark + 1 - cuts[-1] > 2:
-            cuts.append(mark + 1)
+    # a jump bends twice, a corner once or twice
+    for bend in np.flatnonzero(np.abs(np.diff(values, 2)) > 1e-6).tolist():
+        if bend + 2 - cuts[-1] > 2:
+            cuts.append(bend + 2)
     cuts.append(values.size)
     if len(cuts) - 1 > most:
         return None
@@ -246,8 +256,7 @@ def smooth_corners(values: FloatArray, width: int) -> FloatArray:
         return values
     window = np.hanning(width + 2)[1:-1]
     padded = np.pad(values, width, mode="edge")
-    out = np.convolve(padded, window / window.sum(), mode="same")[width:-width]
-    return np.asarray(out)
+    return np.convolve(padded, window / window.sum(), mode="same")[width:-width]
 
 
 def limit_slope(values: FloatArray, most: float) -> FloatArray:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from .columns import Binding
-from .log import Log, count_of
+from .log import BoolArray, IndexArray, Log, count_of
 from .timebase import Run
 
 _MANY = 100_000
@@ -21,96 +20,78 @@ _MOVING = 50
 _ASIDE = 3  # samples over which speed is judged
 _FAST = 0.25
 
-BoolArray = npt.NDArray[np.bool_]
-IndexArray = npt.NDArray[np.intp]
-
 
 def smallest_step(values: FloatArray) -> float:
     """Return the smallest distance of two distinct values, 0 when all are equal.
 
-    Converter or print resolution of a signal [unit of the values]; of long signals a
-    contiguous part is looked at.
-
-    Parameters
-    ----------
-    values
-        Shape ``(n,)``; NaN are ignored.
+    Converter or print resolution of a signal [unit of the values] of shape ``(n,)``; NaN are
+    ignored. Of long signals a part is looked at.
     """
-    part = values
     if values.size > _MANY:
         # A stride would miss neighbouring codes of a slow signal, a single block might be flat.
         block = _MANY // 4
         at = np.linspace(0, values.size - block, 4).astype(int)
-        part = np.concatenate([values[i : i + block] for i in at])
-    levels = np.unique(part[np.isfinite(part)])
-    if levels.size < 2:
-        return 0.0
-    return float(np.diff(levels).min())
+        values = np.concatenate([values[i : i + block] for i in at])
+    steps = np.diff(np.unique(values[np.isfinite(values)]))
+    return float(steps.min()) if steps.size else 0.0
 
 
-def check_sampling(log: Log, runs: Sequence[Run]) -> list[Notice]:
+def check_sampling(log: Log, runs: Sequence[Run]) -> Iterator[Notice]:
     """Report gaps and uneven sampling, once per log."""
     timed = [run for run in runs if run.time.size > 2 and not run.uniform]
     if not timed:
-        return []
+        return
     steps = np.concatenate([np.diff(run.time) for run in timed])
-    lines = np.concatenate([log.lines[run.rows[:-1]] for run in timed])
+    rows = np.concatenate([run.rows[:-1] for run in timed])
     usual = float(np.median(steps))
     gaps = np.flatnonzero(steps > _GAP * usual)
-    notices = []
     if gaps.size:
         worst = int(gaps[np.argmax(steps[gaps])])
-        notices.append(
-            Notice(
-                "gap",
-                f"{log.name}, line {int(lines[worst])}: {steps[worst]:.4g} s without a sample "
-                f"after this line, the longest of {count_of(gaps.size, 'gap')} (usual step "
-                f"{usual:.4g} s).",
-            )
+        yield Notice(
+            "gap",
+            f"{log.where(rows[worst])}: {steps[worst]:.4g} s without a sample after this line, "
+            f"the longest of {count_of(gaps.size, 'gap')} (usual step {usual:.4g} s).",
         )
     rest = np.delete(steps, gaps)
     if rest.size and float(np.abs(rest - usual).max()) > _JITTER * usual:
-        notices.append(
-            Notice(
-                "uneven-sampling",
-                f"{log.name}: sampling is uneven: steps of {steps.min():.4g} to "
-                f"{steps.max():.4g} s, median {usual:.4g} s. The samples are used where they are.",
-            )
+        yield Notice(
+            "uneven-sampling",
+            f"{log.name}: sampling is uneven: steps of {steps.min():.4g} to "
+            f"{steps.max():.4g} s, median {usual:.4g} s. The samples are used where they are.",
         )
-    return notices
 
 
 def check_signals(
     log: Log, bindings: Mapping[str, Binding], experiments: Sequence[Experiment]
-) -> list[Notice]:
+) -> Iterator[Notice]:
     """Report signals that are constant or stay at an extreme."""
-    notices = []
     for role, binding in bindings.items():
         parts = [e[role] for e in experiments if role in e]
         if role == "time" or not parts or sum(part.size for part in parts) < 2:
             continue
-        if len({float(part.min()) for part in parts} | {float(part.max()) for part in parts}) == 1:
-            notices.append(
-                Notice(
-                    "constant-signal",
-                    f"{log.name}: {role} (column '{binding.column.label}') is always "
-                    f"{float(parts[0][0]):g} {binding.role.unit}. Check the column and the sensor.",
-                )
+        low = min(float(part.min()) for part in parts)
+        high = max(float(part.max()) for part in parts)
+        column = f"{log.name}: {role} (column '{binding.column.label}')"
+        if low == high:
+            yield Notice(
+                "constant-signal",
+                f"{column} is always {low:g} {binding.role.unit}. Check the column and the sensor.",
             )
-        elif binding.role.hold != "zoh":
-            notices += _check_saturation(log, binding, parts)
-    return notices
+        elif binding.role.hold != "zoh" and (samples := _clipped(parts, low, high)):
+            yield Notice(
+                "saturated",
+                f"{column} stays at its extreme for {samples} samples in a row ({low:g} to "
+                f"{high:g} {binding.role.unit}); the sensor or its converter may be clipped there.",
+            )
 
 
-def _check_saturation(log: Log, binding: Binding, parts: Sequence[FloatArray]) -> list[Notice]:
-    """Report a sensor that sticks to its extreme but moves everywhere else.
+def _clipped(parts: Sequence[FloatArray], low: float, high: float) -> int:
+    """Return for how many samples a sensor sticks to its extreme but moves everywhere else.
 
     A command or a resting machine repeats values, too. Only a signal that hardly ever
     repeats one elsewhere, and that runs into the extreme with speed and leaves it with
-    speed, is said to be clipped: what comes to rest slows down first.
+    speed, is said to be clipped: what comes to rest slows down first. Otherwise 0.
     """
-    low = min(float(part.min()) for part in parts)
-    high = max(float(part.max()) for part in parts)
     at_ends, elsewhere, moving = 0, 0, 0
     for part in parts:
         first = np.flatnonzero(np.r_[True, np.diff(part) != 0])
@@ -122,16 +103,8 @@ def _check_saturation(log: Log, binding: Binding, parts: Sequence[FloatArray]) -
             at_ends = max(at_ends, int(length[long][abrupt].max(initial=0)))
         moving += int(np.count_nonzero(~extreme))
         elsewhere = max(elsewhere, int(length[~extreme].max(initial=0)))
-    if at_ends < _STUCK or elsewhere * 3 > at_ends or moving < _MOVING:
-        return []
-    return [
-        Notice(
-            "saturated",
-            f"{log.name}: {binding.role.name} (column '{binding.column.label}') stays at its "
-            f"extreme for {at_ends} samples in a row ({low:g} to {high:g} {binding.role.unit}); "
-            "the sensor or its converter may be clipped there.",
-        )
-    ]
+    clipped = at_ends >= _STUCK and elsewhere * 3 <= at_ends and moving >= _MOVING
+    return at_ends if clipped else 0
 
 
 def _is_abrupt(values: FloatArray, first: IndexArray, length: IndexArray) -> BoolArray:

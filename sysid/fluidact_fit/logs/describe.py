@@ -12,7 +12,7 @@ from ..experiment import Experiment
 from ..family import Role
 from ..units import conversion_factor, same_dimension
 from .checks import check_sampling, smallest_step
-from .columns import Binding, bind_role, bind_roles
+from .columns import Binding, bind_role
 from .log import Column, Log
 from .timebase import split_runs
 
@@ -54,19 +54,9 @@ def describe(log: Log) -> dict[str, Any]:
 
 
 def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
-    """Return the entry of ``provenance.logs`` for the experiments made of a log.
+    """Return the entry of ``provenance.logs`` for a log and the experiments made of it.
 
-    Parameters
-    ----------
-    log
-        The log.
-    experiments
-        What `experiments` made of it.
-
-    Returns
-    -------
-    dict
-        Base name, checksum, rows, sample time [s] and the columns by role.
+    It holds base name, checksum, rows, sample time [s] and the columns by role.
     """
     entry: dict[str, Any] = {"file": log.name, "sha256": log.sha256, "rows": log.rows}
     steps = [e.sample_time for e in experiments if e.sample_time > 0]
@@ -76,14 +66,12 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
     if len(experiments) > 1:
         details["runs"] = len(experiments)
     if log.window is not None:
-        details["window"] = ":".join("" if end is None else f"{end:g}" for end in log.window)
+        details["window"] = log.window_text
     if details:
         entry["details"] = details
     columns: dict[str, Any] = {}
     if experiments and experiments[0].time.size and log.sample_time is None:
-        binding = bind_role(log, _TIME)
-        if binding is not None:
-            columns["time"] = _binding_entry(binding)
+        columns |= _column_entry(log, _TIME)
     for role, signal in experiments[0].signals.items() if experiments else ():
         if role in log.steps:
             step = log.steps[role]
@@ -92,21 +80,24 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
                 "unit": log.units.get(role, signal.unit),
             }
         else:
-            binding = bind_roles(log, [Role(role, signal.unit, "")])[role]
-            columns[role] = _binding_entry(binding)
+            columns |= _column_entry(log, Role(role, signal.unit, ""))
         if signal.hold is not None:
             columns[role]["hold"] = signal.hold
     entry["columns"] = columns
     return entry
 
 
-def _binding_entry(binding: Binding) -> dict[str, Any]:
+def _column_entry(log: Log, role: Role) -> dict[str, dict[str, Any]]:
+    """Return the entry of the column that was bound to a role; empty without one."""
+    binding = bind_role(log, role)
+    if binding is None:
+        return {}
     entry: dict[str, Any] = {"header": binding.column.label, "unit": binding.unit}
     if binding.scale != 1.0:
         entry["scale"] = binding.scale
     if binding.assumed:
         entry["assumed"] = True
-    return entry
+    return {role.name: entry}
 
 
 def _describe_column(column: Column) -> dict[str, Any]:
@@ -160,7 +151,7 @@ def _time_candidate(log: Log) -> Binding | None:
         steps = np.diff(column.values)
         grows = column.unit is None and steps.size > 2 and float(np.mean(steps > 0)) > 0.7
         if (timed or grows) and np.isfinite(column.values).all():
-            factor = 1.0 if column.unit is None else conversion_factor(column.unit, "s")
-            assumed = column.unit is None
-            return Binding(_TIME, column, column.unit or "s", 1.0, factor, assumed, False)
+            unit = column.unit or "s"
+            to_si = conversion_factor(unit, "s")
+            return Binding(_TIME, column, unit, 1.0, to_si, assumed=column.unit is None)
     return None

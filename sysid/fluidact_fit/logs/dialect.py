@@ -7,6 +7,7 @@ which lines keep looking like those.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import re
 from collections import Counter
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 
 from ..errors import LogError
 from ..units import is_known_unit
-from .dialects import Hints, recognise
+from .loggers import Hints, recognise
 from .source import Source
 
 MAX_COLUMNS = 4096
@@ -25,7 +26,8 @@ _NUMBER = {
     for decimal, sign in ((".", r"\."), (",", ","))
 }
 _NUMBER_COMMA_STRICT = re.compile(r"[+-]?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
-_CANDIDATES = tuple((d, s) for d in ("\t", ";", ",", "|", " ") for s in (".", ","))
+# Separator and decimal sign; of equally good ones the first wins.
+_CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")]
 _NO_VALUE = {"", "nan", "inf", "-inf", "+inf", "na", "n/a", "null", "none", "-"}
 _SAMPLE = 120
 _HEAD = 1000
@@ -33,56 +35,60 @@ _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 
 
 @dataclass(frozen=True)
-class Layout:
-    """Where the table is and how to split it.
+class Cut:
+    """How lines are cut into cells; ``delimiter`` and ``decimal`` as in `Dialect`.
 
-    Attributes
-    ----------
-    delimiter, decimal
-        As in `Dialect`.
-    width
-        Number of columns.
-    trailing
-        Whether rows end with one more separator.
-    first_row
-        Index (from 0) of the first line of the table.
-    header_row, units_row
-        Indices, ``None`` when absent.
-    headers, units
-        One entry per column; empty text when absent.
-    hints
-        What is known of the logger.
+    ``width`` is the number of columns, ``trailing`` whether rows end with one more separator.
     """
 
     delimiter: str
     decimal: str
     width: int
     trailing: bool
+
+    def split(self, line: str) -> list[str]:
+        """Split a line into stripped fields; an empty line has none."""
+        return _split(line, self.delimiter)
+
+    def is_number(self, text: str) -> bool:
+        """Return whether a cell is a finite number in the log's own notation."""
+        return _NUMBER[self.decimal].match(text) is not None
+
+    def is_row(self, line: str, needed: float) -> bool:
+        """Return whether a line has as many fields as a row, the needed share of them numbers."""
+        fields = self.split(line)
+        if len(fields) == self.width + 1 and not fields[-1]:
+            fields = fields[:-1]
+        if len(fields) != self.width:
+            return False
+        values = [f for f in fields if f.casefold() not in _NO_VALUE]
+        return sum(map(self.is_number, values)) >= max(1, needed * len(values))
+
+
+@dataclass(frozen=True)
+class Layout(Cut):
+    """Where the table is and how to split it.
+
+    Rows are indices of lines, from 0, ``None`` when absent; ``headers`` and ``units`` have one
+    entry per column, empty text when absent.
+    """
+
     first_row: int
+    hints: Hints
     header_row: int | None
     units_row: int | None
-    headers: tuple[str, ...]
-    units: tuple[str, ...]
-    hints: Hints
+    headers: Sequence[str]
+    units: Sequence[str]
 
 
-def split_line(line: str, delimiter: str) -> list[str]:
-    """Split a line into stripped fields; an empty line has none."""
+def _split(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         return line.split()
+    fields = line.split(delimiter)
     if '"' in line:
-        try:
+        with contextlib.suppress(csv.Error):
             fields = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
-        except csv.Error:
-            fields = line.split(delimiter)
-    else:
-        fields = line.split(delimiter)
     return [field.strip() for field in fields]
-
-
-def is_number(text: str, decimal: str = ".") -> bool:
-    """Return whether a cell is a finite number in the log's own notation."""
-    return _NUMBER[decimal].match(text) is not None
 
 
 def find_layout(source: Source) -> Layout:
@@ -93,47 +99,23 @@ def find_layout(source: Source) -> Layout:
     LogError
         When the file holds no table of numbers, or one with too many columns.
     """
-    lines = _sampled_lines(source)
-    hints = recognise(lines.head[:40])
-    body = [line for line in lines.body if not _is_session(line, hints)]
-    delimiter, decimal, width, trailing = _choose_cut(body, hints, source.name)
+    head, body, complete = _sample_lines(source)
+    hints = recognise(head[:40])
+    cut = _choose_cut([line for line in body if not hints.is_session(line)], hints, source.name)
     start = hints.data_from
     if start is None:
-        start = _find_start(lines.head, delimiter, decimal, width, lines.complete)
-        if start is None and not lines.complete:
-            everything = source.data.decode().split("\n")
-            start = _find_start(everything, delimiter, decimal, width, True)
-            lines = _Lines(everything, lines.body, True)
+        start = _find_start(head, cut, complete)
+        if start is None and not complete:
+            head = source.data.decode().split("\n")
+            start = _find_start(head, cut, complete=True)
         if start is None:
             raise _no_table(source.name)
-        start = _reach_up(lines.head, start, delimiter, decimal, width)
-    header_row, units_row, headers, units = _find_header(
-        lines.head, start, delimiter, decimal, width, hints
-    )
-    return Layout(
-        delimiter,
-        decimal,
-        width,
-        trailing,
-        start,
-        header_row,
-        units_row,
-        tuple(hints.rename(headers)) if any(headers) else tuple(headers),
-        tuple(units),
-        hints,
-    )
+        start = _reach_up(head, start, cut)
+    return _lay_out(head, start, cut, hints)
 
 
-@dataclass(frozen=True)
-class _Lines:
-    """The first lines of a file and a sample of what its table looks like."""
-
-    head: list[str]
-    body: list[str]
-    complete: bool
-
-
-def _sampled_lines(source: Source) -> _Lines:
+def _sample_lines(source: Source) -> tuple[list[str], list[str], bool]:
+    """Return the first lines, a sample of what the table looks like, and whether that is all."""
     data = source.data
     limit = 1 << 18
     head = data[:limit].decode(errors="replace").split("\n")
@@ -146,15 +128,14 @@ def _sampled_lines(source: Source) -> _Lines:
         # The last line may be cut, the first lines may be a preamble.
         middle = len(filled) // 2
         half = filled[middle:-1] if len(filled) - middle > 2 else filled[-2:] or filled
-        sample = filled[middle : middle + _SAMPLE] + half[-2 * _SAMPLE :]
-        return _Lines(head, sample, True)
+        return head, filled[middle : middle + _SAMPLE] + half[-2 * _SAMPLE :], True
     body: list[str] = []
     for part in (0.35, 0.6, 0.85, 1.0):
         end = int(len(data) * part)
         piece = data[max(0, end - (1 << 14)) : end].decode(errors="replace").split("\n")[1:-1]
         body.extend([line for line in piece if line.strip()][-_SAMPLE:])
     _refuse_wide(body, source.name)
-    return _Lines(head[:_HEAD], body, False)
+    return head[:_HEAD], body, False
 
 
 def _refuse_wide(lines: Sequence[str], name: str) -> None:
@@ -172,12 +153,8 @@ def _refuse_wide(lines: Sequence[str], name: str) -> None:
             )
 
 
-def _is_session(line: str, hints: Hints) -> bool:
-    return hints.session_mark is not None and line.startswith(hints.session_mark)
-
-
-def _choose_cut(body: Sequence[str], hints: Hints, name: str) -> tuple[str, str, int, bool]:
-    """Return the separator and decimal sign under which most cells are numbers."""
+def _choose_cut(body: Sequence[str], hints: Hints, name: str) -> Cut:
+    """Return the cut under which most cells are numbers."""
     best, chosen = _best_cut(body, hints)
     for last in (12, 6, 3):
         if best >= 0.6 or len(body) <= last:
@@ -191,27 +168,26 @@ def _choose_cut(body: Sequence[str], hints: Hints, name: str) -> tuple[str, str,
     return chosen
 
 
-def _best_cut(body: Sequence[str], hints: Hints) -> tuple[float, tuple[str, str, int, bool] | None]:
-    """Return the best score in [0, 1] and the split that reached it."""
-    best: tuple[float, int] = (0.0, 0)
-    chosen: tuple[str, str, int, bool] | None = None
-    for order, (delimiter, decimal) in enumerate(_CANDIDATES):
-        if hints.delimiter not in (None, delimiter) or (delimiter, decimal) == (",", ","):
+def _best_cut(body: Sequence[str], hints: Hints) -> tuple[float, Cut | None]:
+    """Return the best score in [0, 1] and the cut that reached it."""
+    best, chosen = 0.0, None
+    for delimiter, decimal in _CANDIDATES:
+        if hints.delimiter not in (None, delimiter):
             continue
         rated = _rate_cut(body, delimiter, decimal)
         if rated is None:
             continue
-        score, width, trailing = rated
+        score, cut = rated
         # A decimal comma must earn its place: "1;2" reads the same either way.
-        rank = (round(score, 2) - (0.005 if decimal == "," else 0), -order)
-        if chosen is None or rank > best:
-            best, chosen = rank, (delimiter, decimal, width, trailing)
-    return best[0], chosen
+        score = round(score, 2) - (0.005 if decimal == "," else 0)
+        if chosen is None or score > best:
+            best, chosen = score, cut
+    return best, chosen
 
 
-def _rate_cut(body: Sequence[str], delimiter: str, decimal: str) -> tuple[float, int, bool] | None:
-    """Return a score in [0, 1], the number of columns and whether rows end with a separator."""
-    rows = [split_line(line, delimiter) for line in body]
+def _rate_cut(body: Sequence[str], delimiter: str, decimal: str) -> tuple[float, Cut] | None:
+    """Return a score in [0, 1] and the cut with its usual number of columns."""
+    rows = [_split(line, delimiter) for line in body]
     if not rows:
         return None
     counts = Counter(len(row) for row in rows)
@@ -220,7 +196,7 @@ def _rate_cut(body: Sequence[str], delimiter: str, decimal: str) -> tuple[float,
     trailing = count > 1 and all(not row[-1] for row in usual)
     width = count - 1 if trailing else count
     if trailing:
-        share += sum(len(row) == width for row in rows)
+        share += counts[width]
     pattern = _NUMBER["."] if decimal == "." else _NUMBER_COMMA_STRICT
     cells = [cell for row in usual for cell in row[:width] if cell.casefold() not in _NO_VALUE]
     if not cells:
@@ -230,7 +206,7 @@ def _rate_cut(body: Sequence[str], delimiter: str, decimal: str) -> tuple[float,
     if width == 1:
         # One column is the last resort: "1,5" is two columns before it is one.
         score *= 0.9
-    return score, width, trailing
+    return score, Cut(delimiter, decimal, width, trailing)
 
 
 def _no_table(name: str) -> LogError:
@@ -242,20 +218,7 @@ def _no_table(name: str) -> LogError:
     )
 
 
-def _looks_like_row(line: str, delimiter: str, decimal: str, width: int, needed: float) -> bool:
-    fields = split_line(line, delimiter)
-    if len(fields) == width + 1 and not fields[-1]:
-        fields = fields[:-1]
-    if len(fields) != width:
-        return False
-    values = [f for f in fields if f.casefold() not in _NO_VALUE]
-    numbers = sum(is_number(f, decimal) for f in values)
-    return numbers >= max(1, needed * len(values))
-
-
-def _find_start(
-    lines: Sequence[str], delimiter: str, decimal: str, width: int, complete: bool
-) -> int | None:
+def _find_start(lines: Sequence[str], cut: Cut, complete: bool) -> int | None:
     """Return the index of the line where the table begins.
 
     Runs of lines that look like rows are compared: the table is the first run that is not
@@ -264,44 +227,25 @@ def _find_start(
     """
     # "key value" looks like half a row of two, so two columns have to be numbers both, unless
     # that finds nothing (a date beside a number).
-    for needed in (0.5,) if width > 2 else (1.0, 0.5):
-        start = _first_run(lines, delimiter, decimal, width, complete, needed)
-        if start is not None:
-            return start
+    for needed in (0.5,) if cut.width > 2 else (1.0, 0.5):
+        runs: list[list[int]] = []  # first line and number of rows
+        in_run = False
+        for index, line in enumerate(lines):
+            if not line.strip():
+                continue
+            is_row = cut.is_row(line, needed)
+            if is_row and in_run:
+                runs[-1][1] += 1
+            elif is_row:
+                runs.append([index, 1])
+            in_run = is_row
+        if runs and (complete or in_run or sum(runs[-1]) >= len(lines) - 50):
+            longest = max(length for _, length in runs)
+            return next(i for i, length in runs if length >= max(1, min(50, 0.2 * longest)))
     return None
 
 
-def _first_run(
-    lines: Sequence[str],
-    delimiter: str,
-    decimal: str,
-    width: int,
-    complete: bool,
-    needed: float,
-) -> int | None:
-    """Return where the first run begins that is not tiny beside the longest."""
-    runs: list[list[int]] = []
-    open_run = False
-    for index, line in enumerate(lines):
-        if not line.strip():
-            continue
-        if _looks_like_row(line, delimiter, decimal, width, needed):
-            if open_run:
-                runs[-1][1] += 1
-            else:
-                runs.append([index, 1])
-            open_run = True
-        else:
-            open_run = False
-    if not runs:
-        return None
-    if not complete and not open_run and runs[-1][0] + runs[-1][1] < len(lines) - 50:
-        return None
-    longest = max(length for _, length in runs)
-    return next(start for start, length in runs if length >= max(1, min(50, 0.2 * longest)))
-
-
-def _reach_up(lines: Sequence[str], start: int, delimiter: str, decimal: str, width: int) -> int:
+def _reach_up(lines: Sequence[str], start: int, cut: Cut) -> int:
     """Return the start after giving back rows whose bad cells made them look like a header.
 
     A line with numbers in it, below a line without any, is a row and not the header: its
@@ -309,43 +253,51 @@ def _reach_up(lines: Sequence[str], start: int, delimiter: str, decimal: str, wi
     """
     first = start
     for index in range(start - 1, max(-1, start - 12), -1):
-        fields = split_line(lines[index], delimiter)
-        if len(fields) not in (width, width + 1):
+        fields = cut.split(lines[index])
+        if len(fields) not in (cut.width, cut.width + 1):
             break
-        if not any(is_number(field, decimal) for field in fields):
+        if not any(map(cut.is_number, fields)):
             return first
         first = index
     return start
 
 
-def _find_header(
-    lines: Sequence[str], start: int, delimiter: str, decimal: str, width: int, hints: Hints
-) -> tuple[int | None, int | None, list[str], list[str]]:
-    """Return rows and cells of header and units above the table."""
-    none = [""] * width
-    above = [i for i in range(start - 1, -1, -1) if lines[i].strip()][:3]
-    if not above or hints.data_from is not None:
-        return None, None, none, none
-    cells = [_header_cells(lines[i], delimiter, decimal, width) for i in above]
-    if cells[0] is None:
-        return None, None, none, none
-    second = cells[1] if len(cells) > 1 else None
-    if second is not None and _are_units(cells[0]):
-        return above[1], above[0], second, [_clean_unit(cell) for cell in cells[0]]
-    return above[0], None, cells[0], none
+def _lay_out(lines: Sequence[str], start: int, cut: Cut, hints: Hints) -> Layout:
+    """Look for a header and a row of units above the first row."""
+    header_row = units_row = None
+    headers = units = [""] * cut.width
+    above = [i for i in range(start - 1, -1, -1) if lines[i].strip()][:2]
+    cells = [_header_cells(lines[i], cut) for i in above]
+    if hints.data_from is None and cells and cells[0] is not None:
+        header_row, headers = above[0], cells[0]
+        if len(cells) > 1 and cells[1] is not None and _are_units(headers):
+            units_row, units = header_row, [_clean_unit(cell) for cell in headers]
+            header_row, headers = above[1], cells[1]
+        if any(headers) and not headers[0]:
+            headers[0] = hints.first_header
+    return Layout(
+        **vars(cut),
+        first_row=start,
+        hints=hints,
+        header_row=header_row,
+        units_row=units_row,
+        headers=headers,
+        units=units,
+    )
 
 
-def _header_cells(line: str, delimiter: str, decimal: str, width: int) -> list[str] | None:
+def _header_cells(line: str, cut: Cut) -> list[str] | None:
     """Return the cells of a header line, ``None`` when the line is not one."""
+    width = cut.width
     for text in (line, _COMMENT.sub("", line)):
-        fields = split_line(text, delimiter)
-        if delimiter == " " and len(fields) != width:
+        fields = cut.split(text)
+        if cut.delimiter == " " and len(fields) != width:
             fields = _merge_units(text, width)
         if len(fields) > width and not any(fields[width:]):
             fields = fields[:width]
         if len(fields) != width or not any(fields):
             continue
-        if sum(is_number(field, decimal) for field in fields) > 0.5 * width:
+        if sum(map(cut.is_number, fields)) > 0.5 * width:
             return None
         return [_COMMENT.sub("", fields[0]), *fields[1:]]
     return None

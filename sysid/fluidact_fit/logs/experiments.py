@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import cast, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import LogError, Notice, UsageError
-from ..experiment import Experiment, Hold, Signal
+from ..experiment import Experiment, Signal
 from ..family import Role, Variant
 from ..units import conversion_factor
 from .checks import check_sampling, check_signals, smallest_step
 from .columns import (
     Binding,
     assumed_notice,
+    bind_role,
     bind_roles,
     check_roles,
     missing_error,
     missing_roles,
     require_numbers,
 )
-from .log import Log, StepInput
+from .log import Log, StepInput, check_hold
 from .spikes import replace_spikes
 from .timebase import Run, counted_run, split_runs, untimed_run
 
@@ -45,21 +44,18 @@ def choose_variant(logs: Log | Sequence[Log], variants: Sequence[Variant]) -> Va
     """
     logs = [logs] if isinstance(logs, Log) else list(logs)
     everything = {role.name: role for variant in variants for role in variant.roles}
-    best: tuple[int, int] | None = None
-    chosen = variants[0]
-    lacking: tuple[Log, list[str]] | None = None
     for log in logs:
         check_roles(log, everything.values())
-    for variant in variants:
+
+    def rank(variant: Variant) -> tuple[int, int]:
         names = {role.name for role in variant.roles}
         named = sum(len(names & {*log.bindings, *log.steps}) for log in logs)
-        missing = [(log, missing_roles(log, variant.roles)) for log in logs]
-        count = sum(len(roles) for _, roles in missing)
-        if best is None or (-count, named) > best:
-            best, chosen = (-count, named), variant
-            lacking = next(((log, roles) for log, roles in missing if roles), None)
-    if lacking is not None:
-        raise missing_error(*lacking)
+        return -sum(len(missing_roles(log, variant.roles)) for log in logs), named
+
+    chosen = max(variants, key=rank)
+    for log in logs:
+        if lacking := missing_roles(log, chosen.roles):
+            raise missing_error(log, lacking)
     return chosen
 
 
@@ -114,25 +110,23 @@ def _find_runs(
 ) -> list[Run]:
     """Return the runs of a log; drops an optional time column that cannot be used."""
     timed = next((role for role in variant.roles if role.name == "time"), None)
-    if timed is None:
-        return [untimed_run(log.rows)]
-    if log.sample_time is not None:
-        if (column := bind_roles(_without_sample_time(log), [timed]).get("time")) is not None:
+    if timed is not None and log.sample_time is not None:
+        if (unused := bind_role(log, timed)) is not None:
             notices.append(
                 Notice(
                     "time-replaced",
-                    f"{log.name}: the time column '{column.column.label}' was not used, "
+                    f"{log.name}: the time column '{unused.column.label}' was not used, "
                     f"--sample-time {log.sample_time:g} replaces it.",
                 )
             )
         return [counted_run(log.rows, log.sample_time)]
     binding = bindings.get("time")
-    if binding is None:
+    if timed is None or binding is None:
         return [untimed_run(log.rows)]
     try:
         runs, found = split_runs(log, binding)
     except LogError as error:
-        if timed.required or binding.explicit:
+        if timed.required or "time" in log.bindings:
             raise
         # The user did not ask for this column, and static data do not need it.
         del bindings["time"]
@@ -142,12 +136,6 @@ def _find_runs(
         return [untimed_run(log.rows)]
     notices.extend(found)
     return runs
-
-
-def _without_sample_time(log: Log) -> Log:
-    from dataclasses import replace
-
-    return replace(log, sample_time=None)
 
 
 def _require_time_scale(log: Log, runs: Sequence[Run]) -> None:
@@ -190,16 +178,12 @@ def _apply_window(log: Log, runs: list[Run]) -> list[Run]:
         first = min(float(run.time[0]) for run in runs if run.time.size)
         last = max(float(run.time[-1]) for run in runs if run.time.size)
         raise LogError(
-            f"no sample lies within the window {_side(log.window[0])}:{_side(log.window[1])} s.",
+            f"no sample lies within the window {log.window_text} s.",
             where=log.name,
             expected=f"Its time runs from {first:g} to {last:g} s.",
             remedy="Choose the window within these seconds.",
         )
     return kept
-
-
-def _side(value: float | None) -> str:
-    return "" if value is None else f"{value:g}"
 
 
 def _make_experiments(
@@ -215,14 +199,14 @@ def _make_experiments(
     }
     found = []
     for number, run in enumerate(runs, start=1):
-        signals: dict[str, Signal] = {}
-        for role, binding in measured.items():
-            require_numbers(log, binding, run.rows)
-            signals[role] = _measured_signal(log, binding, run, resolutions[role])
-            _require_magnitude(log, binding, run, signals[role])
-        for stepped in variant.roles:
-            if stepped.name in log.steps:
-                signals[stepped.name] = step_signal(log, stepped, log.steps[stepped.name])
+        signals = {
+            role: _measured_signal(log, binding, run, resolutions[role])
+            for role, binding in measured.items()
+        }
+        for role in variant.roles:
+            if role.name in log.steps:
+                signals[role.name] = step_signal(log, role, log.steps[role.name])
+        first, last = log.lines[run.rows[[0, -1]]].tolist()
         found.append(
             Experiment(
                 name=log.name if len(runs) == 1 else f"{log.name}#{number}",
@@ -231,54 +215,40 @@ def _make_experiments(
                 signals=signals,
                 sample_time=run.sample_time,
                 uniform=run.uniform,
-                attributes={"lines": _line_span(log, run.rows)},
+                attributes={"lines": (first, last)},
             )
         )
     return found
 
 
-def _line_span(log: Log, rows: npt.NDArray[np.intp]) -> tuple[int, int]:
-    return int(log.lines[rows[0]]), int(log.lines[rows[-1]])
-
-
 def _measured_signal(log: Log, binding: Binding, run: Run, resolution: float) -> Signal:
-    role = binding.role
-    raw = binding.column.values
-    values = raw if run.rows.size == raw.size else raw[run.rows]
-    with np.errstate(over="ignore"):  # refused afterwards, with its line
-        values = values * binding.to_si
+    """Return a column over one run, in SI.
+
+    Refused are values whose squares overflow or vanish: nothing can be computed with them.
+    """
+    require_numbers(log, binding, run.rows)
+    role, raw = binding.role, binding.column.values[run.rows]
+    with np.errstate(over="ignore"):
+        values = raw * binding.to_si
+        size = np.abs(values)
+    worst = int(np.argmax(size))
+    if size[worst] != 0.0 and not 1.0 / _LARGEST <= size[worst] <= _LARGEST:
+        extreme = "large" if size[worst] > _LARGEST else "small"
+        raise LogError(
+            f"column '{binding.column.label}' holds {raw[worst]:g}, which is too {extreme} to "
+            "compute with.",
+            where=log.where(run.rows[worst]),
+            expected=f"Expected {role.name} in the range of a real sensor, in {role.unit}.",
+            remedy=f"Check the column and --unit {role.name}=..., or remove the line.",
+        )
     return Signal(
         role=role.name,
         time=run.time,
         values=values,
         unit=role.unit,
-        hold=_hold(log, role),
+        hold=check_hold(role.name, log.holds.get(role.name)) or role.hold,
         before=float(values[0]),
         resolution=resolution,
-    )
-
-
-def _require_magnitude(log: Log, binding: Binding, run: Run, signal: Signal) -> None:
-    """Refuse values whose squares overflow or vanish: nothing can be computed with them.
-
-    Raises
-    ------
-    LogError
-        Naming the line, the column and the value.
-    """
-    with np.errstate(over="ignore"):
-        size = np.abs(signal.values)
-    worst = int(np.argmax(size))
-    if size[worst] == 0.0 or 1.0 / _LARGEST <= size[worst] <= _LARGEST:
-        return
-    extreme = "large" if size[worst] > _LARGEST else "small"
-    raw = binding.column.values[run.rows[worst]]
-    raise LogError(
-        f"column '{binding.column.label}' holds {raw:g}, which is too {extreme} to compute with.",
-        where=f"{log.name}, line {int(log.lines[run.rows[worst]])}",
-        expected=f"Expected {binding.role.name} in the range of a real sensor, in "
-        f"{binding.role.unit}.",
-        remedy=f"Check the column and --unit {binding.role.name}=..., or remove the line.",
     )
 
 
@@ -297,15 +267,3 @@ def step_signal(log: Log, role: Role, step: StepInput) -> Signal:
         before=step.start * factor,
         resolution=abs(step.end - step.start) * abs(factor),
     )
-
-
-def _hold(log: Log, role: Role) -> Hold | None:
-    given = log.holds.get(role.name)
-    if given is None:
-        return role.hold
-    if given not in get_args(Hold):
-        raise UsageError(
-            f"'{given}' is not a hold, as given for '{role.name}'.",
-            remedy=f"Choose one of {', '.join(get_args(Hold))}.",
-        )
-    return cast(Hold, given)

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import Notice
-from ..experiment import FloatArray
+from ..errors import Notice, UsageError
+from ..experiment import FloatArray, Hold
 
 IntArray = npt.NDArray[np.int64]
+IndexArray = npt.NDArray[np.intp]
+BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -148,6 +151,15 @@ class Log:
         """Number of rows."""
         return int(self.lines.size)
 
+    @property
+    def window_text(self) -> str:
+        """The window as on the command line: ``2:`` from 2 s on."""
+        return ":".join("" if end is None else f"{end:g}" for end in self.window or ())
+
+    def where(self, row: int) -> str:
+        """Return where a row stands, for messages: ``pot.csv, line 214``."""
+        return f"{self.name}, line {int(self.lines[row])}"
+
 
 def name_lines(lines: Sequence[int] | IntArray, shown: int = 4) -> str:
     """Return ``line 7``, ``lines 7 and 9`` or ``lines 1, 2, 3, 4 and 12 more``."""
@@ -163,3 +175,19 @@ def name_lines(lines: Sequence[int] | IntArray, shown: int = 4) -> str:
 def count_of(number: int, noun: str) -> str:
     """Return ``1 line`` or ``3 lines``."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def check_hold(role: str, hold: str | None) -> Hold | None:
+    """Return a hold as given for a role, if it is one.
+
+    Raises
+    ------
+    UsageError
+        With the holds there are.
+    """
+    if hold is None or hold in get_args(Hold):
+        return cast("Hold | None", hold)
+    raise UsageError(
+        f"'{hold}' is not a hold, as given for '{role}'.",
+        remedy=f"Choose one of {', '.join(get_args(Hold))}.",
+    )

@@ -6,13 +6,11 @@ import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import get_args
 
 from ..errors import UsageError
-from ..experiment import Hold
 from ..units import is_doubtful_suffix, parse_unit_from_header
 from .dialect import Layout, find_layout
-from .log import Column, Dialect, Log, StepInput
+from .log import Column, Dialect, Log, StepInput, check_hold
 from .source import Source, read_source
 from .table import Table, read_table
 
@@ -109,11 +107,7 @@ def _check_arguments(
         if not all(map(math.isfinite, (step.start, step.end, step.at))):
             raise UsageError(f"the step of '{role}' is not finite.", remedy="Give three numbers.")
     for role, hold in holds.items():
-        if hold not in get_args(Hold):
-            raise UsageError(
-                f"'{hold}' is not a hold, as given for '{role}'.",
-                remedy=f"Choose one of {', '.join(get_args(Hold))}.",
-            )
+        check_hold(role, hold)
     low, high = window or (None, None)
     if any(side is not None and math.isnan(side) for side in (low, high)) or (
         low is not None and high is not None and low >= high
@@ -125,34 +119,24 @@ def _check_arguments(
 
 def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:
     columns = []
-    for index, (values, bad) in enumerate(zip(table.values, table.bad)):
-        header = layout.headers[index]
+    parts = zip(layout.headers, layout.units, table.values, table.bad)
+    for index, (header, unit_in_row, values, bad) in enumerate(parts, start=1):
         name, unit = parse_unit_from_header(header)
-        from_row = layout.units[index] or None
-        columns.append(
-            Column(
-                index=index + 1,
-                header=header,
-                name=name,
-                unit=from_row or unit,
-                doubtful=from_row is None and is_doubtful_suffix(header),
-                values=values,
-                bad=bad,
-            )
-        )
+        doubtful = not unit_in_row and is_doubtful_suffix(header)
+        columns.append(Column(index, header, name, unit_in_row or unit, doubtful, values, bad))
     return tuple(columns)
 
 
 def _describe_dialect(source: Source, layout: Layout, table: Table) -> Dialect:
-    rows = [r for r in (layout.header_row, layout.units_row) if r is not None]
+    header, units = layout.header_row, layout.units_row
     return Dialect(
         name=layout.hints.name,
         encoding=source.encoding,
         delimiter=layout.delimiter,
         decimal=layout.decimal,
-        preamble=min([*rows, layout.first_row]),
-        header_line=None if layout.header_row is None else layout.header_row + 1,
-        units_line=None if layout.units_row is None else layout.units_row + 1,
+        preamble=layout.first_row if header is None else header,
+        header_line=None if header is None else header + 1,
+        units_line=None if units is None else units + 1,
         first_data_line=int(table.lines[0]),
         serial=layout.hints.serial,
     )

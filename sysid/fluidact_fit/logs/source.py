@@ -29,7 +29,6 @@ _FOREIGN = (
     (b"BZh", "a bzip2 archive", "Unpack it first (bunzip2)."),
     (b"\xfd7zXZ", "an xz archive", "Unpack it first (unxz)."),
 )
-_EXPECTED = "Expected a text file with columns of numbers (CSV or similar)."
 
 
 @dataclass(frozen=True)
@@ -57,12 +56,8 @@ def read_source(path: Path) -> Source:
     """
     raw = _read_bytes(path)
     if not raw or raw.isspace():
-        raise LogError(
-            "the file is empty.",
-            where=path.name,
-            expected=_EXPECTED,
-            remedy="Record it again, or check that the logger had finished writing.",
-        )
+        remedy = "Record it again, or check that the logger had finished writing."
+        raise _refusal("the file is empty.", path.name, remedy)
     encoding, data = _decode(raw, path.name)
     if b"\r" in data:
         # "\r\r\n" is what a terminal log in text mode makes of "\r\n".
@@ -71,19 +66,18 @@ def read_source(path: Path) -> Source:
     return Source(path, data, encoding, hashlib.sha256(raw).hexdigest())
 
 
+def _refusal(what: str, where: str, remedy: str) -> LogError:
+    expected = "Expected a text file with columns of numbers (CSV or similar)."
+    return LogError(what, where=where, expected=expected, remedy=remedy)
+
+
 def _read_bytes(path: Path) -> bytes:
     try:
         if path.is_dir():
-            raise LogError(
-                "this is a folder.", where=str(path), expected=_EXPECTED, remedy="Name a file."
-            )
+            raise _refusal("this is a folder.", str(path), "Name a file.")
         if path.exists() and not path.is_file():
-            raise LogError(
-                "this is not a regular file.",
-                where=str(path),
-                expected=_EXPECTED,
-                remedy="Copy the data into a file first.",
-            )
+            remedy = "Copy the data into a file first."
+            raise _refusal("this is not a regular file.", str(path), remedy)
         return path.read_bytes()
     except FileNotFoundError:
         raise LogError(
@@ -102,7 +96,7 @@ def _decode(raw: bytes, name: str) -> tuple[str, bytes]:
     """Return the encoding and the same text as UTF-8 without a byte order mark."""
     for magic, what, remedy in _FOREIGN:
         if raw.startswith(magic):
-            raise LogError(f"this is {what}.", where=name, expected=_EXPECTED, remedy=remedy)
+            raise _refusal(f"this is {what}.", name, remedy)
     for bom, encoding in _BOMS:
         if raw.startswith(bom):
             if encoding == "utf-8-sig" and raw.isascii() is False:
@@ -123,12 +117,7 @@ def _checked(raw: bytes, name: str, encoding: str) -> tuple[str, bytes]:
     head = raw[:_PROBE]
     control = len(head) - len(head.translate(None, _CONTROL))
     if b"\0" in raw or control > 0.01 * len(head):
-        raise LogError(
-            "this is a binary file.",
-            where=name,
-            expected=_EXPECTED,
-            remedy="Export the recording as CSV.",
-        )
+        raise _refusal("this is a binary file.", name, "Export the recording as CSV.")
     if raw.isascii():
         return encoding, raw
     try:
@@ -145,10 +134,6 @@ def _recode(raw: bytes, encoding: str, name: str) -> bytes:
         # A recording that stopped in the middle of a character still has all lines before.
         text = raw.decode(encoding, errors="replace")
         if text.count("�") > 2:
-            raise LogError(
-                f"the file starts like {encoding} text but is damaged.",
-                where=name,
-                expected=_EXPECTED,
-                remedy="Export it again, as UTF-8.",
-            ) from None
+            what = f"the file starts like {encoding} text but is damaged."
+            raise _refusal(what, name, "Export it again, as UTF-8.") from None
         return text.rstrip("�").encode()

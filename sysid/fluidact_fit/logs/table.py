@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import LogError, Notice
 from ..experiment import FloatArray
-from .dialect import Layout, is_number, split_line
+from .dialect import Layout
 from .log import IntArray, count_of, name_lines
 from .source import Source
 
@@ -29,18 +29,11 @@ RAGGED_SHARE_SERIAL = 0.5
 
 @dataclass(frozen=True)
 class Table:
-    """Numbers by column, NaN where a cell is not a finite number.
+    """Numbers by column.
 
-    Attributes
-    ----------
-    values
-        One array per column, shape ``(n_rows,)``.
-    bad
-        Per column: row to text of cells that are not finite numbers.
-    lines
-        1-based source line per row.
-    notices
-        What was left out.
+    ``values`` has one array per column, shape ``(n_rows,)``, NaN where a cell is not a finite
+    number; ``bad`` has the text of these cells by row. ``lines`` is the 1-based source line of
+    every row, ``notices`` says what was left out.
     """
 
     values: tuple[FloatArray, ...]
@@ -72,7 +65,7 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     data, end = source.data, len(source.data)
     while end > offset and data[end - 1] in b"\n\t ":
         end -= 1
-    if data.find(b'"', offset) >= 0 or layout.hints.session_mark is not None:
+    if data.find(b'"', offset) >= 0 or layout.hints.session_mark:
         return None
     rows = data.count(b"\n", offset, end) + 1
     tail = data[data.rfind(b"\n", 0, end - 4096) + 1 : end].decode(errors="replace").split("\n")
@@ -145,60 +138,69 @@ def _collect_bad(
         return tuple({} for _ in columns)
     lines = data[offset:].split(b"\n")
     return tuple(
-        {
-            int(row): split_line(lines[row].decode(errors="replace"), layout.delimiter)[index]
-            for row in found
-        }
+        {int(row): layout.split(lines[row].decode(errors="replace"))[index] for row in found}
         for index, found in enumerate(rows)
     )
 
 
 def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
-    """Read line by line, setting aside lines with the wrong number of fields."""
+    """Read line by line, leaving out lines with the wrong number of fields."""
     text = source.data[offset:].decode(errors="replace")
-    ends_open = not text.endswith("\n")
-    rows: list[list[str]] = []
-    lines: list[int] = []
-    ragged: list[tuple[int, int]] = []
-    width, delimiter, mark = layout.width, layout.delimiter, layout.hints.session_mark
-    simple = '"' not in text and delimiter != " "
-    for number, line in enumerate(text.split("\n"), start=layout.first_row + 1):
-        if not line or line.isspace() or (mark and line.startswith(mark)):
-            continue
-        fields = line.split(delimiter) if simple else split_line(line, delimiter)
-        found = len(fields)
-        if found != width:
-            # A separator too many at the end of the line.
-            while found > width and not fields[found - 1].strip():
-                found -= 1
-            if found != width:
-                ragged.append((number, found))
-                continue
-            fields = fields[:width]
-        rows.append(fields)
-        lines.append(number)
-    notices = _judge_last_line(source, layout, text, rows, lines, ragged, ends_open)
+    rows, lines, ragged = _split_rows(text, layout)
+    notices = []
+    tail = text.rstrip("\n").rsplit("\n", 41)
+    if rows and _is_cut(tail[-1], tail[-41:-1], layout, not text.endswith("\n")):
+        if ragged and ragged[-1][0] > lines[-1]:
+            last, _ = ragged.pop()
+        else:
+            last = lines.pop()
+            rows.pop()
+        notices.append(
+            Notice(
+                "cut-last-line",
+                f"{source.name}, line {last}: the last line is cut short and was left out. "
+                "The recording probably stopped while it was written.",
+            )
+        )
     notices += _judge_ragged(source.name, layout, ragged, len(rows))
     if not rows:
         raise LogError(
             "the table holds no complete row.",
             where=source.name,
-            expected=f"Expected rows of {count_of(width, 'column')}.",
+            expected=f"Expected rows of {count_of(layout.width, 'column')}.",
             remedy="Record the log again.",
         )
-    converted = [_to_numbers(cells, layout.decimal) for cells in zip(*rows)]
-    return Table(
-        tuple(values for values, _ in converted),
-        tuple(bad for _, bad in converted),
-        np.array(lines, dtype=np.int64),
-        tuple(notices),
-    )
+    values, bad = zip(*(_to_numbers(cells, layout) for cells in zip(*rows)))
+    return Table(values, bad, np.array(lines, dtype=np.int64), tuple(notices))
 
 
-def _to_numbers(cells: Sequence[str], decimal: str) -> tuple[FloatArray, dict[int, str]]:
+def _split_rows(
+    text: str, layout: Layout
+) -> tuple[list[list[str]], list[int], list[tuple[int, int]]]:
+    """Return cells and line of every row; line and number of fields where that is wrong."""
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    ragged: list[tuple[int, int]] = []
+    width, delimiter = layout.width, layout.delimiter
+    simple = '"' not in text and delimiter != " "
+    for number, line in enumerate(text.split("\n"), start=layout.first_row + 1):
+        if not line or line.isspace() or layout.hints.is_session(line):
+            continue
+        fields = line.split(delimiter) if simple else layout.split(line)
+        while len(fields) > width and not fields[-1].strip():
+            fields.pop()  # a separator too many at the end of the line
+        if len(fields) == width:
+            rows.append(fields)
+            lines.append(number)
+        else:
+            ragged.append((number, len(fields)))
+    return rows, lines, ragged
+
+
+def _to_numbers(cells: Sequence[str], layout: Layout) -> tuple[FloatArray, dict[int, str]]:
     """Convert a column of text; shape ``(n_rows,)`` and the cells that are no number."""
-    texts: Sequence[str] = cells
-    if decimal == ",":
+    texts = cells
+    if layout.decimal == ",":
         # A point is then no decimal sign: "1.234" may well mean a thousand.
         texts = [cell.replace(".", "?").replace(",", ".") for cell in cells]
     try:
@@ -211,7 +213,7 @@ def _to_numbers(cells: Sequence[str], decimal: str) -> tuple[FloatArray, dict[in
     bad: dict[int, str] = {}
     for row, cell in enumerate(cells):
         text = cell.strip()
-        if is_number(text, decimal):
+        if layout.is_number(text):
             values[row] = float(re.sub("[dD]", "e", text.replace(",", ".")))
         if not np.isfinite(values[row]):
             values[row] = np.nan
@@ -220,61 +222,27 @@ def _to_numbers(cells: Sequence[str], decimal: str) -> tuple[FloatArray, dict[in
     return values, bad
 
 
-def _judge_last_line(
-    source: Source,
-    layout: Layout,
-    text: str,
-    rows: list[list[str]],
-    lines: list[int],
-    ragged: list[tuple[int, int]],
-    ends_open: bool,
-) -> list[Notice]:
-    """Leave out a last line that was cut in half; changes the three lists."""
-    tail = text.rstrip("\n").rsplit("\n", 41)
-    last_ragged = ragged[-1][0] if ragged else 0
-    last_row = lines[-1] if lines else 0
-    if not _is_cut(tail[-1], tail[-41:-1], layout, ends_open) or not rows:
-        return []
-    if last_ragged > last_row:
-        line = ragged.pop()[0]
-    else:
-        line = lines.pop()
-        rows.pop()
-    return [
-        Notice(
-            "cut-last-line",
-            f"{source.name}, line {line}: the last line is cut short and was left out. "
-            "The recording probably stopped while it was written.",
-        )
-    ]
-
-
 def _is_cut(line: str, before: Sequence[str], layout: Layout, ends_open: bool) -> bool:
     """Return whether the last line of a file was cut.
 
     Too few fields are a cut; so is, in a file without a final line end, an empty or
     unfinished last cell, or fewer decimals than all lines before agree on.
     """
-    fields = split_line(line, layout.delimiter)
+    fields = layout.split(line)
     if layout.trailing and len(fields) > layout.width:
         return False
     if 0 < len(fields) < layout.width:
         return True
     if not ends_open or layout.trailing or len(fields) != layout.width:
         return False
-    cell = fields[-1]
-    others = [split_line(other, layout.delimiter) for other in before if other.strip()]
+    others = map(layout.split, filter(str.strip, before))
     cells = [other[-1] for other in others if len(other) == layout.width]
-    if not cells or not all(is_number(c, layout.decimal) for c in cells):
+    if not cells or not all(map(layout.is_number, cells)):
         return False
-    if not is_number(cell, layout.decimal):
+    if not layout.is_number(fields[-1]):
         return True
-    decimals = {len(c.partition(layout.decimal)[2]) for c in cells}
-    return (
-        len(cells) >= 5
-        and len(decimals) == 1
-        and (len(cell.partition(layout.decimal)[2]) < decimals.pop())
-    )
+    last, *decimals = (len(c.partition(layout.decimal)[2]) for c in (fields[-1], *cells))
+    return len(cells) >= 5 and len(set(decimals)) == 1 and last < decimals[0]
 
 
 def _judge_ragged(

@@ -8,16 +8,16 @@ reported; the rest is refused with its line.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import LogError, Notice
 from ..experiment import FloatArray
 from .columns import Binding, require_numbers
-from .log import IntArray, Log, count_of, name_lines
+from .log import BoolArray, IndexArray, Log, count_of, name_lines
 
 WRAP = 2.0**32
 MIN_RUN = 3
@@ -28,19 +28,12 @@ _UNIFORM = 1e-6
 class Run:
     """Consecutive rows with increasing time.
 
-    Attributes
-    ----------
-    rows
-        Indices into the log, shape ``(n,)``.
-    time
-        Instants [s], shape ``(n,)``; empty when the log has no time.
-    sample_time
-        Median step [s], 0 without time.
-    uniform
-        Whether the instants lie on one grid, to which they were then snapped.
+    ``rows`` are indices into the log and ``time`` their instants [s], shape ``(n,)``; a log without
+    time has none. ``sample_time`` is the median step [s], 0 without time. ``uniform`` says that
+    the instants lie on one grid, to which they were then snapped.
     """
 
-    rows: npt.NDArray[np.intp]
+    rows: IndexArray
     time: FloatArray
     sample_time: float
     uniform: bool
@@ -60,13 +53,6 @@ def counted_run(rows: int, sample_time: float) -> Run:
 def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
     """Split a log where its time restarts and make each run strictly increasing.
 
-    Parameters
-    ----------
-    log
-        The log.
-    binding
-        Its time column.
-
     Returns
     -------
     tuple
@@ -77,30 +63,22 @@ def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
     LogError
         When stamps are missing, step back or repeat without an explanation.
     """
-    require_numbers(log, binding, np.arange(log.rows))
-    stamps = binding.column.values * np.sign(binding.to_si)
-    notices: list[Notice] = []
-    rows = np.arange(stamps.size)
-    stamps, rows = _drop_impossible(log, stamps, rows, notices)
-    stamps = _unwrap(log, stamps, rows, notices)
-    resolution = print_resolution(stamps)
-    pieces = _cut_at_restarts(log, stamps, rows, notices)
-    pieces = _mend_ties(log, pieces, resolution, notices)
-    pieces = _leave_out_short(log, pieces, notices)
+    rows = np.arange(log.rows)
+    require_numbers(log, binding, rows)
+    repair = _Repair(log)
+    part = repair.drop_impossible(_Part(rows, binding.column.values * np.sign(binding.to_si)))
+    part = repair.unwrap(part)
+    resolution = print_resolution(part.stamps)
+    parts = repair.mend_ties(repair.cut_at_restarts(part), resolution)
+    parts = repair.leave_out_short(parts)
+    if binding.assumed and binding.scale == 1.0 and resolution >= 1:
+        repair.doubt_unit(part.stamps)
     factor = abs(binding.to_si)
-    runs = [make_run(r, t, resolution, factor) for t, r in pieces]
-    _doubt_unit(log, binding, stamps, resolution, notices)
-    return runs, notices
+    return [make_run(p.rows, p.stamps, resolution, factor) for p in parts], repair.notices
 
 
 def print_resolution(stamps: FloatArray) -> float:
-    """Return the decimal power that all stamps are multiples of, 0 when there is none.
-
-    Parameters
-    ----------
-    stamps
-        Numbers as printed, shape ``(n,)``.
-    """
+    """Return the decimal power that all printed stamps are multiples of, 0 without one."""
     if not stamps.size:
         return 0.0
     sample = stamps[:2000]
@@ -118,21 +96,11 @@ def print_resolution(stamps: FloatArray) -> float:
     return 0.0
 
 
-def make_run(
-    rows: npt.NDArray[np.intp], stamps: FloatArray, resolution: float, factor: float
-) -> Run:
+def make_run(rows: IndexArray, stamps: FloatArray, resolution: float, factor: float) -> Run:
     """Turn increasing stamps into a run, snapped to a grid when they lie on one.
 
-    Parameters
-    ----------
-    rows
-        Row indices, shape ``(n,)``.
-    stamps
-        Strictly increasing stamps [unit of the column], shape ``(n,)``.
-    resolution
-        Print resolution of the stamps [same].
-    factor
-        Seconds per unit.
+    ``stamps`` and their print ``resolution`` are in the unit of the column, which is ``factor``
+    seconds; ``rows`` are indices, of shape ``(n,)`` as the stamps.
     """
     if stamps.size < 2:
         return Run(rows, stamps * factor, 0.0, False)
@@ -163,20 +131,8 @@ def _fit_grid(stamps: FloatArray, resolution: float) -> tuple[float, float] | No
     of the last printed digit.
     """
     count = np.arange(stamps.size)
-    median = float(np.median(np.diff(stamps)))
-    if resolution:
-        median = round(median / resolution) * resolution or median
-        digits = round(-float(np.log10(resolution)))
-        median = round(median, digits + 1)
-    mean = float(stamps[-1] - stamps[0]) / (stamps.size - 1)
     noise = 8 * np.finfo(float).eps * float(np.abs(stamps).max())
-    guesses: tuple[Callable[[], float], ...] = (
-        lambda: median,
-        lambda: mean,
-        lambda: _narrowest_step(stamps, mean, resolution) if resolution else mean,
-    )
-    for guess in guesses:  # the last one is slow, and seldom needed
-        step = guess()
+    for step in _guess_steps(stamps, resolution):
         if step <= 0:
             continue
         deviation = stamps - (stamps[0] + count * step)
@@ -190,6 +146,19 @@ def _fit_grid(stamps: FloatArray, resolution: float) -> tuple[float, float] | No
             shift = 0.0 if max(high, -low) <= half else 0.5 * (low + high)
             return float(stamps[0]) + shift, step
     return None
+
+
+def _guess_steps(stamps: FloatArray, resolution: float) -> Iterator[float]:
+    """Yield steps that a grid may have; the last one is slow to find, and seldom needed."""
+    median = float(np.median(np.diff(stamps)))
+    if resolution:
+        median = round(median / resolution) * resolution or median
+        median = round(median, 1 + round(-float(np.log10(resolution))))
+    yield median
+    mean = float(stamps[-1] - stamps[0]) / (stamps.size - 1)
+    yield mean
+    if resolution:
+        yield _narrowest_step(stamps, mean, resolution)
 
 
 def _narrowest_step(stamps: FloatArray, mean: float, resolution: float) -> float:
@@ -211,232 +180,208 @@ def _narrowest_step(stamps: FloatArray, mean: float, resolution: float) -> float
     return 0.5 * (low + high)
 
 
-def _drop_impossible(
-    log: Log, stamps: FloatArray, rows: npt.NDArray[np.intp], notices: list[Notice]
-) -> tuple[FloatArray, npt.NDArray[np.intp]]:
-    """Leave out stamps of a serial log that no 32-bit counter can have printed."""
-    if not log.dialect.serial:
-        return stamps, rows
-    wrong = stamps >= WRAP
-    if not wrong.any() or wrong.mean() > 0.1:
-        return stamps, rows
-    lines = log.lines[rows[wrong]]
-    notices.append(
-        Notice(
+@dataclass(frozen=True)
+class _Part:
+    """Rows of a log, indices of shape ``(n,)``, and their stamps in the unit of the column."""
+
+    rows: IndexArray
+    stamps: FloatArray
+
+    def __getitem__(self, chosen: IndexArray | BoolArray) -> _Part:
+        return _Part(self.rows[chosen], self.stamps[chosen])
+
+
+class _Repair:
+    """Repairs of the stamps of one log, and the notices of what was done."""
+
+    def __init__(self, log: Log) -> None:
+        self.log = log
+        self.notices: list[Notice] = []
+
+    def name_lines(self, rows: IndexArray) -> str:
+        """Name the lines of some rows."""
+        return name_lines(self.log.lines[rows])
+
+    def notice(self, code: str, message: str) -> None:
+        """Add a notice on the log."""
+        self.notices.append(Notice(code, f"{self.log.name}{message}"))
+
+    def refusal(self, what: str, row: int, expected: str = "", remedy: str = "") -> LogError:
+        """Return the error for a row whose time cannot be repaired."""
+        return LogError(
+            what,
+            where=self.log.where(row),
+            expected=expected or "Expected time to increase from row to row.",
+            remedy=remedy
+            or "Remove the line, or give --sample-time SECONDS to replace the time column.",
+        )
+
+    def drop_impossible(self, part: _Part) -> _Part:
+        """Leave out stamps of a serial log that no 32-bit counter can have printed."""
+        wrong = part.stamps >= WRAP
+        if not self.log.dialect.serial or not wrong.any() or wrong.mean() > 0.1:
+            return part
+        left_out = part.rows[wrong]
+        self.notice(
             "overprinted-lines",
-            f"{log.name}: {count_of(lines.size, 'line')} left out ({name_lines(lines)}): the "
+            f": {count_of(left_out.size, 'line')} left out ({self.name_lines(left_out)}): the "
             "time stamp exceeds a 32-bit counter, so two lines were printed over each other.",
         )
-    )
-    return stamps[~wrong], rows[~wrong]
+        return part[~wrong]
 
+    def unwrap(self, part: _Part) -> _Part:
+        """Undo the overflow of a 32-bit counter.
 
-def _unwrap(
-    log: Log, stamps: FloatArray, rows: npt.NDArray[np.intp], notices: list[Notice]
-) -> FloatArray:
-    """Undo the overflow of a 32-bit counter.
-
-    Differences are taken modulo 2^32, so a counter that overflows goes on, and stamps
-    just below 2^32 before a zero are the negative times they were meant to be.
-    """
-    if stamps.size < 2 or stamps.max() < WRAP / 2 or stamps.max() >= WRAP or stamps.min() < 0:
-        return stamps
-    steps = np.diff(stamps)
-    wraps = np.flatnonzero(steps < -WRAP / 2)
-    if not wraps.size or (stamps != np.round(stamps)).any():
-        return stamps
-    turned = np.concatenate(([0.0], np.cumsum((steps + WRAP / 2) % WRAP - WRAP / 2)))
-    # The zero that is kept: that of the counter after its (last) overflow.
-    unwrapped = turned - turned[-1] + stamps[-1]
-    if stamps[-1] >= WRAP / 2:
-        unwrapped -= WRAP
-    notices.append(
-        Notice(
+        Differences are taken modulo 2^32, so a counter that overflows goes on, and stamps
+        just below 2^32 before a zero are the negative times they were meant to be.
+        """
+        stamps = part.stamps
+        if stamps.size < 2 or stamps.max() < WRAP / 2 or stamps.max() >= WRAP or stamps.min() < 0:
+            return part
+        steps = np.diff(stamps)
+        wraps = np.flatnonzero(steps < -WRAP / 2)
+        if not wraps.size or (stamps != np.round(stamps)).any():
+            return part
+        turned = np.concatenate(([0.0], np.cumsum((steps + WRAP / 2) % WRAP - WRAP / 2)))
+        # The zero that is kept: that of the counter after its (last) overflow.
+        unwrapped = turned - turned[-1] + stamps[-1]
+        if stamps[-1] >= WRAP / 2:
+            unwrapped -= WRAP
+        self.notice(
             "time-wrapped",
-            f"{log.name}, {name_lines(log.lines[rows[wraps + 1]])}: the time counter overflowed "
-            f"(2^32) and was continued; stamps before it are negative times.",
+            f", {self.name_lines(part.rows[wraps + 1])}: the time counter overflowed "
+            "(2^32) and was continued; stamps before it are negative times.",
         )
-    )
-    return np.asarray(unwrapped)
+        return _Part(part.rows, unwrapped)
+
+    def cut_at_restarts(self, part: _Part) -> list[_Part]:
+        """Cut where time starts again; small backward steps are another matter."""
+        steps = np.diff(part.stamps)
+        if not (steps < 0).any():
+            return [part]
+        forward = steps[steps > 0]
+        usual = float(np.median(forward)) if forward.size else 0.0
+        kept, starts, glitches = _sort_out(part.stamps.tolist(), usual)
+        if len(starts) > 1:
+            self.notice(
+                "time-restarts",
+                f": time starts again {count_of(len(starts) - 1, 'time')} "
+                f"({self.name_lines(part.rows[starts[1:]])}); each of the {len(starts)} runs is "
+                "a separate experiment.",
+            )
+        if glitches:
+            self.judge_glitches(part.rows[glitches], len(starts))
+        return [part[rows] for rows in np.split(kept, np.searchsorted(kept, starts[1:]))]
+
+    def judge_glitches(self, rows: IndexArray, runs: int) -> None:
+        """Leave out lines printed out of order in terminal logs; refuse them elsewhere."""
+        # A terminal log, or one of many cycles, holds events printed now and then out of order.
+        events = self.log.dialect.serial or runs >= 3
+        if not events or rows.size > 0.2 * self.log.rows:
+            raise self.refusal(
+                "time goes backwards.",
+                rows[0],
+                "Expected time to increase from row to row, or to start again.",
+            )
+        self.notice(
+            "time-out-of-order",
+            f": {count_of(rows.size, 'line')} left out whose time is out of order "
+            f"({self.name_lines(rows)}).",
+        )
+
+    def mend_ties(self, parts: list[_Part], resolution: float) -> list[_Part]:
+        """Separate equal stamps where coarse printing explains them.
+
+        Samples that share a stamp lie within one unit of its last digit, in the order of the
+        lines; they are spread evenly over that unit, which is wrong by less than the rounding.
+        """
+        steps = np.concatenate([np.diff(p.stamps) for p in parts])
+        tied = np.concatenate([p.rows[1:] for p in parts])[steps == 0]
+        if not tied.size:
+            return parts
+        total = sum(p.stamps.size for p in parts)
+        steps = steps[steps > 0]
+        usual = float(np.median(steps)) if steps.size else 0.0
+        varied = steps.size > 0 and np.mean(np.abs(steps - usual) > 0.5 * resolution) > 0.05
+        # Printed every few digits with steps that vary: two samples may share a digit. A
+        # terminal log holds events, which come as close as they like.
+        coarse = self.log.dialect.serial or (
+            0 < usual <= 3.5 * resolution and (varied or tied.size > total / 5)
+        )
+        if resolution <= 0 or not coarse or tied.size >= 0.9 * total:
+            more = f" ({tied.size} such lines)" if tied.size > 1 else ""
+            raise self.refusal(f"the time is the same as on the line before{more}.", tied[0])
+        self.notice(
+            "time-ties",
+            f": {count_of(tied.size, 'sample')} with the same printed time as the one "
+            f"before ({self.name_lines(tied)}); spread within the last printed digit.",
+        )
+        return [_Part(p.rows, _spread(p.stamps, resolution)) for p in parts]
+
+    def leave_out_short(self, parts: list[_Part]) -> list[_Part]:
+        """Leave out runs too short to be one, unless the log is a single run."""
+        if len(parts) == 1:
+            return parts
+        short = np.array([p.rows[0] for p in parts if p.rows.size < MIN_RUN], dtype=np.intp)
+        if short.size == len(parts):
+            raise self.refusal(
+                f"time starts again so often that no run has {MIN_RUN} samples.",
+                short[1],
+                remedy="Choose another time column, or give --sample-time SECONDS.",
+            )
+        if short.size:
+            self.notice(
+                "run-too-short",
+                f": {count_of(short.size, 'run')} of fewer than {MIN_RUN} samples left "
+                f"out (beginning at {self.name_lines(short)}).",
+            )
+        return [p for p in parts if p.rows.size >= MIN_RUN]
+
+    def doubt_unit(self, stamps: FloatArray) -> None:
+        """Warn when seconds were assumed but the numbers look like milliseconds."""
+        steps = np.diff(stamps)
+        usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+        if stamps.size >= 3 and usual >= 1:
+            self.notice(
+                "time-unit-doubtful",
+                ": time has no unit and was taken as seconds, but its whole numbers "
+                f"step by {usual:g}. If they are milliseconds, give --unit time=ms.",
+            )
 
 
-def _cut_at_restarts(
-    log: Log, stamps: FloatArray, rows: npt.NDArray[np.intp], notices: list[Notice]
-) -> list[tuple[FloatArray, npt.NDArray[np.intp]]]:
-    """Cut where time starts again; small backward steps are another matter."""
-    steps = np.diff(stamps)
-    if not (steps < 0).any():
-        return [(stamps, rows)]
-    forward = steps[steps > 0]
-    usual = float(np.median(forward)) if forward.size else 0.0
+def _sort_out(stamps: Sequence[float], usual: float) -> tuple[IndexArray, list[int], list[int]]:
+    """Return the stamps to keep, those where a run starts, and those that are out of order."""
     starts, glitches = [0], []
     kept = [0]
-    values = stamps.tolist()
-    for i in range(1, len(values)):
-        last, first = values[kept[-1]], values[starts[-1]]
+    for i in range(1, len(stamps)):
+        last, first = stamps[kept[-1]], stamps[starts[-1]]
         if first < 0 < last:
             first = 0.0  # what came before the event does not make the run longer
-        if values[i] >= last:
+        if stamps[i] >= last:
             kept.append(i)
             continue
-        before = values[kept[-2]] if len(kept) > 1 and kept[-2] >= starts[-1] else None
-        after = values[i + 1] if i + 1 < len(values) else None
+        before = stamps[kept[-2]] if len(kept) > 1 and kept[-2] >= starts[-1] else None
         spiked = before is not None and last - before > 100 * usual
-        if before is not None and spiked and 0 < values[i] - before <= 5 * usual:
+        if before is not None and spiked and 0 < stamps[i] - before <= 5 * usual:
             glitches.append(kept.pop())
             kept.append(i)
             continue
         # One wrong stamp within a run: the next goes on where the one before left off, and
         # does not follow from the wrong one.
-        resumes = (
-            after is not None and 0 < after - last <= 5 * usual and after - values[i] > 10 * usual
-        )
-        if values[i] - first < 0.5 * (last - first) and not resumes:
+        after = stamps[i + 1] if i + 1 < len(stamps) else -math.inf
+        resumes = 0 < after - last <= 5 * usual and after - stamps[i] > 10 * usual
+        if stamps[i] - first < 0.5 * (last - first) and not resumes:
             starts.append(i)
             kept.append(i)
         else:
             glitches.append(i)
-    if len(starts) > 1:
-        notices.append(
-            Notice(
-                "time-restarts",
-                f"{log.name}: time starts again {count_of(len(starts) - 1, 'time')} "
-                f"({name_lines(log.lines[rows[starts[1:]]])}); each of the {len(starts)} runs is "
-                "a separate experiment.",
-            )
-        )
-    _judge_glitches(log, rows, glitches, len(starts), notices)
-    index = np.array(kept)
-    cuts = np.searchsorted(index, starts[1:])
-    return [(stamps[part], rows[part]) for part in np.split(index, cuts)]
-
-
-def _judge_glitches(
-    log: Log,
-    rows: npt.NDArray[np.intp],
-    glitches: Sequence[int],
-    runs: int,
-    notices: list[Notice],
-) -> None:
-    """Leave out lines printed out of order in terminal logs; refuse them elsewhere."""
-    if not glitches:
-        return
-    lines = log.lines[rows[list(glitches)]]
-    # A terminal log, or one of many cycles, holds events printed now and then out of order.
-    events = log.dialect.serial or runs >= 3
-    if not events or lines.size > 0.2 * log.rows:
-        raise LogError(
-            "time goes backwards.",
-            where=f"{log.name}, line {int(lines[0])}",
-            expected="Expected time to increase from row to row, or to start again.",
-            remedy=("Remove the line, or give --sample-time SECONDS to replace the time column."),
-        )
-    notices.append(
-        Notice(
-            "time-out-of-order",
-            f"{log.name}: {count_of(lines.size, 'line')} left out whose time is out of order "
-            f"({name_lines(lines)}).",
-        )
-    )
-
-
-def _mend_ties(
-    log: Log,
-    pieces: list[tuple[FloatArray, npt.NDArray[np.intp]]],
-    resolution: float,
-    notices: list[Notice],
-) -> list[tuple[FloatArray, npt.NDArray[np.intp]]]:
-    """Separate equal stamps where coarse printing explains them.
-
-    Samples that share a stamp lie within one unit of its last digit, in the order of the
-    lines; they are spread evenly over that unit, which is wrong by less than the rounding.
-    """
-    tied = [np.diff(stamps) == 0 for stamps, _ in pieces]
-    number = int(sum(t.sum() for t in tied))
-    if not number:
-        return pieces
-    at = np.concatenate([rows[1:][t] for (_, rows), t in zip(pieces, tied)])
-    total = sum(stamps.size for stamps, _ in pieces)
-    steps = np.concatenate([np.diff(s) for s, _ in pieces])
-    steps = steps[steps > 0]
-    usual = float(np.median(steps)) if steps.size else 0.0
-    varied = bool(steps.size) and float(np.mean(np.abs(steps - usual) > 0.5 * resolution)) > 0.05
-    # Printed every few digits with steps that vary: two samples may share a digit. A
-    # terminal log holds events, which come as close as they like.
-    coarse = log.dialect.serial or (
-        0 < usual <= 3.5 * resolution and (varied or number > total / 5)
-    )
-    if resolution > 0 and coarse and number < 0.9 * total:
-        notices.append(
-            Notice(
-                "time-ties",
-                f"{log.name}: {count_of(number, 'sample')} with the same printed time as the one "
-                f"before ({name_lines(log.lines[at])}); spread within the last printed digit.",
-            )
-        )
-        return [(_spread(stamps, resolution), rows) for stamps, rows in pieces]
-    raise LogError(
-        "the time is the same as on the line before"
-        + (f" ({number} such lines)." if number > 1 else "."),
-        where=f"{log.name}, line {int(log.lines[at[0]])}",
-        expected="Expected time to increase from row to row.",
-        remedy="Remove the line, or give --sample-time SECONDS to replace the time column.",
-    )
+    return np.array(kept), starts, glitches
 
 
 def _spread(stamps: FloatArray, resolution: float) -> FloatArray:
     """Spread groups of equal stamps evenly over one unit of the last digit."""
-    new = np.r_[True, np.diff(stamps) != 0]
-    first = np.flatnonzero(new)
-    size = np.diff(np.r_[first, stamps.size])
-    place = np.arange(stamps.size) - np.repeat(first, size)
-    return np.asarray(stamps + resolution * place / np.repeat(size, size))
-
-
-def _leave_out_short(
-    log: Log, pieces: list[tuple[FloatArray, npt.NDArray[np.intp]]], notices: list[Notice]
-) -> list[tuple[FloatArray, npt.NDArray[np.intp]]]:
-    if len(pieces) == 1:
-        return pieces
-    long = [piece for piece in pieces if piece[0].size >= MIN_RUN]
-    short = [piece for piece in pieces if piece[0].size < MIN_RUN]
-    lines: IntArray = log.lines[np.array([int(rows[0]) for _, rows in short], dtype=np.intp)]
-    if not long:
-        raise LogError(
-            f"time starts again so often that no run has {MIN_RUN} samples.",
-            where=f"{log.name}, line {int(lines[1])}",
-            expected="Expected time to increase from row to row.",
-            remedy="Choose another time column, or give --sample-time SECONDS.",
-        )
-    if short:
-        notices.append(
-            Notice(
-                "run-too-short",
-                f"{log.name}: {count_of(len(short), 'run')} of fewer than {MIN_RUN} samples left "
-                f"out (beginning at {name_lines(lines)}).",
-            )
-        )
-    return long
-
-
-def _doubt_unit(
-    log: Log,
-    binding: Binding,
-    stamps: FloatArray,
-    resolution: float,
-    notices: list[Notice],
-) -> None:
-    """Warn when seconds were assumed but the numbers look like milliseconds."""
-    if not binding.assumed or binding.scale != 1.0 or stamps.size < 3:
-        return
-    steps = np.diff(stamps)
-    steps = steps[steps > 0]
-    if resolution >= 1 and steps.size and float(np.median(steps)) >= 1:
-        notices.append(
-            Notice(
-                "time-unit-doubtful",
-                f"{log.name}: time has no unit and was taken as seconds, but its whole numbers "
-                f"step by {float(np.median(steps)):g}. If they are milliseconds, give "
-                "--unit time=ms.",
-            )
-        )
+    _, first, group, size = np.unique(
+        stamps, return_index=True, return_inverse=True, return_counts=True
+    )
+    place = np.arange(stamps.size) - first[group]
+    return np.asarray(stamps + resolution * place / size[group])

@@ -7,46 +7,34 @@ which touches no parameter file should not pay.
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .atomic import write_atomically
-    from .document import ParameterDocument
-    from .load import dump_document, make_document, read_document, save_document
-    from .migrations import CURRENT_VERSION
-    from .schema import build_schema, shipped_schema
-    from .yaml_io import dump_yaml, read_yaml
-
-__all__ = [
-    "CURRENT_VERSION",
-    "ParameterDocument",
-    "build_schema",
-    "dump_document",
-    "dump_yaml",
-    "make_document",
-    "read_document",
-    "read_yaml",
-    "save_document",
-    "shipped_schema",
-    "write_atomically",
-]
+    from .atomic import write_atomically as write_atomically
+    from .document import ParameterDocument as ParameterDocument
+    from .load import dump_document as dump_document
+    from .load import make_document as make_document
+    from .load import read_document as read_document
+    from .load import save_document as save_document
+    from .migrations import CURRENT_VERSION as CURRENT_VERSION
+    from .schema import build_schema as build_schema
+    from .schema import shipped_schema as shipped_schema
+    from .yaml_io import dump_yaml as dump_yaml
+    from .yaml_io import read_yaml as read_yaml
 
 _HOMES = {
-    "CURRENT_VERSION": "migrations",
-    "ParameterDocument": "document",
-    "build_schema": "schema",
-    "dump_document": "load",
-    "dump_yaml": "yaml_io",
-    "make_document": "load",
-    "read_document": "load",
-    "read_yaml": "yaml_io",
-    "save_document": "load",
-    "shipped_schema": "schema",
-    "write_atomically": "atomic",
+    "atomic": ["write_atomically"],
+    "document": ["ParameterDocument"],
+    "load": ["dump_document", "make_document", "read_document", "save_document"],
+    "migrations": ["CURRENT_VERSION"],
+    "schema": ["build_schema", "shipped_schema"],
+    "yaml_io": ["dump_yaml", "read_yaml"],
 }
+__all__ = [name for names in _HOMES.values() for name in names]
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+def __getattr__(name: str) -> object:
+    for home, names in _HOMES.items():
+        if name in names:
+            return getattr(import_module(f".{home}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

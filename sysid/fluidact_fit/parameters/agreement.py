@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
@@ -46,21 +46,18 @@ def check_agreement(
     step: Any = settings.get("sample_time")
     hold: Any = settings.get("hold")
     if not _is_number(step) or (discrete is not None and step <= 0.0):
-        problem = ("model.discrete.sample_time", f"{step!r} is not a positive number")
-        raise ParameterFileError(where, [problem], _REMEDY)
-    if hold not in get_args(Hold):
-        problem = ("model.discrete.hold", f"{hold!r} is not known")
-        raise ParameterFileError(where, [problem], _REMEDY)
-    try:
-        options = family.options_type.read(document.options or {}, from_file=True)
-        due = family.model(variant, document.values(), options, float(step), hold)
-    except (FluidactError, ArithmeticError, ValueError) as error:
-        message = f"cannot be made from the parameters: {error}"
-        raise ParameterFileError(where, [("model", message)], _REMEDY) from None
-    problems = [
-        (format_path(place), words)
-        for place, words in disagreements(document.model, due, ("model",))
-    ]
+        problems = [("model.discrete.sample_time", f"{step!r} is not a positive number")]
+    elif hold not in get_args(Hold):
+        problems = [("model.discrete.hold", f"{hold!r} is not known")]
+    else:
+        try:
+            options = family.options_type.read(document.options or {}, from_file=True)
+            due = family.model(variant, document.values(), options, float(step), hold)
+        except (FluidactError, ArithmeticError, ValueError) as error:
+            problems = [("model", f"cannot be made from the parameters: {error}")]
+        else:
+            wrong = disagreements(document.model, due, ("model",))
+            problems = [(format_path(place), words) for place, words in wrong]
     if problems:
         raise ParameterFileError(where, problems, _REMEDY)
 
@@ -94,5 +91,6 @@ def _agree(found: Any, due: Any, slack: float = 0.0) -> bool:
 
 
 def _is_number(value: Any) -> bool:
+    """Whether a value is a number that a float can hold."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return number and math.isfinite(value)
+    return number and abs(value) <= sys.float_info.max

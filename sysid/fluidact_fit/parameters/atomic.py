@@ -80,14 +80,10 @@ def _replace(target: str, content: bytes, mode: int | None) -> None:
         with contextlib.suppress(OSError):
             os.unlink(temporary)
         raise
-    _sync_directory(os.path.dirname(target))
-
-
-def _sync_directory(directory: str) -> None:
     # Makes the new name survive a power cut. Not every system can do it; the file is whole
     # either way.
     with contextlib.suppress(OSError):
-        descriptor = os.open(directory, os.O_RDONLY)
+        descriptor = os.open(os.path.dirname(target), os.O_RDONLY)
         try:
             os.fsync(descriptor)
         finally:

@@ -21,14 +21,7 @@ _REMEDY = "Correct these, or fit again and use the new file."
 
 
 def read_document(path: str | os.PathLike[str], lookup: Lookup) -> ParameterDocument:
-    """Read, migrate and check a parameter file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    lookup
-        Finds a family by name.
+    """Read, migrate and check a parameter file; ``lookup`` finds a family by name.
 
     Raises
     ------

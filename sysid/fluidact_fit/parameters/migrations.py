@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .problems import Problems
+from .problems import Problems, find_entries
 
 CURRENT_VERSION = 1
 
@@ -14,8 +14,7 @@ CURRENT_VERSION = 1
 def _from_0(document: dict[str, Any]) -> dict[str, Any]:
     """Version 0, the draft: ``std`` instead of ``std_error``, and no ``status``."""
     for section in ("parameters", "derived"):
-        entries = document.get(section)
-        for entry in entries.values() if isinstance(entries, dict) else ():
+        for _, entry in find_entries(document, section, "*"):
             if not isinstance(entry, dict):
                 continue
             # The draft wrote a standard error for whatever it had estimated.
@@ -32,14 +31,11 @@ def _settle_holds(document: dict[str, Any]) -> dict[str, Any]:
 
     Their ``linear`` is called ``foh`` now, and their ``cubic`` ``smooth``.
     """
-    provenance = document.get("provenance")
-    logs = provenance.get("logs") if isinstance(provenance, dict) else None
-    for log in logs if isinstance(logs, list) else ():
-        columns = log.get("columns") if isinstance(log, dict) else None
-        for column in columns.values() if isinstance(columns, dict) else ():
-            if isinstance(column, dict) and "hold" in column:
-                hold = column.pop("interpolation", column["hold"])
-                column["hold"] = {"linear": "foh", "cubic": "smooth"}.get(hold, hold)
+    names = {"linear": "foh", "cubic": "smooth"}
+    for _, column in find_entries(document, "provenance", "logs", "*", "columns", "*"):
+        if isinstance(column, dict) and "hold" in column:
+            hold = column.pop("interpolation", column["hold"])
+            column["hold"] = names.get(hold, hold) if isinstance(hold, str) else hold
     return document
 
 
@@ -60,19 +56,17 @@ def migrate(document: Mapping[str, Any], problems: Problems) -> dict[str, Any]:
     """
     version = document.get("format_version")
     migrated = copy.deepcopy(dict(document))
-    place = ("format_version",)
     if version is None:
-        problems.add(place, "missing")
+        words = "missing"
     elif type(version) is not int or version < 0:  # True is an int too
-        problems.add(place, f"{version!r} is not a version; this program reads {CURRENT_VERSION}")
+        words = f"{version!r} is not a version; this program reads {CURRENT_VERSION}"
     elif is_newer(document):
-        problems.add(
-            place,
-            f"{version} is newer than this program reads ({CURRENT_VERSION}); upgrade fluidact-fit",
-        )
+        words = f"{version} is newer than this program reads ({CURRENT_VERSION})"
+        words += "; upgrade fluidact-fit"
     else:
         for step in range(version, CURRENT_VERSION):
             migrated = MIGRATIONS[step](migrated)
             migrated["format_version"] = step + 1
-        migrated = _settle_holds(migrated)
+        return _settle_holds(migrated)
+    problems.add(("format_version",), words)
     return migrated

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from typing import Any
 
 Location = tuple[str | int, ...]
 
@@ -29,6 +30,18 @@ def format_path(location: Location) -> str:
         else:
             path += f"[{part!r}]"
     return path
+
+
+def find_entries(part: Any, *keys: str, place: Location = ()) -> Iterator[tuple[Location, Any]]:
+    """Yield what stands under the keys, as far as it is there; ``*`` is every entry."""
+    if not keys:
+        yield place, part
+    elif keys[0] != "*":
+        if isinstance(part, Mapping) and keys[0] in part:
+            yield from find_entries(part[keys[0]], *keys[1:], place=(*place, keys[0]))
+    elif isinstance(part, (dict, list)):
+        for key, item in part.items() if isinstance(part, dict) else enumerate(part):
+            yield from find_entries(item, *keys[1:], place=(*place, key))
 
 
 def suggest(word: str, known: Iterable[str]) -> str:
@@ -63,14 +76,8 @@ class Problems:
         """Return ``(path, message)`` pairs, with line numbers where they are known."""
         pairs = []
         for location, message in self.found.items():
-            line = _line_of(location, lines)
+            # A missing key has no line of its own: take that of the part that lacks it.
+            above = (location[:size] for size in range(len(location), 0, -1))
+            line = next((lines[part] for part in above if part in lines), None)
             pairs.append((format_path(location), f"{message} (line {line})" if line else message))
         return pairs
-
-
-def _line_of(location: Location, lines: Mapping[Location, int]) -> int | None:
-    # A missing key has no line of its own: take that of the part that lacks it.
-    for size in range(len(location), 0, -1):
-        if location[:size] in lines:
-            return lines[location[:size]]
-    return None

@@ -18,13 +18,7 @@ FILE_NAME = "fluidact-parameters-1.schema.json"
 
 
 def build_schema(families: Iterable[Described]) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of a parameter file.
-
-    Parameters
-    ----------
-    families
-        Every family a file may be of; each becomes one branch.
-    """
+    """Return the JSON Schema (draft 2020-12) of a parameter file: one branch for each family."""
     from .document import ParameterDocument
 
     schema = _tidied(ParameterDocument.model_json_schema())
@@ -112,21 +106,17 @@ def _option_schema(option: Option) -> dict[str, Any]:
         "text": {"type": ["string", "integer"]},
         "range": {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2},
     }
-    limits = {
-        "minimum": option.minimum,
-        "maximum": option.maximum,
-        "exclusiveMinimum": option.above,
-    }
-    finite = {key: float(limit) for key, limit in limits.items() if math.isfinite(limit)}
-    return {"description": option.help, **shapes[option.kind], **finite}
+    limits = _finite(minimum=option.minimum, maximum=option.maximum, exclusiveMinimum=option.above)
+    return {"description": option.help, **shapes[option.kind], **limits}
+
+
+def _finite(**limits: float) -> dict[str, Any]:
+    """Return the limits that are some."""
+    return {key: float(limit) for key, limit in limits.items() if math.isfinite(limit)}
 
 
 def _parameter_schema(spec: ParameterSpec) -> dict[str, Any]:
-    value: dict[str, Any] = {"type": "number"}
-    if math.isfinite(spec.minimum):
-        value["minimum"] = float(spec.minimum)
-    if math.isfinite(spec.maximum):
-        value["maximum"] = float(spec.maximum)
+    value = {"type": "number", **_finite(minimum=spec.minimum, maximum=spec.maximum)}
     for level in range(spec.rank):
         value = {"type": "array", "items": value, "minItems": 1}
         if level == spec.rank - 1 and spec.length is not None:

@@ -7,17 +7,19 @@ for the family is checked here. Both always run, so that every problem is named.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
+from .. import units
 from ..errors import FluidactError, UsageError
 from ..specification import Described, ParameterSpec, Variant
 from .document import TAG, ParameterDocument, Part
 from .plain import check_plain
-from .problems import Location, Problems, suggest
+from .problems import Location, Problems, find_entries, suggest
 
 Lookup = Callable[[str], Described]
 
@@ -45,14 +47,7 @@ def validate(
 ) -> ParameterDocument | None:
     """Check a plain document of the current version.
 
-    Parameters
-    ----------
-    document
-        Plain dicts, lists, text and numbers.
-    problems
-        Problems known so far; those found here are added.
-    lookup
-        Finds a family by name.
+    Problems that are found are added to those known so far; ``lookup`` finds a family by name.
 
     Returns
     -------
@@ -117,18 +112,6 @@ def _name(found: Any) -> str:
 # ----------------------------------------------------------------------------- family
 
 
-def _find(part: Any, *keys: str, place: Location = ()) -> Iterator[tuple[Location, Any]]:
-    """Yield what stands under the keys, as far as it is there; ``*`` is every entry."""
-    if not keys:
-        yield place, part
-    elif keys[0] != "*":
-        if isinstance(part, Mapping) and keys[0] in part:
-            yield from _find(part[keys[0]], *keys[1:], place=(*place, keys[0]))
-    elif isinstance(part, (dict, list)):
-        for key, item in part.items() if isinstance(part, dict) else enumerate(part):
-            yield from _find(item, *keys[1:], place=(*place, key))
-
-
 def _find_family(document: dict[str, Any], problems: Problems, lookup: Lookup) -> Described | None:
     name = document.get("family")
     if not isinstance(name, str):
@@ -153,7 +136,7 @@ def _find_variant(
         known = ", ".join(variant.name for variant in family.variants)
         problems.add(("variant",), f"{_name(name)} is not a variant of it; known: {known}")
         return None
-    present = {place[-1] for place, _ in _find(document, "parameters", "*")}
+    present = {place[-1] for place, _ in find_entries(document, "parameters", "*")}
 
     def misfit(variant: Variant) -> int:
         names = {spec.name for spec in variant.parameters}
@@ -177,9 +160,9 @@ def _check_parameters(document: dict[str, Any], variant: Variant, problems: Prob
             hint = suggest(name, specs)
             problems.add(here, f"unknown to family {document['family']!r}{hint}")
             continue
-        for place, unit in _find(entry, "unit", place=here):
+        for place, unit in find_entries(entry, "unit", place=here):
             _check_unit(unit, specs[name].unit, place, problems, free=specs[name].any_unit)
-        for place, value in _find(entry, "value", place=here):
+        for place, value in find_entries(entry, "value", place=here):
             if problems.intact(*place):
                 _check_value(value, specs[name], place, problems)
 
@@ -234,9 +217,7 @@ def _check_unit(
     unit: Any, expected: str, place: Location, problems: Problems, *, free: bool = False
 ) -> None:
     if unit == expected or not isinstance(unit, str):
-        return
-    from .. import units  # slow to load, and not needed for a file that is right
-
+        return  # without asking what units are, which may be slow
     if not units.is_known_unit(unit):
         problems.add(place, f"{unit!r} is not a known unit; expected {expected!r}")
     elif free:
@@ -250,11 +231,11 @@ def _check_unit(
 def _check_units(document: dict[str, Any], variant: Variant, problems: Problems) -> None:
     """Check what is given per role, and the units of everything else."""
     accepted = {role.name: (role.unit, *role.alternatives) for role in variant.roles}
-    for place, _ in _find(document, "validity", "*"):
+    for place, _ in find_entries(document, "validity", "*"):
         if place[-1] not in accepted:
             message = f"is not a role of the family{suggest(str(place[-1]), accepted)}"
             problems.add(place, message)
-    for place, unit in _find(document, "validity", "*", "unit"):
+    for place, unit in find_entries(document, "validity", "*", "unit"):
         known = accepted.get(str(place[1]), ())
         # A role in "1" holds raw readings, in whatever the converter gives: counts or volts.
         if known and known[0] != "1" and unit not in known:
@@ -263,24 +244,18 @@ def _check_units(document: dict[str, Any], variant: Variant, problems: Problems)
     for place, unit in _measured(document):
         if isinstance(unit, str) and unit not in outputs:
             # Which role is the output may depend on an option (a force map turned round).
-            _check_output_unit(unit, variant, place, problems)
+            alike = (r.unit for r in variant.roles if units.same_dimension(unit, r.unit))
+            first = (r.unit for r in variant.roles if r.output)
+            _check_unit(unit, next(chain(alike, first, ["1"])), place, problems)
     usual = {spec.unit for spec in variant.parameters}
-    for place, unit in _find(document, "derived", "*", "unit"):
+    for place, unit in find_entries(document, "derived", "*", "unit"):
         if isinstance(unit, str) and unit not in usual:
             _check_unit(unit, "1", place, problems, free=True)
 
 
 def _measured(document: dict[str, Any]) -> Iterator[tuple[Location, Any]]:
     """Yield the units of everything that is in the unit of the output."""
-    yield from _find(document, "fit", "rmse", "unit")
+    yield from find_entries(document, "fit", "rmse", "unit")
     for logs in (("fit", "logs"), ("validation",)):
         for what in ("rmse", "offset"):
-            yield from _find(document, *logs, "*", what, "unit")
-
-
-def _check_output_unit(unit: str, variant: Variant, place: Location, problems: Problems) -> None:
-    from .. import units
-
-    alike = [role.unit for role in variant.roles if units.same_dimension(unit, role.unit)]
-    outputs = [role.unit for role in variant.roles if role.output]
-    _check_unit(unit, (alike or outputs or ["1"])[0], place, problems)
+            yield from find_entries(document, *logs, "*", what, "unit")

@@ -31,16 +31,9 @@ _TAG = "tag:yaml.org,2002:"
 
 @dataclass(frozen=True)
 class YamlText:
-    """What a YAML text holds.
+    """What a YAML text holds: its mapping, and the line of every entry, counted from 1.
 
-    Attributes
-    ----------
-    data
-        The top-level mapping.
-    problems
-        What strict reading objects to: duplicate keys, tags, anchors.
-    lines
-        Line of every entry, counted from 1.
+    ``problems`` is what strict reading objects to: duplicate keys, tags, anchors.
     """
 
     data: dict[str, Any]

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from ..families import get_family
 from ..family import StaticView
-from ..outcome import Outcome, agreement
-from .numbers import Scale, choose_scale, count, percent, plain, short
+from ..outcome import Outcome, Simulation, agreement
+from .numbers import choose_scale, count, percent, plain, short
 from .panels import (
     correlation_panel,
     histogram_panel,
@@ -22,10 +23,11 @@ from .panels import (
     scale_of,
     table_panel,
 )
-from .runs import Run, choose, drive_role, fitted_runs, validated_runs
+from .runs import choose, drive_role, instants
 from .style import FAINT, INK, LARGE, NORMAL, SETTINGS, VERDICT, legend
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _SIZE = (13.0, 7.6)  # inches
@@ -58,11 +60,9 @@ def plot_result(result: Outcome) -> Figure:
         _title(figure, result)
         view = static_view(result)
         if view is None:
-            runs = fitted_runs(result)
-            _dynamic(figure, runs, result, right=0.975 - _SIDE)
-            side = _side(figure)
-            table_panel(side[0], result.parameters, result.derived)
-            correlation_panel(side[1], [r.residual for r in runs], _whiteness(result))
+            _dynamic(figure, result.fitted, result, right=0.975 - _SIDE)
+            lowest = _side(figure, result)
+            correlation_panel(lowest, [r.residual for r in result.fitted], _whiteness(result))
         else:
             _static(figure, view, result)
     return figure
@@ -77,9 +77,9 @@ def plot_validation(result: Outcome) -> Figure | None:
         return None
     with matplotlib.rc_context(SETTINGS):
         figure = Figure(figsize=(13.0, 6.4))
-        runs = validated_runs(result)
+        runs = result.validation
         a = agreement([r.measured for r in runs], [r.simulated for r in runs])
-        _heading(figure, f"{result.family}: logs that were not fitted", "",
+        _heading(figure, f"{result.family}: logs that were not fitted",
                  f"fit {percent(a.fit_percent)}   ·   {count(a.samples)} samples")  # fmt: skip
         _dynamic(figure, runs, result, right=0.975)
     return figure
@@ -94,13 +94,11 @@ def static_view(result: Outcome) -> StaticView | None:
 
 def _plain_view(result: Outcome) -> StaticView | None:
     """Output over the first input, for a map without a view of its own."""
-    variant = result.variant
-    first = result.experiments[0]
-    inputs = [r.name for r in variant.roles if not r.output and r.name != "time"]
-    role = next((r for r in inputs if r in first), None)
+    first, output = result.experiments[0], result.variant.output.name
+    others = (r.name for r in result.variant.roles if r.name not in (output, "time"))
+    role = next((name for name in others if name in first), None)
     if role is None:
         return None
-    output = variant.output.name
     raw = np.concatenate([e[output] for e in result.experiments])
     measured = np.concatenate([s.measured for s in result.fitted])
     return StaticView(
@@ -126,90 +124,81 @@ def _title(figure: Figure, result: Outcome) -> None:
     judged = [v.fit_percent for v in result.document.validation if v.fit_percent is not None]
     if judged:
         parts.append(f"validation fit {percent(min(judged))}" + (" (worst)" * (len(judged) > 1)))
-    _heading(figure, get_family(result.family).title, result.verdict, "   ·   ".join(parts))
+    figure.text(0.975, 0.957, result.verdict.upper(), fontsize=LARGE, weight="bold", color="white",
+                ha="right", va="center",
+                bbox={"boxstyle": "round,pad=0.35", "facecolor": VERDICT[result.verdict],
+                      "edgecolor": "none"})  # fmt: skip
+    _heading(figure, get_family(result.family).title, "   ·   ".join(parts))
 
 
-def _heading(figure: Figure, title: str, verdict: str, line: str) -> None:
+def _heading(figure: Figure, title: str, line: str) -> None:
     figure.text(0.055, 0.962, title, fontsize=LARGE, weight="bold", color=INK, va="center",
                 parse_math=False)  # fmt: skip
     figure.text(0.055, 0.922, line, fontsize=NORMAL + 1, color=FAINT, va="center",
                 parse_math=False)  # fmt: skip
-    if verdict:
-        figure.text(0.975, 0.957, verdict.upper(), fontsize=LARGE, weight="bold", color="white",
-                    ha="right", va="center", parse_math=False,
-                    bbox={"boxstyle": "round,pad=0.35", "facecolor": VERDICT[verdict],
-                          "edgecolor": "none"})  # fmt: skip
 
 
-def _side(figure: Figure) -> list[Any]:
-    """Axes of the right column: text above, a panel beneath."""
+def _side(figure: Figure, result: Outcome) -> Axes:
+    """Right column: the numbers as text; returns the axes of a panel beneath."""
     grid = figure.add_gridspec(
         2, 1, height_ratios=(2.1, 1.0), left=0.975 - _SIDE + 0.055, right=0.975, top=0.875,
         bottom=0.085, hspace=0.2,
     )  # fmt: skip
-    return [figure.add_subplot(grid[k]) for k in range(2)]
+    (upper,), (lower,) = grid.subplots(squeeze=False)
+    table_panel(upper, result.parameters, result.derived)
+    return lower
 
 
-def _dynamic(figure: Figure, runs: Sequence[Run], result: Outcome, right: float) -> None:
+def _dynamic(figure: Figure, runs: Sequence[Simulation], result: Outcome, right: float) -> None:
     """Columns of output, residual and input, one per run or all in one."""
     choice = choose(runs)
     shown = choice.runs
     columns = [shown] if choice.overlay else [[r] for r in shown]
-    drive = drive_role(result.variant)
+    drive, output = drive_role(result.variant), result.variant.output.name
     heights = (3.2, 1.5, 1.0) if drive else (3.2, 1.5)
     grid = figure.add_gridspec(
         len(heights), len(columns), height_ratios=heights, left=0.055, right=right, top=0.855,
         bottom=0.085, hspace=0.16, wspace=0.1,
     )  # fmt: skip
-    first = result.experiments[0].signals
-    output = result.variant.output.name
-    t = choose_scale("s", max(float(np.ptp(r.time)) for r in shown))
-    y = scale_of([r.measured for r in shown], first[output].unit)
-    e = scale_of([r.residual for r in shown], first[output].unit)
-    u = scale_of([r.drive.values for r in shown if r.drive], first[drive].unit if drive else "1")
+    rows = grid.subplots(sharex="col", sharey="row", squeeze=False)
+    units = result.experiments[0].signals
+    t = choose_scale("s", max(float(np.ptp(instants(r))) for r in shown))
+    y = scale_of([r.measured for r in shown], units[output].unit)
+    e = scale_of([r.residual for r in shown], units[output].unit)
     rmse = agreement([r.measured for r in runs], [r.simulated for r in runs]).rmse
-    rows: list[list[Any]] = [[] for _ in heights]
-    for k, column in enumerate(columns):
-        for j in range(len(heights)):
-            rows[j].append(
-                figure.add_subplot(
-                    grid[j, k],
-                    sharex=rows[0][k] if j else None,
-                    sharey=rows[j][0] if k else None,
-                )
-            )
+    for column, panels in zip(columns, rows.T):
         name = choice.note if choice.overlay else _run_title(column[0], len(columns), len(runs))
-        output_panel(rows[0][k], column, t, y, name)
-        residual_panel(rows[1][k], column, rmse, e, t)
-        if drive:
-            input_panel(rows[2][k], column, t, u)
-    _label(rows, t, [y.label(output), e.label("residual"), u.label(drive)])
-    legend(rows[1][-1], rows[0][-1])
+        output_panel(panels[0], column, t, y, name)
+        residual_panel(panels[1], column, rmse, t, e)
+    labels = [y.label(output), e.label("residual")]
+    if drive:
+        driven = [r.experiment[drive] for r in shown if drive in r.experiment]
+        u = scale_of(driven, units[drive].unit)
+        for column, axes in zip(columns, rows[2]):
+            input_panel(axes, column, drive, t, u)
+        labels.append(u.label(drive))
+    _label(figure, rows, t.label("time"), labels)
+    legend(rows[1, -1], rows[0, -1])
     if choice.note and not choice.overlay:
         figure.text(right, 0.893, choice.note, fontsize=NORMAL, color=FAINT, ha="right",
                     va="center")  # fmt: skip
 
 
-def _run_title(run: Run, columns: int, runs: int) -> str:
-    name = plain(run.name, 72 // columns)
-    return f"{name} · {percent(run.fit_percent)}" if runs > 1 else name
+def _run_title(run: Simulation, columns: int, runs: int) -> str:
+    name = plain(run.experiment.name, 72 // columns)
+    return f"{name} · {percent(run.agreement.fit_percent)}" if runs > 1 else name
 
 
-def _label(rows: list[list[Any]], t: Scale, labels: Sequence[str]) -> None:
+def _label(figure: Figure, rows: npt.NDArray[np.object_], time: str, labels: Sequence[str]) -> None:
     """Labels at the outer edges only."""
-    for j, row in enumerate(rows):
-        for k, axes in enumerate(row):
-            if k == 0:
-                axes.set_ylabel(labels[j])
-            else:
-                axes.tick_params(labelleft=False)
-            if j < len(rows) - 1:
-                axes.tick_params(labelbottom=False)
-            else:
-                axes.set_xlabel(t.label("time"))
+    for j, (row, label) in enumerate(zip(rows, labels)):
+        row[0].set_ylabel(label)
+        for axes in row:
             axes.margins(x=0.015)
             axes.locator_params(axis="y", nbins=7 if j == 0 else 4)
-        row[0].figure.align_ylabels([r[0] for r in rows])
+    for axes in rows[-1]:
+        axes.set_xlabel(time)
+    figure.align_ylabels(rows[:, 0])
 
 
 def _static(figure: Figure, view: StaticView, result: Outcome) -> None:
@@ -217,8 +206,7 @@ def _static(figure: Figure, view: StaticView, result: Outcome) -> None:
         2, 1, height_ratios=(2.6, 1.0), left=0.065, right=0.975 - _SIDE, top=0.855, bottom=0.085,
         hspace=0.13 if len(view.curves) < 4 else 0.2,  # room for a second line of the legend
     )  # fmt: skip
-    upper = figure.add_subplot(grid[0])
-    lower = figure.add_subplot(grid[1], sharex=upper)
+    (upper,), (lower,) = grid.subplots(sharex=True, squeeze=False)
     x = scale_of([view.x], view.x_unit)
     y = scale_of([view.measured[view.used]], view.y_unit)
     rest = (view.measured - view.fitted)[view.used]
@@ -226,12 +214,9 @@ def _static(figure: Figure, view: StaticView, result: Outcome) -> None:
     rmse = float(np.sqrt(np.mean(rest**2))) if rest.size else 0.0
     map_panel(upper, view, x, y)
     map_residual_panel(lower, view, x, e, rmse)
-    upper.tick_params(labelbottom=False)
     legend(lower, upper, columns=6)
     figure.align_ylabels([upper, lower])
-    side = _side(figure)
-    table_panel(side[0], result.parameters, result.derived)
-    histogram_panel(side[1], rest, e)
+    histogram_panel(_side(figure, result), rest, e)
 
 
 def _whiteness(result: Outcome) -> str:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from math import floor, isfinite, log10
 from typing import Any
 
+import numpy as np
+
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 # SI unit: (smallest typical size, factor, name), the largest that fits first
@@ -83,7 +85,7 @@ def with_error(value: float, error: float | None) -> str:
 def show(value: Any, error: Any = None) -> str:
     """A parameter value of any rank in one line; lists are summarised."""
     if isinstance(value, list | tuple):
-        flat = list(flatten(value))
+        flat = flatten(value)
         if len(flat) <= 2:
             return " … ".join(short(v) for v in flat)
         size = f"{len(value)} × {len(value[0])}" if isinstance(value[0], list) else str(len(flat))
@@ -93,9 +95,7 @@ def show(value: Any, error: Any = None) -> str:
 
 def flatten(value: Any) -> list[float]:
     """All numbers of a nested list."""
-    if isinstance(value, list | tuple):
-        return [n for v in value for n in flatten(v)]
-    return [float(value)]
+    return np.ravel(value).astype(float).tolist()
 
 
 def percent(value: float | None) -> str:

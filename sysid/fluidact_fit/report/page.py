@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import Any
 
-from ..errors import FluidactError, UsageError
+from ..errors import UsageError
 from ..families import get_family
 from ..outcome import Outcome
 from ..parameters import ParameterDocument, dump_yaml, write_atomically
+from ..parameters.document import Derived, Measure
 from .figure import plot_result, plot_validation
 from .numbers import count, flatten, percent, pretty_unit, short, show
 from .save import render
 
 _MOST_CORRELATED = 24
+_QUANTITY = ("name", "value ± standard error", "unit", "95 % interval")
 
 _CSS = """
 :root { color-scheme: light; }
@@ -112,16 +112,16 @@ def document_page(document: ParameterDocument, figures: Sequence[tuple[str, byte
     figures
         Description and SVG of each picture.
     """
-    d = document.to_dict()
     pictures = "".join(
         f'<img alt="{escape(text)}" src="data:image/svg+xml;base64,{b64encode(svg).decode()}">\n'
         for text, svg in figures
     )
-    parts = [
-        _header(d), pictures, _warnings(d), _parameters(d), _derived(d), _comparisons(d), _logs(d),
-        _validity(d), _correlation(d), _model(d), _provenance(d),
-    ]  # fmt: skip
-    title = escape(f"{d['family']}: {d['fit']['verdict']}")
+    sections = (
+        _warnings, _parameters, _derived, _comparisons, _logs, _validity, _correlation, _model,
+        _provenance,
+    )  # fmt: skip
+    parts = [_header(document), pictures, *(section(document) for section in sections)]
+    title = escape(f"{document.family}: {document.fit.verdict}")
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
@@ -133,185 +133,139 @@ def document_page(document: ParameterDocument, figures: Sequence[tuple[str, byte
     )
 
 
-def _header(d: Mapping[str, Any]) -> str:
-    fit = d["fit"]
-    try:
-        title = get_family(d["family"]).title
-    except FluidactError:
-        title = d["family"]
-    rmse = fit["rmse"]
-    parts = [
-        f"fit {percent(fit.get('fit_percent'))}",
-        f"rmse {short(rmse['value'], 3)} {pretty_unit(rmse['unit'])}",
-        f"{count(fit['samples'])} samples",
-        f"{len(d['provenance'].get('logs', ()))} log(s)",
-    ]
+def _header(document: ParameterDocument) -> str:
+    fit, verdict = document.fit, document.fit.verdict
+    parts = (
+        f"fit {percent(fit.fit_percent)}",
+        f"rmse {_rmse(fit.rmse)}",
+        f"{count(fit.samples)} samples",
+        f"{len(document.provenance.logs)} log(s)",
+    )
     accepted = (
         '<p class="bad">This fit failed and was accepted by the user (--accept-failed).</p>'
-        if d.get("accepted_failed")
+        if document.accepted_failed
         else ""
     )
-    verdict = escape(fit["verdict"])
     return (
-        f'<header><div><h1>{escape(title)}</h1><p class="sub">'
+        f'<header><div><h1>{escape(get_family(document.family).title)}</h1><p class="sub">'
         f"{escape('   ·   '.join(parts))}</p>{accepted}</div>"
         f'<div class="verdict {verdict}">{verdict.upper()}</div></header>'
     )
 
 
-def _warnings(d: Mapping[str, Any]) -> str:
-    items = [
-        f"<li><code>{escape(w['code'])}</code>: {escape(w['message'])}</li>"
-        for w in d.get("warnings", ())
-    ]
-    return f"<h2>Warnings, and what to do</h2><ul>{''.join(items)}</ul>" if items else ""
+def _rmse(rmse: Measure) -> str:
+    return f"{short(rmse.value, 3)} {pretty_unit(rmse.unit)}"
 
 
-def _parameters(d: Mapping[str, Any]) -> str:
-    return _section(
-        "Parameters",
-        ("name", "value ± standard error", "unit", "95 % interval", "status", "meaning"),
-        _quantity_rows(d["parameters"], _meanings(d)),
-        numeric=(1, 3),
-    )
+def _warnings(document: ParameterDocument) -> str:
+    items = "".join(f"<li>{_code(w.code)}: {escape(w.message)}</li>" for w in document.warnings)
+    return f"<h2>Warnings, and what to do</h2><ul>{items}</ul>" if items else ""
 
 
-def _derived(d: Mapping[str, Any]) -> str:
-    rows = [row[:4] for row in _quantity_rows(d.get("derived", {}), {})]
-    heads = ("name", "value ± standard error", "unit", "95 % interval")
-    return _section("Derived from the parameters", heads, rows, numeric=(1, 3))
-
-
-def _meanings(d: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
-    """Description and remedy of every parameter the family knows."""
-    try:
-        variants = get_family(d["family"]).variants
-    except FluidactError:
-        return {}
-    chosen = [v for v in variants if v.name == d.get("variant")] or list(variants)
-    return {p.name: (p.description, p.remedy) for v in chosen for p in v.parameters}
-
-
-def _quantity_rows(
-    quantities: Mapping[str, Any], meanings: Mapping[str, tuple[str, str]]
-) -> list[list[str]]:
-    out = []
-    for name, q in quantities.items():
-        status = q.get("status", "")
-        meaning, remedy = meanings.get(name, ("", ""))
-        text = escape(meaning)
-        shown = escape(status.replace("_", " "))
-        if status == "not_identified":
+def _parameters(document: ParameterDocument) -> str:
+    specs = {p.name: p for p in get_family(document.family).variant(document.variant).parameters}
+    rows = []
+    for name, q in document.parameters.items():
+        shown, text = escape(q.status.replace("_", " ")), escape(specs[name].description)
+        if q.status == "not_identified":
             shown = f'<span class="bad">{shown}</span>'
-            text += f'<br><span class="faint">{escape(remedy)}</span>' if remedy else ""
-        listed = isinstance(q["value"], list)
-        value = _list_table(q) if listed else escape(show(q["value"], q.get("std_error")))
-        interval = "" if listed or "ci95" not in q else _interval(q["ci95"])
-        out.append(
-            [f"<code>{escape(name)}</code>", value, escape(pretty_unit(q["unit"])), interval,
-             shown, text]
-        )  # fmt: skip
-    return out
+            remedy = escape(specs[name].remedy)
+            text += f'<br><span class="faint">{remedy}</span>' if remedy else ""
+        rows.append([*_quantity(name, q), shown, text])
+    return _section("Parameters", (*_QUANTITY, "status", "meaning"), rows, numeric=(1, 3))
 
 
-def _interval(ci: Any) -> str:
-    low, high = flatten(ci)[:2]
-    return escape(f"{short(low, 5)} … {short(high, 5)}")
+def _derived(document: ParameterDocument) -> str:
+    rows = [_quantity(name, q) for name, q in document.derived.items()]
+    return _section("Derived from the parameters", _QUANTITY, rows, numeric=(1, 3))
 
 
-def _list_table(q: Mapping[str, Any]) -> str:
+def _quantity(name: str, q: Derived) -> list[str]:
+    """Name, value with its error, unit and interval."""
+    listed, interval = isinstance(q.value, list), ""
+    value = _list_table(q) if listed else escape(show(q.value, q.std_error))
+    if q.ci95 is not None and not listed:
+        low, high = flatten(q.ci95)
+        interval = f"{short(low, 5)} … {short(high, 5)}"
+    return [_code(name), value, escape(pretty_unit(q.unit)), interval]
+
+
+def _list_table(q: Derived) -> str:
     """All entries of a list, folded away when there are many."""
-    values = flatten(q["value"])
-    errors: list[Any] = flatten(q["std_error"]) if "std_error" in q else [None] * len(values)
-    errors = errors if len(errors) == len(values) else [None] * len(values)
+    values = flatten(q.value)
+    errors = [None] * len(values) if q.std_error is None else flatten(q.std_error)
     rows = "<br>".join(escape(show(v, e)) for v, e in zip(values, errors))
     if len(values) <= 8:
         return rows
-    return f"<details><summary>{escape(show(q['value']))}</summary>{rows}</details>"
+    return f"<details><summary>{escape(show(q.value))}</summary>{rows}</details>"
 
 
-def _comparisons(d: Mapping[str, Any]) -> str:
+def _comparisons(document: ParameterDocument) -> str:
     """Tables in which a fit set models side by side: ``fit.details.comparisons``."""
-    out = []
-    for title, rows in d["fit"].get("details", {}).get("comparisons", {}).items():
+    out = ""
+    for title, rows in (document.fit.details or {}).get("comparisons", {}).items():
         heads = list(dict.fromkeys(key for row in rows for key in row))
         numeric = [k for k, h in enumerate(heads) if isinstance(rows[0].get(h), int | float)]
         cells = [[_cell(row.get(h, "")) for h in heads] for row in rows]
-        out.append(
-            f"<h2>{escape(title)}</h2>"
-            + _table([h.replace("_", " ") for h in heads], cells, numeric)
-        )
-    return "".join(out)
+        out += _section(title, [h.replace("_", " ") for h in heads], cells, numeric)
+    return out
 
 
-def _cell(value: Any) -> str:
+def _cell(value: str | float) -> str:
     return escape(str(value) if isinstance(value, str | int) else short(float(value), 3))
 
 
-def _logs(d: Mapping[str, Any]) -> str:
-    rows = []
-    for kind, entries in (
-        ("fitted", d["fit"].get("logs", ())),
-        ("judged", d.get("validation", ())),
-    ):
-        for e in entries:
-            rmse = e.get("rmse")
-            shown = f"{short(rmse['value'], 3)} {pretty_unit(rmse['unit'])}" if rmse else ""
-            samples = count(e["samples"]) if "samples" in e else ""
-            rows.append([escape(e["file"]), kind, samples, escape(shown),
-                         escape(percent(e.get("fit_percent")))])  # fmt: skip
-    heads = ("log or run", "use", "samples", "rmse", "fit")
-    table = _table(heads, rows, numeric=(2, 3, 4))
+def _logs(document: ParameterDocument) -> str:
+    kinds = (("fitted", document.fit.logs), ("judged", document.validation))
+    rows = [
+        [escape(e.file), kind, "" if e.samples is None else count(e.samples),
+         escape(_rmse(e.rmse)) if e.rmse else "", escape(percent(e.fit_percent))]
+        for kind, entries in kinds for e in entries
+    ]  # fmt: skip
     if not rows:
         return ""
+    table = _table(("log or run", "use", "samples", "rmse", "fit"), rows, numeric=(2, 3, 4))
     if len(rows) > 12:
         table = f"<details><summary>{len(rows)} runs</summary>{table}</details>"
-    return f"<h2>Agreement with each log</h2>{table}{_whiteness(d)}"
+    return f"<h2>Agreement with each log</h2>{table}{_whiteness(document)}"
 
 
-def _whiteness(d: Mapping[str, Any]) -> str:
-    w = d["fit"].get("residual_whiteness")
-    if not w:
+def _whiteness(document: ParameterDocument) -> str:
+    w = document.fit.residual_whiteness
+    if w is None:
         return ""
-    p = w["p_value"]
+    p = w.p_value
     found = (
         "are white" if p >= 0.01 else "are not white: they contain structure that the model lacks"
     )
-    value = f"{p:.2g}" if p >= 1e-4 else "&lt; 0.0001"
-    return f'<p class="faint">Residuals {found} (p {"=" if p >= 1e-4 else ""} {value}).</p>'
+    value = f"= {p:.2g}" if p >= 1e-4 else " &lt; 0.0001"
+    return f'<p class="faint">Residuals {found} (p {value}).</p>'
 
 
-def _validity(d: Mapping[str, Any]) -> str:
+def _validity(document: ParameterDocument) -> str:
     rows = [
-        [f"<code>{escape(role)}</code>", escape(short(r["low"], 5)), escape(short(r["high"], 5)),
-         escape(pretty_unit(r["unit"]))]
-        for role, r in d.get("validity", {}).items()
-    ]  # fmt: skip
-    return _section(
-        "Range of the data: outside it the model extrapolates",
-        ("role", "low", "high", "unit"), rows, numeric=(1, 2),
-    )  # fmt: skip
+        [_code(role), short(r.low, 5), short(r.high, 5), escape(pretty_unit(r.unit))]
+        for role, r in document.validity.items()
+    ]
+    title = "Range of the data: outside it the model extrapolates"
+    return _section(title, ("role", "low", "high", "unit"), rows, numeric=(1, 2))
 
 
-def _correlation(d: Mapping[str, Any]) -> str:
-    covariance = d.get("covariance")
-    if not covariance:
+def _correlation(document: ParameterDocument) -> str:
+    if document.covariance is None:
         return ""
-    order, matrix = covariance["order"], covariance["matrix"]
+    order, matrix = document.covariance.order, document.covariance.matrix
+    head = "<h2>Correlation of the estimates</h2>"
     if len(order) > _MOST_CORRELATED:
-        return (
-            "<h2>Correlation of the estimates</h2>"
-            f'<p class="faint">{len(order)} numbers; the covariance is in the file.</p>'
-        )
-    spread = [max(matrix[k][k], 0.0) ** 0.5 for k in range(len(order))]
+        return f'{head}<p class="faint">{len(order)} numbers; the covariance is in the file.</p>'
+    spread = [matrix[k][k] ** 0.5 for k in range(len(order))]
     top = "".join(f"<th>{escape(n)}</th>" for n in order)
-    rows = []
-    for i, name in enumerate(order):
-        cells = "".join(_heat(matrix[i][j], spread[i] * spread[j]) for j in range(len(order)))
-        rows.append(f'<tr><th class="row">{escape(name)}</th>{cells}</tr>')
+    body = ""
+    for name, row, own in zip(order, matrix, spread):
+        cells = "".join(_heat(value, own * other) for value, other in zip(row, spread))
+        body += f'<tr><th class="row">{escape(name)}</th>{cells}</tr>'
     return (
-        '<h2>Correlation of the estimates</h2><div class="scroll"><table class="heat">'
-        f"<tr><th></th>{top}</tr>{''.join(rows)}</table></div>"
+        f'{head}<div class="scroll"><table class="heat"><tr><th></th>{top}</tr>{body}</table></div>'
     )
 
 
@@ -322,45 +276,44 @@ def _heat(covariance: float, scale: float) -> str:
     rho = min(max(covariance / scale, -1.0), 1.0)
     end = (230, 159, 0) if rho > 0.0 else (86, 180, 233)
     red, green, blue = (round(255 + (c - 255) * abs(rho)) for c in end)
-    text = escape(f"{rho:+.2f}".replace("-", "−"))
+    text = f"{rho:+.2f}".replace("-", "−")
     return f'<td style="background:rgb({red},{green},{blue})">{text}</td>'
 
 
-def _model(d: Mapping[str, Any]) -> str:
-    parts = []
-    with contextlib.suppress(FluidactError):
-        parts.append(f"<p><code>{escape(get_family(d['family']).equation)}</code></p>")
-    if d.get("model"):
-        parts.append(f"<pre>{escape(_yaml(d['model']))}</pre>")
-    return f"<h2>Model</h2>{''.join(parts)}" if parts else ""
+def _model(document: ParameterDocument) -> str:
+    equation = f"<h2>Model</h2><p>{_code(get_family(document.family).equation)}</p>"
+    if not document.model:
+        return equation
+    # as it stands in the file, without the file's first comment
+    lines = dump_yaml(document.to_dict()["model"]).splitlines()
+    shown = "\n".join(line for line in lines if not line.startswith("#"))
+    return f"{equation}<pre>{escape(shown)}</pre>"
 
 
-def _yaml(part: Mapping[str, Any]) -> str:
-    """A part of the document as it stands in the file, without the file's first comment."""
-    lines = dump_yaml(dict(part)).splitlines()
-    return "\n".join(line for line in lines if not line.startswith("#"))
-
-
-def _provenance(d: Mapping[str, Any]) -> str:
-    p = d["provenance"]
+def _provenance(document: ParameterDocument) -> str:
+    p = document.provenance
     rows = [
-        ["written by", escape(f"{p['tool']['name']} {p['tool']['version']}")],
-        ["on", escape(p["created"])],
+        ["written by", escape(f"{p.tool.name} {p.tool.version}")],
+        ["on", escape(p.created)],
     ]
-    if "command" in p:
-        rows.append(["command", f"<code>{escape(p['command'])}</code>"])
-    if "seed" in p:
-        rows.append(["seed", str(p["seed"])])
-    for log in p.get("logs", ()):
+    if p.command is not None:
+        rows.append(["command", _code(p.command)])
+    if p.seed is not None:
+        rows.append(["seed", str(p.seed)])
+    for log in p.logs:
         columns = "; ".join(
-            f"{role} ← {c.get('header', '?')}" + (f" [{c['unit']}]" if c.get("unit") else "")
-            for role, c in log.get("columns", {}).items()
+            f"{role} ← {'?' if c.header is None else c.header}" + (f" [{c.unit}]" if c.unit else "")
+            for role, c in log.columns.items()
         )
         rows.append(
-            ["log", f"{escape(log['file'])} · {count(log['rows'])} rows · {escape(columns)}<br>"
-             f'<span class="faint"><code>sha256 {escape(log["sha256"])}</code></span>']
+            ["log", f"{escape(log.file)} · {count(log.rows)} rows · {escape(columns)}<br>"
+             f'<span class="faint"><code>sha256 {log.sha256}</code></span>']
         )  # fmt: skip
-    return f"<h2>Provenance</h2>{_table(('', ''), rows)}"
+    return _section("Provenance", ("", ""), rows)
+
+
+def _code(text: str) -> str:
+    return f"<code>{escape(text)}</code>"
 
 
 def _section(

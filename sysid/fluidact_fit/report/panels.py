@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray, Signal
 from ..family import Quantity, StaticView
+from ..outcome import Simulation
 from .numbers import Scale, choose_scale, count, plain, pretty_unit, show
-from .runs import Run
+from .runs import envelope, instants, subset
 from .style import (
     BAND,
     FAINT,
@@ -26,10 +27,9 @@ from .style import (
     SMALL,
     SPARSE,
     VERDICT,
+    band,
     dress,
-    head,
 )
-from .thinning import envelope, subset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,16 +38,16 @@ _MOST_POINTS = 6000
 _MOST_ROWS = 18
 
 
-def output_panel(axes: Axes, runs: Sequence[Run], t: Scale, y: Scale, title: str) -> None:
+def output_panel(axes: Axes, runs: Sequence[Simulation], t: Scale, y: Scale, title: str) -> None:
     """Measured against simulated over time; several runs are overlaid."""
     many = len(runs) > 1
-    sparse = max(r.time.size for r in runs) <= 120
+    sparse = max(r.measured.size for r in runs) <= 120
     for k, run in enumerate(runs):
         for values, colour, label, order in (
             (run.measured, MEASURED, "measured", 2),
             (run.simulated, SIMULATED, "simulated", 3),
         ):
-            x, v = envelope(run.time, values)
+            x, v = envelope(instants(run), values)
             measured = label == "measured"
             axes.plot(
                 x * t.factor, v * y.factor, color=SPARSE if measured and sparse else colour,
@@ -57,18 +57,15 @@ def output_panel(axes: Axes, runs: Sequence[Run], t: Scale, y: Scale, title: str
                 linewidth=2.8 if measured and not many else 1.0,
                 alpha=0.55 if many else 1.0, label=label if k == 0 else None,
             )  # fmt: skip
-    dress(axes)
-    head(axes, title)
+    dress(axes, title)
 
 
-def residual_panel(axes: Axes, runs: Sequence[Run], rmse: float, y: Scale, t: Scale) -> None:
+def residual_panel(axes: Axes, runs: Sequence[Simulation], rmse: float, t: Scale, y: Scale) -> None:
     """Residuals over time with the band of two root-mean-square errors."""
-    axes.axhspan(-2 * rmse * y.factor, 2 * rmse * y.factor, color=BAND, alpha=0.22, lw=0,
-                 label="± 2 rmse")  # fmt: skip
-    axes.axhline(0.0, color=FAINT, linewidth=0.7)
+    band(axes, 2.0 * rmse * y.factor, 0.22, "± 2 rmse")
     many = len(runs) > 1
     for run in runs:
-        x, v = envelope(run.time, run.residual)
+        x, v = envelope(instants(run), run.residual)
         sparse = x.size <= 120
         axes.plot(x * t.factor, v * y.factor, color=RESIDUAL, alpha=0.4 if many else 1.0,
                   linewidth=0.0 if many and sparse else 0.7, marker="o" if sparse else "",
@@ -76,13 +73,14 @@ def residual_panel(axes: Axes, runs: Sequence[Run], rmse: float, y: Scale, t: Sc
     dress(axes)
 
 
-def input_panel(axes: Axes, runs: Sequence[Run], t: Scale, u: Scale) -> None:
+def input_panel(axes: Axes, runs: Sequence[Simulation], drive: str, t: Scale, u: Scale) -> None:
     """What drove the model, drawn with the hold that the fit used."""
     for run in runs:
-        if run.drive is None:
+        signal = run.experiment.signals.get(drive)
+        if signal is None:
             continue
-        x, v = _drawn(run.drive, run.time)
-        step = "steps-post" if run.drive.hold in (None, "zoh") and x.size == v.size else "default"
+        x, v = _drawn(signal, instants(run))
+        step = "steps-post" if signal.hold in (None, "zoh") and x.size == v.size else "default"
         x, v = envelope(x, v)
         axes.plot(x * t.factor, v * u.factor, color=INPUT, linewidth=0.9, drawstyle=step,
                   alpha=0.4 if len(runs) > 1 else 1.0)  # fmt: skip
@@ -103,33 +101,21 @@ def correlation_panel(axes: Axes, residuals: Sequence[FloatArray], whiteness: st
     """Autocorrelation of the residuals with the band of white noise."""
     finite = [r[np.isfinite(r)] for r in residuals]
     lags, rho = correlation(finite)
-    band = 1.96 / max(sum(r.size for r in finite), 1) ** 0.5
-    axes.axhspan(-band, band, color=BAND, alpha=0.35, lw=0)
-    axes.axhline(0.0, color=FAINT, linewidth=0.7)
+    band(axes, 1.96 / max(sum(r.size for r in finite), 1) ** 0.5, 0.35)
     axes.vlines(lags, 0.0, rho, color=RESIDUAL, linewidth=1.6)
     axes.set_ylim(min(-0.25, 1.15 * float(rho.min(initial=0.0))), 1.05)
     axes.set_xlim(0, float(lags[-1]) + float(lags[0]))
     axes.set_xlabel("lag [samples]" + (f"     ({whiteness})" if whiteness else ""))
-    dress(axes)
-    head(axes, "Residual autocorrelation, shaded: 95 % band of white noise")
+    dress(axes, "Residual autocorrelation, shaded: 95 % band of white noise")
 
 
 def correlation(
     residuals: Sequence[FloatArray], stems: int = 40
 ) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Autocorrelation at evenly spaced lags, as far as the residuals are correlated.
+    """Autocorrelation at up to ``stems`` lags, as far as the residuals of the runs have any.
 
-    Parameters
-    ----------
-    residuals
-        One array per run.
-    stems
-        Number of lags. They are one sample apart unless the correlation is still above
-        one half at the last; then they are spread, up to a quarter of the longest run.
-
-    Returns
-    -------
-    lags, rho : (stems,) or fewer
+    The lags are one sample apart unless the correlation is still above one half at the last;
+    then they are spread, up to a quarter of the longest run.
     """
     longest = max((r.size for r in residuals), default=0)
     energy = sum(float(r @ r) for r in residuals) or 1.0
@@ -147,11 +133,7 @@ def correlation(
 def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
     """Samples of a static map with the fitted curve."""
     size = int(view.used.sum())
-    low, high = window(view)
-    out = ~view.used & (view.x >= low) & (view.x <= high)
-    if out.any():
-        _points(axes, view.x, view.measured, out, x, y, LEFT_OUT, "left out", "x")
-    _points(axes, view.x, view.measured, view.used, x, y, SPARSE, "measured")
+    beside = _draw_samples(axes, view, x.factor, view.measured * y.factor, SPARSE, named=True)
     styles, colours = ("-", "--", "-.", ":"), (SIMULATED, INPUT, POINTS, INK)
     for k, curve in enumerate(view.curves):
         axes.plot(curve.x * x.factor, curve.y * y.factor, color=colours[k % 4],
@@ -166,16 +148,15 @@ def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
                   linestyle=":", marker="s", markersize=4.5, markerfacecolor="white",
                   label=plain(view.points.label, 30), zorder=5)  # fmt: skip
     axes.set_ylabel(y.label(view.y_name))
-    dress(axes)
-    axes.set_xlim(low * x.factor, high * x.factor)
+    axes.set_xlim(*(x.factor * end for end in window(view)))
     notes = [f"{count(size)} samples" + (f" ({count(_MOST_POINTS)} drawn)" * (size > _MOST_POINTS))]
     left = view.used.size - size
     if left:
-        beyond = left - int(out.sum())
+        beyond = left - beside
         notes.append(
             f"{count(left)} left out" + (f", {count(beyond)} beyond the picture" * (beyond > 0))
         )
-    head(axes, "; ".join(notes))
+    dress(axes, "; ".join(notes))
 
 
 def window(view: StaticView) -> tuple[float, float]:
@@ -193,16 +174,9 @@ def window(view: StaticView) -> tuple[float, float]:
 
 def map_residual_panel(axes: Axes, view: StaticView, x: Scale, y: Scale, rmse: float) -> None:
     """Residuals over the input of a static map."""
-    axes.axhspan(-2 * rmse * y.factor, 2 * rmse * y.factor, color=BAND, alpha=0.22, lw=0,
-                 label="± 2 rmse")  # fmt: skip
-    axes.axhline(0.0, color=FAINT, linewidth=0.7)
+    band(axes, 2.0 * rmse * y.factor, 0.22, "± 2 rmse")
     rest = view.measured - view.fitted
-    low, high = window(view)
-    out = ~view.used & (view.x >= low) & (view.x <= high)
-    if out.any():
-        _points(axes, view.x, rest, out, x, y, LEFT_OUT, "", "x")
-    _points(axes, view.x, rest, view.used, x, y, RESIDUAL, "")
-    if out.any():
+    if _draw_samples(axes, view, x.factor, rest * y.factor, RESIDUAL, named=False):
         inside = np.abs(rest[view.used]).max(initial=0.0)
         axes.set_ylim(*(np.array([-1.3, 1.3]) * max(inside, 2.5 * rmse) * y.factor))
     axes.set_ylabel(y.label("residual"))
@@ -210,17 +184,24 @@ def map_residual_panel(axes: Axes, view: StaticView, x: Scale, y: Scale, rmse: f
     dress(axes)
 
 
-def _points(
-    axes: Axes, x: FloatArray, y: FloatArray, chosen: Any, sx: Scale, sy: Scale,
-    colour: str, label: str, marker: str = "o",
-) -> None:  # fmt: skip
-    index = np.flatnonzero(chosen)
-    index = index[subset(index.size, _MOST_POINTS)]
-    axes.plot(x[index] * sx.factor, y[index] * sy.factor, linestyle="", marker=marker,
-              markersize=2.5 if index.size > 400 else 4, color=colour,
-              markeredgewidth=0 if marker == "o" else 0.8,
-              alpha=0.5 if index.size > 1000 else 0.8, label=label or None,
-              zorder=2, rasterized=index.size > 1000)  # fmt: skip
+def _draw_samples(
+    axes: Axes, view: StaticView, factor: float, values: FloatArray, colour: str, *, named: bool
+) -> int:
+    """Samples of a map, and those left out just beside them, whose number is returned."""
+    low, high = window(view)
+    beside = ~view.used & (view.x >= low) & (view.x <= high)
+    for chosen, shade, marker, edge, label in (
+        (beside, LEFT_OUT, "x", 0.8, "left out"), (view.used, colour, "o", 0, "measured"),
+    ):  # fmt: skip
+        index = np.flatnonzero(chosen)
+        index = index[subset(index.size, _MOST_POINTS)]
+        if not index.size:
+            continue
+        axes.plot(view.x[index] * factor, values[index], linestyle="", marker=marker,
+                  markersize=2.5 if index.size > 400 else 4, color=shade, markeredgewidth=edge,
+                  alpha=0.5 if index.size > 1000 else 0.8, label=label if named else None,
+                  zorder=2, rasterized=index.size > 1000)  # fmt: skip
+    return int(beside.sum())
 
 
 def histogram_panel(axes: Axes, residuals: FloatArray, y: Scale) -> None:
@@ -235,8 +216,7 @@ def histogram_panel(axes: Axes, residuals: FloatArray, y: Scale) -> None:
         axes.plot(x, normal, color=INK, linewidth=1.0)
     axes.set_yticks([])
     axes.set_xlabel(y.label("residual"))
-    dress(axes)
-    head(axes, "Residuals, and the normal curve of the same width")
+    dress(axes, "Residuals, and the normal curve of the same width")
 
 
 def table_panel(
@@ -265,23 +245,15 @@ def table_panel(
 
 
 def _rows(quantities: Mapping[str, Quantity]) -> list[tuple[str, str, str, str]]:
-    out = []
-    for name, q in quantities.items():
-        unit = pretty_unit(q.unit)
-        value = f"{show(q.value, q.std_error)} {unit}".rstrip()
-        if q.status == "not_identified":
-            out.append((name, value, "not identified", VERDICT["fail"]))
-        elif q.status == "fixed":
-            out.append((name, value, "fixed", FAINT))
-        else:
-            out.append((name, value, "", INK))
-    return out
+    said = {"not_identified": ("not identified", VERDICT["fail"]), "fixed": ("fixed", FAINT)}
+    return [
+        (name, f"{show(q.value, q.std_error)} {pretty_unit(q.unit)}".rstrip(),
+         *said.get(q.status, ("", INK)))
+        for name, q in quantities.items()
+    ]  # fmt: skip
 
 
 def scale_of(values: Sequence[FloatArray], unit: str) -> Scale:
     """Engineering unit for the largest finite size among arrays."""
-    largest = 0.0
-    for v in values:
-        finite = v[np.isfinite(v)]
-        largest = max(largest, float(np.abs(finite).max(initial=0.0)))
-    return choose_scale(unit, largest)
+    finite = (np.abs(v[np.isfinite(v)]) for v in values)
+    return choose_scale(unit, max((float(v.max(initial=0.0)) for v in finite), default=0.0))

@@ -1,4 +1,4 @@
-"""Runs as a picture shows them, and which of many are shown."""
+"""Which runs a picture shows, and how many of their samples."""
 
 from __future__ import annotations
 
@@ -6,41 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from ..experiment import FloatArray, Signal
+from ..experiment import FloatArray
 from ..family import Variant
-from ..outcome import Outcome, Simulation, agreement
+from ..outcome import Simulation
 
-MOST_COLUMNS = 3
-MOST_OVERLAID = 60
-
-
-@dataclass(frozen=True)
-class Run:
-    """One run: measured and simulated output, and the signal that drove it."""
-
-    name: str
-    time: FloatArray
-    measured: FloatArray
-    simulated: FloatArray
-    drive: Signal | None
-
-    @property
-    def residual(self) -> FloatArray:
-        """Measured less simulated, shape ``(n,)``; NaN where a sample was left out."""
-        return self.measured - self.simulated
-
-    @property
-    def fit_percent(self) -> float:
-        """Agreement of this run alone [%]."""
-        return agreement([self.measured], [self.simulated]).fit_percent
+_MOST_COLUMNS = 3
+_MOST_OVERLAID = 60
 
 
 @dataclass(frozen=True)
 class Choice:
     """Runs that are shown, how, and the sentence that says so."""
 
-    runs: Sequence[Run]
+    runs: Sequence[Simulation]
     overlay: bool
     note: str
 
@@ -50,41 +30,48 @@ def drive_role(variant: Variant) -> str:
     return next((r.name for r in variant.driving), "")
 
 
-def make_runs(variant: Variant, simulations: Sequence[Simulation]) -> list[Run]:
-    """Simulations as a picture shows them, over time or, without one, by number."""
-    role = drive_role(variant)
-    out = []
-    for s in simulations:
-        e, size = s.experiment, s.measured.size
-        time = e.time if e.time.size == size else np.arange(size, dtype=float)
-        out.append(Run(e.name, time, s.measured, s.simulated, e.signals.get(role)))
-    return out
+def instants(run: Simulation) -> FloatArray:
+    """Instants of the samples [s]; their numbers in a log without time."""
+    time, size = run.experiment.time, run.measured.size
+    return time if time.size == size else np.arange(size, dtype=float)
 
 
-def fitted_runs(result: Outcome) -> list[Run]:
-    """Runs of the logs that were fitted."""
-    return make_runs(result.variant, result.fitted)
-
-
-def validated_runs(result: Outcome) -> list[Run]:
-    """Runs of the logs that were not fitted."""
-    return make_runs(result.variant, result.validation)
-
-
-def choose(runs: Sequence[Run]) -> Choice:
+def choose(runs: Sequence[Simulation]) -> Choice:
     """Up to three runs side by side; many short ones overlaid; else the extremes."""
-    if len(runs) <= MOST_COLUMNS:
+    if len(runs) <= _MOST_COLUMNS:
         return Choice(runs, False, "")
-    spans = np.array([np.ptp(r.time) for r in runs])
-    if spans.max() <= 3.0 * np.median(spans) and max(r.time.size for r in runs) <= 2000:
-        if len(runs) <= MOST_OVERLAID:
+    spans = np.array([np.ptp(instants(r)) for r in runs])
+    if spans.max() <= 3.0 * np.median(spans) and max(r.measured.size for r in runs) <= 2000:
+        if len(runs) <= _MOST_OVERLAID:
             return Choice(runs, True, f"all {len(runs)} runs overlaid")
-        shown = np.unique(np.linspace(0, len(runs) - 1, MOST_OVERLAID).astype(int))
+        shown = subset(len(runs), _MOST_OVERLAID)
         note = f"{shown.size} of {len(runs)} runs overlaid, evenly chosen"
         return Choice([runs[k] for k in shown], True, note)
-    order = np.argsort([r.fit_percent for r in runs])[::-1]
+    order = np.argsort([r.agreement.fit_percent for r in runs])[::-1]
     picked = [order[0], order[len(order) // 2], order[-1]]
-    return Choice(
-        [runs[k] for k in picked], False,
-        f"3 of {len(runs)} runs: the best, the middle and the worst fit",
-    )  # fmt: skip
+    note = f"3 of {len(runs)} runs: the best, the middle and the worst fit"
+    return Choice([runs[k] for k in picked], False, note)
+
+
+def envelope(x: FloatArray, y: FloatArray, bins: int = 1500) -> tuple[FloatArray, FloatArray]:
+    """Keep the smallest and the largest value of every bin: peaks survive.
+
+    ``bins`` of equal count, about the pixels of the axis; nothing is left out when there are
+    not many more than ``2 * bins`` samples.
+    """
+    if y.size <= 4 * bins:
+        return x, y
+    width = y.size // bins
+    whole = y[: width * bins].reshape(bins, width)
+    low = np.where(np.isnan(whole), np.inf, whole).argmin(axis=1)
+    high = np.where(np.isnan(whole), -np.inf, whole).argmax(axis=1)
+    start = np.arange(bins) * width
+    kept = np.unique([0, *(start + low), *(start + high), *range(width * bins, y.size)])
+    return x[kept], y[kept]
+
+
+def subset(size: int, most: int) -> npt.NDArray[np.intp]:
+    """Indices of at most so many samples, evenly spread."""
+    if size <= most:
+        return np.arange(size)
+    return np.unique(np.linspace(0, size - 1, most).astype(np.intp))

@@ -20,24 +20,6 @@ _METADATA: dict[str, dict[str, Any]] = {
 }
 
 
-def figure_format(path: str | os.PathLike[str]) -> str:
-    """Format that the suffix of a path asks for.
-
-    Raises
-    ------
-    UsageError
-        When it is none of png, pdf and svg.
-    """
-    suffix = Path(path).suffix.lower().removeprefix(".")
-    if suffix not in _METADATA:
-        raise UsageError(
-            f"a figure cannot be written as {suffix or 'a file without suffix'!r}",
-            where=os.fspath(path),
-            expected="A name that ends with .png, .pdf or .svg.",
-        )
-    return suffix
-
-
 def render(figure: Figure, kind: str) -> bytes:
     """The figure as png, pdf or svg, without a date."""
     import matplotlib
@@ -68,5 +50,11 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, overwrite: bool
     OutputError
         When the file exists and may not be replaced, or cannot be written.
     """
-    kind = figure_format(path)
+    kind = Path(path).suffix.lower().removeprefix(".")
+    if kind not in _METADATA:
+        raise UsageError(
+            f"a figure cannot be written as {kind or 'a file without suffix'!r}",
+            where=os.fspath(path),
+            expected="A name that ends with .png, .pdf or .svg.",
+        )
     return write_atomically(path, render(figure, kind), overwrite=overwrite)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ LEFT_OUT = "#B0B0B0"
 POINTS = "#009E73"
 INK = "#22262A"
 FAINT = "#6B7278"
+_FRAME = "#9AA0A6"
 VERDICT = {"pass": "#007A5A", "warn": "#9A6700", "fail": "#B3261E"}
 
 SMALL, NORMAL, LARGE = 8.0, 9.0, 15.0
@@ -40,26 +42,22 @@ SETTINGS: dict[str, Any] = {
 }
 
 
-def dress(axes: Axes, *, grid: bool = True) -> None:
-    """Thin frame on two sides, faint grid, small labels."""
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color("#9AA0A6")
-        axes.spines[side].set_linewidth(0.8)
-    axes.tick_params(labelsize=SMALL, colors=INK, color="#9AA0A6", width=0.8, length=3)
-    axes.xaxis.label.set_fontsize(NORMAL)
-    axes.yaxis.label.set_fontsize(NORMAL)
-    axes.xaxis.label.set_color(INK)
-    axes.yaxis.label.set_color(INK)
-    if grid:
-        axes.grid(True, color="#E6E8EA", linewidth=0.7)
+def dress(axes: Axes, title: str = "") -> None:
+    """Thin frame on two sides, faint grid, small labels; the title at the upper left."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set(color=_FRAME, linewidth=0.8)
+    axes.tick_params(labelsize=SMALL, colors=INK, color=_FRAME, width=0.8, length=3)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.label.set(fontsize=NORMAL, color=INK)
+    axes.grid(True, color="#E6E8EA", linewidth=0.7)
     axes.set_axisbelow(True)
+    axes.set_title(title, loc="left", fontsize=NORMAL, color=INK, pad=5, parse_math=False)
 
 
-def head(axes: Axes, text: str) -> None:
-    """Heading of a panel, at its upper left."""
-    axes.set_title(text, loc="left", fontsize=NORMAL, color=INK, pad=5, parse_math=False)
+def band(axes: Axes, half: float, alpha: float, label: str | None = None) -> None:
+    """The zero line with a band on both sides of it."""
+    axes.axhspan(-half, half, color=BAND, alpha=alpha, lw=0, label=label)
+    axes.axhline(0.0, color=FAINT, linewidth=0.7)
 
 
 def legend(axes: Axes, *others: Axes, columns: int = 4) -> None:
@@ -68,12 +66,12 @@ def legend(axes: Axes, *others: Axes, columns: int = 4) -> None:
     Entries of ``others`` come first; as many columns, up to ``columns``, as the panel is wide
     enough for.
     """
-    found = [pair for a in (*others, axes) for pair in zip(*a.get_legend_handles_labels())]
-    columns = _fitting_columns([text for _, text in found], columns)
+    found = [a.get_legend_handles_labels() for a in (*others, axes)]
+    handles, labels = (list(chain.from_iterable(part)) for part in zip(*found))
     axes.legend(
-        [h for h, _ in found], [text for _, text in found],
-        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, fontsize=SMALL,
-        frameon=False, borderaxespad=0.1, handlelength=1.6, columnspacing=1.2,
+        handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize=SMALL,
+        ncols=_fitting_columns(labels, columns), frameon=False, borderaxespad=0.1,
+        handlelength=1.6, columnspacing=1.2,
     )  # fmt: skip
 
 

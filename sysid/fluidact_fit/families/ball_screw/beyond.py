@@ -9,10 +9,10 @@ import numpy as np
 from ...errors import Notice
 from ...estimation.noise import noise_floor
 from ...estimation.separable import solve
-from ...experiment import Experiment, FloatArray
+from ...experiment import FloatArray
 from ...family import Quantity
-from .model import BREAKAWAY, Axis, Compared
-from .stage import Stage
+from .model import BREAKAWAY, Compared
+from .stages import Stage
 
 DECISIVE = 3.0  # residual per noise above which forces are at work that the model lacks
 BEYOND_HELP = 30.0  # above which no other instant of a break-away would make it small
@@ -26,14 +26,9 @@ def residual_to_noise(stage: Stage) -> float:
     """
     found = stage.solve(stage.problem(), max_iterations=10, tolerance=0.05)
     residual = np.sqrt(found.cost / sum(e.samples for e in stage.experiments))
-    noise = max(_noise_floor(e, stage.axis) for e in stage.experiments)
+    white = max(noise_floor(e[stage.axis.motion], robust=False) for e in stage.experiments)
+    noise = max(white, stage.rounding)
     return float(residual / noise) if noise > 0.0 else np.inf
-
-
-def _noise_floor(experiment: Experiment, axis: Axis) -> float:
-    """Noise of the position that no motion can explain: white noise, or the encoder's."""
-    spread = noise_floor(experiment[axis.motion], robust=False)
-    return max(spread, experiment.signals[axis.motion].resolution / float(np.sqrt(12.0)))
 
 
 def with_derivatives(stage: Stage) -> tuple[Compared, list[FloatArray]]:
@@ -46,13 +41,11 @@ def with_derivatives(stage: Stage) -> tuple[Compared, list[FloatArray]]:
     compared = Compared(half_width=_window(stage))
     parts = [compared.channels(e.samples) for e in stage.experiments]
     now = stage.solve(stage.problem(compared), max_iterations=0, tolerance=0.0)
-    weights: list[FloatArray] = []
-    raw = now.residuals
-    for _ in range(4):
-        weights = _balance(raw, parts)
+    weights = _balance(now.residuals, parts)
+    for _ in range(3):
         problem = stage.problem(compared, weights)
         now = solve(problem, now.eta, max_iterations=15, tolerance=0.02)
-        raw = [r / w for r, w in zip(now.residuals, weights)]
+        weights = _balance([r / w for r, w in zip(now.residuals, weights)], parts)
     return compared, weights
 
 
@@ -72,17 +65,13 @@ def _window(stage: Stage) -> int:
 
 def _balance(residuals: Sequence[FloatArray], parts: Sequence[list[slice]]) -> list[FloatArray]:
     """Weights that give every compared quantity a unit residual."""
-    sizes = [
-        np.sqrt(np.mean(np.concatenate([r[p[k]] for r, p in zip(residuals, parts)]) ** 2))
-        for k in range(len(parts[0]))
-    ]
-    out = []
-    for r, p in zip(residuals, parts):
-        w = np.ones(r.size)
-        for k, rows in enumerate(p):
-            w[rows] = 1.0 / max(float(sizes[k]), 1e-300)
-        out.append(w)
-    return out
+    weights = [np.ones(r.size) for r in residuals]
+    for rows in zip(*parts):  # of one quantity, by run
+        together = np.concatenate([r[part] for r, part in zip(residuals, rows)])
+        size = max(float(np.sqrt(np.mean(together**2))), 1e-300)
+        for w, part in zip(weights, rows):
+            w[part] = 1.0 / size
+    return weights
 
 
 def beyond_notice(parameters: Mapping[str, Quantity]) -> Notice:

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from functools import cached_property
-from math import copysign, expm1, inf, log1p
-from typing import Self
+from math import copysign, inf, log1p
 
 import numpy as np
 import numpy.typing as npt
 
-from ...block import Block
-from ...errors import UsageError
+from ...block import SteppedBlock
 from ...estimation.friction_law import FrictionLaw
-from ...estimation.records import make_signal
+from ...estimation.inputs import make_signal
 from ...experiment import Experiment, FloatArray, Hold
-from ...parameters.document import ParameterDocument
-from ...specification import Variant, scalars
+from ...specification import scalars
 from .model import BREAKAWAY, DriveModel, axis_of
+from .stick_slip import phi_real
 
 
-class DriveBlock(Block):
+class DriveBlock(SteppedBlock):
     """A mass or inertia with viscous and dry friction.
 
     ``J v' = tau - b v - F_k(sign v)`` while it moves; it rests while the input stays
@@ -27,19 +25,12 @@ class DriveBlock(Block):
 
     Attributes
     ----------
-    sample_time
-        Period of :meth:`step` [s]; 0 when the file holds none.
     position, velocity
         State at the instant of the latest :meth:`step` and thereafter: where the next
         step begins [unit of the output, and per second].
     """
 
-    def __init__(
-        self, document: ParameterDocument, variant: Variant, sample_time: float | None = None
-    ) -> None:
-        super().__init__(document, variant)
-        own = document.model.get("discrete", {}).get("sample_time", 0.0)
-        self.sample_time = float(own if sample_time is None else sample_time)
+    def _begin(self) -> None:
         self.reset()
 
     @cached_property
@@ -58,14 +49,6 @@ class DriveBlock(Block):
         """Friction in motion, which can be known without the static levels."""
         known = [n for n in self.parameters if n not in BREAKAWAY.values()]
         return FrictionLaw.of(scalars({n: self.parameters[n] for n in known}))
-
-    def with_sample_time(self, sample_time: float) -> Self:
-        """Return the same drive, at rest, stepping at another period [s]."""
-        if not (np.isfinite(sample_time) and sample_time > 0.0):
-            raise UsageError(f"sample_time {sample_time!r} is not a positive number")
-        other = type(self)(self.document, self.variant, sample_time)
-        other.parameters.refused = self.parameters.refused
-        return other
 
     def reset(self, *, output: float | None = None, velocity: float = 0.0) -> None:
         """Put the drive at a position [unit of the output], at rest or moving."""
@@ -87,7 +70,7 @@ class DriveBlock(Block):
         float
             Position [unit of the output].
         """
-        self._need_period()
+        self._need_sample_time("sample time")
         now = self.position
         rest, value = self.sample_time, float(value)
         for _ in range(4):  # a held input: moving, stopped, moving the other way
@@ -95,13 +78,6 @@ class DriveBlock(Block):
             if rest <= 0.0:
                 break
         return now
-
-    def _need_period(self) -> None:
-        if self.sample_time <= 0.0:
-            raise UsageError(
-                "the parameter file holds no sample time",
-                remedy="Use with_sample_time(...), or fit with --controller-sample-time.",
-            )
 
     def _move(self, drive: float, span: float) -> float:
         """Advance until the span ends or the motion stops; returns what is left of it [s]."""
@@ -114,7 +90,7 @@ class DriveBlock(Block):
         stop = _time_to_stop(v, net, viscous, self.inertia)
         time = min(stop, span)
         rate = viscous / self.inertia
-        one, two = _phi(-rate * time)
+        one, two = phi_real(-rate * time, 2)
         push = net / self.inertia * time
         self.position += v * time * one + push * time * two
         if stop > span:
@@ -199,7 +175,7 @@ class DriveBlock(Block):
             Position [unit of the output].
         """
         if time is None:
-            self._need_period()
+            self._need_sample_time("sample time")
             time = np.arange(np.size(values)) * self.sample_time
         role = self.variant.driving[0]
         signal = make_signal(role.name, values, time, role.unit, hold)
@@ -225,15 +201,3 @@ def _time_to_stop(v: float, net: float, viscous: float, inertia: float) -> float
     x = -v * viscous / net
     factor = log1p(x) / x if x > 1e-9 else 1.0 - 0.5 * x
     return -v * inertia / net * factor
-
-
-def _phi(z: float) -> tuple[float, float]:
-    """``(exp(z) - 1)/z`` and ``(exp(z) - 1 - z)/z**2``, for small ``z`` too."""
-    if abs(z) > 0.3:
-        one = expm1(z) / z
-        return one, (one - 1.0) / z
-    two, term = 0.0, 0.5
-    for k in range(3, 17):
-        two += term
-        term *= z / k
-    return 1.0 + z * two, two

@@ -8,22 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...estimation.inputs import settled_hold
-from ...estimation.profile_likelihood import Interval
 from ...experiment import FloatArray
-from .model import (
-    BREAKAWAY,
-    EXCESS,
-    LONG,
-    SIDES,
-    Compared,
-    DriveModel,
-    increment_lag,
-    leading_part,
-)
-from .refusals import open_levels
-from .stage import Stage
+from .model import BREAKAWAY, EXCESS, SIDES, Compared, DriveModel, increments, leading_parts
+from .stages import Stage, values_at
 
+_ROUNDS = 4  # of bracketing the levels and refitting the others, at most
+_WORTH = 1e-3  # share by which the cost has to fall in a round to be worth another one
 _NEAR = 4  # commanded levels on either side of a bracket that are tried as well
 _CELLS = 20  # into which the first pass over the levels divides them
 _CELLS_NEAR = 14  # into which a later one does, near what an earlier one found
@@ -47,25 +37,11 @@ class Bracket:
         """Of a value that lies anywhere in between."""
         return (self.high - self.low) / float(np.sqrt(12.0))
 
-    @property
-    def interval(self) -> Interval:
-        """The bracket as interval of the level."""
-        return Interval(self.low, self.high, "bracket")
-
 
 def over_cells(edges: FloatArray, costs: FloatArray, most: float, margin: int = 0) -> Bracket:
-    """Bracket over every cell that is good, its value among those around the best.
+    """Bracket over every cell of a cost up to ``most``, its value among those around the best.
 
-    Parameters
-    ----------
-    edges : (n + 1,)
-        Levels between which the cells lie, ascending.
-    costs : (n,)
-        Of a level inside each cell.
-    most
-        Cost up to which a cell is good; not below the least.
-    margin
-        Cells on either side that are taken in as well.
+    The cells lie between ascending ``edges``; ``margin`` more on either side are taken in.
     """
     best, last = int(np.argmin(costs)), costs.size - 1
     good, bad = np.flatnonzero(costs <= most), np.flatnonzero(costs > most)
@@ -79,26 +55,15 @@ def over_cells(edges: FloatArray, costs: FloatArray, most: float, margin: int = 
 
 
 def search_level(
-    cost: Callable[[float], float],
-    levels: FloatArray,
-    slack: float,
-    near: Bracket | None = None,
+    cost: Callable[[float], float], levels: FloatArray, slack: float, near: Bracket | None = None
 ) -> Bracket:
     """Find the steps of a staircase that fit best, coarse to fine.
 
-    Cells that fit equally well may lie apart. What counts is how much they span, not how
-    many they are: where that is nearly all that was looked at, looking again tells nothing.
-
-    Parameters
-    ----------
-    cost
-        Of a level; constant between two neighbours of ``levels``.
-    levels : (n,)
-        Commanded ones, ascending.
-    slack
-        Share by which the cost of a level may exceed the least one and still be as good.
-    near
-        Where an earlier pass found it: only its neighbourhood is searched again.
+    The cost is constant between two neighbours of the ascending ``levels``; a share of
+    ``slack`` more than the least is as good. What an earlier pass found is looked for
+    again ``near`` it. Cells that fit equally well may lie apart. What counts is how much they
+    span, not how many they are: where that is nearly all that was looked at, looking again
+    tells nothing.
     """
     low, high, cells = 0, levels.size - 1, _CELLS
     if near is not None:
@@ -119,40 +84,33 @@ def search_level(
         low, high = int(marks[max(first - 1, 0)]), int(marks[min(final + 2, costs.size)])
 
 
-def commanded_in_steps(stage: Stage) -> bool:
-    """Whether the drive is held between samples in every run."""
-    return all(settled_hold(e.signals[stage.axis.drive]) == "zoh" for e in stage.experiments)
-
-
 def bracket_levels(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
     """Bracket the static levels of a drive that is commanded in steps.
 
     A held torque jumps past the static level, so the motion does not depend on where
     between two commanded levels it lies: the cost is a staircase, which a gradient does
-    not see. It is searched level by level, the other parameters refitted in between.
+    not see. It is searched level by level, the other parameters refitted in between, until
+    the cost no longer falls.
 
-    Returns
-    -------
-    tuple
-        The stage with the levels held and the others refitted, and the brackets by the
-        name of the level. Nothing is changed where there is no level to find.
+    Returns the stage with the levels held and the others refitted, and the brackets by the
+    name of the level. Nothing is changed where there is no level to find.
     """
-    asked = open_levels(stage.names, stage.refusals)
-    sides = [s for s in SIDES if EXCESS[s] in asked]
+    sides = stage.open_sides()
     if not sides:
         return stage, {}
     staircase = _Staircase(stage, lag=True)
-    values = _in_levels(stage.start)
+    least, values = np.inf, dict(stage.start)
     brackets: dict[str, Bracket] = {}
-    for _ in range(4):
+    for _ in range(_ROUNDS):
         before = dict(brackets)
         for s in sides:
             found = staircase.search(values, s, brackets.get(BREAKAWAY[s]))
             brackets[BREAKAWAY[s]] = found
             values[BREAKAWAY[s]] = found.value
-        _, values = staircase.refit(values)
-        if brackets == before:
+        cost, values = staircase.refit(values)
+        if brackets == before or cost > least * (1.0 - _WORTH):
             break
+        least = cost
     return _held(stage, brackets, values), brackets
 
 
@@ -165,27 +123,25 @@ def narrow_levels(
     encoder: increments do not see it, the position does, and it would bend every other
     parameter.
     """
-    found, values = _Staircase(stage, lag=False).narrow(brackets, _in_levels(stage.start))
+    staircase, found = _Staircase(stage, lag=False), dict(brackets)
+    best, values = staircase.refit(stage.start)
+    for _ in range(3):
+        before = best
+        for name in brackets:
+            found[name], best, values = staircase.choose(name, found[name], best, values)
+        if best >= before:
+            break
     return _held(stage, found, values), found
-
-
-def _in_levels(start: Mapping[str, float]) -> dict[str, float]:
-    """Values with static levels in place of excesses."""
-    values = {n: v for n, v in start.items() if n not in EXCESS.values()}
-    for s in SIDES:
-        values.setdefault(BREAKAWAY[s], start[f"coulomb_{s}"] + start.get(EXCESS[s], 0.0))
-    return values
 
 
 def _held(stage: Stage, brackets: Mapping[str, Bracket], values: Mapping[str, float]) -> Stage:
     """The stage with bracketed levels held in place of the excesses."""
     levels = {n: b.value for n, b in brackets.items()}
     renamed = {EXCESS[s]: BREAKAWAY[s] for s in SIDES if BREAKAWAY[s] in levels}
-    start = {n: values.get(n, v) for n, v in stage.start.items() if n not in renamed}
     return replace(
         stage,
         names=tuple(renamed.get(n, n) for n in stage.names),
-        start={**start, **levels},
+        start={n: v for n, v in values.items() if n not in renamed},
         fixed={**stage.fixed, **levels},
     )
 
@@ -194,9 +150,9 @@ class _Staircase:
     """Cost of the logs over the static levels; the ``others`` are refitted beside them."""
 
     def __init__(self, stage: Stage, lag: bool) -> None:
-        part = [leading_part(e, LONG) for e in stage.experiments]
+        part = leading_parts(stage.experiments)
         self.stage, self.axis = replace(stage, experiments=part, refusals=()), stage.axis
-        self.compared = Compared(lag=increment_lag(part, stage.axis) if lag else 0)
+        self.compared = increments(part, stage.axis) if lag else Compared()
         self.model = DriveModel(part, stage.axis, self.compared)
         kept = {*stage.held, *BREAKAWAY.values(), *EXCESS.values()}
         self.others = [n for n in stage.names if n not in kept]
@@ -233,34 +189,15 @@ class _Staircase:
         stage = replace(self.stage, names=tuple(values), start=values, fixed=fixed)
         problem = stage.problem(self.compared)
         found = stage.solve(problem, max_iterations=15, tolerance=0.05)
-        order = [u.name for u in problem.nonlinear]
-        return found.cost, {**values, **dict(zip(order, map(float, found.eta)))}
+        return found.cost, {**values, **values_at(problem, found.eta)}
 
-    def narrow(
-        self, brackets: Mapping[str, Bracket], values: dict[str, float]
-    ) -> tuple[dict[str, Bracket], dict[str, float]]:
-        """Brackets by name and values; see :func:`narrow_levels`."""
-        found = dict(brackets)
-        best, values = self.refit(values)
-        for _ in range(3):
-            before = best
-            for name, bracket in found.items():
-                levels = self.levels(values, name.removeprefix("breakaway_"))
-                if levels.size > 1:
-                    found[name], best, values = self._choose(name, bracket, levels, best, values)
-            if best >= before:
-                break
-        return found, values
-
-    def _choose(
-        self,
-        name: str,
-        bracket: Bracket,
-        levels: FloatArray,
-        best: float,
-        values: dict[str, float],
+    def choose(
+        self, name: str, bracket: Bracket, best: float, values: dict[str, float]
     ) -> tuple[Bracket, float, dict[str, float]]:
         """The bracket of one level among the commanded ones; cost and values there."""
+        levels = self.levels(values, name.removeprefix("breakaway_"))
+        if levels.size < 2:
+            return bracket, best, values
         edges = narrowing_edges(levels, bracket)
         skipped = edges.size < np.ptp(np.searchsorted(levels, edges)) + 1
         middles = 0.5 * (edges[1:] + edges[:-1])

@@ -5,7 +5,7 @@
 
 Kinetic and static level may differ and both may differ by direction [1]_. A linear axis is
 the same with mass, force and position. The motion is solved with events
-(:mod:`...estimation.stick_slip`); nothing is smoothed in the estimate.
+(:mod:`.stick_slip`); nothing is smoothed in the estimate.
 
 Three stages: the inverse dynamics by linear least squares on smoothed derivatives, then
 increments of position (no drift), then position. A one-shot fit of the position from a
@@ -29,8 +29,8 @@ import numpy as np
 
 from ...estimation.information import sensitivity
 from ...estimation.inputs import settled_hold
-from ...estimation.parametric import check_request, fit_named, make_unknowns
-from ...estimation.results import Refusal
+from ...estimation.parametric import bind, check_request, fit_named
+from ...estimation.separable import solve
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
     Estimate,
@@ -50,24 +50,22 @@ from ...family import (
 from ...options import choice, settled
 from .beyond import BEYOND_HELP, DECISIVE, beyond_notice, residual_to_noise, with_derivatives
 from .block import DriveBlock
-from .brackets import (
-    Bracket,
-    bracket_levels,
-    bracket_widths,
-    commanded_in_steps,
-    narrow_levels,
+from .brackets import Bracket, bracket_levels, bracket_widths, narrow_levels
+from .model import BREAKAWAY, LINEAR, ROTARY, SIDES, Axis, Compared, DriveModel, axis_of
+from .reported import derived_numbers, in_levels, refusal_notices, specs_of_file, with_brackets
+from .stages import Stage, excess_specs, first_stages, initial_speeds, speed_unknowns
+
+UNKNOWN_FORCES = (
+    "the motion is dominated by forces beyond this model, which move the instant of "
+    "break-away more than the static level does."
 )
-from .model import BREAKAWAY, EXCESS, SIDES, Compared, DriveModel, axis_of
-from .refusals import UNKNOWN_FORCES, open_levels, sides_at_rest, without_breakaway, withstood
-from .reported import Reported, excess_specs, in_levels
-from .run import follow
-from .stage import Stage
-from .starts import fit_increments, initial_speeds, inverse_dynamics, search_limits, speed_unknowns
 
 
-def _variant(name: str, drive: str, drive_unit: str, motion: str, motion_unit: str,
-             inertia: str, inertia_unit: str, viscous_unit: str) -> Variant:  # fmt: skip
+def _variant(
+    name: str, axis: Axis, drive_unit: str, motion_unit: str, inertia_unit: str, viscous_unit: str
+) -> Variant:
     """Roles and parameters of the rotary or the linear axis."""
+    drive, motion, inertia = axis.drive, axis.motion, axis.inertia
     slow = "Record slow reversals from rest in this direction, several of them."
     return Variant(
         name,
@@ -118,8 +116,8 @@ class BallScrew(Family[BallScrewOptions]):
         "inertia * angle'' = torque - viscous * angle' - coulomb(direction), stuck below breakaway"
     )
     variants = (
-        _variant("rotary", "torque", "N m", "angle", "rad", "inertia", "kg m2", "N m s/rad"),
-        _variant("linear", "force", "N", "position", "m", "mass", "kg", "N s/m"),
+        _variant("rotary", ROTARY, "N m", "rad", "kg m2", "N m s/rad"),
+        _variant("linear", LINEAR, "N", "m", "kg", "N s/m"),
     )
     options_type = BallScrewOptions
 
@@ -132,38 +130,45 @@ class BallScrew(Family[BallScrewOptions]):
         """Fit inertia and friction in three stages; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         axis = axis_of(variant)
-        resting = withstood(experiments, axis)
-        stage = _first_stages(variant, experiments, request, resting)
+        one_sided = request.options.viscous == "asymmetric"
+        stage = first_stages(variant, experiments, request, one_sided)
         request.progress("fitting positions")
         stage, brackets, beyond = _levels_and_forces(stage, request)
         compared, weights = Compared(), list[FloatArray]()
         if beyond:
             request.progress("forces beyond the model: comparing speed and acceleration too")
             compared, weights = with_derivatives(stage)
-        fitted = fit_named(
+        model = replace(
             DriveModel(experiments, axis, compared).named(stage.names, weights),
+            sigma_floor=0.0 if beyond else stage.rounding,
+            channels=[compared.channels(e.samples) for e in experiments],
+        )
+        fitted = fit_named(
+            model,
             [*variant.parameters, *excess_specs(variant)],
             replace(request, fixed=stage.fixed),
             stage.unknowns,
             [stage.start],
             refusals=stage.refusals,
             sensible=_sensible(stage),
-            sigma_floor=0.0 if beyond else stage.resolution / np.sqrt(12.0),
-            channels=[compared.channels(e.samples) for e in experiments],
         )
-        found = Reported(variant, in_levels(fitted), brackets, resting)
-        parameters, order, covariance = found.quantities()
-        table, drift = found.fitted.compare_logs(experiments)
+        fitted = in_levels(fitted)
+        solved = with_brackets(fitted, brackets)
+        parameters, order, covariance = solved.quantities(
+            specs_of_file(variant, fitted.values, stage.resting)
+        )
+        table, drift = fitted.compare_logs(experiments)
         last = "position, speed and acceleration" if beyond else "position"
+        refused = refusal_notices(variant, fitted.refused, stage.resting)
         return Estimate(
             parameters,
-            found.derived(axis),
+            derived_numbers(solved, axis.inertia, variant.role(axis.drive).unit),
             order,
             covariance,
             replace(request.options, compared="derivatives" if beyond else "position"),
-            [*found.notices(), *drift, *([beyond_notice(parameters)] if beyond else [])],
+            [*refused, *drift, *([beyond_notice(parameters)] if beyond else [])],
             {**fitted.details(), **table, "stages": ["inverse dynamics", "increments", last]},
-            found.fitted.sensitivity(),
+            fitted.sensitivity(),
         )
 
     def simulate(
@@ -178,7 +183,7 @@ class BallScrew(Family[BallScrewOptions]):
 
         The axis may have been anywhere, and moving, when a run began: both belong to the run.
         """
-        return [follow(e, axis_of(variant), scalars(values), offset or 0.0) for e in experiments]
+        return [_follow(e, axis_of(variant), scalars(values), offset or 0.0) for e in experiments]
 
     def information(
         self,
@@ -190,12 +195,9 @@ class BallScrew(Family[BallScrewOptions]):
         """Sensitivities by complex steps; see :meth:`Family.information`."""
         v, axis = scalars(values), axis_of(variant)
         model = DriveModel([experiment], axis)
-        held = settled_hold(experiment.signals[axis.drive]) == "zoh"
-        found = sensitivity(
-            model.named([n for n in v if not (held and n in BREAKAWAY.values())]), v
-        )
-        if not held:
-            return found
+        if settled_hold(experiment.signals[axis.drive]) != "zoh":
+            return sensitivity(model.named(list(v)), v)
+        found = sensitivity(model.named([n for n in v if n not in BREAKAWAY.values()]), v)
         motion, samples = model.motion(0, v)
         speed = np.real(motion.velocity[0, samples])
         return replace(found, floor=bracket_widths(experiment.sampled(axis.drive), speed, v))
@@ -241,38 +243,17 @@ class BallScrew(Family[BallScrewOptions]):
         return DriveBlock(document, variant)
 
 
-def _first_stages(
-    variant: Variant,
-    experiments: Sequence[Experiment],
-    request: Request[BallScrewOptions],
-    resting: Mapping[str, float],
-) -> Stage:
-    """Inverse dynamics and increments of position: where the fit of the position begins."""
-    axis, one_sided = axis_of(variant), request.options.viscous == "asymmetric"
-    viscous = [f"viscous_{s}" for s in SIDES] if one_sided else ["viscous"]
-    direct = {*request.fixed, *request.bounds}
-    static = [BREAKAWAY[s] if BREAKAWAY[s] in direct else EXCESS[s] for s in SIDES]
-    names = (axis.inertia, *viscous, *(f"coulomb_{s}" for s in SIDES), *static)
-    specs = [*variant.parameters, *excess_specs(variant)]
-    request.progress("inverse dynamics")
-    guess = inverse_dynamics(experiments, axis, one_sided)
-    unknowns = make_unknowns(specs, names, guess, request, search_limits(names, guess, viscous))
-    stage = Stage(experiments, axis, names, unknowns, guess, dict(request.fixed))
-    unit = variant.role(axis.drive).unit
-    refusals = sides_at_rest(resting, axis, unit, 1.5 * stage.largest_drive, viscous)
-    stage = replace(stage, refusals=tuple(refusals))
-    request.progress("fitting increments of position")
-    start = fit_increments(stage, request.start)
-    moving = initial_speeds(experiments, axis)
-    start = {**start, **moving}
-    refusals += without_breakaway(DriveModel(experiments, axis), start, static, refusals)
-    return replace(
-        stage,
-        names=(*names, *moving),
-        unknowns={**unknowns, **speed_unknowns(moving)},
-        start=start,
-        refusals=tuple(refusals),
-    )
+def _follow(
+    experiment: Experiment, axis: Axis, values: Mapping[str, float], place: float
+) -> Simulated:
+    """Follow the motion of a run; without a record it starts at rest at ``place`` [SI]."""
+    model = DriveModel([experiment], axis)
+    if axis.motion not in experiment:
+        return Simulated(model.columns(0, values).known + place, offset=place)
+    moving = initial_speeds([experiment], axis)
+    named = model.named([*values, *moving])
+    found = solve(bind(named, speed_unknowns(moving), values), np.array([*moving.values()]))
+    return Simulated(found.simulated[0], offset=float(found.local[0][0]))
 
 
 def _levels_and_forces(
@@ -285,7 +266,7 @@ def _levels_and_forces(
     """
     known = request.options.compared
     brackets: dict[str, Bracket] = {}
-    held, stepped = stage, commanded_in_steps(stage)
+    held, stepped = stage, stage.stepped
     if stepped and known != "derivatives":
         request.progress("bracketing the static levels")
         held, brackets = bracket_levels(stage)
@@ -296,8 +277,7 @@ def _levels_and_forces(
     beyond = known == "derivatives" or ratio > DECISIVE
     if not (beyond and stepped):
         return held, brackets, beyond
-    hidden = [Refusal(n, UNKNOWN_FORCES, 0.0) for n in open_levels(stage.names, stage.refusals)]
-    return replace(stage, refusals=(*stage.refusals, *hidden)), {}, True
+    return stage.refuse_levels(UNKNOWN_FORCES, stage.open_sides()), {}, True
 
 
 def _sensible(stage: Stage) -> dict[str, float]:
@@ -305,15 +285,14 @@ def _sensible(stage: Stage) -> dict[str, float]:
 
     Viscous friction that alone would use up the whole drive at the highest speed is one.
     """
-    axis, drive = stage.axis, stage.largest_drive
     speed = max(
-        float(np.quantile(np.abs(np.gradient(e[axis.motion], e.time)), 0.99))
+        float(np.quantile(np.abs(np.gradient(e[stage.axis.motion], e.time)), 0.99))
         for e in stage.experiments
     )
-    out = dict.fromkeys(stage.unknowns, drive)
+    out = dict.fromkeys(stage.unknowns, stage.largest_drive)
     for n in out:
         if n.startswith("viscous"):
-            out[n] = drive / max(speed, 1e-300)
+            out[n] = stage.largest_drive / max(speed, 1e-300)
         if n.startswith("initial_speed"):
             out[n] = np.inf
-    return {**out, axis.inertia: stage.start[axis.inertia]}
+    return {**out, stage.axis.inertia: stage.start[stage.axis.inertia]}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -13,15 +14,15 @@ from ...estimation.inputs import PiecewiseInput, piecewise
 from ...estimation.linear import Grid, make_grid
 from ...estimation.parametric import NamedModel, Values
 from ...estimation.separable import Basis, Slopes
-from ...estimation.stick_slip import Motion, StickSlip, simulate_stick_slip
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Variant
+from .stick_slip import Motion, StickSlip, simulate_stick_slip
 
 Array = npt.NDArray[Any]
 SIDES: tuple[Literal["positive"], Literal["negative"]] = ("positive", "negative")
 BREAKAWAY: dict[str, str] = {s: f"breakaway_{s}" for s in SIDES}  # static level
 EXCESS: dict[str, str] = {s: f"excess_{s}" for s in SIDES}  # of the static level
-LONG = 40_000  # samples beyond which the early stages look at a part of the log
+_LONG = 40_000  # samples beyond which the early stages look at a part of the log
 
 
 @dataclass(frozen=True)
@@ -33,10 +34,13 @@ class Axis:
     inertia: str
 
 
+ROTARY = Axis("torque", "angle", "inertia")
+LINEAR = Axis("force", "position", "mass")
+
+
 def axis_of(variant: Variant) -> Axis:
     """The names of a variant's axis."""
-    rotary = variant.name == "rotary"
-    return Axis("torque", "angle", "inertia") if rotary else Axis("force", "position", "mass")
+    return ROTARY if variant.name == "rotary" else LINEAR
 
 
 @dataclass(frozen=True)
@@ -77,11 +81,8 @@ class Compared:
         if self.lag or not self.half_width:
             return [slice(0, samples - self.lag)]
         inner = samples - 2 * self.half_width
-        return [
-            slice(0, samples),
-            slice(samples, samples + inner),
-            slice(samples + inner, samples + 2 * inner),
-        ]
+        ends = (0, samples, samples + inner, samples + 2 * inner)
+        return [slice(*pair) for pair in pairwise(ends)]
 
 
 class DriveModel:
@@ -96,89 +97,70 @@ class DriveModel:
         self, experiments: Sequence[Experiment], axis: Axis, compared: Compared | None = None
     ) -> None:
         self.axis, self.compared = axis, compared or Compared()
-        self.inputs: list[tuple[PiecewiseInput, Grid, npt.NDArray[np.intp]]] = []
-        for e in experiments:
-            self.inputs.append(_on_samples(e.signals[axis.drive], e.time))
-        outputs = [e[axis.motion] for e in experiments if axis.motion in e]
-        self.measured = [self.compared.reduce(y) for y in outputs]
-        self.resolutions = [
-            e.signals[axis.motion].resolution for e in experiments if axis.motion in e
-        ]
-
-    def _parameters(self, index: int, values: Values) -> tuple[StickSlip, Array]:
-        """Rows of parameters and of the initial speed."""
-        rows = {k: np.atleast_1d(v) for k, v in values.items()}
-        inertia = rows[self.axis.inertia]
-        size = max(v.size for v in rows.values())
-
-        def row(name: str, otherwise: Array | None = None) -> Array:
-            value = rows.get(name, otherwise)
-            assert value is not None
-            return np.broadcast_to(value, (size,))
-
-        static = []
-        for s in SIDES:
-            kinetic = row(f"coulomb_{s}")
-            if BREAKAWAY[s] in rows:
-                given = row(BREAKAWAY[s])
-                static.append(np.where(np.real(given) > np.real(kinetic), given, kinetic))
-            else:
-                static.append(kinetic + row(EXCESS[s]))
-        forward = row("viscous_positive", rows.get("viscous"))
-        backward = row("viscous_negative", rows.get("viscous"))
-        p = StickSlip(
-            np.broadcast_to(inertia, (size,)), forward, row("coulomb_positive"),
-            row("coulomb_negative"), static[0], static[1], backward,
-        )  # fmt: skip
-        return p, row(f"initial_speed[{index}]", np.zeros(1))
+        self.inputs = [_on_samples(e.signals[axis.drive], e.time) for e in experiments]
+        motions = [e.signals[axis.motion] for e in experiments if axis.motion in e]
+        self.measured = [self.compared.reduce(s.values) for s in motions]
+        self.resolutions = [s.resolution for s in motions]
 
     def motion(self, index: int, values: Values) -> tuple[Motion, npt.NDArray[np.intp]]:
-        """Simulated motion of one log and the nodes that are its samples."""
-        p, speed = self._parameters(index, values)
+        """Simulated motion of one log and the nodes that are its samples.
+
+        Values may be rows of equal length, which are simulated together.
+        """
+        size = max(np.size(v) for v in values.values())
+
+        def row(value: Any) -> Array:
+            return np.broadcast_to(value, (size,))
+
+        kinetic = [row(values[f"coulomb_{s}"]) for s in SIDES]
+        forward, backward = (
+            row(values.get(f"viscous_{s}", values.get("viscous", 0.0))) for s in SIDES
+        )
+        static = [self._static(s, level, values) for s, level in zip(SIDES, kinetic)]
+        levels = kinetic[0], kinetic[1], static[0], static[1]
+        p = StickSlip(row(values[self.axis.inertia]), forward, *levels, backward)
         u, grid, samples = self.inputs[index]
+        speed = row(values.get(f"initial_speed[{index}]", 0.0))
         return simulate_stick_slip(p, u, grid, initial_speed=speed), samples
 
-    def _rows(self, index: int, values: Values) -> tuple[Array, int]:
+    @staticmethod
+    def _static(side: str, kinetic: Array, values: Values) -> Array:
+        """Static level of one direction, never below the kinetic one."""
+        given = values.get(BREAKAWAY[side])
+        if given is None:
+            return kinetic + values[EXCESS[side]]
+        return np.where(np.real(given) > np.real(kinetic), given, kinetic)
+
+    def _rows(self, index: int, values: Values) -> Array:
         motion, samples = self.motion(index, values)
-        return self.compared.reduce(motion.position[:, samples]), samples.size
+        return self.compared.reduce(motion.position[:, samples])
 
     def columns(self, index: int, values: Values) -> Basis:
         """Simulated position and the offset column."""
-        y, samples = self._rows(index, values)
-        return self._basis(y[0], samples)
+        return self._basis(index, self._rows(index, values)[0])
 
-    def _basis(self, y: Array, samples: int) -> Basis:
+    def _basis(self, index: int, y: Array) -> Basis:
+        samples = self.inputs[index][2].size
         return Basis(y, np.zeros((y.size, 0)), self.compared.offset(samples, y.size))
 
     def slopes(self, index: int, values: Values, names: Sequence[str]) -> tuple[Basis, Slopes]:
         """Position with its exact derivatives, all in one pass through the events."""
         p = len(names)
-        rows: dict[str, Any] = {}
         steps = np.array([1e-30 * max(abs(float(values[n])), 1e-12) for n in names])
-        for name, value in values.items():
-            row = np.full(p + 1, complex(value))
-            if name in names:
-                k = names.index(name)
-                row[k] += 1j * steps[k]
-            rows[name] = row
-        y, samples = self._rows(index, rows)
-        basis = self._basis(np.real(y[p]), samples)
-        n = basis.known.size
-        slopes = np.imag(y[:p]) / steps[:, None]
-        local = np.zeros((p, n, basis.local.shape[1]))
-        return basis, Slopes(slopes, np.zeros((p, n, 0)), local)
+        rows = {name: np.full(p + 1, complex(value)) for name, value in values.items()}
+        for k, name in enumerate(names):
+            rows[name][k] += 1j * steps[k]
+        y = self._rows(index, rows)
+        basis = self._basis(index, np.real(y[p]))
+        none, local = (np.zeros((p, *c.shape)) for c in (basis.shared, basis.local))
+        return basis, Slopes(np.imag(y[:p]) / steps[:, None], none, local)
 
     def named(self, names: Sequence[str], weights: Sequence[FloatArray] = ()) -> NamedModel:
         """The model in the form the estimation takes."""
         return NamedModel(
-            tuple(names),
-            (),
-            self.columns,
-            self.measured,
-            self.slopes,
-            weights,
+            tuple(names), (), self.columns, self.measured, self.slopes, weights,
             resolutions=self.resolutions,
-        )
+        )  # fmt: skip
 
 
 def _on_samples(
@@ -186,8 +168,6 @@ def _on_samples(
 ) -> tuple[PiecewiseInput, Grid, npt.NDArray[np.intp]]:
     """Split the input at the samples, so that every sample is a node."""
     u = piecewise(signal)
-    if u.nodes.shape == time.shape and np.array_equal(u.nodes, time):
-        return u, make_grid(time), np.arange(time.size)
     nodes = np.union1d(u.nodes[(u.nodes > time[0]) & (u.nodes < time[-1])], time)
     piece = np.searchsorted(u.nodes, nodes, side="right") - 1
     coefficients = u.coefficients[np.maximum(piece, 0)]
@@ -196,24 +176,22 @@ def _on_samples(
     return PiecewiseInput(nodes, coefficients), make_grid(nodes), np.searchsorted(nodes, time)
 
 
-def leading_part(experiment: Experiment, samples: int) -> Experiment:
-    """The first samples of a log."""
-    if experiment.samples <= samples:
-        return experiment
-    part = slice(0, samples)
-    signals = {
-        r: replace(s, time=s.time[part], values=s.values[part]) if s.values.size > 1 else s
-        for r, s in experiment.signals.items()
-    }
-    return replace(experiment, time=experiment.time[part], signals=signals)
+def leading_parts(experiments: Sequence[Experiment]) -> list[Experiment]:
+    """What the early stages look at: the first samples of every log."""
+    part = slice(0, _LONG)
+    out = []
+    for e in experiments:
+        signals = {
+            r: replace(s, time=s.time[part], values=s.values[part]) for r, s in e.signals.items()
+        }
+        out.append(replace(e, time=e.time[part], signals=signals))
+    return out
 
 
-def increment_lag(experiments: Sequence[Experiment], axis: Axis) -> int:
-    """Samples over which an increment is well above the encoder's resolution."""
-    e = experiments[0]
-    y = e[axis.motion]
-    resolution = e.signals[axis.motion].resolution
-    lag = 1
-    while lag < y.size // 100 and np.std(y[lag:] - y[:-lag]) < 10.0 * resolution:
+def increments(experiments: Sequence[Experiment], axis: Axis) -> Compared:
+    """Increments over so many samples that they are well above the encoder's resolution."""
+    motion = experiments[0].signals[axis.motion]
+    y, lag = motion.values, 1
+    while lag < y.size // 100 and np.std(y[lag:] - y[:-lag]) < 10.0 * motion.resolution:
         lag *= 2
-    return lag
+    return Compared(lag=lag)

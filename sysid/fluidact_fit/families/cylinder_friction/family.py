@@ -64,71 +64,58 @@ from ...family import (
     scalars,
 )
 from .block import FrictionBlock
-from .fit import LEVELS, fit_friction
+from .fit import LEVELS, SECOND_SPEED, fit_friction
 from .options import PRESSURES, FrictionOptions, motion_role
 from .regression import System
-from .remarks import (
-    fit_details,
-    warn_of_attenuation,
-    warn_of_disagreement,
-    warn_of_flattening,
-    warn_of_spikes,
-)
+from .remarks import fit_details, remarks
 from .samples import (
     SIDES,
     check_measured,
+    count_kept,
     leave_out_accelerations,
     prepare,
     sides_moved,
     simulate_force,
 )
-from .speeds import SECOND_SPEED
+
+_PARAMETERS = (
+    ParameterSpec(
+        "viscous",
+        "N s/m",
+        "viscous friction",
+        neutral=0.0,
+        minimum=0.0,
+        remedy="Add one stroke, or one log, at another speed in the same direction: "
+        f"{SECOND_SPEED:g} times faster or more.",
+    ),
+    *(
+        ParameterSpec(
+            f"coulomb_{s}",
+            "N",
+            f"kinetic friction, {s} direction (magnitude)",
+            neutral=0.0,
+            minimum=0.0,
+            remedy=f"Record at least one stroke in the {s} direction, at steady speed.",
+        )
+        for s in SIDES
+    ),
+)
+_FORCE = Role(
+    "force", "N", "force that drives the motion, positive along positive velocity", output=True
+)
+_OPPOSING = Role("pressure", "Pa", "pressure whose force is not friction", required=False)
+_DRIVING = Role("pressure", "Pa", "pressure that drives positive motion (with --area)", output=True)
+# with a hold, --step can stand for a pressure of which only the levels are known
+_OTHER = Role("pressure_2", "Pa", "pressure of the other chamber", required=False, hold="auto")
 
 
-def _variant(motion: str, unit: str, time_required: bool, pressures: bool = False) -> Variant:
-    """Roles and parameters with velocity or position as the motion, by force or pressures."""
-    force = Role(
-        "force", "N", "force that drives the motion, positive along positive velocity", output=True
-    )
-    drive = (
-        Role("pressure", "Pa", "pressure that drives positive motion (with --area)", output=True)
-        if pressures
-        else Role("pressure", "Pa", "pressure whose force is not friction", required=False)
-    )
-    # with a hold, --step can stand for a pressure of which only the levels are known
-    other = Role("pressure_2", "Pa", "pressure of the other chamber", required=False, hold="auto")
-    return Variant(
-        motion + PRESSURES if pressures else motion,
-        (
-            Role("time", "s", "time of each sample", required=time_required),
-            *(() if pressures else (force,)),
-            Role(motion, unit, f"{motion} of the piston"),
-            drive,
-            other,
-        ),
-        (
-            ParameterSpec(
-                "viscous",
-                "N s/m",
-                "viscous friction",
-                neutral=0.0,
-                minimum=0.0,
-                remedy="Add one stroke, or one log, at another speed in the same direction: "
-                f"{SECOND_SPEED:g} times faster or more.",
-            ),
-            *(
-                ParameterSpec(
-                    f"coulomb_{s}",
-                    "N",
-                    f"kinetic friction, {s} direction (magnitude)",
-                    neutral=0.0,
-                    minimum=0.0,
-                    remedy=f"Record at least one stroke in the {s} direction, at steady speed.",
-                )
-                for s in SIDES
-            ),
-        ),
-    )
+def _variant(motion: str, unit: str, pressures: bool) -> Variant:
+    """Velocity or position as the motion, which the force or the pressures drive."""
+    time = Role("time", "s", "time of each sample", required=motion == "position")
+    moved = Role(motion, unit, f"{motion} of the piston")
+    if pressures:
+        return Variant(motion + PRESSURES, (time, moved, _DRIVING, _OTHER), _PARAMETERS)
+    return Variant(motion, (time, _FORCE, moved, _OPPOSING, _OTHER), _PARAMETERS)
 
 
 class CylinderFriction(Family[FrictionOptions]):
@@ -141,11 +128,10 @@ class CylinderFriction(Family[FrictionOptions]):
         "coulomb_positive [v > 0] - coulomb_negative [v < 0] + viscous * v; without a force, "
         "area * pressure - area_2 * pressure_2 drives"
     )
-    variants = (
-        _variant("velocity", "m/s", False),
-        _variant("position", "m", True),
-        _variant("velocity", "m/s", False, pressures=True),
-        _variant("position", "m", True, pressures=True),
+    variants = tuple(
+        _variant(motion, unit, pressures)
+        for pressures in (False, True)
+        for motion, unit in (("velocity", "m/s"), ("position", "m"))
     )
     options_type = FrictionOptions
     steady_offset = True
@@ -159,26 +145,19 @@ class CylinderFriction(Family[FrictionOptions]):
         """Fit levels and viscous friction; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         data, options = prepare(variant, experiments, request.options)
-        every, moving = sum(d.kept.size for d in data), sum(int(d.kept.sum()) for d in data)
+        every, moving = sum(d.kept.size for d in data), count_kept(data)
         sides_moved(data)
         check_measured(data)
         notices: list[Notice] = []
         if options.mass is None and not options.is_settled:
             data, options, notices = leave_out_accelerations(data, options)
-        quiet = sum(int(d.kept.sum()) for d in data)
+        quiet = count_kept(data)
         fit = fit_friction(variant, data, replace(request, options=options))
-        notices += [
-            *fit.notices,
-            *warn_of_spikes(fit),
-            *warn_of_disagreement(fit),
-            *warn_of_attenuation(fit),
-            *warn_of_flattening(fit, variant, experiments),
-        ]
-        fitted = sum(int(d.kept.sum()) for d in fit.data)
+        notices += [*fit.notices, *remarks(fit, variant, experiments)]
         counts = {
             "slow_or_reversing": every - moving,
             "accelerating": moving - quiet,
-            "stroke_ends": quiet - fitted,
+            "stroke_ends": quiet - count_kept(fit.data),
         }
         parameters, order, matrix = fit.solved.quantities(variant.parameters)
         return Estimate(
@@ -223,7 +202,7 @@ class CylinderFriction(Family[FrictionOptions]):
         names = ("viscous", *LEVELS)
         rows = np.zeros((d.kept.size, len(names)))
         if d.kept.any():
-            rows[d.support] = System([d], names, {}, {}).jacobian()
+            (rows[d.support],) = System([d], names).jacobian()
         return Information(names, rows, FrictionLaw.of(scalars(values)).moving(d.motion.sharp))
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
@@ -290,10 +269,10 @@ class CylinderFriction(Family[FrictionOptions]):
         offsets = [d.scale * (s.offset or 0.0) for d, s in zip(data, simulated)]
         friction = np.concatenate([d.friction - c for d, c in zip(data, offsets)])
         lines = []
-        for side, sign in (("positive", 1.0), ("negative", -1.0)):
-            speeds = v[used & (v * sign > 0.0)]
-            if speeds.size:
-                x = np.array([0.0, speeds.max() if sign > 0.0 else speeds.min()])
+        for side, sign in zip(SIDES, (1.0, -1.0)):
+            speeds = sign * v[used]
+            if np.any(speeds > 0.0):
+                x = np.array([0.0, sign * speeds.max()])
                 lines.append(Curve(f"fitted, {side}", x, law.moving(x, np.full(2, sign))))
         return StaticView(
             "velocity", "m/s", "friction", "N", v, friction, law.moving(v), used, lines

@@ -16,18 +16,9 @@ DEGREE = 2
 def _local_polynomial(
     time: FloatArray, values: FloatArray, step: float, half: int
 ) -> tuple[FloatArray, Mask]:
-    """Local quadratics on an uneven time base, by value, slope and curvature.
-
-    Returns
-    -------
-    rows : (4, n)
-        Value, first and second derivative, and the share of each sample's own reading in
-        its value.
-    inside : (n,)
-        False near the ends and where the window bridges a gap.
-    """
+    """:func:`differentiate` on an uneven time base; a window that bridges a gap is not whole."""
     n, width = values.size, 2 * half + 1
-    rows, inside = np.zeros((4, n)), np.zeros(n, dtype=bool)
+    rows, inside = np.zeros((3, n)), np.zeros(n, dtype=bool)
     if n < width:
         return rows, inside
     times = np.lib.stride_tricks.sliding_window_view(time, width)
@@ -43,9 +34,9 @@ def _local_polynomial(
         good = (s[:, -1] - s[:, 0] < 3.0) & (s[:, -1] > 0.5) & (s[:, 0] < -0.5)
         moments[~good] = np.eye(3)
         found = np.linalg.solve(moments, right[:, :, None])[:, :, 0]
-        rows[:3, at] = found.T / np.array([1.0, half * step, 0.5 * (half * step) ** 2])[:, None]
-        rows[0, at] += middle
-        rows[3, at] = np.linalg.inv(moments)[:, 0, 0]
+        rows[0, at] = found[:, 0] + middle
+        rows[1, at] = found[:, 1] / (half * step)
+        rows[2, at] = np.linalg.inv(moments)[:, 0, 0]
         inside[at] = good
     rows[:, :half], rows[:, n - half :] = rows[:, half, None], rows[:, n - half - 1, None]
     return rows, inside
@@ -66,12 +57,15 @@ def sensor_noise(experiment: Experiment, role: str) -> float:
 
 
 def differentiate(experiment: Experiment, values: FloatArray, half: int) -> tuple[FloatArray, Mask]:
-    """Value, rate, curvature, own share: shape ``(4, n)``; and where the window is whole."""
-    if experiment.uniform:
-        s = smooth(values, experiment.sample_time, half, DEGREE)
-        own = np.full(values.size, matched_kernel(half, 0)[half])
-        return np.stack([s.value, s.rate, s.curvature, own]), s.inside
-    return _local_polynomial(experiment.time, values, experiment.sample_time, half)
+    """Local quadratics: value, slope and each sample's own share in its value, shape ``(3, n)``.
+
+    The mask says where the window of ``2 half + 1`` samples is whole.
+    """
+    if not experiment.uniform:
+        return _local_polynomial(experiment.time, values, experiment.sample_time, half)
+    s = smooth(values, experiment.sample_time, half, DEGREE)
+    own = np.full(values.size, matched_kernel(half, 0)[half])
+    return np.stack([s.value, s.rate, own]), s.inside
 
 
 def sharpened(kernel: FloatArray) -> FloatArray:
@@ -113,24 +107,11 @@ def sharpen(values: FloatArray, kernel: FloatArray) -> FloatArray:
 
 
 def matched_kernel(half_width: int, order: int) -> FloatArray:
-    """Kernel that smooths a signal as a local polynomial smooths the one it belongs to.
+    """Symmetric weights that smooth a signal as a local polynomial smooths its own one.
 
-    The slope of a polynomial fitted to a position is a weighted mean of the velocity within
-    the window. This is the same mean for a signal that is sampled at the same instants and
-    moves as a cubic between them.
-
-    Parameters
-    ----------
-    half_width
-        Samples on either side of the local polynomial.
-    order
-        1 for what belongs to its slope, 0 for what belongs to its value.
-
-    Returns
-    -------
-    FloatArray
-        Symmetric weights with sum one: ``2 half_width + 1`` of them for the value, two more
-        for the slope.
+    The slope (``order`` 1) of a polynomial fitted to a position is a weighted mean of the
+    velocity within the window, with two weights more than the value (``order`` 0) has. This is
+    the same mean of a signal sampled at the same instants that moves as a cubic between them.
     """
     offsets = np.arange(-half_width, half_width + 1)
     degree = min(DEGREE, 2 * half_width)
@@ -141,22 +122,8 @@ def matched_kernel(half_width: int, order: int) -> FloatArray:
     return np.convolve(share, np.array([-1.0, 13.0, 13.0, -1.0]) / 24.0)
 
 
-def antiderivative(values: FloatArray, time: FloatArray) -> FloatArray:
-    """Integrate a signal over any time base, shape ``(n,)``; zero at the first sample.
-
-    By Hermite cubics with slopes from parabolas: exact to the third power of the step.
-    """
-    step = np.diff(time)
-    slope = np.gradient(values, time)
-    parts = 0.5 * step * (values[1:] + values[:-1]) + step**2 * (slope[:-1] - slope[1:]) / 12.0
-    return np.concatenate(([0.0], np.cumsum(parts)))
-
-
 def central_difference(values: FloatArray, time: FloatArray) -> FloatArray:
-    """Derivative of a smooth signal over any time base, shape ``(n,)``.
-
-    With five points where the base is even, to the fourth power of the step, else with three.
-    """
+    """Derivative of a smooth signal: by five points where the time base is even, else three."""
     out = np.asarray(np.gradient(values, time))
     step = np.diff(time)
     if values.size >= 5 and np.ptp(step) < 1e-3 * float(step.mean()):

@@ -8,15 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError, UsageError
-from ...estimation.parametric import make_unknowns
-from ...estimation.results import Determined, Refusal, Solved, determine
+from ...estimation.results import Refusal, Solved, determine
+from ...estimation.uncertainty import t_quantile
+from ...experiment import FloatArray
 from ...family import ParameterSpec, Quantity, Request, Variant
 from .options import FrictionOptions
 from .regression import Regression, System
 from .samples import SIDES, Data, at_speeds, half_range, sides_moved
-from .speeds import SECOND_SPEED, around, describe_speeds, one_speed, speed_ranges, speed_span
 
 LEVELS = ("coulomb_positive", "coulomb_negative")
+SECOND_SPEED = 1.5  # ratio of two speeds that are clearly different
 _MEAN = "coulomb_mean"  # stands for both levels where they are equal about an offset
 
 
@@ -25,16 +26,13 @@ class Fit:
     """A finished fit: ``data`` as fitted, ``options`` with everything settled.
 
     ``found`` is the regression in its own unknowns, ``solved`` the same by parameters and
-    offsets; ``limits`` are the ranges it was held in, ``moved`` the directions with motion and
-    ``ranges`` the slowest and fastest speed by direction [m/s].
+    offsets; ``ranges`` are the slowest and fastest speed by direction [m/s].
     """
 
     data: list[Data]
     options: FrictionOptions
     found: Regression
     solved: Solved
-    limits: Mapping[str, tuple[float, float]]
-    moved: list[str]
     ranges: Mapping[str, tuple[float, float]]
     notices: list[Notice]
 
@@ -57,65 +55,53 @@ class Fit:
         return self.solved.derive(units, function)
 
 
-def fit_friction(variant: Variant, data: Sequence[Data], request: Request[FrictionOptions]) -> Fit:
+def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOptions]) -> Fit:
     """Fit, refuse what is not determined, and add an offset where one is needed.
 
-    Raises
-    ------
-    LogError, UsageError, NotIdentifiedError
-        When the forces cannot be those of friction, or nothing is left to estimate.
+    An error where the forces cannot be those of friction, or nothing is left to estimate.
     """
-    unknowns = make_unknowns(
-        variant.parameters, tuple(p.name for p in variant.parameters), {}, request
-    )
-    limits = {n: (u.low, u.high) for n, u in unknowns.items()}
-    fixed = {n: float(v) for n, v in request.fixed.items()}
-    options, moved = request.options, sides_moved(data)
+    options, fixed, moved = request.options, request.fixed, sides_moved(data)
     asked = options.offset == "estimate" or options.force_offset is True
     if not asked and not fixed:
         _check_signs(data, moved)
-    ranges, noise = speed_ranges(data, moved), max(d.motion.noise for d in data)
+    ranges, noise = _speed_ranges(data, moved), max(d.motion.noise for d in data)
     specs = {p.name: _with_remedy(p, ranges) for p in variant.parameters}
+    limits = {p.name: request.bounds.get(p.name, (p.minimum, p.maximum)) for p in specs.values()}
     refusals = [_idle(s) for s in SIDES if s not in moved]
-    if "viscous" not in fixed and one_speed(ranges, noise):
-        refusals.append(_too_alike(describe_speeds(ranges) + "."))
-        if not options.is_settled:
-            near = around(ranges)
+    if "viscous" not in fixed and _one_speed(ranges, noise):
+        refusals.append(_too_alike(_describe_speeds(ranges) + "."))
+        if not options.is_settled:  # without the ends of the strokes, levels are of one speed
+            near = {s: (0.9 * low, 1.1 * high) for s, (low, high) in ranges.items()}
             data = [replace(d, kept=d.kept & at_speeds(d.motion, near)) for d in data]
             options = replace(
                 options, speeds_positive=near.get("positive"), speeds_negative=near.get("negative")
             )
-    problem = _Problem(list(data), limits, options, asked)
-
-    def undetermined(found: Regression) -> list[Refusal]:
-        return _undetermined(found, data, ranges, noise)
-
-    end = determine(problem.solve, undetermined, specs, fixed=fixed, refusals=refusals)
-    symmetric = _MEAN in end.solution.names
-    options = replace(options, force_offset=symmetric)
-    solved = _by_parameter(end, specs, fixed)
-    fit = Fit(list(data), options, end.solution, solved, limits, moved, ranges, end.notices)
-    if symmetric:
-        fit.notices.extend(_explain_offset(fit))
-    elif _levels_impossible(fit.found):
-        fit.notices.extend(_explain_negative(fit))
-    return fit
+    end = determine(
+        _Problem(data, limits, options, asked).solve,
+        lambda found: _undetermined(found.free, data, ranges, noise),
+        specs,
+        fixed=fixed,
+        refusals=refusals,
+    )
+    found, unknowns = end.solution, end.solution.free.names
+    options = replace(options, force_offset=_MEAN in unknowns)
+    source = {n: _MEAN if n in LEVELS and _MEAN in unknowns else n for n in specs}
+    source |= {n: n for n in unknowns if n.startswith("offset")}
+    solved = replace(found.free, values=found.values, fixed=fixed, refused=end.refused)
+    return Fit(data, options, found, solved.renamed(source), ranges, end.notices)
 
 
 def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
     """Reject forces that act along the motion, as friction never does.
 
-    Raises
-    ------
-    LogError
-        When the mean force of the strokes, half the difference of the two directions, is
-        negative beyond doubt.
+    The mean force of the strokes, half the difference of the two directions, would then be
+    negative beyond doubt.
     """
     names = [f"coulomb_{s}" for s in moved]
-    found = System(data, names, {}, {}).solve()
+    found = System(data, names).solve().free
     mean = sum(found.values.values()) / len(names)
-    half = found.quantile * found.std_error(dict.fromkeys(names, 1.0 / len(names)))
-    if mean + half >= 0.0:
+    error = float(np.sqrt(max(float(found.covariance.sum()), 0.0))) / len(names)
+    if mean + t_quantile(0.975, found.degrees) * error >= 0.0:
         return
     one_sided = len(names) == 1
     remedy = (
@@ -174,7 +160,7 @@ def _too_alike(reason: str) -> Refusal:
 
 
 def _undetermined(
-    found: Regression,
+    found: Solved,
     data: Sequence[Data],
     ranges: Mapping[str, tuple[float, float]],
     noise: float,
@@ -185,16 +171,12 @@ def _undetermined(
     """
     if "viscous" not in found.names:
         return []
-    span = max(speed_span(low, high, noise) for low, high in ranges.values())
-    half = found.quantile * found.std_error({"viscous": 1.0})
-    if half * span <= 0.5 * abs(half_range(data)):
+    span = max(_speed_span(low, high, noise) for low, high in ranges.values())
+    half = found.half_width("viscous")
+    if half * span <= 0.5 * half_range(data):
         return []
-    return [
-        _too_alike(
-            f"its 95 % interval would be {found.free_values['viscous']:.3g} ± {half:.2g} "
-            f"N s/m; {describe_speeds(ranges)}."
-        )
-    ]
+    interval = f"{found.values['viscous']:.3g} ± {half:.2g} N s/m"
+    return [_too_alike(f"its 95 % interval would be {interval}; {_describe_speeds(ranges)}.")]
 
 
 @dataclass(frozen=True)
@@ -207,32 +189,30 @@ class _Problem:
     asked: bool
 
     def solve(self, held: Mapping[str, float]) -> Regression:
-        """Solve with some parameters held, with an offset where a level would be negative without.
-
-        It may show in all logs together or in a single one: offsets that differ from log to log
-        do not show in the common fit.
-        """
+        """Solve with some parameters held, with an offset where a level would be negative."""
         possible = not any(n in held for n in LEVELS) and self.options.offset != "none"
+        if self.asked and not possible:
+            kind = NotIdentifiedError if self.options.is_settled else UsageError
+            raise kind(
+                "an offset of the force cannot be estimated here",
+                expected="This needs motion in both directions and free Coulomb levels.",
+                remedy="Leave --offset out, or record strokes in both directions.",
+            )
         if self.asked:
-            if not possible:
-                self._refuse_offset()
-            return self._solve(held, symmetric=True)
-        found = self._solve(held, symmetric=False)
-        if not possible or self.options.is_settled:
-            return found
-        logs = self._logs() if len(self._logs()) > 1 else []
-        alone = (System(d, LEVELS, {}, {}).solve() for d in logs if _both_ways(d))
-        if not _levels_impossible(found) and not any(_levels_impossible(a) for a in alone):
-            return found
-        return self._solve(held, symmetric=True)
+            return self._solve(held, [_MEAN, *self._offsets()])
+        found = self._solve(held, LEVELS)
+        if possible and not self.options.is_settled and self._needs_offset(found):
+            return self._solve(held, [_MEAN, *self._offsets()])
+        return found
 
-    def _refuse_offset(self) -> None:
-        kind = NotIdentifiedError if self.options.is_settled else UsageError
-        raise kind(
-            "an offset of the force cannot be estimated here",
-            expected="This needs motion in both directions and free Coulomb levels.",
-            remedy="Leave --offset out, or record strokes in both directions.",
-        )
+    def _needs_offset(self, found: Regression) -> bool:
+        """Whether a level is impossible in all logs together, or in a single one.
+
+        Offsets that differ from log to log do not show in the common fit.
+        """
+        logs = self._logs() if len(self._logs()) > 1 else []
+        alone = (System(d, LEVELS).solve() for d in logs if _both_ways(d))
+        return levels_impossible(found) or any(map(levels_impossible, alone))
 
     def _logs(self) -> list[list[Data]]:
         """Runs by log."""
@@ -246,16 +226,15 @@ class _Problem:
             return [f"offset[{d[0].experiment.log}]" for d in logs]
         return ["offset"]
 
-    def _solve(self, held: Mapping[str, float], *, symmetric: bool) -> Regression:
-        levels = [_MEAN, *self._offsets()] if symmetric else list(LEVELS)
+    def _solve(self, held: Mapping[str, float], levels: Sequence[str]) -> Regression:
         names = [n for n in (*levels, "viscous") if n not in held]
-        low, high = zip(*(self.limits[n] for n in LEVELS))
-        limits = {**self.limits, _MEAN: (max(low), min(high))}
         if not names:
             raise UsageError(
                 "nothing is left to estimate: every parameter is fixed or undetermined",
                 remedy="Leave out one --fix.",
             )
+        low, high = zip(*(self.limits[n] for n in LEVELS))
+        limits = {**self.limits, _MEAN: (max(low), min(high))}
         return System(self.data, names, held, limits).solve()
 
 
@@ -263,51 +242,50 @@ def _both_ways(runs: Sequence[Data]) -> bool:
     return all(any(d.side(s).any() for d in runs) for s in SIDES)
 
 
-def _levels_impossible(found: Regression) -> bool:
+def levels_impossible(found: Regression) -> bool:
     """Whether a level about zero is negative beyond its interval."""
-    return any(
-        found.free_values[n] + found.quantile * found.std_error({n: 1.0}) < 0.0
-        for n in LEVELS
-        if n in found.names
-    )
+    free = found.free
+    return any(free.values[n] + free.half_width(n) < 0.0 for n in LEVELS if n in free.names)
 
 
-def _by_parameter(
-    end: Determined[Regression], specs: Mapping[str, ParameterSpec], fixed: Mapping[str, float]
-) -> Solved:
-    """The regression by parameters: equal levels are one unknown under two names."""
-    found, held = end.solution, {**dict.fromkeys(end.refused, 0.0), **fixed}
-    source = {n: _MEAN if n in LEVELS and _MEAN in found.names else n for n in specs}
-    source |= {n: n for n in found.names if n.startswith("offset")}
-    names = tuple(n for n in source if n not in held)
-    rows = [found.names.index(source[n]) for n in names]
-    values = {**held, **{n: found.values[source[n]] for n in names}}
-    matrix, degrees = found.uncertainty.covariance[np.ix_(rows, rows)], found.uncertainty.degrees
-    return Solved(values, names, matrix, degrees, fixed, end.refused)
+def _speeds(speed: FloatArray) -> tuple[float, float] | None:
+    """Range of the speeds of whole strokes [m/s].
+
+    Weighted by distance, the short slow tails about a reversal weigh little and a fast
+    stroke as much as a slow one: the middle 80 % of the distance. Slow strokes that take a
+    fifth of the time are not tails, however short they are.
+    """
+    if speed.size < 5:
+        return None
+    v = np.sort(np.abs(speed))
+    share = np.cumsum(v)
+    low, high = np.searchsorted(share, np.array([0.1, 0.9]) * share[-1])
+    low = min(int(low), v.size // 5)
+    return float(v[low]), float(v[min(int(high), v.size - 1)])
 
 
-def _explain_offset(fit: Fit) -> list[Notice]:
-    if fit.options.offset == "estimate":
-        return []
-    size = fit.derived()["force_offset"].number
-    message = (
-        f"the force has an offset of {size:.4g} N (another chamber, gravity, a preload or the "
-        "sensor's zero), so a level about zero would be negative. The levels are taken about the "
-        "offset and are equal: their difference cannot be separated from it. Remove the offset "
-        "with the other chamber's pressure, or give --offset=none."
-    )
-    return [Notice("force-offset", message)]
+def _speed_ranges(data: Sequence[Data], moved: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Slowest and fastest speed by direction, over all logs."""
+    out = {}
+    for s in moved:
+        found = [r for d in data if (r := _speeds(d.speed[d.side(s)])) is not None]
+        if found:
+            out[s] = min(r[0] for r in found), max(r[1] for r in found)
+    return out
 
 
-def _explain_negative(fit: Fit) -> list[Notice]:
-    if fit.options.offset == "none":
-        raise LogError(
-            "a Coulomb level would be negative: the force has an offset",
-            where=", ".join(d.experiment.name for d in fit.data),
-            remedy="Leave out --offset=none to estimate it, or subtract it from the force.",
-        )
-    message = (
-        "a Coulomb level would be negative and was held at zero: the force has an offset, or "
-        "friction is not linear in speed. Record strokes in both directions at several speeds."
-    )
-    return [Notice("negative-friction", message)]
+def _speed_span(low: float, high: float, noise: float) -> float:
+    """Spread of true speeds, the noise of the velocity (2 x 1.282 sd) subtracted [m/s]."""
+    return float(np.sqrt(max((high - low) ** 2 - (2.563 * noise) ** 2, 0.0)))
+
+
+def _one_speed(ranges: Mapping[str, tuple[float, float]], noise: float) -> bool:
+    """Whether every direction has one speed only."""
+    spans = [(low + high, _speed_span(low, high, noise)) for low, high in ranges.values()]
+    return all(twice + span < SECOND_SPEED * (twice - span) for twice, span in spans)
+
+
+def _describe_speeds(ranges: Mapping[str, tuple[float, float]]) -> str:
+    """Say which speeds the logs have."""
+    parts = [f"{low:.3g} and {high:.3g} m/s ({s} direction)" for s, (low, high) in ranges.items()]
+    return "all strokes, apart from their ends, are between " + " and between ".join(parts)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from ...errors import LogError, UsageError
 from ...experiment import Experiment, FloatArray
 from .filters import (
     Mask,
-    antiderivative,
     central_difference,
     differentiate,
     fill,
@@ -29,49 +28,29 @@ _FLATTENED = 0.8  # of the highest speed, left by a filter that is too long for 
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of one log.
+    """Motion of one log: arrays of shape ``(n,)``, velocities and noise in m/s.
 
-    Attributes
-    ----------
-    velocity : (n,)
-        Filtered; it gives the direction of a sample, and is the instrument of the regression.
-        Of a measured velocity, each sample's own reading is left out of it [m/s].
-    regressor : (n,)
-        Velocity that belongs to the matched force: the measured one as it is, or the
-        filtered slope of a position [m/s].
-    acceleration : (n,)
-        Derivative of the regressor, a measured velocity filtered before [m/s2]; ``None``
-        without time.
-    bare : (n,)
-        Velocity that the filter hardly flattens: as measured, or from a position with the
-        first order of what the filter removed restored [m/s].
-    sharp : (n,)
-        Velocity to predict with, quiet and hardly flattened [m/s].
-    inside : (n,)
-        Whether the filter window lies within the record.
-    noise
-        Standard deviation of ``velocity`` [m/s].
-    shared
-        Standard deviation of the noise that ``velocity`` and ``regressor`` have in common
-        [m/s].
-    half
-        Half-width of the filter in samples; 0: not filtered.
-    kernel : (2 m + 1,)
-        What the force is smoothed with to match the regressor.
-    exact
-        Whether it was given as a step and not measured: nothing in it is noise.
+    ``velocity`` is filtered; it gives the direction of a sample, and is the instrument of the
+    regression: of a measured velocity, each sample's own reading is left out of it. ``regressor``
+    belongs to the matched force: the measured velocity as it is, or the filtered slope of a
+    position. ``sharp`` is to predict with, quiet and hardly flattened: a measured velocity
+    smoothed, or that of a position with the first order of what the filter removed restored.
+
+    ``inside`` marks the samples whose filter window lies within the record; ``noise`` is the
+    standard deviation of ``velocity``. ``acceleration`` is the derivative of the regressor, a
+    measured velocity filtered before [m/s2]; ``None`` without time. ``half`` is the half-width of
+    the filter in samples (0: not filtered), and with ``kernel`` the force is smoothed to match
+    the regressor. ``exact`` motion was given as a step: nothing in it is noise.
     """
 
     velocity: FloatArray
     regressor: FloatArray
-    acceleration: FloatArray | None
-    bare: FloatArray
     sharp: FloatArray
     inside: Mask
     noise: float
-    shared: float
-    half: int
-    kernel: FloatArray
+    acceleration: FloatArray | None = None
+    half: int = 0
+    kernel: FloatArray = field(default_factory=lambda: np.ones(1))
     exact: bool = False
 
     @property
@@ -84,18 +63,30 @@ class Motion:
         """Samples on either side that the matched force depends on."""
         return self.kernel.size // 2
 
+    @property
+    def bare(self) -> FloatArray:
+        """Velocity that the filter hardly flattens: as measured, or from a position."""
+        return self.sharp if self.reach else self.regressor
 
-def _filter(experiment: Experiment, role: str, half: int) -> Motion:
-    """Motion by a zero-phase quadratic over ``2 half + 1`` samples."""
+    @property
+    def shared(self) -> float:
+        """Noise that ``velocity`` and ``regressor`` have in common [m/s]."""
+        return self.noise if self.velocity is self.regressor else 0.0
+
+
+def _filter(experiment: Experiment, role: str, half_width: float) -> Motion:
+    """Motion by a zero-phase quadratic; ``half_width`` is that of its window [s].
+
+    The slope of a position is regressor and instrument at once.
+    """
     y = experiment[role]
     if y.size != experiment.samples:
         return _stepped(experiment, role)
     noise = sensor_noise(experiment, role)
     if not experiment.time.size:
-        whole = np.ones(y.size, dtype=bool)
-        return Motion(y, y, None, y, y, whole, noise, noise, 0, np.ones(1))
+        return Motion(y, y, y, np.ones(y.size, dtype=bool), noise)
     least = 1 if role == "position" else 2  # a parabola through three readings smooths nothing
-    half = max(least, min(half, (y.size - 1) // 2))
+    half = max(least, min(round(half_width / experiment.sample_time), (y.size - 1) // 2))
     rows, inside = differentiate(experiment, y, half)
     if not inside.any():
         raise LogError(
@@ -103,18 +94,20 @@ def _filter(experiment: Experiment, role: str, half: int) -> Motion:
             where=experiment.name,
             remedy="Give a shorter --filter, or a longer log.",
         )
-    if role == "position":
-        return _slope_of_position(experiment, rows[1], inside, noise, half)
-    return _smoothed_velocity(experiment, y, rows, inside, noise, half)
+    if role == "velocity":
+        return _smoothed_velocity(experiment, y, rows, inside, noise, half)
+    v, kernel = fill(rows[1], inside), matched_kernel(half, 1)
+    far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
+    inside = far if far.any() else inside
+    noise /= experiment.sample_time * float(np.linalg.norm(np.arange(-half, half + 1)))
+    acceleration = central_difference(v, experiment.time)
+    return Motion(v, v, sharpen(v, kernel), inside, noise, acceleration, half, kernel)
 
 
 def _stepped(experiment: Experiment, role: str) -> Motion:
     """Motion that was not recorded but given as a step, and is taken as it is.
 
-    Raises
-    ------
-    UsageError
-        For a position: where it steps, no velocity is known.
+    A position is refused: where it steps, no velocity is known.
     """
     if role == "position":
         raise UsageError(
@@ -124,24 +117,7 @@ def _stepped(experiment: Experiment, role: str) -> Motion:
             remedy="Give a LOG with a recorded position (a force need not be in it).",
         )
     v = experiment.sampled(role)
-    still, whole = np.zeros(v.size), np.ones(v.size, dtype=bool)
-    return Motion(v, v, still, v, v, whole, 0.0, 0.0, 0, np.ones(1), exact=True)
-
-
-def _slope_of_position(
-    experiment: Experiment, slope: FloatArray, inside: Mask, noise: float, half: int
-) -> Motion:
-    """Motion from a position: its slope is regressor and instrument at once."""
-    v = fill(slope, inside)
-    kernel = matched_kernel(half, 1)
-    sharp = sharpen(v, kernel)
-    far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
-    inside = far if far.any() else inside
-    offsets = np.arange(-half, half + 1)
-    gain = 1.0 / (experiment.sample_time * float(np.linalg.norm(offsets)))
-    acceleration = central_difference(v, experiment.time)
-    own = noise * gain
-    return Motion(v, v, acceleration, sharp, sharp, inside, own, own, half, kernel)
+    return Motion(v, v, v, np.ones(v.size, dtype=bool), 0.0, np.zeros(v.size), exact=True)
 
 
 def _smoothed_velocity(
@@ -153,38 +129,36 @@ def _smoothed_velocity(
     half: int,
 ) -> Motion:
     """Motion from a velocity: the readings are the regressor, their neighbours the instrument."""
-    smoothed, kernel = fill(rows[0], inside), np.ones(1)
-    own, share = np.where(inside, rows[3], 0.0), float(np.median(rows[3][inside]))
+    smoothed = fill(rows[0], inside)
+    own, share = np.where(inside, rows[2], 0.0), float(np.median(rows[2][inside]))
     power = share  # of a least-squares fit's value: its own share
     if experiment.uniform:
         once = matched_kernel(half, 0)
         smoothed = sharpen(smoothed, once)
         kernel = sharpened(once)
-        reach = kernel.size // 2
-        share, power = float(kernel[reach]), float(kernel @ kernel)
+        share, power = float(kernel[kernel.size // 2]), float(kernel @ kernel)
         own = np.full(measured.size, share)
-    others = (smoothed - own * measured) / (1.0 - own)
-    others = np.where(inside, others, smoothed)
-    quiet = noise * float(np.sqrt(power - share**2)) / (1.0 - share)
+    others = np.where(inside, (smoothed - own * measured) / (1.0 - own), smoothed)
+    noise *= float(np.sqrt(power - share**2)) / (1.0 - share)
     acceleration = central_difference(smoothed, experiment.time)
-    return Motion(
-        others, measured, acceleration, measured, smoothed, inside, quiet, 0.0, half, np.ones(1)
-    )
+    return Motion(others, measured, smoothed, inside, noise, acceleration, half)
 
 
-def match_force(experiment: Experiment, role: str, motion: Motion, force: FloatArray) -> FloatArray:
+def match_force(experiment: Experiment, motion: Motion, force: FloatArray) -> FloatArray:
     """Smooth a force as the regressor is smoothed, shape ``(n,)``.
 
     The slope of a position is a weighted mean of the velocity within the window; the same
-    slope of the integral of the force is the same mean of the force.
+    slope of the integral of the force, here of its Hermite cubics, is the same mean of it.
     """
-    if role == "velocity":
+    if not motion.reach:
         return force
     if experiment.uniform:
         padded = np.pad(force, motion.reach, mode="edge")
         return np.convolve(padded, motion.kernel, "valid")
-    integral = antiderivative(force, experiment.time)
-    return differentiate(experiment, integral, motion.half)[0][1]
+    from scipy.interpolate import CubicHermiteSpline
+
+    cubics = CubicHermiteSpline(experiment.time, force, np.gradient(force, experiment.time))
+    return differentiate(experiment, cubics.antiderivative()(experiment.time), motion.half)[0][1]
 
 
 def _flattens(before: Motion, now: Motion) -> bool:
@@ -200,13 +174,24 @@ def _choose_slope(experiment: Experiment) -> float:
     """Half-width for a position: quiet enough, and not too long for the strokes [s]."""
     chosen, before = _HALF_WIDTHS[0], None
     for half in _HALF_WIDTHS:
-        motion = _filter(experiment, "position", half)
+        motion = _filter(experiment, "position", half * experiment.sample_time)
         if before is not None and _flattens(before, motion):
             break
         chosen, before = half, motion
         if motion.noise <= _QUIET * motion.fast or 16 * half >= experiment.samples:
             break
     return chosen * experiment.sample_time
+
+
+def _common_slope(experiments: Sequence[Experiment]) -> float:
+    """Half-width for the positions of several logs [s]."""
+    wanted = [_choose_slope(e) for e in experiments]
+    half_width = max(wanted)
+    for e, own in zip(experiments, wanted):  # what a slow log needs may flatten a fast one
+        before = _filter(e, "position", own)
+        while half_width > 1.5 * own and _flattens(before, _filter(e, "position", half_width)):
+            half_width *= 0.5
+    return half_width
 
 
 def _common_smoothing(experiments: Sequence[Experiment]) -> float:
@@ -221,10 +206,8 @@ def _common_smoothing(experiments: Sequence[Experiment]) -> float:
     for half in _HALF_WIDTHS:
         if half > _HALF_WIDTHS[0] and 16 * half >= samples:
             break
-        motions = _filter_all(experiments, "velocity", half * step)
-        error = 0.0
-        for e, motion, noise in zip(experiments, motions, noises):
-            error += e.samples * _smoothing_error(e["velocity"], motion, noise)
+        motions = [_filter(e, "velocity", half * step) for e in experiments]
+        error = sum(m.inside.size * _smoothing_error(m, s) for m, s in zip(motions, noises))
         if error < best:
             best, chosen = error, half
         if max(m.noise for m in motions) <= 0.25 * SLOW * min(m.fast for m in motions):
@@ -232,45 +215,26 @@ def _common_smoothing(experiments: Sequence[Experiment]) -> float:
     return chosen * step
 
 
-def _smoothing_error(measured: FloatArray, motion: Motion, noise: float) -> float:
+def _smoothing_error(motion: Motion, noise: float) -> float:
     """Mean square error of a filter: noise left and motion removed, plus a constant [(m/s)2]."""
-    rest = (measured - motion.sharp)[motion.inside]
+    rest = (motion.regressor - motion.sharp)[motion.inside]
     # the part without the reading itself is further off by that reading's share
-    others = (measured - motion.velocity)[motion.inside]
+    others = (motion.regressor - motion.velocity)[motion.inside]
     share = 1.0 - float(np.sum(rest**2) / max(float(rest @ others), 1e-300))
     return float(np.mean(rest**2)) + 2.0 * share * noise**2
 
 
-def _filter_all(experiments: Sequence[Experiment], role: str, half_width: float) -> list[Motion]:
-    """Motion of every log by a filter of one half-width [s]."""
-    halves = [round(half_width / e.sample_time) if e.sample_time else 0 for e in experiments]
-    return [_filter(e, role, half) for e, half in zip(experiments, halves)]
-
-
 def make_motions(
     experiments: Sequence[Experiment], role: str, half_width: float | None
-) -> tuple[list[Motion], float | None]:
+) -> tuple[list[Motion], float]:
     """Motion of every log, and the half-width of the filter of all of them [s].
 
-    It is chosen where none is given, and there is none without time. What is chosen for a
-    velocity suits all logs together; both sides of the equation feel that of a position.
+    It is chosen where none is given, and 0 without time. What is chosen for a velocity suits
+    all logs together; both sides of the equation feel that of a position.
     """
     measured = [e for e in experiments if e.time.size and e[role].size == e.samples]
     if half_width is None and measured:
         choose = _common_smoothing if role == "velocity" else _common_slope
         half_width = choose(measured)
-    return _filter_all(experiments, role, half_width or 0.0), half_width
-
-
-def _common_slope(experiments: Sequence[Experiment]) -> float:
-    """Half-width for the positions of several logs [s]."""
-    wanted = [_choose_slope(e) for e in experiments]
-    half_width = max(wanted)
-    for e, own in zip(experiments, wanted):  # what a slow log needs may flatten a fast one
-        before = _filter(e, "position", round(own / e.sample_time))
-        while half_width > 1.5 * own:
-            now = _filter(e, "position", round(half_width / e.sample_time))
-            if not _flattens(before, now):
-                break
-            half_width *= 0.5
-    return half_width
+    half_width = half_width or 0.0
+    return [_filter(e, role, half_width) for e in experiments], half_width

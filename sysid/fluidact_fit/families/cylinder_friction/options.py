@@ -74,39 +74,34 @@ def check_options(
     """Reject options that do not fit the logs.
 
     The output may be missing: without a force the pressure is what the model gives.
-
-    Raises
-    ------
-    UsageError, NotIdentifiedError
-        Saying which column or option is missing.
     """
     driven = driven_by_pressure(variant)
     if driven:
         _check_chambers(experiments)
+    otherwise = (
+        "" if driven else ", or leave the pressure out if the force is that of the piston rod alone"
+    )
     for role, area, name, example in (
-        ("pressure", options.area, "area", " (bore 25 mm: --area=4.9087e-4)"),
-        ("pressure_2", options.area_2, "area-2", " (bore less rod)"),
+        ("pressure", options.area, "area", "bore 25 mm: --area=4.9087e-4"),
+        ("pressure_2", options.area_2, "area-2", "bore less rod"),
     ):
         without = [e.name for e in experiments if role not in e]
         if area is None and len(without) < len(experiments):
             raise UsageError(
                 f"there is a {role}, but no area to turn it into a force",
-                remedy=f"Give --{name}=M2{example}"
-                + (
-                    "."
-                    if driven
-                    else ", or leave the pressure out if the force is that of the piston rod alone."
-                ),
+                remedy=f"Give --{name}=M2 ({example}){otherwise}.",
             )
-        if area is not None and without and role != variant.output.name:
-            known = options.is_settled
+        if area is None or not without or role == variant.output.name:
+            continue
+        if options.is_settled:
             raise UsageError(
-                f"the fit subtracted the force of {role}, and {without[0]} has none"
-                if known
-                else f"--{name} was given, but {without[0]} has no {role}",
-                remedy=f"Give --column {role}=HEADER"
-                + (f" or --input {role}=FROM:TO@T." if known else f", or leave --{name} out."),
+                f"the fit subtracted the force of {role}, and {without[0]} has none",
+                remedy=f"Give --column {role}=HEADER or --input {role}=FROM:TO@T.",
             )
+        raise UsageError(
+            f"--{name} was given, but {without[0]} has no {role}",
+            remedy=f"Give --column {role}=HEADER, or leave --{name} out.",
+        )
     if driven and not options.area:
         raise UsageError("--area is zero", remedy="Give the piston area in m2.")
     untimed = [e.name for e in experiments if not e.time.size]
@@ -120,20 +115,13 @@ def check_options(
 
 
 def _check_chambers(experiments: Sequence[Experiment]) -> None:
-    """Without a load cell, the pressures of both chambers have to be known.
-
-    Raises
-    ------
-    NotIdentifiedError
-        When the second one is missing.
-    """
-    for e in experiments:
-        if "pressure_2" in e:
-            continue
+    """Without a load cell, the pressures of both chambers have to be known."""
+    without = [e.name for e in experiments if "pressure_2" not in e]
+    if without:
         raise NotIdentifiedError(
             "there is no force, and the pressure of one chamber only: friction is the difference "
             "of both chambers' forces",
-            where=e.name,
+            where=without[0],
             expected="Nothing was written.",
             remedy="Give the other pressure as --column pressure_2=HEADER with --area-2=M2. If it "
             "was recorded in a repeat of the same command, put both columns into one log, or give "

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from ...estimation.uncertainty import Uncertainty, covariance, enlarge, t_quantile
+from ...estimation.results import Solved
+from ...estimation.uncertainty import Uncertainty, covariance, enlarge
 from ...experiment import FloatArray
 from .filters import Mask
 from .samples import Data
@@ -15,23 +17,17 @@ from .samples import Data
 
 @dataclass(frozen=True)
 class Regression:
-    """A solved regression: values by name and residuals per log, matched and unfiltered."""
+    """A solved regression.
 
+    ``free`` is the solution without bounds and ``values`` the one within them, both with what
+    was held; ``residuals`` are per run, of the matched and of the unfiltered forces.
+    """
+
+    free: Solved
     values: dict[str, float]
-    names: tuple[str, ...]
     residuals: list[FloatArray]
     bare_residuals: list[FloatArray]
     uncertainty: Uncertainty
-    free_values: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def quantile(self) -> float:
-        return t_quantile(0.975, self.uncertainty.degrees)
-
-    def std_error(self, weights: Mapping[str, float]) -> float:
-        """Standard error of a weighted sum of unknowns."""
-        w = np.array([weights.get(n, 0.0) for n in self.names])
-        return float(np.sqrt(max(float(w @ self.uncertainty.covariance @ w), 0.0)))
 
 
 class System:
@@ -41,22 +37,28 @@ class System:
         self,
         data: Sequence[Data],
         names: Sequence[str],
-        held: Mapping[str, float],
-        limits: Mapping[str, tuple[float, float]],
+        held: Mapping[str, float] | None = None,
+        limits: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
-        self.names, self.data, self.held = tuple(names), data, held
-        self.limits = [limits.get(n, (-np.inf, np.inf)) for n in names]
+        self.names, self.data, self.held = tuple(names), data, held or {}
+        self.limits = [(limits or {}).get(n, (-np.inf, np.inf)) for n in names]
         self.columns, self.instruments, self.right = [], [], []
         for d in data:
             i = d.experiment.log
             signs, regressor = d.direction[d.kept], d.motion.regressor[d.kept]
             self.columns.append(_columns(self.names, signs, regressor, i))
             self.instruments.append(_columns(self.names, signs, d.speed, i))
-            self.right.append(d.matched[d.kept] - _held_force(held, signs, regressor, i))
-        self.timed = all(d.experiment.time.size for d in data)
+            known = self._force(np.zeros(len(names)), signs, regressor, i)
+            self.right.append(d.matched[d.kept] - known)
 
-    def _normal(self) -> tuple[FloatArray, FloatArray]:
-        """Normal equations ``Z' A x = Z' y``, common noise subtracted; shapes (p, p), (p,)."""
+    def _force(self, x: FloatArray, sign: FloatArray, speed: FloatArray, log: int) -> FloatArray:
+        """Force of the unknowns and of what is held, shape ``(n,)`` [N]."""
+        columns = _columns((*self.names, *self.held), sign, speed, log)
+        return np.asarray(columns @ np.array([*x, *self.held.values()]))
+
+    @cached_property
+    def _inverse(self) -> FloatArray:
+        """Inverse of the normal equations' ``Z' A``, common noise subtracted, shape (p, p)."""
         a, z = np.vstack(self.columns), np.vstack(self.instruments)
         matrix = z.T @ a
         if "viscous" in self.names:
@@ -65,105 +67,99 @@ class System:
             own = 1.0 / max(float(_invert(z.T @ z)[k, k]), 1e-300)
             # where noise is most of it there is a warning, and no remedy in arithmetic
             matrix[k, k] -= min(noise, 0.3 * own)
-        return matrix, z.T @ np.concatenate(self.right)
+        return _invert(matrix)
 
-    def jacobian(self) -> FloatArray:
-        """Derivative of the unfiltered forces, shape ``(support, p)``, of all logs."""
-        inverse = _invert(self._normal()[0])
-        spread = [d.spread(z) for d, z in zip(self.data, self.instruments)]
-        return np.vstack(_equivalent(spread, inverse))
-
-    def solve(self) -> Regression:
-        """The estimate within the bounds, with the covariance of the free problem."""
-        matrix, right = self._normal()
-        inverse = _invert(matrix)
-        x = inverse @ right
-        free = dict(zip(self.names, x.tolist()))
-        uncertainty, bare = self._uncertainty(inverse, x)
-        low, high = np.array(self.limits).T
-        if np.any((x < low) | (x > high)):
-            z = np.vstack(self.instruments)
-            scale = np.linalg.norm(z, axis=0)
-            scale[scale == 0.0] = 1.0
-            a = np.asarray(np.linalg.qr(z / scale, mode="r"))
-            x = _bounded(a, a @ (scale * x), low * scale, high * scale) / scale
-        residuals = [r - c @ x for r, c in zip(self.right, self.columns)]
-        values_by_name = dict(zip(self.names, x.tolist()))
-        return Regression(values_by_name, self.names, residuals, bare, uncertainty, free)
-
-    def _uncertainty(
-        self, inverse: FloatArray, x: FloatArray
-    ) -> tuple[Uncertainty, list[FloatArray]]:
-        """Covariance of the free solution; a stroke is one stretch of correlated noise.
+    def jacobian(self) -> list[FloatArray]:
+        """Derivative of the unfiltered forces, shape ``(support, p)``, per run.
 
         The estimate is ``K e`` with the noise ``e`` of the unfiltered forces; ``pinv(K)`` is a
         Jacobian whose least-squares estimate is just that.
         """
         spread = [d.spread(z) for d, z in zip(self.data, self.instruments)]
-        jacobian = _equivalent(spread, inverse)
-        columns, residuals, bare = [], [], []
-        for d, j in zip(self.data, jacobian):
-            at, i = d.support, d.experiment.log
-            sign, speed = np.sign(d.motion.velocity[at]), d.motion.bare[at]
-            r = d.friction[at] - _held_force(self.held, sign, speed, i)
-            r = r - _columns(self.names, sign, speed, i) @ x
-            bare.append(r)
-            cuts = _stretches(at)
-            columns += [part for part in np.split(j, cuts) if part.size]
-            residuals += [part for part in np.split(r, cuts) if part.size]
-        found = covariance(columns, residuals, robust=self.timed, small_sample=True)
-        found = self._with_hidden_correlation(found, columns, x)
-        matched = self._matched_uncertainty(inverse, x)
+        return _equivalent(spread, self._inverse)
+
+    def solve(self) -> Regression:
+        """The estimate within the bounds, with the covariance of the free problem."""
+        x = self._inverse @ (np.vstack(self.instruments).T @ np.concatenate(self.right))
+        bare = self._bare_residuals(x, [d.motion.bare for d in self.data])
+        found = self._uncertainty(x, bare)
+        values = {**self.held, **dict(zip(self.names, x.tolist()))}
+        free = Solved(values, self.names, found.covariance, found.degrees)
+        low, high = np.array(self.limits).T
+        if np.any((x < low) | (x > high)):
+            x = _bounded(np.vstack(self.instruments), x, low, high)
+            values = {**values, **dict(zip(self.names, x.tolist()))}
+        return Regression(free, values, self._matched_residuals(x), bare, found)
+
+    def _matched_residuals(self, x: FloatArray) -> list[FloatArray]:
+        return [y - c @ x for y, c in zip(self.right, self.columns)]
+
+    def _bare_residuals(self, x: FloatArray, speeds: Sequence[FloatArray]) -> list[FloatArray]:
+        """Friction less that of the solution at the given velocities, shape ``(support,)``."""
+        out = []
+        for d, speed in zip(self.data, speeds):
+            at, sign = d.support, np.sign(d.motion.velocity)
+            out.append(d.friction[at] - self._force(x, sign[at], speed[at], d.experiment.log))
+        return out
+
+    def _uncertainty(self, x: FloatArray, bare: Sequence[FloatArray]) -> Uncertainty:
+        """Covariance of the free solution; a stroke is one stretch of correlated noise."""
+        jacobian, support = self.jacobian(), [d.support for d in self.data]
+        found = self._covariance(jacobian, bare, support)
+        if not all(d.motion.shared > 0.0 for d in self.data):
+            # the residuals of a quiet velocity lack the noise of the readings except for its
+            # slow part, the only one that matters to slow regressors; white noise hides it
+            rest = self._bare_residuals(x, [d.motion.sharp for d in self.data])
+            found = _larger(found, self._covariance(jacobian, rest, support))
+        matched = self._covariance(
+            _equivalent(self.instruments, self._inverse),
+            self._matched_residuals(x),
+            [d.kept for d in self.data],
+        )
         # of very fast strokes the unfiltered velocity is not known well enough
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.diag(found.covariance) / np.diag(matched.covariance)
-        return (matched if np.nanmin(ratio, initial=np.inf) > 4.0 else found), bare
+        return matched if np.nanmin(ratio, initial=np.inf) > 4.0 else found
 
-    def _with_hidden_correlation(
-        self, found: Uncertainty, columns: Sequence[FloatArray], x: FloatArray
+    def _covariance(
+        self,
+        jacobian: Sequence[FloatArray],
+        residuals: Sequence[FloatArray],
+        samples: Sequence[Mask],
     ) -> Uncertainty:
-        """Enlarge by the autocorrelation of the force that white noise of a velocity hides.
-
-        The residuals of a quiet velocity lack the noise of the readings except for its slow
-        part, the only one that matters to slow regressors.
-        """
-        if all(d.motion.shared > 0.0 for d in self.data):
-            return found
-        residuals = []
-        for d in self.data:
-            at, i = d.support, d.experiment.log
-            sign, speed = np.sign(d.motion.velocity[at]), d.motion.sharp[at]
-            r = d.friction[at] - _held_force(self.held, sign, speed, i)
-            r = r - _columns(self.names, sign, speed, i) @ x
-            residuals += [part for part in np.split(r, _stretches(at)) if part.size]
-        quiet = covariance(columns, residuals, robust=self.timed, small_sample=True)
-        before, now = np.diag(found.covariance), np.diag(quiet.covariance)
-        if not np.any(now > before):
-            return found
-        larger = enlarge(found.covariance, now)
-        return replace(
-            found,
-            covariance=larger,
-            degrees=min(found.degrees, quiet.degrees),
-            order=max(found.order, quiet.order),
-        )
-
-    def _matched_uncertainty(self, inverse: FloatArray, x: FloatArray) -> Uncertainty:
-        """Covariance from the residuals of the filtered forces and their autocorrelation."""
-        columns, residuals = [], []
-        jacobian = _equivalent(self.instruments, inverse)
-        for d, j, c, y in zip(self.data, jacobian, self.columns, self.right):
-            cuts = _stretches(d.kept)
+        """Covariance from the residuals at some samples of every run, and their correlation."""
+        columns, rest = [], []
+        for j, r, at in zip(jacobian, residuals, samples):
+            cuts = _stretches(at)
             columns += [part for part in np.split(j, cuts) if part.size]
-            residuals += [part for part in np.split(y - c @ x, cuts) if part.size]
-        return covariance(columns, residuals, robust=self.timed, small_sample=True)
+            rest += [part for part in np.split(r, cuts) if part.size]
+        timed = all(d.experiment.time.size for d in self.data)
+        return covariance(columns, rest, robust=timed, small_sample=True)
+
+
+def _larger(found: Uncertainty, other: Uncertainty) -> Uncertainty:
+    """The first uncertainty with the larger variances of both."""
+    variances = np.diag(other.covariance)
+    if not np.any(variances > np.diag(found.covariance)):
+        return found
+    return replace(
+        found,
+        covariance=enlarge(found.covariance, variances),
+        degrees=min(found.degrees, other.degrees),
+        order=max(found.order, other.order),
+    )
+
+
+def _lengths(columns: FloatArray) -> FloatArray:
+    """Norm of every column, 1 where it is zero."""
+    size = np.linalg.norm(columns, axis=0)
+    return np.where(size == 0.0, 1.0, size)
 
 
 def _equivalent(instruments: Sequence[FloatArray], inverse: FloatArray) -> list[FloatArray]:
-    """Jacobians whose least-squares estimate has the gains ``Z inverse'``, per log."""
+    """Jacobians whose least-squares estimate has the gains ``Z inverse'``, per run."""
     gains = np.vstack(instruments) @ inverse.T
-    size = np.linalg.norm(gains, axis=0)
-    size[size == 0.0] = 1.0
+    size = _lengths(gains)
     gains = gains / size
     jacobian = gains @ np.linalg.pinv(gains.T @ gains) / size
     return np.split(jacobian, np.cumsum([z.shape[0] for z in instruments])[:-1])
@@ -189,40 +185,30 @@ def _stretches(kept: Mask) -> list[int]:
     return out
 
 
-def _column(name: str, sign: FloatArray, speed: FloatArray, log: int) -> FloatArray:
-    """What multiplies an unknown, shape ``(n,)``; ``sign`` is the (smoothed) direction."""
-    if name == "coulomb_positive":
-        return np.asarray(0.5 * (1.0 + sign))
-    if name == "coulomb_negative":
-        return np.asarray(-0.5 * (1.0 - sign))
-    if name == "coulomb_mean":
-        return sign
-    if name == "viscous":
-        return speed
-    return np.full(speed.size, 1.0 if name in ("offset", f"offset[{log}]") else 0.0)
-
-
 def _columns(names: Sequence[str], sign: FloatArray, speed: FloatArray, log: int) -> FloatArray:
-    return np.column_stack([_column(n, sign, speed, log) for n in names])
+    """What multiplies the unknowns, shape ``(n, p)``; ``sign`` is the (smoothed) direction."""
+    one, zero = np.ones(speed.size), np.zeros(speed.size)
+    known = {
+        "coulomb_positive": 0.5 * (1.0 + sign),
+        "coulomb_negative": -0.5 * (1.0 - sign),
+        "coulomb_mean": sign,
+        "viscous": speed,
+        "offset": one,
+        f"offset[{log}]": one,
+    }
+    return np.column_stack([known.get(n, zero) for n in names])
 
 
-def _held_force(
-    held: Mapping[str, float], sign: FloatArray, speed: FloatArray, log: int
-) -> FloatArray:
-    """Force of what is not estimated, shape ``(n,)`` [N]."""
-    out = np.zeros(speed.size)
-    for name, value in held.items():
-        out += value * _column(name, sign, speed, log)
-    return out
-
-
-def _bounded(a: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Bounded least squares; unknowns whose bounds coincide are held there."""
+def _bounded(z: FloatArray, x: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Least squares within bounds, from the free solution; equal bounds hold an unknown."""
     from scipy.optimize import lsq_linear
 
-    x = np.where(low == high, low, 0.0)
+    scale = _lengths(z)
+    a = np.asarray(np.linalg.qr(z / scale, mode="r"))
+    y, low, high = a @ (scale * x), low * scale, high * scale
     free = low < high
+    out = np.where(free, 0.0, low)
     if free.any():
-        rest = y - a[:, ~free] @ x[~free]
-        x[free] = lsq_linear(a[:, free], rest, (low[free], high[free]), method="bvls").x
-    return np.asarray(x)
+        rest = y - a[:, ~free] @ out[~free]
+        out[free] = lsq_linear(a[:, free], rest, (low[free], high[free]), method="bvls").x
+    return np.asarray(out / scale)

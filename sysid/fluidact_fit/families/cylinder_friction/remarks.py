@@ -2,83 +2,110 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...errors import LogError, Notice
-from ...experiment import Experiment, FloatArray
+from ...experiment import Experiment
 from ...family import Variant
 from .filters import DEGREE
-from .fit import Fit
+from .fit import Fit, levels_impossible
 from .regression import System
-from .samples import Data, half_range, prepare
+from .samples import half_range, prepare
 
 
-def warn_of_spikes(fit: Fit) -> list[Notice]:
+def remarks(fit: Fit, variant: Variant, experiments: Sequence[Experiment]) -> Iterator[Notice]:
+    """Everything that a reader of the file should be warned of."""
+    yield from _explain_levels(fit)
+    yield from _warn_of_spikes(fit)
+    yield from _warn_of_disagreement(fit)
+    yield from _warn_of_attenuation(fit)
+    yield from _warn_of_flattening(fit, variant, experiments)
+
+
+def _explain_levels(fit: Fit) -> Iterator[Notice]:
+    """Name the offset of the force, or a level that is negative where one was ruled out."""
+    if fit.options.force_offset:
+        if fit.options.offset != "estimate":
+            size = fit.derived()["force_offset"].number
+            yield Notice(
+                "force-offset",
+                f"the force has an offset of {size:.4g} N (another chamber, gravity, a preload or "
+                "the sensor's zero), so a level about zero would be negative. The levels are taken "
+                "about the offset and are equal: their difference cannot be separated from it. "
+                "Remove the offset with the other chamber's pressure, or give --offset=none.",
+            )
+    elif levels_impossible(fit.found):
+        if fit.options.offset == "none":
+            raise LogError(
+                "a Coulomb level would be negative: the force has an offset",
+                where=", ".join(d.experiment.name for d in fit.data),
+                remedy="Leave out --offset=none to estimate it, or subtract it from the force.",
+            )
+        yield Notice(
+            "negative-friction",
+            "a Coulomb level would be negative and was held at zero: the force has an offset, or "
+            "friction is not linear in speed. Record strokes in both directions at several speeds.",
+        )
+
+
+def _warn_of_spikes(fit: Fit) -> Iterator[Notice]:
     """Warn of residuals far outside all others: they bias a least-squares fit."""
     bare = zip(fit.data, fit.found.bare_residuals)
     r = np.concatenate([r[d.kept[d.support]] for d, r in bare])
-    spread = 1.4826 * float(np.median(np.abs(r - np.median(r))))
-    limit = max(8.0 * spread, 2.0 * abs(half_range(fit.data)))
-    count = int(np.sum(np.abs(r - np.median(r)) > limit))
-    if not count:
-        return []
-    message = (
-        f"{count} of {r.size} moving samples lie more than {limit:.3g} N off the fit: "
-        "spikes of the load cell, or contact at the end of the stroke. Look at the picture "
-        "(--plot) and leave them out with --window."
-    )
-    return [Notice("force-spikes", message)]
+    off = np.abs(r - np.median(r))
+    limit = max(8.0 * 1.4826 * float(np.median(off)), 2.0 * half_range(fit.data))
+    count = int(np.sum(off > limit))
+    if count:
+        yield Notice(
+            "force-spikes",
+            f"{count} of {r.size} moving samples lie more than {limit:.3g} N off the fit: "
+            "spikes of the load cell, or contact at the end of the stroke. Look at the picture "
+            "(--plot) and leave them out with --window.",
+        )
 
 
-def warn_of_disagreement(fit: Fit) -> list[Notice]:
+def _warn_of_disagreement(fit: Fit) -> Iterator[Notice]:
     """Warn of logs whose mean friction is not that of the fit."""
-    limit = 0.25 * abs(half_range(fit.data))
-    worst: tuple[float, str, str] = (0.0, "", "")
-    for d, r in zip(fit.data, fit.found.residuals):
-        for s in fit.moved:
-            if d.side(s).sum() >= 5:
-                off = abs(float(np.mean(r[d.side(s)])))
-                worst = max(worst, (off, d.experiment.name, s))
-    if len(fit.data) < 2 or worst[0] <= limit:
-        return []
-    message = (
-        f"the logs do not share one friction: in {worst[1]}, {worst[2]} direction, it is "
-        f"{worst[0]:.3g} N off the common fit. Friction of seals rises with pressure: fit logs "
-        "of different pressure separately."
-    )
-    return [Notice("logs-disagree", message)]
+    means = [
+        (abs(float(np.mean(r[d.side(s)]))), d.experiment.name, s)
+        for d, r in zip(fit.data, fit.found.residuals)
+        for s in fit.ranges
+        if d.side(s).sum() >= 5
+    ]
+    off, log, side = max(means, default=(0.0, "", ""))
+    if len(fit.data) > 1 and off > 0.25 * half_range(fit.data):
+        yield Notice(
+            "logs-disagree",
+            f"the logs do not share one friction: in {log}, {side} direction, it is "
+            f"{off:.3g} N off the common fit. Friction of seals rises with pressure: fit logs "
+            "of different pressure separately.",
+        )
 
 
-def warn_of_attenuation(fit: Fit) -> list[Notice]:
+def _warn_of_attenuation(fit: Fit) -> Iterator[Notice]:
     """Warn where viscous friction depends on the noise of the velocity that was subtracted."""
-    if "viscous" not in fit.found.names:
-        return []
-    within = np.concatenate(
-        [v - v.mean() for s in fit.moved if (v := _side_speeds(fit.data, s)).size]
-    )
+    if "viscous" not in fit.found.free.names:
+        return
+    speeds = [np.concatenate([d.speed[d.side(s)] for d in fit.data]) for s in fit.ranges]
+    within = np.concatenate([v - v.mean() for v in speeds])
     shared = max(d.motion.shared for d in fit.data)
     share = shared**2 / max(float(np.mean(within**2)), 1e-300)
-    if share <= 0.05:
-        return []
-    message = (
-        f"{100 * share:.0f} % of the variance of the speed is noise. It would make viscous "
-        "friction too small by as much. The bias was removed, but the size of the noise is known "
-        "from the log only. Give a longer --filter, or a better velocity."
-    )
-    return [Notice("velocity-noise", message)]
+    if share > 0.05:
+        yield Notice(
+            "velocity-noise",
+            f"{100 * share:.0f} % of the variance of the speed is noise. It would make viscous "
+            "friction too small by as much. The bias was removed, but the size of the noise is "
+            "known from the log only. Give a longer --filter, or a better velocity.",
+        )
 
 
-def _side_speeds(data: Sequence[Data], side: str) -> FloatArray:
-    return np.concatenate([d.speed[d.side(side)] for d in data])
-
-
-def warn_of_flattening(
+def _warn_of_flattening(
     fit: Fit, variant: Variant, experiments: Sequence[Experiment]
-) -> list[Notice]:
+) -> Iterator[Notice]:
     """Warn where a filter of twice the width gives another viscous friction.
 
     A measured velocity enters the regression unfiltered, and nothing can flatten it. With a
@@ -86,46 +113,43 @@ def warn_of_flattening(
     samples. The two estimates share their noise, so their difference varies as their
     variances differ.
     """
-    if "viscous" not in fit.found.names or all(d.motion.reach == 0 for d in fit.data):
-        return []
+    first = fit.found.free
+    if "viscous" not in first.names or all(d.motion.reach == 0 for d in fit.data):
+        return
     half_width = fit.options.filter or 0.0
     try:
         wider, _ = prepare(variant, experiments, replace(fit.options, filter=2.0 * half_width))
         both = [replace(w, kept=w.kept & d.kept) for w, d in zip(wider, fit.data)]
         if any(2 * w.kept.sum() < d.kept.sum() for w, d in zip(both, fit.data)):
-            return []
-        again = System(both, fit.found.names, fit.solved.fixed, fit.limits).solve()
+            return
+        second = System(both, first.names, fit.solved.fixed).solve().free
     except LogError:
-        return []
-    first, second = (f.std_error({"viscous": 1.0}) for f in (fit.found, again))
-    error = max(np.sqrt(max(second**2 - first**2, 0.0)), 0.5 * first)
-    change = again.free_values["viscous"] - fit.found.free_values["viscous"]
-    if abs(change) <= 3.0 * error + 1e-3 * abs(fit.found.free_values["viscous"]):
-        return []
-    message = (
-        f"viscous friction changes by {change:+.3g} N s/m when the velocity filter is twice as "
-        f"wide (half-width {half_width:.3g} s): the motion is too fast for these samples, or "
-        "friction is not linear in speed. Sample faster, move more slowly, or give a measured "
-        "velocity; --filter sets the half-width."
-    )
-    return [Notice("velocity-flattened", message)]
-
-
-def _instrument(data: Sequence[Data]) -> str:
-    """What stands in for the velocity in ``Z' (F - A x) = 0``."""
-    if any(d.motion.reach > 0 for d in data):
-        return "slope of the position"
-    shared = any(d.motion.shared > 0.0 for d in data)
-    return "the velocity itself" if shared else "velocity of the neighbouring samples"
+        return
+    change = second.values["viscous"] - first.values["viscous"]
+    errors = first.std_error("viscous"), second.std_error("viscous")
+    error = max(np.sqrt(max(errors[1] ** 2 - errors[0] ** 2, 0.0)), 0.5 * errors[0])
+    if abs(change) > 3.0 * error + 1e-3 * abs(first.values["viscous"]):
+        yield Notice(
+            "velocity-flattened",
+            f"viscous friction changes by {change:+.3g} N s/m when the velocity filter is twice as "
+            f"wide (half-width {half_width:.3g} s): the motion is too fast for these samples, or "
+            "friction is not linear in speed. Sample faster, move more slowly, or give a measured "
+            "velocity; --filter sets the half-width.",
+        )
 
 
 def fit_details(fit: Fit, counts: Mapping[str, int]) -> dict[str, Any]:
-    """What was done, for the file."""
+    """What was done, for the file; the instrument is what stands in ``Z' (F - A x) = 0``."""
     order, half_width = fit.found.uncertainty.order, fit.options.filter or 0.0
     matched = any(d.motion.reach > 0 for d in fit.data)
+    instrument = "velocity of the neighbouring samples"
+    if matched:
+        instrument = "slope of the position"
+    elif any(d.motion.shared > 0.0 for d in fit.data):
+        instrument = "the velocity itself"
     return {
         "method": "linear regression on moving samples",
-        "instrument": _instrument(fit.data),
+        "instrument": instrument,
         "velocity_filter": {
             "type": "zero-phase local polynomial" if half_width > 0.0 else "none",
             "half_width": half_width,

@@ -50,14 +50,9 @@ class Data:
     @property
     def support(self) -> Mask:
         """Samples that the fitted ones depend on, shape ``(n,)``."""
-        reach, n = self.motion.reach, self.kept.size
-        if not reach:
-            return self.kept
-        count = np.concatenate(([0], np.cumsum(self.kept)))
-        at = np.arange(n)
-        return np.asarray(
-            count[np.minimum(at + reach + 1, n)] > count[np.maximum(at - reach, 0)], dtype=bool
-        )
+        from scipy.ndimage import maximum_filter1d
+
+        return np.asarray(maximum_filter1d(self.kept, 2 * self.motion.reach + 1, mode="constant"))
 
     def spread(self, columns: FloatArray) -> FloatArray:
         """What multiplies the unfiltered force where ``columns`` multiply the matched one.
@@ -74,6 +69,16 @@ class Data:
     def side(self, side: str) -> Mask:
         """Which of the kept samples move in a direction."""
         return self.speed > 0.0 if side == "positive" else self.speed < 0.0
+
+
+def count_kept(data: Sequence[Data]) -> int:
+    """Number of samples to fit."""
+    return sum(int(d.kept.sum()) for d in data)
+
+
+def _count_sides(data: Sequence[Data]) -> dict[str, int]:
+    """Number of samples to fit by direction."""
+    return {s: sum(int(d.side(s).sum()) for d in data) for s in SIDES}
 
 
 def _choose_deadband(motions: Sequence[Motion]) -> float:
@@ -94,53 +99,47 @@ def _moving(motion: Motion, deadband: float) -> Mask:
     is a mean over it.
     """
     v = motion.velocity
-    idle = np.abs(v) <= deadband
-    lost = np.zeros(v.size + 1)
+    idle, kept = np.abs(v) <= deadband, motion.inside.copy()
     edges = np.flatnonzero(np.diff(np.concatenate(([False], idle, [False])).astype(int)))
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist()):
         reach = motion.reach
         if not _passes(v, begin, end):
             reach = max(reach, motion.half)
-        lost[max(begin - reach, 0)] += 1.0
-        lost[min(end + reach, v.size)] -= 1.0
-    kept = (np.cumsum(lost[:-1]) < 0.5) & motion.inside
+        kept[max(begin - reach, 0) : end + reach] = False
     if motion.reach:  # reversals that follow each other so fast leave no cubic to match
         turns = np.concatenate(([0], np.cumsum(np.sign(v[1:]) != np.sign(v[:-1]))))
         at, last = np.arange(v.size), v.size - 1
         span = 2 * motion.reach
         after, before = np.minimum(at + span, last), np.maximum(at - span, 0)
         kept &= turns[after] - turns[before] <= 1
-    return np.asarray(kept)
+    return kept
 
 
 def _passes(velocity: FloatArray, begin: int, end: int) -> bool:
     """Whether samples ``begin`` to ``end`` are on the way from one direction to the other."""
     if begin < 1 or end + 1 > velocity.size:
         return False
-    before, after = float(velocity[begin - 1]), float(velocity[min(end, velocity.size - 1)])
+    before, after = float(velocity[begin - 1]), float(velocity[end])
     if before * after >= 0.0:
         return False
     # as many samples as a straight line through the neighbours of the dead band would need
     run = end - begin
     slope = abs(after - before) / (run + 1)
-    edge = [abs(velocity[begin - 1] - velocity[max(begin - 2, 0)]),
-            abs(velocity[min(end + 1, velocity.size - 1)] - after)]  # fmt: skip
-    return bool(run <= 1 or _LINGER * slope >= 0.5 * (edge[0] + edge[1]))
-
-
-def _pressure_force(experiment: Experiment, role: str, area: float | None) -> FloatArray | float:
-    """Force of one chamber, shape ``(n,)`` [N]; zero where it is not known."""
-    if area is None or role not in experiment:
-        return 0.0
-    return area * experiment.sampled(role)
+    entry = abs(before - velocity[max(begin - 2, 0)])
+    leave = abs(velocity[min(end + 1, velocity.size - 1)] - after)
+    return bool(run <= 1 or _LINGER * slope >= 0.5 * (entry + leave))
 
 
 def _drive(
     variant: Variant, experiment: Experiment, options: FrictionOptions
-) -> tuple[FloatArray | float | None, FloatArray | float]:
+) -> tuple[FloatArray | None, FloatArray]:
     """What drives the motion, ``None`` where it was not recorded, and what pressure opposes [N]."""
-    first = _pressure_force(experiment, "pressure", options.area)
-    second = _pressure_force(experiment, "pressure_2", options.area_2)
+    first, second = (
+        np.zeros(experiment.samples)
+        if area is None or role not in experiment
+        else area * experiment.sampled(role)
+        for role, area in (("pressure", options.area), ("pressure_2", options.area_2))
+    )
     recorded = variant.output.name in experiment
     if driven_by_pressure(variant):
         return first if recorded else None, second
@@ -152,28 +151,25 @@ def prepare(
 ) -> tuple[list[Data], FrictionOptions]:
     """Friction force and described samples per run; options with filter and dead band settled."""
     check_options(variant, experiments, options)
-    role = motion_role(variant)
-    motions, half_width = make_motions(experiments, role, options.filter)
+    motions, half_width = make_motions(experiments, motion_role(variant), options.filter)
     deadband = _choose_deadband(motions) if options.deadband is None else options.deadband
-    options = replace(options, filter=half_width or 0.0, deadband=deadband)
+    options = replace(options, filter=half_width, deadband=deadband)
     scale = float(options.area or 1.0) if driven_by_pressure(variant) else 1.0
     out = []
     for e, motion in zip(experiments, motions):
         drive, pressure = _drive(variant, e, options)
-        inertia: FloatArray | float = 0.0
+        inertia = np.zeros(motion.velocity.size)
         if options.mass is not None and motion.acceleration is not None:
             inertia = options.mass * motion.acceleration
-        size = motion.velocity.size
-        rest = np.zeros(size) if drive is None else np.asarray(drive - pressure)
-        known = np.broadcast_to(pressure + inertia, (size,))
-        matched = match_force(e, role, motion, rest) - inertia
-        direction = match_force(e, role, motion, np.sign(motion.velocity))
+        rest = np.zeros(inertia.size) if drive is None else drive - pressure
+        matched = match_force(e, motion, rest) - inertia
+        direction = match_force(e, motion, np.sign(motion.velocity))
         slow = 0.0 if motion.exact else deadband
         moving = np.abs(motion.velocity) > slow
         kept = _moving(motion, slow) & _described(motion, options)
-        driven = drive is not None
+        known, friction, driven = pressure + inertia, rest - inertia, drive is not None
         out.append(
-            Data(e, motion, known, rest - inertia, matched, direction, moving, kept, scale, driven)
+            Data(e, motion, known, friction, matched, direction, moving, kept, scale, driven)
         )
     return out, options
 
@@ -216,12 +212,9 @@ def simulate_force(
         offsets |= _find_offsets(data, law)
     out = []
     for d in data:
-        v = np.where(d.moving, d.motion.sharp, 0.0)
         own = offsets.get(d.experiment.log)
-        force = d.known + law.moving(v) + (own or 0.0)
-        out.append(
-            Simulated(np.asarray(force / d.scale), d.kept, None if own is None else own / d.scale)
-        )
+        force = d.known + law.moving(np.where(d.moving, d.motion.sharp, 0.0)) + (own or 0.0)
+        out.append(Simulated(force / d.scale, d.kept, None if own is None else own / d.scale))
     return out
 
 
@@ -232,25 +225,19 @@ def _find_offsets(data: Sequence[Data], law: FrictionLaw) -> dict[int, float]:
     as it is.
     """
     out = {}
-    for log in dict.fromkeys(d.experiment.log for d in data):
+    for log in dict.fromkeys(d.experiment.log for d in data if d.driven):
         runs = [d for d in data if d.experiment.log == log and d.driven]
         rests = [d.friction[d.kept] - law.moving(d.motion.sharp[d.kept]) for d in runs]
-        sides = [[r[d.side(s)] for d, r in zip(runs, rests)] for s in SIDES]
-        means = [np.mean(np.concatenate(r)) for r in sides if any(part.size for part in r)]
+        sides = [np.concatenate([r[d.side(s)] for d, r in zip(runs, rests)]) for s in SIDES]
+        means = [side.mean() for side in sides if side.size]
         if means:
             out[log] = float(np.mean(means))
     return out
 
 
 def sides_moved(data: Sequence[Data]) -> list[str]:
-    """Directions with enough moving samples to average.
-
-    Raises
-    ------
-    NotIdentifiedError
-        When nothing moves.
-    """
-    counts = {s: sum(int(d.side(s).sum()) for d in data) for s in SIDES}
+    """Directions with enough moving samples to average; refused where there is none."""
+    counts = _count_sides(data)
     least = max(5.0, 0.005 * sum(counts.values()))
     moved = [s for s in SIDES if counts[s] >= least]
     if not moved:
@@ -264,13 +251,7 @@ def sides_moved(data: Sequence[Data]) -> list[str]:
 
 
 def check_measured(data: Sequence[Data]) -> None:
-    """Refuse a force that never changes while the piston moves.
-
-    Raises
-    ------
-    LogError
-        When all moving samples hold one and the same value.
-    """
+    """Refuse a force that has one and the same value in all moving samples."""
     force = np.concatenate([d.friction[d.kept] for d in data])
     span = float(np.ptp(force))
     if span > 1e-12 * float(np.abs(force).max()):
@@ -284,12 +265,12 @@ def check_measured(data: Sequence[Data]) -> None:
 
 
 def half_range(data: Sequence[Data]) -> float:
-    """Half the difference of the mean forces of both directions, or the only one [N]."""
+    """Half the difference of the mean forces of both directions, or the only one; size [N]."""
     force = np.concatenate([d.matched[d.kept] for d in data])
     forward = np.concatenate([d.side("positive") for d in data])
     if forward.all() or not forward.any():
         return abs(float(np.mean(force)))
-    return 0.5 * float(np.mean(force[forward]) - np.mean(force[~forward]))
+    return 0.5 * abs(float(np.mean(force[forward]) - np.mean(force[~forward])))
 
 
 def leave_out_accelerations(
@@ -301,32 +282,30 @@ def leave_out_accelerations(
     of the friction.
     """
     unchanged = list(data), options
-    if any(d.motion.acceleration is None for d in data):
-        return *unchanged, []
-    rows, force = [], np.concatenate([d.matched[d.kept] for d in data])
+    rows = []
     for d in data:
-        assert d.motion.acceleration is not None
+        if d.motion.acceleration is None:
+            return *unchanged, []
         signs, regressor = d.direction[d.kept], d.motion.regressor[d.kept]
         acceleration = d.motion.acceleration[d.kept]
         rows.append(np.column_stack((1.0 + signs, 1.0 - signs, regressor, acceleration)))
-    a = np.vstack(rows)
+    a, force = np.vstack(rows), np.concatenate([d.matched[d.kept] for d in data])
     step = min(d.experiment.sample_time for d in data)
     if np.abs(a[:, 3]).max() <= 1e-9 * np.abs(a[:, 2]).max() / step:
         return *unchanged, []  # rounding, no acceleration
     a = a[:, np.any(a != 0.0, axis=0)]
     scale = np.linalg.norm(a, axis=0)
     mass = float((np.linalg.lstsq(a / scale, force, rcond=None)[0] / scale)[-1])
-    share = _SMALL * abs(half_range(data))
+    share = _SMALL * half_range(data)
     if mass * float(np.quantile(np.abs(a[:, -1]), 0.999)) <= share:
         return *unchanged, []
     options = replace(options, acceleration_limit=share / mass)
     quiet = [replace(d, kept=d.kept & _described(d.motion, options)) for d in data]
-    for s in SIDES:
-        before, after = (sum(int(d.side(s).sum()) for d in some) for some in (data, quiet))
-        if after < 0.2 * before:
-            message = (
-                f"accelerating takes more than {100 * _SMALL:.0f} % of the friction in most of "
-                f"the moving samples (about {mass:.3g} kg). Give --mass=KG to subtract it."
-            )
-            return *unchanged, [Notice("inertia-matters", message)]
+    before, after = _count_sides(data), _count_sides(quiet)
+    if any(after[s] < 0.2 * before[s] for s in SIDES):
+        message = (
+            f"accelerating takes more than {100 * _SMALL:.0f} % of the friction in most of "
+            f"the moving samples (about {mass:.3g} kg). Give --mass=KG to subtract it."
+        )
+        return *unchanged, [Notice("inertia-matters", message)]
     return quiet, options, []

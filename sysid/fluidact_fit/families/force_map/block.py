@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,8 @@ from ...family import Curve
 from ...parameters.document import ParameterDocument
 from ...specification import Variant
 from .data import held_state
-from .equation import NetworkMap
+from .equation import NetworkMap, predict_runs
 from .options import ForceMapOptions
-from .prediction import predict_runs
 
 
 class ForceMapBlock(Block):
@@ -57,8 +57,7 @@ class ForceMapBlock(Block):
         A motion state of 0, not known, gives what lies between the branches.
         """
         x, shape = self._table(values)
-        state = self.inputs.index("direction") if "direction" in self.inputs else None
-        y = self._map.predict(x, state)
+        y = self._map.predict(x, self.inputs)
         return float(y[0]) if not shape else y.reshape(shape)
 
     def predict(self, experiment: Experiment) -> FloatArray:
@@ -109,21 +108,19 @@ def branch_curves(
     network: NetworkMap, x: FloatArray, names: Sequence[str], source: str
 ) -> list[Curve]:
     """Both branches at the lowest and the highest position, all other inputs at their means."""
-    at = {n: k for k, n in enumerate(names)}
-    along = np.linspace(x[:, at[source]].min(), x[:, at[source]].max(), 200)
-    ends: list[tuple[str, float | None]] = [("", None)]
+    middle: dict[str, npt.ArrayLike] = dict(zip(names, x.mean(axis=0)))
+    along = np.linspace(x[:, names.index(source)].min(), x[:, names.index(source)].max(), 200)
+    ends: dict[str, dict[str, float]] = {"": {}}
     if "position" in names:
-        p = x[:, at["position"]]
-        ends = [("low position", float(p.min())), ("high position", float(p.max()))]
-    states = [("loading", 1.0), ("unloading", -1.0)] if "direction" in names else [("", None)]
+        p = x[:, names.index("position")]
+        ends = {"low position": {"position": p.min()}, "high position": {"position": p.max()}}
+    states: dict[str, dict[str, float]] = {"": {}}
+    if "direction" in names:
+        states = {"loading": {"direction": 1.0}, "unloading": {"direction": -1.0}}
     out = []
-    for place, position in ends:
-        for branch, state in states:
-            table = np.tile(x.mean(axis=0), (along.size, 1))
-            held = {source: along, "position": position, "direction": state}
-            for name, value in held.items():
-                if name in at and value is not None:
-                    table[:, at[name]] = value
-            label = ", ".join(w for w in (branch, place) if w) or "network"
-            out.append(Curve(label, along, network(table)))
+    for (place, end), (branch, state) in product(ends.items(), states.items()):
+        held = middle | {source: along} | end | state
+        table = np.column_stack(np.broadcast_arrays(along, *(held[n] for n in names))[1:])
+        label = ", ".join(w for w in (branch, place) if w) or "network"
+        out.append(Curve(label, along, network(table)))
     return out

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.network import Network, activation_regions, gradient_interval
+from ...estimation.network import Network
 from ...experiment import FloatArray
-from .data import Data, Scaling
+from .data import Data, state_column
+from .equation import NetworkMap
+from .slope_bounds import activation_regions, gradient_interval
 
 ENUMERATED = 8  # hidden units up to which the regions are enumerated
 
@@ -35,63 +37,56 @@ class Certificate:
         """Whether the output rises with an input everywhere in the box."""
         return name not in self.names or bool(self.low[self.names.index(name)] >= 0.0)
 
-    @property
-    def lipschitz(self) -> FloatArray:
-        """Largest size of the slope by each input."""
-        return np.asarray(np.maximum(np.abs(self.low), np.abs(self.high)))
+
+def is_enumerable(net: Network) -> bool:
+    """Whether all regions in which a network is affine can be gone through."""
+    return net.activation == "relu" and len(net.weights) == 2 and net.hidden[0] <= ENUMERATED
 
 
-def certify(net: Network, scaling: Scaling, data: Data) -> Certificate:
+def certify(network: NetworkMap, data: Data) -> Certificate:
     """Bound the slopes of a network for each motion state inside the data's box."""
-    x = data.x[data.used]
-    low, high = scaling.inputs(x.min(axis=0)), scaling.inputs(x.max(axis=0))
-    boxes = [(low, high)]
-    if "direction" in data.names:
-        k = data.names.index("direction")
-        boxes = []
-        for state in np.unique(x[:, k]):
-            corners = low.copy(), high.copy()
-            corners[0][k] = corners[1][k] = state
-            boxes.append(corners)
-    factor = scaling.span / scaling.scale
-    exact = net.activation == "relu" and len(net.weights) == 2 and net.hidden[0] <= ENUMERATED
-    if exact:
-        regions = [r for a, b in boxes for r in activation_regions(net, a, b)]
+    net, s, x = network.network, network.scaling, data.x[data.used]
+    boxes = [(s.inputs(x.min(axis=0)), s.inputs(x.max(axis=0)))]
+    state = state_column(data.names)
+    if state is not None:
+        held = np.arange(x.shape[1]) == state
+        boxes = [
+            (np.where(held, at, boxes[0][0]), np.where(held, at, boxes[0][1]))
+            for at in np.unique(x[:, state])
+        ]
+    factor = s.span / s.scale
+    if is_enumerable(net):
+        regions = [r for low, high in boxes for r in activation_regions(net, low, high)]
         slopes = np.array([r.gradient for r in regions]) * factor
-        points = np.array([r.inside for r in regions]) * scaling.scale + scaling.offset
+        points = np.array([r.inside for r in regions]) * s.scale + s.offset
         worst = points[slopes.argmin(axis=0)]
         return Certificate(
             data.names, slopes.min(axis=0), slopes.max(axis=0), worst, True, len(regions)
         )
-    bounds = [gradient_interval(net, a, b) for a, b in boxes]
-    smallest = np.min([b[0] for b in bounds], axis=0) * factor
-    largest = np.max([b[1] for b in bounds], axis=0) * factor
+    bounds = np.array([gradient_interval(net, low, high) for low, high in boxes]) * factor
     nowhere = np.full((len(data.names), len(data.names)), np.nan)
+    smallest, largest = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     return Certificate(data.names, smallest, largest, nowhere, False, 0)
 
 
 def certificate_details(c: Certificate, data: Data, source: str) -> dict[str, Any]:
     """The certificate for the file."""
+    x = data.x[data.used]
+    ends = np.column_stack((x.min(axis=0), x.max(axis=0))).tolist()
+    slopes = dict(zip(c.names, np.column_stack((c.low, c.high)).tolist()))
+    slopes.pop("direction", None)
     out: dict[str, Any] = {
         "method": f"{c.regions} activation regions enumerated" if c.exact else "interval bound",
         "exact": c.exact,
-        "inside": {
-            n: [float(v) for v in (data.x[data.used, k].min(), data.x[data.used, k].max())]
-            for k, n in enumerate(data.names)
-        },
-        "slopes": {
-            n: [float(c.low[k]), float(c.high[k])]
-            for k, n in enumerate(c.names)
-            if n != "direction"
-        },
-        "lipschitz": {n: float(c.lipschitz[k]) for k, n in enumerate(c.names) if n != "direction"},
+        "inside": dict(zip(data.names, ends)),
+        "slopes": slopes,
+        "lipschitz": {n: max(abs(low), abs(high)) for n, (low, high) in slopes.items()},
     }
     if source in c.names:
-        k = c.names.index(source)
         out["rises_with"] = {"input": source, "certified": c.monotone(source)}
         if not c.monotone(source) and c.exact:
-            where = {n: float(v) for n, v in zip(c.names, c.worst[k])}
-            out["rises_with"]["violated_at"] = where
+            worst = c.worst[c.names.index(source)]
+            out["rises_with"]["violated_at"] = dict(zip(c.names, worst.tolist()))
     return out
 
 
@@ -101,8 +96,7 @@ def certificate_notice(c: Certificate, data: Data, source: str, target: str) -> 
         return []
     k = c.names.index(source)
     where = ", ".join(
-        f"{n} {v:.4g} {u}".rstrip(" 1") if u == "1" else f"{n} {v:.4g} {u}"
-        for n, v, u in zip(c.names, c.worst[k], data.units)
+        f"{n} {v:.4g} {u}".removesuffix(" 1") for n, v, u in zip(c.names, c.worst[k], data.units)
     )
     return [
         Notice(

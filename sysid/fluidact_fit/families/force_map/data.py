@@ -12,7 +12,6 @@ from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.motion_state import (
     BoolArray,
     choose_dead_band,
-    fill_start,
     held_direction,
     motion_state,
     settled_samples,
@@ -29,7 +28,7 @@ class Data:
     """All logs in one table.
 
     ``x`` has shape ``(n, inputs)``, all others ``(n,)`` [SI]. ``used`` marks what is fitted,
-    ``settled`` what lies well within a branch.
+    ``settled`` what lies well within a branch; at ``cuts`` another experiment begins.
     """
 
     names: tuple[str, ...]
@@ -41,12 +40,7 @@ class Data:
     settled: BoolArray
     position: FloatArray
     log: npt.NDArray[np.intp]
-    parts: tuple[slice, ...]
-    unit: str
-
-    def split(self, values: FloatArray) -> list[FloatArray]:
-        """Values per experiment."""
-        return [values[p] for p in self.parts]
+    cuts: npt.NDArray[np.intp]
 
 
 def settle_dead_bands(
@@ -73,8 +67,7 @@ def gather(
 ) -> Data:
     """All logs in one table, with the motion state of every sample."""
     sizes = [e.samples for e in experiments]
-    ends = np.cumsum(sizes)
-    branches = [branch_of(e, options) for e in experiments]
+    directions, settled = zip(*(branch_of(e, options) for e in experiments))
     table = np.vstack([input_table(e, names, options) for e in experiments])
     y = np.concatenate([column_of(e, options.target) for e in experiments])
     units = tuple(
@@ -83,12 +76,9 @@ def gather(
     )  # fmt: skip
     return Data(
         names, units, table, y, is_known(table, names) & np.isfinite(y),
-        np.concatenate([direction for direction, _ in branches]),
-        np.concatenate([settled for _, settled in branches]),
+        np.concatenate(directions), np.concatenate(settled),
         np.concatenate([column_of(e, "position") for e in experiments]),
-        np.repeat([e.log for e in experiments], sizes),
-        tuple(slice(int(end - n), int(end)) for end, n in zip(ends, sizes)),
-        experiments[0].signals[options.target].unit,
+        np.repeat([e.log for e in experiments], sizes), np.cumsum(sizes)[:-1],
     )  # fmt: skip
 
 
@@ -100,20 +90,16 @@ def input_table(e: Experiment, names: Sequence[str], options: ForceMapOptions) -
     )
 
 
+def state_column(names: Sequence[str]) -> int | None:
+    """Number of the motion state among the inputs."""
+    return names.index("direction") if "direction" in names else None
+
+
 def is_known(table: FloatArray, names: Sequence[str]) -> BoolArray:
     """Rows whose inputs are all there, the motion state too."""
     known = np.isfinite(table).all(axis=1)
-    if "direction" in names:
-        known &= table[:, list(names).index("direction")] != 0.0
-    return np.asarray(known)
-
-
-def fill_direction(table: FloatArray, names: Sequence[str]) -> FloatArray:
-    """The same inputs of one run with its first motion state from the beginning on."""
-    if "direction" in names:
-        table = table.copy()
-        fill_start(table[:, list(names).index("direction")])
-    return table
+    state = state_column(names)
+    return np.asarray(known if state is None else known & (table[:, state] != 0.0))
 
 
 def branch_of(e: Experiment, options: ForceMapOptions) -> tuple[FloatArray, BoolArray]:
@@ -169,7 +155,7 @@ def held_state(values: FloatArray, source: str, options: ForceMapOptions) -> Flo
     band = options.dead_band if source == "command" else options.force_dead_band
     if band is None:  # no log of the fit needed one
         band = choose_dead_band(values)
-    return held_direction(values, band).astype(float)
+    return held_direction(values, band)
 
 
 def check_data(data: Data, options: ForceMapOptions) -> None:
@@ -183,15 +169,10 @@ def check_data(data: Data, options: ForceMapOptions) -> None:
             expected=f"At least {needed} samples with a known motion state.",
             remedy="Record longer, give fewer --hidden units, or check --dead-band.",
         )
-    moving = [k for k, n in enumerate(data.names) if n != "direction"]
-    spread = [float(np.ptp(data.x[data.used, k])) for k in moving]
-    main = (
-        data.names.index("force" if options.target == "command" else "command")
-        if ({"force", "command"} & set(data.names))
-        else -1
-    )
-    still = main >= 0 and spread[moving.index(main)] == 0.0
-    if still or float(np.ptp(data.y[data.used])) == 0.0:
+    moving = [data.y[data.used]]
+    if options.driver in data.names:
+        moving.append(data.x[data.used, data.names.index(options.driver)])
+    if any(np.ptp(values) == 0.0 for values in moving):
         raise NotIdentifiedError(
             f"command or force does not change in these {rows} samples.",
             remedy="Record the force while the command is raised and lowered over its range.",
@@ -200,19 +181,16 @@ def check_data(data: Data, options: ForceMapOptions) -> None:
 
 def data_notices(data: Data) -> list[Notice]:
     """Warnings about what the data cannot tell."""
-    out = []
-    for k, name in enumerate(data.names):
-        if np.ptp(data.x[data.used, k]) > 0.0:
-            continue
-        value, unit = data.x[data.used][0, k], data.units[k]
-        out.append(
-            Notice(
-                "input-constant",
-                f"{name} is {value:.6g} {unit} in all samples: the network says nothing about "
-                f"another {name}. Record more of them, or leave it out of --inputs.",
-            )
+    x = data.x[data.used]
+    return [
+        Notice(
+            "input-constant",
+            f"{name} is {column[0]:.6g} {unit} in all samples: the network says nothing about "
+            f"another {name}. Record more of them, or leave it out of --inputs.",
         )
-    return out
+        for name, unit, column in zip(data.names, data.units, x.T)
+        if np.ptp(column) == 0.0
+    ]
 
 
 @dataclass(frozen=True)
@@ -229,9 +207,9 @@ class Scaling:
         """Scaling that gives the used samples zero mean and unit deviation."""
         x, y = data.x[data.used], data.y[data.used]
         offset, scale = x.mean(axis=0), x.std(axis=0)
-        for k, name in enumerate(data.names):
-            if name == "direction":  # 1 and -1 are of order one, and stay readable
-                offset[k], scale[k] = 0.0, 1.0
+        state = state_column(data.names)
+        if state is not None:  # 1 and -1 are of order one, and stay readable
+            offset[state], scale[state] = 0.0, 1.0
         scale = np.where(scale > 1e-12 * np.maximum(np.abs(offset), 1e-300), scale, 1.0)
         return cls(offset, scale, float(y.mean()), float(y.std()))
 

@@ -1,8 +1,8 @@
-"""A network as it stands in a file: its equation, for inputs in SI."""
+"""A network as it stands in a file: its equation in SI, and what it gives for a log."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Self
@@ -10,9 +10,12 @@ from typing import Self
 import numpy as np
 
 from ...errors import UsageError
+from ...estimation.motion_state import BoolArray, fill_start, running_median
 from ...estimation.network import Activation, Network
-from ...experiment import FloatArray
-from ...family import Value
+from ...experiment import Experiment, FloatArray
+from ...family import Simulated, Value
+from .data import Scaling, branch_of, column_of, input_table, is_known, state_column
+from .options import ForceMapOptions, default_inputs
 
 
 @dataclass(frozen=True)
@@ -20,10 +23,7 @@ class NetworkMap:
     """``y = base + span * network((x - offset) / scale)``, all in SI but for the network."""
 
     network: Network
-    offset: FloatArray
-    scale: FloatArray
-    base: float
-    span: float
+    scaling: Scaling
 
     @classmethod
     def of(cls, values: Mapping[str, Value], activation: Activation = "relu") -> Self:
@@ -41,21 +41,23 @@ class NetworkMap:
                 tuple(_array(values, f"biases_{k}", 1) for k in layers),
                 activation,
             ),
-            _array(values, "input_offset", 1),
-            _array(values, "input_scale", 1),
-            float(_array(values, "output_offset", 0)),
-            float(_array(values, "output_scale", 0)),
+            Scaling(
+                _array(values, "input_offset", 1),
+                _array(values, "input_scale", 1),
+                float(_array(values, "output_offset", 0)),
+                float(_array(values, "output_scale", 0)),
+            ),
         )
         found._check_sizes()
         return found
 
     def _check_sizes(self) -> None:
         w, b = self.network.weights, self.network.biases
-        inputs = self.network.inputs
-        for name, size in (("input_offset", self.offset.size), ("input_scale", self.scale.size)):
-            if size != inputs:
+        inputs, s = self.network.inputs, self.scaling
+        for name, given in (("input_offset", s.offset), ("input_scale", s.scale)):
+            if given.size != inputs:
                 raise UsageError(
-                    f"{name} has {size} entries, and weights_1 is for {inputs} inputs",
+                    f"{name} has {given.size} entries, and weights_1 is for {inputs} inputs",
                     expected="One entry for each input.",
                 )
         for k, (rows, biases) in enumerate(zip(w, b), start=1):
@@ -71,11 +73,12 @@ class NetworkMap:
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Output for inputs in the file's order, shape ``(n, inputs)`` [SI]."""
-        return np.asarray(self.base + self.span * self.network((x - self.offset) / self.scale))
+        s = self.scaling
+        return np.asarray(s.base + s.span * self.network(s.inputs(x)))
 
-    def predict(self, x: FloatArray, state: int | None) -> FloatArray:
-        """The same, between both branches where the motion state in a column is not known (0)."""
-        y = self(x)
+    def predict(self, x: FloatArray, names: Sequence[str]) -> FloatArray:
+        """The same, between both branches where the motion state is not known (0)."""
+        y, state = self(x), state_column(names)
         if state is not None and (rest := x[:, state] == 0.0).any():
             ends = [np.where(np.arange(x.shape[1]) == state, s, x[rest]) for s in (1.0, -1.0)]
             y[rest] = 0.5 * (self(ends[0]) + self(ends[1]))
@@ -106,3 +109,41 @@ def checksums(values: Mapping[str, Value]) -> dict[str, float | list[float]]:
         weight = 1.0 + np.arange(flat.size) / flat.size
         out[name] = [float(weight @ np.maximum(flat, 0.0)), float(weight @ np.maximum(-flat, 0.0))]
     return out
+
+
+def predict_runs(
+    network: NetworkMap, experiments: Sequence[Experiment], options: ForceMapOptions
+) -> list[Simulated]:
+    """Output of every run; rows without a motion state and lone samples are not described."""
+    out = []
+    for e in experiments:
+        names = options.names or default_inputs(options, [e])
+        x = input_table(e, names, options)
+        used, state = is_known(x, names), state_column(names)
+        if state is not None:  # the first motion state is that of the beginning, too
+            fill_start(x[:, state])
+        y = network.predict(x, names)
+        if options.target in e:
+            measured = column_of(e, options.target)
+            there = np.isfinite(measured)
+            level, rest = np.where(there, (measured - network.scaling.base, measured - y), 0.0)
+            used &= there & ~find_spikes(level, rest, branch_of(e, options)[1])
+        out.append(Simulated(y, used))
+    return out
+
+
+def find_spikes(output: FloatArray, residual: FloatArray, settled: BoolArray) -> BoolArray:
+    """Samples that stand alone: off the fit, off their neighbours' residuals, and off them.
+
+    Misfit of the network lasts for many samples; a load-cell spike for one to three. A jump
+    of an input, as of a velocity, moves the residual but not what was measured. Just after a
+    reversal a lone sample is the seal's creep. All arrays are of one run.
+    """
+    if residual.size < 8:
+        return np.zeros(residual.size, dtype=bool)
+    off = np.abs(residual - running_median(residual, 3))
+    floor = 1e-6 * float(np.abs(output).max())
+    limit = max(10.0 * 1.4826 * float(np.median(off)), floor)
+    jump = np.abs(output - running_median(output, 3))
+    far = 3.0 * 1.4826 * float(np.median(np.abs(residual)))
+    return np.asarray((np.minimum(off, jump) > limit) & (off > far) & settled)

@@ -55,9 +55,8 @@ from ...family import (
 from .block import ForceMapBlock, branch_curves
 from .certificates import certificate_notice, certify
 from .data import column_of, data_notices, input_table
-from .equation import NetworkMap, checksums
+from .equation import NetworkMap, checksums, predict_runs
 from .options import ROLES, TARGETS, ForceMapOptions
-from .prediction import predict_runs
 from .results import file_parameters, fit_details
 from .training import fit_network, spike_notice
 
@@ -120,7 +119,7 @@ class ForceMap(Family[ForceMapOptions]):
                 remedy="Leave out --fix, --start and --bounds; --hidden and --seed choose.",
             )
         fit, options = fit_network(experiments, request)
-        certificate = certify(fit.network, fit.scaling, fit.data)
+        certificate = certify(fit.map, fit.data)
         return Estimate(
             file_parameters(fit),
             {},

@@ -119,22 +119,18 @@ class ForceMapOptions(FamilyOptions):
 
 def input_layers(target: str) -> list[tuple[str, ...]]:
     """The four input layers that the paper compares (figures 7 and 8)."""
-    first = "force" if target == "command" else "command"
-    return [
-        (first, "position"),
-        (first, "position", "velocity"),
-        (first, "position", "direction"),
-        (first, "position", "velocity", "direction"),
-    ]
+    more = [(), ("velocity",), ("direction",), ("velocity", "direction")]
+    return [("force" if target == "command" else "command", "position", *m) for m in more]
 
 
 def default_inputs(options: ForceMapOptions, experiments: Sequence[Experiment]) -> tuple[str, ...]:
     """The paper's best layer, as far as the logs hold it, with any length added."""
-    layer = input_layers(options.target)[2 if options.target == "command" else 3]
-    kept = [n for n in layer if n != "velocity" or has_velocity(experiments)]
+    names = [options.driver, "position"]
     if all("length" in e for e in experiments):
-        kept.insert(2, "length")
-    return tuple(kept)
+        names.append("length")
+    if options.target == "force" and has_velocity(experiments):
+        names.append("velocity")
+    return (*names, "direction")
 
 
 def has_velocity(experiments: Sequence[Experiment]) -> bool:

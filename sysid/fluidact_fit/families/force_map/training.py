@@ -3,32 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ...errors import Notice
 from ...estimation.motion_state import BoolArray
-from ...estimation.network import Network, Search, search, train_from
+from ...estimation.network import Cost, Search, Training, search, train_from
 from ...experiment import Experiment, FloatArray
-from ...family import Request
-from .certificates import ENUMERATED, certify
-from .data import Data, Scaling, check_data, gather, settle_dead_bands
-from .equation import NetworkMap
+from ...family import Request, Simulated
+from .certificates import ENUMERATED, certify, is_enumerable
+from .data import Data, check_data, gather, settle_dead_bands
+from .equation import NetworkMap, predict_runs
 from .options import PAPER_UNITS, ForceMapOptions, default_inputs, has_velocity, input_layers
-from .prediction import predict_runs
-from .validation import (
-    DECAYS,
-    Rows,
-    Trial,
-    length_column,
-    smallest_sufficient,
-    split_rows,
-    straighten,
-    sweep,
-    try_layer,
-)
+from .validation import DECAYS, Rows, Trial, smallest_sufficient, straighten, sweep, try_layer
 
 
 @dataclass(frozen=True)
@@ -41,18 +30,12 @@ class Fit:
 
     data: Data
     map: NetworkMap
-    scaling: Scaling
     trial: Trial
     rows: Rows
     found: Search
     predicted: FloatArray
     iterations: int
-    tables: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def network(self) -> Network:
-        """The network in standardised coordinates."""
-        return self.map.network
+    tables: Mapping[str, Any]
 
     @property
     def spikes(self) -> int:
@@ -64,122 +47,108 @@ def fit_network(
     experiments: Sequence[Experiment], request: Request[ForceMapOptions]
 ) -> tuple[Fit, ForceMapOptions]:
     """Choose inputs and hidden units where asked to, then train; settle the options."""
-    options, seed = settle_dead_bands(experiments, request.options), request.seed
+    options = settle_dead_bands(experiments, request.options)
+    request = replace(request, options=options)
     tables: dict[str, Any] = {}
     names = options.names or default_inputs(options, experiments)
     if options.inputs == "compare":
-        names, tables["input_layers"] = _compare_layers(experiments, options, request)
-    data, rows = _prepare(experiments, names, options, seed)
-    span, units = Scaling.of(data).span, options.layers
+        names, tables["input_layers"] = _compare_layers(experiments, request)
+    rows = _prepare(experiments, names, request)
+    span, units = rows.scaling.span, options.layers
     if not units:
-        swept = sweep(rows, names, options, request)
+        swept = sweep(rows, request.progress)
         tables["hidden_units"] = [t.row(span) for t in swept]
         units = smallest_sufficient(swept).hidden
-    trial, judged = _choose_training(rows, names, units, options, seed)
+    trial, judged = _choose_training(rows, units, options)
     if rows.length is not None:
-        tables["straight"] = {
-            "along": "length",
-            "strength": trial.straightness,
-            "judged": [
-                {k: v * (span if k.endswith("rms") else 1.0) for k, v in row.items()}
-                for row in judged
-            ],
-        }
+        tables["straight"] = {"along": "length", "strength": trial.straightness, "judged": judged}
     options = replace(
         options, inputs=",".join(names), hidden=",".join(map(str, units)),
         weight_decay=trial.decay, straightness=None if rows.length is None else trial.straightness,
     )  # fmt: skip
-    fit = _train(experiments, data, rows, trial, replace(request, options=options))
-    return replace(fit, tables=tables), options
+    return _train(experiments, rows, trial, replace(request, options=options), tables), options
 
 
 def _compare_layers(
-    experiments: Sequence[Experiment], options: ForceMapOptions, request: Request[ForceMapOptions]
+    experiments: Sequence[Experiment], request: Request[ForceMapOptions]
 ) -> tuple[tuple[str, ...], list[dict[str, Any]]]:
     """Cross-validate the input layers of the paper; the cheapest good one, and the table."""
-    units, trials, table = options.layers or (PAPER_UNITS[options.target],), [], []
-    for layer in input_layers(options.target):
+    target = request.options.target
+    units, trials, table = request.options.layers or (PAPER_UNITS[target],), [], []
+    for layer in input_layers(target):
         if "velocity" in layer and not has_velocity(experiments):
             continue
         request.progress("validating inputs " + ", ".join(layer))
-        data, rows = _prepare(experiments, layer, options, request.seed)
-        trials.append(try_layer(rows, layer, units, options, request.seed))
-        table.append(trials[-1].row(Scaling.of(data).span))
+        rows = _prepare(experiments, layer, request)
+        trials.append(try_layer(rows, units))
+        table.append(trials[-1].row(rows.scaling.span))
     return smallest_sufficient(trials).names, table
 
 
 def _choose_training(
-    rows: Rows, names: tuple[str, ...], units: tuple[int, ...], options: ForceMapOptions, seed: int
+    rows: Rows, units: tuple[int, ...], options: ForceMapOptions
 ) -> tuple[Trial, list[dict[str, float]]]:
     """Weight decay and straightness, as settled or by validation.
 
     Judging rivals for a network of two layers would cost ten times its training.
     """
     if options.weight_decay is not None:
-        decays = (options.weight_decay,)
-        return try_layer(rows, names, units, options, seed, decays, options.straightness), []
+        return try_layer(rows, units, (options.weight_decay,), options.straightness), []
     if len(units) > 1:
-        return try_layer(rows, names, units, options, seed, DECAYS[:1]), []
-    return straighten(rows, try_layer(rows, names, units, options, seed), options, seed)
+        return try_layer(rows, units, DECAYS[:1]), []
+    return straighten(rows, try_layer(rows, units))
 
 
 def _prepare(
-    experiments: Sequence[Experiment], names: tuple[str, ...], options: ForceMapOptions, seed: int
-) -> tuple[Data, Rows]:
-    data = gather(experiments, names, options)
-    check_data(data, options)
-    s = Scaling.of(data)
-    split = split_rows(data, seed)
-    x, y = s.inputs(data.x[data.used]), s.output(data.y[data.used])
-    return data, Rows(x, y, split, length_column(data))
+    experiments: Sequence[Experiment], names: tuple[str, ...], request: Request[ForceMapOptions]
+) -> Rows:
+    data = gather(experiments, names, request.options)
+    check_data(data, request.options)
+    return Rows.of(data, request.options.activation, request.seed)
 
 
 def _train(
-    experiments: Sequence[Experiment], data: Data, rows: Rows, trial: Trial,
-    request: Request[ForceMapOptions],
+    experiments: Sequence[Experiment], rows: Rows, trial: Trial,
+    request: Request[ForceMapOptions], tables: Mapping[str, Any],
 ) -> Fit:  # fmt: skip
     """Train the final network on all used rows, spikes left out."""
-    options = request.options
+    options, data, s = request.options, rows.data, rows.scaling
     request.progress(f"training {len(data.names)}-{'-'.join(map(str, trial.hidden))}-1")
-    s = Scaling.of(data)
     rng = np.random.default_rng([request.seed, 7])
     chords = rows.chords(rows.x, trial.straightness)
     # a larger network has more to tell apart, and more optima nearly as good
     weights = sum(trial.hidden) * (rows.x.shape[1] + 1)
-    found = search(
-        rows.x, rows.y, trial.hidden, rng, activation=options.activation, decay=trial.decay,
-        chords=chords, starts=options.starts, rows=int(np.clip(100 * weights, 3000, 8000)),
+    training = Training(
+        trial.hidden, options.activation, trial.decay, options.starts,
+        rows=int(np.clip(100 * weights, 3000, 8000)),
         finalists=3 if sum(trial.hidden) <= ENUMERATED else 6,
     )  # fmt: skip
+    found = search(rows.x, rows.y, training, rng, chords)
 
-    def used_by(network: Network) -> tuple[NetworkMap, FloatArray, BoolArray]:
-        made = NetworkMap(network, s.offset, s.scale, s.base, s.span)
-        runs = predict_runs(made, experiments, options)
-        used = np.concatenate([r.used for r in runs if r.used is not None])
-        return made, np.concatenate([r.output for r in runs]), used
-
-    net = _choose_candidate(found, s, data, options.driver)
-    kept = used_by(net)[2]
+    best = _choose_candidate(found, rows, options.driver)
+    kept = _described(predict_runs(best, experiments, options))
     last = train_from(
-        net, s.inputs(data.x[kept]), s.output(data.y[kept]), decay=trial.decay, limit=found.limit,
-        chords=chords, iterations=10, tolerance=1e-5,
+        best.network, s.inputs(data.x[kept]), s.output(data.y[kept]),
+        Cost(trial.decay, found.limit, chords), iterations=10, tolerance=1e-5,
     )  # fmt: skip
-    made, predicted, used = used_by(last.network)
-    return Fit(replace(data, used=used), made, s, trial, rows, found, predicted, last.iterations)
+    made = NetworkMap(last.network, s)
+    runs = predict_runs(made, experiments, options)
+    output = np.concatenate([r.output for r in runs])
+    data = replace(data, used=_described(runs))
+    return Fit(data, made, trial, rows, found, output, last.iterations, tables)
 
 
-def _choose_candidate(found: Search, scaling: Scaling, data: Data, source: str) -> Network:
+def _described(runs: Sequence[Simulated]) -> BoolArray:
+    return np.concatenate([r.used for r in runs if r.used is not None])
+
+
+def _choose_candidate(found: Search, rows: Rows, source: str) -> NetworkMap:
     """The best network; of nearly equal ones a monotone one."""
-    most = 1.05 * found.best.cost
-    for candidate in found.candidates:
-        net = candidate.network
-        if candidate.cost > most or net.activation != "relu" or len(net.weights) > 2:
-            break
-        if net.hidden[0] > ENUMERATED:
-            break
-        if certify(net, scaling, data).monotone(source):
-            return net
-    return found.best.network
+    near = [c.network for c in found.candidates if c.cost <= 1.05 * found.best.cost]
+    maps = [NetworkMap(net, rows.scaling) for net in near]
+    if not is_enumerable(near[0]):
+        return maps[0]
+    return next((m for m in maps if certify(m, rows.data).monotone(source)), maps[0])
 
 
 def spike_notice(fit: Fit) -> list[Notice]:
@@ -187,10 +156,8 @@ def spike_notice(fit: Fit) -> list[Notice]:
     if not fit.spikes:
         return []
     share = 100.0 * fit.spikes / (fit.spikes + int(fit.data.used.sum()))
-    return [
-        Notice(
-            "force-spikes",
-            f"{fit.spikes} samples ({share:.2g} %) stand alone far off their neighbours: spikes "
-            "of the load cell. They were left out.",
-        )
-    ]
+    text = (
+        f"{fit.spikes} samples ({share:.2g} %) stand alone far off their neighbours: spikes "
+        "of the load cell. They were left out."
+    )
+    return [Notice("force-spikes", text)]

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from ...estimation.motion_state import BoolArray
-from ...estimation.network import Chords, cross_validate, robust_deviation, search, thin
+from ...estimation.network import (
+    Activation,
+    Chords,
+    Training,
+    cross_validate,
+    robust_deviation,
+    search,
+    thin,
+)
 from ...experiment import FloatArray
-from ...family import Request
-from .data import Data
-from .options import ForceMapOptions
+from .data import Data, Scaling
 
 _SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)
 _WORTH = 0.03  # relative gain of validation below which more is not worth its cost
@@ -28,36 +34,28 @@ _MOST_FOLDS = 4
 _SPIKE = 12.0  # errors beyond this many robust standard deviations do not choose a network
 
 
-@dataclass(frozen=True)
-class Split:
-    """Held-out rows per fold, over the used rows, and what they were split by."""
-
-    folds: tuple[BoolArray, ...]
-    by: str
-    groups: int
-
-
-def split_rows(data: Data, seed: int) -> Split:
+def _split(data: Data, seed: int) -> tuple[list[BoolArray], str, int]:
     """Fold the used rows by position, by log, or by stretches of the record.
 
     The outermost positions are never held out: beyond them a network extrapolates.
+    Returns the rows held out in each fold, what they were split by, and the number of groups.
     """
     position, logs = data.position[data.used], data.log[data.used]
     levels = _levels(position)
     count, records = int(levels.max()) + 1, np.unique(logs)
     if count >= 5 or (count >= 3 and records.size < 3):
-        by, labels, inner = "position", levels, list(range(1, count - 1))
+        by, labels, inner = "position", levels, np.arange(1, count - 1)
     elif records.size >= 3:
-        means = {int(k): float(position[logs == k].mean()) for k in records}
-        ends = {min(means.values()), max(means.values())}
-        alone = {k for k, m in means.items() if m in ends and list(means.values()).count(m) == 1}
-        by, labels, inner = "log", logs, [k for k in means if k not in alone]
+        means = np.array([position[logs == k].mean() for k in records])
+        outer = (means == means.min()) | (means == means.max())
+        alone = outer & (np.sum(means[:, None] == means, axis=0) == 1)
+        by, labels, inner = "log", logs, records[~alone]
     else:
         by, labels = "stretch of the record", np.arange(position.size) * 6 // position.size
-        inner = [1, 2, 3, 4]
+        inner = np.arange(1, 5)
     order = np.random.default_rng(seed).permutation(inner)
     folds = min(_MOST_FOLDS, order.size)
-    return Split(tuple(np.isin(labels, order[k::folds]) for k in range(folds)), by, order.size)
+    return [np.isin(labels, order[k::folds]) for k in range(folds)], by, order.size
 
 
 def _levels(position: FloatArray) -> npt.NDArray[np.intp]:
@@ -84,23 +82,35 @@ def _clipped_rms(error: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class Rows:
-    """Standardised used rows with their split, and the column of the specimens' length."""
+    """The used rows of the data, standardised, with their split and the settings of a training.
 
+    Rows of the ``groups`` inside are held out together, ``folds`` tells in which turn;
+    ``length`` is the column of a length that names the specimens.
+    """
+
+    data: Data
+    scaling: Scaling
     x: FloatArray
     y: FloatArray
-    split: Split
+    folds: Sequence[BoolArray]
+    split_by: str
+    groups: int
     length: int | None
+    activation: Activation
+    seed: int
+
+    @classmethod
+    def of(cls, data: Data, activation: Activation, seed: int) -> Self:
+        """Standardise and split the used rows."""
+        s = Scaling.of(data)
+        x, y = s.inputs(data.x[data.used]), s.output(data.y[data.used])
+        return cls(data, s, x, y, *_split(data, seed), _length_column(data), activation, seed)
 
     def chords(self, x: FloatArray, strength: float) -> Chords | None:
         """Chords along the length, for some of the rows."""
         if self.length is None or strength == 0.0:
             return None
         return Chords.along(x, self.length, strength)
-
-    @property
-    def usual_straightness(self) -> float:
-        """Strength of the chords unless validation objects."""
-        return _STRAIGHT[0] if len(self.held_lengths()) > 1 else _STRAIGHT_FEW
 
     def held_lengths(self) -> list[BoolArray]:
         """Rows of each length but the shortest and the longest."""
@@ -109,13 +119,27 @@ class Rows:
         values = self.x[:, self.length]
         return [np.asarray(values == v) for v in np.unique(values)[1:-1]]
 
+    def brief(self, hidden: tuple[int, ...], decay: float) -> Training:
+        """A short search, for validation."""
+        few = max(1200, 12 * sum(hidden) * (self.x.shape[1] + 1))
+        return Training(hidden, self.activation, decay, 4, few, iterations=25, finalists=2)
 
-def length_column(data: Data) -> int | None:
+    def held_out(
+        self, folds: Sequence[BoolArray], hidden: tuple[int, ...], decay: float, strength: float
+    ) -> FloatArray:
+        """Errors on rows that were not trained; see :func:`cross_validate`."""
+        return cross_validate(
+            self.x, self.y, folds, self.brief(hidden, decay), self.seed,
+            lambda x: self.chords(x, strength),
+        )  # fmt: skip
+
+
+def _length_column(data: Data) -> int | None:
     """Column of a length that names the specimens; ``None`` where there is none."""
     if "length" not in data.names:
         return None
     k = data.names.index("length")
-    fixed = all(np.ptp(part) == 0.0 for part in data.split(data.x[:, k]))
+    fixed = all(np.ptp(part) == 0.0 for part in np.split(data.x[:, k], data.cuts))
     return k if fixed and 2 <= np.unique(data.x[:, k]).size <= _MOST_LENGTHS else None
 
 
@@ -143,20 +167,17 @@ class Trial:
 
 
 def try_layer(
-    rows: Rows, names: tuple[str, ...], hidden: tuple[int, ...], options: ForceMapOptions,
-    seed: int, decays: Sequence[float] = DECAYS, strength: float | None = None,
-) -> Trial:  # fmt: skip
+    rows: Rows,
+    hidden: tuple[int, ...],
+    decays: Sequence[float] = DECAYS,
+    strength: float | None = None,
+) -> Trial:
     """Cross-validate a layer with the usual weight decay, or one that is clearly better."""
-    straightness = rows.usual_straightness if strength is None else strength
-    trials = [
-        Trial(
-            names, hidden, decay,
-            _held_out(rows, rows.split.folds, hidden, options, seed, decay, straightness),
-            straightness,
-        )
-        for decay in decays
-    ]  # fmt: skip
-    return trials[_usual_or_better([_clipped_rms(t.error) for t in trials])]
+    if strength is None:
+        strength = _STRAIGHT[0] if len(rows.held_lengths()) > 1 else _STRAIGHT_FEW
+    errors = [rows.held_out(rows.folds, hidden, decay, strength) for decay in decays]
+    best = _usual_or_better([_clipped_rms(e) for e in errors])
+    return Trial(rows.data.names, hidden, decays[best], errors[best], strength)
 
 
 def _usual_or_better(scores: Sequence[float]) -> int:
@@ -165,25 +186,7 @@ def _usual_or_better(scores: Sequence[float]) -> int:
     return best if scores[best] < (1.0 - _OBJECTION) * scores[0] else 0
 
 
-def _few_rows(rows: Rows, hidden: tuple[int, ...]) -> int:
-    """Rows of a search for validation."""
-    return max(1200, 12 * sum(hidden) * (rows.x.shape[1] + 1))
-
-
-def _held_out(
-    rows: Rows, folds: Sequence[BoolArray], hidden: tuple[int, ...], options: ForceMapOptions,
-    seed: int, decay: float, straightness: float,
-) -> FloatArray:  # fmt: skip
-    """Errors on rows that were not trained; see :func:`cross_validate`."""
-    return cross_validate(
-        rows.x, rows.y, folds, hidden, seed, activation=options.activation, decay=decay,
-        chords=lambda x: rows.chords(x, straightness), rows=_few_rows(rows, hidden),
-    )  # fmt: skip
-
-
-def straighten(
-    rows: Rows, trial: Trial, options: ForceMapOptions, seed: int
-) -> tuple[Trial, list[dict[str, float]]]:
+def straighten(rows: Rows, trial: Trial) -> tuple[Trial, list[dict[str, float]]]:
     """Judge how nearly straight the output has to be along the length.
 
     Two questions weigh the same: another log of the same specimens, answered by the error of
@@ -191,42 +194,36 @@ def straighten(
     strength stands unless a rival is clearly better. Of three lengths only one can be held
     out, and between the two that are left nothing is curved: there is nothing to judge.
 
-    Returns
-    -------
-    trial
-        With the strength that is kept.
-    table
-        Strength, and both errors, standardised.
+    Returns the trial with the strength that is kept, and a table of strengths with both errors
+    [unit of the output].
     """
-    folds, table, scores = rows.held_lengths(), [], []
-    for strength in _STRAIGHT if len(folds) > 1 else ():
-        between = _held_out(rows, folds, trial.hidden, options, seed, trial.decay, strength)
-        few = thin(rows.y.size, _few_rows(rows, trial.hidden))
-        x, y = rows.x[few], rows.y[few]
-        found = search(
-            x, y, trial.hidden, np.random.default_rng([seed, 3]), activation=options.activation,
-            decay=trial.decay, chords=rows.chords(x, strength), starts=4, finalists=2,
-            rows=few.size, iterations=25,
-        )  # fmt: skip
-        both = _clipped_rms(y - found.best.network(x)), _clipped_rms(between)
-        table.append({"strength": strength, "recorded_rms": both[0], "held_out_rms": both[1]})
-        scores.append(float(np.hypot(*both)))
-    kept = _usual_or_better(scores) if scores else 0
+    folds, span, table, scores = rows.held_lengths(), rows.scaling.span, [], []
+    if len(folds) < 2:
+        return trial, []
+    brief = rows.brief(trial.hidden, trial.decay)
+    few = thin(rows.y.size, brief.rows)
+    x, y = rows.x[few], rows.y[few]
+    for strength in _STRAIGHT:
+        between = rows.held_out(folds, trial.hidden, trial.decay, strength)
+        rng = np.random.default_rng([rows.seed, 3])
+        found = search(x, y, brief, rng, rows.chords(x, strength))
+        here, there = _clipped_rms(y - found.best.network(x)), _clipped_rms(between)
+        table.append(
+            {"strength": strength, "recorded_rms": span * here, "held_out_rms": span * there}
+        )
+        scores.append(float(np.hypot(here, there)))
+    kept = _usual_or_better(scores)
     if kept == 0:
         return trial, table
-    strength = table[kept]["strength"]
-    again = try_layer(rows, trial.names, trial.hidden, options, seed, (trial.decay,), strength)
-    return again, table
+    return try_layer(rows, trial.hidden, (trial.decay,), _STRAIGHT[kept]), table
 
 
-def sweep(
-    rows: Rows, names: tuple[str, ...], options: ForceMapOptions, request: Request[ForceMapOptions]
-) -> list[Trial]:
+def sweep(rows: Rows, progress: Callable[[str], None]) -> list[Trial]:
     """More and more hidden units until validation gains nothing twice in a row."""
     out: list[Trial] = []
     for units in _SWEEP:
-        request.progress(f"validating {units} hidden units")
-        out.append(try_layer(rows, names, (units,), options, request.seed, DECAYS[:1]))
+        progress(f"validating {units} hidden units")
+        out.append(try_layer(rows, (units,), DECAYS[:1]))
         scores = [_clipped_rms(t.error) for t in out]
         if len(out) > 4 and min(scores[-2:]) > (1.0 - _WORTH) * min(scores[:-2]):
             break

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -15,7 +14,7 @@ from ...estimation.friction_law import FrictionLaw
 from ...experiment import Experiment, FloatArray
 from ...specification import scalars
 from .case import read_machine
-from .equations import LOSSES, Machine, chamber_flow, pressure_drop
+from .equations import EDGES, LOSSES, Machine, chamber_flow
 from .networks import Network, network_of
 from .options import HydraulicCylinderOptions
 from .simulation import simulate_run
@@ -36,7 +35,7 @@ class HydraulicBlock(Block):
     def _machine(self) -> Machine:
         return read_machine(self._options, self._known)
 
-    def _values(self, names: Sequence[str]) -> dict[str, float]:
+    def _values(self, *names: str) -> dict[str, float]:
         return scalars({n: self.parameters[n] for n in names})
 
     def _of_chamber(self, chamber: int) -> dict[str, float]:
@@ -46,8 +45,7 @@ class HydraulicBlock(Block):
                 f"the file holds no valve gain of chamber {chamber}",
                 remedy="Fit logs that hold its pressure.",
             )
-        edges = ("dead_zone_negative", "dead_zone_positive")
-        return self._values((f"valve_gain_{chamber}", *LOSSES[chamber], *edges))
+        return self._values(f"valve_gain_{chamber}", *LOSSES[chamber], *EDGES)
 
     def _network(self, name: str, option: str) -> Network:
         net = network_of(self.parameters, name)
@@ -75,20 +73,21 @@ class HydraulicBlock(Block):
         if network:
             net = self._network(f"flow_{chamber}", "flow")
             return net(np.column_stack((u.ravel(), p.ravel()))).reshape(u.shape)
-        m, values = self._machine, self._of_chamber(chamber)
-        return np.real(chamber_flow(chamber, u, p, values, m.supply, m.tank))
+        return chamber_flow(chamber, u, p, self._of_chamber(chamber), self._machine)
 
     def friction(self, velocity: npt.ArrayLike, *, network: bool = False) -> FloatArray:
         """Friction of the moving piston [N] at velocities [m/s]: of the law, or of the network."""
         v = np.asarray(velocity, float)
         if network:
             return self._network("friction", "friction")(v.reshape(-1, 1)).reshape(v.shape)
-        return FrictionLaw.of(self._values(("viscous", "coulomb"))).moving(v)
+        return FrictionLaw.of(self._values("viscous", "coulomb")).moving(v)
 
-    def _feeding(self, extending: bool) -> int:
-        """Chamber that meters the flow in; the other one where that is not known."""
+    def _feeding(self, extending: bool, *pressures: float) -> tuple[int, float]:
+        """Chamber that meters the flow in, the other one where that is not known; its pressure."""
         chamber = 1 if extending else 2
-        return chamber if chamber in self._known else self._known[0]
+        if chamber not in self._known:
+            chamber = self._known[0]
+        return chamber, pressures[chamber - 1]
 
     def __call__(self, command: float, pressure_1: float = 0.0, pressure_2: float = 0.0) -> float:
         """Steady speed for a command [V] and the measured pressures [Pa], in m/s.
@@ -96,8 +95,7 @@ class HydraulicBlock(Block):
         The flow of the chamber that is being fed sets it, and only that pressure is used:
         friction and load are in it.
         """
-        chamber = self._feeding(command >= 0.0)
-        pressure = pressure_1 if chamber == 1 else pressure_2
+        chamber, pressure = self._feeding(command >= 0.0, pressure_1, pressure_2)
         return float(self.flow(chamber, command, pressure)) / self._machine.area(chamber)
 
     def command_for(
@@ -110,12 +108,11 @@ class HydraulicBlock(Block):
         if velocity == 0.0:
             return 0.0
         extending = velocity > 0.0
-        chamber = self._feeding(extending)
-        pressure = pressure_1 if chamber == 1 else pressure_2
-        m, v = self._machine, self._of_chamber(chamber)
-        drop = float(pressure_drop(chamber, np.array(extending), pressure, m.supply, m.tank))
+        chamber, pressure = self._feeding(extending, pressure_1, pressure_2)
+        m, v, way = self._machine, self._of_chamber(chamber), 0 if extending else 1
+        drop = float(m.pressure_drop(chamber, np.array(extending), pressure))
         flow = abs(velocity) * m.area(chamber)
-        rest = drop - v[LOSSES[chamber][0 if extending else 1]] * flow
+        rest = drop - v[LOSSES[chamber][way]] * flow
         sign = 1.0 if extending else -1.0
         if rest <= 0.0:
             return sign * float("inf")

@@ -1,4 +1,4 @@
-"""What was given and what was recorded: machine, chambers, windows."""
+"""What was given and what was recorded: machine, chambers, windows, friction."""
 
 from __future__ import annotations
 
@@ -9,11 +9,31 @@ from functools import cached_property
 import numpy as np
 
 from ...errors import LogError, UsageError
-from ...experiment import Experiment
+from ...estimation.separable import Mask
+from ...experiment import Experiment, FloatArray
 from ...family import Request, Variant
-from .equations import Machine
+from ...signals import smooth
+from .equations import SIGN, Machine
 from .options import HydraulicCylinderOptions
-from .windows import Windows, make_windows, window_length
+from .windows import Windows, cut_windows, window_length
+
+
+@dataclass(frozen=True)
+class FrictionRows:
+    """Speed [m/s] and friction force [N] over short windows or plateaus, one array each.
+
+    ``in_time``: one row follows the other, so that their errors hang together.
+    """
+
+    speed: FloatArray
+    force: FloatArray
+    in_time: bool = False
+
+    @property
+    def moving(self) -> Mask:
+        """Rows fast enough to have a direction."""
+        size = np.abs(self.speed)
+        return size > 0.1 * np.quantile(size, 0.95) if size.size else size > 0.0
 
 
 @dataclass(frozen=True)
@@ -39,7 +59,12 @@ class Case:
     @property
     def both(self) -> bool:
         """Whether every log holds both pressures."""
-        return all("pressure_1" in e and "pressure_2" in e for e in self.experiments)
+        return all(_holds_both(e) for e in self.experiments)
+
+    @property
+    def rest_position(self) -> float:
+        """Mean position of the logs [m]."""
+        return float(np.mean([np.mean(e["position"]) for e in self.experiments]))
 
     @cached_property
     def windows(self) -> list[Windows]:
@@ -47,34 +72,70 @@ class Case:
         return self.cut()
 
     def cut(self, overlap: int = 1, shorter: float = 1.0) -> list[Windows]:
-        """Cut the logs into windows so much ``shorter``, of which ``overlap`` begin within one.
-
-        Raises
-        ------
-        LogError
-            When none is left.
-        """
-        made = [
-            make_windows(e, k, chamber, self.machine, self.window / shorter, overlap)
-            for k, e in enumerate(self.experiments)
-            for chamber in self.chambers
-            if f"pressure_{chamber}" in e
-        ]
-        found = [w for w in made if w is not None and w.first.size]
+        """Cut the logs into windows so much ``shorter``, of which ``overlap`` begin within one."""
+        machine, length = self.machine, self.window / shorter
+        found = cut_windows(self.experiments, self.chambers, machine, length, overlap)
         if not found:
             raise LogError(
                 "no part of the logs says anything of the valve: there is no pressure drop left "
                 "across it, or the pressure never settles",
                 where=", ".join(e.name for e in self.experiments),
-                expected=f"Supply {self.machine.supply:g} Pa, tank {self.machine.tank:g} Pa.",
+                expected=f"Supply {machine.supply:g} Pa, tank {machine.tank:g} Pa.",
                 remedy="Check --supply-pressure, --tank-pressure and the unit of the pressures; "
                 "give the dead volumes to use transients as well.",
             )
         return found
 
-    def rest_position(self) -> float:
-        """Mean position of the logs [m]."""
-        return float(np.mean([np.mean(e["position"]) for e in self.experiments]))
+    @cached_property
+    def friction(self) -> FrictionRows:
+        """Friction ``p1 A1 - p2 A2 - M a`` wherever it can be had."""
+        areas = self.machine.area_1, self.machine.area_2
+        if None in areas or self.chambers != (1, 2):
+            return FrictionRows(np.zeros(0), np.zeros(0))
+        parts = [_friction_windows(e, self.machine) for e in self.experiments if _holds_both(e)]
+        if not parts:
+            return _paired_plateaus(self.windows, self.machine)
+        speed, force = (np.concatenate(p) for p in zip(*parts))
+        return FrictionRows(speed, force, in_time=True)
+
+
+def _holds_both(e: Experiment) -> bool:
+    return "pressure_1" in e and "pressure_2" in e
+
+
+def _friction_windows(e: Experiment, machine: Machine) -> tuple[FloatArray, FloatArray]:
+    """Windows of about 10 ms; without a mass those in which the speed hardly changes."""
+    half = max(2, round(0.01 / e.sample_time))
+    motion = smooth(e["position"], e.sample_time, half, 3)
+    force = e.sampled("pressure_1") * machine.area(1) - e.sampled("pressure_2") * machine.area(2)
+    smoothed = smooth(force, e.sample_time, half, 2).value
+    speed, rows = motion.rate, np.arange(half, e.samples - half, half)
+    if machine.mass is not None:
+        smoothed = smoothed - machine.mass * motion.curvature
+    else:
+        change = np.abs(speed[rows + half - 1] - speed[rows - half])
+        rows = rows[change < 0.1 * float(np.quantile(np.abs(speed), 0.95))]
+    return speed[rows], smoothed[rows]
+
+
+def _paired_plateaus(windows: Sequence[Windows], machine: Machine) -> FrictionRows:
+    """Combine logs of one chamber each: plateaus at the same command belong together."""
+    means: dict[tuple[int, float], list[tuple[float, float]]] = {}
+    for w in windows:
+        area, level = machine.area(w.chamber), np.round(w.mean_command, 6)
+        for u in np.unique(level):
+            rows = level == u
+            if u == 0.0 or rows.sum() < 3:
+                continue
+            force = area * float(np.mean(w.mean_pressure[rows]))
+            speed = float(np.sum((w.motion * w.duration)[rows]) / np.sum(w.duration[rows]) / area)
+            means.setdefault((w.chamber, float(u)), []).append((speed, force))
+    pairs = [
+        (0.5 * (v1 + v2), f1 - f2)
+        for (chamber, u), found in sorted(means.items()) if chamber == 1
+        for (v1, f1), (v2, f2) in zip(found, means.get((2, u), ()))
+    ]  # fmt: skip
+    return FrictionRows(*np.array(pairs).reshape(-1, 2).T)
 
 
 def make_case(
@@ -98,12 +159,11 @@ def make_case(
                 remedy="Give --column pressure_1=... or --column pressure_2=...",
             )
     chambers = tuple(i for i in (1, 2) if any(f"pressure_{i}" in e for e in experiments))
-    options = request.options
-    machine = read_machine(options, chambers)
+    machine = read_machine(request.options, chambers)
     check_volumes(machine, experiments)
-    if options.stage == "plateaus":
+    if request.options.stage == "plateaus":
         machine = machine.plain()
-    window = options.window or window_length(experiments)
+    window = request.options.window or window_length(experiments)
     return Case(variant, experiments, request, machine, chambers, window)
 
 
@@ -146,16 +206,16 @@ def check_volumes(machine: Machine, experiments: Sequence[Experiment]) -> None:
     UsageError
         With the position at which a volume is used up, and the least that it has to be.
     """
-    for chamber, sign in ((1, 1.0), (2, -1.0)):
+    for chamber, sign in SIGN.items():
         dead = machine.dead_volume(chamber)
         if dead is None or getattr(machine, f"area_{chamber}") is None:
             continue
-        place = min((float((sign * e["position"]).min()), e.name) for e in experiments)
-        taken = -machine.area(chamber) * place[0]
+        deepest, name = min((float((sign * e["position"]).min()), e.name) for e in experiments)
+        taken = -machine.area(chamber) * deepest
         if dead <= taken:
             raise UsageError(
                 f"--dead-volume-{chamber} {dead:g}: chamber {chamber} would hold nothing at the "
-                f"position {sign * place[0]:.4g} m of {place[1]}",
+                f"position {sign * deepest:.4g} m of {name}",
                 expected=f"It is the volume at position 0 and more than {taken:.3g} m3 here.",
                 remedy="Give the volume of chamber and line with the piston at position 0 (m3), "
                 "and check the sign and the unit of the position.",

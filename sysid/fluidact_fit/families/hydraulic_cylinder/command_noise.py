@@ -19,151 +19,131 @@ References
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ...estimation.noise import noise_floor
-from ...estimation.uncertainty import Uncertainty, enlarge
 from ...experiment import FloatArray
-from .gray_box import GrayBox, GrayLog
 from .gray_search import STATE_SCALE, GraySolution
 
 _ENOUGH = 20_000  # samples of a log that the likelihood looks at
 _SURE = 2.0  # by which the likelihood has to favour an exact command
 
 
-def with_command_noise(
-    box: GrayBox, solution: GraySolution, uncertainty: Uncertainty
-) -> tuple[Uncertainty, float]:
-    """Enlarge the covariance by what noise on the command does to the estimates.
+class _Linearised(NamedTuple):
+    """A log about its solution, sample by sample.
 
-    The variances become no smaller than white noise on the channels would make them alone: what
+    ``channels`` are the measured states and ``sigma`` their weights; ``residuals`` have the shape
+    ``(channels, n)``, ``jacobian`` has ``(channels, n, p)``. ``white`` is the standard deviation
+    of the white part of every channel, ``noise`` that of the command [V]; ``transition`` and
+    ``drive`` are the derivatives of :meth:`.GrayBox.per_sample`.
+    """
+
+    channels: list[int]
+    sigma: FloatArray
+    residuals: FloatArray
+    jacobian: FloatArray
+    white: FloatArray
+    noise: float
+    transition: FloatArray
+    drive: FloatArray
+
+
+def command_noise(solution: GraySolution) -> tuple[FloatArray, float]:
+    """Variances of the free parameters by noise on the command and white noise on the channels.
+
+    They stand beside the covariance that the residuals show, and the larger ones count: what
     residuals show of themselves at a few hundred instants that matter is less than there was,
-    because the fit went after them.
-
-    Parameters
-    ----------
-    box, solution, uncertainty
-        The fit, and what its residuals alone say.
-
-    Returns
-    -------
-    uncertainty
-        With larger variances where there is reason.
-    noise
-        Largest standard deviation found on the command of a log [V]; 0 where all are exact.
+    because the fit went after them. Returned as well is the largest standard deviation found on
+    the command of a log [V], 0 where all are exact.
     """
     jacobian = np.vstack(solution.jacobian)
     scale = np.linalg.norm(jacobian, axis=0)
     if not scale.size or not np.all(scale > 0.0):
-        return uncertainty, 0.0
+        return np.zeros(scale.size), 0.0
     bread = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale)) / np.outer(scale, scale)
     middle = np.zeros_like(bread)
     largest = 0.0
+    box = solution.problem.box
     for k, log in enumerate(box.logs):
-        own = solution.jacobian[k].reshape(len(log.channels), log.samples, -1)
-        white = _white_levels(solution.residuals[k].reshape(len(log.channels), -1))
+        channels = list(log.channels)
+        residuals = solution.residuals[k].reshape(len(channels), -1)
+        own = solution.jacobian[k].reshape(*residuals.shape, -1)
+        white = np.array([noise_floor(r, 2, robust=False) for r in residuals])
         middle += np.einsum("c,cnp,cnq->pq", white**2, own, own)
-        sigma = noise_floor(log.command, 4)
-        if sigma == 0.0:
+        noise = noise_floor(log.command, 4)
+        if noise == 0.0:
             continue
-        transition, drive = box.per_sample(log, solution.states[k], solution.values)
-        if _favours_noise(log, solution, k, transition, drive, sigma):
-            largest = max(largest, sigma)
-            scores = _score_slopes(log, own, solution.sigma, transition, drive)
-            middle += sigma**2 * scores.T @ scores
-    total = enlarge(uncertainty.covariance, np.diag(bread @ middle @ bread))
-    return replace(uncertainty, covariance=total), largest
+        near = _Linearised(
+            channels, solution.problem.sigma[channels], residuals, own, white, noise,
+            *box.per_sample(log, solution.states[k], solution.values),
+        )  # fmt: skip
+        if _favours_noise(near):
+            largest = max(largest, noise)
+            scores = _score_slopes(near)
+            middle += noise**2 * scores.T @ scores
+    return np.diag(bread @ middle @ bread), largest
 
 
-def _white_levels(residuals: FloatArray) -> FloatArray:
-    """Standard deviation of the white part of every channel of ``(channels, n)``."""
-    return np.array([noise_floor(r, 2, robust=False) for r in residuals])
-
-
-def _score_slopes(
-    log: GrayLog, jacobian: FloatArray, sigma: FloatArray, transition: FloatArray, drive: FloatArray
-) -> FloatArray:
+def _score_slopes(log: _Linearised) -> FloatArray:
     """Derivatives of the score ``J' r`` by every sample of the command, ``(n - 1, p)``.
 
     The adjoint of the linearised model: ``l_k = C' j_k + A_k' l_{k+1}``, slope ``b_k' l_{k+1}``.
     """
-    n, p = jacobian.shape[1:]
-    out = np.empty((n - 1, p))
-    adjoint = np.zeros((4, p))
-    rows = list(log.channels)
-    weights = 1.0 / sigma[rows][:, None]
+    _, n, p = log.jacobian.shape
+    out, adjoint = np.empty((n - 1, p)), np.zeros((4, p))
+    weights = 1.0 / log.sigma[:, None]
     for k in range(n - 2, -1, -1):
-        adjoint[rows] += jacobian[:, k + 1] * weights
-        out[k] = drive[k] @ adjoint
-        adjoint = transition[k].T @ adjoint
+        adjoint[log.channels] += log.jacobian[:, k + 1] * weights
+        out[k] = log.drive[k] @ adjoint
+        adjoint = log.transition[k].T @ adjoint
     return out
 
 
-def _favours_noise(
-    log: GrayLog, solution: GraySolution, index: int, transition: FloatArray, drive: FloatArray,
-    sigma: float,
-) -> bool:  # fmt: skip
-    """Whether the residuals of a log speak for noise on its command, or at least not against it.
-
-    ``transition`` and ``drive`` are those of :meth:`.GrayBox.per_sample`, ``sigma`` is the
-    standard deviation of the noise [V].
-    """
-    n = min(log.samples, _ENOUGH)
-    channels = len(log.channels)
-    r = solution.residuals[index].reshape(channels, -1)
-    white = _white_levels(r)
-    if not np.all(white > 0.0):
+def _favours_noise(log: _Linearised) -> bool:
+    """Whether the residuals speak for noise on the command, or at least not against it."""
+    if not np.all(log.white > 0.0):
         return True
-    j = solution.jacobian[index].reshape(channels, log.samples, -1)
-    table = np.concatenate((r[:, :n, None], j[:, :n]), axis=2).transpose(1, 0, 2)
-    table = table / white[:, None]
+    table = np.concatenate((log.residuals[:, :, None], log.jacobian), axis=2)[:, :_ENOUGH]
+    table = table.transpose(1, 0, 2) / log.white[:, None]
     table[:, :, 1:] /= np.maximum(np.linalg.norm(table[:, :, 1:], axis=(0, 1)), 1e-300)
-    plain = _restricted(table.reshape(n * channels, -1), 0.0)
-    noise = white * solution.sigma[list(log.channels)]
-    noisy = _restricted(*_innovations(log, table, noise, transition, drive, sigma))
-    return plain < noisy + _SURE
+    plain = _restricted(table, 0.0)
+    return plain < _restricted(*_innovations(log, table)) + _SURE
 
 
-def _innovations(
-    log: GrayLog, table: FloatArray, noise: FloatArray, transition: FloatArray,
-    drive: FloatArray, sigma: float,
-) -> tuple[FloatArray, float]:  # fmt: skip
+def _innovations(log: _Linearised, table: FloatArray) -> tuple[FloatArray, float]:
     """Kalman filter over every column of a table, ``(n, channels, m)``, in units of the noise.
 
-    Returns
-    -------
-    whitened : (n channels, m)
-    logarithm
-        Of the determinant of the innovations' covariance.
+    Returns the whitened table and the logarithm of the determinant of its covariance.
     """
-    n, channels, m = table.shape
+    channels, m = table.shape[1:]
     observe = np.zeros((channels, 4))
-    observe[np.arange(channels), list(log.channels)] = STATE_SCALE[list(log.channels)] / noise
-    steps = transition * STATE_SCALE / STATE_SCALE[:, None]
-    pushes = sigma * drive / STATE_SCALE
+    seen = STATE_SCALE[log.channels] / (log.white * log.sigma)
+    observe[np.arange(channels), log.channels] = seen
+    steps = log.transition * STATE_SCALE / STATE_SCALE[:, None]
+    pushes = log.noise * log.drive / STATE_SCALE
     state, spread = np.zeros((4, m)), np.zeros((4, 4))
-    one = np.eye(channels)
     out, logarithm = np.empty_like(table), 0.0
-    for k in range(n):
-        seen = observe @ spread
-        root = np.linalg.cholesky(seen @ observe.T + one)
+    for k, row in enumerate(table):
+        if k:
+            state = steps[k - 1] @ state
+            spread = steps[k - 1] @ spread @ steps[k - 1].T + np.outer(pushes[k - 1], pushes[k - 1])
+        crossed = observe @ spread
+        root = np.linalg.cholesky(crossed @ observe.T + np.eye(channels))
         inverse = np.linalg.inv(root)
-        out[k] = inverse @ (table[k] - observe @ state)
+        out[k] = inverse @ (row - observe @ state)
         logarithm += 2.0 * float(np.sum(np.log(np.diag(root))))
-        gain = inverse @ seen
+        gain = inverse @ crossed
         state = state + gain.T @ out[k]
         spread = spread - gain.T @ gain
-        if k < n - 1:
-            state = steps[k] @ state
-            spread = steps[k] @ spread @ steps[k].T + np.outer(pushes[k], pushes[k])
-    return out.reshape(n * channels, m), logarithm
+    return out, logarithm
 
 
 def _restricted(table: FloatArray, logarithm: float) -> float:
     """Restricted log-likelihood of the first column after a fit of the others to it."""
-    r, j = table[:, 0], table[:, 1:]
+    rows = table.reshape(-1, table.shape[2])
+    r, j = rows[:, 0], rows[:, 1:]
     product = j.T @ j + 1e-9 * np.eye(j.shape[1])
     fitted = np.linalg.solve(product, j.T @ r)
     cost = float(r @ r - fitted @ (j.T @ r))

@@ -5,95 +5,21 @@ Numbers of equations are those of the paper that :mod:`.family` names.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from ...estimation.parametric import Values
+from ...estimation.separable import Array, Mask
 from ...experiment import FloatArray
 
-Array = npt.NDArray[Any]
-Mask = npt.NDArray[np.bool_]
+EDGES = ("dead_zone_negative", "dead_zone_positive")
 GRAY_NAMES = (
     "valve_gain_1", "valve_gain_2", "line_loss_1", "line_loss_2", "line_loss_3", "line_loss_4",
-    "bulk_modulus", "dead_zone_negative", "dead_zone_positive", "viscous", "coulomb",
+    "bulk_modulus", *EDGES, "viscous", "coulomb",
 )  # fmt: skip
 LOSSES = {1: ("line_loss_1", "line_loss_3"), 2: ("line_loss_4", "line_loss_2")}
-
-
-def effective_command(command: Array, negative: complex, positive: complex) -> Array:
-    """Command beyond the dead zone [V]: ``max(u - u+, 0) + min(u - u-, 0)``, shape ``(n,)``.
-
-    The edges are complex in derivatives.
-    """
-    above = np.where(np.real(command - positive) > 0.0, command - positive, 0.0)
-    below = np.where(np.real(command - negative) < 0.0, command - negative, 0.0)
-    return np.asarray(above + below)
-
-
-def orifice_flow(command: Array, drop: Array, gain: complex, loss: complex) -> Array:
-    """Flow through an orifice in series with a line, solved in closed form.
-
-    ``Q = K u sqrt(drop - r |Q|)`` holds the flow on both sides. With ``k = K |u|`` its
-    solution is ``Q = sgn(u) (-k^2 r + sqrt(k^4 r^2 + 4 k^2 drop)) / 2``, written here as
-    ``sgn(u) 2 k drop / (k r + sqrt(k^2 r^2 + 4 drop))`` which loses no digits at small flow.
-
-    Parameters
-    ----------
-    command, drop : (n,)
-        Beyond the dead zone [V]; pressure across valve and line [Pa]: flow turns back where it
-        is negative.
-    gain, loss
-        ``K`` [m3/(s V Pa^0.5)] and ``r`` [Pa s/m3].
-
-    Returns
-    -------
-    (n,) flow with the sign of the command [m3/s].
-    """
-    sign = np.where(np.real(command) >= 0.0, 1.0, -1.0)
-    k = gain * command * sign
-    size = np.where(np.real(drop) >= 0.0, drop, -drop) + 1e-9
-    root = np.sqrt((k * loss) ** 2 + 4.0 * size)
-    return np.asarray(sign * 2.0 * k * drop / (k * loss + root))
-
-
-def pressure_drop(
-    chamber: int, extending: Mask, pressure: Array | float, supply: float, tank: float
-) -> Array:
-    """Pressure drop [Pa] over the open edge: chamber 1 is fed while ``extending``, 2 while not."""
-    fed = extending if chamber == 1 else ~extending
-    return np.asarray(np.where(fed, supply - pressure, pressure - tank))
-
-
-def chamber_flow(
-    chamber: int, command: Array, pressure: Array, values: Mapping[str, Any],
-    supply: float, tank: float,
-) -> Array:  # fmt: skip
-    """Flow into chamber 1 or out of chamber 2, ``K_i u g_i`` of equation 4.
-
-    Parameters
-    ----------
-    chamber
-        1 or 2.
-    command, pressure : (n,)
-        [V], [Pa]
-    values
-        Valve gain, the two losses of the chamber and the dead zone, by name.
-    supply, tank
-        [Pa]
-
-    Returns
-    -------
-    (n,) flow, positive while the piston extends [m3/s].
-    """
-    beyond = effective_command(command, values["dead_zone_negative"], values["dead_zone_positive"])
-    extending = np.real(beyond) >= 0.0
-    drop = pressure_drop(chamber, extending, pressure, supply, tank)
-    forward, backward = LOSSES[chamber]
-    loss = np.where(extending, values[forward], values[backward])
-    return orifice_flow(beyond, drop, values[f"valve_gain_{chamber}"], loss)
+SIGN = {1: 1.0, 2: -1.0}  # of the motion that makes a chamber larger
 
 
 @dataclass(frozen=True)
@@ -121,24 +47,26 @@ class Machine:
         """Volume of a chamber and its line at position 0 [m3]."""
         return self.dead_volume_1 if chamber == 1 else self.dead_volume_2
 
-    def volume(self, chamber: int, position: Array) -> Array | None:
-        """``V1 + A1 y`` or ``V2 - A2 y`` [m3]."""
+    def volume(self, chamber: int, position: Array) -> Array:
+        """``V1 + A1 y`` or ``V2 - A2 y`` [m3] of a chamber whose dead volume is known."""
         dead = self.dead_volume(chamber)
-        if dead is None:
-            return None
-        sign = 1.0 if chamber == 1 else -1.0
-        return np.asarray(dead + sign * self.area(chamber) * position)
+        assert dead is not None
+        return dead + SIGN[chamber] * self.area(chamber) * position
 
     def swelling(self, chamber: int, position: Array, pressure: Array) -> Array:
         """``-+ V dp`` between samples: ``beta`` times the oil that adds to the motion [m3 Pa].
 
         Zero where the dead volume is not known.
         """
-        volume = self.volume(chamber, position)
-        if volume is None:
+        if self.dead_volume(chamber) is None:
             return np.zeros(position.size - 1)
-        sign = -0.5 if chamber == 1 else 0.5
-        return np.asarray(sign * (volume[1:] + volume[:-1]) * np.diff(pressure))
+        volume = self.volume(chamber, position)
+        return -0.5 * SIGN[chamber] * (volume[1:] + volume[:-1]) * np.diff(pressure)
+
+    def pressure_drop(self, chamber: int, extending: Mask, pressure: Array | float) -> Array:
+        """Drop [Pa] over the open edge: chamber 1 is fed while ``extending``, 2 while not."""
+        fed = extending if chamber == 1 else ~extending
+        return np.asarray(np.where(fed, self.supply - pressure, pressure - self.tank))
 
     @property
     def complete(self) -> bool:
@@ -163,12 +91,58 @@ class Machine:
         return np.array([share * area_2, share * area_1, position, 0.0])
 
 
+def effective_command(command: Array, negative: complex, positive: complex) -> Array:
+    """Command beyond the dead zone [V]: ``max(u - u+, 0) + min(u - u-, 0)``, shape ``(n,)``.
+
+    The edges are complex in derivatives.
+    """
+    above = np.where(np.real(command - positive) > 0.0, command - positive, 0.0)
+    below = np.where(np.real(command - negative) < 0.0, command - negative, 0.0)
+    return np.asarray(above + below)
+
+
+def orifice_flow(command: Array, drop: Array, gain: complex, loss: Array | complex) -> Array:
+    """Flow through an orifice in series with a line, with the sign of the command [m3/s].
+
+    ``Q = K u sqrt(drop - r |Q|)`` holds the flow on both sides. With ``k = K |u|`` its
+    solution is ``Q = sgn(u) (-k^2 r + sqrt(k^4 r^2 + 4 k^2 drop)) / 2``, written here as
+    ``sgn(u) 2 k drop / (k r + sqrt(k^2 r^2 + 4 drop))`` which loses no digits at small flow.
+
+    Parameters
+    ----------
+    command, drop : (n,)
+        Beyond the dead zone [V]; pressure across valve and line [Pa]: flow turns back where it
+        is negative.
+    gain, loss
+        ``K`` [m3/(s V Pa^0.5)] and ``r`` [Pa s/m3].
+    """
+    sign = np.where(np.real(command) >= 0.0, 1.0, -1.0)
+    k = gain * command * sign
+    size = np.where(np.real(drop) >= 0.0, drop, -drop) + 1e-9
+    root = np.sqrt((k * loss) ** 2 + 4.0 * size)
+    return np.asarray(sign * 2.0 * k * drop / (k * loss + root))
+
+
+def chamber_flow(
+    chamber: int, command: Array, pressure: Array, values: Values, machine: Machine
+) -> Array:
+    """Flow into chamber 1 or out of chamber 2, ``K_i u g_i`` of equation 4 [m3/s].
+
+    Positive while the piston extends. ``command`` [V] and ``pressure`` [Pa] have the shape
+    ``(n,)``; ``values`` holds valve gain, the two losses of the chamber and the dead zone.
+    """
+    beyond = effective_command(command, values["dead_zone_negative"], values["dead_zone_positive"])
+    extending = np.real(beyond) >= 0.0
+    drop = machine.pressure_drop(chamber, extending, pressure)
+    forward, backward = LOSSES[chamber]
+    loss = np.asarray(np.where(extending, values[forward], values[backward]))
+    return orifice_flow(beyond, drop, values[f"valve_gain_{chamber}"], loss)
+
+
 def mean_flow(
-    chamber: int, command: Array, ends: tuple[Array, Array], values: Mapping[str, Any],
-    machine: Machine,
-) -> Array:  # fmt: skip
-    """`chamber_flow` over intervals, the mean of that at the pressures of both ends."""
-    before, after = (
-        chamber_flow(chamber, command, p, values, machine.supply, machine.tank) for p in ends
-    )
+    chamber: int, command: Array, pressure: Array, values: Values, machine: Machine
+) -> Array:
+    """`chamber_flow` over the intervals between ``(n,)`` pressures, mean of that at both ends."""
+    ends = pressure[:-1], pressure[1:]
+    before, after = (chamber_flow(chamber, command, p, values, machine) for p in ends)
     return 0.5 * (before + after)

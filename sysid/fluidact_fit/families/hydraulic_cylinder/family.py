@@ -40,15 +40,15 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...errors import Notice, NotIdentifiedError
 from ...estimation.parametric import check_request
-from ...estimation.results import Solved, refuse
-from ...experiment import Experiment, FloatArray, Hold
+from ...estimation.results import refuse
+from ...experiment import Experiment, Hold
 from ...family import (
     Estimate,
     Family,
@@ -66,15 +66,20 @@ from ...family import (
 from .block import HydraulicBlock
 from .case import Case, make_case
 from .equations import GRAY_NAMES
-from .flow import GAIN_UNIT, fit_flow, gain_of_direction
-from .friction import FrictionRows, fit_friction, friction_levels, friction_rows
-from .gray_fit import fit_gray, resonance
+from .gray_fit import fit_gray
 from .networks import LAYERS, NETWORKS, fit_networks, flow_view
 from .options import HydraulicCylinderOptions
+from .regression import GAIN_UNIT, directional_gains, fit_flow, fit_friction, friction_levels
 from .simulation import simulate_run
 
 _SLOWEST = 2.5e-3  # s: at slower sampling the pressure resonance cannot be followed
+_GAIN_REMEDY = "Record strokes at two commands or more, each held until the speed settles."
 _LOSS_REMEDY = "Record strokes at large commands (a few volts) in both directions."
+_BULK_REMEDY = (
+    "Record steps of the command at 1 kHz or more, or fix it: --fix bulk_modulus=1e9 (typical: "
+    "0.5e9 to 1.5e9 Pa). Without --dead-volume-1 and --dead-volume-2 the plateaus alone are used, "
+    "which do not need it."
+)
 _EDGE_REMEDY = (
     "Record slow passes of the command through zero, or several small commands in both directions."
 )
@@ -86,35 +91,20 @@ _FRICTION_REMEDY = (
 
 def _specs() -> tuple[ParameterSpec, ...]:
     """The parameter table."""
+    where = "supply to chamber 1", "supply to chamber 2", "chamber 1 to tank", "chamber 2 to tank"
     gains = [
         ParameterSpec(
             f"valve_gain_{i}", GAIN_UNIT, f"gain of the orifices of chamber {i}, per volt",
-            minimum=0.0, optional=True,
-            remedy="Record strokes at two commands or more, each held until the speed settles.",
+            minimum=0.0, optional=True, remedy=_GAIN_REMEDY,
         )
         for i in (1, 2)
     ]  # fmt: skip
-    where = "supply to chamber 1", "supply to chamber 2", "chamber 1 to tank", "chamber 2 to tank"
     losses = [
         ParameterSpec(
             f"line_loss_{i}", "Pa s/m3", f"pressure loss per flow, {text}",
             neutral=0.0, minimum=0.0, optional=True, remedy=_LOSS_REMEDY,
         )
         for i, text in enumerate(where, start=1)
-    ]  # fmt: skip
-    edges = [
-        ParameterSpec(
-            f"dead_zone_{side}", "V", f"command {beyond} which the valve opens", neutral=0.0,
-            curved=True, remedy=_EDGE_REMEDY, minimum=low, maximum=high,
-        )
-        for side, beyond, low, high in (
-            ("negative", "below", -np.inf, 0.0), ("positive", "above", 0.0, np.inf),
-        )
-    ]  # fmt: skip
-    friction = [
-        ParameterSpec(name, unit, f"{kind} friction of the piston", neutral=0.0, minimum=0.0,
-                      remedy=_FRICTION_REMEDY)
-        for name, unit, kind in (("viscous", "N s/m", "viscous"), ("coulomb", "N", "dry"))
     ]  # fmt: skip
     networks = [
         ParameterSpec(
@@ -127,15 +117,16 @@ def _specs() -> tuple[ParameterSpec, ...]:
     return (
         *gains,
         *losses,
-        ParameterSpec(
-            "bulk_modulus", "Pa", "effective bulk modulus of oil and hoses", minimum=1e5,
-            optional=True,
-            remedy="Record steps of the command at 1 kHz or more, or fix it: --fix "
-            "bulk_modulus=1e9 (typical: 0.5e9 to 1.5e9 Pa). Without --dead-volume-1 and "
-            "--dead-volume-2 the plateaus alone are used, which do not need it.",
-        ),
-        *edges,
-        *friction,
+        ParameterSpec("bulk_modulus", "Pa", "effective bulk modulus of oil and hoses",
+                      minimum=1e5, optional=True, remedy=_BULK_REMEDY),
+        ParameterSpec("dead_zone_negative", "V", "command below which the valve opens",
+                      neutral=0.0, maximum=0.0, curved=True, remedy=_EDGE_REMEDY),
+        ParameterSpec("dead_zone_positive", "V", "command above which the valve opens",
+                      neutral=0.0, minimum=0.0, curved=True, remedy=_EDGE_REMEDY),
+        ParameterSpec("viscous", "N s/m", "viscous friction of the piston",
+                      neutral=0.0, minimum=0.0, remedy=_FRICTION_REMEDY),
+        ParameterSpec("coulomb", "N", "dry friction of the piston",
+                      neutral=0.0, minimum=0.0, remedy=_FRICTION_REMEDY),
         *networks,
     )  # fmt: skip
 
@@ -170,20 +161,21 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         """Fit the cylinder; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         case = make_case(variant, experiments, request)
-        stage, notices = _stage(case), []
+        stage = _stage(case)
         found = _by_gray_box(case) if stage == "gray-box" else None
-        if found is None:
-            if stage == "gray-box":
-                stage, notices = "plateaus", [_left_out(case)]
-                case = replace(case, machine=case.machine.plain())
+        if found is None and stage == "gray-box":
+            plain = replace(case, machine=case.machine.plain())
+            found = _by_flow_balance(plain, "plateaus", [_left_out(case)])
+            case = plain
+        elif found is None:
             found = _by_flow_balance(case, stage)
-        nets, tables = fit_networks(case, found.values, found.friction)
-        details = {**found.details, "comparisons": tables} if tables else found.details
-        return Estimate(
-            {**found.parameters, **nets}, _derived(case, found), found.order, found.covariance,
-            replace(found.options, window=case.window, rest_position=case.rest_position()),
-            [*notices, *found.notices], details,
-        )  # fmt: skip
+        layers, tables = fit_networks(case, scalars(found.values))
+        return replace(
+            found,
+            parameters={**found.parameters, **layers},
+            options=replace(found.options, window=case.window, rest_position=case.rest_position),
+            details={**found.details, **({"comparisons": tables} if tables else {})},
+        )
 
     def simulate(
         self,
@@ -239,33 +231,8 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         return HydraulicBlock(document, variant)
 
 
-@dataclass(frozen=True)
-class _Found:
-    """What one of the stages found; ``gray`` only by the gray box."""
-
-    friction: FrictionRows
-    parameters: dict[str, Quantity]
-    order: tuple[str, ...]
-    covariance: FloatArray
-    options: HydraulicCylinderOptions
-    notices: list[Notice]
-    details: dict[str, Any]
-    gray: Solved | None = None
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Every parameter [SI]."""
-        return {n: q.number for n, q in self.parameters.items()}
-
-
 def _stage(case: Case) -> str:
-    """What to fit: as the file says, else as much as is given and was recorded.
-
-    Raises
-    ------
-    NotIdentifiedError
-        When the logs cannot tell what the gray box needs.
-    """
+    """What to fit: as the file says, else as much as is given and was recorded."""
     complete = case.machine.complete and case.chambers == (1, 2)
     stage = case.options.stage or ("gray-box" if complete else "flow-balance")
     if stage != "gray-box":
@@ -285,21 +252,14 @@ def _stage(case: Case) -> str:
     return stage
 
 
-def _by_gray_box(case: Case) -> _Found | None:
+def _by_gray_box(case: Case) -> Estimate[HydraulicCylinderOptions] | None:
     """All states; None where the equations cannot follow the logs at all."""
-    friction = friction_rows(case)
-    first = fit_flow(case, lenient=True)
     try:
-        found = fit_gray(case, first, friction)
+        return fit_gray(case)
     except (np.linalg.LinAlgError, NotIdentifiedError) as error:
         if case.options.stage or (case.both and isinstance(error, NotIdentifiedError)):
             raise
         return None
-    parameters, order, matrix = found.solved.quantities(case.variant.parameters)
-    return _Found(
-        friction, parameters, order, matrix, found.options, found.notices, found.details,
-        found.solved,
-    )  # fmt: skip
 
 
 def _left_out(case: Case) -> Notice:
@@ -313,41 +273,31 @@ def _left_out(case: Case) -> Notice:
     )
 
 
-def _by_flow_balance(case: Case, stage: str) -> _Found:
-    """Flow balance over windows, friction beside it."""
+def _by_flow_balance(
+    case: Case, stage: str, notices: Sequence[Notice] = ()
+) -> Estimate[HydraulicCylinderOptions]:
+    """Flow balance over windows, friction beside it; ``notices`` come first."""
     from scipy.linalg import block_diag
 
-    rows = friction_rows(case)
-    first = fit_flow(case, lenient=False)
-    specs = case.variant.parameters
+    first, rows, specs = fit_flow(case, lenient=False), case.friction, case.variant.parameters
     parameters, order, matrix = first.quantities(specs)
-    notices = list(first.notices)
+    notices = [*notices, *first.notices]
     if rows.speed.size >= 4 and rows.moving.sum() >= 4:
-        friction = fit_friction(case, rows)
+        friction = fit_friction(case)
         more, names, block = friction.quantities(specs)
         parameters, order = {**parameters, **more}, (*order, *names)
         matrix = block_diag(matrix, block)
         notices += friction.notices
     for spec in specs:
-        if spec.name in case.request.fixed and spec.name not in parameters:
+        if spec.name in parameters:
+            continue
+        if spec.name in case.request.fixed:
             given = float(case.request.fixed[spec.name])
             parameters[spec.name] = Quantity(given, spec.unit, "fixed")
-        elif not (spec.optional or spec.name in parameters):
+        elif not spec.optional:
             notices.append(refuse(spec, "it needs the pressures of both chambers."))
             parameters[spec.name] = Quantity(spec.neutral or 0.0, spec.unit, "not_identified")
-    return _Found(
-        rows, parameters, order, matrix,
-        replace(case.options, stage=stage), [*notices, *_not_recorded(case)],
-        {
-            "method": "flow balance over windows",
-            "windows": int(sum(w.first.size for w in case.windows)),
-            "covariance": first.details()["covariance"],
-        },
-    )  # fmt: skip
-
-
-def _not_recorded(case: Case) -> list[Notice]:
-    return [
+    notices += [
         Notice(
             "chamber-not-recorded",
             f"no log holds pressure_{i}: the file has no valve gain and line losses of chamber "
@@ -357,14 +307,13 @@ def _not_recorded(case: Case) -> list[Notice]:
         for i in (1, 2)
         if i not in case.chambers
     ]
-
-
-def _derived(case: Case, found: _Found) -> dict[str, Quantity]:
-    """Gains by direction, friction levels and, of the gray box, the pressure resonance."""
-    out = friction_levels(found.friction) if found.friction.speed.size and not found.gray else {}
-    for chamber in case.chambers:
-        for sign, word in ((1.0, "extending"), (-1.0, "retracting")):
-            gain = gain_of_direction(case, found.values, chamber, sign)
-            if gain is not None:
-                out[f"valve_gain_{chamber}_{word}"] = gain
-    return {**out, **resonance(case, found.gray)} if found.gray else out
+    gains = directional_gains(case, {n: q.number for n, q in parameters.items()})
+    return Estimate(
+        parameters, {**friction_levels(case), **gains}, order, matrix,
+        replace(case.options, stage=stage), notices,
+        {
+            "method": "flow balance over windows",
+            "windows": sum(w.first.size for w in case.windows),
+            "covariance": first.details()["covariance"],
+        },
+    )  # fmt: skip

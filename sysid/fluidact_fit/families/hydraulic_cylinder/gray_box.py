@@ -7,7 +7,7 @@ many small steps, all others in the few that the pressure resonance asks for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,14 +15,16 @@ from typing import Any
 
 import numpy as np
 
+from ...estimation.parametric import Values
 from ...experiment import Experiment, FloatArray
 from ...signals import smooth
-from .equations import GRAY_NAMES, LOSSES, Machine
+from .equations import EDGES, GRAY_NAMES, LOSSES, Machine
 
+CHANNELS = ("pressure_1", "pressure_2", "position")
 _ROUND = 1e4  # Pa: pressure drop below which the square root of the gray box is rounded off
 _SLIP = 1e-3  # speed over which dry friction is rounded off, of the fast motion
+_MARGIN = 1.3  # of the friction that the steps are made for
 _MOST_SUBSTEPS = 16
-CHANNELS = ("pressure_1", "pressure_2", "position")
 _NEAR_REST = 5.0  # times the slip: the friction has reached 0.9999 of its level there
 _SHARP = 0.125  # times the slip where friction is to be as good as not rounded off
 
@@ -54,23 +56,19 @@ def make_gray_log(e: Experiment, machine: Machine) -> GrayLog:
     motion = smooth(e["position"], e.sample_time, 2 * half, 3)
     guess = np.zeros((e.samples, 4))
     guess[:, 2], guess[:, 3] = motion.value, motion.rate
-    channels = []
-    for k, role in enumerate(CHANNELS[:2]):
-        if role in e:
-            guess[:, k] = smooth(e.sampled(role), e.sample_time, max(1, half // 2), 2).value
-            channels.append(k)
+    channels = tuple(k for k, role in enumerate(CHANNELS) if role in e)
+    for k in channels[:-1]:
+        guess[:, k] = smooth(e.sampled(CHANNELS[k]), e.sample_time, max(1, half // 2), 2).value
     inertia = (machine.mass or 0.0) * motion.curvature
-    if not channels:
+    if channels == (2,):
         guess[:, 0] = machine.at_rest(0.0)[0]
     if 1 not in channels:
         guess[:, 1] = (guess[:, 0] * machine.area(1) - inertia) / machine.area(2)
     elif 0 not in channels:
         guess[:, 0] = (guess[:, 1] * machine.area(2) + inertia) / machine.area(1)
     guess[:, :2] = np.clip(guess[:, :2], machine.tank, machine.supply)
-    channels.append(2)
     measured = np.array([e.sampled(CHANNELS[k]) for k in channels])
-    command = e.sampled("command")[:-1]
-    return GrayLog(command, np.diff(e.time), tuple(channels), measured, guess)
+    return GrayLog(e.sampled("command")[:-1], np.diff(e.time), channels, measured, guess)
 
 
 @dataclass(frozen=True)
@@ -104,8 +102,7 @@ def _segment_function(
     rate = _symbolic_rates(ca, x, u, theta, machine, scheme.slip)
     z, change = x, rate
     if free is not None:
-        columns = 4 + len(free)
-        s = ca.SX.sym("s", 4, columns)
+        s = ca.SX.sym("s", 4, 4 + len(free))
         which = [GRAY_NAMES.index(n) for n in free]
         forced = ca.horzcat(ca.SX(4, 4), ca.jacobian(rate, theta)[:, which])
         z = ca.vertcat(x, ca.vec(s))
@@ -150,16 +147,14 @@ def _symbolic_rates(ca: Any, x: Any, u: Any, theta: Any, machine: Machine, slip:
     """Equations 1 to 4 with dead zone, losses and dry friction, as CasADi expressions."""
     p = dict(zip(GRAY_NAMES, ca.vertsplit(theta)))
     beyond = ca.fmax(u - p["dead_zone_positive"], 0.0) + ca.fmin(u - p["dead_zone_negative"], 0.0)
-    forward = beyond >= 0.0
-    sign = ca.if_else(forward, 1.0, -1.0)
+    extending = beyond >= 0.0
+    sign = ca.if_else(extending, 1.0, -1.0)
 
     def flow(chamber: int, pressure: Any) -> Any:
-        inward = machine.supply - pressure
-        outward = pressure - machine.tank
-        ahead, back = (inward, outward) if chamber == 1 else (outward, inward)
-        names = LOSSES[chamber]
-        drop = ca.if_else(forward, ahead, back)
-        loss = ca.if_else(forward, p[names[0]], p[names[1]])
+        drops = machine.supply - pressure, pressure - machine.tank
+        losses = (p[name] for name in LOSSES[chamber])
+        drop = ca.if_else(extending, *(drops if chamber == 1 else reversed(drops)))
+        loss = ca.if_else(extending, *losses)
         k = p[f"valve_gain_{chamber}"] * beyond * sign
         # without loss the root has an infinite slope at zero drop: rounded off below 0.1 bar
         size = ca.sqrt(drop * drop + _ROUND**2)
@@ -167,34 +162,33 @@ def _symbolic_rates(ca: Any, x: Any, u: Any, theta: Any, machine: Machine, slip:
 
     p1, p2, y, v = ca.vertsplit(x)
     area_1, area_2 = machine.area(1), machine.area(2)
-    beta, mass = p["bulk_modulus"], machine.mass
-    volume_1 = (machine.dead_volume_1 or 0.0) + area_1 * y
-    volume_2 = (machine.dead_volume_2 or 0.0) - area_2 * y
-    dp1 = beta / volume_1 * (flow(1, p1) - area_1 * v)
-    dp2 = -beta / volume_2 * (flow(2, p2) - area_2 * v)
+    dp1 = p["bulk_modulus"] / machine.volume(1, y) * (flow(1, p1) - area_1 * v)
+    dp2 = -p["bulk_modulus"] / machine.volume(2, y) * (flow(2, p2) - area_2 * v)
     friction = p["viscous"] * v + p["coulomb"] * ca.tanh(v / slip)
-    dv = (p1 * area_1 - p2 * area_2 - friction) / mass
+    dv = (p1 * area_1 - p2 * area_2 - friction) / machine.mass
     return ca.vertcat(dp1, dp2, v, dv)
 
 
 @dataclass(frozen=True)
 class Linear:
-    """States ``value + slope d + shift`` for a change ``d`` of initial state and parameters."""
+    """States ``value + slope [d, 1]`` for a change ``d`` of initial state and parameters.
+
+    The last column closes the gaps between the segments. ``chain`` says the same of the nodes;
+    ``defects`` are the gaps between the end of a segment and the next node.
+    """
 
     value: FloatArray
     slope: FloatArray
-    shift: FloatArray
     chain: FloatArray
-    offsets: FloatArray
     defects: FloatArray
 
 
 class GrayBox:
     """Simulation and sensitivities of several logs, in segments of so many samples.
 
-    The largest dry and viscous friction to be expected [N], [N s/m] set the number of
-    Runge-Kutta steps per sample and the speed over which dry friction is rounded off where it
-    need not be in steps this small: ``slip`` [m/s], from the speeds of the logs when left out.
+    The dry and viscous friction to be expected [N], [N s/m] set the number of Runge-Kutta steps
+    per sample and the speed over which dry friction is rounded off where it need not be in steps
+    this small: ``slip`` [m/s], from the speeds of the logs when left out.
     """
 
     def __init__(
@@ -215,19 +209,17 @@ class GrayBox:
 
     def _scheme(self, slip: float, most: int) -> Scheme:
         step = max(float(np.max(log.step)) for log in self.logs)
-        coulomb, viscous = self._friction
-        mass = self.machine.mass or 1.0
+        coulomb, viscous = (_MARGIN * f / (self.machine.mass or 1.0) for f in self._friction)
         # Runge-Kutta of order 4 is stable up to 2.78 / h and exact enough below 0.3 / omega
-        rolling = step * viscous / mass / 2.0
+        rolling = step * viscous / 2.0
         moving = int(np.clip(np.ceil(max(rolling, step / 5e-4)), 1, _MOST_SUBSTEPS))
-        most = max(most, moving)
-        sticking = step * (coulomb / (mass * slip) + viscous / mass) / 2.0
-        resting = int(np.clip(np.ceil(sticking), moving, most))
+        sticking = step * (coulomb / slip + viscous) / 2.0
+        resting = int(np.clip(np.ceil(sticking), moving, max(most, moving)))
         slip *= max(sticking / resting, 1.0)
         # a long step from beyond would have stages on the other side of rest
-        return Scheme(slip, _NEAR_REST * slip + 2.0 * coulomb / mass * step, moving, resting)
+        return Scheme(slip, _NEAR_REST * slip + 2.0 * coulomb * step, moving, resting)
 
-    def rounded(self, factor: float, most: int = _MOST_SUBSTEPS) -> GrayBox:
+    def rounded(self, factor: float, most: int) -> GrayBox:
         """The same with dry friction rounded off over a speed ``factor`` times as wide.
 
         That speed grows until ``most`` Runge-Kutta steps per sample do near rest.
@@ -240,45 +232,28 @@ class GrayBox:
         """The same with dry friction hardly rounded off at all."""
         return self.rounded(_SHARP, most=int(_MOST_SUBSTEPS / _SHARP))
 
-    def _segments(self, log: GrayLog) -> int:
-        return -(-(log.samples - 1) // self.segment)
-
     def _inputs(self, log: GrayLog) -> FloatArray:
         """Command and step of every sample, the last segment filled up, ``(2, m)``."""
-        missing = self._segments(log) * self.segment - log.command.size
+        missing = -log.command.size % self.segment
         return np.pad((log.command, log.step), ((0, 0), (0, missing)), mode="edge")
 
     def integrate(
-        self, log: GrayLog, nodes: FloatArray, values: Mapping[str, float], free: Sequence[str]
+        self, log: GrayLog, nodes: FloatArray, values: Values, free: Sequence[str]
     ) -> tuple[FloatArray, FloatArray]:
-        """States and sensitivities after every sample of every segment.
+        """States ``(segments, segment, 4)`` after every sample, from nodes ``(segments, 4)``.
 
-        Parameters
-        ----------
-        nodes : (segments, 4)
-            State at the beginning of every segment [Pa, Pa, m, m/s].
-        values, free
-            All parameters by name, and the names of those whose sensitivities are wanted.
-
-        Returns
-        -------
-        states : (segments, segment, 4)
-        slopes : (segments, segment, 4, 4 + free)
-            Derivatives by the node's state and the free parameters.
+        Beside them their derivatives by the node's state and the free parameters,
+        ``(segments, segment, 4, 4 + free)``. ``values`` holds all parameters.
         """
         count, length, columns = nodes.shape[0], self.segment, 4 + len(free)
         function = _segment_function(self.machine, length, self.scheme, tuple(free)).map(count)
-        seed = np.zeros((4, columns))
-        seed[:, :4] = np.eye(4)
-        z = np.vstack((nodes.T, np.repeat(seed.T.reshape(-1, 1), count, axis=1)))
+        seed = np.repeat(np.eye(columns, 4).reshape(-1, 1), count, axis=1)
         theta = np.tile(_theta(values), (1, count * length))
-        out = np.asarray(function(z, self._inputs(log), theta)).T.reshape(count, length, -1)
-        slopes = out[:, :, 4:].reshape(count, length, columns, 4)
-        return out[:, :, :4], np.swapaxes(slopes, 2, 3)
+        out = np.asarray(function(np.vstack((nodes.T, seed)), self._inputs(log), theta))
+        out = out.T.reshape(count, length, 1 + columns, 4)
+        return out[:, :, 0], np.swapaxes(out[:, :, 1:], 2, 3)
 
-    def simulate(
-        self, log: GrayLog, initial: FloatArray, values: Mapping[str, float]
-    ) -> FloatArray:
+    def simulate(self, log: GrayLog, initial: FloatArray, values: Values) -> FloatArray:
         """States at every sample, ``(n, 4)``, from the initial one [Pa, Pa, m, m/s]."""
         function = _segment_function(self.machine, self.segment, self.scheme, None)
         theta = np.tile(_theta(values), (1, self.segment))
@@ -286,44 +261,38 @@ class GrayBox:
         states = np.empty((inputs.shape[1] + 1, 4))
         states[0] = initial
         for first in range(0, inputs.shape[1], self.segment):
-            rows = slice(first, first + self.segment)
-            states[first + 1 : rows.stop + 1] = np.asarray(
-                function(states[first], inputs[:, rows], theta)
-            ).T
+            after = first + self.segment
+            found = function(states[first], inputs[:, first:after], theta)
+            states[first + 1 : after + 1] = np.asarray(found).T
         return states[: log.samples]
 
     def per_sample(
-        self, log: GrayLog, states: FloatArray, values: Mapping[str, float]
+        self, log: GrayLog, states: FloatArray, values: Values
     ) -> tuple[FloatArray, FloatArray]:
         """Derivatives of the state after every sample of a simulation, ``(n, 4)``.
 
-        Returns
-        -------
-        transition : (n - 1, 4, 4)
-            By the state before the sample.
-        drive : (n - 1, 4)
-            By the command over it.
+        By the state before the sample, ``(n - 1, 4, 4)``, and by the command over it,
+        ``(n - 1, 4)``.
         """
         single = copy(self)
         single.segment = 1
+        slopes = single.integrate(log, states[:-1], values, EDGES)[1][:, 0]
         # a command further up is both edges of the dead zone further down
-        edges = ("dead_zone_negative", "dead_zone_positive")
-        slopes = single.integrate(log, states[:-1], values, edges)[1][:, 0]
         return slopes[:, :, :4], -slopes[:, :, 4:].sum(axis=2)
 
-    def nodes_of(self, log: GrayLog, states: FloatArray | None = None) -> FloatArray:
-        """Node states from given states or the first guess, ``(segments, 4)``."""
-        rows = np.arange(self._segments(log)) * self.segment
-        return np.asarray((log.guess if states is None else states)[rows]).copy()
+    def nodes_of(self, states: FloatArray) -> FloatArray:
+        """States at the beginning of every segment, ``(segments, 4)``."""
+        return states[: -1 : self.segment].copy()
 
     def linearise(
-        self, log: GrayLog, nodes: FloatArray, values: Mapping[str, float], free: Sequence[str]
+        self, log: GrayLog, nodes: FloatArray, values: Values, free: Sequence[str]
     ) -> Linear:
         """Condense one log: states as an affine function of initial state and parameters."""
         states, slopes = self.integrate(log, nodes, values, free)
-        (count, length), n, q = states.shape[:2], log.samples, 4 + len(free)
+        (count, length), q = states.shape[:2], 4 + len(free)
         slope, chain = np.empty((count * length + 1, 4, q + 1)), np.empty((count, 4, q + 1))
         defects = np.zeros((count, 4))
+        defects[:-1] = states[:-1, -1] - nodes[1:]
         now = np.eye(4, q + 1)  # by initial state and parameters, and the gaps in the last column
         slope[0] = now
         for k in range(count):
@@ -332,14 +301,10 @@ class GrayBox:
             rows[:] = slopes[k, :, :, :4] @ now
             rows[:, :, 4:q] += slopes[k, :, :, 4:]
             now = rows[-1].copy()
-            if k + 1 < count:
-                defects[k] = states[k, -1] - nodes[k + 1]
-                now[:, q] += defects[k]
-        value = np.vstack((nodes[:1], states.reshape(-1, 4)))[:n]
-        return Linear(
-            value, slope[:n, :, :q], slope[:n, :, q], chain[:, :, :q], chain[:, :, q], defects
-        )
+            now[:, q] += defects[k]
+        value = np.vstack((nodes[:1], states.reshape(-1, 4)))
+        return Linear(value[: log.samples], slope[: log.samples], chain, defects)
 
 
-def _theta(values: Mapping[str, float]) -> FloatArray:
+def _theta(values: Values) -> FloatArray:
     return np.array([[values[n]] for n in GRAY_NAMES])

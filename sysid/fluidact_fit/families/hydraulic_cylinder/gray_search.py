@@ -10,14 +10,16 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from ...estimation.separable import Unknown, damped_step
+from ...estimation.parametric import Values
+from ...estimation.separable import Mask, Unknown, damped_step
+from ...estimation.uncertainty import Uncertainty, score_covariance
 from ...experiment import FloatArray
-from .equations import Mask
 from .gray_box import GrayBox, GrayLog, Linear
 
 _ASTRAY = 1e12  # residuals in standard deviations beyond which a simulation has run away
@@ -25,24 +27,55 @@ _COARSE = 16.0  # times the slip while the search is still far away
 STATE_SCALE = np.array([1e5, 1e5, 1e-3, 1e-2])  # Pa, Pa, m, m/s
 
 
-@dataclass
+@dataclass(frozen=True)
+class GrayProblem:
+    """What a search works on: logs and machine, the parameters to be estimated, weights.
+
+    ``sigma`` holds the standard deviation of the residuals of p1, p2 and y [Pa, Pa, m].
+    """
+
+    box: GrayBox
+    free: Sequence[Unknown]
+    sigma: FloatArray
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters."""
+        return tuple(u.name for u in self.free)
+
+
+@dataclass(frozen=True)
 class GraySolution:
     """Outcome of the gray-box iteration.
 
-    ``states`` holds ``(n, 4)`` per log (p1, p2, y, v), ``residuals`` and ``jacobian`` the
-    weighted rows of every log, channel after channel, initial states projected out of the latter.
+    ``states`` holds ``(n, 4)`` per log (p1, p2, y, v) and ``initial`` their first rows,
+    ``residuals`` and ``jacobian`` the weighted rows of every log, channel after channel, initial
+    states projected out of the latter. ``active`` marks the free parameters at a bound.
     """
 
+    problem: GrayProblem
     values: dict[str, float]
     states: list[FloatArray]
     residuals: list[FloatArray]
     jacobian: list[FloatArray]
-    initial: list[FloatArray]
     cost: float
     iterations: int
     converged: bool
     active: Mask
-    sigma: FloatArray
+
+    @property
+    def initial(self) -> list[FloatArray]:
+        """State of every log at its beginning."""
+        return [s[0] for s in self.states]
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """Covariance of the free parameters; the channels of a log share their errors."""
+        channels = [
+            [slice(k * log.samples, (k + 1) * log.samples) for k in range(len(log.channels))]
+            for log in self.problem.box.logs
+        ]
+        return score_covariance(self.jacobian, self.residuals, channels)
 
 
 @dataclass
@@ -64,63 +97,39 @@ class _Iterate:
         """State of every log at its beginning."""
         return [n[0] for n in self.nodes]
 
-
-@dataclass(frozen=True)
-class GrayProblem:
-    """What a search works on: logs and machine, the parameters to be estimated, weights.
-
-    ``sigma`` holds the standard deviation of the residuals of p1, p2 and y [Pa, Pa, m].
-    """
-
-    box: GrayBox
-    free: Sequence[Unknown]
-    sigma: FloatArray
-
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the free parameters."""
-        return tuple(u.name for u in self.free)
-
-    @property
-    def scale(self) -> FloatArray:
-        """Typical sizes of the free parameters."""
-        return np.array([u.scale for u in self.free])
+    def merit(self) -> float:
+        """What a step has to lower."""
+        return self.cost + self.defect
 
 
 def solve_gray_box(
     problem: GrayProblem,
-    start: Mapping[str, float],
+    start: Values,
     initial: Sequence[FloatArray] | None = None,
     max_iterations: int = 40,
 ) -> GraySolution:
     """Minimise the weighted output error over parameters and initial states.
 
-    Parameters
-    ----------
-    problem, start
-        Logs, machine and what is free, and where to begin: all parameters by name.
-    initial
-        State of every log at its beginning [SI], from an earlier solution near by; the search then
-        starts without gaps between the segments. Left out, it starts from the measured signals.
-    max_iterations
-        Limit on accepted and rejected steps together.
+    ``start`` holds all parameters, ``initial`` the state of every log at its beginning [SI] from
+    an earlier solution near by: the search then starts without gaps between the segments. Left
+    out, it starts from the measured signals. Steps count whether they are accepted or not.
     """
-    box, begin, count = problem.box, dict(start), 0
+    begin, count = dict(start), 0
     if initial is None:
         # far away, sharp friction is of no use and takes most of the time
-        coarse = replace(problem, box=box.rounded(_COARSE, most=1))
-        far = _Iterate(begin, [box.nodes_of(log) for log in box.logs])
+        coarse = replace(problem, box=problem.box.rounded(_COARSE, most=1))
+        far = _Iterate(begin, [coarse.box.nodes_of(log.guess) for log in coarse.box.logs])
         _evaluate_gaps(coarse, far)
-        far, count = _close_gaps(coarse, far, max_iterations)
+        far, count, _ = _descend(coarse, far, max_iterations, gaps=True)
         begin, initial = far.values, far.initial
         # a gap closes last; what is left of it must not hide a first state that is off
-        now = _close(coarse, begin, initial)
-        if np.isfinite(now.cost):
-            now, more, _ = _iterate(coarse, now, max_iterations)
+        near = _close(coarse, begin, initial)
+        if np.isfinite(near.cost):
+            near, more, _ = _descend(coarse, near, max_iterations)
             count += more
-            begin, initial = now.values, now.initial
-    now = _close(problem, begin, initial)
-    now, more, converged = _iterate(problem, now, max_iterations)
+            begin, initial = near.values, near.initial
+    now, more, converged = _descend(problem, _close(problem, begin, initial), max_iterations)
     if not now.linear:
         _linearise(problem, now)
     if max_iterations and converged:
@@ -128,30 +137,13 @@ def solve_gray_box(
     return _finish(problem, now, count + more, converged)
 
 
-def _close_gaps(problem: GrayProblem, now: _Iterate, most: int) -> tuple[_Iterate, int]:
-    """Multiple shooting: damped steps until the gaps between the segments are closed."""
-    damping, count = 1e-4, 0
-    while count < most:
-        count += 1
-        step, initial, predicted = _propose(problem, now, damping)
-        trial = _move(problem, now, step, initial)
-        _evaluate_gaps(problem, trial)
-        merit, new = now.cost + now.defect, trial.cost + trial.defect
-        if new <= merit * (1.0 + 1e-12):
-            now, damping = trial, max(0.1 * damping, 1e-10)
-            if now.defect <= 1e-2 * now.cost and merit - new <= 1e-3 * merit:
-                break
-        else:
-            damping = max(10.0 * damping, 1e-6)
-            if damping > 1e4 or predicted <= 1e-2:
-                break
-    return now, count
+def _descend(
+    problem: GrayProblem, now: _Iterate, most: int, gaps: bool = False
+) -> tuple[_Iterate, int, bool]:
+    """Damped steps until none helps; returns their number, and whether it came to that.
 
-
-def _iterate(problem: GrayProblem, now: _Iterate, most: int) -> tuple[_Iterate, int, bool]:
-    """Damped steps without gaps until none helps.
-
-    A trial is simulated without sensitivities; they are computed where it is accepted.
+    With ``gaps`` that is multiple shooting, until the gaps between the segments are closed.
+    Without, a trial is simulated without sensitivities; they are computed where it is accepted.
     """
     damping, count = 1e-4, 0
     while count < most:
@@ -159,12 +151,19 @@ def _iterate(problem: GrayProblem, now: _Iterate, most: int) -> tuple[_Iterate, 
         if not now.linear:
             _linearise(problem, now)
         step, initial, predicted = _propose(problem, now, damping)
-        moved = _move(problem, now, step, initial)
-        trial = _close(problem, moved.values, moved.initial)
-        gain = now.cost - trial.cost
-        if gain >= -1e-12 * now.cost:
-            if gain <= 1e-2:  # a hundredth of one squared standard error: the slopes are the same
-                trial.linear = now.linear
+        trial = _move(problem, now, step, initial)
+        if gaps:
+            _evaluate_gaps(problem, trial)
+        else:
+            trial = _close(problem, trial.values, trial.initial)
+        gain = now.merit - trial.merit
+        if gain >= -1e-12 * now.merit:
+            if gaps:
+                settled = trial.defect <= 1e-2 * trial.cost and gain <= 1e-3 * now.merit
+            else:  # a hundredth of one squared standard error: the slopes are the same
+                settled = gain <= 1e-2
+            if settled:
+                trial.linear = trial.linear or now.linear
                 return trial, count, True
             now, damping = trial, max(0.1 * damping, 1e-10)
         else:
@@ -184,14 +183,13 @@ def _sharpen(problem: GrayProblem, now: _Iterate) -> _Iterate:
     """
     sharp = replace(problem, box=problem.box.sharp())
     point = now
-    for _ in range(2):
-        trial = _close(sharp, point.values, point.initial)
-        trial.linear = now.linear
-        step, initial, _ = _propose(sharp, trial, 1e-9)
-        point = _move(sharp, trial, step, initial)
-    last = _close(sharp, point.values, point.initial)
-    last.linear = now.linear
-    return last if np.isfinite(last.cost) else now
+    for steps_left in (2, 1, 0):
+        point = _close(sharp, point.values, point.initial)
+        point.linear = now.linear
+        if steps_left:
+            step, initial, _ = _propose(sharp, point, 1e-9)
+            point = _move(sharp, point, step, initial)
+    return point if np.isfinite(point.cost) else now
 
 
 @np.errstate(all="ignore")  # a simulation that has run away
@@ -202,26 +200,25 @@ def _residuals(log: GrayLog, states: FloatArray, sigma: FloatArray) -> FloatArra
 
 
 @np.errstate(all="ignore")
-def _jacobian(log: GrayLog, slope: FloatArray, sigma: FloatArray) -> FloatArray:
+def _jacobian(log: GrayLog, linear: Linear, sigma: FloatArray) -> FloatArray:
     """Their derivatives with the sign of the model."""
-    return np.vstack([slope[:, c, :] / sigma[c] for c in log.channels])
+    return np.vstack([linear.slope[:, c, :-1] / sigma[c] for c in log.channels])
 
 
 @np.errstate(all="ignore")
-def _cost(log: GrayLog, states: FloatArray, sigma: FloatArray) -> float:
-    cost = float(np.sum(_residuals(log, states, sigma) ** 2))
+def _cost(problem: GrayProblem, states: Sequence[FloatArray]) -> float:
+    """Sum of the squared weighted residuals, infinite where a simulation has run away."""
+    every = (_residuals(log, s, problem.sigma) for log, s in zip(problem.box.logs, states))
+    cost = sum(float(np.sum(r**2)) for r in every)
     return cost if np.isfinite(cost) else np.inf
 
 
-def _close(
-    problem: GrayProblem, values: Mapping[str, float], initial: Sequence[FloatArray]
-) -> _Iterate:
+def _close(problem: GrayProblem, values: Values, initial: Sequence[FloatArray]) -> _Iterate:
     """Simulate every log from its initial state."""
     box = problem.box
     states = [box.simulate(log, x, values) for log, x in zip(box.logs, initial)]
-    cost = sum(_cost(log, s, problem.sigma) for log, s in zip(box.logs, states))
-    nodes = [box.nodes_of(log, s) for log, s in zip(box.logs, states)]
-    return _Iterate(dict(values), nodes, states, [], cost)
+    nodes = [box.nodes_of(s) for s in states]
+    return _Iterate(dict(values), nodes, states, cost=_cost(problem, states))
 
 
 @np.errstate(all="ignore")
@@ -235,31 +232,29 @@ def _linearise(problem: GrayProblem, point: _Iterate) -> None:
 def _evaluate_gaps(problem: GrayProblem, point: _Iterate) -> None:
     """Linearise every segment from its own node; weigh the gaps between them."""
     _linearise(problem, point)
-    sigma = problem.sigma
-    gap = np.append(sigma, 100.0 * sigma[2])  # counts as one residual
-    cost = sum(_cost(log, x.value, sigma) for log, x in zip(problem.box.logs, point.linear))
-    defect = 10.0 * sum(float(np.sum((x.defects / gap) ** 2)) for x in point.linear)
-    finite = np.isfinite(cost) and np.isfinite(defect)
-    point.cost, point.defect = (cost, defect) if finite else (np.inf, np.inf)
+    gap = np.append(problem.sigma, 100.0 * problem.sigma[2])  # counts as one residual
+    point.cost = _cost(problem, [x.value for x in point.linear])
+    point.defect = 10.0 * sum(float(np.sum((x.defects / gap) ** 2)) for x in point.linear)
 
 
 def _propose(
     problem: GrayProblem, now: _Iterate, damping: float
 ) -> tuple[FloatArray, list[FloatArray], float]:
     """Damped Gauss-Newton step of the parameters and the initial states."""
-    scale, p = problem.scale, len(problem.free)
+    scale, p = np.array([u.scale for u in problem.free]), len(problem.free)
     h, g = np.zeros((p, p)), np.zeros(p)
     blocks = []
-    for log, linear, states in zip(problem.box.logs, now.linear, now.states or _opened(now)):
+    # gaps between the segments are closed to first order
+    every = now.states or [linear.value + linear.slope[:, :, -1] for linear in now.linear]
+    for log, linear, states in zip(problem.box.logs, now.linear, every):
         r = _residuals(log, states, problem.sigma)
-        j = _jacobian(log, linear.slope, problem.sigma)
+        j = _jacobian(log, linear, problem.sigma)
         if not (np.all(np.abs(r) < _ASTRAY) and np.all(np.abs(j) < _ASTRAY**8)):
             raise np.linalg.LinAlgError("the simulation leaves every measured range")
-        own, shared = j[:, :4] * STATE_SCALE, j[:, 4:] * scale
-        q, t = np.linalg.qr(own)
-        shared = shared - q @ (q.T @ shared)
+        q, t = np.linalg.qr(j[:, :4] * STATE_SCALE)
+        shared = _without(q, j[:, 4:] * scale)
         h += shared.T @ shared
-        g += shared.T @ (r - q @ (q.T @ r))
+        g += shared.T @ _without(q, r)
         blocks.append((q, t, r, j))
     low, high = (np.array([getattr(u, end) for u in problem.free]) for end in ("low", "high"))
     x = np.array([now.values[n] for n in problem.names])
@@ -274,9 +269,9 @@ def _propose(
     return step * scale, initial, float(2.0 * g @ step - step @ h @ step)
 
 
-def _opened(now: _Iterate) -> list[FloatArray]:
-    """States with the gaps between the segments closed to first order."""
-    return [linear.value + linear.shift for linear in now.linear]
+def _without(q: FloatArray, rows: FloatArray) -> FloatArray:
+    """Rows with what orthonormal columns can say projected out."""
+    return rows - q @ (q.T @ rows)
 
 
 def _move(
@@ -288,7 +283,7 @@ def _move(
         for u, d in zip(problem.free, step)
     }
     nodes = [
-        old + linear.chain @ np.concatenate((start, step)) + linear.offsets
+        old + linear.chain @ np.concatenate((start, step, [1.0]))
         for linear, old, start in zip(now.linear, now.nodes, initial)
     ]
     return _Iterate({**now.values, **moved}, nodes)
@@ -297,13 +292,12 @@ def _move(
 def _finish(problem: GrayProblem, now: _Iterate, count: int, converged: bool) -> GraySolution:
     residuals, jacobian = [], []
     for log, states, linear in zip(problem.box.logs, now.states, now.linear):
-        j = _jacobian(log, linear.slope, problem.sigma)
+        j = _jacobian(log, linear, problem.sigma)
         q = np.linalg.qr(j[:, :4] * STATE_SCALE)[0]
         residuals.append(_residuals(log, states, problem.sigma))
-        jacobian.append(j[:, 4:] - q @ (q.T @ j[:, 4:]))
-    values = now.values
-    active = [not u.low < values[u.name] < u.high for u in problem.free]
+        jacobian.append(_without(q, j[:, 4:]))
+    active = [not u.low < now.values[u.name] < u.high for u in problem.free]
     return GraySolution(
-        values, now.states, residuals, jacobian, now.initial, now.cost, count,
-        converged and np.isfinite(now.cost), np.array(active, dtype=bool), problem.sigma,
+        problem, now.values, now.states, residuals, jacobian, now.cost, count,
+        converged and np.isfinite(now.cost), np.array(active, dtype=bool),
     )  # fmt: skip

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...errors import LogError
 from ...estimation.friction_law import FrictionLaw
+from ...estimation.parametric import Values
+from ...estimation.separable import Mask
 from ...experiment import FloatArray
 from ...family import Curve, Quantity, StaticView, Value, scalars
 from .case import Case
-from .equations import Mask, chamber_flow
-from .friction import FrictionRows
+from .equations import EDGES, chamber_flow
 from .windows import Windows
 
-_EDGES = ("dead_zone_negative", "dead_zone_positive")
 NETWORKS = ("flow_1", "flow_2", "friction")
 _RAMP = 1.5  # how much shorter the windows of a fast ramp are; speed is noisier there
 _FEW = 5  # windows that a comparison needs
-_HIDDEN = 10  # units of the networks
+_HIDDEN = {"flow": 10, "friction": 6}  # units of the networks
 _WINDOWS = 1500  # rows a network is trained on, before those near zero are repeated
 
 
@@ -56,13 +55,13 @@ LAYERS = Network._fields
 
 def _train(inputs: FloatArray, target: FloatArray, hidden: int, seed: int) -> Network:
     """Train on inputs ``(n, inputs)`` and a target ``(n,)`` in any units; see :func:`search`."""
-    from ...estimation.network import search
+    from ...estimation.network import Training, search
 
     centre, spread = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), 1e-300)
     middle, size = target.mean(keepdims=True), np.maximum(target.std(keepdims=True), 1e-300)
     rng = np.random.default_rng([seed, hidden, inputs.shape[1]])
     x, y = (inputs - centre) / spread, (target - middle) / size
-    net = search(x, y, (hidden,), rng, starts=8).best.network
+    net = search(x, y, Training((hidden,), starts=8), rng).best.network
     (w1, w2), (b1, b2) = net.weights, net.biases
     return Network(w1, b1, w2, b2, centre, spread, middle, size)
 
@@ -74,17 +73,11 @@ def network_of(parameters: Mapping[str, Any], name: str) -> Network | None:
     return Network(*(np.asarray(parameters[f"{name}_{layer}"], dtype=float) for layer in LAYERS))
 
 
-def fit_networks(
-    case: Case, values: Mapping[str, float], rows: FrictionRows
-) -> tuple[dict[str, Quantity], dict[str, Any]]:
+def fit_networks(case: Case, values: Values) -> tuple[dict[str, Quantity], dict[str, Any]]:
     """Train what was asked for and compare it with the equations on rows held out.
 
-    Returns
-    -------
-    parameters
-        The layers; the standardisation is in the SI units of inputs and output.
-    comparisons
-        Rows of tables by title, for the file and the report.
+    Returned are the layers, their standardisation in SI units, and the comparisons as rows of
+    tables by title, for the file and the report.
     """
     nets: dict[str, Network] = {}
     tables: dict[str, list[dict[str, Any]]] = {}
@@ -96,14 +89,7 @@ def fit_networks(
             table += [{"chamber": chamber, **row} for row in found]
         tables["Flow: models on held-out windows"] = table
     if case.options.friction == "mlp":
-        if rows.speed.size < 40:
-            raise LogError(
-                f"only {rows.speed.size} rows of friction can be had from the logs",
-                expected="A network needs 40 or more.",
-                remedy="Record both pressures in one log and give both areas, or leave out "
-                "--friction mlp.",
-            )
-        nets["friction"], table = _friction_network(rows, values, case.request.seed)
+        nets["friction"], table = _friction_network(case, values)
         tables["Friction: models on held-out windows"] = table
     layers = {
         f"{name}_{layer}": Quantity(numbers.tolist(), "1", "estimated")
@@ -124,11 +110,10 @@ def _quiet_windows(case: Case) -> list[Windows]:
         found = case.cut(8, shorter)
         most = 0.03 * max(float(np.abs(w.command).max()) for w in found)
         for w in found:
-            u = w.command
-            spread = np.array([np.ptp(u[a:b]) for a, b in zip(w.first, w.last)])
+            spread = np.array([np.ptp(w.command[a:b]) for a, b in zip(w.first, w.last)])
             # shorter ones only where a long one would be too long
             needed = spread * shorter > most if shorter > 1.0 else True
-            out.append(_chosen(w, (spread <= most) & needed))
+            out.append(w.chosen((spread <= most) & needed))
     return [w for w in out if w.first.size]
 
 
@@ -139,20 +124,15 @@ def _held_out(case: Case, w: Windows) -> Mask:
     return np.asarray(w.first >= 0.75 * case.experiments[w.experiment].samples)
 
 
-def _chosen(w: Windows, rows: Mask) -> Windows:
-    names = ("first", "last", "duration", "motion", "swelling")
-    return replace(w, **{n: getattr(w, n)[rows] for n in names})
-
-
-def _near_zero(windows: Sequence[Windows], values: Mapping[str, float]) -> float:
+def _near_zero(windows: Sequence[Windows], values: Values) -> float:
     """Command up to which the dead zone matters [V]."""
     volts = max(float(np.abs(w.command).max()) for w in windows)
-    edge = max(abs(values[z]) for z in _EDGES)
+    edge = max(abs(values[z]) for z in EDGES)
     return min(max(2.0 * edge, 0.05 * volts), 0.3 * volts)
 
 
 def _flow_network(
-    case: Case, windows: Sequence[Windows], values: Mapping[str, float]
+    case: Case, windows: Sequence[Windows], values: Values
 ) -> tuple[Network, list[dict[str, Any]]]:
     """Network of one chamber's flow from command and pressure, beside the equations.
 
@@ -160,41 +140,41 @@ def _flow_network(
     unweighted, they would hardly count.
     """
     near, held = _near_zero(windows, values), [_held_out(case, w) for w in windows]
-    inputs, flow = _flow_rows([_chosen(w, ~h) for w, h in zip(windows, held)], values)
+    inputs, flow = _flow_rows([w.chosen(~h) for w, h in zip(windows, held)], values)
     rows = np.arange(0, flow.size, max(1, -(-flow.size // _WINDOWS)))
     close = rows[np.abs(inputs[rows, 0]) < near]
     if close.size:
         rows = np.concatenate((rows, np.tile(close, max(rows.size // close.size - 1, 0))))
-    net = _train(inputs[rows], flow[rows], _HIDDEN, case.request.seed)
-    tests = [_chosen(w, h) for w, h in zip(windows, held)]
+    net = _train(inputs[rows], flow[rows], _HIDDEN["flow"], case.request.seed)
+    tests = [w.chosen(h) for w, h in zip(windows, held)]
     inputs, flow = _flow_rows(tests, values)
-    law = np.real(np.concatenate([w.flow(values, case.machine) for w in tests]))
+    law = np.concatenate([w.flow(values, case.machine) for w in tests])
     errors = {"orifice": law - flow, "network": net(inputs) - flow}
     words = "near zero command", "away from zero command"
     return net, _compare(np.abs(inputs[:, 0]), near, errors, words, "m3/s")
 
 
-def _flow_rows(
-    windows: Sequence[Windows], values: Mapping[str, float]
-) -> tuple[FloatArray, FloatArray]:
+def _flow_rows(windows: Sequence[Windows], values: Values) -> tuple[FloatArray, FloatArray]:
     """Inputs (command, pressure) and flow of every window, ``(m, 2)`` and ``(m,)``."""
-    inputs, flows = [], []
-    for w in windows:
-        pressure = w.mean(0.5 * (w.before + w.after))
-        inputs.append(np.column_stack((w.mean(w.command), pressure)))
-        swelling = w.swelling / values["bulk_modulus"] if "bulk_modulus" in values else 0.0
-        flows.append(w.motion - swelling)
-    return np.concatenate(inputs), np.concatenate(flows)
+    beta = values.get("bulk_modulus", np.inf)
+    inputs = [np.column_stack((w.mean_command, w.mean_pressure)) for w in windows]
+    return np.concatenate(inputs), np.concatenate([w.motion - w.swelling / beta for w in windows])
 
 
-def _friction_network(
-    rows: FrictionRows, values: Mapping[str, float], seed: int
-) -> tuple[Network, list[dict[str, Any]]]:
+def _friction_network(case: Case, values: Values) -> tuple[Network, list[dict[str, Any]]]:
     """Network of the friction over speed, beside Coulomb and viscous friction."""
-    held = (np.arange(rows.speed.size) // 20) % 4 == 3
-    net = _train(rows.speed[~held, None], rows.force[~held], 6, seed)
-    v, f = rows.speed[held], rows.force[held]
-    edge = 0.1 * float(np.quantile(np.abs(rows.speed), 0.95))
+    speed, force = case.friction.speed, case.friction.force
+    if speed.size < 40:
+        raise LogError(
+            f"only {speed.size} rows of friction can be had from the logs",
+            expected="A network needs 40 or more.",
+            remedy="Record both pressures in one log and give both areas, or leave out "
+            "--friction mlp.",
+        )
+    held = (np.arange(speed.size) // 20) % 4 == 3
+    net = _train(speed[~held, None], force[~held], _HIDDEN["friction"], case.request.seed)
+    v, f = speed[held], force[held]
+    edge = 0.1 * float(np.quantile(np.abs(speed), 0.95))
     errors = {"coulomb": FrictionLaw.of(values).moving(v) - f, "network": net(v[:, None]) - f}
     return net, _compare(np.abs(v), edge, errors, ("slow", "moving"), "N")
 
@@ -220,7 +200,7 @@ def flow_view(case: Case, parameters: Mapping[str, Value]) -> StaticView | None:
     command: each curve is a running mean of what a model says of the measured windows.
     ``None`` for a file without a network of the flow.
     """
-    chamber, machine = case.chambers[0], case.machine
+    chamber = case.chambers[0]
     net, values = network_of(parameters, f"flow_{chamber}"), scalars(parameters)
     if net is None:
         return None
@@ -231,14 +211,12 @@ def flow_view(case: Case, parameters: Mapping[str, Value]) -> StaticView | None:
     seen, pressure = inputs[used].T
     command = np.linspace(seen.min(), seen.max(), 401)
     fitted = net(inputs)
-    models = {"network": fitted[used]}
-    for label, law in (
-        ("equations, no dead zone", {**values, **dict.fromkeys(_EDGES, 0.0)}),
-        ("equations", values),
-    ):
-        models[label] = np.real(
-            chamber_flow(chamber, seen, pressure, law, machine.supply, machine.tank)
-        )
+    shut = {**values, **dict.fromkeys(EDGES, 0.0)}
+    models = {
+        "network": fitted[used],
+        "equations, no dead zone": chamber_flow(chamber, seen, pressure, shut, case.machine),
+        "equations": chamber_flow(chamber, seen, pressure, values, case.machine),
+    }
     return StaticView(
         "command", "V", f"flow_{chamber}", "m3/s", inputs[:, 0], flow, fitted, used,
         [Curve(n, command, _running_mean(command, seen, m)) for n, m in models.items()],

@@ -18,6 +18,10 @@ def _found(help: str, unit: str) -> Any:
     return settled("float", help, unit=unit, above=0.0)
 
 
+def _residual(channel: str, unit: str) -> Any:
+    return _found(f"residuals of {channel}, the measure of its weight", unit)
+
+
 @dataclass(frozen=True)
 class HydraulicCylinderOptions(FamilyOptions):
     """Properties of the machine, and networks beside the equations."""
@@ -50,12 +54,6 @@ class HydraulicCylinderOptions(FamilyOptions):
         "float", "mean position of the logs, where a run without one begins", unit="m"
     )
     slip: float | None = _found("speed over which the gray box rounds off dry friction", "m/s")
-    residual_pressure_1: float | None = _found(
-        "residuals of pressure 1, the measure of its weight", "Pa"
-    )
-    residual_pressure_2: float | None = _found(
-        "residuals of pressure 2, the measure of its weight", "Pa"
-    )
-    residual_position: float | None = _found(
-        "residuals of the position, the measure of its weight", "m"
-    )
+    residual_pressure_1: float | None = _residual("pressure 1", "Pa")
+    residual_pressure_2: float | None = _residual("pressure 2", "Pa")
+    residual_position: float | None = _residual("the position", "m")

@@ -6,29 +6,29 @@ pressures open but for their balance; see :meth:`.Machine.at_rest`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ...errors import LogError, UsageError
+from ...estimation.parametric import Values
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Simulated
 from .case import check_volumes, read_machine
 from .equations import GRAY_NAMES, Machine, mean_flow
 from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log
-from .gray_fit import MARGIN
 from .gray_search import GrayProblem, solve_gray_box
 from .options import HydraulicCylinderOptions
-from .windows import Windows, make_windows
+from .windows import cut_windows
 
 _NAME = "hydraulic-cylinder"
-Values = Mapping[str, Any]  # single-valued parameters; a block refuses what is not identified
 
 
 def simulate_run(e: Experiment, values: Values, options: HydraulicCylinderOptions) -> Simulated:
     """Simulate one run with the options that the fit settled.
+
+    ``values`` are the single-valued parameters; a block refuses what is not identified.
 
     Raises
     ------
@@ -75,13 +75,12 @@ def _all_states(
     e: Experiment, machine: Machine, values: Values, options: HydraulicCylinderOptions
 ) -> FloatArray:
     """Position of the gray box, its initial state fitted where there is a position."""
-    weights = [getattr(options, f"residual_{c}") for c in CHANNELS]
-    friction = (max(MARGIN * values["coulomb"], 1e-9), MARGIN * values["viscous"])
+    friction = values["coulomb"], values["viscous"]
     if "position" in e:
         box = GrayBox([make_gray_log(e, machine)], machine, friction, slip=options.slip)
-        problem = GrayProblem(box, (), np.array([w or 1.0 for w in weights]))
-        solution = solve_gray_box(problem, {n: values[n] for n in GRAY_NAMES})
-        return np.asarray(solution.states[0][:, 2])
+        sigma = np.array([getattr(options, f"residual_{c}") or 1.0 for c in CHANNELS])
+        solution = solve_gray_box(GrayProblem(box, (), sigma), {n: values[n] for n in GRAY_NAMES})
+        return solution.states[0][:, 2]
     rest = machine.at_rest(options.rest_position or 0.0)
     log = GrayLog(
         e.sampled("command")[:-1], np.diff(e.time), (), np.zeros((0, e.samples)),
@@ -90,15 +89,15 @@ def _all_states(
     box = GrayBox([log], machine, friction, slip=options.slip).sharp()
     position = box.simulate(log, rest, values)[:, 2]
     _require_oil(e, machine, position)
-    return np.asarray(position)
+    return position
 
 
 def _require_oil(e: Experiment, machine: Machine, position: FloatArray) -> None:
     """Refuse a run in which the piston uses up the volume of a chamber."""
     full = np.isfinite(position)
     for chamber in (1, 2):
-        volume = machine.volume(chamber, position)
-        full &= True if volume is None else np.asarray(volume > 0.0)
+        if machine.dead_volume(chamber) is not None:
+            full &= machine.volume(chamber, position) > 0.0
     if not full.all():
         first = int(np.argmin(full))
         raise UsageError(
@@ -118,22 +117,16 @@ def _over_windows(
     NaN between them: what flows there is not known.
     """
     out = np.full(e.samples, np.nan)
-    for w in _cut(e, sorted(chambers, reverse=True), machine, length):  # chamber 1 wins
-        flow = w.modelled(values, machine)
-        starts = np.flatnonzero(np.r_[True, w.first[1:] != w.last[:-1]])
-        for a, b in zip(starts, np.r_[starts[1:], w.first.size]):
-            knots = np.r_[w.first[a], w.last[a:b]]
-            steps = flow[a:b] * w.duration[a:b] / machine.area(w.chamber)
-            path = np.r_[0.0, np.cumsum(steps)]
+    for w in cut_windows([e], sorted(chambers, reverse=True), machine, length):  # chamber 1 wins
+        moved = w.modelled(values, machine) * w.duration / machine.area(w.chamber)
+        gaps = np.flatnonzero(w.first[1:] != w.last[:-1]) + 1
+        for windows in np.split(np.arange(w.first.size), gaps):
+            knots = np.append(w.first[windows[0]], w.last[windows])
             rows = slice(int(knots[0]), int(knots[-1]) + 1)
+            path = np.append(0.0, np.cumsum(moved[windows]))
             position = np.interp(e.time[rows], e.time[knots], path)
             out[rows] = position + float(np.mean(e["position"][rows] - position))
     return out
-
-
-def _cut(e: Experiment, chambers: Sequence[int], machine: Machine, length: float) -> list[Windows]:
-    made = [make_windows(e, 0, i, machine, length) for i in chambers]
-    return [w for w in made if w is not None and w.first.size]
 
 
 def _flow_from_rest(
@@ -144,19 +137,18 @@ def _flow_from_rest(
     Claimed are the samples that would be fitted if the position were measured so.
     """
     u, p, area = e.sampled("command"), e.sampled(f"pressure_{chamber}"), machine.area(chamber)
-    flow = mean_flow(chamber, u[:-1], (p[:-1], p[1:]), values, machine)
-    moved = np.real(flow) * np.diff(e.time) / area
+    moved = np.real(mean_flow(chamber, u[:-1], p, values, machine)) * np.diff(e.time) / area
     start = options.rest_position or 0.0
-    y = start + np.r_[0.0, np.cumsum(moved)]
+    y = start + np.append(0.0, np.cumsum(moved))
     beta = values.get("bulk_modulus")
     for _ in range(3 if beta else 0):  # the volume follows from the position, hardly changed
         oil = machine.swelling(chamber, y, p) / beta
-        y = start + np.r_[0.0, np.cumsum(moved + oil / area)]
+        y = start + np.append(0.0, np.cumsum(moved + oil / area))
     _require_oil(e, machine, y)
     position = Signal("position", e.time, y, "m")
     as_measured = replace(e, signals={**e.signals, "position": position})
     used = np.zeros(e.samples, dtype=bool)
-    for w in _cut(as_measured, [chamber], machine, options.window or 0.0):
+    for w in cut_windows([as_measured], [chamber], machine, options.window or 0.0):
         for a, b in zip(w.first, w.last):
             used[a : b + 1] = True
     return Simulated(y, used)

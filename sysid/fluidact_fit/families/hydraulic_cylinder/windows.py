@@ -8,16 +8,18 @@ which needs no derivative of a noisy pressure.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from ...estimation.noise import noise_floor
+from ...estimation.parametric import Values
+from ...estimation.separable import Array, Mask
 from ...experiment import Experiment, FloatArray
-from .equations import Array, Machine, Mask, mean_flow, pressure_drop
+from .equations import Machine, mean_flow
 
 _LEAST_DROP = 0.04  # of supply above tank: below it the piston stands at the end of its stroke
 _STEADY = 0.01 * 0.7e9 / 0.5  # Pa/m: 1 % of the motion, compressing half a metre of oil of 0.7 GPa
@@ -26,12 +28,10 @@ Rows = npt.NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Windows:
-    """Flow balance of one chamber (1 or 2) of one experiment over short windows.
+    """Flow balance of one chamber (1 or 2) of one experiment, by its index, over short windows.
 
     Attributes
     ----------
-    experiment
-        Its index.
     first, last, duration : (m,)
         First and last sample of every window, and the time between them [s].
     motion : (m,)
@@ -39,8 +39,8 @@ class Windows:
     swelling : (m,)
         ``-+ int V dp / duration`` [m3 Pa/s]: ``motion = Q + swelling / beta``. Zero where the
         dead volume is not known.
-    command, before, after, step : (n - 1,)
-        Held command, pressure at both ends and length [s] of every interval of the log.
+    command, step, pressure : (n - 1,), (n - 1,), (n,)
+        Held command [V] and length [s] of every interval of the log, pressure at its ends [Pa].
     """
 
     experiment: int
@@ -51,21 +51,34 @@ class Windows:
     motion: FloatArray
     swelling: FloatArray
     command: FloatArray
-    before: FloatArray
-    after: FloatArray
     step: FloatArray
+    pressure: FloatArray
+
+    def chosen(self, rows: Mask) -> Windows:
+        """Some of the windows."""
+        names = ("first", "last", "duration", "motion", "swelling")
+        return replace(self, **{n: getattr(self, n)[rows] for n in names})
 
     def mean(self, per_interval: Array) -> Array:
         """Time average of a value per interval of the log over every window."""
         total = np.concatenate(([0.0], np.cumsum(per_interval * self.step)))
         return np.asarray((total[self.last] - total[self.first]) / self.duration)
 
-    def flow(self, values: Mapping[str, Any], machine: Machine) -> Array:
-        """Mean flow of the valve over every window, ``(m,)`` [m3/s]."""
-        ends = (self.before, self.after)
-        return self.mean(mean_flow(self.chamber, self.command, ends, values, machine))
+    @cached_property
+    def mean_command(self) -> FloatArray:
+        """Over every window [V]."""
+        return self.mean(self.command)
 
-    def modelled(self, values: Mapping[str, Any], machine: Machine) -> Array:
+    @cached_property
+    def mean_pressure(self) -> FloatArray:
+        """Over every window [Pa]."""
+        return self.mean(0.5 * (self.pressure[:-1] + self.pressure[1:]))
+
+    def flow(self, values: Values, machine: Machine) -> Array:
+        """Mean flow of the valve over every window, ``(m,)`` [m3/s]."""
+        return self.mean(mean_flow(self.chamber, self.command, self.pressure, values, machine))
+
+    def modelled(self, values: Values, machine: Machine) -> Array:
         """What ``motion`` should be: that flow, less what compresses the oil."""
         flow = self.flow(values, machine)
         beta = values.get("bulk_modulus")
@@ -91,36 +104,38 @@ def window_length(experiments: Sequence[Experiment]) -> float:
     return float(max(min(max(wanted, 0.02), 0.1), 4.0 * step))
 
 
-def make_windows(
-    experiment: Experiment, index: int, chamber: int, machine: Machine, length: float,
+def cut_windows(
+    experiments: Sequence[Experiment], chambers: Sequence[int], machine: Machine, length: float,
     overlap: int = 1,
-) -> Windows | None:  # fmt: skip
-    """Cut one experiment into windows and keep those that say something of the valve.
+) -> list[Windows]:  # fmt: skip
+    """Windows of so many seconds of every recorded chamber that say something of the valve.
 
     Left out: windows in which the valve has hardly any pressure drop left (a piston at the
     end of its stroke), and, where the dead volume is not given, windows in which the pressure
     changes, because the flow that compresses the oil is not known there.
 
-    Parameters
-    ----------
-    experiment, index, chamber, machine
-        The log and its number, 1 or 2, and what is given.
-    length
-        Of a window [s].
-    overlap
-        How many windows begin within one length; a network wants many rows, a covariance
-        wants them apart.
+    ``overlap`` windows begin within one length; a network wants many rows, a covariance wants
+    them apart.
     """
-    e = experiment
+    out = []
+    for index, e in enumerate(experiments):
+        samples = max(round(length / max(e.sample_time, 1e-12)), 2)
+        first = np.arange(0, e.samples - samples, max(samples // overlap, 1))
+        for chamber in chambers if first.size > 1 else ():
+            if f"pressure_{chamber}" in e:
+                out.append(_make_windows(e, index, chamber, machine, first, samples))
+    return [w for w in out if w.first.size]
+
+
+def _make_windows(
+    e: Experiment, index: int, chamber: int, machine: Machine, first: Rows, samples: int
+) -> Windows:
+    """Keep the windows of one chamber that begin at ``first`` and say something."""
     y, time = e["position"], e.time
     p, u = e.sampled(f"pressure_{chamber}"), e.sampled("command")
-    samples = max(round(length / max(e.sample_time, 1e-12)), 2)
-    first = np.arange(0, e.samples - samples, max(samples // overlap, 1))
-    if first.size < 2:
-        return None
     rows = first[:, None] + np.arange(samples)
     extending, pressure = u[rows].mean(axis=1) >= 0.0, p[rows].mean(axis=1)
-    drop = pressure_drop(chamber, extending, pressure, machine.supply, machine.tank)
+    drop = machine.pressure_drop(chamber, extending, pressure)
     kept = drop > _LEAST_DROP * (machine.supply - machine.tank)
     if machine.dead_volume(chamber) is None:
         kept &= _steady(e, pressure, noise_floor(p, 2), first, samples)
@@ -132,7 +147,7 @@ def make_windows(
         index, chamber, first, last, duration,
         machine.area(chamber) * (y[last] - y[first]) / duration,
         (swelling[last] - swelling[first]) / duration,
-        u[:-1], p[:-1], p[1:], np.diff(time),
+        u[:-1], np.diff(time), p,
     )  # fmt: skip
 
 

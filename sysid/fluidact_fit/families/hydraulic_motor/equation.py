@@ -23,32 +23,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import UsageError
 from ...estimation.inputs import PiecewiseInput, settled_hold
 from ...estimation.linear import Grid, forced_response, make_grid
 from ...estimation.parametric import NamedModel, Values
-from ...estimation.separable import Basis
+from ...estimation.separable import Array, Basis
 from ...experiment import Experiment, FloatArray
-
-Array = npt.NDArray[Any]
 
 
 def play(command: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
-    """Play of a given width, and its derivative by the width.
+    """Play of a given width ``h``, and its derivative by the width, ``(n,)`` each.
 
-    ``w_k = min(max(w_{k-1}, u_k - h/2), u_k + h/2)``, starting at the first command.
-
-    Parameters
-    ----------
-    command : (n,)
-        [unit of the command]
-    width
-        ``h`` [unit of the command].
+    ``w_k = min(max(w_{k-1}, u_k - h/2), u_k + h/2)``, starting at the first command; all in the
+    unit of the command.
     """
     half = 0.5 * width
     out, slope = np.empty(command.size), np.empty(command.size)
@@ -63,14 +53,9 @@ def play(command: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
 
 
 def static_speed(spool: Array, values: Values) -> Array:
-    """Steady speed over the spool's command, odd about zero.
+    """Steady speed over the spool's command ``(n,)`` behind the play, odd about zero.
 
-    Parameters
-    ----------
-    spool : (n,)
-        Command behind the play [unit of the command].
-    values
-        Dead zone, gain, curvature and, where it was reached, saturation command by name.
+    ``values`` holds dead zone, gain, curvature and, where it was reached, saturation command.
     """
     sign = np.where(np.real(spool) >= 0.0, 1.0, -1.0)
     size, top = spool * sign, values.get("saturation_command", np.inf)
@@ -145,22 +130,17 @@ class MotorModel:
             run.samples.instants, dead_time=values.get("dead_time", 0.0), grid=run.nodes,
         )  # fmt: skip
 
-    def fading(self, index: int, values: Values) -> Array:
-        """Course of a deviation at the beginning of a run, shape ``(n, 1)`` or ``(n, 0)``."""
-        run = self.runs[index]
-        time = run.samples.instants
-        if run.stepped:
-            return np.zeros((time.size, 0))
-        return np.exp(-(time - time[0]) / values["time_constant"])[:, None]
-
-    def columns(self, index: int, values: Values) -> Basis:
-        """Speed, and the columns of what is the run's own."""
-        known, fading = self.speed(index, values), self.fading(index, values)
-        own = np.column_stack((np.ones(known.size), fading))
-        return Basis(known, np.zeros((known.size, 0)), own)
-
     def named(
         self, names: tuple[str, ...], measured: Sequence[FloatArray], weights: Sequence[FloatArray]
     ) -> NamedModel:
         """The model in the form the estimation takes."""
-        return NamedModel(names, (), self.columns, measured, weights=weights)
+        return NamedModel(names, (), self._columns, measured, weights=weights)
+
+    def _columns(self, index: int, values: Values) -> Basis:
+        """Speed, and the columns of what is the run's own: offset and fading deviation."""
+        run, known = self.runs[index], self.speed(index, values)
+        own = [np.ones(known.size)]
+        if not run.stepped:
+            time = run.samples.instants
+            own.append(np.exp(-(time - time[0]) / values["time_constant"]))
+        return Basis(known, np.zeros((known.size, 0)), np.column_stack(own))

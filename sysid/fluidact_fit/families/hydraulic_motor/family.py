@@ -25,8 +25,8 @@ from ...family import (
 )
 from ...specification import quotient_unit
 from .block import MotorBlock
-from .fit import NAMES, far_samples, fit_motor, saturates, simulate_motor
-from .options import MotorOptions
+from .equation import static_speed
+from .fit import MotorOptions, fit_motor, saturates, simulate_run
 
 
 class HydraulicMotor(Family[MotorOptions]):
@@ -98,10 +98,9 @@ class HydraulicMotor(Family[MotorOptions]):
         if request.options.dead_time == "none":
             request = replace(request, fixed={"dead_time": 0.0, **request.fixed})
         notices: list[Notice] = []
-        fitted, limit = fit_motor(variant.parameters, experiments, request, NAMES)
+        fitted, limit = fit_motor(variant.parameters, experiments, request, saturated=True)
         if "saturation_command" not in request.fixed and not saturates(fitted, experiments):
-            names = tuple(n for n in NAMES if n != "saturation_command")
-            fitted, limit = fit_motor(variant.parameters, experiments, request, names)
+            fitted, limit = fit_motor(variant.parameters, experiments, request, saturated=False)
             notices.append(Notice("saturation-not-reached", "the speed keeps growing to the end "
                            "of the commands: the file has no saturation_command. Raise the "
                            "command until the speed grows no more, if it is needed."))  # fmt: skip
@@ -113,7 +112,7 @@ class HydraulicMotor(Family[MotorOptions]):
         }  # fmt: skip
         parameters, order, matrix = fitted.quantities(variant.parameters, units)
         counts = [
-            far_samples(e["speed"] - m, limit)
+            int(np.sum(np.abs(e["speed"] - m) > limit))
             for e, m in zip(experiments, fitted.solution.simulated)
         ]
         return Estimate(
@@ -136,7 +135,8 @@ class HydraulicMotor(Family[MotorOptions]):
     ) -> list[Simulated]:
         """Speed from command; see :meth:`Family.simulate`."""
         limit = np.inf if options.residual_limit is None else options.residual_limit
-        return simulate_motor(experiments, scalars(values), limit, offset)
+        plain = scalars(values)
+        return [simulate_run(e, plain, limit, offset) for e in experiments]
 
     def model(
         self,
@@ -171,10 +171,8 @@ def _check_dead_time(experiments: Sequence[Experiment], request: Request[MotorOp
         )
 
 
-def _saturation_speed(v: Values) -> dict[str, Any]:
+def _saturation_speed(v: Values) -> Values:
     """Speed at and beyond the saturation, where it was reached."""
     if "saturation_command" not in v:
         return {}
-    k = v["curvature"] + 1e-12
-    span = v["saturation_command"] - v["dead_zone"]
-    return {"saturation_speed": v["gain"] / k * -np.expm1(-k * span)}
+    return {"saturation_speed": static_speed(np.array([np.inf]), v)[0]}

@@ -96,5 +96,5 @@ class PotentiometerBlock(Block):
                 f"{first:g} m is outside the calibrated range {min(ends):g} to {max(ends):g} m. "
                 "Give clamp=True to take the end of the range."
             )
-        x = c.reading(y, share)
+        x = c.low + (c.high - c.low) * c.invert(y, share)
         return float(x) if x.ndim == 0 else x

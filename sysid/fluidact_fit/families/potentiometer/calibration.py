@@ -12,55 +12,26 @@ import numpy.typing as npt
 from ...errors import UsageError
 from ...experiment import FloatArray
 from ...family import Value
-from .rational_bezier import (
-    blend,
-    invert_rational_bezier,
-    is_monotone,
-    rational_bezier,
-    rational_bezier_slope,
-)
+from .rational_bezier import blend, is_monotone, rational_bezier, rational_bezier_slope
 
 SECOND = ("", "_falling")
 
 
 def rising_share(reading: npt.ArrayLike, dead_band: float, state: float = 0.0) -> FloatArray:
-    """Share of the rising branch while a reading moves.
+    """Share of the rising branch while a reading (n,) moves: 0 (falling) to 1 (rising).
 
     After a reversal the share moves linearly with the reading and has changed over
-    completely once the reading has moved by the dead band; then it is held.
-
-    Parameters
-    ----------
-    reading : (n,)
-    dead_band
-        [unit of the reading]
-    state
-        -1 (falling) to 1 (rising) at the first reading; 0 is not known.
-
-    Returns
-    -------
-    (n,) between 0 (falling) and 1 (rising).
+    completely once the reading has moved by the dead band; then it is held. ``state`` is -1
+    (falling) to 1 (rising) at the first reading; 0 is not known.
     """
     values = np.asarray(reading, dtype=float)
-    if not values.size:
-        return np.zeros(0)
-    moved = np.empty(values.size)
-    moved[0] = 0.0
-    np.subtract(values[1:], values[:-1], out=moved[1:])
-    if not np.all(np.isfinite(moved)):  # a reading that is missing moves nothing
-        there = np.flatnonzero(np.isfinite(values))
-        moved[:] = 0.0
-        moved[there[1:]] = np.diff(values[there])
-    moved *= 2.0 / max(dead_band, 1e-300)
+    there = np.flatnonzero(np.isfinite(values))  # a reading that is missing moves nothing
+    moved = np.zeros(values.size)
+    moved[there[1:]] = np.diff(values[there]) * (2.0 / max(dead_band, 1e-300))
     at = np.flatnonzero(moved)
     states = [state]
     for step in moved[at].tolist():
-        state += step
-        if state > 1.0:
-            state = 1.0
-        elif state < -1.0:
-            state = -1.0
-        states.append(state)
+        states.append(min(max(states[-1] + step, -1.0), 1.0))
     # between two moves the share stays
     length = np.diff(np.concatenate(([0], at, [values.size])))
     return 0.5 + 0.5 * np.repeat(np.array(states), length)
@@ -99,8 +70,8 @@ class Calibration:
                     expected="As many weights as control points, two at least.",
                 )
         low, high = np.asarray(values["reading_range"], dtype=float)
-        band = values.get("hysteresis_dead_band", 0.0)
-        return cls(curves, float(low), float(high), 0.0 if isinstance(band, list) else float(band))
+        band = np.asarray(values.get("hysteresis_dead_band", 0.0), dtype=float)
+        return cls(curves, float(low), float(high), float(band))
 
     @property
     def monotone(self) -> bool:
@@ -134,17 +105,16 @@ class Calibration:
         inside = (t == (reading - self.low) / span).astype(float)
         return np.asarray(blend(slopes, self.share(reading, direction)) * inside / span)
 
-    def reading(self, position: FloatArray, share: float) -> FloatArray:
-        """Reading at positions of a monotone calibration; the end of the range beyond it."""
-        return np.asarray(self.low + (self.high - self.low) * self._invert(position, share))
+    def invert(self, position: FloatArray, share: float) -> FloatArray:
+        """Places of positions on a monotone calibration; the end of the range beyond it.
 
-    def _invert(self, y: FloatArray, share: float) -> FloatArray:
-        if len(self.curves) == 1:
-            return invert_rational_bezier(y, *self.curves[0])
-        sign = np.sign(self.curves[0][0][-1] - self.curves[0][0][0])
-        low, high = np.zeros_like(y), np.ones_like(y)
+        By bisection down to the spacing of floating point numbers.
+        """
+        sign = 1.0 if self.curves[0][0][-1] >= self.curves[0][0][0] else -1.0
+        low, high = np.zeros_like(position), np.ones_like(position)
         for _ in range(60):
             t = 0.5 * (low + high)
-            below = sign * (self.value(t, share) - y) < 0.0
+            below = sign * (self.value(t, share) - position) < 0.0
             low, high = np.where(below, t, low), np.where(below, high, t)
-        return np.asarray(0.5 * (low + high))
+        # what never came off an end of the range lies on it or beyond
+        return np.asarray(np.where(high == 1.0, 1.0, low))

@@ -1,18 +1,18 @@
-"""Samples that are fitted: gathered, without rails, scaled, merged where they are many."""
+"""Samples that are fitted: gathered, checked, scaled, merged where they are many."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import LogError, Notice, NotIdentifiedError
+from ...errors import LogError, NotIdentifiedError
 from ...experiment import Experiment, FloatArray
-from .options import PotentiometerOptions
-from .rails import between, find_rails, widen_rails
-from .rational_bezier import CurveFit, Rows, Shape, group, merge
+from .calibration import rising_share
+from .rational_bezier import CurveFit, Rows, Shape, group
 
 BoolArray = npt.NDArray[np.bool_]
 COARSE, FINE = 600, 4096  # rows that searches and the final fit work on
@@ -29,53 +29,23 @@ class Data:
     used: BoolArray
     timed: bool
     unit: str
-    step: float
-    suspects: tuple[float, ...] = ()
 
-    def split(self, values: FloatArray) -> list[FloatArray]:
-        """Values per log."""
-        return [values[p] for p in self.parts]
-
-    def kept(self, values: FloatArray) -> list[FloatArray]:
-        """Values of the used samples per log that has any."""
-        pieces = [values[p][self.used[p]] for p in self.parts]
-        return [p for p in pieces if p.size]
+    @property
+    def sizes(self) -> list[int]:
+        """Number of used samples of each log that has any."""
+        counts = (int(np.count_nonzero(self.used[p])) for p in self.parts)
+        return [n for n in counts if n]
 
 
 def gather(experiments: Sequence[Experiment]) -> Data:
     """All samples of all logs, in order."""
     reading = np.concatenate([e["reading"] for e in experiments])
     reference = np.concatenate([e["reference"] for e in experiments])
-    ends = np.cumsum([e["reading"].size for e in experiments])
-    parts = tuple(slice(int(b - e["reading"].size), int(b)) for e, b in zip(experiments, ends))
+    ends = np.cumsum([e["reading"].size for e in experiments]).tolist()
+    parts = tuple(slice(begin, end) for begin, end in pairwise([0, *ends]))
     used = np.isfinite(reading) & np.isfinite(reference)
     timed = all(e.time.size > 0 for e in experiments)
-    first = experiments[0].signals["reading"]
-    return Data(reading, reference, parts, used, timed, first.unit, first.resolution)
-
-
-def prepare(
-    experiments: Sequence[Experiment], options: PotentiometerOptions
-) -> tuple[Data, PotentiometerOptions, list[Notice]]:
-    """All samples and which of them can be used; the options with the rails settled."""
-    data = gather(experiments)
-    check_data(data)
-    notices: list[Notice] = []
-    if options.clipped is None:
-        rails, suspects = options.rails, list[float]()
-        if rails is None:
-            rails, suspects, notices = find_rails(
-                data.reading, data.reference, data.used, data.step
-            )
-        else:
-            rails, notices = widen_rails(data.reading, data.reference, data.used, rails)
-        left_out = not between(data.reading, rails)[data.used].all()
-        named = ",".join(repr(s) for s in suspects) or None
-        options = replace(options, rails=rails, clipped=left_out, suspects=named)
-    used = data.used & between(data.reading, options.rails)
-    data = replace(data, used=used, suspects=options.suspected)
-    check_data(data)
-    return data, options, notices
+    return Data(reading, reference, parts, used, timed, experiments[0].signals["reading"].unit)
 
 
 def check_data(data: Data) -> None:
@@ -124,21 +94,20 @@ class Scaled:
         return float((self.rows.count * rest) @ rest)
 
 
-def scale_samples(data: Data, rising: FloatArray | None = None) -> Scaled:
-    """Scale the used samples; without a share of the rising branch there is one curve."""
-    whole = bool(data.used.all())
-    x = data.reading if whole else data.reading[data.used]
-    y = data.reference if whole else data.reference[data.used]
+def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
+    """Scale the used samples; without a dead band between branches there is one curve."""
+    x, y = data.reading[data.used], data.reference[data.used]
     low, span, base, stroke = float(x.min()), float(np.ptp(x)), float(y.min()), float(np.ptp(y))
-    one = np.ones(x.size)
-    share = one if rising is None else rising[data.used]
-    rows = Rows((x - low) / span, (y - base) / stroke, one, share)
-    merged, key = rows, None
-    if rising is None and x.size > MANY:
-        places, found = group(x, data.step)
+    share = np.ones(x.size)
+    if dead_band is not None:  # each log from its own start
+        shares = [rising_share(data.reading[p], dead_band) for p in data.parts]
+        share = np.concatenate(shares)[data.used]
+    rows = Rows((x - low) / span, (y - base) / stroke, np.ones(x.size), share)
+    if dead_band is None and x.size > MANY:
+        places, key = group(x)
         if 4 * places.size < x.size:
-            key, merged = found, merge(rows, (places - low) / span, found)
-    return Scaled(rows, low, span, base, stroke, merged, key)
+            return Scaled(rows, low, span, base, stroke, rows.merge(key), key)
+    return Scaled(rows, low, span, base, stroke, rows, None)
 
 
 def sample_count(rows: Rows) -> int:
@@ -152,13 +121,25 @@ def check_enough(rows: Rows, shape: Shape) -> None:
     needed = shape.unknowns // shape.branches
     if samples >= shape.unknowns + 2 and distinct >= needed:
         return
-    lower = f"or give a --degree below {shape.degree}" if shape.degree > 1 else ""
+    lower = f" or give a --degree below {shape.degree}" if shape.degree > 1 else ""
     raise NotIdentifiedError(
         f"{samples} samples at {distinct} distinct readings cannot determine a curve of degree "
         f"{shape.degree}, which has {shape.unknowns} unknowns.",
         expected=f"At least {shape.unknowns + 2} samples at {needed} distinct readings.",
-        remedy=" ".join(f"Record more positions {lower}".split()) + ".",
+        remedy=f"Record more positions{lower}.",
     )
+
+
+def check_both_directions(rows: Rows) -> None:
+    """Refuse two branches of a recording that moves one way only."""
+    for name, share in (("rising", rows.rising), ("falling", 1.0 - rows.rising)):
+        there = share >= 0.999
+        if np.count_nonzero(there) < 5 or np.ptp(rows.t[there]) < 0.5:
+            raise NotIdentifiedError(
+                f"the data cannot determine the {name} branch: the reading hardly moves that way.",
+                expected="Readings over at least half of the range in both directions.",
+                remedy="Record a stroke there and back, or give --branches pooled.",
+            )
 
 
 def mean_ends(rows: Rows) -> tuple[float, float]:

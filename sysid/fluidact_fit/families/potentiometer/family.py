@@ -42,16 +42,16 @@ from ...family import (
     Variant,
 )
 from .block import PotentiometerBlock
-from .branches import check_both_directions, find_dead_band, rising_samples
 from .calibration import Calibration
-from .data import check_enough, gather, mean_ends, prepare, scale_samples
+from .data import check_both_directions, check_enough, gather, mean_ends, scale_samples
 from .options import PotentiometerOptions
-from .rails import between
+from .rails import between, prepare
 from .rational_bezier import Shape, power_coefficients, rational_bezier
 from .results import derived_quantities, fit_details, fit_quantities
 from .selection import (
     bound_notice,
     drop_weights,
+    find_dead_band,
     make_monotone,
     search_degree,
     weigh_suspects,
@@ -118,9 +118,10 @@ class Potentiometer(Family[PotentiometerOptions]):
         """Fit the curve; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         data, options, notices = prepare(experiments, request.options)
-        two = options.two
-        band = find_dead_band(data, request) if two else 0.0
-        scaled = scale_samples(data, rising_samples(data, band) if two else None)
+        request = replace(request, options=options)
+        two = options.branches == "two"
+        band = find_dead_band(data, request) if two else None
+        scaled = scale_samples(data, band)
         if two:
             check_both_directions(scaled.rows)
         ends = mean_ends(scaled.merged) if options.endpoints == "fixed" else None
@@ -138,7 +139,7 @@ class Potentiometer(Family[PotentiometerOptions]):
         parameters["reading_range"] = Quantity(
             [scaled.low, scaled.low + scaled.span], data.unit, "derived"
         )
-        if two:
+        if band is not None:
             given = "hysteresis_dead_band" in request.fixed
             parameters["hysteresis_dead_band"] = Quantity(
                 band, data.unit, "fixed" if given else "derived"
@@ -152,7 +153,7 @@ class Potentiometer(Family[PotentiometerOptions]):
                 options,
                 degree=str(fit.shape.degree),
                 monotone=fit.monotone if options.monotone is None else options.monotone,
-                dead_band=band if two else None,
+                dead_band=band,
             ),
             [*notices, *turned, *unsure, *bound_notice(fit)],
             fit_details(fit, spread, scores, scaled),
@@ -181,21 +182,23 @@ class Potentiometer(Family[PotentiometerOptions]):
     ) -> dict[str, Any]:
         """The curve, also as a ratio of polynomials by ascending powers of ``t``."""
         c = Calibration.of(values)
-        section: dict[str, Any] = {
+        curve: dict[str, Any] = {
             "type": "rational-bezier",
             "degree": int(c.curves[0][0].size - 1),
             "monotone": c.monotone,
             "reading_range": [c.low, c.high],
         }
-        if len(c.curves) > 1:
-            section["hysteresis_dead_band"] = c.dead_band
-        for branch, (p, w) in zip(("rising", "falling") if len(c.curves) > 1 else ("",), c.curves):
-            ratio = {
+        ratios = [
+            {
                 "ascending_numerator": power_coefficients(w * p).tolist(),
                 "ascending_denominator": power_coefficients(w).tolist(),
             }
-            section.update({branch: ratio} if branch else ratio)
-        return {"curve": section}
+            for p, w in c.curves
+        ]
+        if len(ratios) == 1:
+            return {"curve": curve | ratios[0]}
+        branches = dict(zip(("rising", "falling"), ratios))
+        return {"curve": curve | {"hysteresis_dead_band": c.dead_band} | branches}
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """Positions to hold; see :meth:`Family.excitation`."""

@@ -51,11 +51,6 @@ class PotentiometerOptions(FamilyOptions):
         return 0 if self.degree == "auto" else int(self.degree)
 
     @property
-    def two(self) -> bool:
-        """Whether each direction has a curve of its own."""
-        return self.branches == "two"
-
-    @property
     def suspected(self) -> tuple[float, ...]:
         """The readings of ``suspects``."""
         return tuple(float(word) for word in (self.suspects or "").split(",") if word)

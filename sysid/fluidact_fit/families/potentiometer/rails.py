@@ -3,30 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import Notice
 from ...estimation.noise import noise_floor
 from ...estimation.uncertainty import t_quantile
-from ...experiment import FloatArray
+from ...experiment import Experiment, FloatArray
+from .data import BoolArray, Data, check_data, gather
+from .options import PotentiometerOptions
 from .rational_bezier import group
 
-BoolArray = npt.NDArray[np.bool_]
+
+def prepare(
+    experiments: Sequence[Experiment], options: PotentiometerOptions
+) -> tuple[Data, PotentiometerOptions, list[Notice]]:
+    """All samples and which of them can be used; the options with the rails settled."""
+    data = gather(experiments)
+    check_data(data)
+    notices: list[Notice] = []
+    if options.clipped is None:
+        suspects: list[float] = []
+        if options.rails is None:
+            rails, suspects, notices = find_rails(data)
+        else:
+            rails, notices = widen_rails(data, options.rails)
+        left_out = not between(data.reading, rails)[data.used].all()
+        named = ",".join(repr(s) for s in suspects) or None
+        options = replace(options, rails=rails, clipped=left_out, suspects=named)
+    data = replace(data, used=data.used & between(data.reading, options.rails))
+    check_data(data)
+    return data, options, notices
 
 
 def between(reading: FloatArray, rails: tuple[float, float] | None) -> BoolArray:
     """Readings that are finite and inside the rails, if there are any."""
-    finite = np.isfinite(reading)
-    if rails is None:
-        return finite
-    return finite & (reading > rails[0]) & (reading < rails[1])
+    low, high = rails or (-np.inf, np.inf)
+    return (reading > low) & (reading < high)
 
 
-def widen_rails(
-    reading: FloatArray, reference: FloatArray, used: BoolArray, rails: tuple[float, float]
-) -> tuple[tuple[float, float], list[Notice]]:
+def widen_rails(data: Data, rails: tuple[float, float]) -> tuple[tuple[float, float], list[Notice]]:
     """Move given rails inwards where they clip a noisy reading, and say how many are left out.
 
     Of a noisy reading that is clipped, those just inside a rail are the ones whose noise
@@ -34,54 +51,50 @@ def widen_rails(
     clips, readings within three standard deviations of their noise are left out as well.
     """
     low, high = rails
-    kept = used & between(reading, rails)
-    count = int(used.sum() - kept.sum())
+    reading, reference = data.reading[data.used], data.reference[data.used]
+    kept = between(reading, rails)
+    count = int(np.sum(~kept))
     if not count:
         return rails, []
     notices = [_rails_notice(count, f"at or beyond the rails {low:g}:{high:g}")]
-    margin = 3.0 * _reading_noise(reading, reference, kept)
-    if np.count_nonzero(used & (reading <= low)) >= 3:
+    margin = 3.0 * _reading_noise(reading[kept], reference[kept])
+    if np.count_nonzero(reading <= low) >= 3:
         low += margin
-    if np.count_nonzero(used & (reading >= high)) >= 3:
+    if np.count_nonzero(reading >= high) >= 3:
         high -= margin
     near = int(np.sum(kept & ~between(reading, (low, high))))
     if near:
-        samples = "1 sample" if near == 1 else f"{near} samples"
-        notices.append(
-            Notice(
-                "rails",
-                f"{samples} within {margin:.3g} of a rail, three standard deviations of the "
-                "reading's noise, left out as well: clipping has taken the others like them.",
-            )
+        text = (
+            f"{_samples(near)} within {margin:.3g} of a rail, three standard deviations of the "
+            "reading's noise, left out as well: clipping has taken the others like them."
         )
+        notices.append(Notice("rails", text))
     return (low, high), notices
 
 
-def _reading_noise(reading: FloatArray, reference: FloatArray, used: BoolArray) -> float:
+def _reading_noise(reading: FloatArray, reference: FloatArray) -> float:
     """Noise of the reading at a position [unit of the reading]; 0 where it cannot be told.
 
     In the order of the position, whose own noise counts as well. Few samples, or ones far
     apart, say nothing of it.
     """
-    at = np.flatnonzero(used)
-    if at.size < 200:
+    if reading.size < 200:
         return 0.0
-    x = reading[at[np.argsort(reference[at], kind="stable")]]
+    x = reading[np.argsort(reference, kind="stable")]
     noise = noise_floor(x, 3)
     return noise if noise <= 0.01 * float(np.ptp(x)) else 0.0
 
 
+def _samples(count: int) -> str:
+    return "1 sample" if count == 1 else f"{count} samples"
+
+
 def _rails_notice(count: int, place: str) -> Notice:
-    samples = "1 sample" if count == 1 else f"{count} samples"
-    return Notice(
-        "rails",
-        f"{samples} {place} left out: a clipped reading says nothing about the position.",
-    )
+    text = "left out: a clipped reading says nothing about the position."
+    return Notice("rails", f"{_samples(count)} {place} {text}")
 
 
-def find_rails(
-    reading: FloatArray, reference: FloatArray, used: BoolArray, step: float = 0.0
-) -> tuple[tuple[float, float] | None, list[float], list[Notice]]:
+def find_rails(data: Data) -> tuple[tuple[float, float] | None, list[float], list[Notice]]:
     """Find extremes that the reading rests on while the reference moves.
 
     At least three samples exactly on an extreme whose references spread three times wider
@@ -89,46 +102,31 @@ def find_rails(
     slope of that line over one step of the converter) are left out. A lone extreme that
     is off the course of its neighbours, and by a step out of proportion, is only warned of.
 
-    Parameters
-    ----------
-    reading, reference, used : (n,)
-    step
-        Distance of the converter's codes, if known.
-
-    Returns
-    -------
-    rails
-        Readings at or beyond which nothing is used; no reading reaches the rail of an end that
-        is sound. ``None`` where both are.
-    suspects
-        Extreme readings that are warned of and stay.
-    notices
+    Returns the rails (``None`` where both ends are sound), readings at or beyond which nothing
+    is used, the extreme readings that are warned of and stay, and the warnings.
     """
-    distinct, key = group(reading[used], step)
+    reading, reference = data.reading[data.used], data.reference[data.used]
+    distinct, key = group(reading)
     if distinct.size < 6:
         return None, [], []
     finest = float(np.diff(distinct).min())
     count = np.bincount(key)
-    mean = np.bincount(key, reference[used]) / count
+    mean = np.bincount(key, reference) / count
     rails: list[float] = []
     suspects: list[float] = []
     for order in (slice(None), slice(None, None, -1)):
         x, y, n = distinct[order], mean[order], count[order]
-        beside = slice(1, 21)
-        near = used & (np.abs(reading - x[0]) <= abs(x[beside][-1] - x[0])) & (reading != x[0])
-        if not near.any():
-            continue
+        end = reading == x[0]
+        near = (np.abs(reading - x[0]) <= abs(x[:21][-1] - x[0])) & ~end
         line = np.polynomial.Polynomial.fit(reading[near], reference[near], 1)
         scatter = float(np.std(reference[near] - line(reading[near])))
         slope = abs(float(line.convert().coef[-1]))
-        spread = float(np.std(reference[used & (reading == x[0])]))
-        if n[0] >= 3 and spread > 3.0 * (scatter + slope * finest):
+        if n[0] >= 3 and np.std(reference[end]) > 3.0 * (scatter + slope * finest):
             rails.append(float(x[0]))
         elif n[0] <= 2 and _is_off_course(x, y):
             suspects.append(float(x[0]))
     notices = [
-        _rails_notice(int((used & (reading == r)).sum()), f"on the extreme reading {r:g}")
-        for r in rails
+        _rails_notice(int(np.sum(reading == r)), f"on the extreme reading {r:g}") for r in rails
     ]
     if suspects:
         notices.append(_suspicion(_rails_at(suspects, distinct), suspects))
@@ -151,10 +149,10 @@ def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
     if 1.0 / 3.0 < ratio < 3.0:
         return False
     for degree, points in ((1, 7), (2, 9)):
-        u = (x[: points + 1] - x[0]) / (x[min(points, x.size - 1)] - x[0])
-        columns = np.vander(u[1:], degree + 1, increasing=True)
-        solution = np.linalg.lstsq(columns, y[1 : points + 1], rcond=None)[0]
-        rest = y[1 : points + 1] - columns @ solution
+        beside, level = x[1 : points + 1] - x[0], y[1 : points + 1]
+        columns = np.vander(beside / beside[-1], degree + 1, increasing=True)
+        solution = np.linalg.lstsq(columns, level, rcond=None)[0]
+        rest = level - columns @ solution
         free = max(rest.size - degree - 1, 1)
         leverage = float(np.linalg.inv(columns.T @ columns)[0, 0])
         error = float(np.sqrt(rest @ rest / free * (1.0 + leverage)))
@@ -167,9 +165,9 @@ def _suspicion(rails: tuple[float, float], readings: Sequence[float]) -> Notice:
     names = " and ".join(f"{r:g}" for r in sorted(readings))
     many = len(readings) > 1
     what, follow = ("readings look", "do") if many else ("reading looks", "does")
-    return Notice(
-        "rails-suspected",
+    text = (
         f"the extreme {what} clipped: {names} {follow} not follow from the readings beside it. "
         f"Such samples were kept, with little weight if they are far off the others' curve; "
-        f"give --rails {rails[0]:g}:{rails[1]:g} to leave them out.",
+        f"give --rails {rails[0]:g}:{rails[1]:g} to leave them out."
     )
+    return Notice("rails-suspected", text)

@@ -15,7 +15,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import comb
 from typing import Any
 
@@ -31,28 +31,12 @@ LOG_WEIGHT_LIMIT = float(np.log(50.0))
 
 
 def bernstein(t: npt.ArrayLike, degree: int) -> FloatArray:
-    """Bernstein polynomials ``B_0 .. B_N``.
-
-    Parameters
-    ----------
-    t : (...)
-    degree
-        ``N``.
-
-    Returns
-    -------
-    (..., N + 1)
-    """
+    """Bernstein polynomials ``B_0 .. B_N`` at ``t`` (...), shape ``(..., N + 1)``."""
     u = np.asarray(t, dtype=float)
-    out = np.empty((*u.shape, degree + 1))
-    rising, falling = np.ones_like(u), np.ones_like(u)
-    for i in range(degree + 1):
-        out[..., i] = comb(degree, i) * rising
-        rising = rising * u
-    for i in range(degree, -1, -1):
-        out[..., i] *= falling
-        falling = falling * (1.0 - u)
-    return out
+    binomials = np.array([comb(degree, i) for i in range(degree + 1)])
+    rising = binomials * np.vander(u.ravel(), degree + 1, increasing=True)
+    falling = np.vander(1.0 - u.ravel(), degree + 1)
+    return np.asarray((rising * falling).reshape(*u.shape, degree + 1))
 
 
 def rational_bezier(
@@ -88,50 +72,15 @@ def rational_bezier_slope(
     degree = p.size - 1
     u = np.clip(np.asarray(t, dtype=float), 0.0, 1.0)
     y = rational_bezier(u, p, w)
-    lower = bernstein(u, degree - 1)
-    zero = np.zeros((*u.shape, 1))
-    slopes = degree * (np.concatenate((zero, lower), -1) - np.concatenate((lower, zero), -1))
+    slopes = -degree * np.diff(bernstein(u, degree - 1), prepend=0.0, append=0.0)
     top = (w * (p - y[..., None]) * slopes).sum(axis=-1)
     return np.asarray(top / (bernstein(u, degree) @ w))
-
-
-def invert_rational_bezier(
-    values: npt.ArrayLike, control_points: npt.ArrayLike, weights: npt.ArrayLike
-) -> FloatArray:
-    """Find ``t`` with ``y(t) = value`` on a monotone curve.
-
-    Bisection on ``sum_i w_i (P_i - y) B_i(t)``, numerator minus ``y`` times denominator,
-    down to the spacing of floating point numbers.
-
-    Parameters
-    ----------
-    values : (...)
-        Values outside the curve give its nearest end.
-    control_points, weights : (N + 1,)
-
-    Returns
-    -------
-    (...) between 0 and 1.
-    """
-    p, w = np.asarray(control_points, dtype=float), np.asarray(weights, dtype=float)
-    sign = 1.0 if p[-1] >= p[0] else -1.0
-    y = np.asarray(values, dtype=float)
-    gap = sign * w * (p - y[..., None])
-    low, high = np.zeros_like(y), np.ones_like(y)
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        below = (bernstein(middle, p.size - 1) * gap).sum(axis=-1) < 0.0
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    middle = 0.5 * (low + high)
-    at_start, at_end = gap[..., 0] >= 0.0, gap[..., -1] <= 0.0
-    return np.asarray(np.where(at_start, 0.0, np.where(at_end, 1.0, middle)))
 
 
 def is_monotone(control_points: npt.ArrayLike, weights: npt.ArrayLike) -> bool:
     """Whether a curve rises or falls all the way.
 
-    Certain where the control points are in order; otherwise judged by its slope at 4001
-    places.
+    Certain where the control points are in order, otherwise judged by 4001 slopes.
     """
     p = np.asarray(control_points, dtype=float)
     steps = np.diff(p)
@@ -152,16 +101,10 @@ def power_coefficients(points: npt.ArrayLike) -> FloatArray:
     return out
 
 
-def elevate(control_points: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the same curve with a degree of one more."""
-    n = weights.size - 1
-    part = np.arange(n + 2) / (n + 1)
-
-    def raised(h: FloatArray) -> FloatArray:
-        return np.asarray(part * np.append(0.0, h) + (1.0 - part) * np.append(h, 0.0))
-
-    w = raised(weights)
-    return raised(weights * control_points) / w, w
+def elevate(points: FloatArray) -> FloatArray:
+    """Coefficients of the same ``sum_i c_i B_i(t)`` at a degree of one more."""
+    share = np.arange(points.size + 1) / points.size
+    return np.asarray(share * np.append(0.0, points) + (1.0 - share) * np.append(points, 0.0))
 
 
 # ------------------------------------------------------------------------------- rows
@@ -169,16 +112,11 @@ def elevate(control_points: FloatArray, weights: FloatArray) -> tuple[FloatArray
 
 @dataclass(frozen=True)
 class Rows:
-    """Data of a fit.
+    """Data of a fit, all of shape ``(n,)``.
 
-    Attributes
-    ----------
-    t, y : (n,)
-        Position on the curve, and what was measured there.
-    count : (n,)
-        How many samples a row stands for.
-    rising : (n,)
-        Share of the rising branch: 1, 0, or between while the direction turns.
+    ``t`` and ``y`` are a place on the curve and what was measured there, ``count`` says how many
+    samples a row stands for, ``rising`` is the share of the rising branch: 1, 0, or between while
+    the direction turns.
     """
 
     t: FloatArray
@@ -186,47 +124,29 @@ class Rows:
     count: FloatArray
     rising: FloatArray
 
-    def take(self, index: Any) -> Rows:
+    def take(self, index: npt.NDArray[Any]) -> Rows:
         """Return some of the rows."""
         return Rows(self.t[index], self.y[index], self.count[index], self.rising[index])
 
+    def merge(self, key: npt.NDArray[np.intp]) -> Rows:
+        """Means of the rows that share a key, in the order of the keys ``0, 1, 2 ...``."""
+        count = np.asarray(np.bincount(key, self.count), dtype=float)
 
-def group(values: FloatArray, step: float = 0.0) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+        def mean(values: FloatArray) -> FloatArray:
+            return np.asarray(np.bincount(key, values * self.count) / count)
+
+        return Rows(mean(self.t), mean(self.y), count, mean(self.rising))
+
+
+def group(values: npt.NDArray[Any]) -> tuple[FloatArray, npt.NDArray[np.intp]]:
     """Distinct values in order, and which of them each value is.
 
-    Parameters
-    ----------
-    values : (n,)
-        Finite.
-    step
-        Distance of the codes of a converter, if known; counts need none. Codes are counted,
-        everything else is sorted, which takes ten times longer.
+    Hashed: sorting the many equal readings of a converter takes several times longer.
     """
-    low = float(values.min())
-    for grid in (1.0, step):
-        if grid <= 0.0 or float(np.ptp(values)) > 4e6 * grid:
-            continue
-        place = (values - low) / grid
-        code = np.rint(place)
-        if float(np.abs(place - code).max()) > 1e-6:
-            continue
-        key = code.astype(np.intp)
-        count = np.bincount(key)
-        there = np.flatnonzero(count)
-        order = np.cumsum(count > 0) - 1
-        first = np.empty(count.size)
-        first[key] = values  # of codes apart by rounding any one will do
-        return first[there], order[key]
-    distinct, inverse = np.unique(values, return_inverse=True)
-    return distinct, inverse
+    from pandas import factorize
 
-
-def merge(rows: Rows, places: FloatArray, key: npt.NDArray[np.intp]) -> Rows:
-    """Rows at their distinct places: the same fit, as long as there is one branch."""
-    count = np.asarray(np.bincount(key, rows.count, places.size), dtype=float)
-    y = np.bincount(key, rows.y * rows.count, places.size) / np.where(count > 0.0, count, 1.0)
-    there = count > 0.0
-    return Rows(places[there], y[there], count[there], np.ones(int(there.sum())))
+    key, distinct = factorize(values, sort=True)
+    return distinct, key
 
 
 def compress(rows: Rows, limit: int) -> Rows:
@@ -237,20 +157,12 @@ def compress(rows: Rows, limit: int) -> Rows:
     """
     if rows.t.size <= limit:
         return rows
-    few = np.unique(rows.t[:: max(rows.t.size // (8 * limit), 1)]).size <= limit
-    key: npt.NDArray[np.int64] = np.minimum((rows.t * limit).astype(np.int64), limit - 1)
-    if few:
-        distinct, inverse = np.unique(rows.t, return_inverse=True)
-        key = inverse if distinct.size <= limit else key
+    place = np.minimum((rows.t * limit).astype(np.int64), limit - 1)
+    if np.unique(rows.t[:: max(rows.t.size // (8 * limit), 1)]).size <= limit:
+        distinct, found = group(rows.t)
+        place = found if distinct.size <= limit else place
     turning = np.round(rows.rising * 4.0).astype(np.int64)
-    key = key * 5 + turning
-    _, key = group(key.astype(float))
-    count = np.asarray(np.bincount(key, rows.count), dtype=float)
-
-    def mean(values: FloatArray) -> FloatArray:
-        return np.asarray(np.bincount(key, values * rows.count) / count)
-
-    return Rows(mean(rows.t), mean(rows.y), count, mean(rows.rising))
+    return rows.merge(group(place * 5 + turning)[1])
 
 
 # -------------------------------------------------------------------------------- fit
@@ -260,18 +172,9 @@ def compress(rows: Rows, limit: int) -> Rows:
 class Shape:
     """What a curve may be.
 
-    Attributes
-    ----------
-    degree
-        ``N``.
-    branches
-        1, or 2 for a rising and a falling one.
-    direction
-        1 or -1 to keep the control points in that order, 0 for any.
-    ends
-        Values that the end control points are pinned to.
-    rational
-        Whether the weights are free (otherwise all are one: a polynomial).
+    It has the ``degree`` and one or two ``branches``. ``direction`` keeps the control points in
+    that order (1 or -1; 0 is any), ``ends`` pins the outer ones. Without ``rational`` all weights
+    are one: a polynomial.
     """
 
     degree: int
@@ -311,58 +214,54 @@ class Shape:
 
     def weight_unknowns(self, weights: FloatArray) -> FloatArray:
         """Inverse of `log_weights`, within the bounds."""
+        if not self.rational:
+            return np.zeros(0)
         log = np.log(weights)
         log = log - 0.5 * (log[0] + log[-1])
         return np.asarray(np.clip(log[1:], -LOG_WEIGHT_LIMIT, LOG_WEIGHT_LIMIT))
 
-    def points(self, own: Array, ends: Array | None) -> tuple[Array, FloatArray]:
-        """Offset and matrix that give the control points from the linear unknowns."""
-        n = self.degree
-        if ends is None:
-            if not self.direction:
-                return np.zeros(n + 1), np.eye(n + 1)
-            steps = np.tril(np.ones((n + 1, n + 1))) * float(self.direction)
-            steps[:, 0] = 1.0
-            return np.zeros(n + 1), steps
-        if not self.chained:
-            offset = np.concatenate(([ends[0]], np.zeros(n - 1), [ends[1]]))
-            return offset, np.eye(n + 1)[:, 1:n]
-        chain = [ends[0]]
-        for share in own[own.size - self.chained :]:
-            chain.append(chain[-1] + share * (ends[1] - chain[-1]))
-        return np.array([*chain, ends[1]]), np.zeros((n + 1, 0))
+    def points(self, own: Array, ends: Array | None = None) -> tuple[Array, FloatArray]:
+        """Offset and matrix that give the control points from the linear unknowns.
 
-    def curves(self, eta: Array, linear: Array, ends: Array | None) -> list[tuple[Array, Array]]:
+        ``own`` are the nonlinear unknowns of the branch, ``ends`` replace the pinned ones.
+        """
+        n = self.degree
+        if self.ends is None:
+            steps = np.eye(n + 1)
+            if self.direction:
+                steps = np.tril(np.ones((n + 1, n + 1))) * float(self.direction)
+                steps[:, 0] = 1.0
+            return np.zeros(n + 1), steps
+        first, last = self.ends if ends is None else ends
+        if not self.chained:
+            return np.array([first, *np.zeros(n - 1), last]), np.eye(n + 1)[:, 1:n]
+        chain = [first]
+        for share in own[own.size - self.chained :]:
+            chain.append(chain[-1] + share * (last - chain[-1]))
+        return np.array([*chain, last]), np.zeros((n + 1, 0))
+
+    def curves(
+        self, eta: Array, linear: Array, ends: Array | None = None
+    ) -> list[tuple[Array, Array]]:
         """Control points and logarithms of the weights of each branch."""
         out = []
-        for k in range(self.branches):
-            own = eta[k * self.nonlinear : (k + 1) * self.nonlinear]
+        for own, mine in zip(np.split(eta, self.branches), np.split(linear, self.branches)):
             offset, steps = self.points(own, ends)
-            mine = linear[k * self.linear : (k + 1) * self.linear]
             out.append((offset + steps @ mine, self.log_weights(own)))
         return out
 
     def starts(self) -> list[FloatArray]:
         """Weights to start from: equal, one end heavy, the middle heavy or light."""
-        if not self.rational:
-            return [self._tile(np.zeros(0))]
         place = np.linspace(-1.0, 1.0, self.degree + 1)
         middle = 0.5 - place**2
         heavy = [0.0 * place, 1.2 * place, -1.2 * place, 1.2 * middle, -1.2 * middle]
-        return [self._tile(self.weight_unknowns(np.exp(h))) for h in heavy]
+        return [self.start_at([np.exp(h)]) for h in (heavy if self.rational else heavy[:1])]
 
-    def start_at(self, curves: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
-        """Start from control points and weights of a branch or two."""
-        own = [self.weight_unknowns(w) if self.rational else np.zeros(0) for _, w in curves]
-        if len(own) == 1:
-            return self._tile(own[0])
-        return np.concatenate([self._chain(o) for o in own])
-
-    def _chain(self, own: FloatArray) -> FloatArray:
-        return np.append(own, 1.0 / np.arange(self.chained + 1, 1, -1))
-
-    def _tile(self, own: FloatArray) -> FloatArray:
-        return np.tile(self._chain(own), self.branches)
+    def start_at(self, weights: Sequence[FloatArray]) -> FloatArray:
+        """Start from the weights of each branch, or from one set of weights for all."""
+        even = 1.0 / np.arange(self.chained + 1, 1, -1)
+        own = [np.append(self.weight_unknowns(w), even) for w in weights]
+        return np.concatenate(own * (self.branches // len(own)))
 
 
 class _CurveModel:
@@ -372,24 +271,23 @@ class _CurveModel:
         self.shape = shape
         self.bernstein = bernstein(rows.t, shape.degree)
         self.shares = _shares(rows.rising, shape.branches)
-        self.ends = None if shape.ends is None else np.array(shape.ends)
 
     def basis(self, index: int, eta: Array) -> Basis:
         """Columns at given unknowns; there is one experiment only."""
-        shape, n = self.shape, self.bernstein.shape[0]
+        n = self.bernstein.shape[0]
         known: Array = np.zeros(n)
         columns = []
-        for k, share in enumerate(self.shares):
-            own = eta[k * shape.nonlinear : (k + 1) * shape.nonlinear]
-            top = self.bernstein * np.exp(shape.log_weights(own))
+        for own, share in zip(np.split(eta, self.shape.branches), self.shares):
+            top = self.bernstein * np.exp(self.shape.log_weights(own))
             ratio = top / top.sum(axis=1)[:, None] * share
-            offset, steps = shape.points(own, self.ends)
+            offset, steps = self.shape.points(own)
             known = known + ratio @ offset
             columns.append(ratio @ steps)
         return Basis(known, np.hstack(columns), np.zeros((n, 0)))
 
 
 def _shares(rising: FloatArray, branches: int) -> list[FloatArray]:
+    """Shares of the branches, shape ``(n, 1)`` each."""
     if branches == 1:
         return [np.ones((rising.size, 1))]
     return [rising[:, None], 1.0 - rising[:, None]]
@@ -401,12 +299,12 @@ class CurveFit:
 
     shape: Shape
     search: Search
-    curves: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
+    curves: list[tuple[FloatArray, FloatArray]]
 
     @property
-    def cost(self) -> float:
-        """Sum of squared residuals over the rows it was fitted to."""
-        return self.search.best.cost
+    def weights(self) -> list[FloatArray]:
+        """Weights of each branch."""
+        return [w for _, w in self.curves]
 
     @property
     def monotone(self) -> bool:
@@ -431,11 +329,11 @@ def fit_shape(
 ) -> CurveFit:
     """Fit a curve of a given shape by variable projection."""
     limit = LOG_WEIGHT_LIMIT
-    one = [Unknown(f"log_weight_{i}", 0.0, -limit, limit) for i in range(shape.degree)]
+    one = [Unknown(f"log_weight_{i}", -limit, limit) for i in range(shape.degree)]
     own = one if shape.rational else []
-    own = [*own, *(Unknown(f"share_{i}", 0.5, 0.0, 1.0) for i in range(shape.chained))]
+    own = [*own, *(Unknown(f"share_{i}", 0.0, 1.0) for i in range(shape.chained))]
     kept = shape.direction != 0 and shape.ends is None
-    line = [Unknown(f"point_{i}", 0.0, 0.0 if kept and i else -np.inf) for i in range(shape.linear)]
+    line = [Unknown(f"point_{i}", 0.0 if kept and i else -np.inf) for i in range(shape.linear)]
     problem = Problem(
         _CurveModel(rows, shape),
         [rows.y],
@@ -444,8 +342,7 @@ def fit_shape(
         [np.sqrt(rows.count)],
     )
     search = solve_from(problem, starts, max_iterations=max_iterations)
-    ends = None if shape.ends is None else np.array(shape.ends)
-    curves = shape.curves(search.best.eta, search.best.linear, ends)
+    curves = shape.curves(search.best.eta, search.best.linear)
     return CurveFit(shape, search, [(p, np.exp(lw - lw[0])) for p, lw in curves])
 
 
@@ -459,7 +356,7 @@ def fit_ladder(rows: Rows, shape: Shape) -> list[CurveFit]:
         now = replace(shape, degree=degree)
         starts = now.starts()
         if fits:
-            starts.append(now.start_at([elevate(p, w) for p, w in fits[-1].curves]))
+            starts.append(now.start_at([elevate(w) for w in fits[-1].weights]))
         fits.append(fit_shape(rows, now, starts))
     return fits
 
@@ -469,11 +366,20 @@ def fit_ladder(rows: Rows, shape: Shape) -> list[CurveFit]:
 
 @dataclass(frozen=True)
 class Score:
-    """Cross-validated error of one degree: rms, and mean squares per fold."""
+    """Cross-validated error of one degree: the mean square of each fold."""
 
     degree: int
-    rms: float
     squares: FloatArray
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean over the folds."""
+        return float(np.sqrt(self.squares.mean()))
+
+    @property
+    def std_error(self) -> float:
+        """Standard error of the mean square."""
+        return float(self.squares.std(ddof=1) / np.sqrt(self.squares.size))
 
 
 def cross_validate(rows: Rows, fits: Sequence[CurveFit]) -> list[Score]:
@@ -491,69 +397,47 @@ def cross_validate(rows: Rows, fits: Sequence[CurveFit]) -> list[Score]:
     fold = np.where((block == 0) | (block == blocks - 1), -1, (block - 1) % folds)
     out = []
     for fit in fits:
-        start = [fit.shape.start_at(fit.curves)]
+        start = [fit.shape.start_at(fit.weights)]
         squares = np.zeros(folds)
         for k in range(folds):
             rest, held = rows.take(fold != k), rows.take(fold == k)
             model = fit_shape(rest, fit.shape, start, 40)
             error = held.y - model.evaluate(held.t, held.rising)
             squares[k] = np.sum(held.count * error**2) / held.count.sum()
-        out.append(Score(fit.shape.degree, float(np.sqrt(squares.mean())), squares))
+        out.append(Score(fit.shape.degree, squares))
     return out
 
 
-def smallest_sufficient(scores: Sequence[Score], tolerance: float) -> int:
-    """Smallest degree whose error is within one standard error of the best one's.
-
-    The standard error is that of the mean over the folds; ``tolerance`` is a difference
-    of mean squares that never matters.
-    """
+def smallest_sufficient(scores: Sequence[Score]) -> int:
+    """Smallest degree whose mean square is within one standard error of the best one's."""
     best = min(scores, key=lambda s: s.rms)
-    error = float(best.squares.std(ddof=1) / np.sqrt(best.squares.size))
-    allowed = best.rms**2 + max(error, tolerance)
+    allowed = best.rms**2 + max(best.std_error, 1e-18)  # what rounding leaves of exact data
     return next(s.degree for s in scores if s.rms**2 <= allowed)
 
 
 # -------------------------------------------------------------------------- derivatives
 
 
-@dataclass(frozen=True)
-class Coordinates:
+def free_coordinates(fit: CurveFit) -> FloatArray:
     """Derivatives of control points and log weights by what was free in the fit.
 
-    ``matrix`` has a row per control point and log weight ratio of every branch
-    (``P_0..P_N, log w_0/w_0..log w_N/w_0``) and a column per free unknown; ``pinned`` the
-    same with the two end values as columns, when they were pinned to measured values.
+    By complex steps; unknowns on a bound count as fixed. There is a row per control point and
+    log weight ratio of every branch (``P_0..P_N, log w_0/w_0..log w_N/w_0``) and a column per
+    free unknown, the two end values first where they were pinned to measured ones.
     """
-
-    matrix: FloatArray
-    pinned: FloatArray
-
-
-def free_coordinates(fit: CurveFit) -> Coordinates:
-    """Complex-step derivatives of the curve's numbers; unknowns on a bound count as fixed."""
-    shape, best = fit.shape, fit.search.best
-    ends = None if shape.ends is None else np.array(shape.ends, dtype=complex)
-    step = 1e-30
-
-    def numbers(eta: Array, linear: Array, at: Array | None) -> FloatArray:
-        curves = shape.curves(eta, linear, at)
-        flat = np.concatenate([np.concatenate((p, lw - lw[0])) for p, lw in curves])
-        return np.asarray(np.imag(flat) / step)
-
+    shape, best, step = fit.shape, fit.search.best, 1e-30
+    at = np.concatenate((shape.ends or (), best.eta, best.linear)).astype(complex)
+    pinned = at.size - best.active.size
+    cuts = [pinned, pinned + best.eta.size]
     columns = []
-    for j in np.flatnonzero(~best.active).tolist():
-        moved = np.concatenate((best.eta, best.linear)).astype(complex)
+    for j in (*range(pinned), *(pinned + np.flatnonzero(~best.active))):
+        moved = at.copy()
         moved[j] += 1j * step
-        columns.append(numbers(moved[: best.eta.size], moved[best.eta.size :], ends))
-    pinned = []
-    for j in range(0 if ends is None else 2):
-        assert ends is not None
-        at = ends.copy()
-        at[j] += 1j * step
-        pinned.append(numbers(best.eta.astype(complex), best.linear.astype(complex), at))
-    size = 2 * (shape.degree + 1) * shape.branches
-    return Coordinates(np.array(columns).reshape(-1, size).T, np.array(pinned).reshape(-1, size).T)
+        ends, eta, linear = np.split(moved, cuts)
+        curves = shape.curves(eta, linear, ends)
+        flat = np.concatenate([np.concatenate((p, lw - lw[0])) for p, lw in curves])
+        columns.append(np.imag(flat) / step)
+    return np.array(columns).reshape(-1, 2 * (shape.degree + 1) * shape.branches).T
 
 
 def curve_jacobian(fit: CurveFit, t: FloatArray, rising: FloatArray) -> FloatArray:

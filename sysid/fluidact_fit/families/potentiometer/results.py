@@ -7,39 +7,38 @@ from typing import Any
 
 import numpy as np
 
-from ...estimation.uncertainty import t_quantile
+from ...estimation.uncertainty import Uncertainty, t_quantile
 from ...experiment import FloatArray
 from ...family import Quantity
 from .calibration import SECOND
 from .data import Scaled
 from .rational_bezier import LOG_WEIGHT_LIMIT, CurveFit, Score, rational_bezier
-from .spread import Spread
+from .spread import std_errors
 
 
 def fit_quantities(
-    fit: CurveFit, spread: Spread, scaled: Scaled
+    fit: CurveFit, spread: Uncertainty, scaled: Scaled
 ) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray]:
     """Parameters of all branches, and the covariance of those that were estimated.
 
     Weights are positive: their intervals are made of their logarithms.
     """
-    quantile = t_quantile(0.975, spread.uncertainty.degrees)
-    error = spread.std_error()
+    quantile = t_quantile(0.975, spread.degrees)
+    n = fit.shape.degree + 1
     out: dict[str, Quantity] = {}
     names: list[str] = []
     factors: list[FloatArray] = []
-    n = fit.shape.degree + 1
-    for k, (p, w) in enumerate(fit.curves):
-        points, logs = error[2 * n * k :][:n] * scaled.stroke, error[2 * n * k + n :][:n]
-        value = scaled.base + scaled.stroke * p
-        half = quantile * points
-        out[f"control_points{SECOND[k]}"] = Quantity(
-            value.tolist(), "m", "estimated", points.tolist(),
+    for suffix, (p, w), (points, logs) in zip(SECOND, fit.curves, std_errors(spread, n - 1)):
+        error = points * scaled.stroke
+        value, half = scaled.base + scaled.stroke * p, quantile * error
+        out[f"control_points{suffix}"] = Quantity(
+            value.tolist(), "m", "estimated", error.tolist(),
             np.column_stack((value - half, value + half)).tolist(), "wald",
         )  # fmt: skip
-        out[f"weights{SECOND[k]}"] = _weights(w, logs, quantile, fit.shape.rational)
-        names += [f"control_points{SECOND[k]}[{i}]" for i in range(n)]
-        names += [f"weights{SECOND[k]}[{i}]" for i in range(n)]
+        out[f"weights{suffix}"] = _weights(w, logs, quantile, fit.shape.rational)
+        names += [
+            f"{kind}{suffix}[{i}]" for kind in ("control_points", "weights") for i in range(n)
+        ]
         factors += [np.full(n, scaled.stroke), w]
     scale = np.concatenate(factors)
     matrix = spread.covariance * np.outer(scale, scale)
@@ -57,7 +56,7 @@ def _weights(w: FloatArray, error: FloatArray, quantile: float, rational: bool) 
     return Quantity(w.tolist(), "1", "estimated", (w * error).tolist(), bounds.tolist(), "wald-log")
 
 
-def derived_quantities(fit: CurveFit, spread: Spread, scaled: Scaled) -> dict[str, Quantity]:
+def derived_quantities(fit: CurveFit, spread: Uncertainty, scaled: Scaled) -> dict[str, Quantity]:
     """Stroke between the extreme readings, and the width of the hysteresis."""
     n = fit.shape.degree
     p = fit.curves[0][0]
@@ -74,10 +73,9 @@ def derived_quantities(fit: CurveFit, spread: Spread, scaled: Scaled) -> dict[st
 
 
 def fit_details(
-    fit: CurveFit, spread: Spread, scores: Sequence[Score], scaled: Scaled
+    fit: CurveFit, spread: Uncertainty, scores: Sequence[Score], scaled: Scaled
 ) -> dict[str, Any]:
     """Method, degree, starts and residuals for the file."""
-    order = spread.uncertainty.order
     details: dict[str, Any] = {
         "method": "variable projection",
         "degree": fit.shape.degree,
@@ -91,17 +89,17 @@ def fit_details(
         },
         "iterations": fit.search.best.iterations,
         "converged": fit.search.best.converged,
-        "residual_std": spread.uncertainty.sigma * scaled.stroke,
-        "covariance": "white" if order == 0 else f"autoregressive residuals of order {order}",
+        "residual_std": spread.sigma * scaled.stroke,
+        "covariance": f"autoregressive residuals of order {spread.order}"
+        if spread.order
+        else "white",
     }
     if scores:
         details["cross_validation"] = [
             {
                 "degree": s.degree,
                 "rms": s.rms * scaled.stroke,
-                "mean_square_std_error": float(
-                    s.squares.std(ddof=1) / np.sqrt(s.squares.size) * scaled.stroke**2
-                ),
+                "mean_square_std_error": s.std_error * scaled.stroke**2,
             }
             for s in scores
         ]

@@ -1,4 +1,4 @@
-"""Which curve: its degree, whether it turns back, weights that data determine."""
+"""Which curve: dead band, degree, whether it turns back, weights that data determine."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.uncertainty import t_quantile
+from ...estimation.uncertainty import Uncertainty, t_quantile
 from ...family import Request
-from .data import COARSE, FINE, Data, Scaled, sample_count
+from .calibration import rising_share
+from .data import COARSE, FINE, Data, Scaled, sample_count, scale_samples
 from .options import PotentiometerOptions
 from .rational_bezier import (
     LOG_WEIGHT_LIMIT,
@@ -18,13 +19,44 @@ from .rational_bezier import (
     Rows,
     Score,
     Shape,
+    bernstein,
     compress,
     cross_validate,
     fit_ladder,
     fit_shape,
     smallest_sufficient,
 )
-from .spread import Spread
+from .spread import std_errors
+
+
+def find_dead_band(data: Data, request: Request[PotentiometerOptions]) -> float:
+    """Dead band that describes the data best [unit of the reading].
+
+    The branches are taken to be polynomials of the pooled curve, nearly straight ones.
+    """
+    if "hysteresis_dead_band" in request.fixed:
+        return float(request.fixed["hysteresis_dead_band"])
+    if request.options.dead_band is not None:
+        return request.options.dead_band
+    scaled = scale_samples(data)
+    shape = Shape(min(4, highest_degree(scaled.merged, 1)))
+    pooled = fit_shape(compress(scaled.merged, COARSE), shape, shape.starts()[:1])
+    steps = np.diff(np.unique(scaled.merged.t)) * scaled.span
+    finest = max(2.0 * float(steps.min()), 2e-3 * scaled.span)
+    part = max(data.parts, key=lambda p: p.stop - p.start)
+    part = slice(part.start, min(part.stop, part.start + 30_000))
+    used, x = data.used[part], data.reading[part]
+    t = (x[used] - scaled.low) / scaled.span
+    y = (data.reference[part][used] - scaled.base) / scaled.stroke
+    b = bernstein(np.clip(pooled.evaluate(t, np.ones(t.size)), 0.0, 1.0), 4)
+    best, found = np.inf, finest
+    for band in finest * 2.0 ** np.arange(6):
+        share = rising_share(x, band)[used, None]
+        columns = np.hstack((b * share, b * (1.0 - share)))
+        rest = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+        if rest @ rest < best * (1.0 - 1e-3):
+            best, found = float(rest @ rest), float(band)
+    return found
 
 
 def highest_degree(rows: Rows, branches: int) -> int:
@@ -52,12 +84,12 @@ def search_degree(
     if not degree:
         if highest > 1 and min(r.t.size for r in coarse) >= 12:
             scores = _pool([cross_validate(r, f) for r, f in zip(coarse, ladders)])
-        degree = smallest_sufficient(scores, 1e-18) if scores else 1
+        degree = smallest_sufficient(scores) if scores else 1
     found = [ladder[degree - 1] for ladder in ladders]
     if shape.branches == 1 and rows.t.size <= COARSE:
         return found[0], scores
     final = replace(shape, degree=degree)
-    start = final.start_at([f.curves[0] for f in found])
+    start = final.start_at([f.weights[0] for f in found])
     # with two branches a bin holds up to five rows
     fit = fit_shape(compress(rows, FINE // (4 if shape.branches > 1 else 1)), final, [start])
     first = found[0].search
@@ -74,11 +106,9 @@ def _separate(rows: Rows) -> list[Rows]:
 
 def _pool(scores: Sequence[Sequence[Score]]) -> list[Score]:
     """Cross-validated errors of all branches together, degree by degree."""
-    pooled = []
-    for alike in zip(*scores):
-        squares = np.concatenate([s.squares for s in alike])
-        pooled.append(Score(alike[0].degree, float(np.sqrt(squares.mean())), squares))
-    return pooled
+    return [
+        Score(alike[0].degree, np.concatenate([s.squares for s in alike])) for alike in zip(*scores)
+    ]
 
 
 def weigh_suspects(
@@ -90,10 +120,11 @@ def weigh_suspects(
     degree or bend the end of the curve: its weight is ``1 / (1 + (r / 3 s)^2)`` with its
     distance ``r`` from the curve of the others and their scatter ``s``.
     """
-    if not data.suspects or shape.branches > 1 or scaled.key is not None:
+    suspects = request.options.suspected
+    if not suspects or shape.branches > 1 or scaled.key is not None:
         return scaled
     rows = scaled.rows
-    suspect = np.isin(data.reading[data.used], data.suspects)
+    suspect = np.isin(data.reading[data.used], suspects)
     others = rows.take(~suspect)
     if sample_count(others) < shape.unknowns + 4 or np.unique(others.t).size < 6:
         return scaled
@@ -115,75 +146,61 @@ def make_monotone(
     rows = scaled.merged
     direction = 1 if np.polynomial.Polynomial.fit(rows.t, rows.y, 1).convert().coef[-1] > 0 else -1
     shape = replace(fit.shape, direction=direction)
-    starts = [shape.start_at(fit.curves), *shape.starts()]
+    starts = [shape.start_at(fit.weights), *shape.starts()]
     bounded = fit_shape(compress(rows, FINE), shape, starts)
-    free, kept = scaled.squares(fit), scaled.squares(bounded)
-    n = sample_count(rows) - fit.shape.unknowns
-    resisted = _excess_tail(kept, free, fit.shape.degree * fit.shape.branches, n) < 1e-3
-    ratio = np.sqrt(kept / max(free, 1e-300))
-    if wanted:
-        if not resisted:
-            return bounded, []
-        return bounded, [
-            Notice(
-                "not-monotone",
-                f"the data resist --monotone: the residuals of the monotone curve are "
-                f"{ratio:.3g} times those of the free one. Give --no-monotone, or another degree.",
-            )
-        ]
-    if not resisted:
+    if _excess_tail(scaled, bounded, fit) >= 1e-3:
         return bounded, []
-    return fit, [
-        Notice(
-            "not-monotone",
+    ratio = np.sqrt(scaled.squares(bounded) / max(scaled.squares(fit), 1e-300))
+    if wanted:
+        text = (
+            f"the data resist --monotone: the residuals of the monotone curve are {ratio:.3g} "
+            "times those of the free one. Give --no-monotone, or another degree."
+        )
+    else:
+        text = (
             f"the curve of degree {fit.shape.degree} turns back within the range, so a position "
             f"may have two readings; kept monotone its residuals would be {ratio:.3g} times as "
-            "large. Try another --degree, or give --monotone.",
+            "large. Try another --degree, or give --monotone."
         )
-    ]
+    return bounded if wanted else fit, [Notice("not-monotone", text)]
 
 
-def drop_weights(scaled: Scaled, fit: CurveFit, spread: Spread) -> tuple[CurveFit, list[Notice]]:
+def drop_weights(
+    scaled: Scaled, fit: CurveFit, spread: Uncertainty
+) -> tuple[CurveFit, list[Notice]]:
     """Replace weights that the data say nothing about by ones.
 
     Every straight line, for one, is a curve of degree two with any of a family of weights.
     """
-    half = t_quantile(0.975, spread.uncertainty.degrees) * spread.std_error()
-    n = fit.shape.degree + 1
-    unsure = [half[2 * n * k + n + i] for k in range(fit.shape.branches) for i in range(n)]
-    if not fit.shape.rational or max(unsure) <= LOG_WEIGHT_LIMIT:
+    widest = std_errors(spread, fit.shape.degree)[:, 1].max()
+    half = t_quantile(0.975, spread.degrees) * widest
+    if not fit.shape.rational or half <= LOG_WEIGHT_LIMIT:
         return fit, []
-    rows = scaled.merged
     shape = replace(fit.shape, rational=False)
-    plain = fit_shape(compress(rows, FINE), shape, shape.starts()[:1])
-    extra = fit.shape.degree * fit.shape.branches
-    tail = _excess_tail(
-        scaled.squares(plain), scaled.squares(fit), extra, sample_count(rows) - fit.shape.unknowns
-    )
+    plain = fit_shape(compress(scaled.merged, FINE), shape, shape.starts())
     lower = f"Give a --degree below {fit.shape.degree}, or --degree auto. "
     advice = lower if fit.shape.degree > 1 else ""
-    if tail < 0.05:
-        return fit, [
-            Notice(
-                "degree-too-high",
-                "some weights are hardly determined: their 95 % intervals span more than a "
-                f"factor of 50 either way. {advice}".rstrip(),
-            )
-        ]
-    return plain, [
-        Notice(
-            "not-identified",
-            "weights cannot be determined from these data: a polynomial describes them as well. "
-            f"They are written as 1, status not_identified. {advice}A record of more samples "
-            "over the whole range, the ends included, would determine them.",
+    if _excess_tail(scaled, plain, fit) < 0.05:
+        text = (
+            "some weights are hardly determined: their 95 % intervals span more than a factor of "
+            f"50 either way. {advice}"
         )
-    ]
+        return fit, [Notice("degree-too-high", text.rstrip())]
+    text = (
+        "weights cannot be determined from these data: a polynomial describes them as well. "
+        f"They are written as 1, status not_identified. {advice}A record of more samples "
+        "over the whole range, the ends included, would determine them."
+    )
+    return plain, [Notice("not-identified", text)]
 
 
-def _excess_tail(worse: float, better: float, extra: int, free: int) -> float:
+def _excess_tail(scaled: Scaled, restricted: CurveFit, fit: CurveFit) -> float:
     """Probability of an F statistic as large as that of a restricted fit."""
     from scipy.special import fdtrc
 
+    worse, better = scaled.squares(restricted), scaled.squares(fit)
+    extra = fit.shape.degree * fit.shape.branches
+    free = sample_count(scaled.merged) - fit.shape.unknowns
     if worse <= better or free < 1:
         return 1.0
     return float(fdtrc(extra, free, (worse - better) / extra / max(better / free, 1e-28)))
@@ -199,11 +216,9 @@ def bound_notice(fit: CurveFit) -> list[Notice]:
     ]
     if not names:
         return []
-    return [
-        Notice(
-            "weight-at-bound",
-            f"{len(names)} of the weights rest on the bound of 50 that keeps the curve from "
-            f"bending too sharply ({', '.join(names)}); their intervals do not count. "
-            + ("Give another --degree." if fit.shape.degree > 1 else "Give --degree 2 or more."),
-        )
-    ]
+    text = (
+        f"{len(names)} of the weights rest on the bound of 50 that keeps the curve from "
+        f"bending too sharply ({', '.join(names)}); their intervals do not count. "
+    )
+    advice = "Give another --degree." if fit.shape.degree > 1 else "Give --degree 2 or more."
+    return [Notice("weight-at-bound", text + advice)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,33 +16,21 @@ from .rational_bezier import CurveFit, compress, curve_jacobian, free_coordinate
 _LONG, _BLOCKS = 200_000, 8  # rows from which the colour of residuals is that of an excerpt
 
 
-@dataclass(frozen=True)
-class Spread:
-    """Covariance of all control points and log weights of the branches, scaled units."""
+def find_spread(fit: CurveFit, scaled: Scaled, data: Data) -> Uncertainty:
+    """Covariance of all control points and log weights of the branches, scaled units.
 
-    covariance: FloatArray
-    uncertainty: Uncertainty
-
-    def std_error(self) -> FloatArray:
-        """Standard errors in the same order."""
-        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
-
-
-def find_spread(fit: CurveFit, scaled: Scaled, data: Data) -> Spread:
-    """Covariance of a fitted curve, refusing one that the data do not determine."""
-    coordinates = free_coordinates(fit)
-    matrix = coordinates.matrix
+    Refuses a curve that the data do not determine.
+    """
+    matrix = free_coordinates(fit)
     rest = scaled.rows.y - scaled.evaluate(fit)
     if fit.shape.ends is None and rest.size > _LONG:
         uncertainty = _long_uncertainty(fit, matrix, scaled, data, rest)
     else:
-        rows, root = scaled.rows, np.sqrt(scaled.rows.count)
+        root = np.sqrt(scaled.rows.count)
         jacobian = _jacobian(fit, scaled, slice(None)) @ matrix * root[:, None]
         if fit.shape.ends is not None:
-            by_ends = curve_jacobian(fit, rows.t, rows.rising) @ coordinates.pinned
-            jacobian = _with_measured_ends(jacobian, by_ends * root[:, None], rows.t)
-            matrix = np.hstack((coordinates.pinned, matrix))
-        cuts = np.cumsum([p.size for p in data.kept(data.reading)])[:-1]
+            jacobian = _with_measured_ends(jacobian[:, 2:], jacobian[:, :2], scaled.rows.t)
+        cuts = np.cumsum(data.sizes)[:-1]
         uncertainty = covariance(
             np.split(jacobian, cuts), np.split(rest * root, cuts), robust=data.timed
         )
@@ -52,7 +40,13 @@ def find_spread(fit: CurveFit, scaled: Scaled, data: Data) -> Spread:
             expected="Nothing was written.",
             remedy="Give a lower --degree, or record the whole range in both directions.",
         )
-    return Spread(matrix @ uncertainty.covariance @ matrix.T, uncertainty)
+    return replace(uncertainty, covariance=matrix @ uncertainty.covariance @ matrix.T)
+
+
+def std_errors(spread: Uncertainty, degree: int) -> FloatArray:
+    """Standard errors of the control points and of the log weights, ``(branches, 2, N + 1)``."""
+    errors = np.sqrt(np.maximum(np.diag(spread.covariance), 0.0))
+    return np.asarray(errors.reshape(-1, 2, degree + 1))
 
 
 def _jacobian(fit: CurveFit, scaled: Scaled, part: slice) -> FloatArray:
@@ -82,7 +76,7 @@ def _long_uncertainty(
     both = j.T @ (j * rows.count[:, None])
     inner, order = variance * np.eye(scale.size), 0
     if data.timed:
-        parts = _excerpt([p.size for p in data.kept(data.reading)])
+        parts = _excerpt(data.sizes)
         columns = [_jacobian(fit, scaled, p) @ matrix / scale for p in parts]
         found = covariance(columns, [rest[p] for p in parts])
         stacked = np.vstack(columns)

@@ -39,25 +39,18 @@ class Run:
 def prepare(
     variant: Variant, experiments: Sequence[Experiment], options: SpringOptions
 ) -> tuple[list[Run], SpringOptions]:
-    """All runs, and the options with source and dead band of the motion state settled."""
-    options = _settle(variant, experiments, options)
-    return [_prepare_run(e, variant, options) for e in experiments], options
-
-
-def _settle(
-    variant: Variant, experiments: Sequence[Experiment], options: SpringOptions
-) -> SpringOptions:
-    """Choose one source of the motion state and one dead band for all logs."""
+    """All runs; options with one source of the motion state and one dead band for all logs."""
     if options.motion_state == "auto":
-        recorded = [e for e in experiments if "direction" in e]
-        if len(recorded) == len(experiments):
+        recorded = ["direction" in e for e in experiments]
+        if all(recorded):
             options = replace(options, motion_state="direction")
-        elif not recorded:
+        elif not any(recorded):
             options = replace(options, motion_state="command")
+    turning = [_turning(e, variant, options) for e in experiments]
     if options.dead_band is None:
-        values = [s for e in experiments if (s := _turning(e, variant, options)) is not None]
-        options = replace(options, dead_band=max(map(choose_dead_band, values), default=None))
-    return options
+        bands = [choose_dead_band(s) for s in turning if s is not None]
+        options = replace(options, dead_band=max(bands, default=None))
+    return [_prepare_run(e, variant, s, options) for e, s in zip(experiments, turning)], options
 
 
 def _turning(e: Experiment, variant: Variant, options: SpringOptions) -> FloatArray | None:
@@ -73,10 +66,11 @@ def _turning(e: Experiment, variant: Variant, options: SpringOptions) -> FloatAr
     return e.sampled("position" if options.motion_state == "position" else variant.name)
 
 
-def _prepare_run(e: Experiment, variant: Variant, options: SpringOptions) -> Run:
+def _prepare_run(
+    e: Experiment, variant: Variant, turning: FloatArray | None, options: SpringOptions
+) -> Run:
     drive, position = e.sampled(variant.name), e.sampled("position")
     velocity, inside = _velocity(e, position)
-    turning = _turning(e, variant, options)
     if turning is None:
         direction = motion_state(e.sampled("direction"))
     else:

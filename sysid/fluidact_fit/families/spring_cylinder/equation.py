@@ -53,8 +53,7 @@ class SpringLaw:
     def of(cls, values: Mapping[str, float]) -> Self:
         """Read the law off the parameters of a file."""
         gain = next(values[n] for n in GAINS.values() if n in values)
-        (loading, unloading), viscous = (values[n] for n in LEVELS), values["viscous"]
-        friction = FrictionLaw(loading, unloading, viscous, viscous)
+        friction = FrictionLaw(*(values[n] for n in (*LEVELS, "viscous", "viscous")))
         return cls(gain, values["stiffness"], values["preload"], friction)
 
     def _lost(self, position: _Array, direction: _Array, velocity: _Array) -> FloatArray:
@@ -65,18 +64,10 @@ class SpringLaw:
     def force(
         self, drive: _Array, position: _Array, direction: _Array, velocity: _Array
     ) -> FloatArray:
-        """Force of the rod (equation 6) [N].
+        """Force of the rod (equation 6) [N] at a command [V] or pressure [Pa].
 
-        Parameters
-        ----------
-        drive
-            Command [V] or pressure [Pa].
-        position
-            Compression of the spring beyond its preload [m].
-        direction
-            Motion state: positive loading, negative unloading, 0 between (no friction).
-        velocity
-            [m/s]
+        ``position`` is the compression of the spring beyond its preload [m], ``direction`` the
+        motion state: positive loading, negative unloading, 0 between (no friction).
         """
         driving = self.gain * np.asarray(drive, dtype=float)
         return np.asarray(driving - self._lost(position, direction, velocity))

@@ -5,7 +5,7 @@ Linear in all parameters: one regression, robust against load-cell spikes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from ...errors import Notice, NotIdentifiedError, UsageError
 from ...estimation.parametric import check_request
-from ...experiment import Experiment, FloatArray, Hold
+from ...experiment import Experiment, Hold
 from ...family import (
     Curve,
     Estimate,
@@ -33,7 +33,7 @@ from .block import SpringCylinderBlock
 from .data import Run, prepare
 from .equation import GAINS, LEVELS, SpringLaw
 from .options import SpringOptions
-from .regression import SPIKE, Regression, by_parameter, regress, settle_levels
+from .regression import SPIKE, Regression, regress, settle_levels
 
 
 def _make_variant(drive: Role, gain: ParameterSpec) -> Variant:
@@ -114,20 +114,18 @@ class SpringCylinder(Family[SpringOptions]):
                 expected=f"At least {least}.",
                 remedy="Record cycles of the command, or check --dead-band and --settle.",
             )
-        end = regress(variant, runs, replace(request, options=options))
-        found = end.solution
-        solved = by_parameter(end, variant, request.fixed)
+        found, solved, notices = regress(variant, runs, replace(request, options=options))
         units = {"pressure_gain": quotient_unit("N", experiments[0].signals[variant.name].unit)}
         parameters, order, matrix = solved.quantities(variant.parameters, units)
         derived = {}
-        if not any(n in end.refused for n in LEVELS):  # known whatever is assumed of the preload
+        if not any(n in solved.refused for n in LEVELS):  # known whatever is assumed of the preload
             derived = solved.derive(
                 {"hysteresis_width": "N"},
                 lambda v: {"hysteresis_width": v[LEVELS[0]] + v[LEVELS[1]]},
             )
         return Estimate(
             parameters, derived, order, matrix, replace(options, spike=found.spike),
-            [*end.notices, *_spike_notice(found, samples)], _details(found, runs, options.settle),
+            [*notices, *_warn_of_spikes(found, samples)], _details(found, runs, options.settle),
         )  # fmt: skip
 
     def simulate(
@@ -199,27 +197,23 @@ class SpringCylinder(Family[SpringOptions]):
         return SpringCylinderBlock(document, variant)
 
 
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
-
-
 def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str, Any]:
     """What was done, for the file; with the error of each branch."""
     residual = np.concatenate(found.residuals)
     state = np.concatenate([d.direction[d.kept] for d in runs])
-    order = found.uncertainty.order
-    branches = {
-        name: {"samples": int((state == s).sum()), "rmse": _rms(residual[state == s])}
-        for name, s in (("loading", 1.0), ("unloading", -1.0))
-        if (state == s).any()
-    }
+    branches = {}
+    for way, s in (("loading", 1.0), ("unloading", -1.0)):
+        own = residual[state == s]
+        if own.size:
+            branches[way] = {"samples": own.size, "rmse": float(np.sqrt(np.mean(own**2)))}
+    order = found.order
     return {
         "method": "linear regression, Huber weights",
         "levels": "equal about the preload" if found.equal else "free",
         "robust_scale": found.scale,
         "spikes": found.spikes,
         "left_out": {
-            "unknown_motion_state_or_reversal": int(sum((~d.kept).sum() for d in runs)),
+            "unknown_motion_state_or_reversal": sum(int((~d.kept).sum()) for d in runs),
             "share_of_range_after_reversal": settle,
         },
         "branches": branches,
@@ -227,15 +221,12 @@ def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str,
     }
 
 
-def _spike_notice(found: Regression, samples: int) -> list[Notice]:
-    if not found.spikes:
-        return []
-    return [
-        Notice(
+def _warn_of_spikes(found: Regression, samples: int) -> Iterator[Notice]:
+    if found.spikes:
+        yield Notice(
             "force-spikes",
             f"{found.spikes} of {samples} samples lie more than {SPIKE:g} robust standard "
             f"deviations ({found.spike:.3g} N) off the fit and were given no weight: "
             "spikes of the load cell, or a spring or friction unlike that of the equation. Look at "
             "the picture (--plot); the family force-map takes any shape.",
         )
-    ]

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import LogError, UsageError
-from ...estimation.results import Determined, Refusal, Solved, determine
-from ...estimation.uncertainty import Uncertainty, covariance, t_quantile
+from ...errors import LogError, Notice, UsageError
+from ...estimation.results import Refusal, Solved, determine
+from ...estimation.uncertainty import covariance
 from ...experiment import FloatArray
 from ...family import ParameterSpec, Request
 from ...specification import Variant
@@ -34,18 +34,17 @@ _SENSIBLE = 2.0  # half-width of an interval, relative to the value, beyond whic
 
 @dataclass(frozen=True)
 class Regression:
-    """A robust regression: values and names, residuals per run, covariance.
+    """A robust regression: what it solved, what was held included, and residuals per run.
 
     ``scale`` is the robust standard deviation of the residuals, ``spike`` the distance beyond
-    which a sample has no weight [N].
+    which a sample has no weight [N], ``order`` that of their autoregression.
     """
 
-    names: tuple[str, ...]
-    values: dict[str, float]
+    solved: Solved
     residuals: list[FloatArray]
-    uncertainty: Uncertainty
     scale: float
     spike: float
+    order: int
 
     @property
     def spikes(self) -> int:
@@ -55,23 +54,11 @@ class Regression:
     @property
     def equal(self) -> bool:
         """Whether both levels are one unknown."""
-        return _EQUAL in self.names
-
-    def half_width(self, name: str) -> float:
-        """Of the 95 % interval of an unknown."""
-        k = self.names.index(name)
-        variance = max(float(self.uncertainty.covariance[k, k]), 0.0)
-        return t_quantile(0.975, self.uncertainty.degrees) * float(np.sqrt(variance))
+        return _EQUAL in self.solved.names
 
 
 def settle_levels(options: SpringOptions, fixed: Mapping[str, float]) -> SpringOptions:
-    """Decide whether the levels are equal.
-
-    Raises
-    ------
-    UsageError
-        When free levels were asked for and none of the three constants is given.
-    """
+    """Decide whether the levels are equal; free ones need one of the three constants."""
     known = any(n in fixed for n in ("preload", *LEVELS))
     if options.levels == "free" and not known:
         raise UsageError(
@@ -86,102 +73,90 @@ def settle_levels(options: SpringOptions, fixed: Mapping[str, float]) -> SpringO
 
 def regress(
     variant: Variant, runs: Sequence[Run], request: Request[SpringOptions]
-) -> Determined[Regression]:
+) -> tuple[Regression, Solved, list[Notice]]:
     """Solve, and solve again without what turns out to be undetermined or impossible.
+
+    Returns
+    -------
+    The last regression, the same by parameters (equal levels are one unknown under two names),
+    and the warnings.
 
     Raises
     ------
     NotIdentifiedError, LogError
         When a parameter without a neutral value is undetermined, or of the wrong sign.
     """
-    specs = {s.name: s for s in variant.parameters}
-    equal = request.options.levels == "equal"
+    specs, fixed = {s.name: s for s in variant.parameters}, request.fixed
     resolution = max(d.experiment.signals["force"].resolution for d in runs) / np.sqrt(12.0)
 
     def solve(held: Mapping[str, float]) -> Regression:
         free = [n for n in specs if n not in held]
-        if equal and not any(n in held for n in LEVELS):
+        if request.options.levels == "equal" and not any(n in held for n in LEVELS):
             free = [_EQUAL if n == LEVELS[0] else n for n in free if n != LEVELS[1]]
-        return _solve(runs, tuple(free), held, resolution, request.options.spike or 0.0)
+        return _solve(runs, free, held, (resolution, request.options.spike or 0.0))
 
-    known = _out_of_reach(runs, variant, request.fixed)
-    return determine(
-        solve, lambda found: _undetermined(found, specs), specs, fixed=request.fixed,
-        refusals=known,
+    end = determine(
+        solve, lambda found: _undetermined(found.solved, specs), specs, fixed=fixed,
+        refusals=_out_of_reach(runs, variant, fixed),
     )  # fmt: skip
+    found = end.solution
+    source = {n: _EQUAL if found.equal and n in LEVELS else n for n in specs}
+    solved = replace(found.solved.renamed(source), fixed=fixed, refused=end.refused)
+    return found, solved, end.notices
 
 
-def by_parameter(
-    end: Determined[Regression], variant: Variant, fixed: Mapping[str, float]
-) -> Solved:
-    """The regression by parameters: equal levels are one unknown under two names."""
-    found, source = end.solution, {s.name: s.name for s in variant.parameters}
-    if found.equal:
-        source |= dict.fromkeys(LEVELS, _EQUAL)
-    names = tuple(n for n in source if source[n] in found.names)
-    rows = [found.names.index(source[n]) for n in names]
-    values = {n: found.values[s] for n, s in source.items()}
-    matrix, degrees = found.uncertainty.covariance[np.ix_(rows, rows)], found.uncertainty.degrees
-    return Solved(values, names, matrix, degrees, fixed, end.refused)
-
-
-def _column_of(name: str, d: Run) -> FloatArray:
-    """Derivative of the force by a parameter, at the kept samples."""
+def _columns(names: Sequence[str], d: Run) -> FloatArray:
+    """Derivative of the force by parameters at the kept samples, shape ``(kept, p)``."""
     s = d.direction[d.kept]
-    if name in GAINS.values():
-        return d.drive[d.kept]
-    if name == "stiffness":
-        return np.asarray(-d.position[d.kept])
-    if name == "preload":
-        return np.full(s.size, -1.0)
-    if name == "coulomb_loading":
-        return np.asarray(-(s > 0.0).astype(float))
-    if name == "coulomb_unloading":
-        return np.asarray((s < 0.0).astype(float))
-    if name == _EQUAL:
-        return np.asarray(-np.sign(s))
-    return np.asarray(-d.velocity[d.kept])
+    known = {
+        "stiffness": -d.position[d.kept],
+        "preload": np.full(s.size, -1.0),
+        "coulomb_loading": np.where(s > 0.0, -1.0, 0.0),
+        "coulomb_unloading": np.where(s < 0.0, 1.0, 0.0),
+        _EQUAL: -np.sign(s),
+        "viscous": -d.velocity[d.kept],
+        **dict.fromkeys(GAINS.values(), d.drive[d.kept]),
+    }
+    return np.stack([known[n] for n in names], axis=1)
 
 
 def _solve(
-    runs: Sequence[Run], names: tuple[str, ...], held: Mapping[str, float], minimum: float,
-    spike: float,
+    runs: Sequence[Run], names: Sequence[str], held: Mapping[str, float],
+    least: tuple[float, float],
 ) -> Regression:  # fmt: skip
     """Huber regression by iterated reweighting [1]_; lone spikes get no weight at all.
 
-    ``minimum`` is the least scale of the residuals, ``spike`` the least distance at which a
+    ``least`` is the smallest scale of the residuals, and the smallest distance at which a
     sample loses its weight [N].
     """
-    columns = [np.column_stack([_column_of(n, d) for n in names]) for d in runs]
-    sides = [
-        d.force[d.kept] - sum((v * _column_of(n, d) for n, v in held.items()), np.zeros(1))
-        for d in runs
-    ]
-    a, y = np.vstack(columns), np.concatenate(sides)
+    every = [_columns([*names, *held], d) for d in runs]
+    known = np.array([0.0] * len(names) + list(held.values()))
+    a = np.vstack(every)[:, : len(names)]
+    y = np.concatenate([d.force[d.kept] - c @ known for d, c in zip(runs, every)])
     norm = np.linalg.norm(a, axis=0)
     norm[norm == 0.0] = 1.0
     weight, p, scale, limit = np.ones(y.size), np.zeros(len(names)), 0.0, np.inf
     for _ in range(30):
         root = np.sqrt(weight)[:, None]
         now = np.linalg.lstsq(root * a / norm, root[:, 0] * y, rcond=1e-12)[0] / norm
-        r = y - a @ now
-        scale = max(1.4826 * float(np.median(np.abs(r))), minimum)
-        size, limit = np.abs(r), max(SPIKE * scale, spike)
+        size = np.abs(y - a @ now)
+        scale = max(1.4826 * float(np.median(size)), least[0])
+        limit = max(SPIKE * scale, least[1])
         weight = np.minimum(1.0, _HUBER * scale / np.maximum(size, 1e-300))
         weight[size > limit] = 0.0
         done = np.all(np.abs(now - p) <= 1e-10 * (np.abs(now) + scale / norm))
         p = now
         if done:
             break
-    lengths = np.cumsum([s.size for s in sides])[:-1]
-    root = np.sqrt(weight)
-    residuals = y - a @ p
-    uncertainty = covariance(
-        np.split(root[:, None] * a, lengths), np.split(root * residuals, lengths),
+    cuts = np.cumsum([c.shape[0] for c in every])[:-1]
+    root, residuals = np.sqrt(weight), y - a @ p
+    found = covariance(
+        np.split(root[:, None] * a, cuts), np.split(root * residuals, cuts),
         robust=all(d.experiment.time.size > 0 for d in runs),
     )  # fmt: skip
     values = {**held, **dict(zip(names, p.tolist()))}
-    return Regression(names, values, np.split(residuals, lengths), uncertainty, scale, limit)
+    solved = Solved(values, tuple(names), found.covariance, found.degrees)
+    return Regression(solved, np.split(residuals, cuts), scale, limit, found.order)
 
 
 def _out_of_reach(
@@ -203,17 +178,13 @@ def _out_of_reach(
     if any(n in refused for n in LEVELS) and "preload" not in fixed:
         for name in LEVELS:  # a single level cannot be separated from the preload
             refused.setdefault(name, "with one direction it is part of the preload.")
-    if not _speed_matters(speed):
+    # 1 mm/s or more, for long enough to count
+    if not speed.size or float(np.quantile(np.abs(speed), 0.9)) <= 1e-3:
         refused["viscous"] = "the piston hardly moves in any log."
     return [Refusal(name, reason) for name, reason in refused.items()]
 
 
-def _speed_matters(speed: FloatArray) -> bool:
-    """Whether the piston moves at all: 1 mm/s or more, for long enough to count."""
-    return bool(speed.size) and float(np.quantile(np.abs(speed), 0.9)) > 1e-3
-
-
-def _undetermined(found: Regression, specs: Mapping[str, ParameterSpec]) -> list[Refusal]:
+def _undetermined(found: Solved, specs: Mapping[str, ParameterSpec]) -> list[Refusal]:
     """A parameter whose interval is useless, or that has an impossible value."""
     for name in found.names:
         value, half = found.values[name], found.half_width(name)

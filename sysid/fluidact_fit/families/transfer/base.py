@@ -11,21 +11,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Generic, TypeVar
 
+import numpy as np
+
 from ...errors import Notice
-from ...estimation.discrete import discretise
 from ...estimation.information import sensitivity
 from ...estimation.parametric import Fitted, Values, bind, check_request, make_unknowns
 from ...estimation.results import Refusal
 from ...estimation.separable import Unknown
-from ...estimation.transfer import (
-    TransferModel,
-    are_short,
-    dead_time_axis,
-    fit_transfer,
-    grid_search,
-    simulate_transfer,
-    time_scales,
-)
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
     Estimate,
@@ -43,6 +35,9 @@ from ...family import (
 )
 from ...options import settled
 from .block import TransferBlock
+from .discrete import discretise
+from .fit import TransferFit, dead_time_axis, grid_search
+from .model import TransferModel, are_short, simulate_transfer, time_scales
 
 
 @dataclass(frozen=True)
@@ -60,35 +55,56 @@ class TransferOptions(FamilyOptions):
 
 
 @dataclass(frozen=True)
+class Searched:
+    """How a nonlinear parameter is searched for [SI].
+
+    Attributes
+    ----------
+    scale, limits
+        Typical size and search range.
+    axis
+        Values to try first, shape ``(k,)``; dead times are tried in proportion to the lag.
+    sensible
+        Half-width beyond which an interval is useless; the value found when ``None``.
+    """
+
+    name: str
+    scale: float = 1.0
+    limits: tuple[float, float] = (-np.inf, np.inf)
+    axis: FloatArray = field(default_factory=lambda: np.zeros(1))
+    sensible: float | None = None
+
+
+@dataclass(frozen=True)
 class Plan:
     """How the search for the parameters of one set of logs goes.
 
     Attributes
     ----------
-    names
+    searched
         Nonlinear parameters of the model.
-    scales, limits
-        Typical sizes and search range by name [SI].
-    axes
-        Values to try of every nonlinear parameter but the dead time, shape ``(k,)`` each.
     lag
         Slowest response time [s] at a point of the axes: dead times are tried in proportion.
-    sensible
-        Half-width beyond which an interval is useless, by name [SI].
     fixed
         Values held although the user did not fix them.
     refusals
         Parameters known beforehand to be undetermined.
     """
 
-    names: tuple[str, ...]
-    scales: Mapping[str, float]
-    limits: Mapping[str, tuple[float, float]]
-    axes: Mapping[str, FloatArray]
+    searched: Sequence[Searched]
     lag: Callable[[Mapping[str, float]], float]
-    sensible: Mapping[str, float]
     fixed: Mapping[str, float] = field(default_factory=dict)
     refusals: Sequence[Refusal] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the nonlinear parameters."""
+        return tuple(s.name for s in self.searched)
+
+    @property
+    def axes(self) -> dict[str, FloatArray]:
+        """Values to try first."""
+        return {s.name: s.axis for s in self.searched}
 
 
 ASKED = ("none", "estimate")  # of a parameter that is estimated on request
@@ -111,8 +127,9 @@ class TransferFamily(Family[T], Generic[T]):
     gain: ClassVar[str | None] = None
     dead_zone: ClassVar[bool] = False
 
+    @staticmethod
     @abstractmethod
-    def realise(self, values: Values) -> tuple[Any, Any, Any]:
+    def realise(values: Values) -> tuple[Any, Any, Any]:
         """State space ``(A, B, C)``, analytic in the values; of unit gain where there is one."""
 
     @abstractmethod
@@ -124,8 +141,8 @@ class TransferFamily(Family[T], Generic[T]):
         """How the fit of these logs begins."""
 
     @abstractmethod
-    def derive(self, fitted: Fitted) -> dict[str, Quantity]:
-        """Numbers computed from the parameters."""
+    def derive(self, fitted: Fitted, options: T) -> tuple[dict[str, Quantity], list[Notice]]:
+        """Numbers computed from the parameters, and what is to be said of them."""
 
     def starts(
         self,
@@ -142,8 +159,7 @@ class TransferFamily(Family[T], Generic[T]):
         return grid_search(
             bind(model, unknowns, request.fixed),
             plan.axes,
-            lambda at: dead_time_axis(step, 0.5 * span, plan.lag(at)),
-            request.fixed,
+            lambda at: dead_time_axis(step, 0.5 * span, plan.lag({**request.fixed, **at})),
         )
 
     def confounded(self, values: Values) -> tuple[int, ...]:
@@ -153,12 +169,6 @@ class TransferFamily(Family[T], Generic[T]):
     def units(self, experiments: Sequence[Experiment]) -> dict[str, str]:
         """Units of the parameters that depend on the log."""
         return {}
-
-    def compare(
-        self, parameters: Mapping[str, Quantity], options: T
-    ) -> tuple[dict[str, Quantity], list[Notice]]:
-        """What the options let the parameters be compared with: numbers and warnings."""
-        return {}, []
 
     def transfer_model(
         self,
@@ -188,29 +198,30 @@ class TransferFamily(Family[T], Generic[T]):
         plan = self.plan(experiments, request)
         request = replace(request, fixed={**plan.fixed, **request.fixed})
         every = (*plan.names, self.gain) if self.gain else plan.names
-        unknowns = make_unknowns(variant.parameters, every, plan.scales, request, plan.limits)
+        scales = {s.name: s.scale for s in plan.searched}
+        limits = {s.name: s.limits for s in plan.searched}
+        unknowns = make_unknowns(variant.parameters, every, scales, request, limits)
         state, owner = request.options.initial_state, request.options.offset_of
         common = are_short(experiments) if owner is None else owner == "log"
-        fitted, rest = fit_transfer(
+        fitted, rest = TransferFit(
             lambda some, still: self.transfer_model(variant, some, still, common).named(plan.names),
+            lambda some, still: self.starts(variant, plan, some, still, unknowns, request),
             experiments,
             variant.output.name,
             variant.parameters,
             request,
             unknowns,
-            lambda some, still: self.starts(variant, plan, some, still, unknowns, request),
-            sensible=plan.sensible,
-            refusals=plan.refusals,
-            rest=None if state is None else state == "rest",
-        )
+            {s.name: s.sensible for s in plan.searched if s.sensible is not None},
+            plan.refusals,
+        ).run(None if state is None else state == "rest")
         parameters, order, covariance = fitted.quantities(
             variant.parameters, self.units(experiments)
         )
         table, drift = fitted.compare_logs(experiments)
-        more, said = self.compare(parameters, request.options)
+        derived, said = self.derive(fitted, request.options)
         return Estimate(
             parameters,
-            {**self.derive(fitted), **more},
+            derived,
             order,
             covariance,
             replace(
@@ -238,11 +249,7 @@ class TransferFamily(Family[T], Generic[T]):
         return simulate_transfer(model, scalars(values), offset)
 
     def information(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        experiment: Experiment,
-        options: T,
+        self, variant: Variant, values: Mapping[str, Value], experiment: Experiment, options: T
     ) -> Information:
         """Sensitivities by complex steps; see :meth:`Family.information`."""
         v = scalars(values)
@@ -273,7 +280,7 @@ class TransferFamily(Family[T], Generic[T]):
             "numerator": numerator, "denominator": denominator, "dead_time": dead_time,
         }  # fmt: skip
         if sample_time > 0.0:
-            section["discrete"] = discretise(numerator, denominator, sample_time, "zoh", dead_time)
+            section["discrete"] = discretise(numerator, denominator, sample_time, dead_time)
         return section
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:

@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from ...block import Block
-from ...errors import UsageError
-from ...estimation.discrete import companion, discretise
-from ...estimation.inputs import PiecewiseInput, apply_dead_zone, piecewise
+from ...block import SteppedBlock
+from ...estimation.inputs import PiecewiseInput, apply_dead_zone, make_signal, piecewise
 from ...estimation.linear import forced_response
-from ...estimation.parametric import input_level
-from ...estimation.records import make_signal
 from ...experiment import Experiment, FloatArray, Hold
 from ...parameters.document import ParameterDocument
 from ...specification import Variant
+from .discrete import companion, discretise
+from .model import input_level
 
 
 @dataclass(frozen=True)
@@ -40,29 +37,20 @@ class TransferFunction:
 Coefficients = Callable[[Mapping[str, float]], tuple[list[float], list[float]]]
 
 
-class TransferBlock(Block):
+class TransferBlock(SteppedBlock):
     """A linear model that steps once per sample, with a dead zone before it where it has one.
 
     The difference equation is the exact sampling of the continuous model for an input that
     is held between samples, whatever its dead time.
-
-    Attributes
-    ----------
-    sample_time
-        Period of :meth:`step` [s]; 0 when the file holds none.
     """
 
     def __init__(
-        self,
-        document: ParameterDocument,
-        variant: Variant,
-        coefficients: Coefficients,
-        sample_time: float | None = None,
+        self, document: ParameterDocument, variant: Variant, coefficients: Coefficients
     ) -> None:
         super().__init__(document, variant)
         self._coefficients = coefficients
-        own = document.model.get("discrete", {}).get("sample_time", 0.0)
-        self.sample_time = float(own if sample_time is None else sample_time)
+
+    def _begin(self) -> None:
         self._level = self._start = 0.0
         self._state: list[float] | None = None  # at rest, nothing having been put in yet
 
@@ -71,17 +59,6 @@ class TransferBlock(Block):
         values = self.numbers()
         numerator, denominator = self._coefficients(values)
         return TransferFunction(tuple(numerator), tuple(denominator), values.get("dead_time", 0.0))
-
-    @cached_property
-    def _difference(self) -> tuple[list[float], list[float]]:
-        if self.sample_time <= 0.0:
-            raise UsageError(
-                "the parameter file holds no discrete model",
-                remedy="Use with_sample_time(...), or fit with --controller-sample-time.",
-            )
-        f = self._linear
-        d = discretise(f.numerator, f.denominator, self.sample_time, "zoh", f.dead_time)
-        return d["numerator"], d["denominator"]
 
     @cached_property
     def dead_zone(self) -> tuple[float, float] | None:
@@ -97,16 +74,10 @@ class TransferBlock(Block):
 
     def difference_equation(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return numerator and denominator of the discrete model, rising powers of ``1/z``."""
-        numerator, denominator = self._difference
-        return tuple(numerator), tuple(denominator)
-
-    def with_sample_time(self, sample_time: float) -> Self:
-        """Return the same model, at rest, stepping at another period [s]."""
-        if not (np.isfinite(sample_time) and sample_time > 0.0):
-            raise UsageError(f"sample_time {sample_time!r} is not a positive number")
-        other = type(self)(self.document, self.variant, self._coefficients, sample_time)
-        other.parameters.refused = self.parameters.refused
-        return other
+        self._need_sample_time("discrete model")
+        f = self._linear
+        d = discretise(f.numerator, f.denominator, self.sample_time, f.dead_time)
+        return tuple(d["numerator"]), tuple(d["denominator"])
 
     def actuate(self, value: float) -> float:
         """Return what reaches the linear model [unit of the input]."""
@@ -151,6 +122,7 @@ class TransferBlock(Block):
             Output at rest [unit of the output]; what the input gives in the long run, with
             the :attr:`offset`, when left out; 0 for an integrating model.
         """
+        self._difference = self.difference_equation()
         self._level, self._start = self._rest(input, output)
         self._state = [0.0] * max(len(self._difference[0]) - 1, 1)
 
@@ -182,9 +154,9 @@ class TransferBlock(Block):
         UsageError
             When the file holds no discrete model.
         """
-        num, den = self._difference
         if self._state is None:
             self.reset()
+        num, den = self._difference
         state = self._state or [0.0]
         u = self.actuate(value) - self._level
         y = num[0] * u + state[0]

@@ -23,30 +23,34 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import LogError
+from ...errors import LogError, Notice
 from ...estimation.parametric import Fitted, Values, bind
 from ...estimation.results import Refusal
 from ...estimation.separable import Unknown, solve
-from ...estimation.transfer import TransferModel, dead_time_axis, grid_search, time_scales
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice
-from .base import ASKED, Plan, TransferFamily, TransferOptions
-
-
-def realise(values: Values) -> tuple[Any, Any, Any]:
-    """State space of ``1/(m s^2 + c s + k)``, position and velocity."""
-    m = values["mass"]
-    a = np.array([[0.0, 1.0], [-values.get("stiffness", 0.0) / m, -values["damping"] / m]])
-    return a, np.array([0.0, 1.0 / m]), np.array([1.0, 0.0])
+from .base import ASKED, Plan, Searched, TransferFamily, TransferOptions
+from .fit import dead_time_axis, grid_search
+from .model import TransferModel, time_scales
 
 
 @dataclass(frozen=True)
 class HydrostaticOptions(TransferOptions):
     """What is estimated beside mass, damping and dead zone."""
 
-    stiffness: str = choice("none", ASKED, "whether to estimate a spring")
-    dead_time: str = choice("none", ASKED, "whether to estimate a dead time")
+    stiffness: str = choice("none", ASKED, "whether to estimate a spring", "stiffness")
+    dead_time: str = choice("none", ASKED, "whether to estimate a dead time", "dead_time")
+
+
+def _edge(side: str, beyond: str, low: float, high: float) -> ParameterSpec:
+    """An edge of the dead zone, on one side of zero."""
+    return ParameterSpec(
+        f"dead_zone_{side}", "N", f"force {beyond} which the piston moves", neutral=0.0,
+        minimum=low, maximum=high, curved=True,
+        remedy=f"Record strokes in the {side} direction that pass the edge of the "
+        "dead zone slowly, several times.",
+    )  # fmt: skip
 
 
 class Hydrostatic(TransferFamily[HydrostaticOptions]):
@@ -78,24 +82,11 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
                     neutral=0.0, optional=True,
                     remedy="Record strokes that stop at several positions.",
                 ),
+                _edge("negative", "below", -np.inf, 0.0),
+                _edge("positive", "above", 0.0, np.inf),
                 ParameterSpec(
-                    "dead_zone_negative", "N", "force below which the piston moves", maximum=0.0,
-                    neutral=0.0,
-                    curved=True,
-                    remedy="Record strokes in the negative direction that pass the edge of the "
-                    "dead zone slowly, several times.",
-                ),
-                ParameterSpec(
-                    "dead_zone_positive", "N", "force above which the piston moves", minimum=0.0,
-                    neutral=0.0,
-                    curved=True,
-                    remedy="Record strokes in the positive direction that pass the edge of the "
-                    "dead zone slowly, several times.",
-                ),
-                ParameterSpec(
-                    "dead_time", "s", "dead time between force and position", minimum=0.0,
-                    neutral=0.0, optional=True,
-                    curved=True,
+                    "dead_time", "s", "dead time between force and position", neutral=0.0,
+                    minimum=0.0, optional=True, curved=True,
                     remedy="Record sharp changes of the force at a higher sampling rate.",
                 ),
             ),
@@ -104,9 +95,12 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
     options_type = HydrostaticOptions
     dead_zone = True
 
-    def realise(self, values: Values) -> tuple[Any, Any, Any]:
-        """See :func:`realise`."""
-        return realise(values)
+    @staticmethod
+    def realise(values: Values) -> tuple[Any, Any, Any]:
+        """State space of ``1/(m s^2 + c s + k)``, position and velocity."""
+        m = values["mass"]
+        a = np.array([[0.0, 1.0], [-values.get("stiffness", 0.0) / m, -values["damping"] / m]])
+        return a, np.array([0.0, 1.0 / m]), np.array([1.0, 0.0])
 
     def confounded(self, values: Values) -> tuple[int, ...]:
         """Without a spring the initial position is the same as an offset."""
@@ -118,50 +112,29 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
 
     def plan(self, experiments: Sequence[Experiment], request: Request[HydrostaticOptions]) -> Plan:
         """Typical sizes, search range and the widest useful intervals."""
-        names = ["mass", "damping", "dead_zone_negative", "dead_zone_positive"]
-        for asked, name in (
-            (request.options.stiffness, "stiffness"),
-            (request.options.dead_time, "dead_time"),
-        ):
-            if asked == "estimate" or name in request.fixed:
-                names.append(name)
         step, span = time_scales(experiments)
         low, high, speed = _ranges(experiments)
-        force = max(high, -low)
-        damping = force / speed
-        shares = np.array([0.04, 0.2, 0.5])
-        return Plan(
-            names=tuple(names),
-            scales={
-                "mass": damping * step,
-                "damping": damping,
-                "dead_zone_negative": force,
-                "dead_zone_positive": force,
-                "stiffness": damping / span,
-                "dead_time": step,
-            },
-            limits={
-                "mass": (1e-4 * damping * step, 1e3 * damping * span),
-                "damping": (1e-4 * damping, 1e4 * damping),
-                "dead_zone_negative": (min(low, 0.0), 0.0),
-                "dead_zone_positive": (0.0, max(high, 0.0)),
-                "dead_time": (0.0, 0.5 * span),
-            },
-            axes={
-                "mass": np.geomspace(0.5 * step, 0.05 * span, 4),  # per damping
-                "dead_zone_negative": min(low, 0.0) * shares,
-                "dead_zone_positive": max(high, 0.0) * shares,
-                "stiffness": np.array([0.1, 1.0, 10.0]) * 2.0 * np.pi / span,  # per damping
-            },
-            lag=lambda at: 3.0 * step,
-            sensible={
-                "dead_zone_negative": 0.5 * force,
-                "dead_zone_positive": 0.5 * force,
-                "dead_time": 0.25 * span,
-                "stiffness": force / max(float(np.ptp(experiments[0]["position"])), 1e-12),
-            },
-            refusals=_edges_out_of_reach(experiments, request),
-        )
+        force, shares = max(high, -low), np.array([0.04, 0.2, 0.5])
+        damping, negative, positive = force / speed, min(low, 0.0), max(high, 0.0)
+        travel = max(float(np.ptp(experiments[0]["position"])), 1e-12)
+        # masses and stiffnesses to try first are per damping
+        masses = np.geomspace(0.5 * step, 0.05 * span, 4)
+        stiffnesses = np.array([0.1, 1.0, 10.0]) * 2.0 * np.pi / span
+        searched = [
+            Searched("mass", damping * step, (1e-4 * damping * step, 1e3 * damping * span), masses),
+            Searched("damping", damping, (1e-4 * damping, 1e4 * damping)),
+            Searched("dead_zone_negative", force, (negative, 0.0), negative * shares, 0.5 * force),
+            Searched("dead_zone_positive", force, (0.0, positive), positive * shares, 0.5 * force),
+        ]
+        options, given = request.options, request.fixed
+        if options.stiffness == "estimate" or "stiffness" in given:
+            searched.append(
+                Searched("stiffness", damping / span, axis=stiffnesses, sensible=force / travel)
+            )
+        if options.dead_time == "estimate" or "dead_time" in given:
+            searched.append(Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span))
+        refusals = [r for r in _edges_out_of_reach(low, high) if r.parameter not in given]
+        return Plan(searched, lag=lambda at: 3.0 * step, refusals=refusals)
 
     def starts(
         self,
@@ -173,14 +146,18 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         request: Request[HydrostaticOptions],
     ) -> list[dict[str, float]]:
         """Profile over time constant, edges and the rest; ``1/damping`` is eliminated."""
+
+        def per_damping(values: Values) -> tuple[Any, Any, Any]:
+            return self.realise({**values, "damping": 1.0})
+
         step, _ = time_scales(experiments)
         used = [n for n in plan.names if n != "damping"]
         model = TransferModel(
-            experiments, "force", "position", _realise_per_damping, gain="mobility",
+            experiments, "force", "position", per_damping, gain="mobility",
             dead_zone=True, confounded=self.confounded, rest=rest,
         )  # fmt: skip
-        free = {n: Unknown(n, 0.0) for n in used}
-        free["mobility"] = Unknown("mobility", 1.0, 1e-300)
+        free = {n: Unknown(n) for n in used}
+        free["mobility"] = Unknown("mobility", 1e-300)
         problem = bind(model.named(used), free, {})
         out = []
         for found in grid_search(
@@ -194,19 +171,24 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             out.append(start)
         return out
 
-    def derive(self, fitted: Fitted) -> dict[str, Quantity]:
+    def derive(
+        self, fitted: Fitted, options: HydrostaticOptions
+    ) -> tuple[dict[str, Quantity], list[Notice]]:
         """Time constant, half-width and centre of the dead zone.
 
         The centre cannot be separated from an offset of the load cell, the half-width can.
         """
-        return fitted.derive(
-            {"time_constant": "s", "dead_zone_half_width": "N", "dead_zone_centre": "N"},
-            lambda v: {
+        units = {"time_constant": "s", "dead_zone_half_width": "N", "dead_zone_centre": "N"}
+
+        def function(v: Values) -> Values:
+            low, high = v["dead_zone_negative"], v["dead_zone_positive"]
+            return {
                 "time_constant": v["mass"] / v["damping"],
-                "dead_zone_half_width": 0.5 * (v["dead_zone_positive"] - v["dead_zone_negative"]),
-                "dead_zone_centre": 0.5 * (v["dead_zone_positive"] + v["dead_zone_negative"]),
-            },
-        )
+                "dead_zone_half_width": 0.5 * (high - low),
+                "dead_zone_centre": 0.5 * (high + low),
+            }
+
+        return fitted.derive(units, function), []
 
 
 def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
@@ -229,30 +211,13 @@ def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
     return low, high, speed
 
 
-def _edges_out_of_reach(
-    experiments: Sequence[Experiment], request: Request[HydrostaticOptions]
-) -> list[Refusal]:
-    """Edges on a side that the force never reaches."""
-    high = max(float(e["force"].max()) for e in experiments)
-    low = min(float(e["force"].min()) for e in experiments)
-    scale = max(high, -low)
+def _edges_out_of_reach(low: float, high: float) -> list[Refusal]:
+    """Edges on a side that the force, between ``low`` and ``high`` [N], never reaches."""
     out = []
-    for name, reach, word in (
-        ("dead_zone_negative", -low, "negative"),
-        ("dead_zone_positive", high, "positive"),
-    ):
-        if reach <= 1e-3 * scale and name not in request.fixed:
-            edge = 0.0 if reach <= 0.0 else reach
-            hold = -edge if word == "negative" else edge
+    for side, reach, sign in (("negative", -low, -1.0), ("positive", high, 1.0)):
+        if reach <= 1e-3 * max(high, -low):
             reason = (
-                f"the force stays between {low:.3g} and {high:.3g} N, never on the {word} side."
+                f"the force stays between {low:.3g} and {high:.3g} N, never on the {side} side."
             )
-            out.append(Refusal(name, reason, hold))
+            out.append(Refusal(f"dead_zone_{side}", reason, sign * max(reach, 0.0)))
     return out
-
-
-def _realise_per_damping(values: Values) -> tuple[Any, Any, Any]:
-    """State space of ``1/(tau s^2 + s + k/c)``: the response per ``1/c`` is linear."""
-    tau = values["mass"]
-    a = np.array([[0.0, 1.0], [-values.get("stiffness", 0.0) / tau, -1.0 / tau]])
-    return a, np.array([0.0, 1.0 / tau]), np.array([1.0, 0.0])

@@ -21,17 +21,11 @@ import numpy as np
 
 from ...errors import Notice
 from ...estimation.parametric import Fitted, Values
-from ...estimation.transfer import time_scales
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import number
-from .base import Plan, TransferFamily, TransferOptions
-
-
-def realise(values: Values) -> tuple[Any, Any, Any]:
-    """State space of ``1/(tau s + 1)``."""
-    rate = 1.0 / values["time_constant"]
-    return np.array([[-rate]]), np.array([rate]), np.array([1.0])
+from .base import Plan, Searched, TransferFamily, TransferOptions
+from .model import time_scales
 
 
 @dataclass(frozen=True)
@@ -60,39 +54,31 @@ class Line(TransferFamily[LineOptions]):
             ),
             (
                 ParameterSpec(
-                    "gain",
-                    "1",
-                    "steady outlet pressure per inlet pressure",
-                    minimum=0.0,
+                    "gain", "1", "steady outlet pressure per inlet pressure", minimum=0.0,
                     remedy="Record at least one step of the inlet between two levels.",
                 ),
                 ParameterSpec(
-                    "time_constant",
-                    "s",
-                    "time constant of filling the far volume",
-                    minimum=1e-9,
+                    "time_constant", "s", "time constant of filling the far volume", minimum=1e-9,
                     remedy="Sample faster, or record a step instead of a slow change.",
                 ),
                 ParameterSpec(
-                    "dead_time",
-                    "s",
-                    "time before the outlet begins to move",
-                    neutral=0.0,
-                    minimum=0.0,
-                    curved=True,
+                    "dead_time", "s", "time before the outlet begins to move",
+                    neutral=0.0, minimum=0.0, curved=True,
                     remedy="Record sharp steps of the inlet, sampled several times within "
                     "the time the wave needs to travel.",
                 ),
             ),
         ),
-    )
+    )  # fmt: skip
     options_type = LineOptions
     gain = "gain"
     steady_offset = True
 
-    def realise(self, values: Values) -> tuple[Any, Any, Any]:
-        """See :func:`realise`."""
-        return realise(values)
+    @staticmethod
+    def realise(values: Values) -> tuple[Any, Any, Any]:
+        """State space of ``1/(tau s + 1)``."""
+        rate = 1.0 / values["time_constant"]
+        return np.array([[-rate]]), np.array([rate]), np.array([1.0])
 
     def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
         """``gain / (time_constant s + 1)``."""
@@ -101,39 +87,33 @@ class Line(TransferFamily[LineOptions]):
     def plan(self, experiments: Sequence[Experiment], request: Request[LineOptions]) -> Plan:
         """Search over time constants and dead times."""
         step, span = time_scales(experiments)
-        return Plan(
-            names=("time_constant", "dead_time"),
-            scales={"time_constant": step, "dead_time": step},
-            limits={"time_constant": (1e-3 * step, 100.0 * span), "dead_time": (0.0, 0.5 * span)},
-            axes={"time_constant": np.geomspace(0.3 * step, 0.5 * span, 7)},
-            lag=lambda at: at["time_constant"],
-            sensible={"dead_time": 0.25 * span},
+        axis = np.geomspace(0.3 * step, 0.5 * span, 7)
+        searched = (
+            Searched("time_constant", step, (1e-3 * step, 100.0 * span), axis),
+            Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span),
         )
+        return Plan(searched, lag=lambda at: at["time_constant"])
 
-    def derive(self, fitted: Fitted) -> dict[str, Quantity]:
-        """Bandwidth, and the time from 10 to 90 %."""
-        return fitted.derive(
+    def derive(
+        self, fitted: Fitted, options: LineOptions
+    ) -> tuple[dict[str, Quantity], list[Notice]]:
+        """Bandwidth, rise time from 10 to 90 %, and how the dead time compares with ``L/c``."""
+        derived = fitted.derive(
             {"bandwidth": "rad/s", "rise_time": "s"},
             lambda v: {
                 "bandwidth": 1.0 / v["time_constant"],
                 "rise_time": np.log(9.0) * v["time_constant"],
             },
         )
-
-    def compare(
-        self, parameters: Mapping[str, Quantity], options: LineOptions
-    ) -> tuple[dict[str, Quantity], list[Notice]]:
-        """Compare the dead time with ``L/c`` and say when they disagree."""
         length, speed = options.length, options.sound_speed
         if length is None:
-            return {}, []
-        found = parameters["dead_time"]
-        dead_time, expected = found.number, length / (speed or 343.0)
-        derived = {"wave_travel_time": Quantity(expected, "s", "derived")}
+            return derived, []
+        dead_time, expected = float(fitted.values["dead_time"]), length / (speed or 343.0)
+        derived["wave_travel_time"] = Quantity(expected, "s", "derived")
         if dead_time > 0.0:
             derived["apparent_sound_speed"] = Quantity(length / dead_time, "m/s", "derived")
-        error = found.std_error
-        allowed = max(2.0 * float(error) if isinstance(error, float) else 0.0, 0.05 * expected)
+        error = fitted.std_error("dead_time") if "dead_time" in fitted.names else 0.0
+        allowed = max(2.0 * error, 0.05 * expected)
         if abs(dead_time - expected) <= allowed:
             return derived, []
         assumed = "" if speed else " (air at 20 °C assumed; give --sound-speed)"

@@ -19,30 +19,25 @@ from typing import Any
 
 import numpy as np
 
+from ...errors import Notice
 from ...estimation.parametric import Fitted, Values
-from ...estimation.transfer import time_scales
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice
 from ...specification import quotient_unit
-from .base import ASKED, Plan, TransferFamily, TransferOptions
+from .base import ASKED, Plan, Searched, TransferFamily, TransferOptions
+from .model import time_scales
 
-
-def realise(values: Values) -> tuple[Any, Any, Any]:
-    """State space of the valve with unit gain, balanced by scaling time with ``wn``."""
-    wn, zeta = values["natural_frequency"], values["damping_ratio"]
-    a = wn * np.array([[0.0, 1.0], [-1.0, -2.0 * zeta]])
-    b = wn * np.array([0.0, 1.0])
-    c = np.array([1.0, values.get("zero_time_constant", 0.0) * wn])
-    return a, b, c
+_RISE = "Record steps of the command, sampled at least ten times within the rise of the outlet."
+_SHARP = "Record sharp steps of the command at a higher sampling rate."
 
 
 @dataclass(frozen=True)
 class ValveOptions(TransferOptions):
     """What is estimated beside gain, frequency and damping."""
 
-    dead_time: str = choice("none", ASKED, "whether to estimate a dead time")
-    zero: str = choice("none", ASKED, "whether to estimate a zero")
+    dead_time: str = choice("none", ASKED, "whether to estimate a dead time", "dead_time")
+    zero: str = choice("none", ASKED, "whether to estimate a zero", "zero_time_constant")
 
 
 class Valve(TransferFamily[ValveOptions]):
@@ -72,23 +67,21 @@ class Valve(TransferFamily[ValveOptions]):
                 ),
                 ParameterSpec(
                     "natural_frequency", "rad/s", "undamped natural frequency", minimum=1e-9,
-                    remedy="Record steps of the command, sampled at least ten times within the "
-                    "rise of the outlet.",
+                    remedy=_RISE,
                 ),
                 ParameterSpec(
                     "damping_ratio", "1", "damping ratio", minimum=1e-6,
-                    remedy="Record steps of the command, sampled at least ten times within the "
-                    "rise of the outlet.",
+                    remedy=_RISE,
                 ),
                 ParameterSpec(
                     "dead_time", "s", "time before the outlet begins to move",
                     neutral=0.0, minimum=0.0, curved=True,
-                    remedy="Record sharp steps of the command at a higher sampling rate.",
+                    remedy=_SHARP,
                 ),
                 ParameterSpec(
                     "zero_time_constant", "s", "time constant of the zero", neutral=0.0,
                     optional=True,
-                    remedy="Record sharp steps of the command at a higher sampling rate.",
+                    remedy=_SHARP,
                 ),
             ),
         ),
@@ -97,9 +90,14 @@ class Valve(TransferFamily[ValveOptions]):
     gain = "gain"
     steady_offset = True
 
-    def realise(self, values: Values) -> tuple[Any, Any, Any]:
-        """See :func:`realise`."""
-        return realise(values)
+    @staticmethod
+    def realise(values: Values) -> tuple[Any, Any, Any]:
+        """State space of the valve with unit gain, balanced by scaling time with ``wn``."""
+        wn, zeta = values["natural_frequency"], values["damping_ratio"]
+        a = wn * np.array([[0.0, 1.0], [-1.0, -2.0 * zeta]])
+        b = wn * np.array([0.0, 1.0])
+        c = np.array([1.0, values.get("zero_time_constant", 0.0) * wn])
+        return a, b, c
 
     def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
         """``gain wn^2 (zero s + 1) / (s^2 + 2 zeta wn s + wn^2)``."""
@@ -112,24 +110,17 @@ class Valve(TransferFamily[ValveOptions]):
     def plan(self, experiments: Sequence[Experiment], request: Request[ValveOptions]) -> Plan:
         """Search over frequencies and dampings; a dead time and a zero where asked for."""
         step, span = time_scales(experiments)
-        zero = request.options.zero == "estimate" or "zero_time_constant" in request.fixed
-        names = ["natural_frequency", "damping_ratio", "dead_time"]
+        frequencies = np.geomspace(3.0 / span, 2.5 / step, 12)
+        searched = [
+            Searched("natural_frequency", 1.0 / step, (1e-3 / span, 1e3 / step), frequencies),
+            Searched("damping_ratio", 1.0, (1e-6, 1e3), np.array([0.2, 0.7, 2.0])),
+            Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span),
+        ]
+        if request.options.zero == "estimate" or "zero_time_constant" in request.fixed:
+            searched.append(Searched("zero_time_constant", step, (-span, span), sensible=span))
         return Plan(
-            names=(*names, "zero_time_constant") if zero else tuple(names),
-            scales={"natural_frequency": 1.0 / step, "dead_time": step, "zero_time_constant": step},
-            limits={
-                "natural_frequency": (1e-3 / span, 1e3 / step),
-                "damping_ratio": (1e-6, 1e3),
-                "dead_time": (0.0, 0.5 * span),
-                "zero_time_constant": (-span, span),
-            },
-            axes={
-                "natural_frequency": np.geomspace(3.0 / span, 2.5 / step, 12),
-                "damping_ratio": np.array([0.2, 0.7, 2.0]),
-                "zero_time_constant": np.zeros(1),
-            },
+            searched,
             lag=lambda at: 2.0 / at["natural_frequency"],
-            sensible={"dead_time": 0.25 * span, "zero_time_constant": span},
             fixed={"dead_time": 0.0} if request.options.dead_time == "none" else {},
         )
 
@@ -138,7 +129,9 @@ class Valve(TransferFamily[ValveOptions]):
         signals = experiments[0].signals
         return {"gain": quotient_unit(signals["outlet"].unit, signals["command"].unit)}
 
-    def derive(self, fitted: Fitted) -> dict[str, Quantity]:
+    def derive(
+        self, fitted: Fitted, options: ValveOptions
+    ) -> tuple[dict[str, Quantity], list[Notice]]:
         """Undamped frequency in hertz, and overshoot where there is one."""
         resonant = fitted.values["damping_ratio"] < 1.0
 
@@ -149,4 +142,4 @@ class Valve(TransferFamily[ValveOptions]):
                 out["overshoot"] = np.exp(-np.pi * z / np.sqrt(1.0 - z * z))
             return out
 
-        return fitted.derive({"frequency": "Hz", "overshoot": "1"}, function)
+        return fitted.derive({"frequency": "Hz", "overshoot": "1"}, function), []

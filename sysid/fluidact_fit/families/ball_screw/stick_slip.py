@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .inputs import PiecewiseInput
-from .linear import Grid, states_at_nodes
+from ...estimation.inputs import PiecewiseInput
+from ...estimation.linear import Grid, states_at_nodes
 
 Array = npt.NDArray[Any]
 _INVERSE = [1.0 / factorial(n) for n in range(32)]
@@ -52,6 +52,19 @@ class StickSlip:
     breakaway_positive: Array
     breakaway_negative: Array
     viscous_negative: Array | None = None
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Simulated motion: position and velocity at the nodes, shape ``(k, m)``, and events.
+
+    ``breakaways`` counts break-aways in the positive and the negative direction.
+    """
+
+    position: Array
+    velocity: Array
+    breakaways: tuple[int, int]
+    stops: int
 
 
 def _phi(z: Array, count: int) -> list[Array]:
@@ -78,7 +91,7 @@ def _phi(z: Array, count: int) -> list[Array]:
     return out
 
 
-def _phi_real(z: float, count: int) -> list[float]:
+def phi_real(z: float, count: int) -> list[float]:
     """``phi_1 .. phi_count`` of one real number; the hot path of every event."""
     if abs(z) < 0.7:
         total = 0.0
@@ -141,7 +154,7 @@ class _Direction:
         torque = self.torque[node].tolist()
         torque[0] -= level
         z = -rate * offset
-        phi = _phi_real(z, len(torque))
+        phi = phi_real(z, len(torque))
         total = speed * exp(z)
         power = offset / inertia
         for i, c in enumerate(torque):
@@ -168,9 +181,7 @@ def _value(coefficients: Array, offset: float) -> float:
 class _Run:
     """One pass through the events of a log."""
 
-    def __init__(
-        self, p: StickSlip, u: PiecewiseInput, grid: Grid, speed: Array, place: Array
-    ) -> None:
+    def __init__(self, p: StickSlip, u: PiecewiseInput, grid: Grid, speed: Array) -> None:
         self.time, self.torque = grid.instants, u.coefficients
         kind = np.result_type(p.inertia, p.viscous, p.coulomb_positive, p.breakaway_positive, float)
         self.k = p.inertia.size
@@ -184,7 +195,7 @@ class _Run:
         self.lower = -max(_first(p.breakaway_negative), 0.0)
         self.position = np.empty((self.k, self.time.size), dtype=kind)
         self.velocity = np.zeros((self.k, self.time.size), dtype=kind)
-        self.here = np.broadcast_to(place, (self.k,)).astype(kind)
+        self.here = np.zeros(self.k, dtype=kind)
         self.start_speed = np.broadcast_to(speed, (self.k,)).astype(kind)
         self.breakaways = [0, 0]
         self.stops = 0
@@ -351,28 +362,13 @@ def _rising_root(function: Callable[[float], float], low: float, high: float) ->
     return float(brentq(function, low, high, xtol=1e-15 * high))
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Simulated motion: position and velocity at the nodes, shape ``(k, m)``, and events.
-
-    ``breakaways`` counts break-aways in the positive and the negative direction.
-    """
-
-    position: Array
-    velocity: Array
-    breakaways: tuple[int, int]
-    stops: int
-
-
 def simulate_stick_slip(
     parameters: StickSlip,
     torque: PiecewiseInput,
     grid: Grid,
-    *,
     initial_speed: Array | float = 0.0,
-    initial_position: Array | float = 0.0,
 ) -> Motion:
-    """Simulate stick-slip at the nodes of the torque.
+    """Simulate stick-slip at the nodes of the torque, from position zero.
 
     Parameters
     ----------
@@ -380,9 +376,9 @@ def simulate_stick_slip(
         Each as a row of ``k`` (complex) values.
     torque, grid
         Of any degree, and its nodes.
-    initial_speed, initial_position
+    initial_speed
         At the first node.
     """
-    run = _Run(parameters, torque, grid, np.asarray(initial_speed), np.asarray(initial_position))
+    run = _Run(parameters, torque, grid, np.asarray(initial_speed))
     run.run()
     return Motion(run.position, run.velocity, (run.breakaways[0], run.breakaways[1]), run.stops)

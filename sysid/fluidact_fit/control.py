@@ -1,15 +1,26 @@
-"""From a parameter file to the object a controller uses."""
+"""Parameter files with the families of the registry, and the object a controller uses."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Collection
 
-from ..block import Block
-from ..errors import StrictError
-from ..families import get_family
-from ..files import read_document
-from ..parameters.document import ParameterDocument
+from .block import Block
+from .errors import StrictError
+from .families import get_family
+from .parameters import ParameterDocument
+from .parameters import read_document as _read
+
+
+def read_document(path: str | os.PathLike[str]) -> ParameterDocument:
+    """Read, migrate and check a parameter file.
+
+    Raises
+    ------
+    ParameterFileError
+        Naming every problem with its path and line.
+    """
+    return _read(path, get_family)
 
 
 def load(

@@ -1,0 +1,301 @@
+"""Where the fit of the position begins: inverse dynamics, then increments of position.
+
+What the logs cannot tell is refused on the way: sides at rest, levels that never broke away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+
+from ...errors import LogError
+from ...estimation.inputs import settled_hold
+from ...estimation.parametric import bind, make_unknowns
+from ...estimation.results import Refusal
+from ...estimation.separable import Problem, Solution, Unknown, solve
+from ...experiment import Experiment, FloatArray
+from ...family import FamilyOptions, ParameterSpec, Request, Variant
+from ...signals import smooth
+from .model import (
+    BREAKAWAY,
+    EXCESS,
+    SIDES,
+    Axis,
+    Compared,
+    DriveModel,
+    axis_of,
+    increments,
+    leading_parts,
+)
+
+_NEVER = "the axis never breaks away from rest in this direction."
+
+
+@dataclass(frozen=True)
+class Stage:
+    """State of a fit between two of its stages.
+
+    Attributes
+    ----------
+    names, unknowns
+        Parameters of the model and initial speeds, those that are held included.
+    start
+        Where the search now is [SI].
+    resting
+        Directions in which no log ever moves, and the strongest push there [SI].
+    fixed, refusals
+        What the user gave (or a bracket found), and what the data cannot determine.
+    """
+
+    experiments: Sequence[Experiment]
+    axis: Axis
+    names: tuple[str, ...]
+    unknowns: Mapping[str, Unknown]
+    start: Mapping[str, float]
+    resting: Mapping[str, float]
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    refusals: tuple[Refusal, ...] = ()
+
+    @property
+    def held(self) -> dict[str, float]:
+        """Values that are held while the rest is fitted: what was refused, and what is given."""
+        return {**{r.parameter: float(r.hold or 0.0) for r in self.refusals}, **self.fixed}
+
+    @property
+    def largest_drive(self) -> float:
+        """Largest torque or force [SI]."""
+        return max(float(np.abs(e.sampled(self.axis.drive)).max()) for e in self.experiments)
+
+    @property
+    def stepped(self) -> bool:
+        """Whether the drive is held between samples in every run."""
+        drives = [e.signals[self.axis.drive] for e in self.experiments]
+        return all(settled_hold(s) == "zoh" for s in drives)
+
+    @property
+    def rounding(self) -> float:
+        """Standard deviation of what the coarsest encoder rounds off [SI]."""
+        steps = [e.signals[self.axis.motion].resolution for e in self.experiments]
+        return max(steps) / float(np.sqrt(12.0))
+
+    def open_sides(self) -> list[str]:
+        """Directions whose static level is to be fitted and has not been refused."""
+        refused = {r.parameter for r in self.refusals}
+        return [s for s in SIDES if EXCESS[s] in self.names and EXCESS[s] not in refused]
+
+    def refuse_levels(self, reason: str, sides: Collection[str]) -> Stage:
+        """The stage with the static levels of some directions refused."""
+        new = [Refusal(EXCESS[s], reason, 0.0) for s in sides]
+        return replace(self, refusals=(*self.refusals, *new))
+
+    def problem(
+        self, compared: Compared | None = None, weights: Sequence[FloatArray] = ()
+    ) -> Problem:
+        """The solver's problem of everything that is not held."""
+        model = DriveModel(self.experiments, self.axis, compared)
+        return bind(model.named(self.names, weights), self.unknowns, self.held)
+
+    def solve(self, problem: Problem, max_iterations: int, tolerance: float) -> Solution:
+        """Solve a problem from where the search now is."""
+        eta = np.array([self.start[u.name] for u in problem.nonlinear])
+        return solve(problem, eta, max_iterations=max_iterations, tolerance=tolerance)
+
+
+def values_at(problem: Problem, eta: FloatArray) -> dict[str, float]:
+    """Values of the nonlinear unknowns by name."""
+    return {u.name: float(x) for u, x in zip(problem.nonlinear, eta)}
+
+
+def excess_specs(variant: Variant) -> list[ParameterSpec]:
+    """Specifications of the excesses, by which the fit knows the static levels."""
+    return [replace(variant.parameter(BREAKAWAY[s]), name=EXCESS[s]) for s in SIDES]
+
+
+def first_stages(
+    variant: Variant,
+    experiments: Sequence[Experiment],
+    request: Request[FamilyOptions],
+    one_sided: bool,
+) -> Stage:
+    """Inverse dynamics and increments of position: where the fit of the position begins.
+
+    ``one_sided`` asks for viscous friction by direction.
+    """
+    axis = axis_of(variant)
+    viscous = [f"viscous_{s}" for s in SIDES] if one_sided else ["viscous"]
+    direct = {*request.fixed, *request.bounds}
+    static = [BREAKAWAY[s] if BREAKAWAY[s] in direct else EXCESS[s] for s in SIDES]
+    names = (axis.inertia, *viscous, *(f"coulomb_{s}" for s in SIDES), *static)
+    specs = [*variant.parameters, *excess_specs(variant)]
+    request.progress("inverse dynamics")
+    guess = _inverse_dynamics(experiments, axis, viscous)
+    unknowns = make_unknowns(specs, names, guess, request, _search_limits(names, guess))
+    resting = _withstood(experiments, axis)
+    stage = Stage(experiments, axis, names, unknowns, guess, resting, dict(request.fixed))
+    unit = variant.role(axis.drive).unit
+    stage = replace(stage, refusals=tuple(_sides_at_rest(stage, unit)))
+    request.progress("fitting increments of position")
+    moving = initial_speeds(experiments, axis)
+    start = {**_fit_increments(stage, request.start), **moving}
+    stage = replace(
+        stage,
+        names=(*names, *moving),
+        unknowns={**unknowns, **speed_unknowns(moving)},
+        start=start,
+    )
+    model = DriveModel(experiments, axis)
+    counts = [model.motion(i, start)[0].breakaways for i in range(len(experiments))]
+    moved = {s for s, count in zip(SIDES, np.sum(counts, axis=0)) if count}
+    return stage.refuse_levels(_NEVER, [s for s in stage.open_sides() if s not in moved])
+
+
+def _inverse_dynamics(
+    experiments: Sequence[Experiment], axis: Axis, viscous: Sequence[str]
+) -> dict[str, float]:
+    """First stage: torque regressed on smoothed acceleration, speed and direction.
+
+    The window is the shortest whose residual is within a tenth of the best: longer ones
+    smear the reversals, shorter ones drown in the encoder's steps.
+    """
+    best: tuple[float, FloatArray] | None = None
+    for half in (2, 4, 8, 16, 32, 64):
+        if any(e.samples < 8 * half for e in experiments) and half > 2:
+            break
+        rows, drive = [], []
+        for e in experiments:
+            s = smooth(e[axis.motion], e.sample_time, half)
+            u = smooth(e.sampled(axis.drive), e.sample_time, half).value
+            fast = float(np.quantile(np.abs(s.rate), 0.99))
+            moving = s.inside & (np.abs(s.rate) > 0.12 * fast)
+            v, forward = s.rate[moving], s.rate[moving] > 0.0
+            speeds = [v] if len(viscous) == 1 else [v * forward, v * ~forward]
+            columns = (s.curvature[moving], *speeds, forward * 1.0, -1.0 * ~forward)
+            rows.append(np.column_stack(columns))
+            drive.append(u[moving])
+        a, tau = np.vstack(rows), np.concatenate(drive)
+        if a.shape[0] < 2 * a.shape[1]:
+            continue
+        x = np.linalg.lstsq(a, tau, rcond=None)[0]
+        misfit = float(np.std(tau - a @ x))
+        if best is None or (misfit < 0.9 * best[0] and x[0] > 0.0) or best[1][0] <= 0.0:
+            best = misfit, x
+    if best is None:
+        raise LogError(
+            f"the {axis.motion} hardly moves in any log",
+            remedy="Record motion in both directions, or check --column and --unit.",
+        )
+    return _as_guess(best[1], experiments, axis, viscous)
+
+
+def _as_guess(
+    x: FloatArray, experiments: Sequence[Experiment], axis: Axis, viscous: Sequence[str]
+) -> dict[str, float]:
+    """Linear estimate as a start: positive, and never more than the drive can give."""
+    drive = max(float(np.abs(e.sampled(axis.drive)).max()) for e in experiments)
+    speed = max(float(np.ptp(e[axis.motion]) / np.ptp(e.time)) for e in experiments) or 1.0
+    step = min(e.sample_time for e in experiments)
+    guess = {axis.inertia: max(x[0], 1e-3 * drive / speed * step)}
+    guess.update(zip(viscous, np.maximum(x[1:-2], 0.01 * drive / speed)))
+    for s, kinetic in zip(SIDES, np.clip(x[-2:], 0.02 * drive, 0.9 * drive)):
+        guess[f"coulomb_{s}"] = kinetic
+        guess[EXCESS[s]], guess[BREAKAWAY[s]] = 0.2 * kinetic, 1.2 * kinetic
+    return {k: float(v) for k, v in guess.items()}
+
+
+def _search_limits(
+    names: Sequence[str], guess: Mapping[str, float]
+) -> dict[str, tuple[float, float]]:
+    """Search range of four decades around the linear estimate, inertia first of the names."""
+    limits = {}
+    for n in names:
+        least = 1e-6 if n.startswith("viscous") else 0.0
+        limits[n] = (least * abs(guess[n]), 1e4 * abs(guess[n]))
+    return {**limits, names[0]: (1e-3 * guess[names[0]], 1e3 * guess[names[0]])}
+
+
+def _withstood(experiments: Sequence[Experiment], axis: Axis) -> dict[str, float]:
+    """Directions in which no log ever moves, and the strongest push there [SI], at least 0."""
+    travel = dict.fromkeys(SIDES, 0.0)
+    push = dict.fromkeys(SIDES, 0.0)
+    for e in experiments:
+        y, drive = e[axis.motion], e.sampled(axis.drive)
+        lag = max(1, y.size // 200)
+        step = y[lag:] - y[:-lag]
+        for s, sign in zip(SIDES, (1.0, -1.0)):
+            travel[s] = max(travel[s], float((sign * step).max()))
+            push[s] = max(push[s], float((sign * drive).max()))
+    resolution = max(e.signals[axis.motion].resolution for e in experiments)
+    least = max(3.0 * resolution, 0.01 * max(travel.values()))
+    return {s: push[s] for s in SIDES if travel[s] <= least}
+
+
+def _sides_at_rest(stage: Stage, unit: str) -> list[Refusal]:
+    """Friction of the directions in which no log ever moves, held where it is never left."""
+    out = []
+    for s, push in stage.resting.items():
+        tried = f"at most {push:.3g} {unit} push that way" if push > 0.0 else "nothing pushes"
+        reason = f"the {stage.axis.motion} never moves in the {s} direction ({tried})."
+        hold = 1.5 * stage.largest_drive
+        out += [Refusal(f"coulomb_{s}", reason, hold), Refusal(EXCESS[s], reason, 0.0)]
+        if f"viscous_{s}" in stage.names:
+            out.append(Refusal(f"viscous_{s}", reason, 0.0))
+    return out
+
+
+def initial_speeds(experiments: Sequence[Experiment], axis: Axis) -> dict[str, float]:
+    """Guesses of the initial speeds of the runs that do not start at rest."""
+    out = {}
+    for i, e in enumerate(experiments):
+        y = e[axis.motion]
+        half = min(4, (y.size - 1) // 2)
+        if half < 1:
+            continue
+        head = y[: 2 * half + 1]
+        slope = float(np.polyfit(np.arange(head.size) * e.sample_time, head, 1)[0])
+        typical = float(np.std(np.gradient(y, e.time))) or 1.0
+        noise = max(e.signals[axis.motion].resolution, 1e-300) / (2 * half * e.sample_time)
+        if abs(slope) > max(0.2 * typical, 2.0 * noise):
+            out[f"initial_speed[{i}]"] = slope
+    return out
+
+
+def speed_unknowns(speeds: Mapping[str, float]) -> dict[str, Unknown]:
+    """Unknowns of the initial speeds."""
+    return {n: Unknown(n, scale=abs(v)) for n, v in speeds.items()}
+
+
+def _fit_increments(stage: Stage, asked: Mapping[str, float]) -> dict[str, float]:
+    """Second stage: match increments of position from several break-away guesses.
+
+    ``asked`` is where the user says to start. It is one more candidate: it may be bad.
+    """
+    axis, held = stage.axis, stage.held
+    lively = sorted(stage.experiments, key=lambda e: -float(np.ptp(e[axis.motion])))[:2]
+    part = leading_parts(lively)
+    problem = replace(stage, experiments=part).problem(increments(part, axis))
+    found = [
+        replace(stage, start=first).solve(problem, max_iterations=12, tolerance=0.05)
+        for first in _candidates(stage.start, asked, held)
+    ]
+    best = min(found, key=lambda s: s.cost)
+    if not best.converged:
+        best = solve(problem, best.eta, max_iterations=30, tolerance=0.05)
+    return {**held, **values_at(problem, best.eta)}
+
+
+def _candidates(
+    guess: Mapping[str, float], asked: Mapping[str, float], held: Mapping[str, float]
+) -> Iterator[dict[str, float]]:
+    """Starts with small and large static levels in either direction."""
+    bases = [(guess, {}), ({**guess, **asked}, asked)] if asked else [(guess, {})]
+    for (base, own), *ratios in product(bases, (0.05, 0.6), (0.05, 0.6)):
+        first = {**base, **held}
+        for s, ratio in zip(SIDES, ratios):
+            kinetic = first[f"coulomb_{s}"]
+            first[EXCESS[s]] = ratio * kinetic
+            if BREAKAWAY[s] in own:
+                first[EXCESS[s]] = max(own[BREAKAWAY[s]] - kinetic, 0.0)
+        yield first

@@ -1,0 +1,178 @@
+"""Stage one: valve and oil from the flow over windows, friction from both pressures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...errors import LogError
+from ...estimation.parametric import Fitted, NamedModel, Values, fit_named, make_unknowns
+from ...estimation.results import Refusal
+from ...estimation.separable import Basis, Unknown
+from ...estimation.uncertainty import covariance, t_quantile
+from ...experiment import FloatArray
+from ...family import Quantity
+from .case import Case
+from .equations import LOSSES
+
+GAIN_UNIT = "m3/(s V Pa^0.5)"
+
+
+def flow_unknowns(case: Case) -> dict[str, Unknown]:
+    """Sizes and search ranges of the parameters of the flow."""
+    head = case.machine.supply - case.machine.tank
+    volts = max(float(np.abs(w.command).max()) for w in case.windows)
+    if volts == 0.0:
+        raise LogError("the command is zero throughout", remedy="Record strokes of the valve.")
+    sizes = {  # typical one, and the ends of the range
+        "dead_zone_negative": (0.05 * volts, -0.5 * volts, 0.0),
+        "dead_zone_positive": (0.05 * volts, 0.0, 0.5 * volts),
+    }
+    for chamber in case.chambers:
+        flows = [np.abs(w.motion) for w in case.windows if w.chamber == chamber]
+        flow = max(float(np.quantile(np.concatenate(flows), 0.98)) if flows else 0.0, 1e-12)
+        gain = flow / (volts * np.sqrt(0.5 * head))
+        sizes[f"valve_gain_{chamber}"] = (gain, 1e-4 * gain, 1e4 * gain)
+        sizes |= dict.fromkeys(LOSSES[chamber], (0.3 * head / flow, 0.0, 2.0 * head / flow))
+        if case.machine.dead_volume(chamber) is not None:
+            sizes["bulk_modulus"] = (1e9, 1e7, 1e11)
+    scales = {n: scale for n, (scale, _, _) in sizes.items()}
+    limits = {n: (low, high) for n, (_, low, high) in sizes.items()}
+    return make_unknowns(case.variant.parameters, (*sizes,), scales, case.request, limits)
+
+
+def sensible_widths(unknowns: dict[str, Unknown]) -> dict[str, float]:
+    """Widths beyond which an interval says nothing."""
+    reach = {n: max(abs(u.low), abs(u.high)) for n, u in unknowns.items()}
+    shares = {"line_loss": 0.25, "dead_zone": 0.5}
+    return {n: share * r for kind, share in shares.items() for n, r in reach.items()
+            if n.startswith(kind)}  # fmt: skip
+
+
+def one_sided(case: Case) -> list[Refusal]:
+    """Parameters of a direction in which the valve is never opened, or only wide open."""
+    out: list[Refusal] = []
+    levels = np.concatenate([w.mean_command for w in case.windows])
+    near = 0.25 * float(np.abs(levels).max())
+    for way, (sign, word) in enumerate(((1.0, "positive"), (-1.0, "negative"))):
+        side = sign * levels[sign * levels > 0.0]
+        edge, losses = f"dead_zone_{word}", {c: LOSSES[c][way] for c in case.chambers}
+        if not side.size:
+            reason = f"no usable part of the logs has a {word} command."
+            out += [Refusal(n, reason) for n in (edge, *losses.values())]
+            continue
+        if side.min() > near:
+            # a straight line through large commands would be drawn back over volts
+            reason = f"the smallest {word} command in use is {side.min():.3g} V, far from the edge."
+            out.append(Refusal(edge, reason))
+        reason = f"all {word} commands are the same: gain and loss cannot be told apart."
+        out += [Refusal(n, reason) for c, n in losses.items() if _one_level(case, c, sign)]
+    return [r for r in out if r.parameter not in case.request.fixed]
+
+
+def _one_level(case: Case, chamber: int, sign: float) -> bool:
+    """Whether one chamber saw only one size of command of a sign."""
+    levels = [sign * w.mean_command for w in case.windows if w.chamber == chamber]
+    size = np.concatenate(levels) if levels else np.zeros(0)
+    size = size[size > 0.0]
+    return bool(size.size and np.quantile(size, 0.95) < 1.2 * np.quantile(size, 0.05))
+
+
+def fit_flow(case: Case, lenient: bool) -> Fitted:
+    """Regression of the flow over windows; ``lenient`` refuses nothing, for a start."""
+    windows, unknowns = case.windows, flow_unknowns(case)
+    names = tuple(unknowns)
+
+    def columns(index: int, values: Values) -> Basis:
+        flow = windows[index].modelled(values, case.machine)
+        empty = np.zeros((flow.size, 0))
+        return Basis(flow, empty, empty)
+
+    model = NamedModel(
+        names, (), columns, [w.motion for w in windows],
+        weights=[1.0 / case.machine.area(w.chamber) for w in windows],
+    )  # fmt: skip
+    starts = []
+    for loss in (0.0, 1.0):
+        shares = {"dead_zone_negative": -0.2, "dead_zone_positive": 0.2}
+        shares |= {n: loss for n in names if n.startswith("line_loss")}
+        starts.append({n: u.scale * shares.get(n, 1.0) for n, u in unknowns.items()})
+    if lenient:
+        sensible = dict.fromkeys(names, np.inf)
+    else:
+        sensible = {**sensible_widths(unknowns), "bulk_modulus": 0.5e9}
+    return fit_named(
+        model, case.variant.parameters, case.request, unknowns, starts,
+        refusals=one_sided(case), sensible=sensible,
+    )  # fmt: skip
+
+
+def directional_gains(case: Case, values: Values) -> dict[str, Quantity]:
+    """Gain of every chamber from the windows of one direction, all else as fitted."""
+    return {
+        f"valve_gain_{chamber}_{word}": gain
+        for chamber in case.chambers
+        for sign, word in ((1.0, "extending"), (-1.0, "retracting"))
+        if (gain := _gain(case, values, chamber, sign)) is not None
+    }
+
+
+def _gain(case: Case, values: Values, chamber: int, sign: float) -> Quantity | None:
+    """One Gauss-Newton step from the common gain, to which the flow is nearly proportional."""
+    name = f"valve_gain_{chamber}"
+    moved = {**values, name: values[name] * (1.0 + 1e-30j)}
+    residuals: list[FloatArray] = []
+    slopes: list[FloatArray] = []
+    for w in case.windows:
+        chosen = sign * w.mean_command > 0.0
+        if w.chamber == chamber and chosen.any():
+            model = w.modelled(moved, case.machine)[chosen]
+            residuals.append(w.motion[chosen] - np.real(model))
+            slopes.append(np.imag(model) / 1e-30)
+    if sum(s.size for s in slopes) < 5 or not any(s.any() for s in slopes):
+        return None
+    share, error, degrees = _proportional(slopes, residuals)
+    value, se = values[name] * (1.0 + share), values[name] * error
+    half = t_quantile(0.975, degrees) * se
+    return Quantity(value, GAIN_UNIT, "derived", se, [value - half, value + half], "wald")
+
+
+def _proportional(
+    columns: Sequence[FloatArray], targets: Sequence[FloatArray], robust: bool = True
+) -> tuple[float, float, int]:
+    """Factor of one column over several logs, its standard error, degrees of freedom."""
+    j, y = np.concatenate(columns), np.concatenate(targets)
+    factor = float(j @ y / (j @ j))
+    rest = [t - c * factor for c, t in zip(columns, targets)]
+    found = covariance([c[:, None] for c in columns], rest, robust=robust)
+    return factor, float(np.sqrt(found.covariance[0, 0])), found.degrees
+
+
+def fit_friction(case: Case, lenient: bool = False) -> Fitted:
+    """Viscous and Coulomb friction by linear regression; an offset where both directions moved."""
+    rows, specs = case.friction, case.variant.parameters
+    v, f = rows.speed[rows.moving], rows.force[rows.moving]
+    both = not lenient and (v > 0.0).any() and (v < 0.0).any()
+    table = np.column_stack([v, np.sign(v), *([np.ones(v.size)] if both else ())])
+    basis = Basis(np.zeros(v.size), table, np.zeros((v.size, 0)))
+    size = max(float(np.abs(f).max()), 1e-300)
+    scales = {"viscous": size / float(np.abs(v).max()), "coulomb": size}
+    nuisance = ("offset",) if both else ()
+    model = NamedModel(
+        (), (*scales,), lambda index, values: basis, [f], nuisance=nuisance, robust=rows.in_time
+    )
+    unknowns = make_unknowns(specs, (*scales,), scales, case.request)
+    sensible = {n: np.inf if lenient else 0.5 * s for n, s in scales.items()}
+    return fit_named(model, specs, case.request, unknowns, [{}], sensible=sensible)
+
+
+def friction_levels(case: Case) -> dict[str, Quantity]:
+    """Mean friction in either direction, signed [N]."""
+    out, rows = {}, case.friction
+    for sign, word in ((1.0, "extending"), (-1.0, "retracting")):
+        chosen = rows.force[rows.moving & (sign * rows.speed > 0.0)]
+        if chosen.size >= 2:
+            mean, se, _ = _proportional([np.ones(chosen.size)], [chosen], rows.in_time)
+            out[f"friction_{word}"] = Quantity(mean, "N", "derived", se)
+    return out

@@ -1,0 +1,288 @@
+"""Output-error fits of small transfer functions: where they begin, and their stages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import Notice
+from ...estimation.noise import noise_floor
+from ...estimation.parametric import Fitted, NamedModel, bind, fit_named
+from ...estimation.results import Refusal
+from ...estimation.separable import Problem, Search, Unknown, evaluate, profile, solve_from
+from ...estimation.uncertainty import enlarge
+from ...experiment import Experiment, FloatArray
+from ...family import FamilyOptions, ParameterSpec, Request
+from .input_noise import InputNoise, moving_inputs
+from .model import are_short
+
+_MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
+_VALLEYS = 4  # of a grid search, from which the fit begins
+Row = tuple[FloatArray, list[dict[str, float]], FloatArray]  # dead times, points and costs
+
+
+def grid_search(
+    problem: Problem,
+    axes: Mapping[str, FloatArray],
+    dead_times: Callable[[Mapping[str, float]], FloatArray],
+) -> list[dict[str, float]]:
+    """Profile the cost over a grid and return the distinct valleys, best first.
+
+    A valley is a grid point that is no worse than its neighbours along every axis: dead
+    times and natural frequencies have several.
+
+    Parameters
+    ----------
+    axes
+        Values to try of every nonlinear unknown but the dead time, shape ``(k,)`` each.
+    dead_times
+        Dead times to try [s] at a point of the other axes, ascending, shape ``(k,)``; a
+        slow plant needs fewer.
+    """
+    order = [u.name for u in problem.nonlinear]
+    if not order:  # everything but gains and offsets is fixed
+        return [{}]
+    outer = [n for n in order if n != "dead_time"]
+    rows: dict[tuple[int, ...], Row] = {}
+    for index in np.ndindex(*(len(axes[n]) for n in outer)):
+        point = {n: float(axes[n][k]) for n, k in zip(outer, index)}
+        inner = dead_times(point) if "dead_time" in order else np.zeros(1)
+        points = [{**point, "dead_time": float(x)} for x in inner]
+        costs = profile(problem, np.array([[p[n] for n in order] for p in points]))
+        rows[index] = inner, points, costs
+    found = []
+    for index, (_, points, costs) in rows.items():
+        for k in np.flatnonzero(_valleys(rows, index)):
+            found.append((float(costs[k]), {n: points[k][n] for n in order}))
+    found.sort(key=lambda pair: pair[0])
+    return [point for _, point in found[:_VALLEYS]]
+
+
+def _valleys(rows: Mapping[tuple[int, ...], Row], index: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+    """Which points of one row of the grid are no worse than their neighbours."""
+    inner, _, own = rows[index]
+    around = np.concatenate(([np.inf], own, [np.inf]))
+    valley = np.isfinite(own) & (own <= around[:-2]) & (own <= around[2:])
+    for axis, k in enumerate(index):
+        for other in (k - 1, k + 1):
+            beside = rows.get((*index[:axis], other, *index[axis + 1 :]))
+            if beside is not None:  # which has dead times of its own
+                valley &= own <= np.interp(inner, beside[0], beside[2])
+    return np.asarray(valley)
+
+
+def dead_time_axis(step: float, longest: float, lag: float) -> FloatArray:
+    """Dead times to try [s]: at half samples while short, geometrically spaced when long.
+
+    A plant with a slow ``lag`` [s] responds to a shift by a small share of it with a small
+    change, so steps need not be finer than a third of it. Whole samples are avoided: the
+    slope of the cost jumps there, and a search that starts on the wrong side stays.
+    """
+    out = [min(0.25 * step, longest)]
+    while out[-1] < longest:
+        width = 0.5 * step if out[-1] < 12.0 * step else 0.33 * out[-1]
+        out.append(min(out[-1] + max(width, 0.3 * min(lag, longest)), longest))
+    return np.array(out)
+
+
+@dataclass(frozen=True)
+class TransferFit:
+    """A staged fit: look for starts, refine them on an excerpt, then fit everything.
+
+    Attributes
+    ----------
+    make
+        ``make(experiments, rest)`` builds the model of some experiments; ``rest`` takes
+        them all to start at rest.
+    find_starts
+        ``find_starts(experiments, rest)`` returns start values of the nonlinear
+        parameters, best first; a ``--start`` wins.
+    output
+        Role of the output.
+    sensible, refusals
+        As in :func:`.parametric.fit_named`; every refused parameter has a value to hold.
+    """
+
+    make: Callable[[Sequence[Experiment], bool], NamedModel]
+    find_starts: Callable[[Sequence[Experiment], bool], list[dict[str, float]]]
+    experiments: Sequence[Experiment]
+    output: str
+    specs: Sequence[ParameterSpec]
+    request: Request[FamilyOptions]
+    unknowns: Mapping[str, Unknown]
+    sensible: Mapping[str, float]
+    refusals: Sequence[Refusal]
+
+    @property
+    def _refused(self) -> dict[str, float]:
+        """Values at which refused parameters are held."""
+        return {r.parameter: float(r.hold or 0.0) for r in self.refusals}
+
+    @property
+    def _held(self) -> dict[str, float]:
+        return {**self._refused, **self.request.fixed}
+
+    def run(self, rest: bool | None) -> tuple[Fitted, bool]:
+        """The fit, and whether the runs were taken to start at rest.
+
+        ``rest`` says whether they do, where that is known.
+        """
+        few, held = _shorten(self.experiments, self.output), self._held
+        self.request.progress("searching for a start")
+        if rest is None:
+            rest = self._starts_at_rest(few)
+        problem, search = self._search(few, rest)
+        names = [u.name for u in problem.nonlinear]
+        ends = [{**held, **dict(zip(names, s.eta))} for s in (search.best, *search.rivals[:1])]
+        if sum(e.samples for e in self.experiments) > _MANY:
+            part = _shorten(self.experiments, self.output, _MANY // 4)
+            middle = bind(self.make(part, rest), self.unknowns, held)
+            closer = solve_from(middle, [_vector(middle, s) for s in ends], tolerance=1e-2)
+            ends = [{**held, **dict(zip(names, closer.best.eta))}]
+        self.request.progress("fitting")
+        fitted = self._fit(self.make(self.experiments, rest), ends)
+        fitted, found = self._allow_for_input_noise(fitted, rest)
+        tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
+        return replace(fitted, search=tried, remarks=found), rest
+
+    def _fit(self, model: NamedModel, starts: Sequence[Mapping[str, float]]) -> Fitted:
+        return fit_named(
+            model, self.specs, self.request, self.unknowns, starts,
+            refusals=self.refusals, sensible=self.sensible,
+        )  # fmt: skip
+
+    def _search(self, experiments: Sequence[Experiment], rest: bool) -> tuple[Problem, Search]:
+        """Solve roughly from every start."""
+        problem = bind(self.make(experiments, rest), self.unknowns, self._held)
+        starts = [{**s, **self.request.start} for s in self.find_starts(experiments, rest)]
+        return problem, solve_from(problem, [_vector(problem, s) for s in starts], tolerance=1e-2)
+
+    def _starts_at_rest(self, experiments: Sequence[Experiment]) -> bool:
+        """Whether short runs are taken to start at rest.
+
+        In a long run the initial state costs nothing and is always free. In a run of ten
+        samples that begins with the step, a free initial state explains the whole response;
+        it is then freed only when the Bayes criterion asks for it.
+        """
+        total = sum(e.samples for e in experiments)
+        if not are_short(experiments) or all(
+            any(s.time.size == 1 for s in e.signals.values()) for e in experiments
+        ):
+            return False
+        scores = []
+        for rest in (True, False):
+            problem, search = self._search(experiments, rest)
+            count = sum(search.best.local_counts) + len(problem.nonlinear)
+            scores.append(total * np.log(max(search.best.cost, 1e-300)) + count * np.log(total))
+        return bool(scores[0] <= scores[1])
+
+    def _allow_for_input_noise(self, fitted: Fitted, rest: bool) -> tuple[Fitted, dict[str, Any]]:
+        """Whiten the residual and remove the bias when noise of a measured input matters."""
+        experiments, factors = self.experiments, fitted.factors
+        rows, roles = sum(e.samples for e in experiments), moving_inputs(experiments)
+        if not roles or rows > _MANY or rows < 200 * len({e.log for e in experiments}):
+            return fitted, {}
+        role = roles[0]
+        sigma = float(np.median([noise_floor(e[role], 4) for e in experiments]))
+        noise = InputNoise(experiments, role, sigma, np.random.default_rng(self.request.seed))
+        held = {n: v for n, v in fitted.values.items() if n not in fitted.names} | self._refused
+
+        def model(some: Sequence[Experiment]) -> NamedModel:
+            return self.make(some, rest).scaled(factors)
+
+        def build(some: Sequence[Experiment]) -> Problem:
+            return bind(model(some), self.unknowns, held)
+
+        def whitened(a: FloatArray, some: Sequence[Experiment]) -> NamedModel:
+            return replace(model(some), whiten=a, logs=())
+
+        share = noise.share_of_residual(build, fitted.solution)
+        unit = experiments[0].signals[role].unit
+        found = {"role": role, "sigma": sigma, "unit": unit, "share": share}
+        if share < 0.25:
+            return fitted, {"input_noise": found}
+        self.request.progress("allowing for the noise of the input")
+        values = {**held, **fitted.values}
+        of_output = float(np.median([noise_floor(y, 4) for y in model(experiments).measured]))
+        plain = fitted.solution
+        for _ in range(2):
+            white = partial(whitened, noise.whitening(build, plain, of_output))
+            fitted = self._fit(white(experiments), [values])
+            values = {**values, **fitted.values}
+            plain = evaluate(build(experiments), fitted.solution.eta)
+        bias, spread = noise.extrapolate_bias(
+            lambda some: bind(white(some), self.unknowns, held), fitted.solution
+        )
+        found["treatment"] = "residual whitened, bias removed by extrapolation"
+        return _remove_bias(fitted, bias, spread, noise, unit), {"input_noise": found}
+
+
+def _remove_bias(
+    fitted: Fitted, bias: FloatArray, spread: FloatArray, noise: InputNoise, unit: str
+) -> Fitted:
+    """Subtract the bias by input noise and say how much it was."""
+    values = dict(fitted.values)
+    said = []
+    for name, b in zip(fitted.names, bias):
+        if name in fitted.unknowns and name in values:
+            u = fitted.unknowns[name]
+            values[name] = float(np.clip(values[name] - b, u.low, u.high))
+            said.append((abs(b) / max(fitted.std_error(name), 1e-300), name, b))
+    size, name, b = max(said)
+    # scatter by the input, plus what a residual of white noise would add by itself
+    total = enlarge(fitted.covariance, np.diag(spread))
+    notice = Notice(
+        "input-noise",
+        f"'{noise.role}' carries noise of about {noise.sigma:.2g} {unit} rms, which an "
+        "output-error fit takes for signal. The residual was whitened and the bias removed "
+        f"(largest for {name}: {b:+.3g}, {size:.1f} standard errors). A cleaner sensor would "
+        "narrow the intervals.",
+    )
+    return replace(fitted, values=values, covariance=total, notices=[*fitted.notices, notice])
+
+
+def _vector(problem: Problem, start: Mapping[str, float]) -> FloatArray:
+    return np.array([start[u.name] for u in problem.nonlinear])
+
+
+def _shorten(
+    experiments: Sequence[Experiment], output: str, samples: int = 1500
+) -> list[Experiment]:
+    """The most eventful parts of the logs, for starting searches.
+
+    Searching for a start on a million samples or a hundred runs costs minutes and buys
+    nothing: the full fit that follows uses them all.
+    """
+    lively = sorted(experiments, key=lambda e: -float(np.ptp(e[output])))
+    taken: list[Experiment] = []
+    for e in lively:
+        if len(taken) >= 2 and sum(t.samples for t in taken) >= samples:
+            break
+        taken.append(_liveliest_part(e, output, samples))
+        if len(taken) >= 24:
+            break
+    return taken
+
+
+def _liveliest_part(experiment: Experiment, output: str, samples: int) -> Experiment:
+    n = experiment.samples
+    if n <= samples:
+        return experiment
+    begins = np.unique(np.linspace(0, n - samples, 12).astype(int))
+    y = experiment[output]
+    begin = int(max(begins, key=lambda b: float(np.std(y[b : b + samples]))))
+    part = slice(begin, begin + samples)
+    signals = {}
+    for role, s in experiment.signals.items():
+        if s.time is experiment.time or s.values.size == n:
+            signals[role] = replace(
+                s, time=s.time[part], values=s.values[part], before=float(s.values[begin])
+            )
+        else:
+            signals[role] = s
+    return replace(experiment, time=experiment.time[part], signals=signals)
