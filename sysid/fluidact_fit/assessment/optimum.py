@@ -8,7 +8,7 @@ the derivatives of the output without another fit.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -46,12 +46,15 @@ class Optimum:
     jacobians: Sequence[FloatArray]
 
     def simulate(
-        self, experiments: Sequence[Experiment], values: Mapping[str, Value] | None = None
+        self,
+        experiments: Sequence[Experiment],
+        values: Mapping[str, Value] | None = None,
+        options: FamilyOptions | None = None,
     ) -> list[Simulated]:
-        """What the model gives for other experiments or with other values."""
+        """What the model gives for other experiments, with other values or other options."""
         e = self.estimate
         return self.family.simulate(
-            self.variant, e.values if values is None else values, experiments, e.options
+            self.variant, values or e.values, experiments, options or e.options
         )
 
     def change(self, found: Sequence[Simulated]) -> list[FloatArray]:
@@ -159,3 +162,10 @@ def moved(values: Mapping[str, Value], name: str, by: float) -> dict[str, Value]
     entries = np.array(value, dtype=float)
     entries.flat[int(index.rstrip("]"))] += by
     return {**values, key: entries.tolist()}
+
+
+def delayed(experiment: Experiment, role: str, by: float) -> Experiment:
+    """The same run with an input that acts later [s]."""
+    signal = experiment.signals[role]
+    late = replace(signal, time=signal.time + by)
+    return replace(experiment, signals={**experiment.signals, role: late})

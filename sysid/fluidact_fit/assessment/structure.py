@@ -17,7 +17,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ import numpy as np
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from ..options import describe
-from .optimum import Optimum, moved
+from .optimum import Optimum, delayed, moved
 
 _SIGNIFICANT = 5.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
@@ -149,11 +149,8 @@ def _offered(at: Optimum, runs: Sequence[Experiment]) -> Iterator[Term]:
 
 def _delay(at: Optimum, runs: Sequence[Experiment], role: str, by: float) -> Term:
     """An input that acts later than recorded."""
-    late = []
-    for e in runs:
-        signal = replace(e.signals[role], time=e.signals[role].time + by)
-        late.append(replace(e, signals={**e.signals, role: signal}))
-    columns = [c / by for c in at.change(at.simulate(late))]
+    late = at.simulate([delayed(e, role, by) for e in runs])
+    columns = [c / by for c in at.change(late)]
 
     def words(size: float) -> str:
         when = "later" if size > 0.0 else "earlier"
