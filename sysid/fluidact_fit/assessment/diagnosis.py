@@ -177,8 +177,15 @@ def _shift(
 
 
 def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notice | None:
-    """A warning when the hold matters and the data do not confirm the one assumed."""
+    """A warning when the hold matters and nothing confirms the one assumed.
+
+    What is sent is held by its nature, and a signal in which smooth curves predict better than
+    straight lines was measured while it moved. Jumps between the samples of a measured signal
+    are what no data can place.
+    """
     if abs(found.standard_errors) <= 2.0 or found.evidence > _DECISIVE:
+        return None
+    if found.evidence > -_DECISIVE and found.hold != "foh":
         return None
     value = values[found.parameter.split("[")[0]]
     share = ""
