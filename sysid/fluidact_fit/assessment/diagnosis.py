@@ -34,6 +34,7 @@ _EXAMINATIONS = {
 _LAGS = 10
 _SERIES = 50_000  # samples of a run that are correlated
 _DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one
+_JUMP = 0.25  # part of its range that an input crosses in one sample when it jumps
 _LONG = 200_000  # samples beyond which a part of the log is enough
 _WORDS = {
     "zoh": "held between its samples",
@@ -134,7 +135,8 @@ def _other_holds(
             continue
         table[role.name] = asdict(found)
         said = _hold_notice(role.name, found, estimate.values)
-        if said and (said.code == "hold-doubtful" or role.name not in declared):
+        told = role.name in declared or found.hold != "foh" or not _jumps(fitted, role.name)
+        if said and (said.code == "hold-doubtful" or not told):
             notices.append(said)
     return table, notices
 
@@ -177,15 +179,8 @@ def _shift(
 
 
 def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notice | None:
-    """A warning when the hold matters and nothing confirms the one assumed.
-
-    What is sent is held by its nature, and a signal in which smooth curves predict better than
-    straight lines was measured while it moved. Jumps between the samples of a measured signal
-    are what no data can place.
-    """
+    """A warning when the hold matters and the data do not confirm the one assumed."""
     if abs(found.standard_errors) <= 2.0 or found.evidence > _DECISIVE:
-        return None
-    if found.evidence > -_DECISIVE and found.hold != "foh":
         return None
     value = values[found.parameter.split("[")[0]]
     share = ""
@@ -204,6 +199,17 @@ def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notic
         f"{found.shift:+.3g}{share}, {abs(found.standard_errors):.1f} standard errors. Commands "
         "are held (zoh), measured signals are not (foh or smooth): state which this is.",
     )
+
+
+def _jumps(fitted: Sequence[Simulation], role: str) -> bool:
+    """Whether an input crosses much of its range from one sample to the next.
+
+    What is sent is held by its nature, and what moves little in a sample was measured while it
+    moved. When a jump of a measured signal took place between two samples no data can tell.
+    """
+    values = [s.experiment.signals[role].values for s in fitted]
+    span = max(float(np.ptp(v)) for v in values)
+    return any(float(np.abs(np.diff(v)).max(initial=0.0)) > _JUMP * span for v in values)
 
 
 def _cross_correlation(

@@ -3,8 +3,8 @@
 A mass from a data sheet, an area, a value that was fixed, and the assumption that all channels
 were read at the same instant enter the estimate like data, without a standard error. How far a
 parameter would move with each of them follows from one simulation: ``-(J'J)^-1 J' d`` for a
-change ``d`` of the output. Where the data themselves would show such an error, it needs no
-word; where they would not, the file says what it would do.
+change ``d`` of the output, and so does whether the residual would show the error. The file says
+both.
 """
 
 from __future__ import annotations
@@ -21,9 +21,6 @@ from ..options import describe
 from .optimum import Optimum, delayed, moved
 
 _PERCENT = 0.01
-_MATTERS = 4.0  # standard errors by which a parameter would move
-_LARGE = 0.05  # part of the parameter
-_SHOWN = 5.0  # standard errors at which the data themselves show the error
 
 
 @dataclass(frozen=True)
@@ -42,18 +39,13 @@ class Reliance:
 
 
 def find_reliance(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
-    """What every given number would do: entries for the file, and what is worth saying."""
-    clock = [_reliance(at, name, columns) for name, columns in _late(at)]
-    numbers = [_reliance(at, name, columns) for name, columns in _other_numbers(at)]
+    """What every given number would do, for the file; it is no fault of the fit."""
+    found = {"one_sample_late": _late(at), "one_percent_more": _other_numbers(at)}
     table = {
-        key: {r.given: _entry(r) for r in found}
-        for key, found in (("one_sample_late", clock), ("one_percent_more", numbers))
-        if found
+        key: {name: _entry(_reliance(at, name, columns)) for name, columns in rows}
+        for key, rows in found.items()
     }
-    worst = max(clock, key=lambda r: abs(r.errors), default=None)
-    if worst is None or not _worth_saying(at, worst):
-        return table, []
-    return table, [_notice(at, worst)]
+    return {key: rows for key, rows in table.items() if rows}, []
 
 
 def _entry(r: Reliance) -> dict[str, Any]:
@@ -114,20 +106,3 @@ def _reliance(at: Optimum, name: str, columns: list[FloatArray]) -> Reliance:
         name, at.names[worst], float(shifts[worst]), float(errors[worst]),
         float(np.linalg.norm(left)) / max(sigma, 1e-300),
     )  # fmt: skip
-
-
-def _worth_saying(at: Optimum, r: Reliance) -> bool:
-    large = abs(r.shift) > _LARGE * abs(at.number(r.parameter))
-    return large and abs(r.errors) > _MATTERS and r.seen < _SHOWN
-
-
-def _notice(at: Optimum, r: Reliance) -> Notice:
-    step = min(s.experiment.sample_time for s in at.fitted)
-    share = 100.0 * r.shift / abs(at.number(r.parameter))
-    return Notice(
-        "timing-matters",
-        f"if '{r.given}' were recorded one sample ({1e3 * step:.3g} ms) early or late against the "
-        f"output, {r.parameter} would be wrong by {abs(r.shift):.3g} ({abs(share):.0f} %), and "
-        "these data could not show it. Make sure that one clock stamps both, and that no filter "
-        "or bus delays one of them.",
-    )
