@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ...estimation.inputs import piecewise
 from ...estimation.parametric import Values
 from ...experiment import Experiment, FloatArray
 from ...signals import smooth
@@ -68,7 +69,26 @@ def make_gray_log(e: Experiment, machine: Machine) -> GrayLog:
         guess[:, 0] = (guess[:, 1] * machine.area(2) + inertia) / machine.area(1)
     guess[:, :2] = np.clip(guess[:, :2], machine.tank, machine.supply)
     measured = np.array([e.sampled(CHANNELS[k]) for k in channels])
-    return GrayLog(e.sampled("command")[:-1], np.diff(e.time), channels, measured, guess)
+    return GrayLog(mean_command(e), np.diff(e.time), channels, measured, guess)
+
+
+def mean_command(e: Experiment) -> FloatArray:
+    """Command over every interval between samples, ``(n - 1,)`` [V].
+
+    Held between its samples it is the command itself. One that acts late or moves between them
+    counts by its mean: the valve's flow is proportional to it, and the oil integrates the flow.
+    """
+    signal = e.signals["command"]
+    if signal.hold in (None, "zoh") and np.array_equal(signal.time, e.time):
+        return e.sampled("command")[:-1]
+    u = piecewise(signal, level=signal.before)
+    pieces = np.clip(np.searchsorted(u.nodes, e.time, side="right") - 1, 0, None)
+    power = np.arange(1, u.coefficients.shape[1] + 1)
+    whole = np.sum(u.coefficients[:-1] * np.diff(u.nodes)[:, None] ** power / power, axis=1)
+    since = np.maximum(e.time - u.nodes[pieces], 0.0)
+    part = np.sum(u.coefficients[pieces] * since[:, None] ** power / power, axis=1)
+    total = np.append(0.0, np.cumsum(whole))[pieces] + part
+    return np.asarray(signal.before + np.diff(total) / np.diff(e.time))
 
 
 @dataclass(frozen=True)

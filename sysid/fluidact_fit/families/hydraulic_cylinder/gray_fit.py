@@ -122,6 +122,7 @@ def fit_gray(case: Case) -> Estimate[HydraulicCylinderOptions]:
         residual_pressure_1=sigma[0], residual_pressure_2=sigma[1], residual_position=sigma[2],
     )  # fmt: skip
     gains = directional_gains(case, {n: q.number for n, q in parameters.items()})
+    slopes = _slopes(solution)
     return Estimate(
         parameters, {**gains, **_resonance(case, solved)}, order, matrix, options, notices,
         {
@@ -131,7 +132,19 @@ def fit_gray(case: Case) -> Estimate[HydraulicCylinderOptions]:
             "covariance": "long-run variance of the scores",
             "command_noise": noise,
         },
+        sensitivity=[s.pop("position") for s in slopes],
+        sensitivity_also=slopes,
     )  # fmt: skip
+
+
+def _slopes(solution: GraySolution) -> list[dict[str, FloatArray]]:
+    """Derivatives of every measured channel of every log by the free parameters, ``(n, q)``."""
+    out = []
+    for log, rows in zip(solution.problem.box.logs, solution.jacobian):
+        parts = rows.reshape(len(log.channels), log.samples, -1)
+        sigma = solution.problem.sigma
+        out.append({CHANNELS[c]: sigma[c] * part for c, part in zip(log.channels, parts)})
+    return out
 
 
 def _start(case: Case, first: Values) -> tuple[dict[str, float], dict[str, float]]:
