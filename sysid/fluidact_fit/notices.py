@@ -163,6 +163,11 @@ _JUDGEMENT = {
         "machine does something that the model does not describe.",
         "Look at the picture (`--plot`) and judge whether the misfit matters for your use.",
     ),
+    "timing-matters": _information(
+        "A parameter would be wrong if one channel were recorded a sample early or late against "
+        "the other, and the data could not show it.",
+        "Make sure that one clock stamps all channels and that none is filtered or delayed.",
+    ),
     "unmodelled-response": _warning(
         "The residual holds a response that the model does not have (a delay, a lag, a drift, a "
         "parameter that was not asked for), and it moves a parameter by more than its interval.",

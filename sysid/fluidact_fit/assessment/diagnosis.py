@@ -20,6 +20,7 @@ from ..estimation.uncertainty import fit_autoregression
 from ..experiment import FloatArray, Hold
 from ..family import Estimate, Family, FamilyOptions, Value, Variant
 from ..outcome import Simulation
+from .given import find_reliance
 from .influence import find_deciding_samples, find_disagreeing_parts
 from .optimum import Optimum, make_optimum
 from .structure import find_missing_response
@@ -28,6 +29,7 @@ _EXAMINATIONS = {
     "influence": find_deciding_samples,
     "parts": find_disagreeing_parts,
     "missing_response": find_missing_response,
+    "given": find_reliance,
 }
 _LAGS = 10
 _SERIES = 50_000  # samples of a run that are correlated

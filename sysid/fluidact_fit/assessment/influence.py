@@ -28,7 +28,7 @@ _MOVES = 0.5  # standard errors by which an odd sample may move a parameter
 _CARRIES = 3.0  # standard errors by which any sample may
 _LISTED = 5
 _FEWEST = 50  # samples of a part of the data that is compared with the rest
-_DISAGREE = 1e-5  # probability of a difference that large between parts of the data
+_DISAGREE = 1e-4  # probability of a difference that large between parts of the data
 _MATTERS = 0.02  # part of a parameter that a difference must exceed
 
 

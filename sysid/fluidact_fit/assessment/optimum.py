@@ -76,12 +76,15 @@ class Optimum:
     jacobians: Sequence[FloatArray]
 
     def simulate(
-        self, experiments: Sequence[Experiment], values: Mapping[str, Value] | None = None
+        self,
+        experiments: Sequence[Experiment],
+        values: Mapping[str, Value] | None = None,
+        options: FamilyOptions | None = None,
     ) -> list[Simulated]:
-        """What the model gives for other experiments or with other values."""
+        """What the model gives for other experiments, with other values or other options."""
         e = self.estimate
         return self.family.simulate(
-            self.variant, e.values if values is None else values, experiments, e.options
+            self.variant, values or e.values, experiments, options or e.options
         )
 
     def change(self, found: Sequence[Simulated]) -> list[FloatArray]:
@@ -102,6 +105,14 @@ class Optimum:
     def roles(self) -> tuple[str, ...]:
         """The channels that were fitted."""
         return tuple(dict.fromkeys(s.role for s in self.series))
+
+    @property
+    def levels(self) -> list[FloatArray]:
+        """Columns of an offset of every channel, run by run, shape ``(n_i, channels)``."""
+        return [
+            np.tile([float(s.role == role) for role in self.roles], (int(s.used.sum()), 1))
+            for s in self.series
+        ]
 
     def number(self, name: str) -> float:
         """Value of a parameter or of one entry of a list, ``levels[2]`` [SI]."""
@@ -229,3 +240,10 @@ def moved(values: Mapping[str, Value], name: str, by: float) -> dict[str, Value]
     entries = np.array(value, dtype=float)
     entries.flat[int(index.rstrip("]"))] += by
     return {**values, key: entries.tolist()}
+
+
+def delayed(experiment: Experiment, role: str, by: float) -> Experiment:
+    """The same run with an input that acts later [s]."""
+    signal = experiment.signals[role]
+    late = replace(signal, time=signal.time + by)
+    return replace(experiment, signals={**experiment.signals, role: late})

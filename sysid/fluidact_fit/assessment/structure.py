@@ -17,7 +17,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ import numpy as np
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from ..options import describe
-from .optimum import Optimum, Series, moved
+from .optimum import Optimum, delayed, moved
 
 _SIGNIFICANT = 5.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
@@ -156,11 +156,8 @@ def _offered(at: Optimum, runs: Sequence[Experiment]) -> Iterator[Term]:
 
 def _delay(at: Optimum, runs: Sequence[Experiment], role: str, by: float) -> Term:
     """An input that acts later than recorded."""
-    late = []
-    for e in runs:
-        signal = replace(e.signals[role], time=e.signals[role].time + by)
-        late.append(replace(e, signals={**e.signals, role: signal}))
-    columns = [c / by for c in at.change(at.simulate(late))]
+    late = at.simulate([delayed(e, role, by) for e in runs])
+    columns = [c / by for c in at.change(late)]
 
     def words(size: float) -> str:
         when = "later" if size > 0.0 else "earlier"
@@ -198,8 +195,8 @@ def _score(at: Optimum, term: Term) -> Score | None:
     p = len(at.names)
     white = at.whiten(
         [
-            np.column_stack((j, _levels(at, s), c, r))
-            for s, j, c, r in zip(at.series, at.jacobians, term.columns, at.residuals)
+            np.column_stack(parts)
+            for parts in zip(at.jacobians, at.levels, term.columns, at.residuals)
         ]
     )
     if not np.all(np.isfinite(white)):
@@ -220,11 +217,6 @@ def _score(at: Optimum, term: Term) -> Score | None:
         term, float(x[-1] / scale[-1]), float(x[-1]) * own / max(sigma, 1e-300), at.names[worst],
         float(shifts[worst]), float(errors[worst]),
     )  # fmt: skip
-
-
-def _levels(at: Optimum, s: Series) -> FloatArray:
-    """Columns of the offset of every channel over the samples of a series."""
-    return np.tile([float(s.role == role) for role in at.roles], (int(s.used.sum()), 1))
 
 
 def _notice(at: Optimum, s: Score) -> Notice:
