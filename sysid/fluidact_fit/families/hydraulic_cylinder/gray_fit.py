@@ -35,8 +35,7 @@ class _Search:
         friction = make_unknowns(case.variant.parameters, (*scales,), scales, case.request)
         self.unknowns = {**first.unknowns, **friction}
         logs = [make_gray_log(e, case.machine) for e in case.experiments]
-        expected = (scales["coulomb"], scales["viscous"])
-        self.box = GrayBox(logs, case.machine, expected, slip=case.options.slip)
+        self.box = GrayBox(logs, case.machine, scales["viscous"])
         self.sigma = _noise(case.experiments)
 
     def solve(self, held: Mapping[str, float]) -> GraySolution:
@@ -118,7 +117,7 @@ def fit_gray(case: Case) -> Estimate[HydraulicCylinderOptions]:
     parameters, order, matrix = solved.quantities(case.variant.parameters)
     sigma = solution.problem.sigma.tolist()
     options = replace(
-        case.options, stage="gray-box", slip=search.box.slip,
+        case.options, stage="gray-box",
         residual_pressure_1=sigma[0], residual_pressure_2=sigma[1], residual_position=sigma[2],
     )  # fmt: skip
     gains = directional_gains(case, {n: q.number for n, q in parameters.items()})

@@ -77,9 +77,8 @@ def _all_states(
     e: Experiment, machine: Machine, values: Values, options: HydraulicCylinderOptions
 ) -> FloatArray:
     """States of the gray box, ``(n, 4)``; the first is fitted where there is a position."""
-    friction = values["coulomb"], values["viscous"]
     if "position" in e:
-        box = GrayBox([make_gray_log(e, machine)], machine, friction, slip=options.slip)
+        box = GrayBox([make_gray_log(e, machine)], machine, values["viscous"])
         sigma = np.array([getattr(options, f"residual_{c}") or 1.0 for c in CHANNELS])
         solution = solve_gray_box(GrayProblem(box, (), sigma), {n: values[n] for n in GRAY_NAMES})
         return solution.states[0]
@@ -88,7 +87,7 @@ def _all_states(
         mean_command(e), np.diff(e.time), (), np.zeros((0, e.samples)),
         np.tile(rest, (e.samples, 1)),
     )  # fmt: skip
-    box = GrayBox([log], machine, friction, slip=options.slip).sharp()
+    box = GrayBox([log], machine, values["viscous"])
     states = box.simulate(log, rest, values)
     _require_oil(e, machine, states[:, 2])
     return states
