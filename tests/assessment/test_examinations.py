@@ -109,7 +109,7 @@ class _LinearOptimum(Optimum):
     def of(cls, columns, residual):
         sigma = np.sqrt(residual @ residual / (residual.size - 2))
         errors = sigma * np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
-        return cls(None, None, None, (), ("slope", "level"), errors, [residual], [columns])
+        return cls(None, None, None, (), ("slope", "level"), errors, (), [residual], [columns])
 
     def places(self):
         return [f"sample {k + 1}" for k in range(self.residuals[0].size)]
