@@ -67,15 +67,19 @@ def _fit(attack: Attack, paths: list[Path]) -> Result:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
     errors = {}
     for parameter, truth in attack.truth.items():
-        q = found.parameters.get(parameter)
+        name, _, index = parameter.partition("[")
+        q = found.parameters.get(name)
         if q is None or q.status != "estimated":
             continue
-        miss = float(q.value) - truth
-        low, high = q.ci95
+        k = int(index.rstrip("]") or 0)
+        miss = float(np.ravel(q.value)[k]) - truth
+        low, high = np.reshape(q.ci95, (-1, 2))[k]
         errors[parameter] = Error(
-            miss / max(float(q.std_error), 1e-300), miss / attack.scale(parameter),
+            miss / max(float(np.ravel(q.std_error)[k]), 1e-300), miss / attack.scale(parameter),
             bool(low <= truth <= high),
         )  # fmt: skip
+    if attack.judge is not None:
+        errors.update(attack.judge(found))
     refused = tuple(n for n, q in found.parameters.items() if q.status == "not_identified")
     return end(
         str(found.verdict),
