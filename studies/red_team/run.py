@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import time
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FrameType
@@ -28,18 +29,19 @@ def run(attack: Attack, repetition: int = 0) -> Result:
     rng = np.random.default_rng([SEED, key, repetition])
     with TemporaryDirectory(prefix="red-team-") as name:
         paths = [
-            _write(Path(name) / f"log{k}.csv", recording, attack)
+            write(Path(name) / f"log{k}.csv", recording, attack.units)
             for k, recording in enumerate(attack.record(rng), start=1)
         ]
         return _fit(attack, paths)
 
 
-def _write(path: Path, recording: Recording, attack: Attack) -> Path:
-    units = {"time": "s", **attack.units}
+def write(path: str | Path, recording: Recording, units: Mapping[str, str]) -> Path:
+    """Write a log as a table with units in its header."""
+    units = {"time": "s", **units}
     header = ",".join(f"{role} [{units[role]}]" for role in recording)
     rows = np.column_stack(list(recording.values()))
     np.savetxt(path, rows, fmt="%.12g", delimiter=",", header=header, comments="")
-    return path
+    return Path(path)
 
 
 def _fit(attack: Attack, paths: list[Path]) -> Result:

@@ -197,9 +197,8 @@ _FAMILIES = {
         "Give `--branches two`, or look for play and for a delay between the signals.",
     ),
     "few-positions": _warning(
-        "The readings were taken at so few positions that they cannot show how the curve bends "
-        "between them.",
-        "Record more positions, spread over the whole range.",
+        "So few positions (or lengths) were recorded that they cannot show what is between them.",
+        "Record more of them, spread over the whole range.",
     ),
     "force-offset": _warning(
         "The force has an offset, which the data cannot separate from a difference of the two "
@@ -251,6 +250,10 @@ _FAMILIES = {
     "saturation-not-reached": _warning(
         "The speed keeps growing up to the largest command, so no saturation was found.",
         "Record larger commands if you need `saturation_command`.",
+    ),
+    "validation-worse": _warning(
+        "A map misses the positions that were held out by far more than those it was trained on.",
+        "Record more positions, or give fewer `--hidden` units.",
     ),
     "velocity-flattened": _warning(
         "Viscous friction depends on the width of the velocity filter.",
