@@ -15,6 +15,19 @@ Recording = Mapping[str, Array]
 
 
 @dataclass(frozen=True)
+class Error:
+    """Error of one written parameter, or of what follows from several.
+
+    ``deviations`` is it in stated standard errors, ``relative`` in parts of the scale;
+    ``held`` whether the 95 % interval holds the truth.
+    """
+
+    deviations: float
+    relative: float
+    held: bool
+
+
+@dataclass(frozen=True)
 class Attack:
     """A machine recorded in one way, with one thing wrong or unusual.
 
@@ -25,8 +38,9 @@ class Attack:
     group, name
         Row of the table, and what distinguishes the attack within it.
     truth
-        Parameters that the written values are compared with [SI]. What has no counterpart
-        in the machine (the gain of a machine of another structure) is left out.
+        Parameters that the written values are compared with [SI], entries of lists as
+        ``levels[2]``. What has no counterpart in the machine (the gain of a machine of
+        another structure) is left out.
     record
         Simulates the logs with the given random numbers.
     units
@@ -42,6 +56,9 @@ class Attack:
         be refused.
     repetitions
         How often it is recorded and fitted, each time with other random numbers.
+    judge
+        Errors of what follows from the file but does not stand in it as a parameter, such as
+        the points of a curve; called with the fit.
     """
 
     family: str
@@ -56,28 +73,17 @@ class Attack:
     scales: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, float] = field(default_factory=dict)
     repetitions: int = 1
+    judge: Callable[[Any], Mapping[str, Error]] | None = None
 
     def scale(self, parameter: str) -> float:
         """What the error of a parameter is relative to [SI]."""
-        return float(self.scales.get(parameter, abs(self.truth[parameter])))
+        given = self.scales.get(parameter)
+        return abs(self.truth[parameter]) if given is None else float(given)
 
     @property
     def determined(self) -> set[str]:
         """Parameters whose 95 % interval is narrower than 20 %, as the bound has it."""
         return {n for n, s in self.bounds.items() if 2.0 * 1.96 * s < 0.2 * self.scale(n)}
-
-
-@dataclass(frozen=True)
-class Error:
-    """Error of one written parameter.
-
-    ``deviations`` is it in stated standard errors, ``relative`` in parts of the scale;
-    ``held`` whether the 95 % interval holds the truth.
-    """
-
-    deviations: float
-    relative: float
-    held: bool
 
 
 @dataclass(frozen=True)

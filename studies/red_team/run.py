@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import time
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FrameType
@@ -28,18 +29,19 @@ def run(attack: Attack, repetition: int = 0) -> Result:
     rng = np.random.default_rng([SEED, key, repetition])
     with TemporaryDirectory(prefix="red-team-") as name:
         paths = [
-            write(Path(name) / f"log{k}.csv", recording, attack)
+            write(Path(name) / f"log{k}.csv", recording, attack.units)
             for k, recording in enumerate(attack.record(rng), start=1)
         ]
         return _fit(attack, paths)
 
 
-def write(path: Path, recording: Recording, attack: Attack) -> Path:
-    units = {"time": "s", **attack.units}
+def write(path: str | Path, recording: Recording, units: Mapping[str, str]) -> Path:
+    """Write a log as a table with units in its header."""
+    units = {"time": "s", **units}
     header = ",".join(f"{role} [{units[role]}]" for role in recording)
     rows = np.column_stack(list(recording.values()))
     np.savetxt(path, rows, fmt="%.12g", delimiter=",", header=header, comments="")
-    return path
+    return Path(path)
 
 
 def _fit(attack: Attack, paths: list[Path]) -> Result:
@@ -67,15 +69,19 @@ def _fit(attack: Attack, paths: list[Path]) -> Result:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
     errors = {}
     for parameter, truth in attack.truth.items():
-        q = found.parameters.get(parameter)
+        name, _, index = parameter.partition("[")
+        q = found.parameters.get(name)
         if q is None or q.status != "estimated":
             continue
-        miss = float(q.value) - truth
-        low, high = q.ci95
+        k = int(index.rstrip("]") or 0)
+        miss = float(np.ravel(q.value)[k]) - truth
+        low, high = np.reshape(q.ci95, (-1, 2))[k]
         errors[parameter] = Error(
-            miss / max(float(q.std_error), 1e-300), miss / attack.scale(parameter),
+            miss / max(float(np.ravel(q.std_error)[k]), 1e-300), miss / attack.scale(parameter),
             bool(low <= truth <= high),
         )  # fmt: skip
+    if attack.judge is not None:
+        errors.update(attack.judge(found))
     refused = tuple(n for n, q in found.parameters.items() if q.status == "not_identified")
     return end(
         str(found.verdict),

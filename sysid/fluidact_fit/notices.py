@@ -180,6 +180,10 @@ _FAMILIES = {
         "No log holds the pressure of one chamber, so its gain and losses are not in the file.",
         "Record that pressure, in the same run or in another, and give all the logs.",
     ),
+    "curve-misses": _warning(
+        "The calibration curve misses the readings by more than neighbouring readings scatter.",
+        "Look at the picture (`--plot`); try a higher `--degree`, or calibrate the range in use.",
+    ),
     "dead-time-not-travel-time": _warning(
         "The dead time of the line is not its length divided by the sound speed.",
         "Look for delays of valve, sensor or bus, or for late time stamps; check `--length`.",
@@ -187,6 +191,15 @@ _FAMILIES = {
     "degree-too-high": _warning(
         "Some weights of the curve are hardly determined by the data.",
         "Give a lower `--degree`, or record more samples over the whole range.",
+    ),
+    "directions-differ": _warning(
+        "One calibration curve was fitted, and the position differs between rising and falling "
+        "readings.",
+        "Give `--branches two`, or look for play and for a delay between the signals.",
+    ),
+    "few-positions": _warning(
+        "So few positions (or lengths) were recorded that they cannot show what is between them.",
+        "Record more of them, spread over the whole range.",
     ),
     "force-offset": _warning(
         "The force has an offset, which the data cannot separate from a difference of the two "
@@ -238,6 +251,10 @@ _FAMILIES = {
     "saturation-not-reached": _warning(
         "The speed keeps growing up to the largest command, so no saturation was found.",
         "Record larger commands if you need `saturation_command`.",
+    ),
+    "validation-worse": _warning(
+        "A map misses the positions that were held out by far more than those it was trained on.",
+        "Record more positions, or give fewer `--hidden` units.",
     ),
     "velocity-flattened": _warning(
         "Viscous friction depends on the width of the velocity filter.",

@@ -21,7 +21,7 @@ from fluidact_fit.families import get_family
 def fit(folder, attack, seed=0, **more):
     """Record an attack and fit it; options as given."""
     recordings = attack.record(np.random.default_rng(seed))
-    paths = [write(folder / f"log{k}.csv", r, attack) for k, r in enumerate(recordings)]
+    paths = [write(folder / f"log{k}.csv", r, attack.units) for k, r in enumerate(recordings)]
     return ff.fit(attack.family, paths, **{**attack.options, **more})
 
 

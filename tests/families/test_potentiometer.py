@@ -288,10 +288,11 @@ def test_automatic_degree_finds_the_true_one() -> None:
     assert [row["degree"] for row in result.details["cross_validation"]] == [1, 2, 3, 4, 5]
 
 
+@pytest.mark.parametrize("repeats", [50, pytest.param(200, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("endpoints", ["free", "fixed"])
-def test_intervals_cover_the_truth(endpoints: str) -> None:
+def test_intervals_cover_the_truth(endpoints: str, repeats: int) -> None:
     rng = np.random.default_rng(5)
-    repeats, hits, normalised = 200, np.zeros(5), []
+    hits, normalised = np.zeros(5), []
     for _ in range(repeats):
         result = fit(sample(rng, 60), degree="2", endpoints=endpoints)
         p, w = result.parameters["control_points"], result.parameters["weights"]
@@ -304,7 +305,7 @@ def test_intervals_cover_the_truth(endpoints: str) -> None:
     assert np.all(np.abs(hits / repeats - 0.95) < 4.0 * np.sqrt(0.95 * 0.05 / repeats))
     # no bias beyond the Monte Carlo error of a mean, spread as large as claimed
     assert np.all(np.abs(np.mean(normalised, axis=0)) < 4.0 / np.sqrt(repeats))
-    np.testing.assert_allclose(np.std(normalised, axis=0), 1.0, atol=0.25)
+    np.testing.assert_allclose(np.std(normalised, axis=0), 1.0, atol=3.5 / np.sqrt(repeats))
 
 
 def test_covariance_goes_with_its_order() -> None:

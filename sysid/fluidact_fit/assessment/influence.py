@@ -91,7 +91,8 @@ def _studentised(r: FloatArray, leverage: FloatArray, p: int) -> FloatArray:
     robust = 1.4826 * float(np.median(np.abs(r))) * np.sqrt(n / max(n - p, 1))
     # a residual that is mostly zero (a counter at rest) has no robust size
     sigma = np.sqrt(rest) if robust == 0.0 else np.minimum(np.sqrt(rest), 2.0 * robust)
-    return np.asarray(own / np.maximum(sigma, 1e-300))
+    # of a residual that is one sample alone nothing is left but rounding
+    return np.asarray(own / np.maximum(sigma, 1e-12 * max(float(np.abs(own).max()), 1e-300)))
 
 
 def _limit(n: int, degrees: int) -> float:
@@ -122,6 +123,8 @@ def find_disagreeing_parts(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     if min(sum(r.size for r, h in zip(residuals, half) if h == k) for k in (0, 1)) < _FEWEST:
         return {}, []
     drift = compare_logs(jacobians, residuals, half, at.names)[0][0]
+    if not np.isfinite(drift.deviations):  # a half alone cannot determine the parameters
+        return {}, []
     entry = {
         "parameter": drift.parameter,
         "difference": drift.difference,

@@ -14,7 +14,9 @@ from math import erfc, sqrt
 import numpy as np
 
 from ..experiment import FloatArray
-from .uncertainty import covariance
+from .uncertainty import BoolArray, covariance
+
+_RCOND = 1e-10  # eigenvalues of an information below this part of the largest say nothing
 
 
 @dataclass(frozen=True)
@@ -101,9 +103,20 @@ def _pooled(parts: dict[int, _Part], k: int) -> tuple[list[_Part], FloatArray, F
 
 
 def _solve(information: FloatArray, score: FloatArray) -> FloatArray:
+    scaled, scale = _scaled(information)
+    return np.asarray(np.linalg.lstsq(scaled, score / scale, rcond=_RCOND)[0] / scale)
+
+
+def _scaled(information: FloatArray) -> tuple[FloatArray, FloatArray]:
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    scaled = information / np.outer(scale, scale)
-    return np.asarray(np.linalg.lstsq(scaled, score / scale, rcond=1e-10)[0] / scale)
+    return information / np.outer(scale, scale), scale
+
+
+def _unseen(information: FloatArray) -> BoolArray:
+    """Parameters with a part in directions that :func:`_solve` leaves out, shape ``(p,)``."""
+    values, vectors = np.linalg.eigh(_scaled(information)[0])
+    left_out = values <= _RCOND * values.max()
+    return np.any(np.abs(vectors[:, left_out]) > 1e-4, axis=1)
 
 
 def _drift(parts: dict[int, _Part], k: int, names: Sequence[str], tests: int) -> Drift:
@@ -114,6 +127,8 @@ def _drift(parts: dict[int, _Part], k: int, names: Sequence[str], tests: int) ->
     spread = np.linalg.lstsq(information, half.T, rcond=1e-12)[0]
     variance = np.diag(one.covariance) + np.diag(spread)
     difference = _solve(one.information, one.score) - theirs
+    # what one side cannot tell does not disagree
+    variance[_unseen(one.information) | _unseen(information)] = np.inf
     z = difference / np.sqrt(np.maximum(variance, 1e-300))
     worst = int(np.argmax(np.where(np.isfinite(z), np.abs(z), 0.0)))
     p_value = min(1.0, tests * erfc(abs(float(z[worst])) / sqrt(2.0)))

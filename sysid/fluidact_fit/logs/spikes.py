@@ -41,7 +41,7 @@ def replace_spikes(experiment: Experiment, variant: Variant) -> tuple[Experiment
     tuple
         The run, and one warning per role with spikes.
     """
-    if experiment.time.size < _FEWEST:
+    if experiment.samples < _FEWEST:
         return experiment, []
     moved = _where_inputs_move(experiment, variant)
     signals, notices = dict(experiment.signals), []
@@ -53,7 +53,7 @@ def replace_spikes(experiment: Experiment, variant: Variant) -> tuple[Experiment
         found = find_spikes(signal.values, others)
         if not found.size:
             continue
-        values = _bridged(experiment.time, signal.values, found)
+        values = _bridged(_instants(experiment), signal.values, found)
         before = float(values[0])
         signals[role.name] = replace(signal, values=values, before=before)
         notices.append(_notice(experiment, role.name, signal.unit, signal.values, found))
@@ -101,12 +101,20 @@ def _where_inputs_move(experiment: Experiment, variant: Variant) -> npt.NDArray[
         if signal is None or role.output:
             continue
         if signal.values.size != n:  # a step that was not recorded
-            moved |= np.abs(experiment.time - signal.time[0]) <= _NEAR * experiment.sample_time
+            if experiment.time.size and signal.time.size:
+                moved |= np.abs(experiment.time - signal.time[0]) <= _NEAR * experiment.sample_time
             continue
         size = np.abs(np.diff(signal.values))
         for k in np.flatnonzero(size > _MOVED * size.max(initial=0.0)):
             moved[max(k - 1, 0) : k + 1 + _NEAR] = True
     return moved
+
+
+def _instants(experiment: Experiment) -> FloatArray:
+    """Time of every sample, or its number where there is no time."""
+    if experiment.time.size:
+        return experiment.time
+    return np.arange(experiment.samples, dtype=float)
 
 
 def _bridged(time: FloatArray, values: FloatArray, spikes: Index) -> FloatArray:
@@ -120,8 +128,11 @@ def _bridged(time: FloatArray, values: FloatArray, spikes: Index) -> FloatArray:
 def _notice(
     experiment: Experiment, role: str, unit: str, values: FloatArray, found: Index
 ) -> Notice:
+    timed = experiment.time.size > 0
     listed = ", ".join(
-        f"{values[k]:.4g} {unit} at t = {experiment.time[k]:.6g} s" for k in found[:_LISTED]
+        f"{values[k]:.4g} {unit}".removesuffix(" 1")
+        + (f" at t = {experiment.time[k]:.6g} s" if timed else f" in sample {k + 1}")
+        for k in found[:_LISTED]
     )
     more = f" and {found.size - _LISTED} more" if found.size > _LISTED else ""
     what = "1 sample" if found.size == 1 else f"{found.size} samples"

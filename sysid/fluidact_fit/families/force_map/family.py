@@ -58,7 +58,7 @@ from .data import column_of, data_notices, input_table
 from .equation import NetworkMap, checksums, predict_runs
 from .options import ROLES, TARGETS, ForceMapOptions
 from .results import file_parameters, fit_details
-from .training import fit_network, spike_notice
+from .training import fit_network, spike_notice, validation_notices
 
 
 def _spec(name: str, rank: Literal[0, 1, 2], text: str, optional: bool = False) -> ParameterSpec:
@@ -130,6 +130,7 @@ class ForceMap(Family[ForceMapOptions]):
                 *data_notices(fit.data),
                 *certificate_notice(certificate, fit.data, options.driver, options.target),
                 *spike_notice(fit),
+                *validation_notices(fit),
             ],
             fit_details(fit, certificate, options),
         )

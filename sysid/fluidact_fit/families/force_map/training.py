@@ -17,7 +17,19 @@ from .certificates import ENUMERATED, certify, is_enumerable
 from .data import Data, check_data, gather, settle_dead_bands
 from .equation import NetworkMap, predict_runs
 from .options import PAPER_UNITS, ForceMapOptions, default_inputs, has_velocity, input_layers
-from .validation import DECAYS, Rows, Trial, smallest_sufficient, straighten, sweep, try_layer
+from .validation import (
+    DECAYS,
+    Rows,
+    Trial,
+    clipped_rms,
+    positions_held_out,
+    smallest_sufficient,
+    straighten,
+    sweep,
+    try_layer,
+)
+
+_WORSE = 2.0  # held-out over training error from which it is said
 
 
 @dataclass(frozen=True)
@@ -80,7 +92,7 @@ def _compare_layers(
             continue
         request.progress("validating inputs " + ", ".join(layer))
         rows = _prepare(experiments, layer, request)
-        trials.append(try_layer(rows, units))
+        trials.append(try_layer(rows, units, DECAYS[:1]))
         table.append(trials[-1].row(rows.scaling.span))
     return smallest_sufficient(trials).names, table
 
@@ -149,6 +161,35 @@ def _choose_candidate(found: Search, rows: Rows, source: str) -> NetworkMap:
     if not is_enumerable(near[0]):
         return maps[0]
     return next((m for m in maps if certify(m, rows.data).monotone(source)), maps[0])
+
+
+def validation_notices(fit: Fit) -> list[Notice]:
+    """Warn where the held-out error says little, or says that the map does not carry over."""
+    data, rows, out = fit.data, fit.rows, []
+    if "position" in data.names and not positions_held_out(data):
+        text = (
+            "no position between others was recorded, so that none could be held out: the "
+            "validation error is that of the recorded positions, and the map may be off by any "
+            "amount at others. Record at least five positions over the range in use, or leave "
+            "position out of --inputs and use the map where it was recorded."
+        )
+        out.append(Notice("few-positions", text))
+    if rows.length is not None and len(rows.held_lengths()) < 1:
+        text = (
+            "only two lengths were recorded: between them the map is a straight line that nothing "
+            "has tested. Record at least one length in between."
+        )
+        out.append(Notice("few-positions", text))
+    held = rows.scaling.span * clipped_rms(fit.trial.error)
+    here = clipped_rms((data.y - fit.predicted)[data.used])
+    if held > _WORSE * here:
+        text = (
+            f"the map misses what was held out by {held:.3g}, {held / here:.1f} times as much as "
+            f"what it was trained on ({here:.3g}, SI): between the recorded positions expect the "
+            "former. Record more positions, or give fewer --hidden units."
+        )
+        out.append(Notice("validation-worse", text))
+    return out
 
 
 def spike_notice(fit: Fit) -> list[Notice]:

@@ -20,6 +20,7 @@ from ...estimation.network import (
     search,
     thin,
 )
+from ...estimation.noise import noise_floor
 from ...experiment import FloatArray
 from .data import Data, Scaling
 
@@ -31,6 +32,8 @@ _STRAIGHT_FEW = 1.0  # with three lengths or two: one odd specimen looks like a 
 _OBJECTION = 0.05  # relative gain of validation from which a rival takes over
 _MOST_LENGTHS = 8  # with more of them the data say what is between
 _MOST_FOLDS = 4
+_LEVEL = 0.01  # smallest part of the samples that is a level of the position
+_MOVES = 20.0  # range of a position that moves, in standard deviations of its noise
 _SPIKE = 12.0  # errors beyond this many robust standard deviations do not choose a network
 
 
@@ -59,12 +62,29 @@ def _split(data: Data, seed: int) -> tuple[list[BoolArray], str, int]:
 
 
 def _levels(position: FloatArray) -> npt.NDArray[np.intp]:
-    """Number of the position level of each sample: gaps of 3 % of the range divide them."""
+    """Number of the position level of each sample: gaps of 3 % of the range divide them.
+
+    A few samples by themselves, as noise makes them, are no level but belong to the one below.
+    """
     order = np.argsort(position, kind="stable")
     gap = np.diff(position[order]) > 0.03 * float(np.ptp(position))
+    label = np.concatenate(([0], np.cumsum(gap)))
+    own = np.bincount(label) >= max(5, int(_LEVEL * position.size))
     out = np.empty(position.size, dtype=np.intp)
-    out[order] = np.concatenate(([0], np.cumsum(gap)))
+    out[order] = np.maximum(np.cumsum(own) - 1, 0)[label]
     return out
+
+
+def positions_held_out(data: Data) -> bool:
+    """Whether positions between others were recorded, so that some can be held out.
+
+    A position that moves all the time is as good as many; one that only shows its noise is one.
+    """
+    position = data.position[data.used]
+    if int(_levels(position).max()) >= 2:
+        return True
+    floor = max(noise_floor(position, 1, robust=False), 1e-300)
+    return int(_levels(position).max()) == 0 and float(np.ptp(position)) > _MOVES * floor
 
 
 def rms(error: FloatArray) -> float:
@@ -73,7 +93,7 @@ def rms(error: FloatArray) -> float:
     return float(np.sqrt(np.mean(found**2))) if found.size else float("nan")
 
 
-def _clipped_rms(error: FloatArray) -> float:
+def clipped_rms(error: FloatArray) -> float:
     """Root mean square with spikes cut off."""
     found = error[np.isfinite(error)]
     limit = _SPIKE * robust_deviation(found)
@@ -176,7 +196,7 @@ def try_layer(
     if strength is None:
         strength = _STRAIGHT[0] if len(rows.held_lengths()) > 1 else _STRAIGHT_FEW
     errors = [rows.held_out(rows.folds, hidden, decay, strength) for decay in decays]
-    best = _usual_or_better([_clipped_rms(e) for e in errors])
+    best = _usual_or_better([clipped_rms(e) for e in errors])
     return Trial(rows.data.names, hidden, decays[best], errors[best], strength)
 
 
@@ -207,7 +227,7 @@ def straighten(rows: Rows, trial: Trial) -> tuple[Trial, list[dict[str, float]]]
         between = rows.held_out(folds, trial.hidden, trial.decay, strength)
         rng = np.random.default_rng([rows.seed, 3])
         found = search(x, y, brief, rng, rows.chords(x, strength))
-        here, there = _clipped_rms(y - found.best.network(x)), _clipped_rms(between)
+        here, there = clipped_rms(y - found.best.network(x)), clipped_rms(between)
         table.append(
             {"strength": strength, "recorded_rms": span * here, "held_out_rms": span * there}
         )
@@ -224,7 +244,7 @@ def sweep(rows: Rows, progress: Callable[[str], None]) -> list[Trial]:
     for units in _SWEEP:
         progress(f"validating {units} hidden units")
         out.append(try_layer(rows, (units,), DECAYS[:1]))
-        scores = [_clipped_rms(t.error) for t in out]
+        scores = [clipped_rms(t.error) for t in out]
         if len(out) > 4 and min(scores[-2:]) > (1.0 - _WORTH) * min(scores[:-2]):
             break
     return out
@@ -232,5 +252,5 @@ def sweep(rows: Rows, progress: Callable[[str], None]) -> list[Trial]:
 
 def smallest_sufficient(trials: Sequence[Trial]) -> Trial:
     """The cheapest of those that validate nearly as well as the best."""
-    scores = [_clipped_rms(t.error) for t in trials]
+    scores = [clipped_rms(t.error) for t in trials]
     return next(t for t, s in zip(trials, scores) if s <= (1.0 + _WORTH) * min(scores))

@@ -17,6 +17,8 @@ from .rational_bezier import CurveFit, Rows, Shape, group
 BoolArray = npt.NDArray[np.bool_]
 COARSE, FINE = 600, 4096  # rows that searches and the final fit work on
 MANY = 20_000  # rows that are worth merging
+_MOST_POSITIONS = 100  # beyond them readings are as good as a sweep
+_BREAK = 4.0  # ratio of the gap between two positions to those between readings of one
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,37 @@ def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
         if 4 * places.size < x.size:
             return Scaled(rows, low, span, base, stroke, rows.merge(key), key)
     return Scaled(rows, low, span, base, stroke, rows, None)
+
+
+def find_positions(t: FloatArray) -> npt.NDArray[np.intp] | None:
+    """Which of the positions at which readings were taken each place belongs to, shape ``(n,)``.
+
+    Readings that were taken at rest lie in groups, as far apart as the positions are and no
+    wider than the noise: the gaps between sorted places then fall into small and large ones.
+    ``None`` where they do not: a sweep, or one reading at each position.
+    """
+    order = np.argsort(t, kind="stable")
+    gaps = np.diff(t[order])
+    size = np.sort(gaps[gaps > 0.0])
+    apart = 0.0
+    if size.size:
+        ratios = size[1:] / size[:-1]
+        k = int(np.argmax(ratios)) if ratios.size else 0
+        apart = float(size[k + 1]) if ratios.size and ratios[k] > _BREAK else float(size[0])
+    groups = 1 + int(np.count_nonzero(gaps >= apart)) if apart else 0
+    if not 3 <= groups <= min(_MOST_POSITIONS, t.size // 2):
+        return None
+    if float(size[size >= apart].sum()) < 0.8 * float(size.sum()):
+        return None
+    key = np.empty(t.size, dtype=np.intp)
+    key[order] = np.concatenate(([0], np.cumsum(gaps >= apart)))
+    return key
+
+
+def position_count(rows: Rows) -> int:
+    """At how many positions the readings were taken; in a sweep at as many as there are."""
+    key = find_positions(rows.t)
+    return int(np.unique(rows.t).size if key is None else key.max() + 1)
 
 
 def sample_count(rows: Rows) -> int:

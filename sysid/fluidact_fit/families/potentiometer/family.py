@@ -44,6 +44,7 @@ from ...family import (
 from .block import PotentiometerBlock
 from .calibration import Calibration
 from .data import check_both_directions, check_enough, gather, mean_ends, scale_samples
+from .misfit import direction_notice, find_misfit, misfit_notice
 from .options import PotentiometerOptions
 from .rails import between, prepare
 from .rational_bezier import Shape, power_coefficients, rational_bezier
@@ -51,12 +52,13 @@ from .results import derived_quantities, fit_details, fit_quantities
 from .selection import (
     bound_notice,
     drop_weights,
+    few_positions_notice,
     find_dead_band,
     make_monotone,
     search_degree,
     weigh_suspects,
 )
-from .spread import find_spread
+from .spread import find_spread, free_jacobian
 
 
 class Potentiometer(Family[PotentiometerOptions]):
@@ -130,11 +132,13 @@ class Potentiometer(Family[PotentiometerOptions]):
         scaled = weigh_suspects(scaled, data, shape, request)
         fit, scores = search_degree(scaled.merged, shape, request)
         fit, turned = make_monotone(scaled, fit, options.monotone)
-        spread = find_spread(fit, scaled, data)
+        misfit = find_misfit(fit, scaled)
+        spread = find_spread(fit, scaled, data, misfit)
         chosen, unsure = drop_weights(scaled, fit, spread)
         if chosen is not fit:
             fit, turned = make_monotone(scaled, chosen, options.monotone)
-            spread = find_spread(fit, scaled, data)
+            misfit = find_misfit(fit, scaled)
+            spread = find_spread(fit, scaled, data, misfit)
         parameters, order, matrix = fit_quantities(fit, spread, scaled)
         parameters["reading_range"] = Quantity(
             [scaled.low, scaled.low + scaled.span], data.unit, "derived"
@@ -155,7 +159,12 @@ class Potentiometer(Family[PotentiometerOptions]):
                 monotone=fit.monotone if options.monotone is None else options.monotone,
                 dead_band=band,
             ),
-            [*notices, *turned, *unsure, *bound_notice(fit)],
+            [
+                *notices, *turned, *unsure, *bound_notice(fit),
+                *few_positions_notice(scaled, fit, scores),
+                *misfit_notice(misfit, scaled, data.unit),
+                *direction_notice(fit, free_jacobian(fit, scaled), scaled, data),
+            ],
             fit_details(fit, spread, scores, scaled),
         )
 

@@ -15,6 +15,8 @@ from .data import BoolArray, Data, check_data, gather
 from .options import PotentiometerOptions
 from .rational_bezier import group
 
+_SURE = 0.9995  # of an extreme reading off the course of its neighbours: thousands are looked at
+
 
 def prepare(
     experiments: Sequence[Experiment], options: PotentiometerOptions
@@ -156,7 +158,7 @@ def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
         free = max(rest.size - degree - 1, 1)
         leverage = float(np.linalg.inv(columns.T @ columns)[0, 0])
         error = float(np.sqrt(rest @ rest / free * (1.0 + leverage)))
-        if abs(y[0] - solution[0]) <= t_quantile(0.99, free) * error + 1e-9 * np.ptp(y):
+        if abs(y[0] - solution[0]) <= t_quantile(_SURE, free) * error + 1e-9 * np.ptp(y):
             return False
     return True
 

@@ -26,6 +26,8 @@ from ...estimation.separable import Array, Basis, Problem, Search, Unknown, solv
 from ...experiment import FloatArray
 
 LOG_WEIGHT_LIMIT = float(np.log(50.0))
+_TOLERATED = 1.5  # standard errors by which a lower degree may predict worse
+_FEW = 24  # rows that are left out one by one
 
 # ------------------------------------------------------------------------- the curve
 
@@ -382,17 +384,23 @@ class Score:
         return float(self.squares.std(ddof=1) / np.sqrt(self.squares.size))
 
 
-def cross_validate(rows: Rows, fits: Sequence[CurveFit]) -> list[Score]:
+def cross_validate(
+    rows: Rows, fits: Sequence[CurveFit], place: npt.NDArray[np.intp] | None = None
+) -> list[Score]:
     """Predict contiguous stretches of the curve from the rest.
 
-    The rows are cut into blocks in the order of ``t``; ten folds of them (fewer when the
+    The rows are cut into blocks in the order of ``t``, of few rows each is one; ``place``,
+    where given, says which block each row belongs to. Ten folds of them (fewer when the
     data are few) are left out one after the other. The two outermost blocks always stay
     in: the curve is never asked to extrapolate.
     """
-    rows = rows.take(np.argsort(rows.t, kind="stable"))
     n = rows.t.size
-    blocks = int(np.clip(n // 3, 4, 40))
-    block = np.arange(n) * blocks // n
+    if place is None:
+        blocks = n if n <= _FEW else int(np.clip(n // 3, 4, 40))
+        block = np.empty(n, dtype=np.intp)
+        block[np.argsort(rows.t, kind="stable")] = np.arange(n) * blocks // n
+    else:
+        block, blocks = place, int(place.max()) + 1
     folds = min(10, blocks - 2)
     fold = np.where((block == 0) | (block == blocks - 1), -1, (block - 1) % folds)
     out = []
@@ -409,10 +417,19 @@ def cross_validate(rows: Rows, fits: Sequence[CurveFit]) -> list[Score]:
 
 
 def smallest_sufficient(scores: Sequence[Score]) -> int:
-    """Smallest degree whose mean square is within one standard error of the best one's."""
+    """Smallest degree that predicts as well as the best one.
+
+    Judged by the differences of both on the same folds: what all degrees find hard says
+    nothing about which is better.
+    """
     best = min(scores, key=lambda s: s.rms)
-    allowed = best.rms**2 + max(best.std_error, 1e-18)  # what rounding leaves of exact data
-    return next(s.degree for s in scores if s.rms**2 <= allowed)
+    rounding = 1e-18  # of exact data
+    for s in scores:
+        worse = s.squares - best.squares
+        error = float(worse.std(ddof=1)) / np.sqrt(worse.size)
+        if worse.mean() <= _TOLERATED * error + rounding:
+            return s.degree
+    return best.degree
 
 
 # -------------------------------------------------------------------------- derivatives

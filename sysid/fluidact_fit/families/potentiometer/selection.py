@@ -11,7 +11,16 @@ from ...errors import Notice
 from ...estimation.uncertainty import Uncertainty, t_quantile
 from ...family import Request
 from .calibration import rising_share
-from .data import COARSE, FINE, Data, Scaled, sample_count, scale_samples
+from .data import (
+    COARSE,
+    FINE,
+    Data,
+    Scaled,
+    find_positions,
+    position_count,
+    sample_count,
+    scale_samples,
+)
 from .options import PotentiometerOptions
 from .rational_bezier import (
     LOG_WEIGHT_LIMIT,
@@ -27,6 +36,9 @@ from .rational_bezier import (
     smallest_sufficient,
 )
 from .spread import std_errors
+
+MOST = 5  # highest degree of an automatic choice
+_PLENTY = 14  # positions that are no longer few
 
 
 def find_dead_band(data: Data, request: Request[PotentiometerOptions]) -> float:
@@ -60,9 +72,9 @@ def find_dead_band(data: Data, request: Request[PotentiometerOptions]) -> float:
 
 
 def highest_degree(rows: Rows, branches: int) -> int:
-    """Highest degree that automatic choice tries: a quarter of the data are unknowns at most."""
-    distinct = int(np.unique(rows.t).size)
-    return int(np.clip((min(distinct, sample_count(rows) / branches) / 2.0 - 1.0) // 2.0, 1, 5))
+    """Highest degree that automatic choice tries: three positions are left over at least."""
+    least = min(position_count(rows), sample_count(rows) / branches)
+    return int(np.clip((least - 4) // 2, 1, MOST))
 
 
 def search_degree(
@@ -82,8 +94,10 @@ def search_degree(
     scores: list[Score] = []
     degree = shape.degree
     if not degree:
-        if highest > 1 and min(r.t.size for r in coarse) >= 12:
-            scores = _pool([cross_validate(r, f) for r, f in zip(coarse, ladders)])
+        if highest > 1:
+            scores = _pool(
+                [cross_validate(r, f, find_positions(r.t)) for r, f in zip(coarse, ladders)]
+            )
         degree = smallest_sufficient(scores) if scores else 1
     found = [ladder[degree - 1] for ladder in ladders]
     if shape.branches == 1 and rows.t.size <= COARSE:
@@ -204,6 +218,23 @@ def _excess_tail(scaled: Scaled, restricted: CurveFit, fit: CurveFit) -> float:
     if worse <= better or free < 1:
         return 1.0
     return float(fdtrc(extra, free, (worse - better) / extra / max(better / free, 1e-28)))
+
+
+def few_positions_notice(scaled: Scaled, fit: CurveFit, scores: Sequence[Score]) -> list[Notice]:
+    """Warn where the positions allow no curve that bends more often than the one chosen."""
+    positions = position_count(scaled.merged)
+    highest = highest_degree(scaled.merged, fit.shape.branches)
+    if fit.shape.degree < highest or highest == MOST or positions > _PLENTY:
+        return []
+    if not scores and positions >= 2 * fit.shape.degree + 4 and highest > 1:
+        return []  # a degree that was given
+    text = (
+        f"{positions} positions cannot show whether the curve bends more often than one of degree "
+        f"{fit.shape.degree}, the highest they can test: between them it may be off by far more "
+        f"than the intervals say. Record {2 * fit.shape.degree + 6} positions or more, spread "
+        "over the whole range; more readings at the same positions do not help."
+    )
+    return [Notice("few-positions", text)]
 
 
 def bound_notice(fit: CurveFit) -> list[Notice]:

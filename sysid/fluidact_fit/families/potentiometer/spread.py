@@ -8,15 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import NotIdentifiedError
-from ...estimation.uncertainty import Uncertainty, covariance
+from ...estimation.uncertainty import Uncertainty, covariance, enlarge
 from ...experiment import FloatArray
 from .data import FINE, Data, Scaled
+from .misfit import Misfit, widen
 from .rational_bezier import CurveFit, compress, curve_jacobian, free_coordinates
 
 _LONG, _BLOCKS = 200_000, 8  # rows from which the colour of residuals is that of an excerpt
 
 
-def find_spread(fit: CurveFit, scaled: Scaled, data: Data) -> Uncertainty:
+def find_spread(
+    fit: CurveFit, scaled: Scaled, data: Data, misfit: Misfit | None = None
+) -> Uncertainty:
     """Covariance of all control points and log weights of the branches, scaled units.
 
     Refuses a curve that the data do not determine.
@@ -31,9 +34,12 @@ def find_spread(fit: CurveFit, scaled: Scaled, data: Data) -> Uncertainty:
         if fit.shape.ends is not None:
             jacobian = _with_measured_ends(jacobian[:, 2:], jacobian[:, :2], scaled.rows.t)
         cuts = np.cumsum(data.sizes)[:-1]
-        uncertainty = covariance(
-            np.split(jacobian, cuts), np.split(rest * root, cuts), robust=data.timed
-        )
+        parts = np.split(jacobian, cuts), np.split(rest * root, cuts)
+        white, uncertainty = covariance(*parts, robust=False), covariance(*parts)
+        if not data.timed:  # the order of the rows may show common errors, never fewer of them
+            larger = enlarge(uncertainty.covariance, np.diag(white.covariance))
+            uncertainty = replace(uncertainty, covariance=larger)
+        uncertainty = widen(uncertainty, white, misfit)
     if not np.all(np.isfinite(uncertainty.covariance)):
         raise NotIdentifiedError(
             "the data cannot determine control_points: the curve does not depend on some of them.",
@@ -41,6 +47,11 @@ def find_spread(fit: CurveFit, scaled: Scaled, data: Data) -> Uncertainty:
             remedy="Give a lower --degree, or record the whole range in both directions.",
         )
     return replace(uncertainty, covariance=matrix @ uncertainty.covariance @ matrix.T)
+
+
+def free_jacobian(fit: CurveFit, scaled: Scaled) -> FloatArray:
+    """Derivative of the curve at all rows by what was free in the fit, shape ``(n, p)``."""
+    return np.asarray(_jacobian(fit, scaled, slice(None)) @ free_coordinates(fit))
 
 
 def std_errors(spread: Uncertainty, degree: int) -> FloatArray:

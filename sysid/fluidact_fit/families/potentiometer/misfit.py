@@ -1,0 +1,185 @@
+"""What the residuals of a curve show: positions it misses, and a direction of motion.
+
+Readings at one position share the error of its reference, and a curve that is too stiff misses
+all of them alike: they count as one observation then. With ``B`` positions (or stretches of a
+sweep), ``p`` unknowns and ``n`` samples the mean squares
+
+    between = sum_b n_b mean_b(r)^2 / (B - p),   within = sum_b sum (r - mean_b(r))^2 / (n - B)
+
+agree where every sample has an error of its own [1]_; where ``between`` is the larger one, the
+covariance is that of samples with its variance.
+
+References
+----------
+.. [1] N. Draper, H. Smith, Applied Regression Analysis, 3rd ed., 1998, section 2.1: lack of
+   fit and pure error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import Notice
+from ...estimation.uncertainty import Uncertainty, covariance, enlarge
+from ...experiment import FloatArray
+from .calibration import rising_share
+from .data import Data, Scaled, find_positions
+from .rational_bezier import CurveFit
+
+_STRETCHES = 60  # of a sweep
+_BY_CHANCE = 0.05  # probability of a ratio of mean squares that is no accident
+_SURELY = 1e-6
+_MATTERS = 2e-3  # part of the stroke
+_TWO_LEVELS = -1.35  # excess kurtosis of residuals
+_APART = 5.0  # standard errors of a difference between both directions
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Residuals by position: mean squares between and within, and how probable their ratio is.
+
+    ``rms`` is what the curve misses the positions by beyond the scatter, all scaled; ``worst`` is
+    the place of the largest miss and ``at_rest`` whether readings were taken at rest.
+    """
+
+    between: float
+    within: float
+    probability: float
+    degrees: int
+    rms: float
+    worst: float
+    at_rest: bool
+
+
+def find_misfit(fit: CurveFit, scaled: Scaled) -> Misfit | None:
+    """Compare the scatter of positions with that of readings; ``None`` where they are few."""
+    from scipy.special import fdtrc
+
+    rows = scaled.rows
+    rest, unknowns = rows.y - scaled.evaluate(fit), fit.shape.unknowns
+    key = find_positions(rows.t)
+    at_rest = key is not None
+    if key is None:
+        key = _stretches(rows.t, unknowns)
+    size = np.bincount(key, rows.count)
+    mean = np.bincount(key, rest * rows.count) / np.maximum(size, 1e-300)
+    degrees, free = size.size - unknowns, rest.size - size.size
+    if degrees < 1 or free < 10:
+        return None
+    between = float(size @ mean**2) / degrees
+    within = float(rows.count @ (rest - mean[key]) ** 2) / free
+    floor = 1e-28  # what rounding leaves
+    probability = float(fdtrc(degrees, free, (between + floor) / (within + floor)))
+    rms = float(np.sqrt(max(between - within, 0.0) * degrees / max(float(size.sum()), 1.0)))
+    worst = int(np.argmax(np.abs(mean) * np.sqrt(size)))
+    place = float(np.mean(rows.t[key == worst]))
+    return Misfit(between, within, probability, degrees, rms, place, at_rest)
+
+
+def _stretches(t: FloatArray, unknowns: int) -> npt.NDArray[np.intp]:
+    """Stretches of a sweep of equally many samples; those of equal readings stay together."""
+    count = max(min(_STRETCHES, t.size // 5), 1)
+    edges = np.unique(np.quantile(t, np.arange(1, count) / count))
+    key = np.searchsorted(edges, t, side="right")
+    return np.unique(key, return_inverse=True)[1]
+
+
+def widen(spread: Uncertainty, white: Uncertainty, misfit: Misfit | None) -> Uncertainty:
+    """Covariance that allows for errors which all readings at a position share.
+
+    ``white`` is the covariance of independent samples, of the same unknowns.
+    """
+    if misfit is None or misfit.probability > _BY_CHANCE:
+        return spread
+    shared = np.diag(white.covariance) * (misfit.between / max(white.sigma**2, 1e-300))
+    return replace(
+        spread,
+        covariance=enlarge(spread.covariance, shared),
+        degrees=min(spread.degrees, misfit.degrees),
+    )
+
+
+def misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> list[Notice]:
+    """Warn of a curve that misses positions by more than their readings scatter."""
+    if misfit is None or misfit.probability > _SURELY:
+        return []
+    if misfit.rms < _MATTERS or misfit.rms**2 < misfit.within:
+        return []
+    reading = scaled.low + misfit.worst * scaled.span
+    common = (
+        ", or the reference at a position is off by that much, which more readings there do not "
+        "mend" if misfit.at_rest else ""
+    )  # fmt: skip
+    text = (
+        f"the curve misses the readings by {_mm(misfit.rms, scaled)} (RMS), while readings beside "
+        f"each other scatter by {_mm(np.sqrt(misfit.within), scaled)}, most of all at a reading of "
+        f"{reading:.6g} {unit}".removesuffix(" 1") + f": it cannot follow the sensor{common}. "
+        "Look at the picture (--plot); try a higher --degree, or fit only the range that you use "
+        "(--rails)."
+    )
+    return [Notice("curve-misses", text)]
+
+
+def _two_groups_notice(rest: FloatArray, scaled: Scaled) -> list[Notice]:
+    """Warn of residuals in two groups: both directions in a log that was sorted.
+
+    The excess kurtosis of a normal scatter is 0, of that of a coarse converter -1.2, of two
+    levels, one up to twice as frequent as the other, -1.5 to -2.
+    """
+    if rest.size < 100:
+        return []
+    centred = rest - rest.mean()
+    variance = float(np.mean(centred**2))
+    kurtosis = float(np.mean(centred**4)) / max(variance**2, 1e-300) - 3.0
+    if kurtosis > _TWO_LEVELS or np.sqrt(variance) < _MATTERS:
+        return []
+    text = (
+        f"the residuals fall into two groups, {_mm(2.0 * np.sqrt(variance), scaled)} apart: the "
+        "position seems to depend on the direction in which the reading moved. Give the rows in "
+        "the order in which they were recorded and --branches=two, or look for play in the "
+        "coupling."
+    )
+    return [Notice("directions-differ", text)]
+
+
+def _mm(scaled_length: float, scaled: Scaled) -> str:
+    return f"{1e3 * scaled_length * scaled.stroke:.3g} mm"
+
+
+def direction_notice(
+    fit: CurveFit, jacobian: FloatArray, scaled: Scaled, data: Data
+) -> list[Notice]:
+    """Warn of one curve for two directions that differ by more than their scatter.
+
+    The residual is regressed on the direction in which the reading moves, the unknowns of the
+    curve beside it; ``jacobian`` holds their derivatives, shape ``(n, p)``.
+    """
+    if fit.shape.branches > 1:
+        return []
+    band = 5e-3 * scaled.span
+    share = np.concatenate([rising_share(data.reading[p], band) for p in data.parts])[data.used]
+    way = share - 0.5
+    rest = scaled.rows.y - scaled.evaluate(fit)
+    if min(np.count_nonzero(way > 0.4), np.count_nonzero(way < -0.4)) < 10:
+        return _two_groups_notice(rest, scaled)
+    columns = np.column_stack((jacobian, way))
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    found = np.linalg.lstsq(columns / scale, rest, rcond=1e-10)[0]
+    left = rest - (columns / scale) @ found
+    cuts = np.cumsum(data.sizes)[:-1]
+    spread = covariance(np.split(columns / scale, cuts), np.split(left, cuts))
+    error = float(np.sqrt(spread.covariance[-1, -1]))
+    width = abs(float(found[-1]) / scale[-1])
+    if not abs(found[-1]) > _APART * error or width < max(0.5 * spread.sigma, 0.5 * _MATTERS):
+        return []
+    text = (
+        f"at one reading the position differs by {_mm(width, scaled)} between rising and falling "
+        f"readings, while each direction scatters by {_mm(spread.sigma, scaled)}: one curve for "
+        "both is off by half of that or more. Give --branches=two, or look for play in the "
+        "coupling and for a delay between the two signals."
+    )
+    return [Notice("directions-differ", text)]
