@@ -28,13 +28,13 @@ def run(attack: Attack, repetition: int = 0) -> Result:
     rng = np.random.default_rng([SEED, key, repetition])
     with TemporaryDirectory(prefix="red-team-") as name:
         paths = [
-            _write(Path(name) / f"log{k}.csv", recording, attack)
+            write(Path(name) / f"log{k}.csv", recording, attack)
             for k, recording in enumerate(attack.record(rng), start=1)
         ]
         return _fit(attack, paths)
 
 
-def _write(path: Path, recording: Recording, attack: Attack) -> Path:
+def write(path: Path, recording: Recording, attack: Attack) -> Path:
     units = {"time": "s", **attack.units}
     header = ",".join(f"{role} [{units[role]}]" for role in recording)
     rows = np.column_stack(list(recording.values()))

@@ -76,6 +76,9 @@ class Estimate(Generic[ReadT]):
         Optional: derivative of every experiment's output by the first entries of
         ``covariance_order``, unknowns of single logs projected out, shape ``(n_i, q)``.
         Lets the fit be examined without being repeated.
+    sensitivity_also
+        The same of other channels that were fitted beside the output, by role, one mapping
+        per experiment; :meth:`Family.simulate` gives what the model says of them.
     """
 
     parameters: Mapping[str, Quantity]
@@ -86,6 +89,7 @@ class Estimate(Generic[ReadT]):
     notices: Sequence[Notice] = ()
     details: Mapping[str, Any] = field(default_factory=dict)
     sensitivity: Sequence[FloatArray] = ()
+    sensitivity_also: Sequence[Mapping[str, FloatArray]] = ()
 
     @property
     def values(self) -> dict[str, Value]:
@@ -106,11 +110,15 @@ class Simulated:
         samples of a friction map and clipped readings are excluded.
     offset
         Offset of the output that belongs to this log [SI]; ``None`` where there is none.
+    also
+        Other measured channels that the model gives, by role, shape ``(n,)`` each [SI]. They
+        are judged as the output is.
     """
 
     output: FloatArray
     used: npt.NDArray[np.bool_] | None = None
     offset: float | None = None
+    also: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -129,8 +129,9 @@ _JUDGEMENT = {
         "The data fit better if an input is taken to behave differently between its samples.",
         "Say with `--hold` whether the column is a held command or a measured signal.",
     ),
-    "hold-matters": _information(
-        "A parameter depends on the hold of an input, which the data cannot determine.",
+    "hold-matters": _warning(
+        "A measured input jumps between its samples, and a parameter depends on when it did, which "
+        "the data cannot determine.",
         "Say with `--hold` whether the column is a held command or a measured signal.",
     ),
     "input-noise": _warning(

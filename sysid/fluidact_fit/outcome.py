@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -58,12 +58,16 @@ class Simulation:
         does not claim to describe the sample.
     offset
         Offset of the output that belongs to the log [SI], or ``None``.
+    also
+        Other channels as the model gives them, by role, shape ``(n,)`` [SI]: those that the
+        run recorded.
     """
 
     experiment: Experiment
     simulated: FloatArray
     measured: FloatArray
     offset: float | None = None
+    also: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def of(cls, experiment: Experiment, found: Simulated, output: str) -> Simulation:
@@ -73,12 +77,18 @@ class Simulation:
         if output in experiment:
             used = np.isfinite(simulated) if found.used is None else found.used
             measured = np.where(used, experiment.sampled(output), np.nan)
-        return cls(experiment, simulated, measured, found.offset)
+        also = {role: values for role, values in found.also.items() if role in experiment}
+        return cls(experiment, simulated, measured, found.offset, also)
 
     @property
     def residual(self) -> FloatArray:
         """Measured less simulated, shape ``(n,)`` [SI]; NaN where a sample was left out."""
         return self.measured - self.simulated
+
+    @property
+    def others(self) -> dict[str, tuple[FloatArray, FloatArray]]:
+        """Other channels, measured and simulated, by role; shapes ``(n,)`` [SI]."""
+        return {role: (self.experiment.sampled(role), y) for role, y in self.also.items()}
 
     @property
     def agreement(self) -> Agreement:

@@ -56,7 +56,7 @@ def simulate(
     return truth["gain"] * y
 
 
-def _log(
+def record(
     rng: np.random.Generator,
     *,
     truth: Mapping[str, float] = TRUTH,
@@ -86,7 +86,7 @@ def attacks() -> Iterator[Attack]:
     """All of them."""
     u = levels(np.random.default_rng(1), 1000, 0.01, 0.3, 1.0)
     bounds = cramer_rao(lambda p: [simulate(p, u, 0.01)], TRUTH, 0.01)
-    yield Attack("valve", "right model", "20 rad/s, 100 Hz", TRUTH, _log, UNITS,
+    yield Attack("valve", "right model", "20 rad/s, 100 Hz", TRUTH, record, UNITS,
                  bounds=bounds, repetitions=20)  # fmt: skip
     for wn, zeta, hold in (
         (40.0, 0.05, (0.3, 1.0)), (60.0, 0.3, (0.3, 1.0)), (50.0, 0.5, (0.3, 1.0)),
@@ -95,18 +95,18 @@ def attacks() -> Iterator[Attack]:
         truth = {"gain": 1.0, "natural_frequency": wn, "damping_ratio": zeta}
         yield Attack(
             "valve", "faster than the sampling", f"{wn:g} rad/s, {zeta:g}, every 0.1 s", truth,
-            partial(_log, truth=truth, step=0.1, hold=hold), UNITS, repetitions=4,
+            partial(record, truth=truth, step=0.1, hold=hold), UNITS, repetitions=4,
         )  # fmt: skip
     for delay in (0.003, 0.010):
         yield Attack("valve", "delay not asked for", f"{1e3 * delay:g} ms", TRUTH,
-                     partial(_log, delay=delay), UNITS, repetitions=4)  # fmt: skip
+                     partial(record, delay=delay), UNITS, repetitions=4)  # fmt: skip
     for pole in (200.0, 60.0, 20.0):
         yield Attack("valve", "another pole", f"{pole:g} rad/s", TRUTH,
-                     partial(_log, pole=pole), UNITS, repetitions=4)  # fmt: skip
+                     partial(record, pole=pole), UNITS, repetitions=4)  # fmt: skip
     for where in (0.0, 0.4, 1.0):
         for factor in (0.0, 3.0, 1e4):
             yield Attack(
                 "valve", "one bad sample", f"outlet at {where:g} of the log, {factor:g}", TRUTH,
-                partial(_log, spoil=partial(_glitch, role="outlet", where=where, factor=factor)),
+                partial(record, spoil=partial(_glitch, role="outlet", where=where, factor=factor)),
                 UNITS, repetitions=2,
             )  # fmt: skip

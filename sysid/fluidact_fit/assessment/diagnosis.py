@@ -20,6 +20,7 @@ from ..estimation.uncertainty import fit_autoregression
 from ..experiment import FloatArray, Hold
 from ..family import Estimate, Family, FamilyOptions, Value, Variant
 from ..outcome import Simulation
+from .given import find_reliance
 from .influence import find_deciding_samples, find_disagreeing_parts
 from .optimum import Optimum, make_optimum
 from .structure import find_missing_response
@@ -28,10 +29,12 @@ _EXAMINATIONS = {
     "influence": find_deciding_samples,
     "parts": find_disagreeing_parts,
     "missing_response": find_missing_response,
+    "given": find_reliance,
 }
 _LAGS = 10
 _SERIES = 50_000  # samples of a run that are correlated
 _DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one
+_JUMP = 0.25  # part of its range that an input crosses in one sample when it jumps
 _LONG = 200_000  # samples beyond which a part of the log is enough
 _WORDS = {
     "zoh": "held between its samples",
@@ -52,10 +55,11 @@ def diagnose(
     ``fitted`` are the runs simulated with the estimate. ``declared`` are the roles whose hold
     the user has given: those are not questioned, unless the data contradict them.
     """
-    details, notices = _examined(make_optimum(family, variant, estimate, fitted))
+    at = make_optimum(family, variant, estimate, fitted)
+    details, notices = _examined(at)
     if not all(s.experiment.time.size for s in fitted):
         return details, notices
-    holds, doubts = _other_holds(family, variant, estimate, fitted, declared)
+    holds, doubts = _other_holds(at, declared) if at is not None else ({}, [])
     correlation, feedback = _cross_correlation(variant, fitted)
     found = {
         "residual_to_noise": _noise_or_model(fitted),
@@ -106,20 +110,14 @@ class _Shift:
     evidence: float
 
 
-def _other_holds(
-    family: Family[FamilyOptions],
-    variant: Variant,
-    estimate: Estimate[FamilyOptions],
-    fitted: Sequence[Simulation],
-    declared: Collection[str],
-) -> tuple[dict[str, Any], list[Notice]]:
+def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any], list[Notice]]:
     """Judge the fit under another hold of every role that drives the model."""
-    experiments = [s.experiment for s in fitted]
-    if not estimate.sensitivity or sum(e.samples for e in experiments) > _LONG:
+    experiments = [s.experiment for s in at.fitted]
+    if not at.estimate.sensitivity or sum(e.samples for e in experiments) > _LONG:
         return {}, []
     table: dict[str, Any] = {}
     notices: list[Notice] = []
-    for role in variant.driving:
+    for role in at.variant.driving:
         driving = [e for e in experiments if role.name in e and e.signals[role.name].time.size > 1]
         if len(driving) < len(experiments):
             continue
@@ -127,50 +125,41 @@ def _other_holds(
         if experiments[0].signals[role.name].hold in (None, "zoh"):
             smooth = choose_hold([e.signals[role.name] for e in experiments])
             other = "foh" if smooth == "zoh" else smooth
-        found = _shift(family, variant, estimate, fitted, role.name, other)
+        found = _shift(at, role.name, other)
         if found is None:
             continue
         table[role.name] = asdict(found)
-        said = _hold_notice(role.name, found, estimate.values)
-        if said and (said.code == "hold-doubtful" or role.name not in declared):
+        said = _hold_notice(role.name, found, at.estimate.values)
+        told = role.name in declared or found.hold != "foh" or not _jumps(at.fitted, role.name)
+        if said and (said.code == "hold-doubtful" or not told):
             notices.append(said)
     return table, notices
 
 
-def _shift(
-    family: Family[FamilyOptions],
-    variant: Variant,
-    estimate: Estimate[FamilyOptions],
-    fitted: Sequence[Simulation],
-    role: str,
-    other: Hold,
-) -> _Shift | None:
+def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
     """One Gauss-Newton step from the optimum under another hold."""
     turned = []
-    for s in fitted:
+    for s in at.fitted:
         signal = replace(s.experiment.signals[role], hold=other)
         turned.append(replace(s.experiment, signals={**s.experiment.signals, role: signal}))
-    again = family.simulate(variant, estimate.values, turned, estimate.options)
-    before = sum(float(np.sum(s.residual**2)) for s in fitted)
-    j = np.vstack(estimate.sensitivity)
-    r = np.concatenate([s.measured - a.output for s, a in zip(fitted, again)])
-    if j.shape[0] != r.size or j.shape[1] == 0 or not np.all(np.isfinite(r)):
+    before = np.concatenate(at.residuals)
+    j, r = np.vstack(at.jacobians), before - np.concatenate(at.change(at.simulate(turned)))
+    if j.shape[1] == 0 or not np.all(np.isfinite(r)):
         return None
     scale = np.linalg.norm(j, axis=0)
     scale[scale == 0.0] = 1.0
     step = np.linalg.lstsq(j / scale, r, rcond=1e-10)[0] / scale
     after = float(np.sum((r - j @ step) ** 2))
-    errors = np.sqrt(np.maximum(np.diag(estimate.covariance), 1e-300))[: step.size]
-    deviations = step / errors
+    deviations = step / at.errors
     worst = int(np.argmax(np.abs(deviations)))
-    evidence = 0.5 * r.size * float(np.log(max(after, 1e-300) / max(before, 1e-300)))
+    ratio = max(after, 1e-300) / max(float(before @ before), 1e-300)
     return _Shift(
-        fitted[0].experiment.signals[role].hold or "zoh",
+        at.fitted[0].experiment.signals[role].hold or "zoh",
         other,
-        estimate.covariance_order[worst],
+        at.names[worst],
         float(step[worst]),
         float(deviations[worst]),
-        evidence,
+        0.5 * r.size * float(np.log(ratio)),
     )
 
 
@@ -195,6 +184,17 @@ def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notic
         f"{found.shift:+.3g}{share}, {abs(found.standard_errors):.1f} standard errors. Commands "
         "are held (zoh), measured signals are not (foh or smooth): state which this is.",
     )
+
+
+def _jumps(fitted: Sequence[Simulation], role: str) -> bool:
+    """Whether an input crosses much of its range from one sample to the next.
+
+    What is sent is held by its nature, and what moves little in a sample was measured while it
+    moved. When a jump of a measured signal took place between two samples no data can tell.
+    """
+    values = [s.experiment.signals[role].values for s in fitted]
+    span = max(float(np.ptp(v)) for v in values)
+    return any(float(np.abs(np.diff(v)).max(initial=0.0)) > _JUMP * span for v in values)
 
 
 def _cross_correlation(

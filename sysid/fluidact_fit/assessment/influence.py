@@ -28,7 +28,7 @@ _MOVES = 0.5  # standard errors by which an odd sample may move a parameter
 _CARRIES = 3.0  # standard errors by which any sample may
 _LISTED = 5
 _FEWEST = 50  # samples of a part of the data that is compared with the rest
-_DISAGREE = 1e-5  # probability of a difference that large between parts of the data
+_DISAGREE = 1e-4  # probability of a difference that large between parts of the data
 _MATTERS = 0.02  # part of a parameter that a difference must exceed
 
 
@@ -133,12 +133,15 @@ def find_disagreeing_parts(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
 
 def _halves(at: Optimum) -> tuple[list[FloatArray], list[FloatArray], list[int]]:
     """Derivatives and residuals of the parts, and which half each belongs to."""
-    if len(at.residuals) == 1:
-        (j,), (r,) = at.jacobians, at.residuals
-        middle = r.size // 2
-        return [j[:middle], j[middle:]], [r[:middle], r[middle:]], [0, 1]
-    half = [int(2 * k >= len(at.residuals)) for k in range(len(at.residuals))]
-    return list(at.jacobians), list(at.residuals), half
+    last = at.series[-1].run
+    if last:
+        return list(at.jacobians), list(at.residuals), [int(2 * s.run > last) for s in at.series]
+    parts: list[list[FloatArray]] = [[], []]
+    for whole, halves in zip((at.jacobians, at.residuals), parts):
+        for rows in whole:
+            middle = rows.shape[0] // 2
+            halves += [rows[:middle], rows[middle:]]
+    return *parts, [0, 1] * len(at.series)
 
 
 def _telling(at: Optimum, d: Drift) -> bool:

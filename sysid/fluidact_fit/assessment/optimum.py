@@ -8,7 +8,8 @@ the derivatives of the output without another fit.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -23,8 +24,33 @@ _ORDER = 25  # highest of the autoregression that whitens the residual
 
 
 @dataclass(frozen=True)
+class Series:
+    """One channel of one run in a fit.
+
+    Attributes
+    ----------
+    run, role
+        Index of the run, and the channel.
+    experiment
+        The run.
+    simulated, used
+        What the model gives, and which samples count, shape ``(n,)`` each.
+    scale
+        What residuals and derivatives are divided by: 1 where the output alone was fitted,
+        else the root mean square of the residuals of the channel over all runs [its unit].
+    """
+
+    run: int
+    role: str
+    experiment: Experiment
+    simulated: FloatArray
+    used: npt.NDArray[np.bool_]
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
 class Optimum:
-    """A fit and its derivatives by the parameters, run by run.
+    """A fit and its derivatives by the parameters, channel by channel of every run.
 
     Attributes
     ----------
@@ -32,8 +58,11 @@ class Optimum:
         The fit. ``fitted`` are its runs, simulated with the values that are written.
     names, errors
         Parameters that were estimated, and their standard errors, shape ``(p,)``.
+    series
+        The channels that were fitted, all channels of one run after the other.
     residuals, jacobians
-        Of every run over the samples that were used, shapes ``(n_i,)`` and ``(n_i, p)``.
+        Of every series over the samples that were used, divided by its scale, shapes
+        ``(n_i,)`` and ``(n_i, p)``.
     """
 
     family: Family[FamilyOptions]
@@ -42,34 +71,48 @@ class Optimum:
     fitted: Sequence[Simulation]
     names: tuple[str, ...]
     errors: FloatArray
+    series: Sequence[Series]
     residuals: Sequence[FloatArray]
     jacobians: Sequence[FloatArray]
 
     def simulate(
-        self, experiments: Sequence[Experiment], values: Mapping[str, Value] | None = None
+        self,
+        experiments: Sequence[Experiment],
+        values: Mapping[str, Value] | None = None,
+        options: FamilyOptions | None = None,
     ) -> list[Simulated]:
-        """What the model gives for other experiments or with other values."""
+        """What the model gives for other experiments, with other values or other options."""
         e = self.estimate
         return self.family.simulate(
-            self.variant, e.values if values is None else values, experiments, e.options
+            self.variant, values or e.values, experiments, options or e.options
         )
 
     def change(self, found: Sequence[Simulated]) -> list[FloatArray]:
-        """Differences of other simulations from those of the fit, over the samples used."""
-        return [
-            (np.asarray(f.output) - s.simulated)[np.isfinite(s.measured)]
-            for f, s in zip(found, self.fitted, strict=True)
-        ]
+        """Differences of other simulations from those of the fit, as the residuals are."""
+        out = []
+        for s in self.series:
+            one = found[s.run]
+            values = np.asarray(one.also.get(s.role, one.output), dtype=float)
+            out.append((values - s.simulated)[s.used] / s.scale)
+        return out
 
     @property
     def sigma(self) -> float:
-        """Root mean square of the residuals [unit of the output]."""
+        """Root mean square of the residuals [unit of the residuals]."""
         return float(np.sqrt(np.mean(np.concatenate(self.residuals) ** 2)))
 
     @property
-    def used(self) -> list[npt.NDArray[np.bool_]]:
-        """Which samples of every run were used, shape ``(n_i,)`` each."""
-        return [np.isfinite(s.measured) for s in self.fitted]
+    def roles(self) -> tuple[str, ...]:
+        """The channels that were fitted."""
+        return tuple(dict.fromkeys(s.role for s in self.series))
+
+    @property
+    def levels(self) -> list[FloatArray]:
+        """Columns of an offset of every channel, run by run, shape ``(n_i, channels)``."""
+        return [
+            np.tile([float(s.role == role) for role in self.roles], (int(s.used.sum()), 1))
+            for s in self.series
+        ]
 
     def number(self, name: str) -> float:
         """Value of a parameter or of one entry of a list, ``levels[2]`` [SI]."""
@@ -77,29 +120,43 @@ class Optimum:
         return float(np.ravel(self.estimate.values[key])[int(index.rstrip("]") or 0)])
 
     def places(self) -> list[str]:
-        """Where every sample used stands: log and instant, or its number."""
+        """Where every sample used stands: log, instant or number, and channel if there are more."""
         out = []
-        for s, used in zip(self.fitted, self.used):
-            e = s.experiment
-            for k in np.flatnonzero(used):
+        for s in self.series:
+            e, of = s.experiment, f" of {s.role}" if len(self.roles) > 1 else ""
+            for k in np.flatnonzero(s.used):
                 at = f"t = {e.time[k]:.6g} s" if e.time.size else f"sample {k + 1}"
-                out.append(f"{e.name}, {at}")
+                out.append(f"{e.name}, {at}{of}")
         return out
 
     def whiten(self, columns: Sequence[FloatArray]) -> FloatArray:
-        """Stack the columns of all runs, ``(n_i, q)`` each, as the residual becomes white."""
+        """Stack the columns of all series, ``(n_i, q)`` each, as the residual becomes white.
+
+        Every channel has noise of its own; each comes out with the same variance.
+        """
         out = []
-        for part in columns:
+        for s, part in zip(self.series, columns, strict=True):
+            coefficients, deviation = self._noise[s.role]
             rows = part.astype(float)
-            for k, c in enumerate(self._autoregression):
+            for k, c in enumerate(coefficients):
                 rows[k + 1 :] -= c * part[: -k - 1]
-            out.append(rows[self._autoregression.size :])
+            out.append(rows[coefficients.size :] / deviation)
         return np.vstack(out)
 
-    @property
-    def _autoregression(self) -> FloatArray:
-        shortest = min(r.size for r in self.residuals)
-        return fit_autoregression(self.residuals, int(min(_ORDER, shortest // 10)))[0]
+    @cached_property
+    def _noise(self) -> dict[str, tuple[FloatArray, float]]:
+        """Autoregression of the residuals of every channel, and what is left of them.
+
+        What is left is in parts of the first channel's, whose unit stays.
+        """
+        found: dict[str, tuple[FloatArray, float]] = {}
+        for role in self.roles:
+            own = [r for s, r in zip(self.series, self.residuals) if s.role == role]
+            shortest = min(r.size for r in own)
+            a, variance = fit_autoregression(own, int(min(_ORDER, shortest // 10)))
+            found[role] = a, float(np.sqrt(variance)) or 1.0
+        first = found[self.roles[0]][1]
+        return {role: (a, deviation / first) for role, (a, deviation) in found.items()}
 
 
 def make_optimum(
@@ -109,37 +166,61 @@ def make_optimum(
     fitted: Sequence[Simulation],
 ) -> Optimum | None:
     """The fit with its derivatives; ``None`` where it has none to be examined by."""
-    residuals = [(s.measured - s.simulated)[np.isfinite(s.measured)] for s in fitted]
+    names = estimate.covariance_order
     errors = (
         np.sqrt(np.maximum(np.diag(estimate.covariance), 0.0))
         if estimate.covariance.size
         else np.zeros(0)
     )
-    names = estimate.covariance_order
+    series, residuals = _series(variant, estimate, fitted)
     if not names or min((r.size for r in residuals), default=0) < 20:
         return None
     if not np.all(np.isfinite(errors)) or not np.all(errors > 0.0):
         return None
-    if estimate.sensitivity:
-        jacobians = [
-            j[np.isfinite(s.measured)] if j.shape[0] == s.measured.size else j
-            for j, s in zip(estimate.sensitivity, fitted, strict=True)
-        ]
-        names = names[: jacobians[0].shape[1]]
-        errors = errors[: len(names)]
-    else:
-        blank = Optimum(family, variant, estimate, fitted, (), errors, residuals, ())
-        jacobians = _differences(blank, names, errors)
+    blank = Optimum(family, variant, estimate, fitted, names, errors, series, residuals, ())
+    if not estimate.sensitivity:
+        return replace(blank, jacobians=_differences(blank))
+    jacobians = []
+    for s in series:
+        output = s.role == variant.output.name
+        j = estimate.sensitivity[s.run] if output else estimate.sensitivity_also[s.run][s.role]
+        jacobians.append((j[s.used] if j.shape[0] == s.used.size else j) / s.scale)
     if any(j.shape[0] != r.size for j, r in zip(jacobians, residuals)):
         return None
-    return Optimum(family, variant, estimate, fitted, names, errors, residuals, jacobians)
+    q = jacobians[0].shape[1]
+    return replace(blank, names=names[:q], errors=errors[:q], jacobians=jacobians)
 
 
-def _differences(at: Optimum, names: Sequence[str], errors: FloatArray) -> list[FloatArray]:
+def _series(
+    variant: Variant, estimate: Estimate[FamilyOptions], fitted: Sequence[Simulation]
+) -> tuple[list[Series], list[FloatArray]]:
+    """The channels that were fitted, run by run, and their residuals."""
+    series, residuals = [], []
+    output = variant.output.name
+    for run, s in enumerate(fitted):
+        channels = {output: (s.measured, s.simulated)}
+        if estimate.sensitivity_also:
+            fits = estimate.sensitivity_also[run]
+            channels |= {r: pair for r, pair in s.others.items() if r in fits}
+        for role, (measured, simulated) in channels.items():
+            used = np.isfinite(measured)
+            series.append(Series(run, role, s.experiment, simulated, used))
+            residuals.append((measured - simulated)[used])
+    if all(s.role == output for s in series):
+        return series, residuals
+    size = {}
+    for role in {s.role for s in series}:
+        every = np.concatenate([r for s, r in zip(series, residuals) if s.role == role])
+        size[role] = float(np.sqrt(np.mean(every**2))) or 1.0
+    scaled = [replace(s, scale=size[s.role]) for s in series]
+    return scaled, [r / s.scale for s, r in zip(scaled, residuals)]
+
+
+def _differences(at: Optimum) -> list[FloatArray]:
     """Derivatives of the output by central differences of simulations."""
-    columns: list[list[FloatArray]] = [[] for _ in at.fitted]
+    columns: list[list[FloatArray]] = [[] for _ in at.series]
     runs = [s.experiment for s in at.fitted]
-    for name, error in zip(names, errors):
+    for name, error in zip(at.names, at.errors):
         ends = []
         for sign in (1.0, -1.0):
             values = moved(at.estimate.values, name, sign * _STEP * error)
@@ -159,3 +240,10 @@ def moved(values: Mapping[str, Value], name: str, by: float) -> dict[str, Value]
     entries = np.array(value, dtype=float)
     entries.flat[int(index.rstrip("]"))] += by
     return {**values, key: entries.tolist()}
+
+
+def delayed(experiment: Experiment, role: str, by: float) -> Experiment:
+    """The same run with an input that acts later [s]."""
+    signal = experiment.signals[role]
+    late = replace(signal, time=signal.time + by)
+    return replace(experiment, signals={**experiment.signals, role: late})

@@ -17,7 +17,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ import numpy as np
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from ..options import describe
-from .optimum import Optimum, moved
+from .optimum import Optimum, delayed, moved
 
 _SIGNIFICANT = 5.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
@@ -105,19 +105,26 @@ def _terms(at: Optimum) -> Iterator[Term]:
     for role in at.variant.driving:
         if all(role.name in e and e.signals[role.name].time.size > 1 for e in runs):
             yield _delay(at, runs, role.name, _SHIFT * step)
-    for lag in _LAGS:
-        yield Term(
-            f"lag of {lag:g} samples", "s",
-            lambda size: f"the response lags by another {1e3 * size:.3g} ms",
-            "Look for a filter or transducer in the measuring chain and for dynamics that this "
-            "family does not have.", _behind(at, lag * step),
-        )  # fmt: skip
     middle = float(np.mean([e.time.mean() for e in runs]))
-    yield Term(
-        "drift", "1/s", lambda size: "the output drifts",
-        "Let the sensor warm up, or cut the log with --window.",
-        [e.time[u] - middle for e, u in zip(runs, at.used)],
-    )  # fmt: skip
+    for role in at.roles:
+        alone = len(at.roles) == 1
+        of, it = ("", "the output") if alone else (f" of {role}", f"'{role}'")
+        response = "the response" if alone else it
+        for lag in _LAGS:
+            yield Term(
+                f"lag{of} of {lag:g} samples", "s",
+                lambda size, response=response: (  # type: ignore[misc]
+                    f"{response} lags by another {1e3 * size:.3g} ms"
+                ),
+                "Look for a filter or transducer in the measuring chain and for dynamics that "
+                "this family does not have.", _behind(at, role, lag * step),
+            )  # fmt: skip
+        yield Term(
+            f"drift{of}", "1/s",
+            lambda size, it=it: f"{it} drifts",  # type: ignore[misc]
+            "Let the sensor warm up, or cut the log with --window.",
+            [(s.role == role) * (s.experiment.time[s.used] - middle) for s in at.series],
+        )  # fmt: skip
 
 
 def _offered(at: Optimum, runs: Sequence[Experiment]) -> Iterator[Term]:
@@ -149,11 +156,8 @@ def _offered(at: Optimum, runs: Sequence[Experiment]) -> Iterator[Term]:
 
 def _delay(at: Optimum, runs: Sequence[Experiment], role: str, by: float) -> Term:
     """An input that acts later than recorded."""
-    late = []
-    for e in runs:
-        signal = replace(e.signals[role], time=e.signals[role].time + by)
-        late.append(replace(e, signals={**e.signals, role: signal}))
-    columns = [c / by for c in at.change(at.simulate(late))]
+    late = at.simulate([delayed(e, role, by) for e in runs])
+    columns = [c / by for c in at.change(late)]
 
     def words(size: float) -> str:
         when = "later" if size > 0.0 else "earlier"
@@ -166,20 +170,23 @@ def _delay(at: Optimum, runs: Sequence[Experiment], role: str, by: float) -> Ter
     )  # fmt: skip
 
 
-def _behind(at: Optimum, lag: float) -> list[FloatArray]:
-    """Change of the simulated output per second of a first-order lag [s] behind it."""
+def _behind(at: Optimum, role: str, lag: float) -> list[FloatArray]:
+    """Change of a simulated channel per second of a first-order lag [s] behind it."""
     from scipy.signal import lfilter
 
     out = []
-    for s, used in zip(at.fitted, at.used):
+    for s in at.series:
         t, y, step = s.experiment.time, s.simulated, s.experiment.sample_time
+        if s.role != role:
+            out.append(np.zeros(int(s.used.sum())))
+            continue
         grid = np.arange(t[0], t[-1] + step, step)
         even = np.interp(grid, t, y)
         decay = float(np.exp(-step / lag))
         ramp = (1.0 - decay) * lag / step  # mean of the decay over a sample
         start = [ramp * even[0]]  # at rest at the first value
         late, _ = lfilter([1.0 - ramp, ramp - decay], [1.0, -decay], even, zi=start)
-        out.append(((np.interp(t, grid, late) - y) / lag)[used])
+        out.append(((np.interp(t, grid, late) - y) / lag)[s.used] / s.scale)
     return out
 
 
@@ -188,8 +195,8 @@ def _score(at: Optimum, term: Term) -> Score | None:
     p = len(at.names)
     white = at.whiten(
         [
-            np.column_stack((j, np.ones(r.size), c, r))
-            for j, c, r in zip(at.jacobians, term.columns, at.residuals)
+            np.column_stack(parts)
+            for parts in zip(at.jacobians, at.levels, term.columns, at.residuals)
         ]
     )
     if not np.all(np.isfinite(white)):

@@ -135,6 +135,7 @@ class Network:
 
 
 def activate(z: FloatArray, activation: Activation, sharpness: float = np.inf) -> FloatArray:
+    """``max(z, 0)`` or ``tanh(z)``, of any shape; a finite ``sharpness`` rounds the corner."""
     if activation == "tanh":
         return np.asarray(np.tanh(z))
     if np.isfinite(sharpness):

@@ -86,7 +86,8 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> Motion:
     if not experiment.time.size:
         return Motion(y, y, y, np.ones(y.size, dtype=bool), noise)
     least = 1 if role == "position" else 2  # a parabola through three readings smooths nothing
-    half = max(least, min(round(half_width / experiment.sample_time), (y.size - 1) // 2))
+    samples = round(half_width / experiment.sample_time) if experiment.sample_time else 0
+    half = max(least, min(samples, (y.size - 1) // 2))
     rows, inside = differentiate(experiment, y, half)
     if not inside.any():
         raise LogError(

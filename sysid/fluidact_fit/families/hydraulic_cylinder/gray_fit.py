@@ -35,8 +35,7 @@ class _Search:
         friction = make_unknowns(case.variant.parameters, (*scales,), scales, case.request)
         self.unknowns = {**first.unknowns, **friction}
         logs = [make_gray_log(e, case.machine) for e in case.experiments]
-        expected = (scales["coulomb"], scales["viscous"])
-        self.box = GrayBox(logs, case.machine, expected, slip=case.options.slip)
+        self.box = GrayBox(logs, case.machine, scales["viscous"])
         self.sigma = _noise(case.experiments)
 
     def solve(self, held: Mapping[str, float]) -> GraySolution:
@@ -118,10 +117,11 @@ def fit_gray(case: Case) -> Estimate[HydraulicCylinderOptions]:
     parameters, order, matrix = solved.quantities(case.variant.parameters)
     sigma = solution.problem.sigma.tolist()
     options = replace(
-        case.options, stage="gray-box", slip=search.box.slip,
+        case.options, stage="gray-box",
         residual_pressure_1=sigma[0], residual_pressure_2=sigma[1], residual_position=sigma[2],
     )  # fmt: skip
     gains = directional_gains(case, {n: q.number for n, q in parameters.items()})
+    slopes = _slopes(solution)
     return Estimate(
         parameters, {**gains, **_resonance(case, solved)}, order, matrix, options, notices,
         {
@@ -131,7 +131,19 @@ def fit_gray(case: Case) -> Estimate[HydraulicCylinderOptions]:
             "covariance": "long-run variance of the scores",
             "command_noise": noise,
         },
+        sensitivity=[s.pop("position") for s in slopes],
+        sensitivity_also=slopes,
     )  # fmt: skip
+
+
+def _slopes(solution: GraySolution) -> list[dict[str, FloatArray]]:
+    """Derivatives of every measured channel of every log by the free parameters, ``(n, q)``."""
+    out = []
+    for log, rows in zip(solution.problem.box.logs, solution.jacobian):
+        parts = rows.reshape(len(log.channels), log.samples, -1)
+        sigma = solution.problem.sigma
+        out.append({CHANNELS[c]: sigma[c] * part for c, part in zip(log.channels, parts)})
+    return out
 
 
 def _start(case: Case, first: Values) -> tuple[dict[str, float], dict[str, float]]:

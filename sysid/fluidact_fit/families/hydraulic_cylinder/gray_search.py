@@ -11,7 +11,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,6 @@ from ...experiment import FloatArray
 from .gray_box import GrayBox, GrayLog, Linear
 
 _ASTRAY = 1e12  # residuals in standard deviations beyond which a simulation has run away
-_COARSE = 16.0  # times the slip while the search is still far away
 STATE_SCALE = np.array([1e5, 1e5, 1e-3, 1e-2])  # Pa, Pa, m, m/s
 
 
@@ -117,23 +116,13 @@ def solve_gray_box(
     """
     begin, count = dict(start), 0
     if initial is None:
-        # far away, sharp friction is of no use and takes most of the time
-        coarse = replace(problem, box=problem.box.rounded(_COARSE, most=1))
-        far = _Iterate(begin, [coarse.box.nodes_of(log.guess) for log in coarse.box.logs])
-        _evaluate_gaps(coarse, far)
-        far, count, _ = _descend(coarse, far, max_iterations, gaps=True)
+        far = _Iterate(begin, [problem.box.nodes_of(log.guess) for log in problem.box.logs])
+        _evaluate_gaps(problem, far)
+        far, count, _ = _descend(problem, far, max_iterations, gaps=True)
         begin, initial = far.values, far.initial
-        # a gap closes last; what is left of it must not hide a first state that is off
-        near = _close(coarse, begin, initial)
-        if np.isfinite(near.cost):
-            near, more, _ = _descend(coarse, near, max_iterations)
-            count += more
-            begin, initial = near.values, near.initial
     now, more, converged = _descend(problem, _close(problem, begin, initial), max_iterations)
     if not now.linear:
         _linearise(problem, now)
-    if max_iterations and converged:
-        now = _sharpen(problem, now)
     return _finish(problem, now, count + more, converged)
 
 
@@ -171,25 +160,6 @@ def _descend(
             if damping > 1e4 or predicted <= 1e-2:
                 return now, count, True
     return now, count, False
-
-
-def _sharpen(problem: GrayProblem, now: _Iterate) -> _Iterate:
-    """Two more steps towards what friction without rounding would give.
-
-    Rounding off moves the estimates by about a standard error. The residuals can be had with
-    hardly any of it; the sensitivities cannot: those of a piston that sticks and breaks away are
-    right in a neighbourhood that noise leaves at once. With the smooth ones as instruments the
-    normal equations ``J' r = 0`` keep their solution.
-    """
-    sharp = replace(problem, box=problem.box.sharp())
-    point = now
-    for steps_left in (2, 1, 0):
-        point = _close(sharp, point.values, point.initial)
-        point.linear = now.linear
-        if steps_left:
-            step, initial, _ = _propose(sharp, point, 1e-9)
-            point = _move(sharp, point, step, initial)
-    return point if np.isfinite(point.cost) else now
 
 
 @np.errstate(all="ignore")  # a simulation that has run away
@@ -251,7 +221,7 @@ def _propose(
         j = _jacobian(log, linear, problem.sigma)
         if not (np.all(np.abs(r) < _ASTRAY) and np.all(np.abs(j) < _ASTRAY**8)):
             raise np.linalg.LinAlgError("the simulation leaves every measured range")
-        q, t = np.linalg.qr(j[:, :4] * STATE_SCALE)
+        q, t = _basis(j[:, :4] * STATE_SCALE)
         shared = _without(q, j[:, 4:] * scale)
         h += shared.T @ shared
         g += shared.T @ _without(q, r)
@@ -267,6 +237,16 @@ def _propose(
         target = np.concatenate((q.T @ rest, np.zeros(4)))
         initial.append(np.linalg.lstsq(damped, target, rcond=1e-12)[0] * STATE_SCALE)
     return step * scale, initial, float(2.0 * g @ step - step @ h @ step)
+
+
+def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal basis of columns, and the columns in it.
+
+    One may be zero: a piston that sticks forgets the speed that it was said to begin with.
+    """
+    size = np.linalg.norm(columns, axis=0)
+    q = np.linalg.qr(columns[:, size > 1e-12 * size.max()])[0]
+    return q, q.T @ columns
 
 
 def _without(q: FloatArray, rows: FloatArray) -> FloatArray:
@@ -293,7 +273,7 @@ def _finish(problem: GrayProblem, now: _Iterate, count: int, converged: bool) ->
     residuals, jacobian = [], []
     for log, states, linear in zip(problem.box.logs, now.states, now.linear):
         j = _jacobian(log, linear, problem.sigma)
-        q = np.linalg.qr(j[:, :4] * STATE_SCALE)[0]
+        q = _basis(j[:, :4] * STATE_SCALE)[0]
         residuals.append(_residuals(log, states, problem.sigma))
         jacobian.append(_without(q, j[:, 4:]))
     active = [not u.low < now.values[u.name] < u.high for u in problem.free]

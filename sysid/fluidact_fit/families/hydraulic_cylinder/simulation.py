@@ -17,7 +17,7 @@ from ...experiment import Experiment, FloatArray, Signal
 from ...family import Simulated
 from .case import check_volumes, read_machine
 from .equations import GRAY_NAMES, Machine, mean_flow
-from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log
+from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log, mean_command
 from .gray_search import GrayProblem, solve_gray_box
 from .options import HydraulicCylinderOptions
 from .windows import cut_windows
@@ -40,7 +40,9 @@ def simulate_run(e: Experiment, values: Values, options: HydraulicCylinderOption
     if "position" in e:
         check_volumes(machine, [e])
     if options.stage == "gray-box":
-        return Simulated(_all_states(e, machine, values, options))
+        states = _all_states(e, machine, values, options)
+        also = {role: states[:, c] for c, role in enumerate(CHANNELS[:2])}
+        return Simulated(states[:, 2], also=also)
     if options.stage == "plateaus":
         machine = machine.plain()
     chambers = [i for i in known if f"pressure_{i}" in e]
@@ -74,22 +76,21 @@ def _no_pressure(e: Experiment, known: Sequence[int]) -> UsageError | LogError:
 def _all_states(
     e: Experiment, machine: Machine, values: Values, options: HydraulicCylinderOptions
 ) -> FloatArray:
-    """Position of the gray box, its initial state fitted where there is a position."""
-    friction = values["coulomb"], values["viscous"]
+    """States of the gray box, ``(n, 4)``; the first is fitted where there is a position."""
     if "position" in e:
-        box = GrayBox([make_gray_log(e, machine)], machine, friction, slip=options.slip)
+        box = GrayBox([make_gray_log(e, machine)], machine, values["viscous"])
         sigma = np.array([getattr(options, f"residual_{c}") or 1.0 for c in CHANNELS])
         solution = solve_gray_box(GrayProblem(box, (), sigma), {n: values[n] for n in GRAY_NAMES})
-        return solution.states[0][:, 2]
+        return solution.states[0]
     rest = machine.at_rest(options.rest_position or 0.0)
     log = GrayLog(
-        e.sampled("command")[:-1], np.diff(e.time), (), np.zeros((0, e.samples)),
+        mean_command(e), np.diff(e.time), (), np.zeros((0, e.samples)),
         np.tile(rest, (e.samples, 1)),
     )  # fmt: skip
-    box = GrayBox([log], machine, friction, slip=options.slip).sharp()
-    position = box.simulate(log, rest, values)[:, 2]
-    _require_oil(e, machine, position)
-    return position
+    box = GrayBox([log], machine, values["viscous"])
+    states = box.simulate(log, rest, values)
+    _require_oil(e, machine, states[:, 2])
+    return states
 
 
 def _require_oil(e: Experiment, machine: Machine, position: FloatArray) -> None:

@@ -1,0 +1,105 @@
+"""What rests on numbers that were given and not measured, and on the clock of the log.
+
+A mass from a data sheet, an area, a value that was fixed, and the assumption that all channels
+were read at the same instant enter the estimate like data, without a standard error. How far a
+parameter would move with each of them follows from one simulation: ``-(J'J)^-1 J' d`` for a
+change ``d`` of the output, and so does whether the residual would show the error. The file says
+both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import Notice
+from ..experiment import FloatArray
+from ..options import describe
+from .optimum import Optimum, delayed, moved
+
+_PERCENT = 0.01
+
+
+@dataclass(frozen=True)
+class Reliance:
+    """What an error of a given number would do to the parameter that it moves most.
+
+    ``shift`` [unit of the parameter] and ``errors`` (standard errors) are for an error of one
+    per cent, or of one sample; ``seen`` is in how many standard errors the residual would show it.
+    """
+
+    given: str
+    parameter: str
+    shift: float
+    errors: float
+    seen: float
+
+
+def find_reliance(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
+    """What every given number would do, for the file; it is no fault of the fit."""
+    found = {"one_sample_late": _late(at), "one_percent_more": _other_numbers(at)}
+    table = {
+        key: {name: _entry(_reliance(at, name, columns)) for name, columns in rows}
+        for key, rows in found.items()
+    }
+    return {key: rows for key, rows in table.items() if rows}, []
+
+
+def _entry(r: Reliance) -> dict[str, Any]:
+    return {
+        "parameter": r.parameter,
+        "shift": r.shift,
+        "standard_errors": r.errors,
+        "seen_in_residual": r.seen,
+    }
+
+
+def _late(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
+    """Every input one sample later than recorded."""
+    runs = [s.experiment for s in at.fitted]
+    if not all(e.time.size > 1 for e in runs):
+        return
+    step = min(e.sample_time for e in runs)
+    for role in at.variant.driving:
+        if all(role.name in e and e.signals[role.name].time.size > 1 for e in runs):
+            late = [delayed(e, role.name, step) for e in runs]
+            yield role.name, at.change(at.simulate(late))
+
+
+def _other_numbers(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
+    """Every fixed parameter and every number among the options one per cent larger."""
+    runs = [s.experiment for s in at.fitted]
+    estimate = at.estimate
+    for name, q in estimate.parameters.items():
+        if q.status == "fixed" and isinstance(q.value, float) and q.value:
+            values = moved(estimate.values, name, _PERCENT * q.value)
+            yield name, at.change(at.simulate(runs, values))
+    for option in describe(at.family.options_type):
+        field = option.name.replace("-", "_")
+        value = getattr(estimate.options, field)
+        if option.kind == "float" and value:
+            options = replace(estimate.options, **{field: value * (1.0 + _PERCENT)})
+            yield option.name, at.change(at.simulate(runs, options=options))
+
+
+def _reliance(at: Optimum, name: str, columns: list[FloatArray]) -> Reliance:
+    """How the parameters make up for a change of the output, and what is left of it."""
+    p = len(at.names)
+    rows = [np.column_stack(parts) for parts in zip(at.jacobians, at.levels, columns, at.residuals)]
+    white = at.whiten(rows)
+    j, d, r = white[:, :-2], white[:, -2], white[:, -1]
+    scale = np.linalg.norm(j, axis=0)
+    scale[scale == 0.0] = 1.0
+    x = np.linalg.lstsq(j / scale, d, rcond=1e-12)[0]
+    left = d - (j / scale) @ x
+    sigma = float(np.sqrt(np.mean(r**2)))
+    shifts = -(x / scale)[:p]
+    errors = shifts / at.errors
+    worst = int(np.argmax(np.abs(errors)))
+    return Reliance(
+        name, at.names[worst], float(shifts[worst]), float(errors[worst]),
+        float(np.linalg.norm(left)) / max(sigma, 1e-300),
+    )  # fmt: skip

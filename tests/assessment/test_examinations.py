@@ -1,0 +1,138 @@
+"""What the derivatives of a fit say is what another fit says."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from studies.red_team.attack import Attack
+from studies.red_team.attacks import valve
+from studies.red_team.run import write
+
+import fluidact_fit as ff
+from fluidact_fit.assessment.given import find_reliance
+from fluidact_fit.assessment.influence import find_deciding_samples
+from fluidact_fit.assessment.optimum import Optimum, make_optimum
+from fluidact_fit.assessment.structure import find_missing_response
+from fluidact_fit.families import get_family
+
+
+def fit(folder, attack, seed=0, **more):
+    """Record an attack and fit it; options as given."""
+    recordings = attack.record(np.random.default_rng(seed))
+    paths = [write(folder / f"log{k}.csv", r, attack) for k, r in enumerate(recordings)]
+    return ff.fit(attack.family, paths, **{**attack.options, **more})
+
+
+def an_attack(**machine):
+    """A valve recorded in some way."""
+    return Attack("valve", "", "", valve.TRUTH, partial(valve.record, **machine), valve.UNITS)
+
+
+def optimum_of(result):
+    """The fit as the examinations see it."""
+    at = make_optimum(get_family(result.family), result.variant, result.estimate, result.fitted)
+    assert at is not None
+    return at
+
+
+def codes(result):
+    """Codes of all warnings."""
+    return {n.code for n in result.notices}
+
+
+def test_a_right_model_is_quiet(tmp_path):
+    result = fit(tmp_path, an_attack())
+    assert result.verdict == "pass"
+    assert codes(result) == set()
+
+
+def test_a_delay_that_was_not_asked_for_is_named_with_its_option(tmp_path):
+    result = fit(tmp_path, an_attack(delay=0.004))
+    (notice,) = [n for n in result.notices if n.code == "unmodelled-response"]
+    assert "dead_time" in notice.message
+    again = fit(tmp_path, an_attack(delay=0.004), dead_time="estimate")
+    assert again.verdict == "pass"
+    table = find_missing_response(optimum_of(result))[0]["dead_time"]
+    found = again.parameters["dead_time"]
+    # the model is not linear: one step from 4 ms away gets most of the way
+    assert table["size"] == pytest.approx(found.value, rel=0.5)
+    assert table["deviations"] > 5.0
+
+
+def test_predicted_shift_by_a_small_delay_is_that_of_another_fit(tmp_path):
+    attack = an_attack(delay=0.0005)
+    plain, freed = fit(tmp_path, attack), fit(tmp_path, attack, dead_time="estimate")
+    entry = find_missing_response(optimum_of(plain))[0]["dead_time"]
+    name = entry["parameter"]
+    moved = freed.parameters[name].value - plain.parameters[name].value
+    assert entry["shift"] == pytest.approx(moved, abs=0.3 * plain.parameters[name].std_error)
+
+
+def test_a_pole_that_the_family_has_not_is_a_lag(tmp_path):
+    result = fit(tmp_path, an_attack(pole=60.0))
+    assert "unmodelled-response" in codes(result)
+
+
+def test_one_sample_that_carries_the_result_is_named(tmp_path):
+    def spoil(recording, rng):
+        outlet = recording["outlet"].copy()
+        outlet[0] = 0.6  # not far enough to be a spike beyond doubt
+        return {**recording, "outlet": outlet}
+
+    result = fit(tmp_path, an_attack(spoil=spoil))
+    (notice,) = [n for n in result.notices if n.code == "few-samples-decide"]
+    assert "t = 0" in notice.message
+
+
+def test_influence_is_that_of_leaving_the_sample_out():
+    rng = np.random.default_rng(5)
+    x = np.column_stack((np.linspace(0.0, 1.0, 60), np.ones(60)))
+    y = x @ [2.0, 1.0] + 0.01 * rng.standard_normal(60)
+    y[59] += 3.0
+    theta = np.linalg.lstsq(x, y, rcond=None)[0]
+    left_out = np.linalg.lstsq(x[:59], y[:59], rcond=None)[0]
+    at = _LinearOptimum.of(x, y - x @ theta)
+    entry, notices = find_deciding_samples(at)
+    assert [n.code for n in notices] == ["few-samples-decide"]
+    first = entry["samples"][0]
+    assert first["place"] == "sample 60"
+    k = ("slope", "level").index(first["parameter"])
+    assert first["shift"] == pytest.approx((left_out - theta)[k], rel=1e-9)
+
+
+class _LinearOptimum(Optimum):
+    """A straight line in place of a family."""
+
+    @classmethod
+    def of(cls, columns, residual):
+        sigma = np.sqrt(residual @ residual / (residual.size - 2))
+        errors = sigma * np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
+        return cls(None, None, None, (), ("slope", "level"), errors, (), [residual], [columns])
+
+    def places(self):
+        return [f"sample {k + 1}" for k in range(self.residuals[0].size)]
+
+
+def test_halves_of_a_machine_that_changed_disagree(tmp_path):
+    def spoil(recording, rng):
+        outlet = recording["outlet"].copy()
+        outlet[500:] *= 1.04
+        return {**recording, "outlet": outlet}
+
+    result = fit(tmp_path, an_attack(spoil=spoil))
+    assert "halves-disagree" in codes(result)
+
+
+def test_mass_and_a_late_clock_cannot_be_told_apart():
+    # m_hat = m + c * lateness: a force that acts late looks like inertia
+    from fluidact_fit.demo import load_dataset
+
+    dataset = load_dataset("hydrostatic")
+    log = dataset.read()[0]
+    result = ff.fit("hydrostatic", [log], **dataset.options)
+    entry = find_reliance(optimum_of(result))[0]["one_sample_late"]["force"]
+    step = result.fitted[0].experiment.sample_time
+    assert entry["parameter"] == "mass"
+    assert entry["shift"] == pytest.approx(-result.parameters["damping"].value * step, rel=0.05)

@@ -1,0 +1,78 @@
+"""The attacks themselves: their simulators are right, and what they found once stays found."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from fluidact_fit.families import family_names
+from studies.red_team.attack import Error, Result, cramer_rao
+from studies.red_team.attacks import every, valve
+from studies.red_team.run import run
+from studies.red_team.table import page, shown
+
+
+def result(verdict: str = "pass", **errors: tuple[float, float]) -> Result:
+    """A result with errors as (standard errors, relative)."""
+    found = {n: Error(z, share, abs(z) < 2.0) for n, (z, share) in errors.items()}
+    return Result("valve", "group", "name", verdict, errors=found)
+
+
+def test_every_family_is_attacked() -> None:
+    assert {a.family for a in every()} == set(family_names())
+
+
+def test_no_two_attacks_are_one() -> None:
+    count = Counter((a.family, a.group, a.name) for a in every())
+    assert [key for key, n in count.items() if n > 1] == []
+
+
+def test_silent_means_passed_wrong_and_large() -> None:
+    assert result(gain=(5.0, 0.03)).silent == ["gain"]
+    assert result(gain=(5.0, 0.01)).silent == []
+    assert result(gain=(3.0, 0.5)).silent == []
+    assert result("warn", gain=(50.0, 0.5)).silent == []
+
+
+def test_failures_are_listed_on_the_page() -> None:
+    bad = result(gain=(5.0, 0.03))
+    text = page([bad, result(gain=(1.0, 0.001))], 1.0)
+    assert "2 runs in 1 s: 1 wrong in silence" in text
+    assert shown(bad) in text
+
+
+def test_bound_of_a_straight_line_is_the_textbooks() -> None:
+    x = np.linspace(-1.0, 1.0, 101)
+    found = cramer_rao(lambda p: [p["slope"] * x], {"slope": 2.0}, 0.1)
+    assert found["slope"] == pytest.approx(0.1 / np.sqrt(np.sum(x**2)), rel=1e-6)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.003])
+def test_the_valve_of_the_attacks_is_the_one_of_the_textbook(delay: float) -> None:
+    wn, zeta, step = 20.0, 0.3, 0.01
+    u = np.concatenate((np.zeros(5), np.ones(95)))
+    truth = {"gain": 2.0, "natural_frequency": wn, "damping_ratio": zeta}
+    t = np.arange(100) * step - 5 * step - delay
+    damped = wn * np.sqrt(1.0 - zeta**2)
+    decay = np.exp(-zeta * wn * t)
+    ratio = zeta / np.sqrt(1.0 - zeta**2)
+    response = 1.0 - decay * (np.cos(damped * t) + ratio * np.sin(damped * t))
+    expected = 2.0 * np.where(t > 0.0, response, 0.0)
+    assert valve.simulate(truth, u, step, delay=delay) == pytest.approx(expected, abs=1e-9)
+
+
+_KEPT = {
+    ("valve", "delay not asked for"),
+    ("valve", "another pole"),
+    ("valve", "one bad sample"),
+}
+
+
+@pytest.mark.parametrize("key", sorted(_KEPT), ids=" ".join)
+def test_what_was_found_once_stays_found(key: tuple[str, str]) -> None:
+    attacks = [a for a in every([key[0]]) if a.group == key[1]]
+    assert attacks
+    results = [run(a) for a in attacks]
+    assert [shown(r) for r in results if r.silent or r.verdict in ("crash", "endless")] == []
