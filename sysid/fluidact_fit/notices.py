@@ -180,6 +180,10 @@ _FAMILIES = {
         "No log holds the pressure of one chamber, so its gain and losses are not in the file.",
         "Record that pressure, in the same run or in another, and give all the logs.",
     ),
+    "command-noise": _warning(
+        "The command moves and carries noise, which the hysteresis takes for motion.",
+        "Log the command as the controller gives it, or one that rests at levels.",
+    ),
     "curve-misses": _warning(
         "The calibration curve misses the readings by more than neighbouring readings scatter.",
         "Look at the picture (`--plot`); try a higher `--degree`, or calibrate the range in use.",
@@ -248,7 +252,7 @@ _FAMILIES = {
         "The extreme readings look clipped, but the data do not prove it; they were kept.",
         "Give `--rails LOW:HIGH` to leave them out.",
     ),
-    "saturation-not-reached": _warning(
+    "saturation-not-reached": _information(
         "The speed keeps growing up to the largest command, so no saturation was found.",
         "Record larger commands if you need `saturation_command`.",
     ),

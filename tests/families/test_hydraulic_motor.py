@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline, make_interp_spline
 
 import fluidact_fit as ff
 from fluidact_fit.control import make_block
 from fluidact_fit.demo import load_dataset
-from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
+from fluidact_fit.errors import LogError, NotIdentifiedError
 from fluidact_fit.experiment import Experiment, FloatArray, Hold, Signal
 from fluidact_fit.families.hydraulic_motor.block import MotorBlock
 from fluidact_fit.families.hydraulic_motor.equation import MotorModel, play, static_speed
@@ -101,10 +102,18 @@ def test_lag_is_exact_for_a_ramp(time: FloatArray) -> None:
     assert y == pytest.approx(t - 0.07 * (1.0 - np.exp(-t / 0.07)), abs=1e-9)
 
 
-def test_a_smooth_command_is_refused() -> None:
-    with pytest.raises(UsageError, match="smooth") as caught:
-        MotorModel([run(uneven(), np.sin(uneven()), "smooth")])
-    assert "--hold command=foh" in caught.value.text
+@pytest.mark.parametrize("hold", ["foh", "smooth"])
+def test_corners_between_samples_stay_sharp(hold: Hold) -> None:
+    """A command that crosses the dead zone within one sample, against a grid of 4000 points."""
+    v = {**LINE, "dead_zone": 0.4, "gain": 10.0, "curvature": 0.5}
+    coarse, fine = np.arange(0.0, 4.0, 0.1), np.arange(0.0, 3.9001, 1e-3)
+    command = np.sin(4.0 * coarse)
+    between = make_interp_spline(coarse, command, k=1)(fine)
+    if hold == "smooth":
+        between = CubicSpline(coarse, command)(fine)
+    y = MotorModel([run(coarse, command, hold)]).speed(0, v)
+    exact = MotorModel([run(fine, between)]).speed(0, {**v, "dead_time": 0.0305})
+    assert y == pytest.approx(exact[::100], abs=0.02)
 
 
 def test_a_late_start_does_not_move_the_offset() -> None:

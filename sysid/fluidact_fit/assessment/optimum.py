@@ -19,6 +19,7 @@ from ..experiment import Experiment, FloatArray
 from ..family import Estimate, Family, FamilyOptions, Simulated, Value, Variant
 from ..outcome import Simulation
 
+_SAME = 1.0 - 1e-9  # correlation of two names for one unknown
 _STEP = 0.02  # of a standard error, for differences of a simulation
 _ORDER = 25  # highest of the autoregression that whitens the residual
 
@@ -179,7 +180,7 @@ def make_optimum(
         return None
     blank = Optimum(family, variant, estimate, fitted, names, errors, series, residuals, ())
     if not estimate.sensitivity:
-        return replace(blank, jacobians=_differences(blank))
+        return _without_doubles(replace(blank, jacobians=_differences(blank)))
     jacobians = []
     for s in series:
         output = s.role == variant.output.name
@@ -189,6 +190,24 @@ def make_optimum(
         return None
     q = jacobians[0].shape[1]
     return replace(blank, names=names[:q], errors=errors[:q], jacobians=jacobians)
+
+
+def _without_doubles(at: Optimum) -> Optimum:
+    """The same with every unknown once: two names can stand for one that moves both."""
+    c = at.estimate.covariance / np.outer(at.errors, at.errors)
+    kept: list[int] = []
+    source = []
+    for k in range(len(at.names)):
+        same = [i for i in kept if c[i, k] > _SAME and at.errors[i] == at.errors[k]]
+        kept += [] if same else [k]
+        source.append(kept.index(same[0]) if same else len(kept) - 1)
+    if len(kept) == len(at.names):
+        return at
+    merge = np.zeros((len(at.names), len(kept)))
+    merge[np.arange(len(at.names)), source] = 1.0
+    names = tuple(at.names[k] for k in kept)
+    jacobians = [j @ merge for j in at.jacobians]
+    return replace(at, names=names, errors=at.errors[kept], jacobians=jacobians)
 
 
 def _series(

@@ -121,6 +121,8 @@ def _unseen(information: FloatArray) -> BoolArray:
 
 def _drift(parts: dict[int, _Part], k: int, names: Sequence[str], tests: int) -> Drift:
     one, (others, information, theirs) = parts[k], _pooled(parts, k)
+    if not all(np.isfinite(p.covariance).all() for p in (one, *others)):
+        return Drift(k, names[0], 0.0, 0.0, 1.0)  # a log that determines nothing agrees with all
     # covariance of the pooled others: each log's sandwich, weighted by its information
     middle = np.sum([p.information @ p.covariance @ p.information for p in others], axis=0)
     half = np.linalg.lstsq(information, middle, rcond=1e-12)[0]

@@ -10,8 +10,9 @@ flow grows, the sharp end that of a pump or a spool at its stop. The play is tha
 magnetisation and friction of the spool: going up the valve opens ``h/2`` later, going down
 it closes ``h/2`` later.
 
-A held command gives a held steady speed, and the lag behind it is exact. Of a command that
-moves on straight lines between its samples the steady speed is taken to do the same.
+A held command gives a held steady speed, and the lag behind it is exact. Of a command
+that moves between its samples the steady speed is taken to follow straight lines between
+instants several times closer than these, so that the corners of the curve stay sharp.
 
 References
 ----------
@@ -26,12 +27,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import UsageError
-from ...estimation.inputs import PiecewiseInput, settled_hold
+from ...estimation.inputs import PiecewiseInput, piecewise, settled_hold
 from ...estimation.linear import Grid, forced_response, make_grid
 from ...estimation.parametric import NamedModel, Values
 from ...estimation.separable import Array, Basis
-from ...experiment import Experiment, FloatArray
+from ...experiment import Experiment, FloatArray, Signal
+
+_PARTS = 8  # of a sample time, for a command that moves
+_MOST = 400_000  # instants of a moving command
 
 
 def play(command: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
@@ -81,21 +84,26 @@ class _Run:
 
 def _prepare(e: Experiment) -> _Run:
     signal = e.signals["command"]
-    hold = settled_hold(signal)
-    if hold == "smooth":
-        raise UsageError(
-            "--hold command=smooth: the curve of the motor has corners, so that its speed "
-            "follows no smooth curve",
-            where=e.name,
-            remedy="Give --hold command=foh for a measured command, --hold command=zoh for a held "
-            "one.",
-        )
-    same = np.array_equal(signal.time, e.time)
-    samples = make_grid(e.time)
+    moves, samples = settled_hold(signal) != "zoh", make_grid(e.time)
+    time, values = _refine(signal) if moves else (signal.time, signal.values)
     return _Run(
-        np.append(signal.before, signal.values), hold == "foh", signal.values.size == 1,
-        samples if same else make_grid(signal.time), samples,
+        np.append(signal.before, values), moves, signal.values.size == 1,
+        samples if np.array_equal(time, e.time) else make_grid(time), samples,
     )  # fmt: skip
+
+
+def _refine(signal: Signal) -> tuple[FloatArray, FloatArray]:
+    """A moving command at instants so close that its way across a corner is nearly straight."""
+    parts = max(1, min(_PARTS, _MOST // signal.time.size))
+    curve = piecewise(signal)
+    share = np.arange(parts) / parts
+    time = (signal.time[:-1, None] + np.diff(signal.time)[:, None] * share).ravel()
+    piece = np.repeat(np.arange(signal.time.size - 1), parts)
+    past = time - signal.time[piece]
+    values = np.zeros(time.size)
+    for column in curve.coefficients.T[::-1]:
+        values = values * past + column[piece]
+    return np.append(time, signal.time[-1]), np.append(values, signal.values[-1])
 
 
 class MotorModel:
@@ -130,17 +138,16 @@ class MotorModel:
             run.samples.instants, dead_time=values.get("dead_time", 0.0), grid=run.nodes,
         )  # fmt: skip
 
-    def named(
-        self, names: tuple[str, ...], measured: Sequence[FloatArray], weights: Sequence[FloatArray]
-    ) -> NamedModel:
-        """The model in the form the estimation takes."""
-        return NamedModel(names, (), self._columns, measured, weights=weights)
+    def named(self, names: tuple[str, ...], measured: Sequence[FloatArray]) -> NamedModel:
+        """The model in the form the estimation takes; the gain enters linearly."""
+        nonlinear = tuple(n for n in names if n != "gain")
+        return NamedModel(nonlinear, ("gain",), self._columns, measured)
 
     def _columns(self, index: int, values: Values) -> Basis:
-        """Speed, and the columns of what is the run's own: offset and fading deviation."""
-        run, known = self.runs[index], self.speed(index, values)
-        own = [np.ones(known.size)]
+        """Speed per gain, and the columns of what is the run's own: offset, fading deviation."""
+        run, speed = self.runs[index], self.speed(index, {**values, "gain": 1.0})
+        own = [np.ones(speed.size)]
         if not run.stepped:
             time = run.samples.instants
             own.append(np.exp(-(time - time[0]) / values["time_constant"]))
-        return Basis(known, np.zeros((known.size, 0)), np.column_stack(own))
+        return Basis(np.zeros(speed.size), speed[:, None], np.column_stack(own))

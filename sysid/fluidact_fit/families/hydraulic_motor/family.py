@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...errors import Notice, UsageError
-from ...estimation.parametric import Values, check_request
+from ...estimation.parametric import Fitted, Values, check_request
 from ...experiment import Experiment, Hold
 from ...family import (
     Estimate,
@@ -25,8 +25,11 @@ from ...family import (
 )
 from ...specification import quotient_unit
 from .block import MotorBlock
+from .command import command_noise, held_levels
 from .equation import static_speed
-from .fit import MotorOptions, fit_motor, saturates, simulate_run
+from .fit import MotorOptions, fit_motor, simulate_run
+
+_WIDENED = 3.0  # standard deviations of a moving command's noise by which a play looks wider
 
 
 class HydraulicMotor(Family[MotorOptions]):
@@ -98,9 +101,13 @@ class HydraulicMotor(Family[MotorOptions]):
         if request.options.dead_time == "none":
             request = replace(request, fixed={"dead_time": 0.0, **request.fixed})
         notices: list[Notice] = []
-        fitted, limit = fit_motor(variant.parameters, experiments, request, saturated=True)
-        if "saturation_command" not in request.fixed and not saturates(fitted, experiments):
-            fitted, limit = fit_motor(variant.parameters, experiments, request, saturated=False)
+        noise = request.options.command_noise or command_noise(experiments)
+        levels = held_levels(experiments, noise) if noise else None
+        found = fit_motor(variant.parameters, levels or experiments, request)
+        fitted, limit = found.fitted, found.limit
+        if noise and levels is None:
+            notices += _warn_of_noise(fitted, noise)
+        if "saturation_command" not in fitted.values:
             notices.append(Notice("saturation-not-reached", "the speed keeps growing to the end "
                            "of the commands: the file has no saturation_command. Raise the "
                            "command until the speed grows no more, if it is needed."))  # fmt: skip
@@ -120,9 +127,12 @@ class HydraulicMotor(Family[MotorOptions]):
             fitted.derive({"saturation_speed": speed}, _saturation_speed),
             order,
             matrix,
-            replace(request.options, residual_limit=limit),
+            replace(
+                request.options, residual_limit=limit, command_noise=noise if levels else None
+            ),
             [*notices, *fitted.notices],
             {**fitted.details(), "samples_of_less_weight": counts},
+            [j / w[:, None] for j, w in zip(fitted.sensitivity(), found.weights)],
         )
 
     def simulate(
@@ -135,7 +145,8 @@ class HydraulicMotor(Family[MotorOptions]):
     ) -> list[Simulated]:
         """Speed from command; see :meth:`Family.simulate`."""
         limit = np.inf if options.residual_limit is None else options.residual_limit
-        plain = scalars(values)
+        plain, noise = scalars(values), options.command_noise
+        experiments = (held_levels(experiments, noise) if noise else None) or experiments
         return [simulate_run(e, plain, limit, offset) for e in experiments]
 
     def model(
@@ -168,6 +179,19 @@ def _check_dead_time(experiments: Sequence[Experiment], request: Request[MotorOp
             f"--fix dead_time={given:g} is longer than the logs",
             expected=f"Their longest takes {longest:g} s.",
             remedy="Give the dead time in seconds.",
+        )
+
+
+def _warn_of_noise(fitted: Fitted, noise: float) -> Iterator[Notice]:
+    """Say that the hysteresis is too wide where noise makes a moving command turn back."""
+    name = "hysteresis"
+    if name in fitted.names and (shift := _WIDENED * noise) > 2.0 * fitted.std_error(name):
+        yield Notice(
+            "command-noise",
+            f"the command carries noise of about {noise:.2g} rms. The hysteresis takes that for "
+            f"motion and comes out wider by about {shift:.2g}, {shift / fitted.std_error(name):.0f}"
+            " standard errors. Log the command as the controller gives it, or record one that "
+            "rests at levels of several samples: their means are then taken.",
         )
 
 

@@ -7,20 +7,22 @@ simulation finds the offset of a log with the same one.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import LogError
-from ...estimation.parametric import Fitted, Values, bind, fit_named, make_unknowns
+from ...errors import NotIdentifiedError
+from ...estimation.parametric import Fitted, NamedModel, Values, bind, fit_named, make_unknowns
 from ...estimation.results import Refusal
-from ...estimation.separable import evaluate
+from ...estimation.separable import evaluate, solve
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, ParameterSpec, Request, Simulated
 from ...options import choice, settled
 from .equation import MotorModel
+from .starts import find_starts, highest_command, sizes
 
 _ROUNDS = 6  # of reweighting
+_SIGNIFICANT = 30.0  # rise of the squared residuals, in variances, without a saturation
 _FAR = 4.0  # robust standard deviations from which a residual counts less
 
 
@@ -31,37 +33,79 @@ class MotorOptions(FamilyOptions):
     dead_time: str = choice(
         "estimate", ("estimate", "none"), "whether to estimate a dead time", "dead_time"
     )
+    command_noise: float | None = settled(
+        "float", "noise of a command of held levels, which are taken as their means", minimum=0.0
+    )
     residual_limit: float | None = settled(
         "float", "residual of the speed beyond which a sample counts less", minimum=0.0
     )
 
 
+@dataclass(frozen=True)
+class MotorFit:
+    """A finished fit, its model and the roots of the weights, and the limit of the residuals."""
+
+    fitted: Fitted
+    model: NamedModel
+    weights: list[FloatArray]
+    limit: float
+
+    def needs(self, name: str, without: float) -> bool:
+        """Whether the fit is significantly better than one with a parameter at another value."""
+        f = self.fitted
+        held = {**f.fixed, **{n: f.values[n] for n in f.refused}, name: without}
+        start = [f.values[n] for n in self.model.nonlinear if n not in held]
+        other = solve(bind(self.model, f.unknowns, held), np.array(start))
+        rows = sum(r.size for r in f.solution.residuals)
+        return bool(other.cost - f.solution.cost > _SIGNIFICANT * f.solution.cost / rows)
+
+
 def fit_motor(
+    specs: Sequence[ParameterSpec], experiments: Sequence[Experiment],
+    request: Request[MotorOptions],
+) -> MotorFit:  # fmt: skip
+    """Fit with a saturation where the speeds show one, else without.
+
+    A saturation that is not determined, or that the residuals do not ask for, is none.
+    """
+    name = "saturation_command"
+    try:
+        found = _fit(specs, experiments, request, saturated=True)
+    except NotIdentifiedError:
+        if name in request.fixed:
+            raise
+        return _fit(specs, experiments, request, saturated=False)
+    beyond = 10.0 * highest_command(experiments)
+    if name in request.fixed or (
+        _saturates(found.fitted, experiments) and found.needs(name, beyond)
+    ):
+        return found
+    return _fit(specs, experiments, request, saturated=False)
+
+
+def _fit(
     specs: Sequence[ParameterSpec],
     experiments: Sequence[Experiment],
     request: Request[MotorOptions],
     saturated: bool,
-) -> tuple[Fitted, float]:
-    """Fit with or without a saturation; returns the limit of the residuals [unit of the speed]."""
-    sizes, starts = _sizes(experiments)
-    if not saturated:
-        del sizes["saturation_command"]
-    names = tuple(sizes)
-    scales = {n: scale for n, (scale, _, _) in sizes.items()}
-    limits = {n: (low, high) for n, (_, low, high) in sizes.items()}
-    unknowns = make_unknowns(specs, names, scales, request, limits)
+) -> MotorFit:
+    scales, limits = sizes(experiments, saturated)
+    unknowns = make_unknowns(specs, tuple(scales), scales, request, limits)
     top = highest_command(experiments)
     sensible = {
         "dead_zone": 0.3 * top, "hysteresis": 0.3 * top, "curvature": 3.0 / top,
-        "dead_time": limits["dead_time"][1],
+        "dead_time": 20.0 * scales["dead_time"],
     }  # fmt: skip
-    model, measured = MotorModel(experiments), [e["speed"] for e in experiments]
-    weights = [np.ones(y.size) for y in measured]
-    begin: Sequence[Mapping[str, float]] = starts
+    measured = [e["speed"] for e in experiments]
+    model = MotorModel(experiments).named(tuple(scales), measured)
+    begin: Sequence[Mapping[str, float]] = find_starts(model, unknowns, request)
     settled_limit = request.options.residual_limit
+    weights = [np.ones(y.size) for y in measured]
     for _ in range(_ROUNDS):
+        used = weights
+        model = replace(model, weights=used)
         fitted = fit_named(
-            model.named(names, measured, weights), specs, request, unknowns, begin,
+            model, specs, request, unknowns, begin,
             sensible=sensible, refusals=_one_way(experiments),
         )  # fmt: skip
         rest = [y - m for y, m in zip(measured, fitted.solution.simulated)]
@@ -72,7 +116,7 @@ def fit_motor(
         weights, begin = new, [fitted.values]
         if change < 0.05:
             break
-    return fitted, limit
+    return MotorFit(fitted, model, used, limit)
 
 
 def _weights(residual: FloatArray, limit: float) -> FloatArray:
@@ -89,9 +133,9 @@ def simulate_run(e: Experiment, values: Values, limit: float, offset: float | No
     if "speed" not in e:
         start = offset or 0.0
         return Simulated(model.speed(0, values) + start, offset=start)
-    weights = np.ones(e.samples)
+    named, weights = model.named(tuple(values), [e["speed"]]), np.ones(e.samples)
     for _ in range(_ROUNDS):
-        problem = bind(model.named(tuple(values), [e["speed"]], [weights]), {}, values)
+        problem = bind(replace(named, weights=[weights]), {}, values)
         found = evaluate(problem, np.zeros(0))
         weights = _weights(e["speed"] - found.simulated[0], limit)
     return Simulated(found.simulated[0], offset=float(found.local[0][0]))
@@ -112,47 +156,8 @@ def _one_way(experiments: Sequence[Experiment]) -> list[Refusal]:
     return [Refusal("hysteresis", "every log moves the command in one direction only.")]
 
 
-def highest_command(experiments: Sequence[Experiment]) -> float:
-    """Largest size of the command in any log [unit of the command]."""
-    return max(float(np.abs(e.sampled("command")).max()) for e in experiments)
-
-
-def saturates(fitted: Fitted, experiments: Sequence[Experiment]) -> bool:
+def _saturates(fitted: Fitted, experiments: Sequence[Experiment]) -> bool:
     """Whether the commands go beyond the saturation by more than its uncertainty."""
     name = "saturation_command"
     reach = highest_command(experiments) - 0.5 * fitted.values["hysteresis"]
     return name in fitted.names and fitted.values[name] + 2.0 * fitted.std_error(name) < reach
-
-
-def _sizes(
-    experiments: Sequence[Experiment],
-) -> tuple[dict[str, tuple[float, float, float]], list[dict[str, float]]]:
-    """Typical size and search range of every parameter, and starts."""
-    top = highest_command(experiments)
-    speed = max(float(np.ptp(e["speed"])) for e in experiments)
-    if top == 0.0 or speed == 0.0:
-        raise LogError(
-            "command or speed does not change in any log",
-            remedy="Record a staircase of the command from zero to saturation and back.",
-        )
-    step = max(e.sample_time for e in experiments)
-    span = min(float(np.ptp(e.time)) for e in experiments)
-    sizes = {
-        "dead_zone": (0.1 * top, 0.0, 0.5 * top),
-        "gain": (2.0 * speed / top, 0.1 * speed / top, 100.0 * speed / top),
-        "curvature": (1.0 / top, 0.0, 20.0 / top),
-        "saturation_command": (top, 0.5 * top, top),
-        "hysteresis": (0.05 * top, 0.0, 0.5 * top),
-        "time_constant": (3.0 * step, 0.1 * step, 0.5 * span),
-        "dead_time": (step, 0.0, 20.0 * step),
-    }
-    starts = [
-        {
-            "dead_zone": 0.05 * top, "gain": gain * speed / top, "curvature": bend / top,
-            "saturation_command": 0.93 * top, "hysteresis": 0.03 * top,
-            "time_constant": tau * step, "dead_time": 0.5 * step,
-        }
-        for gain, bend in ((1.2, 0.3), (2.0, 1.5))
-        for tau in (2.0, 10.0)
-    ]  # fmt: skip
-    return sizes, starts

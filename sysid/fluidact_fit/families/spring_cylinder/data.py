@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from ...experiment import Experiment, FloatArray
 from ...signals import smooth
 from ...specification import Variant
 from .equation import SpringLaw
+from .instruments import REACH, Instrument, instruments
 from .options import SpringOptions
 
 
@@ -21,6 +22,7 @@ class Run:
     """One run, ready for the regression: arrays of shape ``(n,)`` [SI].
 
     ``force`` is NaN where none was recorded, ``kept`` marks the samples that can be fitted.
+    ``instruments`` stand in for the columns that carry noise.
     """
 
     experiment: Experiment
@@ -30,6 +32,7 @@ class Run:
     direction: FloatArray
     force: FloatArray
     kept: BoolArray
+    instruments: Mapping[str, Instrument]
 
     def predict(self, law: SpringLaw) -> FloatArray:
         """Force of the model at every sample [N]."""
@@ -71,13 +74,14 @@ def _prepare_run(
 ) -> Run:
     drive, position = e.sampled(variant.name), e.sampled("position")
     velocity, inside = _velocity(e, position)
+    found = instruments(e, drive, position, velocity)
     if turning is None:
         direction = motion_state(e.sampled("direction"))
     else:
         direction = held_direction(turning, options.dead_band or 0.0)
     force = e.sampled("force") if "force" in e else np.full(e.samples, np.nan)
     kept = (direction != 0.0) & inside & _away_from_reversals(drive, direction, options.settle)
-    return Run(e, drive, position, velocity, direction, force, kept)
+    return Run(e, drive, position, velocity, direction, force, kept, found)
 
 
 def _velocity(e: Experiment, position: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -88,7 +92,7 @@ def _velocity(e: Experiment, position: FloatArray) -> tuple[FloatArray, BoolArra
     if e.time.size < 12 or e["position"].size < position.size:
         return np.zeros(position.size), everywhere
     if e.uniform:
-        motion = smooth(position, e.sample_time, 5)
+        motion = smooth(position, e.sample_time, REACH)
         return motion.rate, np.asarray(motion.inside)
     return np.asarray(np.gradient(position, e.time)), everywhere
 

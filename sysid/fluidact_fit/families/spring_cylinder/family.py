@@ -208,7 +208,9 @@ def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str,
             branches[way] = {"samples": own.size, "rmse": float(np.sqrt(np.mean(own**2)))}
     order = found.order
     return {
-        "method": "linear regression, Huber weights",
+        "method": "two-stage least squares with the neighbours of noisy columns, Huber weights"
+        if found.instrumented
+        else "linear regression, Huber weights",
         "levels": "equal about the preload" if found.equal else "free",
         "robust_scale": found.scale,
         "spikes": found.spikes,

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...errors import LogError, Notice, UsageError
 from ...estimation.results import Refusal, Solved, determine
-from ...estimation.uncertainty import covariance
+from ...estimation.uncertainty import Uncertainty, covariance
 from ...experiment import FloatArray
 from ...family import ParameterSpec, Request
 from ...specification import Variant
@@ -28,6 +28,8 @@ from .options import SpringOptions
 
 _EQUAL = "coulomb"  # stands for both levels where they are taken to be equal
 _HUBER = 2.5  # threshold in robust standard deviations
+_CARRIER = {"stiffness": "position", "viscous": "velocity"} | dict.fromkeys(GAINS.values(), "drive")
+_BIASED = 0.3  # standard errors of bias by noise of a column from which instruments are used
 SPIKE = 8.0  # robust standard deviations beyond which a lone sample counts as a spike
 _SENSIBLE = 2.0  # half-width of an interval, relative to the value, beyond which it is useless
 
@@ -45,6 +47,7 @@ class Regression:
     scale: float
     spike: float
     order: int
+    instrumented: bool
 
     @property
     def spikes(self) -> int:
@@ -124,7 +127,7 @@ def _solve(
     runs: Sequence[Run], names: Sequence[str], held: Mapping[str, float],
     least: tuple[float, float],
 ) -> Regression:  # fmt: skip
-    """Huber regression by iterated reweighting [1]_; lone spikes get no weight at all.
+    """Least squares, or with instruments where noise of a column would bias it.
 
     ``least`` is the smallest scale of the residuals, and the smallest distance at which a
     sample loses its weight [N].
@@ -133,12 +136,61 @@ def _solve(
     known = np.array([0.0] * len(names) + list(held.values()))
     a = np.vstack(every)[:, : len(names)]
     y = np.concatenate([d.force[d.kept] - c @ known for d, c in zip(runs, every)])
+    cuts = np.cumsum([c.shape[0] for c in every])[:-1]
+    timed = all(d.experiment.time.size > 0 for d in runs)
+
+    def spread(of: _Robust) -> Uncertainty:
+        root, residual = np.sqrt(of.weight), y - a @ of.values
+        rows = np.split(root[:, None] * of.columns, cuts)
+        return covariance(rows, np.split(root * residual, cuts), robust=timed)
+
+    best = _reweighted(a, a, y, least)
+    found = spread(best)
+    z, variance = _instruments(runs, names, a)
+    # what noise of the columns does to least squares: it adds to their squares
+    normal, added = (best.weight[:, None] * a).T @ a, variance.T @ best.weight
+    bias = np.linalg.lstsq(normal, added * best.values, rcond=1e-12)[0]
+    errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    biased = bool(np.any(np.abs(bias) > _BIASED * errors))
+    if biased:
+        best = _reweighted(a, z, y, least)
+        found = spread(best)
+    values = {**held, **dict(zip(names, best.values.tolist()))}
+    solved = Solved(values, tuple(names), found.covariance, found.degrees)
+    residuals = np.split(y - a @ best.values, cuts)
+    return Regression(solved, residuals, best.scale, best.limit, found.order, biased)
+
+
+@dataclass(frozen=True)
+class _Robust:
+    """Values, the weight of every sample, scale and limit of the residuals, columns projected."""
+
+    values: FloatArray
+    weight: FloatArray
+    scale: float
+    limit: float
+    columns: FloatArray
+
+
+def _reweighted(
+    a: FloatArray, z: FloatArray, y: FloatArray, least: tuple[float, float]
+) -> _Robust:
+    """Huber regression by iterated reweighting [1]_; lone spikes get no weight at all.
+
+    ``z`` are the instruments of the columns ``a``, both ``(n, p)``: with their own columns as
+    instruments this is least squares, else two-stage least squares.
+    """
     norm = np.linalg.norm(a, axis=0)
     norm[norm == 0.0] = 1.0
-    weight, p, scale, limit = np.ones(y.size), np.zeros(len(names)), 0.0, np.inf
+    size_z = np.linalg.norm(z, axis=0)
+    size_z[size_z == 0.0] = 1.0
+    weight, p, scale, limit, columns = np.ones(y.size), np.zeros(a.shape[1]), 0.0, np.inf, a
     for _ in range(30):
         root = np.sqrt(weight)[:, None]
-        now = np.linalg.lstsq(root * a / norm, root[:, 0] * y, rcond=1e-12)[0] / norm
+        if z is not a:
+            first = np.linalg.lstsq(root * z / size_z, root * a, rcond=1e-12)[0]
+            columns = z / size_z @ first
+        now = np.linalg.lstsq(root * columns / norm, root[:, 0] * y, rcond=1e-12)[0] / norm
         size = np.abs(y - a @ now)
         scale = max(1.4826 * float(np.median(size)), least[0])
         limit = max(SPIKE * scale, least[1])
@@ -148,15 +200,22 @@ def _solve(
         p = now
         if done:
             break
-    cuts = np.cumsum([c.shape[0] for c in every])[:-1]
-    root, residuals = np.sqrt(weight), y - a @ p
-    found = covariance(
-        np.split(root[:, None] * a, cuts), np.split(root * residuals, cuts),
-        robust=all(d.experiment.time.size > 0 for d in runs),
-    )  # fmt: skip
-    values = {**held, **dict(zip(names, p.tolist()))}
-    solved = Solved(values, tuple(names), found.covariance, found.degrees)
-    return Regression(solved, np.split(residuals, cuts), scale, limit, found.order)
+    return _Robust(p, weight, scale, limit, columns)
+
+
+def _instruments(
+    runs: Sequence[Run], names: Sequence[str], a: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Instruments of the columns ``a``, and the variance of their noise, both ``(n, p)``."""
+    z, variance = a.copy(), np.zeros_like(a)
+    begin = 0
+    for d in runs:
+        rows = slice(begin, begin := begin + int(d.kept.sum()))
+        for k, name in enumerate(names):
+            if (found := d.instruments.get(_CARRIER.get(name, ""))) is not None:
+                z[rows, k] = found.values[d.kept]
+                variance[rows, k] = found.noise**2
+    return z, variance
 
 
 def _out_of_reach(

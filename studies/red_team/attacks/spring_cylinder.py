@@ -1,0 +1,152 @@
+"""Attacks on the spring cylinder: noise of position and pressure, offsets, drift, one stroke."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+
+import numpy as np
+
+from ..attack import Array, Attack, Recording, cramer_rao
+
+UNITS = {"command": "V", "pressure": "Pa", "position": "m", "force": "N", "velocity": "m/s"}
+TRUTH = {
+    "pressure_gain": 31.0, "stiffness": 850.0, "preload": 14.0,
+    "coulomb_loading": 5.0, "coulomb_unloading": 5.0, "viscous": 60.0,
+}  # fmt: skip
+BY_PRESSURE = {"area": 3.1e-4, **{k: v for k, v in TRUTH.items() if k != "pressure_gain"}}
+Spoil = Callable[[Recording, np.random.Generator], Recording]
+
+
+def drives(
+    rng: np.random.Generator, n: int, step: float, stroke: float, period: float
+) -> tuple[Array, Array, Array, Array]:
+    """Triangular command from 0 to 5 V, a slow stroke, its speed and the motion state."""
+    t = np.arange(n) * step
+    phase = (t / period) % 1.0
+    u = 5.0 * np.minimum(2.0 * phase, 2.0 - 2.0 * phase)
+    a, b = rng.uniform(0.0, 2.0 * np.pi, 2)
+    w1, w2 = 2.0 * np.pi / (2.7 * period), 2.0 * np.pi / (0.63 * period)
+    x = stroke * (0.5 + 0.3 * np.sin(w1 * t + a) + 0.2 * np.sin(w2 * t + b))
+    v = stroke * (0.3 * w1 * np.cos(w1 * t + a) + 0.2 * w2 * np.cos(w2 * t + b))
+    way = np.sign(np.diff(u, prepend=-1.0))  # at a turning point still that of the way there
+    return u, x, v, way
+
+
+def force(p: Mapping[str, float], u: Array, x: Array, v: Array, s: Array) -> Array:
+    """Force of the rod."""
+    gain = p.get("pressure_gain", p.get("area", 0.0))
+    lost = np.where(s > 0.0, p["coulomb_loading"], -p["coulomb_unloading"])
+    return gain * u - p["stiffness"] * x - p["preload"] - lost - p["viscous"] * v
+
+
+def log(
+    rng: np.random.Generator,
+    *,
+    p: Mapping[str, float] = TRUTH,
+    n: int = 4000,
+    step: float = 0.01,
+    stroke: float = 0.03,
+    period: float = 4.0,
+    sigma: float = 0.3,
+    noise: Mapping[str, float] | None = None,
+    velocity: bool = False,
+    spoil: Spoil | None = None,
+) -> list[Recording]:
+    """One log; ``noise`` gives the standard deviation on a role [SI]."""
+    u, x, v, s = drives(rng, n, step, stroke, period)
+    drive = "command"
+    if "area" in p:
+        drive, u = "pressure", 1e5 * u
+    y = force(p, u, x, v, s) + sigma * rng.standard_normal(n)
+    r: Recording = {"time": np.arange(n) * step, drive: u, "position": x, "force": y}
+    if velocity:
+        r = {**r, "velocity": v}
+    for role, size in (noise or {}).items():
+        r = {**r, role: r[role] + size * rng.standard_normal(n)}
+    return [spoil(r, rng) if spoil else r]
+
+
+def _spoil(r: Recording, rng: np.random.Generator, what: str) -> Recording:
+    y, x, n = r["force"], r["position"], r["force"].size
+    size = float(np.ptp(y))
+    if what == "drift":
+        y = y + 0.05 * size * np.linspace(0.0, 1.0, n)
+    elif what == "clipped force":
+        y = np.clip(y, None, float(np.quantile(y, 0.85)))
+    elif what == "coarse position":
+        x = np.round(x / 5e-4) * 5e-4
+    elif what == "late force":
+        y = np.append(np.full(10, y[0]), y[:-10])
+    elif what == "glitch":
+        y = y.copy()
+        y[n // 2] = 50.0 * size
+    elif what == "progressive spring":
+        y = y - 8e3 * (x - x.mean()) * (x - x.min()) - 0.0
+    elif what == "vibration":
+        # real motion at half the sampling rate: nothing is wrong with the position
+        shake = 2e-4 * rng.standard_normal(n)
+        x, y = x + shake, y - 850.0 * shake
+    elif what == "lost rows":
+        kept = rng.uniform(size=n) > 0.05
+        return {role: q[kept] for role, q in r.items()}
+    elif what == "filtered noise":
+        e = rng.standard_normal(n)
+        for k in range(1, n):
+            e[k] += 0.9 * e[k - 1]
+        y = y + 0.5 * e
+    return {**r, "force": y, "position": x}
+
+
+def _bounds(
+    p: Mapping[str, float], sigma: float = 0.3, stroke: float = 0.03
+) -> dict[str, float]:  # fmt: skip
+    u, x, v, s = drives(np.random.default_rng(1), 4000, 0.01, stroke, 4.0)
+    free = {k: q for k, q in p.items() if k != "coulomb_unloading"}
+
+    def simulate(q: Mapping[str, float]) -> list[Array]:
+        u2 = 1e5 * u if "area" in q else u
+        return [force({**q, "coulomb_unloading": q["coulomb_loading"]}, u2, x, v, s)]
+
+    found = cramer_rao(simulate, free, sigma, lambda n: np.zeros((n, 1)))
+    return {**found, "coulomb_unloading": found["coulomb_loading"]}
+
+
+def _attack(group: str, name: str, truth: Mapping[str, float] = TRUTH, **more: object) -> Attack:
+    own = {k: more.pop(k) for k in ("options", "hold", "bounds", "fixed", "repetitions")
+           if k in more}  # fmt: skip
+    return Attack("spring-cylinder", group, name, truth, partial(log, p=truth, **more), UNITS,
+                  **own)  # fmt: skip
+
+
+def attacks() -> Iterator[Attack]:
+    """All of them."""
+    yield _attack("right model", "command", bounds=_bounds(TRUTH), repetitions=10)
+    yield _attack("right model", "pressure", BY_PRESSURE, bounds=_bounds(BY_PRESSURE),
+                  repetitions=5)  # fmt: skip
+    yield _attack("right model", "velocity recorded", velocity=True, repetitions=3)
+    for size in (2e-5, 1e-4, 2e-4, 5e-4):
+        for stroke in (0.003, 0.03):
+            yield _attack("noise of the position", f"{1e3 * size:g} mm, stroke {1e3 * stroke:g} mm",
+                          noise={"position": size}, stroke=stroke, repetitions=4)  # fmt: skip
+    yield _attack("noise of the position", "0.2 mm, velocity recorded", noise={"position": 2e-4},
+                  velocity=True, stroke=0.003, repetitions=3)  # fmt: skip
+    for size in (1e3, 1e4, 5e4):
+        yield _attack("noise of the pressure", f"{1e-5 * size:g} bar", BY_PRESSURE,
+                      noise={"pressure": size}, repetitions=4)  # fmt: skip
+    yield _attack("noise of the pressure", "and of the position", BY_PRESSURE,
+                  noise={"pressure": 1e4, "position": 2e-4}, stroke=0.003,
+                  repetitions=3)  # fmt: skip
+    for what in (
+        "drift", "clipped force", "coarse position", "late force", "glitch",
+        "progressive spring", "vibration", "lost rows", "filtered noise",
+    ):  # fmt: skip
+        yield _attack("recording", what, spoil=partial(_spoil, what=what), repetitions=3)
+    yield _attack("recording", "vibration, stroke 3 mm", stroke=0.003,
+                  spoil=partial(_spoil, what="vibration"), repetitions=3)  # fmt: skip
+    yield _attack("recording", "half a cycle", n=200, repetitions=3)
+    yield _attack("recording", "one cycle", n=400, repetitions=3)
+    yield _attack("wrong number given", "area 10 % off", BY_PRESSURE,
+                  fixed={"area": 3.4e-4}, repetitions=2)  # fmt: skip
+    yield _attack("wrong number given", "preload 20 % off", fixed={"preload": 17.0},
+                  repetitions=2)  # fmt: skip
