@@ -146,7 +146,8 @@ class TransferModel:
         if not p.rest:
             free = self._remember(("free", index), (a, c), lambda: free_response(a, c, p.samples))
             skip = self.confounded(values) if p.log is None else ()
-            columns += [free[:, i] for i in range(free.shape[1]) if i not in skip]
+            # as many columns whatever the values: derivatives are taken column by column
+            columns += [free[:, i] * (i not in skip) for i in range(free.shape[1])]
         if p.log is None:
             columns.append(np.ones(p.samples.instants.size))
         return np.column_stack(columns) if columns else np.zeros((p.samples.instants.size, 0))
