@@ -162,7 +162,7 @@ def _is_held(values: FloatArray) -> bool:
         return True
     usual = 1.4826 * float(np.median(change))
     jumps = np.flatnonzero(change > 5.0 * usual)
-    if jumps.size == 0 or np.mean(np.diff(jumps) == 1) > 0.1:
+    if jumps.size == 0 or np.sum(np.diff(jumps) == 1) > 0.1 * jumps.size:
         return False
     levels = np.split(values, jumps + 1)
     # a jump too small to be seen leaves one level wide, not the others

@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -66,6 +67,8 @@ class Searched:
         Values to try first, shape ``(k,)``; dead times are tried in proportion to the lag.
     sensible
         Half-width beyond which an interval is useless; the value found when ``None``.
+    idle
+        Value at which it has no effect on the logs at hand.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Searched:
     limits: tuple[float, float] = (-np.inf, np.inf)
     axis: FloatArray = field(default_factory=lambda: np.zeros(1))
     sensible: float | None = None
+    idle: float | None = None
 
 
 @dataclass(frozen=True)
@@ -162,6 +166,10 @@ class TransferFamily(Family[T], Generic[T]):
             lambda at: dead_time_axis(step, 0.5 * span, plan.lag({**request.fixed, **at})),
         )
 
+    def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
+        """Far from some values, others that samples every ``step`` [s] may not tell from them."""
+        return []
+
     def confounded(self, values: Values) -> tuple[int, ...]:
         """States whose free response is a constant, which the offset already stands for."""
         return ()
@@ -212,7 +220,10 @@ class TransferFamily(Family[T], Generic[T]):
             request,
             unknowns,
             {s.name: s.sensible for s in plan.searched if s.sensible is not None},
+            {s.name: s.idle for s in plan.searched if s.idle is not None},
             plan.refusals,
+            partial(self.elsewhere, step=time_scales(experiments)[0]),
+            lambda values: float(np.abs(np.linalg.eigvals(self.realise(values)[0])).max()),
         ).run(None if state is None else state == "rest")
         parameters, order, covariance = fitted.quantities(
             variant.parameters, self.units(experiments)
