@@ -30,7 +30,8 @@ from .model import are_short
 
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
 _VALLEYS = 4  # of a grid search, from which the fit begins
-_NEAR = 4.0  # times the best cost, within which a rival may be
+_RIVALS = 6  # places far from the best that are searched
+_NEAR = 10.0  # times the best cost, within which a rival may be
 _FAST = 0.8  # pole times sample time, up to which samples tell one frequency from another
 Row = tuple[FloatArray, list[dict[str, float]], FloatArray]  # dead times, points and costs
 
@@ -194,10 +195,10 @@ class TransferFit:
                 return search
             starts = np.array([_vector(problem, {**values, **p}) for p in points])
             costs = profile(problem, starts)
-            near = [k for k in np.argsort(costs)[:_VALLEYS] if costs[k] < _NEAR * best.cost]
+            near = _apart(starts[np.argsort(costs)][: np.sum(costs < _NEAR * best.cost)])
             if not near:
                 return search
-            every = [best.eta, *(s.eta for s in search.rivals), *starts[near]]
+            every = [best.eta, *(s.eta for s in search.rivals), *near]
             found = solve_from(problem, every, tolerance=1e-2)
             tried = search.tried + len(near)
             again = found.best.cost < best.cost * (1.0 - 1e-3)
@@ -228,14 +229,15 @@ class TransferFit:
             ]  # fmt: skip
             if not apart:
                 continue
-            k = max(apart, key=lambda k: abs(rival.eta[k] / best.eta[k] - 1.0))
+            k = apart[0]
             spec = fitted.specs[names[k]]
+            unit_name = "" if spec.unit == "1" else f" {spec.unit}"
             fast = max(
                 self.fastest({**fitted.values, **dict(zip(names, s.eta))}) for s in (best, rival)
             )
             times = max(2, int(np.ceil(fast * step / _FAST)))
             reason = (
-                f"{best.eta[k]:.3g} and {rival.eta[k]:.3g} {spec.unit} explain these samples "
+                f"{best.eta[k]:.3g} and {rival.eta[k]:.3g}{unit_name} explain these samples "
                 "equally well, because the output has answered before the next sample is taken. "
                 f"Sample at least {times} times faster."
             )
@@ -323,6 +325,15 @@ def _remove_bias(
         "narrow the intervals.",
     )
     return replace(fitted, values=values, covariance=total, notices=[*fitted.notices, notice])
+
+
+def _apart(points: FloatArray) -> list[FloatArray]:
+    """The first few of points, best first, that are not close to one another."""
+    out: list[FloatArray] = []
+    for point in points:
+        if not any(np.all(np.abs(point - p) <= 0.15 * np.abs(p)) for p in out):
+            out.append(point)
+    return out[:_RIVALS]
 
 
 def _vector(problem: Problem, start: Mapping[str, float]) -> FloatArray:

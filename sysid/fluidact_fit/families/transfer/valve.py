@@ -137,8 +137,8 @@ class Valve(TransferFamily[ValveOptions]):
             turns = 2.0 * np.pi * np.arange(1, 4) / step
             poles += [(np.hypot(decay, b), decay) for b in np.r_[turns - swing, turns + swing]]
         if wn * step > 0.8:
-            fast = np.geomspace(0.8, 20.0, 12) / step
-            poles += [(w, z * w) for w in fast for z in (0.05, 0.15, 0.4, 0.8, 1.6)]
+            fast = np.geomspace(0.8, 20.0, 16) / step
+            poles += [(w, z * w) for w in fast for z in (0.03, 0.1, 0.2, 0.3, 0.5, 0.8, 1.6)]
         return [
             {"natural_frequency": float(w), "damping_ratio": float(a / w)} for w, a in poles if w > 0
         ]
