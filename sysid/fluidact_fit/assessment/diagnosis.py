@@ -153,9 +153,11 @@ def _shift(
         signal = replace(s.experiment.signals[role], hold=other)
         turned.append(replace(s.experiment, signals={**s.experiment.signals, role: signal}))
     again = family.simulate(variant, estimate.values, turned, estimate.options)
-    before = sum(float(np.sum(s.residual**2)) for s in fitted)
+    before = sum(float(np.nansum(s.residual**2)) for s in fitted)
     j = np.vstack(estimate.sensitivity)
-    r = np.concatenate([s.measured - a.output for s, a in zip(fitted, again)])
+    r = np.concatenate(
+        [(s.measured - a.output)[np.isfinite(s.measured)] for s, a in zip(fitted, again)]
+    )
     if j.shape[0] != r.size or j.shape[1] == 0 or not np.all(np.isfinite(r)):
         return None
     scale = np.linalg.norm(j, axis=0)

@@ -26,7 +26,7 @@ from ...estimation.uncertainty import enlarge
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, ParameterSpec, Request
 from .input_noise import InputNoise, moving_inputs
-from .model import are_short
+from .model import answers_to_the_past, are_short
 
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
 _VALLEYS = 4  # of a grid search, from which the fit begins
@@ -98,6 +98,29 @@ def dead_time_axis(step: float, longest: float, lag: float) -> FloatArray:
         width = 0.5 * step if out[-1] < 12.0 * step else 0.33 * out[-1]
         out.append(min(out[-1] + max(width, 0.3 * min(lag, longest)), longest))
     return np.array(out)
+
+
+def unrecorded_time(
+    experiments: Sequence[Experiment], output: str, values: Mapping[str, float], rest: bool
+) -> float | None:
+    """How long the output answers to an input before the run [s]; ``None`` where it is at rest.
+
+    For as long as the dead time the output of a run follows an input that was not recorded. No
+    initial state can stand for that, and where the output moves meanwhile, the fit has to leave
+    it out: somewhat more than the dead time, which is not known exactly.
+    """
+    dead_time, step = values.get("dead_time", 0.0), min(e.sample_time for e in experiments)
+    unrecorded = 1.1 * dead_time + 2.0 * step
+    if rest or dead_time < 3.0 * step:
+        return None
+    for e in experiments:
+        early = e[output][answers_to_the_past(e, dead_time)]
+        if early.size < 3 or any(s.time.size == 1 for s in e.signals.values()):
+            continue
+        noise = noise_floor(e[output], 4)
+        if np.var(early) > noise**2 * (1.0 + 6.0 * np.sqrt(2.0 / early.size)):
+            return float(unrecorded)
+    return None
 
 
 @dataclass(frozen=True)
