@@ -151,8 +151,8 @@ _JUDGEMENT = {
         "Check the given constants and units, or give better starting values with `--start`.",
     ),
     "not-identified": _warning(
-        "The data cannot determine a parameter; its neutral value was written instead, with the "
-        "status `not_identified`.",
+        "The data cannot determine a parameter; its neutral value, or the limit that the logs "
+        "reach, was written instead, with the status `not_identified`.",
         "Do the experiment that the message names; do not use the value.",
     ),
     "poor-fit": _warning(

@@ -161,7 +161,6 @@ def test_rounded_time_stamps_are_one_grid() -> None:
         (np.interp(np.arange(400), np.arange(0, 401, 20), RNG.normal(size=21)), False),
         (RNG.normal(size=400), False),
         (np.cumsum(RNG.normal(size=400)), False),
-        (np.repeat(RNG.normal(size=20), 20), False),
     ],
 )
 def test_only_smooth_signals_are_taken_for_smooth(values: np.ndarray, smooth: bool) -> None:
@@ -170,12 +169,32 @@ def test_only_smooth_signals_are_taken_for_smooth(values: np.ndarray, smooth: bo
     assert choose_hold([s]) == ("smooth" if smooth else "foh")
 
 
-def test_two_levels_are_held() -> None:
-    values = (np.sin(np.arange(400) * 0.05) > 0.0).astype(float)
-    halves = [signal(np.arange(200) * 0.01, v, "auto") for v in (values[:200], values[200:])]
-    assert choose_hold(halves) == "zoh"
-    one = signal(np.arange(400) * 0.01, values + (np.arange(400) > 390), "auto")
-    assert choose_hold([one]) == "foh"
+def test_levels_are_held() -> None:
+    """Two or many, with or without noise; what moves, or climbs the steps of a converter, is not."""
+    square = (np.sin(np.arange(400) * 0.05) > 0.0).astype(float)
+    wander = np.sin(np.arange(400) * 0.05)
+    noise = np.random.default_rng(3).normal(size=400)
+    many = np.repeat(np.random.default_rng(4).normal(size=20), 20)
+    idle = np.where(np.arange(400) < 250, 0.0, np.sin((np.arange(400) - 250) * 0.05))
+    held = [square, square + (np.arange(400) > 390), square + 0.005 * noise, many,
+            many + 0.01 * noise, np.repeat(np.arange(10.0), 40)]  # fmt: skip
+    moved = [wander, wander + 0.01 * noise, np.round(wander * 20) / 20, idle, noise,
+             np.interp(np.arange(400), np.arange(0, 401, 20), noise[:21])]  # fmt: skip
+    for values in held:
+        halves = [signal(np.arange(200) * 0.01, v, "auto") for v in (values[:200], values[200:])]
+        assert choose_hold(halves) == "zoh"
+    for values in moved:
+        assert choose_hold([signal(np.arange(400) * 0.01, values, "auto")]) != "zoh"
+
+
+def test_a_smooth_curve_does_not_leave_its_range_in_a_gap() -> None:
+    time = np.arange(400) * 0.01
+    kept = (time < 1.4) | (time > 2.3)
+    u = piecewise(signal(time[kept], np.sin(2.0 * time[kept]), "smooth"))
+    k = int(np.flatnonzero(np.diff(u.nodes) > 0.5)[0])
+    np.testing.assert_array_equal(u.coefficients[k, 2:], 0.0)
+    end = np.polyval(u.coefficients[k, ::-1], u.nodes[k + 1] - u.nodes[k])
+    assert end == pytest.approx(u.coefficients[k + 1, 0])
 
 
 def test_a_cubic_reproduces_a_smooth_force_between_samples() -> None:

@@ -90,12 +90,13 @@ def attacks() -> Iterator[Attack]:
                  bounds=bounds, repetitions=20)  # fmt: skip
     for wn, zeta, hold in (
         (40.0, 0.05, (0.3, 1.0)), (60.0, 0.3, (0.3, 1.0)), (50.0, 0.5, (0.3, 1.0)),
-        (100.0, 0.2, (0.3, 1.0)), (25.0, 0.3, (0.3, 1.0)),
+        (100.0, 0.2, (0.3, 1.0)), (25.0, 0.3, (0.3, 1.0)), (25.0, 1.5, (0.3, 1.0)),
+        (70.0, 0.1, (0.3, 1.0)), (15.0, 0.2, (0.3, 1.0)),
     ):  # fmt: skip
         truth = {"gain": 1.0, "natural_frequency": wn, "damping_ratio": zeta}
         yield Attack(
             "valve", "faster than the sampling", f"{wn:g} rad/s, {zeta:g}, every 0.1 s", truth,
-            partial(record, truth=truth, step=0.1, hold=hold), UNITS, repetitions=4,
+            partial(record, truth=truth, step=0.1, hold=hold), UNITS, repetitions=8,
         )  # fmt: skip
     for delay in (0.003, 0.010):
         yield Attack("valve", "delay not asked for", f"{1e3 * delay:g} ms", TRUTH,

@@ -18,6 +18,7 @@ from ..errors import UsageError
 from ..experiment import Experiment, FloatArray, Hold, Signal
 
 Array = npt.NDArray[Any]
+_GAP = 3.5  # usual sample times that a curve is drawn across
 
 
 @dataclass(frozen=True)
@@ -105,14 +106,29 @@ def piecewise(signal: Signal, *, level: float = 0.0) -> PiecewiseInput:
     kind = settled_hold(signal)
     if kind == "zoh":
         return PiecewiseInput(signal.time, values[:, None])
-    if kind == "smooth":
-        from scipy.interpolate import CubicSpline
-
-        pieces = CubicSpline(signal.time, values).c[::-1].T
-        last = np.array([[values[-1], 0.0, 0.0, 0.0]])
-        return PiecewiseInput(signal.time, np.vstack((pieces, last)))
     slope = np.append(np.diff(values) / np.diff(signal.time), 0.0)
-    return PiecewiseInput(signal.time, np.column_stack((values, slope)))
+    straight = np.column_stack((values, slope))
+    if kind == "foh":
+        return PiecewiseInput(signal.time, straight)
+    return PiecewiseInput(signal.time, _smooth_pieces(signal.time, straight))
+
+
+def _smooth_pieces(time: FloatArray, straight: FloatArray) -> FloatArray:
+    """Cubics through the samples, shape ``(n, 4)``; ``straight`` has the lines, ``(n, 2)``.
+
+    A cubic across a gap follows the slopes at its ends for as long as the gap lasts and leaves
+    the range of the signal: there the lines stay, and each side has a curve of its own.
+    """
+    from scipy.interpolate import CubicSpline
+
+    pieces = np.column_stack((straight, np.zeros((time.size, 2))))
+    steps = np.diff(time)
+    gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
+    for part in np.split(np.arange(time.size), gaps):
+        if part.size >= 4:
+            curve = CubicSpline(time[part], straight[part, 0]).c[::-1].T
+            pieces[part[:-1]] = curve
+    return pieces
 
 
 def settled_hold(signal: Signal) -> Hold:
@@ -126,13 +142,35 @@ def settled_hold(signal: Signal) -> Hold:
 
 
 def choose_hold(signals: Sequence[Signal]) -> Hold:
-    """Settle ``auto`` for a role of all logs: ``zoh`` on two levels, else ``foh`` or ``smooth``."""
-    levels = set()
-    for s in signals:
-        levels.update(np.unique(s.values[:10_000]).tolist())
-        if len(levels) > 2:
-            return "smooth" if is_smooth(signals) else "foh"
-    return "zoh"
+    """Settle ``auto`` for a role of all logs: ``zoh`` on held levels, else ``foh`` or ``smooth``."""
+    moving = [s for s in signals if s.values.size > 1 and np.ptp(s.values) > 0.0]
+    if all(_is_held(s.values[:10_000]) for s in moving):
+        return "zoh"
+    return "smooth" if is_smooth(signals) else "foh"
+
+
+def _is_held(values: FloatArray) -> bool:
+    """Whether a signal keeps a level, exactly or but for noise, and jumps to the next at once.
+
+    A jump stands alone (what takes several samples is a movement) and is large beside the
+    usual change from one sample to the next. Between jumps nothing is left but what these
+    usual changes amount to: ``s / sqrt(2)`` for white noise whose differences have the
+    deviation ``s``, far more for a movement.
+    """
+    change = np.abs(np.diff(values))
+    if np.unique(values).size <= 2:
+        return True
+    usual = 1.4826 * float(np.median(change))
+    jumps = np.flatnonzero(change > 5.0 * usual)
+    if jumps.size == 0 or np.sum(np.diff(jumps) == 1) > 0.1 * jumps.size:
+        return False
+    levels = np.split(values, jumps + 1)
+    # a jump too small to be seen leaves one level wide, not the others
+    if np.median([v.std() for v in levels]) > usual + 1e-9 * np.ptp(values):
+        return False
+    # steps of a converter, which a slow signal climbs one by one, are no levels of a command
+    steps = usual == 0.0 and np.median(change[jumps]) < 4.0 * change[jumps].min()
+    return not steps or np.median([v.size for v in levels]) >= 20
 
 
 def settle_holds(experiments: Sequence[Experiment]) -> list[Experiment]:

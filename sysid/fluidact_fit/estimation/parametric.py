@@ -36,6 +36,7 @@ from .uncertainty import Uncertainty, covariance, score_covariance, t_quantile
 Array = npt.NDArray[Any]
 _PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
 _MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
+DECISIVE = 12.0  # twice the log-likelihood ratio that tells one value from another
 Values = Mapping[str, Any]
 
 
@@ -335,6 +336,7 @@ def fit_named(
     *,
     refusals: Sequence[Refusal] = (),
     sensible: Mapping[str, float] | None = None,
+    idle: Mapping[str, float] | None = None,
 ) -> Fitted:
     """Fit a named model and refuse what the data do not determine.
 
@@ -349,6 +351,9 @@ def fit_named(
     sensible
         Per parameter the width beyond which its 95 % interval is uninformative
         (default: its own value).
+    idle
+        Values at which a parameter has no effect on these logs, such as the edge of a dead
+        zone at the largest input. One that is not better than that by far is refused.
     """
     by_name = {s.name: s for s in specs}
     every = (*model.nonlinear, *model.linear)
@@ -359,12 +364,13 @@ def fit_named(
         return _attempt(model, unknowns, held, begin)
 
     def undetermined(attempt: _Attempt) -> list[Refusal]:
-        return left_open(attempt.solved, by_name, sensible or {})
+        silent = _without_effect(attempt, unknowns, by_name, idle or {})
+        return silent or left_open(attempt.solved, by_name, sensible or {})
 
     found = determine(solve_with, undetermined, by_name, fixed=fixed, refusals=refusals)
     attempt, solved = found.solution, found.solution.solved
     values = {n: float(v) for n, v in solved.values.items()} | fixed
-    values |= {n: float(by_name[n].neutral or 0.0) for n in found.refused}
+    values |= {n: r.value(by_name[n]) for n, r in found.refused.items()}
     fitted = Fitted(
         values, solved.names, solved.covariance, solved.degrees, fixed, found.refused,
         order=attempt.order, search=attempt.search, solution=attempt.best, specs=by_name,
@@ -412,6 +418,59 @@ def _attempt(
     return _Attempt(fair, held, search, best, factors, found.order, solved)
 
 
+def _without_effect(
+    attempt: _Attempt,
+    unknowns: Mapping[str, Unknown],
+    specs: Mapping[str, ParameterSpec],
+    idle: Mapping[str, float],
+) -> list[Refusal]:
+    """Parameters that explain the data hardly better than if they had no effect at all.
+
+    The likelihood ratio decides. An interval cannot: beside the value at which a parameter ceases
+    to act, a few samples of noise give it a sharp and accidental optimum.
+    """
+    out = []
+    order = [n for n in attempt.solved.names if n in attempt.fair.nonlinear]
+    units = information_units(attempt.best, attempt.solved.covariance)
+    units = np.nan_to_num(units, nan=float(np.nanmin(units, initial=np.inf)))
+    for name, value in idle.items():
+        if name not in order:
+            continue
+        unit = units[order.index(name)]
+        problem = bind(attempt.fair, unknowns, {**attempt.held, name: value})
+        begin = np.delete(attempt.best.eta, order.index(name))
+        for limit in (3, 20):  # most are decided at once
+            found = solve(problem, begin, tolerance=0.05, max_iterations=limit)
+            rise = (found.cost - attempt.best.cost) / unit
+            if rise > 10.0 * DECISIVE:
+                break
+            begin = found.eta
+        if rise < DECISIVE:
+            reason = (
+                f"the data are explained as well if it lies beyond {value:.3g} "
+                f"{specs[name].unit}, where these logs end."
+            )
+            out.append(Refusal(name, reason, value))
+    return out
+
+
+def information_units(solution: Solution, found: FloatArray) -> FloatArray:
+    """What one standard deviation of each unknown adds to the cost, shape ``(p,)``.
+
+    The variance of the residual where that is white. An autocorrelated one carries less
+    information, and the cost counts for less by as much as the covariance ``found``, ``(p, p)``,
+    is larger than that of white residuals. NaN where the data do not determine the unknown.
+    """
+    plain = covariance(
+        solution.jacobian, solution.residuals, local_unknowns=sum(solution.local_counts),
+        robust=False,
+    )  # fmt: skip
+    own, now = np.diag(plain.covariance), np.diag(found)
+    usable = np.isfinite(own) & (own > 0.0) & np.isfinite(now)
+    excess = np.divide(now, own, out=np.full(own.size, np.nan), where=usable)
+    return np.asarray(plain.sigma**2 * np.maximum(excess, 1.0))
+
+
 def _balance(model: NamedModel, solution: Solution) -> dict[int, float]:
     """Factors that make the residuals of all logs equally large, or none.
 
@@ -444,12 +503,7 @@ def _examine_intervals(attempt: _Attempt, fitted: Fitted) -> dict[str, Interval]
         return {}
     out = {}
     quantile = t_quantile(0.975, fitted.degrees)
-    plain = covariance(
-        fitted.solution.jacobian,
-        fitted.solution.residuals,
-        local_unknowns=sum(fitted.solution.local_counts),
-        robust=False,
-    )
+    units = information_units(fitted.solution, fitted.covariance)
     for k, name in enumerate(fitted.names):
         if name not in model.nonlinear or name not in fitted.specs:
             continue
@@ -458,12 +512,9 @@ def _examine_intervals(attempt: _Attempt, fitted: Fitted) -> dict[str, Interval]
         near = min(value - u.low, u.high - value) < 3.0 * se
         if se <= 0.0 or not (near or fitted.specs[name].curved):
             continue
-        # autocorrelated residuals carry less information: the cost counts for less
-        own = plain.covariance[k, k]
-        if not (np.isfinite(own) and own > 0.0 and np.isfinite(se)):
+        if not np.isfinite(units[k]):
             continue
-        excess = max(fitted.covariance[k, k] / own, 1.0)
-        rise = _make_rise(model, fitted, held, name, plain.sigma**2 * excess)
+        rise = _make_rise(model, fitted, held, name, units[k])
         out[name] = profile_interval(rise, value, se, quantile, (u.low, u.high))
     return out
 

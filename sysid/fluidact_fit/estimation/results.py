@@ -25,8 +25,8 @@ S = TypeVar("S")
 class Refusal:
     """A parameter that the data cannot determine, and why.
 
-    ``hold`` is the value at which it is held while the others are fitted; the neutral
-    value of its specification when ``None``. That one is written in any case.
+    ``hold`` is the value at which it is held while the others are fitted and which is written;
+    the neutral value of its specification when ``None``.
     """
 
     parameter: str
@@ -60,6 +60,10 @@ def refuse(spec: ParameterSpec, reason: str, written: str = "") -> Notice:
         f"It is written as {written or f'{spec.neutral:g} {spec.unit}'}, status not_identified. "
         f"{spec.remedy}",
     )
+
+
+def _refusal_notice(refusal: Refusal, spec: ParameterSpec) -> Notice:
+    return refuse(spec, refusal.reason, f"{refusal.value(spec):.4g} {spec.unit}")
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,7 @@ def determine(
         When a parameter without a neutral value is undetermined.
     """
     refused = {r.parameter: r for r in refusals if r.parameter not in fixed}
-    notices = [refuse(specs[r.parameter], r.reason) for r in refused.values()]
+    notices = [_refusal_notice(r, specs[r.parameter]) for r in refused.values()]
     while True:
         held = {n: r.value(specs[n]) for n, r in refused.items()}
         solution = solve({**held, **fixed})
@@ -105,7 +109,7 @@ def determine(
         if not found:
             return Determined(solution, refused, notices)
         for r in found:
-            notices.append(refuse(specs[r.parameter], r.reason))
+            notices.append(_refusal_notice(r, specs[r.parameter]))
             refused[r.parameter] = r
 
 
@@ -177,7 +181,7 @@ class Solved:
         if name in self.fixed:
             return Quantity(value, unit, "fixed")
         if name in self.refused:
-            return Quantity(float(spec.neutral or 0.0), unit, "not_identified")
+            return Quantity(self.refused[name].value(spec), unit, "not_identified")
         error = self.std_error(name)
         found = self.intervals.get(name)
         if found is None:

@@ -361,6 +361,9 @@ def solve(
             converged = True
             break
         trial = _value(problem, candidate * scales)
+        if trial is None:  # the model breaks down there
+            damping, moved = max(damping * 8.0, 1e-9), False
+            continue
         gain = (fit.cost - trial.cost) / predicted
         moved = gain > 1e-4
         if moved:
@@ -416,8 +419,12 @@ def damped_step(
     return step
 
 
-def _value(problem: Problem, eta: FloatArray) -> _Fit:
+def _value(problem: Problem, eta: FloatArray) -> _Fit | None:
+    """The linear half at ``eta``; ``None`` where the model gives no finite numbers."""
     bases = [problem.model.basis(i, eta) for i in range(len(problem.measured))]
+    columns = (c for b in bases for c in (b.known, b.shared, b.local))
+    if not all(np.isfinite(c).all() for c in columns):
+        return None
     return _Fit(problem, eta, bases)
 
 
@@ -469,11 +476,8 @@ def profile(problem: Problem, candidates: FloatArray) -> FloatArray:
 
 
 def _cost(problem: Problem, eta: FloatArray) -> float:
-    bases = [problem.model.basis(i, eta) for i in range(len(problem.measured))]
-    columns = (c for b in bases for c in (b.known, b.shared, b.local))
-    if not all(np.isfinite(c).all() for c in columns):
-        return float("inf")
-    return _Fit(problem, eta, bases).cost
+    fit = _value(problem, eta)
+    return float("inf") if fit is None else fit.cost
 
 
 @dataclass(frozen=True)
@@ -490,9 +494,17 @@ def solve_from(problem: Problem, starts: Sequence[FloatArray], **limits: Any) ->
     """Solve from several starts and say how many agree with the best.
 
     A rival is another optimum whose cost is within a factor 1.05 of the best, more than
-    one part in a thousand away in some unknown.
+    one part in a thousand away in some unknown. A start from which the computation breaks
+    down is dropped; ``LinAlgError`` when there is no other.
     """
-    found = [solve(problem, s, **limits) for s in starts]
+    found, failure = [], None
+    for start in starts:
+        try:
+            found.append(solve(problem, start, **limits))
+        except np.linalg.LinAlgError as error:
+            failure = error
+    if not found and failure is not None:
+        raise failure
     found.sort(key=lambda s: s.cost)
     best = found[0]
     scales = np.maximum(np.abs(best.eta), [1e-6 * u.scale for u in problem.nonlinear])

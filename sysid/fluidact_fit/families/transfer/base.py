@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -36,7 +37,7 @@ from ...family import (
 from ...options import settled
 from .block import TransferBlock
 from .discrete import discretise
-from .fit import TransferFit, dead_time_axis, grid_search
+from .fit import TransferFit, dead_time_axis, grid_search, unrecorded_time
 from .model import TransferModel, are_short, simulate_transfer, time_scales
 
 
@@ -52,6 +53,11 @@ class TransferOptions(FamilyOptions):
         "whether each run has its own output offset, or, where runs are short, each log",
         choices=("run", "log"),
     )
+    unrecorded: float | None = settled(
+        "float",
+        "time at the start of every run during which the output answers to an input before it",
+        unit="s", minimum=0.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -66,6 +72,8 @@ class Searched:
         Values to try first, shape ``(k,)``; dead times are tried in proportion to the lag.
     sensible
         Half-width beyond which an interval is useless; the value found when ``None``.
+    idle
+        Value at which it has no effect on the logs at hand.
     """
 
     name: str
@@ -73,6 +81,7 @@ class Searched:
     limits: tuple[float, float] = (-np.inf, np.inf)
     axis: FloatArray = field(default_factory=lambda: np.zeros(1))
     sensible: float | None = None
+    idle: float | None = None
 
 
 @dataclass(frozen=True)
@@ -162,6 +171,10 @@ class TransferFamily(Family[T], Generic[T]):
             lambda at: dead_time_axis(step, 0.5 * span, plan.lag({**request.fixed, **at})),
         )
 
+    def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
+        """Far from some values, others that samples every ``step`` [s] may not tell from them."""
+        return []
+
     def confounded(self, values: Values) -> tuple[int, ...]:
         """States whose free response is a constant, which the offset already stands for."""
         return ()
@@ -176,6 +189,7 @@ class TransferFamily(Family[T], Generic[T]):
         experiments: Sequence[Experiment],
         rest: bool = False,
         common_offset: bool = False,
+        unrecorded: float = 0.0,
     ) -> TransferModel:
         """The model of some experiments, as the estimation takes it."""
         return TransferModel(
@@ -188,6 +202,7 @@ class TransferFamily(Family[T], Generic[T]):
             confounded=self.confounded,
             rest=rest,
             common_offset=common_offset,
+            unrecorded=unrecorded,
         )
 
     def estimate(
@@ -203,17 +218,32 @@ class TransferFamily(Family[T], Generic[T]):
         unknowns = make_unknowns(variant.parameters, every, scales, request, limits)
         state, owner = request.options.initial_state, request.options.offset_of
         common = are_short(experiments) if owner is None else owner == "log"
-        fitted, rest = TransferFit(
-            lambda some, still: self.transfer_model(variant, some, still, common).named(plan.names),
-            lambda some, still: self.starts(variant, plan, some, still, unknowns, request),
-            experiments,
-            variant.output.name,
-            variant.parameters,
-            request,
-            unknowns,
-            {s.name: s.sensible for s in plan.searched if s.sensible is not None},
-            plan.refusals,
-        ).run(None if state is None else state == "rest")
+
+        def run(unrecorded: float, still: bool | None) -> tuple[Fitted, bool]:
+            def make(some: Sequence[Experiment], rest: bool) -> TransferModel:
+                return self.transfer_model(variant, some, rest, common, unrecorded)
+
+            return TransferFit(
+                lambda some, rest: make(some, rest).named(plan.names),
+                lambda some, rest: self.starts(variant, plan, some, rest, unknowns, request),
+                experiments,
+                variant.output.name,
+                variant.parameters,
+                request,
+                unknowns,
+                {s.name: s.sensible for s in plan.searched if s.sensible is not None},
+                {s.name: s.idle for s in plan.searched if s.idle is not None},
+                plan.refusals,
+                partial(self.elsewhere, step=time_scales(experiments)[0]),
+                lambda values: float(np.abs(np.linalg.eigvals(self.realise(values)[0])).max()),
+            ).run(still)
+
+        unrecorded = request.options.unrecorded
+        fitted, rest = run(unrecorded or 0.0, None if state is None else state == "rest")
+        if unrecorded is None:
+            unrecorded = unrecorded_time(experiments, variant.output.name, fitted.values, rest)
+            if unrecorded is not None:
+                fitted, rest = run(unrecorded, rest)
         parameters, order, covariance = fitted.quantities(
             variant.parameters, self.units(experiments)
         )
@@ -228,6 +258,7 @@ class TransferFamily(Family[T], Generic[T]):
                 request.options,
                 initial_state="rest" if rest else "free",
                 offset_of="log" if common else "run",
+                unrecorded=unrecorded,
             ),
             [*fitted.notices, *drift, *said],
             {**fitted.details(), **table},
@@ -243,8 +274,13 @@ class TransferFamily(Family[T], Generic[T]):
         offset: float | None = None,
     ) -> list[Simulated]:
         """Output from the input; see :meth:`Family.simulate`."""
+        compared = all(variant.output.name in e for e in experiments)
         model = self.transfer_model(
-            variant, experiments, options.initial_state == "rest", options.offset_of == "log"
+            variant,
+            experiments,
+            options.initial_state == "rest",
+            options.offset_of == "log",
+            (options.unrecorded or 0.0) if compared else 0.0,
         )
         return simulate_transfer(model, scalars(values), offset)
 

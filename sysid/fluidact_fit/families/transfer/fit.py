@@ -12,17 +12,27 @@ import numpy.typing as npt
 
 from ...errors import Notice
 from ...estimation.noise import noise_floor
-from ...estimation.parametric import Fitted, NamedModel, bind, fit_named
-from ...estimation.results import Refusal
+from ...estimation.parametric import (
+    DECISIVE,
+    Fitted,
+    NamedModel,
+    bind,
+    fit_named,
+    information_units,
+)
+from ...estimation.results import Refusal, refuse
 from ...estimation.separable import Problem, Search, Unknown, evaluate, profile, solve_from
 from ...estimation.uncertainty import enlarge
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, ParameterSpec, Request
 from .input_noise import InputNoise, moving_inputs
-from .model import are_short
+from .model import answers_to_the_past, are_short
 
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
 _VALLEYS = 4  # of a grid search, from which the fit begins
+_RIVALS = 6  # places far from the best that are searched
+_NEAR = 10.0  # times the best cost, within which a rival may be
+_FAST = 0.8  # pole times sample time, up to which samples tell one frequency from another
 Row = tuple[FloatArray, list[dict[str, float]], FloatArray]  # dead times, points and costs
 
 
@@ -90,6 +100,29 @@ def dead_time_axis(step: float, longest: float, lag: float) -> FloatArray:
     return np.array(out)
 
 
+def unrecorded_time(
+    experiments: Sequence[Experiment], output: str, values: Mapping[str, float], rest: bool
+) -> float | None:
+    """How long the output answers to an input before the run [s]; ``None`` where it is at rest.
+
+    For as long as the dead time the output of a run follows an input that was not recorded. No
+    initial state can stand for that, and where the output moves meanwhile, the fit has to leave
+    it out: somewhat more than the dead time, which is not known exactly.
+    """
+    dead_time, step = values.get("dead_time", 0.0), min(e.sample_time for e in experiments)
+    unrecorded = 1.1 * dead_time + 2.0 * step
+    if rest or dead_time < 3.0 * step:
+        return None
+    for e in experiments:
+        early = e[output][answers_to_the_past(e, dead_time)]
+        if early.size < 3 or any(s.time.size == 1 for s in e.signals.values()):
+            continue
+        noise = noise_floor(e[output], 4)
+        if np.var(early) > noise**2 * (1.0 + 6.0 * np.sqrt(2.0 / early.size)):
+            return float(unrecorded)
+    return None
+
+
 @dataclass(frozen=True)
 class TransferFit:
     """A staged fit: look for starts, refine them on an excerpt, then fit everything.
@@ -104,8 +137,12 @@ class TransferFit:
         parameters, best first; a ``--start`` wins.
     output
         Role of the output.
-    sensible, refusals
+    sensible, idle, refusals
         As in :func:`.parametric.fit_named`; every refused parameter has a value to hold.
+    elsewhere
+        ``elsewhere(values)`` returns other values, far away, that may explain the samples too.
+    fastest
+        ``fastest(values)``: the largest pole of the model [rad/s].
     """
 
     make: Callable[[Sequence[Experiment], bool], NamedModel]
@@ -116,7 +153,10 @@ class TransferFit:
     request: Request[FamilyOptions]
     unknowns: Mapping[str, Unknown]
     sensible: Mapping[str, float]
+    idle: Mapping[str, float]
     refusals: Sequence[Refusal]
+    elsewhere: Callable[[Mapping[str, float]], list[dict[str, float]]]
+    fastest: Callable[[Mapping[str, float]], float]
 
     @property
     def _refused(self) -> dict[str, float]:
@@ -137,8 +177,9 @@ class TransferFit:
         if rest is None:
             rest = self._starts_at_rest(few)
         problem, search = self._search(few, rest)
+        search = self._look_elsewhere(problem, search)
         names = [u.name for u in problem.nonlinear]
-        ends = [{**held, **dict(zip(names, s.eta))} for s in (search.best, *search.rivals[:1])]
+        ends = [{**held, **dict(zip(names, s.eta))} for s in (search.best, *search.rivals[:2])]
         if sum(e.samples for e in self.experiments) > _MANY:
             part = _shorten(self.experiments, self.output, _MANY // 4)
             middle = bind(self.make(part, rest), self.unknowns, held)
@@ -146,6 +187,7 @@ class TransferFit:
             ends = [{**held, **dict(zip(names, closer.best.eta))}]
         self.request.progress("fitting")
         fitted = self._fit(self.make(self.experiments, rest), ends)
+        self._refuse_ambiguous(fitted)
         fitted, found = self._allow_for_input_noise(fitted, rest)
         tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
         return replace(fitted, search=tried, remarks=found), rest
@@ -153,7 +195,7 @@ class TransferFit:
     def _fit(self, model: NamedModel, starts: Sequence[Mapping[str, float]]) -> Fitted:
         return fit_named(
             model, self.specs, self.request, self.unknowns, starts,
-            refusals=self.refusals, sensible=self.sensible,
+            refusals=self.refusals, sensible=self.sensible, idle=self.idle,
         )  # fmt: skip
 
     def _search(self, experiments: Sequence[Experiment], rest: bool) -> tuple[Problem, Search]:
@@ -161,6 +203,68 @@ class TransferFit:
         problem = bind(self.make(experiments, rest), self.unknowns, self._held)
         starts = [{**s, **self.request.start} for s in self.find_starts(experiments, rest)]
         return problem, solve_from(problem, [_vector(problem, s) for s in starts], tolerance=1e-2)
+
+    def _look_elsewhere(self, problem: Problem, search: Search) -> Search:
+        """Search again where the family knows of rivals, as long as better ones are found there.
+
+        The cost is looked at first: only what comes near the best is worth a search.
+        """
+        names = [u.name for u in problem.nonlinear]
+        for _ in range(3):
+            best = search.best
+            values = {**self._held, **dict(zip(names, best.eta))}
+            points = [p for p in self.elsewhere(values) if not set(p) & set(self._held)]
+            if not points:
+                return search
+            starts = np.array([_vector(problem, {**values, **p}) for p in points])
+            costs = profile(problem, starts)
+            near = _apart(starts[np.argsort(costs)][: np.sum(costs < _NEAR * best.cost)])
+            if not near:
+                return search
+            every = [best.eta, *(s.eta for s in search.rivals), *near]
+            found = solve_from(problem, every, tolerance=1e-2)
+            tried = search.tried + len(near)
+            again = found.best.cost < best.cost * (1.0 - 1e-3)
+            search = replace(found, tried=tried, agreeing=max(search.agreeing, found.agreeing))
+            if not again:
+                break
+        return search
+
+    def _refuse_ambiguous(self, fitted: Fitted) -> None:
+        """Refuse what has two values, far apart, that the data cannot tell from each other.
+
+        Raises
+        ------
+        NotIdentifiedError
+            Naming both, and how much faster sampling has to be.
+        """
+        best = fitted.search.best
+        names = [n for n in fitted.names if n in fitted.unknowns][: best.eta.size]
+        unit = np.nanmedian(information_units(fitted.solution, fitted.covariance))
+        step = min(e.sample_time for e in self.experiments)
+        for rival in fitted.search.rivals:
+            if rival.cost - best.cost >= DECISIVE * unit:
+                continue
+            apart = [
+                k for k, n in enumerate(names)
+                if abs(rival.eta[k] - best.eta[k]) > 4.0 * fitted.std_error(n)
+                and fitted.specs[n].neutral is None
+            ]  # fmt: skip
+            if not apart:
+                continue
+            k = apart[0]
+            spec = fitted.specs[names[k]]
+            unit_name = "" if spec.unit == "1" else f" {spec.unit}"
+            fast = max(
+                self.fastest({**fitted.values, **dict(zip(names, s.eta))}) for s in (best, rival)
+            )
+            times = max(2, int(np.ceil(fast * step / _FAST)))
+            reason = (
+                f"{best.eta[k]:.3g} and {rival.eta[k]:.3g}{unit_name} explain these samples "
+                "equally well, because the output has answered before the next sample is taken. "
+                f"Sample at least {times} times faster."
+            )
+            refuse(spec, reason)
 
     def _starts_at_rest(self, experiments: Sequence[Experiment]) -> bool:
         """Whether short runs are taken to start at rest.
@@ -190,7 +294,7 @@ class TransferFit:
         role = roles[0]
         sigma = float(np.median([noise_floor(e[role], 4) for e in experiments]))
         noise = InputNoise(experiments, role, sigma, np.random.default_rng(self.request.seed))
-        held = {n: v for n, v in fitted.values.items() if n not in fitted.names} | self._refused
+        held = {n: v for n, v in fitted.values.items() if n not in fitted.names}
 
         def model(some: Sequence[Experiment]) -> NamedModel:
             return self.make(some, rest).scaled(factors)
@@ -244,6 +348,15 @@ def _remove_bias(
         "narrow the intervals.",
     )
     return replace(fitted, values=values, covariance=total, notices=[*fitted.notices, notice])
+
+
+def _apart(points: FloatArray) -> list[FloatArray]:
+    """The first few of points, best first, that are not close to one another."""
+    out: list[FloatArray] = []
+    for point in points:
+        if not any(np.all(np.abs(point - p) <= 0.15 * np.abs(p)) for p in out):
+            out.append(point)
+    return out[:_RIVALS]
 
 
 def _vector(problem: Problem, start: Mapping[str, float]) -> FloatArray:

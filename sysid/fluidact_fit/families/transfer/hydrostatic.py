@@ -114,7 +114,7 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         """Typical sizes, search range and the widest useful intervals."""
         step, span = time_scales(experiments)
         low, high, speed = _ranges(experiments)
-        force, shares = max(high, -low), np.array([0.04, 0.2, 0.5])
+        force, shares = max(high, -low), np.array([0.04, 0.3, 0.75])
         damping, negative, positive = force / speed, min(low, 0.0), max(high, 0.0)
         travel = max(float(np.ptp(experiments[0]["position"])), 1e-12)
         # masses and stiffnesses to try first are per damping
@@ -123,9 +123,11 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         searched = [
             Searched("mass", damping * step, (1e-4 * damping * step, 1e3 * damping * span), masses),
             Searched("damping", damping, (1e-4 * damping, 1e4 * damping)),
-            Searched("dead_zone_negative", force, (negative, 0.0), negative * shares, 0.5 * force),
-            Searched("dead_zone_positive", force, (0.0, positive), positive * shares, 0.5 * force),
-        ]
+            Searched("dead_zone_negative", force, (negative, 0.0), negative * shares,
+                     0.5 * force, idle=negative),
+            Searched("dead_zone_positive", force, (0.0, positive), positive * shares,
+                     0.5 * force, idle=positive),
+        ]  # fmt: skip
         options, given = request.options, request.fixed
         if options.stiffness == "estimate" or "stiffness" in given:
             searched.append(

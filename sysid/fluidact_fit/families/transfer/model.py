@@ -34,7 +34,8 @@ class _Prepared:
     """Input and grids of one experiment, computed once.
 
     ``rest`` says that the run starts at rest, as a step that was not recorded does;
-    ``log`` is the position of its offset among those shared by several runs, or None.
+    ``log`` is the position of its offset among those shared by several runs, or None;
+    ``used`` are its samples that the model describes.
     """
 
     u: PiecewiseInput
@@ -42,6 +43,7 @@ class _Prepared:
     samples: Grid
     rest: bool
     log: int | None
+    used: npt.NDArray[np.bool_]
 
 
 class TransferModel:
@@ -67,6 +69,9 @@ class TransferModel:
     confounded
         States whose free response is a constant, like the position of a free mass: the
         offset already stands for them.
+    unrecorded
+        How long the output of a run answers to the input before it [s]: what was measured
+        until then is left out, and the initial state is that of the first sample after it.
     """
 
     def __init__(
@@ -81,11 +86,11 @@ class TransferModel:
         confounded: Callable[[Values], tuple[int, ...]] = lambda values: (),
         rest: bool = False,
         common_offset: bool = False,
+        unrecorded: float = 0.0,
     ) -> None:
-        self.rest, self.common_offset = rest, common_offset
+        self.rest, self.common_offset, self.unrecorded = rest, common_offset, unrecorded
         self.realise, self.gain, self.dead_zone = realise, gain, dead_zone
         self.confounded = confounded
-        self.measured = [e[output_role] for e in experiments if output_role in e]
         self.resolutions = [
             e.signals[output_role].resolution for e in experiments if output_role in e
         ]
@@ -94,16 +99,25 @@ class TransferModel:
         several = [k for k in dict.fromkeys(self.logs) if self.logs.count(k) > 1]
         self.several = several if common_offset else []
         self.prepared = [self._prepare(e, input_role) for e in experiments]
+        self.measured = [
+            e[output_role][p.used] for e, p in zip(experiments, self.prepared) if output_role in e
+        ]
         self._known: dict[tuple[str, int], tuple[bytes, Array]] = {}
 
     def _prepare(self, experiment: Experiment, role: str) -> _Prepared:
         signal = experiment.signals[role]
         u = piecewise(signal, level=0.0 if self.dead_zone else input_level(signal))
-        samples = make_grid(experiment.time)
-        same = signal.time is experiment.time or np.array_equal(signal.time, experiment.time)
+        rest = self.rest or signal.time.size == 1
+        used = np.ones(experiment.time.size, dtype=bool)
+        if self.unrecorded > 0.0 and not rest:
+            used = ~answers_to_the_past(experiment, self.unrecorded)
+        samples = make_grid(experiment.time[used])
+        same = used.all() and (
+            signal.time is experiment.time or np.array_equal(signal.time, experiment.time)
+        )
         log = self.several.index(experiment.log) if experiment.log in self.several else None
         nodes = samples if same else make_grid(u.nodes)
-        return _Prepared(u, nodes, samples, self.rest or signal.time.size == 1, log)
+        return _Prepared(u, nodes, samples, rest, log, used)
 
     def columns(self, index: int, values: Values) -> Basis:
         """Forced response, free responses and offset of one experiment."""
@@ -146,7 +160,8 @@ class TransferModel:
         if not p.rest:
             free = self._remember(("free", index), (a, c), lambda: free_response(a, c, p.samples))
             skip = self.confounded(values) if p.log is None else ()
-            columns += [free[:, i] for i in range(free.shape[1]) if i not in skip]
+            # as many columns whatever the values: derivatives are taken column by column
+            columns += [free[:, i] * (i not in skip) for i in range(free.shape[1])]
         if p.log is None:
             columns.append(np.ones(p.samples.instants.size))
         return np.column_stack(columns) if columns else np.zeros((p.samples.instants.size, 0))
@@ -184,6 +199,12 @@ def time_scales(experiments: Sequence[Experiment]) -> tuple[float, float]:
     return min(e.sample_time for e in experiments), max(float(np.ptp(e.time)) for e in experiments)
 
 
+def answers_to_the_past(experiment: Experiment, unrecorded: float) -> npt.NDArray[np.bool_]:
+    """Samples within ``unrecorded`` [s] of the start; none of a run not even twice as long."""
+    since = experiment.time - experiment.time[0]
+    return np.asarray((since < unrecorded) & (since[-1] > 2.0 * unrecorded))
+
+
 def are_short(experiments: Sequence[Experiment]) -> bool:
     """Whether the runs hold too few samples to have offsets and initial states of their own.
 
@@ -198,7 +219,7 @@ def simulate_transfer(
 ) -> list[Simulated]:
     """Outputs of all runs, offset by log and initial state by run fitted to their outputs.
 
-    Runs without a recorded output start at rest, where the output is ``gain`` times the
+    What answers to an input before the run is NaN. Runs without a recorded output start at rest, where the output is ``gain`` times the
     input's first value plus ``offset``.
     """
     parts = [model.response(i, values) for i in range(len(model.prepared))]
@@ -208,13 +229,16 @@ def simulate_transfer(
             for known, _, level in parts
         ]
     out: list[Simulated | None] = [None] * len(parts)
+    described = [p.used for p in model.prepared]
     owners = model.logs if model.common_offset else list(range(len(parts)))
     for owner in dict.fromkeys(owners):
         runs = [i for i, other in enumerate(owners) if other == owner]
         rest = [model.measured[i] - parts[i][0] for i in runs]
         level, fitted = _fit_offset(rest, [parts[i][1] for i in runs])
         for i, extra in zip(runs, fitted):
-            out[i] = Simulated(parts[i][0] + extra, offset=level - parts[i][2])
+            output = np.full(described[i].size, np.nan)
+            output[described[i]] = parts[i][0] + extra
+            out[i] = Simulated(output, offset=level - parts[i][2])
     return [s for s in out if s is not None]
 
 

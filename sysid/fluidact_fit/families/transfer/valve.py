@@ -124,6 +124,25 @@ class Valve(TransferFamily[ValveOptions]):
             fixed={"dead_time": 0.0} if request.options.dead_time == "none" else {},
         )
 
+    def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
+        """Aliases of an oscillation, and for a fast valve everything faster.
+
+        Poles ``-a +- jb`` and ``-a +- j(2 pi k / step +- b)`` decay and swing alike at the
+        samples; only the size of the first ones tells them apart.
+        """
+        wn, zeta = values["natural_frequency"], values["damping_ratio"]
+        poles = []
+        if zeta < 1.0:
+            decay, swing = zeta * wn, wn * np.sqrt(1.0 - zeta**2)
+            turns = 2.0 * np.pi * np.arange(1, 4) / step
+            poles += [(np.hypot(decay, b), decay) for b in np.r_[turns - swing, turns + swing]]
+        if wn * step > 0.8:
+            fast = np.geomspace(0.8, 20.0, 16) / step
+            poles += [(w, z * w) for w in fast for z in (0.03, 0.1, 0.2, 0.3, 0.5, 0.8, 1.6)]
+        return [
+            {"natural_frequency": float(w), "damping_ratio": float(a / w)} for w, a in poles if w > 0
+        ]
+
     def units(self, experiments: Sequence[Experiment]) -> dict[str, str]:
         """The gain is outlet per command."""
         signals = experiments[0].signals
