@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from math import erfc, sqrt
 
 import numpy as np
+import numpy.typing as npt
 
 from ..experiment import FloatArray
 from .uncertainty import covariance
@@ -108,9 +109,20 @@ def _pooled(parts: dict[int, _Part], k: int) -> tuple[list[_Part], FloatArray, F
 
 
 def _solve(information: FloatArray, score: FloatArray) -> FloatArray:
+    return np.asarray(_inverse(information)[0] @ score)
+
+
+def _inverse(information: FloatArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Inverse where there is one, and which parameters hang on what has none.
+
+    Parameters differ by many orders of magnitude: they are scaled before it is judged.
+    """
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    scaled = information / np.outer(scale, scale)
-    return np.asarray(np.linalg.lstsq(scaled, score / scale, rcond=1e-10)[0] / scale)
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    told = values > 1e-10 * values.max()
+    vague = np.any(np.abs(vectors[:, ~told]) > 1e-4, axis=1) | (np.diag(information) <= 0.0)
+    found = (vectors[:, told] / values[told]) @ vectors[:, told].T
+    return found / np.outer(scale, scale), vague
 
 
 def _drift(
@@ -124,11 +136,9 @@ def _drift(
     # covariance of the pooled others: each log's sandwich, weighted by its information
     with np.errstate(invalid="ignore"):  # what a log does not determine has no finite one
         middle = np.sum([p.information @ p.covariance @ p.information for p in others], axis=0)
-    spread = np.full_like(middle, np.nan)
-    if np.all(np.isfinite(middle)):
-        half = np.linalg.lstsq(information, middle, rcond=1e-12)[0]
-        spread = np.linalg.lstsq(information, half.T, rcond=1e-12)[0]
-    variance = np.diag(one.covariance) + np.diag(spread)
+    inverse, vague = _inverse(information)
+    variance = np.diag(one.covariance) + np.diag(inverse @ middle @ inverse)
+    variance = np.where(vague, np.inf, variance)
     difference = _solve(one.information, one.score) - theirs
     z = difference / np.sqrt(np.maximum(variance, 1e-300))
     told = np.isfinite(z) if largest is None else np.isfinite(z) & (variance <= largest**2)
