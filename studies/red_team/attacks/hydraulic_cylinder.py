@@ -176,7 +176,7 @@ def commands(rng: np.random.Generator, n: int, volts: float, edges: tuple[float,
     return u
 
 
-def _log(
+def record(
     rng: np.random.Generator,
     *,
     plant: Plant = Plant(),
@@ -290,10 +290,10 @@ def attacks() -> Iterator[Attack]:
         options: Mapping[str, str] | None = None, **how: object,
     ) -> Attack:  # fmt: skip
         low, high = plant.edges
-        record = partial(_log, plant=plant, **how)  # type: ignore[arg-type]
+        recorder = partial(record, plant=plant, **how)  # type: ignore[arg-type]
         given = {**plant.given(**(changed or {})), **(options or {})}
         return Attack(
-            "hydraulic-cylinder", group, name, plant.truth(), record, UNITS, options=given,
+            "hydraulic-cylinder", group, name, plant.truth(), recorder, UNITS, options=given,
             scales=dict.fromkeys(("dead_zone_negative", "dead_zone_positive"), high - low),
             bounds=bounds or {}, repetitions=repetitions,
         )  # fmt: skip

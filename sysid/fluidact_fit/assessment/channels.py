@@ -41,7 +41,8 @@ def judge_channels(
         if found["times_noise"] > _MISSED and found["p_value"] < _CHANCE:
             unit = next(s.experiment.signals[role].unit for s in fitted if role in s.also)
             missed.append(
-                f"'{role}' by {found['rmse']:.3g} {unit} ({found['times_noise']:.2g} times its noise)"
+                f"'{role}' by {found['rmse']:.3g} {unit} "
+                f"({found['times_noise']:.2g} times its noise)"
             )
     return table, [_notice(family, estimate, missed)] if missed else []
 
