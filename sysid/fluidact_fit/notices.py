@@ -111,6 +111,11 @@ _READING = {
 }
 
 _JUDGEMENT = {
+    "channel-missed": _warning(
+        "A measured channel beside the output, such as a pressure, is missed by more than its "
+        "noise: something that was given or recorded is not as the machine was.",
+        "Check the given numbers, the sensors and the clock that the message names.",
+    ),
     "closed-loop": _warning(
         "The input reacts to the noise of the output: the log was recorded under feedback, which "
         "biases the parameters.",

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from studies.red_team.attacks import hydraulic_cylinder as attacks
 
 import fluidact_fit as ff
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
@@ -28,7 +29,12 @@ from fluidact_fit.families.hydraulic_cylinder.equations import (
     effective_command,
     orifice_flow,
 )
-from fluidact_fit.families.hydraulic_cylinder.gray_box import GrayBox, GrayLog, make_gray_log
+from fluidact_fit.families.hydraulic_cylinder.gray_box import (
+    GrayBox,
+    GrayLog,
+    make_gray_log,
+    mean_command,
+)
 from fluidact_fit.families.hydraulic_cylinder.gray_search import GrayProblem, solve_gray_box
 from fluidact_fit.logs import StepInput
 from fluidact_fit.result import FitResult
@@ -187,7 +193,7 @@ def reversal() -> GrayLog:
 
 def test_sensitivities_are_the_derivatives_of_the_scheme() -> None:
     log = reversal()
-    box = GrayBox([log], MACHINE, (35.0, 3600.0), segment=40)
+    box = GrayBox([log], MACHINE, 3600.0, segment=40)
     nodes = box.nodes_of(log.guess)
     free = ("valve_gain_1", "line_loss_3", "bulk_modulus", "dead_zone_positive", "coulomb")
     states, slopes = box.integrate(log, nodes, truth(), free)
@@ -204,7 +210,7 @@ def test_sensitivities_are_the_derivatives_of_the_scheme() -> None:
 
 
 def test_multiple_shooting_comes_from_far_away() -> None:
-    box = GrayBox([reversal()], MACHINE, (35.0, 3600.0))
+    box = GrayBox([reversal()], MACHINE, 3600.0)
     free = ("valve_gain_1", "valve_gain_2", "bulk_modulus")
     start = {**truth(), "valve_gain_1": 1e-8, "valve_gain_2": 4e-8, "bulk_modulus": 3e8}
     unknowns = [Unknown(n, 0.01 * truth()[n], 100.0 * truth()[n], truth()[n]) for n in free]
@@ -220,32 +226,88 @@ def slow_triangles(samples: int) -> FloatArray:
     return np.asarray(0.9 * (4.0 * np.abs(phase % 1.0 - 0.5) - 1.0))
 
 
-def test_sharp_friction_sticks_and_slips_like_the_generator() -> None:
-    """The generator stops the piston by Karnopp's rule, the gray box by a steep slope."""
-    rows = exact(slow_triangles(700), fine=150)
-    log = gray_log(rows)
-    box = GrayBox([log], MACHINE, (35.0, 3600.0))
-    start = np.append(rows[0, 2:], 0.0)
+@pytest.mark.parametrize("coulomb", [35.0, 900.0])
+def test_friction_sticks_slips_and_turns_like_an_independent_simulation(coulomb: float) -> None:
+    """Events bisected in steps of a quarter, by a simulator that shares no code."""
+    plant = replace(attacks.Plant(), coulomb=coulomb)
+    time = 1e-3 * np.arange(600)
+    command = attacks.commands(np.random.default_rng(3), time.size, 6.0, plant.edges)
+    rows = attacks.simulate(plant, time, command)
+    log = gray_log(np.column_stack((time, command, rows)))
+    box = GrayBox([log], MACHINE, 3600.0)
+    states = box.simulate(log, np.append(rows[0], 0.0), plant.truth())
+    assert np.sum(np.diff(np.flatnonzero(states[:, 3] == 0.0)) > 1) >= 2  # it stuck and broke away
+    assert np.abs(states[:, :3] - rows).max(axis=0) == pytest.approx(0.0, abs=3e3)
+    assert np.abs(states[:, 2] - rows[:, 2]).max() < 1e-6
+
+
+def test_sensitivities_go_through_stops_and_break_aways() -> None:
+    plant = replace(attacks.Plant(), coulomb=900.0)
+    time = 1e-3 * np.arange(600)
+    command = attacks.commands(np.random.default_rng(3), time.size, 6.0, plant.edges)
+    rows = attacks.simulate(plant, time, command)
+    log = gray_log(np.column_stack((time, command, rows)))
+    box = GrayBox([log], MACHINE, 3600.0, segment=599)
+    start, values = np.append(rows[0], 0.0), plant.truth()
+    free = ("coulomb", "dead_zone_positive", "viscous")
+    slopes = box.integrate(log, start[None], values, free)[1][0]
     noise = np.array([2e4, 2e4, 5e-5])
-    errors = [
-        np.abs(b.simulate(log, start, truth())[:, :3] - rows[:, 2:]) / noise
-        for b in (box, box.sharp())
-    ]
-    assert errors[1].max() < 0.1
-    assert errors[1].max() < 0.3 * errors[0].max()
+    for k, name in enumerate(free):
+        step = 1e-6 * values[name]
+        ends = [
+            box.simulate(log, start, {**values, name: values[name] + s * step})[1:, :3]
+            for s in (1.0, -1.0)
+        ]
+        due = (ends[0] - ends[1]) / (2.0 * step) / noise
+        found = slopes[:, :3, 4 + k] / noise
+        assert np.abs(found - due).max() < 5e-3 * np.abs(due).max(), name
 
 
-def test_short_steps_are_needed_near_rest_only() -> None:
-    rows = exact(np.r_[np.full(60, 2.0), np.full(60, -3.0), slow_triangles(300)])
+def test_a_piston_at_rest_forgets_the_speed_that_it_was_said_to_have() -> None:
+    rows = exact(np.zeros(60))
     log = gray_log(rows)
-    box = GrayBox([log], MACHINE, (35.0, 3600.0))
+    box = GrayBox([log], MACHINE, 3600.0, segment=59)
     start = np.append(rows[0, 2:], 0.0)
-    some = box.simulate(log, start, truth())
-    assert box.scheme.moving < box.scheme.resting
-    box.scheme = replace(box.scheme, moving=box.scheme.resting)
-    everywhere = box.simulate(log, start, truth())
-    assert np.abs(some - everywhere).max(axis=0) == pytest.approx(0.0, abs=500.0)
-    assert np.abs(some - everywhere)[:, 2].max() < 1e-6
+    _, slopes = box.integrate(log, start[None], truth(), ("coulomb",))
+    assert np.all(slopes[0, :, :, 3] == 0.0)
+    assert np.all(box.simulate(log, start, truth())[:, 3] == 0.0)
+
+
+def test_a_late_command_counts_by_its_mean() -> None:
+    t, u = 1e-3 * np.arange(5), np.array([0.0, 1.0, 2.0, 2.0, -1.0])
+
+    def mean(late: float, hold: Any) -> FloatArray:
+        signal = Signal("command", t + late, u, "V", hold)
+        return mean_command(Experiment("x", 0, t, {"command": signal}, 1e-3, True))
+
+    assert np.array_equal(mean(0.0, "zoh"), u[:-1])
+    assert mean(2e-4, "zoh") == pytest.approx([0.0, 0.8, 1.8, 2.0])
+    assert mean(0.0, "foh") == pytest.approx([0.5, 1.5, 2.0, 0.5])
+
+
+def wrong(tmp_path: Path, **factors: float) -> FitResult:
+    """A fit of the machine with some given numbers wrong by a factor."""
+    (log,) = attacks.record(np.random.default_rng(4), plant=attacks.Plant())
+    rows = np.column_stack(list(log.values()))
+    given = {n: v * factors.get(n, 1.0) for n, v in GIVEN.items()}
+    return ff.fit("hydraulic-cylinder", write(tmp_path / "x.csv", rows), **given)
+
+
+@pytest.mark.parametrize("name", ["mass", "supply_pressure"])
+def test_a_wrong_number_shows_in_the_pressures(tmp_path: Path, name: str) -> None:
+    found = wrong(tmp_path, **{name: 1.05 if name == "supply_pressure" else 2.0})
+    (said,) = [n for n in found.notices if n.code == "channel-missed"]
+    assert "'pressure_1' by" in said.message
+    assert "times its noise" in said.message
+    assert f"--{name.replace('_', '-')}" in said.message
+    assert found.verdict != "pass"
+
+
+def test_right_numbers_pass_without_a_word(tmp_path: Path) -> None:
+    found = wrong(tmp_path)
+    assert (found.verdict, [n.code for n in found.notices]) == ("pass", [])
+    channels = (found.document.fit.details or {})["channels"]
+    assert all(0.9 < c["times_noise"] < 1.1 for c in channels.values())
 
 
 # --------------------------------------------------------------------------------- truth

@@ -20,6 +20,7 @@ from ..estimation.uncertainty import fit_autoregression
 from ..experiment import FloatArray, Hold
 from ..family import Estimate, Family, FamilyOptions, Value, Variant
 from ..outcome import Simulation
+from .channels import judge_channels
 from .given import find_reliance
 from .influence import find_deciding_samples, find_disagreeing_parts
 from .optimum import Optimum, make_optimum
@@ -57,6 +58,8 @@ def diagnose(
     """
     at = make_optimum(family, variant, estimate, fitted)
     details, notices = _examined(at)
+    details["channels"], missed = judge_channels(family, estimate, fitted)
+    notices += missed
     if not all(s.experiment.time.size for s in fitted):
         return details, notices
     holds, doubts = _other_holds(at, declared) if at is not None else ({}, [])

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from math import erfc, sqrt
 
 import numpy as np
+import numpy.typing as npt
 
 from ..experiment import FloatArray
-from .uncertainty import BoolArray, covariance
-
-_RCOND = 1e-10  # eigenvalues of an information below this part of the largest say nothing
+from .uncertainty import covariance
 
 
 @dataclass(frozen=True)
@@ -51,6 +50,7 @@ def compare_logs(
     residuals: Sequence[FloatArray],
     logs: Sequence[int],
     names: Sequence[str],
+    largest: FloatArray | None = None,
 ) -> tuple[list[Drift], dict[int, float]]:
     """Drift of every log in every parameter, and the error of each predicted by the others.
 
@@ -62,6 +62,9 @@ def compare_logs(
         Log of every experiment.
     names
         Parameters; nuisance unknowns have been left out of the Jacobian.
+    largest
+        Standard error of a difference, shape ``(p,)``, above which it says nothing: a log
+        that hardly determines a parameter is linear in it over its own noise only.
 
     Returns
     -------
@@ -79,7 +82,10 @@ def compare_logs(
     rest = dict(parts)
     tests = len(every) * len(names)
     while len(rest) > 1:
-        found = max((_drift(rest, k, names, tests) for k in rest), key=lambda d: abs(d.deviations))
+        found = max(
+            (_drift(rest, k, names, tests, largest) for k in rest),
+            key=lambda d: abs(d.deviations),
+        )
         drifts.append(found)
         del rest[found.log]
     return drifts, left_out
@@ -103,36 +109,41 @@ def _pooled(parts: dict[int, _Part], k: int) -> tuple[list[_Part], FloatArray, F
 
 
 def _solve(information: FloatArray, score: FloatArray) -> FloatArray:
-    scaled, scale = _scaled(information)
-    return np.asarray(np.linalg.lstsq(scaled, score / scale, rcond=_RCOND)[0] / scale)
+    return np.asarray(_inverse(information)[0] @ score)
 
 
-def _scaled(information: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _inverse(information: FloatArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Inverse where there is one, and which parameters hang on what has none.
+
+    Parameters differ by many orders of magnitude: they are scaled before it is judged.
+    """
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    return information / np.outer(scale, scale), scale
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    told = values > 1e-10 * values.max()
+    vague = np.any(np.abs(vectors[:, ~told]) > 1e-4, axis=1) | (np.diag(information) <= 0.0)
+    found = (vectors[:, told] / values[told]) @ vectors[:, told].T
+    return found / np.outer(scale, scale), vague
 
 
-def _unseen(information: FloatArray) -> BoolArray:
-    """Parameters with a part in directions that :func:`_solve` leaves out, shape ``(p,)``."""
-    values, vectors = np.linalg.eigh(_scaled(information)[0])
-    left_out = values <= _RCOND * values.max()
-    return np.any(np.abs(vectors[:, left_out]) > 1e-4, axis=1)
-
-
-def _drift(parts: dict[int, _Part], k: int, names: Sequence[str], tests: int) -> Drift:
+def _drift(
+    parts: dict[int, _Part],
+    k: int,
+    names: Sequence[str],
+    tests: int,
+    largest: FloatArray | None,
+) -> Drift:
     one, (others, information, theirs) = parts[k], _pooled(parts, k)
-    if not all(np.isfinite(p.covariance).all() for p in (one, *others)):
-        return Drift(k, names[0], 0.0, 0.0, 1.0)  # a log that determines nothing agrees with all
     # covariance of the pooled others: each log's sandwich, weighted by its information
-    middle = np.sum([p.information @ p.covariance @ p.information for p in others], axis=0)
-    half = np.linalg.lstsq(information, middle, rcond=1e-12)[0]
-    spread = np.linalg.lstsq(information, half.T, rcond=1e-12)[0]
-    variance = np.diag(one.covariance) + np.diag(spread)
+    with np.errstate(invalid="ignore"):  # what a log does not determine has no finite one
+        middle = np.sum([p.information @ p.covariance @ p.information for p in others], axis=0)
+    inverse, vague = _inverse(information)
+    variance = np.diag(one.covariance) + np.diag(inverse @ middle @ inverse)
+    variance = np.where(vague, np.inf, variance)
     difference = _solve(one.information, one.score) - theirs
-    # what one side cannot tell does not disagree
-    variance[_unseen(one.information) | _unseen(information)] = np.inf
     z = difference / np.sqrt(np.maximum(variance, 1e-300))
-    worst = int(np.argmax(np.where(np.isfinite(z), np.abs(z), 0.0)))
+    told = np.isfinite(z) if largest is None else np.isfinite(z) & (variance <= largest**2)
+    z = np.where(told, z, 0.0)
+    worst = int(np.argmax(np.abs(z)))
     p_value = min(1.0, tests * erfc(abs(float(z[worst])) / sqrt(2.0)))
     return Drift(k, names[worst], float(difference[worst]), float(z[worst]), p_value)
 

@@ -26,8 +26,8 @@ def flow_unknowns(case: Case) -> dict[str, Unknown]:
     if volts == 0.0:
         raise LogError("the command is zero throughout", remedy="Record strokes of the valve.")
     sizes = {  # typical one, and the ends of the range
-        "dead_zone_negative": (0.05 * volts, -0.5 * volts, 0.0),
-        "dead_zone_positive": (0.05 * volts, 0.0, 0.5 * volts),
+        "dead_zone_negative": (0.05 * volts, -0.95 * volts, 0.0),
+        "dead_zone_positive": (0.05 * volts, 0.0, 0.95 * volts),
     }
     for chamber in case.chambers:
         flows = [np.abs(w.motion) for w in case.windows if w.chamber == chamber]
@@ -94,8 +94,8 @@ def fit_flow(case: Case, lenient: bool) -> Fitted:
         weights=[1.0 / case.machine.area(w.chamber) for w in windows],
     )  # fmt: skip
     starts = []
-    for loss in (0.0, 1.0):
-        shares = {"dead_zone_negative": -0.2, "dead_zone_positive": 0.2}
+    for loss, edge in ((0.0, 0.2), (1.0, 0.2), (0.0, 6.0), (0.0, 11.0), (0.0, 16.0)):
+        shares = {"dead_zone_negative": -edge, "dead_zone_positive": edge}
         shares |= {n: loss for n in names if n.startswith("line_loss")}
         starts.append({n: u.scale * shares.get(n, 1.0) for n, u in unknowns.items()})
     if lenient:
