@@ -30,6 +30,7 @@ _LISTED = 5
 _FEWEST = 50  # samples of a part of the data that is compared with the rest
 _DISAGREE = 1e-5  # probability of a difference that large between parts of the data
 _MATTERS = 0.02  # part of a parameter that a difference must exceed
+_VAGUE = 10.0  # standard errors of the fit: a half that is vaguer says nothing
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ def find_disagreeing_parts(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     jacobians, residuals, half = _halves(at)
     if min(sum(r.size for r, h in zip(residuals, half) if h == k) for k in (0, 1)) < _FEWEST:
         return {}, []
-    drift = compare_logs(jacobians, residuals, half, at.names)[0][0]
+    drift = compare_logs(jacobians, residuals, half, at.names, _VAGUE * at.errors)[0][0]
     entry = {
         "parameter": drift.parameter,
         "difference": drift.difference,

@@ -86,20 +86,23 @@ class Optimum:
                 out.append(f"{e.name}, {at}")
         return out
 
-    def whiten(self, columns: Sequence[FloatArray]) -> FloatArray:
-        """Stack the columns of all runs, ``(n_i, q)`` each, as the residual becomes white."""
+    def whiten(
+        self, columns: Sequence[FloatArray], noise: Sequence[FloatArray] | None = None
+    ) -> FloatArray:
+        """Stack the columns of all runs, ``(n_i, q)`` each, as the residual becomes white.
+
+        ``noise``, ``(n_i,)`` each, is what becomes white instead of the residual.
+        """
+        noise = self.residuals if noise is None else noise
+        order = int(min(_ORDER, min(r.size for r in noise) // 10))
+        coefficients = fit_autoregression(noise, order)[0]
         out = []
         for part in columns:
             rows = part.astype(float)
-            for k, c in enumerate(self._autoregression):
+            for k, c in enumerate(coefficients):
                 rows[k + 1 :] -= c * part[: -k - 1]
-            out.append(rows[self._autoregression.size :])
+            out.append(rows[coefficients.size :])
         return np.vstack(out)
-
-    @property
-    def _autoregression(self) -> FloatArray:
-        shortest = min(r.size for r in self.residuals)
-        return fit_autoregression(self.residuals, int(min(_ORDER, shortest // 10)))[0]
 
 
 def make_optimum(

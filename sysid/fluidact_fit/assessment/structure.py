@@ -112,11 +112,10 @@ def _terms(at: Optimum) -> Iterator[Term]:
             "Look for a filter or transducer in the measuring chain and for dynamics that this "
             "family does not have.", _behind(at, lag * step),
         )  # fmt: skip
-    middle = float(np.mean([e.time.mean() for e in runs]))
     yield Term(
-        "drift", "1/s", lambda size: "the output drifts",
+        "drift", "1/s", lambda size: f"the output drifts by {size:.3g} (SI) a second",
         "Let the sensor warm up, or cut the log with --window.",
-        [e.time[u] - middle for e, u in zip(runs, at.used)],
+        [e.time[u] - e.time[0] for e, u in zip(runs, at.used)],
     )  # fmt: skip
 
 
@@ -167,31 +166,44 @@ def _delay(at: Optimum, runs: Sequence[Experiment], role: str, by: float) -> Ter
 
 
 def _behind(at: Optimum, lag: float) -> list[FloatArray]:
-    """Change of the simulated output per second of a first-order lag [s] behind it."""
-    from scipy.signal import lfilter
+    """Change of the simulated output per second of a first-order lag [s] behind it.
 
+    The noise of a measured input is in the simulated output and, with the opposite sign, in
+    the residual, which would be taken for a lag. It has no direction in time: half the
+    difference of a lag and a lead is free of it.
+    """
+    held = [e.signals[r.name].hold for e in (s.experiment for s in at.fitted)
+            for r in at.variant.driving if r.name in e]  # fmt: skip
+    clean = bool(held) and all(hold == "zoh" for hold in held)
     out = []
     for s, used in zip(at.fitted, at.used):
         t, y, step = s.experiment.time, s.simulated, s.experiment.sample_time
         grid = np.arange(t[0], t[-1] + step, step)
         even = np.interp(grid, t, y)
-        decay = float(np.exp(-step / lag))
-        ramp = (1.0 - decay) * lag / step  # mean of the decay over a sample
-        start = [ramp * even[0]]  # at rest at the first value
-        late, _ = lfilter([1.0 - ramp, ramp - decay], [1.0, -decay], even, zi=start)
-        out.append(((np.interp(t, grid, late) - y) / lag)[used])
+        change = _lagging(even, step, lag) - even
+        if not clean:
+            change = 0.5 * (change - (_lagging(even[::-1], step, lag)[::-1] - even))
+        out.append((np.interp(t, grid, change) / lag)[used])
     return out
+
+
+def _lagging(even: FloatArray, step: float, lag: float) -> FloatArray:
+    """A signal on straight lines, shape ``(n,)``, behind a first-order lag [s]."""
+    from scipy.signal import lfilter
+
+    decay = float(np.exp(-step / lag))
+    ramp = (1.0 - decay) * lag / step  # mean of the decay over a sample
+    start = [ramp * even[0]]  # at rest at the first value
+    return np.asarray(lfilter([1.0 - ramp, ramp - decay], [1.0, -decay], even, zi=start)[0])
 
 
 def _score(at: Optimum, term: Term) -> Score | None:
     """Size and significance of a term; ``None`` where the parameters can stand for it."""
     p = len(at.names)
-    white = at.whiten(
-        [
-            np.column_stack((j, np.ones(r.size), c, r))
-            for j, c, r in zip(at.jacobians, term.columns, at.residuals)
-        ]
-    )
+    rows = [np.column_stack(x) for x in zip(at.jacobians, term.columns, at.residuals)]
+    # an offset of its own takes the mean of a run; without one the level is the model's
+    rows = [x if s.offset is None else x - x.mean(axis=0) for x, s in zip(rows, at.fitted)]
+    white = at.whiten(rows, _left_over(rows))
     if not np.all(np.isfinite(white)):
         return None
     columns, target = white[:, :-1], white[:, -1]
@@ -202,7 +214,7 @@ def _score(at: Optimum, term: Term) -> Score | None:
         return None
     x = np.linalg.lstsq(columns / scale, target, rcond=1e-12)[0]
     rest = target - (columns / scale) @ x
-    sigma = float(np.sqrt(rest @ rest / max(target.size - p - 2, 1)))
+    sigma = float(np.sqrt(rest @ rest / max(target.size - p - 1, 1)))
     shifts = (x / scale)[:p]
     errors = shifts / at.errors
     worst = int(np.argmax(np.abs(errors)))
@@ -210,6 +222,19 @@ def _score(at: Optimum, term: Term) -> Score | None:
         term, float(x[-1] / scale[-1]), float(x[-1]) * own / max(sigma, 1e-300), at.names[worst],
         float(shifts[worst]), float(errors[worst]),
     )  # fmt: skip
+
+
+def _left_over(rows: Sequence[FloatArray]) -> list[FloatArray]:
+    """What is left of the last column, the residual, when all others are fitted to it.
+
+    Noise is to be judged with the term in the model: what drifts is not noise.
+    """
+    stacked = np.vstack(rows)
+    scale = np.linalg.norm(stacked[:, :-1], axis=0)
+    scale[scale == 0.0] = 1.0
+    columns = stacked[:, :-1] / scale
+    rest = stacked[:, -1] - columns @ np.linalg.lstsq(columns, stacked[:, -1], rcond=1e-12)[0]
+    return np.split(rest, np.cumsum([x.shape[0] for x in rows])[:-1])
 
 
 def _notice(at: Optimum, s: Score) -> Notice:

@@ -49,6 +49,7 @@ def compare_logs(
     residuals: Sequence[FloatArray],
     logs: Sequence[int],
     names: Sequence[str],
+    largest: FloatArray | None = None,
 ) -> tuple[list[Drift], dict[int, float]]:
     """Drift of every log in every parameter, and the error of each predicted by the others.
 
@@ -60,6 +61,9 @@ def compare_logs(
         Log of every experiment.
     names
         Parameters; nuisance unknowns have been left out of the Jacobian.
+    largest
+        Standard error of a difference, shape ``(p,)``, above which it says nothing: a log
+        that hardly determines a parameter is linear in it over its own noise only.
 
     Returns
     -------
@@ -77,7 +81,10 @@ def compare_logs(
     rest = dict(parts)
     tests = len(every) * len(names)
     while len(rest) > 1:
-        found = max((_drift(rest, k, names, tests) for k in rest), key=lambda d: abs(d.deviations))
+        found = max(
+            (_drift(rest, k, names, tests, largest) for k in rest),
+            key=lambda d: abs(d.deviations),
+        )
         drifts.append(found)
         del rest[found.log]
     return drifts, left_out
@@ -106,16 +113,27 @@ def _solve(information: FloatArray, score: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.lstsq(scaled, score / scale, rcond=1e-10)[0] / scale)
 
 
-def _drift(parts: dict[int, _Part], k: int, names: Sequence[str], tests: int) -> Drift:
+def _drift(
+    parts: dict[int, _Part],
+    k: int,
+    names: Sequence[str],
+    tests: int,
+    largest: FloatArray | None,
+) -> Drift:
     one, (others, information, theirs) = parts[k], _pooled(parts, k)
     # covariance of the pooled others: each log's sandwich, weighted by its information
-    middle = np.sum([p.information @ p.covariance @ p.information for p in others], axis=0)
-    half = np.linalg.lstsq(information, middle, rcond=1e-12)[0]
-    spread = np.linalg.lstsq(information, half.T, rcond=1e-12)[0]
+    with np.errstate(invalid="ignore"):  # what a log does not determine has no finite one
+        middle = np.sum([p.information @ p.covariance @ p.information for p in others], axis=0)
+    spread = np.full_like(middle, np.nan)
+    if np.all(np.isfinite(middle)):
+        half = np.linalg.lstsq(information, middle, rcond=1e-12)[0]
+        spread = np.linalg.lstsq(information, half.T, rcond=1e-12)[0]
     variance = np.diag(one.covariance) + np.diag(spread)
     difference = _solve(one.information, one.score) - theirs
     z = difference / np.sqrt(np.maximum(variance, 1e-300))
-    worst = int(np.argmax(np.where(np.isfinite(z), np.abs(z), 0.0)))
+    told = np.isfinite(z) if largest is None else np.isfinite(z) & (variance <= largest**2)
+    z = np.where(told, z, 0.0)
+    worst = int(np.argmax(np.abs(z)))
     p_value = min(1.0, tests * erfc(abs(float(z[worst])) / sqrt(2.0)))
     return Drift(k, names[worst], float(difference[worst]), float(z[worst]), p_value)
 
