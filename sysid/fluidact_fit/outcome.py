@@ -24,17 +24,23 @@ class Agreement:
 
 
 def common_level(runs: Sequence[Simulation]) -> float | None:
-    """Mean of what was measured, over all runs without an offset of their own; ``None``: none."""
-    level = [s.measured[np.isfinite(s.residual)] for s in runs if s.offset is None]
-    return float(np.mean(np.concatenate(level))) if sum(y.size for y in level) else None
+    """Mean of what was measured over all runs; ``None`` where runs have offsets of their own.
+
+    An offset that several runs share is not their own.
+    """
+    offsets = {s.offset for s in runs}
+    if len(offsets) > 1 or (len(runs) == 1 and offsets != {None}):
+        return None
+    used = np.concatenate([s.measured[np.isfinite(s.residual)] for s in runs])
+    return float(used.mean()) if used.size else None
 
 
 def agreement(runs: Sequence[Simulation], level: float | None = None) -> Agreement:
     """Agreement of all runs together, samples at NaN left out.
 
     ``fit = 100 (1 - ||y - y_model|| / ||y - reference||)`` as in MATLAB's ``compare``. The
-    reference is what the model explains nothing of: of a run with an offset of its own the
-    mean of that run. Else its level is the model's to explain, and the reference is ``level``,
+    reference is what the model explains nothing of: the mean of every run where each has an
+    offset of its own. Else the level is the model's to explain, and the reference is ``level``,
     by default the :func:`common_level` of these runs: at one constant speed a log, all that
     a friction explains are the means of the logs.
     """
@@ -45,7 +51,7 @@ def agreement(runs: Sequence[Simulation], level: float | None = None) -> Agreeme
         if not at.any():
             continue
         y = s.measured[at]
-        reference = y.mean() if s.offset is not None or level is None else level
+        reference = y.mean() if level is None else level
         error += float(np.sum(s.residual[at] ** 2))
         spread += float(np.sum((y - reference) ** 2))
         samples += y.size

@@ -207,6 +207,10 @@ def _sensors() -> Iterator[Attack]:
             for motion, moved in (("hand", by_hand), ("strokes", STROKES)):
                 yield _attack("force in steps", f"{size} N, {words}, {motion}", converter=size,
                               sigma=sigma, motions=(moved,))  # fmt: skip
+        yield _attack("force in steps", f"{size} N, quiet, slow", converter=size, sigma=0.01,
+                      motions=(SLOW,))  # fmt: skip
+        yield _attack("force in steps", f"{size} N, quiet, position", converter=size,
+                      sigma=0.01, role="position")  # fmt: skip
     for size in (0.2, 0.5):
         yield _attack("force in steps", f"{size} N, truncated", converter=size, truncated=True)
         yield _attack("force in steps", f"{size} N, one speed a log", converter=size, sigma=0.01,
@@ -215,6 +219,9 @@ def _sensors() -> Iterator[Attack]:
         for words, motion in (("slow", SLOW), ("medium", by_hand), ("strokes", STROKES)):
             yield _attack("20 Hz", f"{words}, {role}", role=role, step=0.05, n=400,
                           motions=(motion,), repetitions=3)  # fmt: skip
+        for words, motion in (("fast", FAST), ("slow", SLOW), ("strokes", STROKES)):
+            yield _attack("20 Hz", f"{words}, {role}, quiet force", role=role, step=0.05, n=1200,
+                          motions=(motion,), sigma=0.02)  # fmt: skip
     for step, n in ((0.1, 300), (0.03, 500)):
         yield _attack("20 Hz", f"every {step} s, position", role="position", step=step, n=n)
     for counts in (1e-5, 1e-4, 3e-4):
@@ -228,6 +235,10 @@ def _sensors() -> Iterator[Attack]:
     yield _attack("noisy motion", "10 mm/s", noise=10e-3)
     yield _attack("noisy motion", "30 mm/s", noise=30e-3)
     yield _attack("noisy motion", "0.2 mm", role="position", noise=2e-4)
+    for noise in (1e-5, 5e-5):
+        for words, motion in (("medium", by_hand), ("strokes", STROKES)):
+            yield _attack("heavy mass", f"14.5 kg, 2.4 N, {1e6 * noise:g} um, {words}", mass=14.5,
+                          role="position", noise=noise, motions=(motion,))  # fmt: skip
     heavy = {"viscous": 450.0, "coulomb_positive": 60.0, "coulomb_negative": 60.0}
     for noise in (1e-5, 5e-5):
         yield _attack("heavy mass", f"14.5 kg, {1e6 * noise:g} um", heavy, mass=14.5, sigma=1.0,

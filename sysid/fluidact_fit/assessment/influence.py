@@ -30,6 +30,7 @@ _LISTED = 5
 _FEWEST = 50  # samples of a part of the data that is compared with the rest
 _DISAGREE = 1e-5  # probability of a difference that large between parts of the data
 _MATTERS = 0.02  # part of a parameter that a difference must exceed
+_APART = 1e-3  # least part of a half's largest direction that its smallest one may have
 _VAGUE = 10.0  # standard errors of the fit: a half that is vaguer says nothing
 
 
@@ -122,6 +123,8 @@ def find_disagreeing_parts(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     jacobians, residuals, half = _halves(at)
     if min(sum(r.size for r, h in zip(residuals, half) if h == k) for k in (0, 1)) < _FEWEST:
         return {}, []
+    if not all(_determined(at, [j for j, h in zip(jacobians, half) if h == k]) for k in (0, 1)):
+        return {}, []
     drift = compare_logs(jacobians, residuals, half, at.names, _VAGUE * at.errors)[0][0]
     entry = {
         "parameter": drift.parameter,
@@ -140,6 +143,14 @@ def _halves(at: Optimum) -> tuple[list[FloatArray], list[FloatArray], list[int]]
         return [j[:middle], j[middle:]], [r[:middle], r[middle:]], [0, 1]
     half = [int(2 * k >= len(at.residuals)) for k in range(len(at.residuals))]
     return list(at.jacobians), list(at.residuals), half
+
+
+def _determined(at: Optimum, jacobians: list[FloatArray]) -> bool:
+    """Whether a part of the data holds all parameters apart."""
+    scale = np.linalg.norm(np.vstack(at.jacobians), axis=0)
+    scale[scale == 0.0] = 1.0
+    size = np.linalg.svd(np.linalg.qr(np.vstack(jacobians) / scale, mode="r"), compute_uv=False)
+    return bool(size.size == scale.size and size[-1] > _APART * size[0])
 
 
 def _telling(at: Optimum, d: Drift) -> bool:

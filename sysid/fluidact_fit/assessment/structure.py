@@ -18,12 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
+from ..family import ParameterSpec
 from ..options import describe
 from .optimum import Optimum, moved
 
@@ -139,11 +141,15 @@ def _offered(at: Optimum, runs: Sequence[Experiment]) -> Iterator[Term]:
         option = f"--{freed[name]}=estimate" if name in freed else f"another --fix {name}=VALUE"
         yield Term(
             name, spec.unit,
-            lambda size, name=name, value=value, unit=spec.unit: (  # type: ignore[misc]
-                f"{name} is about {value + size:.3g} {unit} instead of {value:.3g}"
-            ),
-            f"Try {option}.", [c / step for c in columns], offered=True,
+            partial(_instead, spec, value), f"Try {option}.", [c / step for c in columns], offered=True,
         )  # fmt: skip
+
+
+def _instead(spec: ParameterSpec, value: float, change: float) -> str:
+    """What another value of a parameter would be."""
+    if not spec.minimum <= value + change <= spec.maximum:
+        return f"{spec.name} could leave its range: the relation has another shape"
+    return f"{spec.name} is about {value + change:.3g} {spec.unit} instead of {value:.3g}"
 
 
 def _delay(at: Optimum, runs: Sequence[Experiment], role: str, by: float) -> Term:

@@ -12,9 +12,13 @@ from ...errors import LogError, Notice
 from ...experiment import Experiment
 from ...family import Variant
 from .filters import DEGREE
-from .fit import Fit, levels_impossible
+from .fit import LEVELS, Fit, levels_impossible
 from .regression import System
 from .samples import half_range, prepare
+from .stribeck import linearise
+
+_TOLD = 4.0  # standard errors of half the difference of the levels that is beyond doubt
+_NOTABLE = 0.015  # part of their mean that it has to be to matter
 
 
 def remarks(fit: Fit, variant: Variant, experiments: Sequence[Experiment]) -> Iterator[Notice]:
@@ -27,17 +31,23 @@ def remarks(fit: Fit, variant: Variant, experiments: Sequence[Experiment]) -> It
 
 
 def _explain_levels(fit: Fit) -> Iterator[Notice]:
-    """Name the offset of the force, or a level that is negative where one was ruled out."""
+    """Name the offset of the force, or what of the levels could be one."""
     if fit.options.force_offset:
-        if fit.options.offset != "estimate":
-            size = fit.derived()["force_offset"].number
-            yield Notice(
-                "force-offset",
-                f"the force has an offset of {size:.4g} N (another chamber, gravity, a preload or "
-                "the sensor's zero), so a level about zero would be negative. The levels are taken "
-                "about the offset and are equal: their difference cannot be separated from it. "
-                "Remove the offset with the other chamber's pressure, or give --offset=none.",
-            )
+        size = fit.derived()["force_offset"].number
+        lead = (
+            f"the force has an offset of {size:.4g} N (another chamber, gravity, a preload or "
+            "the sensor's zero), so a level about zero would be negative. "
+        )
+        asked = fit.options.offset == "estimate"
+        yield Notice(
+            "force-offset",
+            lead
+            * (not asked)
+            + f"The levels are taken as equal about the offset of {size:.4g} N: only their mean is "
+            "measured, and a difference between them cannot be separated from the offset. Remove "
+            "the offset (zero the load cell unloaded, or subtract the other chamber's pressure) "
+            "and give --offset=none.",
+        )
     elif levels_impossible(fit.found):
         if fit.options.offset == "none":
             raise LogError(
@@ -50,6 +60,31 @@ def _explain_levels(fit: Fit) -> Iterator[Notice]:
             "a Coulomb level would be negative and was held at zero: the force has an offset, or "
             "friction is not linear in speed. Record strokes in both directions at several speeds.",
         )
+    elif fit.options.offset == "auto":
+        yield from _warn_of_asymmetry(fit)
+
+
+def _warn_of_asymmetry(fit: Fit) -> Iterator[Notice]:
+    """Warn of levels that differ: a constant force gives the same.
+
+    ``F_c+ [v > 0] - F_c- [v < 0]`` is ``(F_c+ + F_c-) / 2 sign(v) + (F_c+ - F_c-) / 2``.
+    """
+    found = fit.derived()
+    if not all(n in fit.solved.names for n in LEVELS) or "coulomb_offset" not in found:
+        return
+    half, mean = found["coulomb_offset"], found["coulomb_mean"]
+    if abs(half.number) <= max(_TOLD * (half.std_error or 0.0), _NOTABLE * abs(mean.number)):
+        return
+    share = 200.0 * abs(half.number / mean.number)
+    yield Notice(
+        "asymmetry-or-offset",
+        f"the Coulomb levels differ by {2.0 * half.number:+.3g} N ({share:.0f} % of their mean, "
+        f"{mean.number:.4g} N, which is measured either way). A constant force of {half.number:+.3g} "
+        "N (the zero of the load cell, a converter that truncates, weight, a preload) gives the "
+        "same, and no stroke can tell the two apart. Read the load cell unloaded: if it shows "
+        "zero, give --offset=none; if friction is known to be the same both ways, give "
+        "--offset=estimate.",
+    )
 
 
 def _warn_of_spikes(fit: Fit) -> Iterator[Notice]:
@@ -122,7 +157,9 @@ def _warn_of_flattening(
         both = [replace(w, kept=w.kept & d.kept) for w, d in zip(wider, fit.data)]
         if any(2 * w.kept.sum() < d.kept.sum() for w, d in zip(both, fit.data)):
             return
-        second = System(both, first.names, fit.solved.fixed).solve().free
+        held = {n: v for n, v in first.values.items() if n not in first.names}
+        stribeck = linearise(both, first.names, held)
+        second = System(both, first.names, held, stribeck=stribeck).solve().free
     except LogError:
         return
     change = second.values["viscous"] - first.values["viscous"]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError
-from ...estimation.friction_law import FrictionLaw
+from ...estimation.friction_law import FrictionLaw, stribeck_share
 from ...experiment import Experiment, FloatArray
 from ...family import Simulated, Variant
 from .filters import Mask
@@ -65,6 +65,19 @@ class Data:
         full[self.kept] = columns
         out = [np.convolve(c, self.motion.kernel, "same") for c in full.T]
         return np.column_stack(out)[self.support]
+
+    def low(self, speed: float) -> tuple[FloatArray, FloatArray]:
+        """Signed Stribeck share and its derivative by the Stribeck speed [s/m], ``(n,)`` each.
+
+        Of the unfiltered motion, as quiet as it is known.
+        """
+        v = self.motion.sharp
+        share = np.sign(self.motion.velocity) * stribeck_share(v, speed)
+        return share, share * 2.0 * v**2 / max(speed, 1e-300) ** 3 if speed > 0.0 else share
+
+    def smoothed(self, force: FloatArray) -> FloatArray:
+        """Smooth a force like the regressor, shape ``(n,)``."""
+        return match_force(self.experiment, self.motion, force)
 
     def side(self, side: str) -> Mask:
         """Which of the kept samples move in a direction."""
@@ -193,6 +206,20 @@ def at_speeds(motion: Motion, speeds: Mapping[str, tuple[float, float]]) -> Mask
     return near
 
 
+def slowest_and_fastest(data: Sequence[Data]) -> tuple[float, float]:
+    """Range of the speeds of the kept samples but for the slowest percent [m/s]."""
+    speed = np.abs(np.concatenate([d.speed for d in data]))
+    return float(max(np.quantile(speed, 0.01), 1e-3 * speed.max())), float(speed.max())
+
+
+def _with_speed(law: FrictionLaw, data: Sequence[Data]) -> FrictionLaw:
+    """A law with a Stribeck level and no speed, as a fit is tested for it, gets one amid all."""
+    if not law.stribeck or law.stribeck_speed > 0.0 or not count_kept(data):
+        return law
+    low, high = slowest_and_fastest(data)
+    return replace(law, stribeck_speed=float(np.sqrt(low * high)))
+
+
 def simulate_force(
     variant: Variant,
     law: FrictionLaw,
@@ -206,10 +233,10 @@ def simulate_force(
     counts as zero there, and the sample as not described.
     """
     data, options = prepare(variant, experiments, options)
-    offsets: dict[int, float] = {}
+    law, offsets = _with_speed(law, data), {}
     if options.force_offset:
         offsets = {d.experiment.log: (offset or 0.0) * d.scale for d in data}
-        offsets |= _find_offsets(data, law)
+        offsets |= _find_offsets(data, law, offset is None)
     out = []
     for d in data:
         own = offsets.get(d.experiment.log)
@@ -218,21 +245,33 @@ def simulate_force(
     return out
 
 
-def _find_offsets(data: Sequence[Data], law: FrictionLaw) -> dict[int, float]:
-    """Force offset of every log with motion [N].
+def _find_offsets(data: Sequence[Data], law: FrictionLaw, always: bool) -> dict[int, float]:
+    """Force offset of every log with motion, one for all where some move one way only [N].
 
     Both directions count alike, however long each of them lasted: wrong levels then leave it
-    as it is.
+    as it is. Without both directions it is found if it has to be (``always``) only.
     """
-    out = {}
-    for log in dict.fromkeys(d.experiment.log for d in data if d.driven):
-        runs = [d for d in data if d.experiment.log == log and d.driven]
+    logs = group_by_log([d for d in data if d.driven])
+    groups = logs if all(map(both_ways, logs)) else [[d for runs in logs for d in runs]]
+    out: dict[int, float] = {}
+    for runs in groups:
         rests = [d.friction[d.kept] - law.moving(d.motion.sharp[d.kept]) for d in runs]
         sides = [np.concatenate([r[d.side(s)] for d, r in zip(runs, rests)]) for s in SIDES]
         means = [side.mean() for side in sides if side.size]
-        if means:
-            out[log] = float(np.mean(means))
+        if means and (always or len(means) == len(SIDES)):
+            out |= dict.fromkeys((d.experiment.log for d in runs), float(np.mean(means)))
     return out
+
+
+def group_by_log(data: Sequence[Data]) -> list[list[Data]]:
+    """Runs by log."""
+    numbers = dict.fromkeys(d.experiment.log for d in data)
+    return [[d for d in data if d.experiment.log == k] for k in numbers]
+
+
+def both_ways(runs: Sequence[Data]) -> bool:
+    """Whether there is motion in both directions."""
+    return all(any(d.side(s).any() for d in runs) for s in SIDES)
 
 
 def sides_moved(data: Sequence[Data]) -> list[str]:
