@@ -239,6 +239,9 @@ def _sensors() -> Iterator[Attack]:
         for words, motion in (("medium", by_hand), ("strokes", STROKES)):
             yield _attack("heavy mass", f"14.5 kg, 2.4 N, {1e6 * noise:g} um, {words}", mass=14.5,
                           role="position", noise=noise, motions=(motion,))  # fmt: skip
+    for step, noise in ((1e-3, 1e-5), (1e-3, 5e-5), (2e-3, 2e-4)):
+        yield _attack("heavy mass", f"14.5 kg, 2.4 N, {1e6 * noise:g} um, every {step} s",
+                      mass=14.5, role="position", noise=noise, step=step, n=10_000)  # fmt: skip
     heavy = {"viscous": 450.0, "coulomb_positive": 60.0, "coulomb_negative": 60.0}
     for noise in (1e-5, 5e-5):
         yield _attack("heavy mass", f"14.5 kg, {1e6 * noise:g} um", heavy, mass=14.5, sigma=1.0,

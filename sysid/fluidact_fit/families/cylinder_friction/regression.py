@@ -175,13 +175,15 @@ class System:
         samples: Sequence[Mask],
     ) -> Uncertainty:
         """Covariance from the residuals at some samples of every run, and their correlation."""
-        columns, rest = [], []
-        for j, r, at in zip(jacobian, residuals, samples):
+        columns, rest, readings = [], [], []
+        step = max(d.resolution for d in self.data)
+        for d, j, r, at in zip(self.data, jacobian, residuals, samples):
             cuts = _stretches(at)
             columns += [part for part in np.split(j, cuts) if part.size]
             rest += [part for part in np.split(r, cuts) if part.size]
+            readings += [(part, step) for part in np.split(d.reading[at], cuts) if part.size]
         timed = all(d.experiment.time.size for d in self.data)
-        return covariance(columns, rest, robust=timed, small_sample=True)
+        return covariance(columns, rest, robust=timed, small_sample=True, readings=readings)
 
 
 def _larger(found: Uncertainty, other: Uncertainty) -> Uncertainty:

@@ -12,7 +12,7 @@ from ...estimation.friction_law import FrictionLaw, stribeck_share
 from ...experiment import Experiment, FloatArray
 from ...family import Simulated, Variant
 from .filters import Mask
-from .motion import SLOW, Motion, make_motions, match_force
+from .motion import SLOW, Motion, make_motions, match_force, quiet_acceleration
 from .options import FrictionOptions, check_options, driven_by_pressure, motion_role
 
 SIDES = ("positive", "negative")
@@ -26,7 +26,8 @@ class Data:
 
     ``known`` is the part of the drive that is not friction, ``friction`` the rest (zero where
     no force was recorded), and ``matched`` that rest smoothed like the regressor, all of shape
-    ``(n,)`` [N]; ``direction`` is the sign of the velocity, smoothed alike. ``moving`` marks
+    ``(n,)`` [N]; ``reading`` is what was logged of the drive and ``resolution`` its step [N];
+    ``direction`` is the sign of the velocity, smoothed alike. ``moving`` marks
     the samples outside the dead band, ``kept`` those that are fitted. The output is the drive
     divided by ``scale``; ``driven`` says whether it was recorded.
     """
@@ -36,6 +37,8 @@ class Data:
     known: FloatArray
     friction: FloatArray
     matched: FloatArray
+    reading: FloatArray
+    resolution: float
     direction: FloatArray
     moving: Mask
     kept: Mask
@@ -171,19 +174,26 @@ def prepare(
     out = []
     for e, motion in zip(experiments, motions):
         drive, pressure = _drive(variant, e, options)
-        inertia = np.zeros(motion.velocity.size)
-        if options.mass is not None and motion.acceleration is not None:
-            inertia = options.mass * motion.acceleration
+        acceleration, inertia = motion.acceleration, np.zeros(motion.velocity.size)
+        if options.mass and acceleration is not None:
+            acceleration = quiet_acceleration(e, motion)
+            inertia = options.mass * np.asarray(acceleration)
         rest = np.zeros(inertia.size) if drive is None else drive - pressure
-        matched = match_force(e, motion, rest) - inertia
+        if acceleration is motion.acceleration:  # filtered as the regressor is
+            matched = match_force(e, motion, rest) - inertia
+        else:
+            matched = match_force(e, motion, rest - inertia)
         direction = match_force(e, motion, np.sign(motion.velocity))
         slow = 0.0 if motion.exact else deadband
         moving = np.abs(motion.velocity) > slow
         kept = _moving(motion, slow) & _described(motion, options)
         known, friction, driven = pressure + inertia, rest - inertia, drive is not None
+        resolution = scale * e.signals[variant.output.name].resolution if driven else 0.0
+        reading = rest if drive is None else drive
         out.append(
-            Data(e, motion, known, friction, matched, direction, moving, kept, scale, driven)
-        )
+            Data(e, motion, known, friction, matched, reading, resolution, direction, moving, kept,
+                 scale, driven)
+        )  # fmt: skip
     return out, options
 
 
@@ -281,10 +291,13 @@ def sides_moved(data: Sequence[Data]) -> list[str]:
     moved = [s for s in SIDES if counts[s] >= least]
     if not moved:
         raise NotIdentifiedError(
-            "nothing moves in these logs, and friction shows only in motion",
+            "nothing moves in these logs beyond the noise of the motion, and friction shows only in "
+            "motion",
             expected="Nothing was written.",
             remedy="Record strokes in both directions, or check --column and --unit of the "
-            "motion, or give a smaller --deadband.",
+            "motion. Where it does move, sample faster or move more slowly (ten samples or more a "
+            "stroke: motion that changes from sample to sample looks like noise), or give "
+            "--deadband.",
         )
     return moved
 
