@@ -195,7 +195,8 @@ def _right() -> Iterator[Attack]:
     micro = {"viscous": 2.0, "coulomb_positive": 0.02, "coulomb_negative": 0.02}
     small = partial(by_hand, base=2.0, size=1e-3)
     yield good("micro-actuator of 0.1 N", micro, motions=(small,), step=1e-3, n=4000, sigma=1e-3,
-               mass=2e-3, noise=1e-4, bounds=bound(micro, [small], 1e-3, 1e-4, 1e-3, 4000))  # fmt: skip
+               mass=2e-3, noise=1e-4,
+               bounds=bound(micro, [small], 1e-3, 1e-4, 1e-3, 4000))  # fmt: skip
     yield good("1 kHz", motions=(by_hand,), step=1e-3, n=10_000)
     yield good("without mass", motions=(SLOW,), options={}, mass=0.0)
 
@@ -245,7 +246,8 @@ def _sensors() -> Iterator[Attack]:
     heavy = {"viscous": 450.0, "coulomb_positive": 60.0, "coulomb_negative": 60.0}
     for noise in (1e-5, 5e-5):
         yield _attack("heavy mass", f"14.5 kg, {1e6 * noise:g} um", heavy, mass=14.5, sigma=1.0,
-                      role="position", noise=noise, bounds=bound(heavy, [by_hand], 1.0, 0.0))  # fmt: skip
+                      role="position", noise=noise,
+                      bounds=bound(heavy, [by_hand], 1.0, 0.0))  # fmt: skip
 
 
 def _machines() -> Iterator[Attack]:

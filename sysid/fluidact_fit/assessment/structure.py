@@ -33,6 +33,7 @@ _SIGNIFICANT = 5.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
 _PREFERRED = 0.8  # share of the best significance at which a parameter of the family is named
 _LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
+_FARTHEST = 10.0  # times the lag that was tried: of a longer one nothing is known
 _SHIFT = 0.1  # sample times by which an input is moved to see what a delay does
 _SMALL = 0.3  # standard deviations of the residual by which a parameter is moved
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
@@ -44,6 +45,7 @@ class Term:
 
     ``columns`` are its directions in the output, per run and per ``unit``; ``words`` says what
     a size of it would mean, ``remedy`` what to do. ``offered`` marks a parameter of the family.
+    The directions are those of a size up to ``most``.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Term:
     remedy: str
     columns: Sequence[FloatArray]
     offered: bool = False
+    most: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,8 @@ class Score:
     @property
     def telling(self) -> bool:
         """Whether the term is there, and matters."""
-        return abs(self.deviations) > _SIGNIFICANT and abs(self.errors) > _MATTERS
+        possible = abs(self.size) <= self.term.most
+        return possible and abs(self.deviations) > _SIGNIFICANT and abs(self.errors) > _MATTERS
 
 
 def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
@@ -110,12 +114,14 @@ def _terms(at: Optimum) -> Iterator[Term]:
     for lag in _LAGS:
         yield Term(
             f"lag of {lag:g} samples", "s",
-            lambda size: f"the response lags by another {1e3 * size:.3g} ms",
+            lambda size: f"the response {'lags' if size > 0.0 else 'leads'} by another "
+            f"{1e3 * abs(size):.3g} ms",
             "Look for a filter or transducer in the measuring chain and for dynamics that this "
-            "family does not have.", _behind(at, lag * step),
+            "family does not have.", _behind(at, lag * step), most=_FARTHEST * lag * step,
         )  # fmt: skip
+    unit = at.variant.output.unit
     yield Term(
-        "drift", "1/s", lambda size: f"the output drifts by {size:.3g} (SI) a second",
+        "drift", f"{unit}/s", lambda size: f"the output drifts by {size:.3g} {unit} a second",
         "Let the sensor warm up, or cut the log with --window.",
         [e.time[u] - e.time[0] for e, u in zip(runs, at.used)],
     )  # fmt: skip
@@ -141,7 +147,8 @@ def _offered(at: Optimum, runs: Sequence[Experiment]) -> Iterator[Term]:
         option = f"--{freed[name]}=estimate" if name in freed else f"another --fix {name}=VALUE"
         yield Term(
             name, spec.unit,
-            partial(_instead, spec, value), f"Try {option}.", [c / step for c in columns], offered=True,
+            partial(_instead, spec, value), f"Try {option}.",
+            [c / step for c in columns], offered=True,
         )  # fmt: skip
 
 

@@ -29,11 +29,11 @@ import numpy.typing as npt
 from ..experiment import FloatArray
 
 
-def stribeck_share(velocity: FloatArray, speed: float) -> FloatArray:
+def stribeck_share(velocity: FloatArray, speed: float, exponent: float = 2.0) -> FloatArray:
     """Part of the Stribeck level that is left at a velocity, same shape; none at speed 0."""
     if speed <= 0.0:
         return np.zeros(np.shape(velocity))
-    return np.asarray(np.exp(-((velocity / speed) ** 2)))
+    return np.asarray(np.exp(-((np.abs(velocity) / speed) ** exponent)))
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,11 @@ class Motion:
         return float(np.quantile(np.abs(self.velocity[self.inside]), 0.98))
 
     @property
+    def slow(self) -> float:
+        """Lowest speed but for 2 % [m/s]."""
+        return float(np.quantile(np.abs(self.velocity[self.inside]), 0.02))
+
+    @property
     def reach(self) -> int:
         """Samples on either side that the matched force depends on."""
         return self.kernel.size // 2

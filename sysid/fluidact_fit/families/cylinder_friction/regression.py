@@ -34,7 +34,8 @@ class System:
     """The linear regression: columns by name, values held, bounds.
 
     Friction is not linear in the Stribeck speed: the unknown is then a change of it from
-    ``stribeck``, level and speed [N, m/s] at which the equation is made linear.
+    ``stribeck``, level and speed [N, m/s] at which the equation is made linear. ``exponent`` is
+    2 except where other shapes are compared.
     """
 
     def __init__(
@@ -44,8 +45,10 @@ class System:
         held: Mapping[str, float] | None = None,
         limits: Mapping[str, tuple[float, float]] | None = None,
         stribeck: tuple[float, float] = (0.0, 0.0),
+        exponent: float = 2.0,
     ) -> None:
-        self.names, self.data, self.held, self.stribeck = tuple(names), data, held or {}, stribeck
+        self.names, self.data, self.held = tuple(names), data, held or {}
+        self.stribeck, self.exponent = stribeck, exponent
         self.start = np.array([stribeck[1] if n == "stribeck_speed" else 0.0 for n in names])
         limits = limits or {}
         ends = [limits.get(n, (-np.inf, np.inf)) for n in names]
@@ -65,7 +68,7 @@ class System:
         level, speed = self.stribeck
         if speed <= 0.0:
             return []
-        share, slope = d.low(speed)
+        share, slope = d.low(speed, self.exponent)
         return [share, level * slope]
 
     def _force(

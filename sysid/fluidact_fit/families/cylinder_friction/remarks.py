@@ -15,7 +15,7 @@ from .filters import DEGREE
 from .fit import LEVELS, Fit, levels_impossible
 from .regression import System
 from .samples import half_range, prepare
-from .stribeck import linearise
+from .stribeck import linearise, other_shape
 
 _TOLD = 4.0  # standard errors of half the difference of the levels that is beyond doubt
 _NOTABLE = 0.015  # part of their mean that it has to be to matter
@@ -24,6 +24,7 @@ _NOTABLE = 0.015  # part of their mean that it has to be to matter
 def remarks(fit: Fit, variant: Variant, experiments: Sequence[Experiment]) -> Iterator[Notice]:
     """Everything that a reader of the file should be warned of."""
     yield from _explain_levels(fit)
+    yield from _warn_of_shape(fit)
     yield from _warn_of_spikes(fit)
     yield from _warn_of_disagreement(fit)
     yield from _warn_of_attenuation(fit)
@@ -72,19 +73,36 @@ def _warn_of_asymmetry(fit: Fit) -> Iterator[Notice]:
     found = fit.derived()
     if not all(n in fit.solved.names for n in LEVELS) or "coulomb_offset" not in found:
         return
-    half, mean = found["coulomb_offset"], found["coulomb_mean"]
-    if abs(half.number) <= max(_TOLD * (half.std_error or 0.0), _NOTABLE * abs(mean.number)):
+    half, mean = found["coulomb_offset"].number, found["coulomb_mean"].number
+    error = float(np.max(found["coulomb_offset"].std_error or 0.0))
+    if abs(half) <= max(_TOLD * error, _NOTABLE * abs(mean)):
         return
-    share = 200.0 * abs(half.number / mean.number)
+    share = abs(200.0 * half / mean)
     yield Notice(
         "asymmetry-or-offset",
-        f"the Coulomb levels differ by {2.0 * half.number:+.3g} N ({share:.0f} % of their mean, "
-        f"{mean.number:.4g} N, which is measured either way). A constant force of {half.number:+.3g} "
-        "N (the zero of the load cell, a converter that truncates, weight, a preload) gives the "
-        "same, and no stroke can tell the two apart. Read the load cell unloaded: if it shows "
-        "zero, give --offset=none; if friction is known to be the same both ways, give "
-        "--offset=estimate.",
+        f"the Coulomb levels differ by {2.0 * half:+.3g} N ({share:.0f} % of their mean, "
+        f"{mean:.4g} N, which is measured either way). A constant force of "
+        f"{half:+.3g} N (the zero of the load cell, a converter that truncates, weight, a "
+        "preload) gives the same, and no stroke can tell the two apart. Read the load cell "
+        "unloaded: if it shows zero, give --offset=none; if friction is known to be the same both "
+        "ways, give --offset=estimate.",
     )
+
+
+def _warn_of_shape(fit: Fit) -> Iterator[Notice]:
+    """Warn where friction rises towards rest in another way."""
+    names = fit.found.free.names
+    held = {n: v for n, v in fit.found.free.values.items() if n not in names}
+    found = other_shape(fit.data, names, held)
+    if found is not None:
+        shape, share = found
+        yield Notice(
+            "friction-shape",
+            f"friction {shape} would fit better with as many unknowns ({100.0 * share:.2g} % less "
+            "squared misfit): the levels and stribeck depend on the shape that is supposed. Use "
+            "the law within the speeds of the logs only, and judge it there by the picture "
+            "(--plot); steady strokes at more speeds show the shape.",
+        )
 
 
 def _warn_of_spikes(fit: Fit) -> Iterator[Notice]:

@@ -69,14 +69,14 @@ class Data:
         out = [np.convolve(c, self.motion.kernel, "same") for c in full.T]
         return np.column_stack(out)[self.support]
 
-    def low(self, speed: float) -> tuple[FloatArray, FloatArray]:
+    def low(self, speed: float, exponent: float = 2.0) -> tuple[FloatArray, FloatArray]:
         """Signed Stribeck share and its derivative by the Stribeck speed [s/m], ``(n,)`` each.
 
         Of the unfiltered motion, as quiet as it is known.
         """
-        v = self.motion.sharp
-        share = np.sign(self.motion.velocity) * stribeck_share(v, speed)
-        return share, share * 2.0 * v**2 / max(speed, 1e-300) ** 3 if speed > 0.0 else share
+        v = np.abs(self.motion.sharp)
+        share = np.sign(self.motion.velocity) * stribeck_share(v, speed, exponent)
+        return share, share * exponent * v**exponent / speed ** (exponent + 1.0)
 
     def smoothed(self, force: FloatArray) -> FloatArray:
         """Smooth a force like the regressor, shape ``(n,)``."""
@@ -100,9 +100,11 @@ def _count_sides(data: Sequence[Data]) -> dict[str, int]:
 def _choose_deadband(motions: Sequence[Motion]) -> float:
     """Speed below which a sample may be at rest: noise, or a share of the speed [m/s].
 
-    The slowest log that moves at all sets the share, so that a fast one does not hide it.
+    The slowest log that moves at all sets the share, so that a fast one does not hide it. The
+    noise of a log that never comes near rest does not matter.
     """
-    floor = 4.0 * max(m.noise for m in motions)
+    near = [m.noise for m in motions if m.slow <= 8.0 * m.noise]
+    floor = 4.0 * max(near, default=0.0)
     moving = [m.fast for m in motions if m.fast > floor]
     return float(max(floor, SLOW * min(moving, default=0.0)))
 
@@ -291,8 +293,8 @@ def sides_moved(data: Sequence[Data]) -> list[str]:
     moved = [s for s in SIDES if counts[s] >= least]
     if not moved:
         raise NotIdentifiedError(
-            "nothing moves in these logs beyond the noise of the motion, and friction shows only in "
-            "motion",
+            "nothing moves in these logs beyond the noise of the motion, and friction shows only "
+            "in motion",
             expected="Nothing was written.",
             remedy="Record strokes in both directions, or check --column and --unit of the "
             "motion. Where it does move, sample faster or move more slowly (ten samples or more a "
