@@ -203,14 +203,14 @@ _FAMILIES = {
         "Some samples of the force lie far from all others.",
         "Look at the picture (`--plot`); if the load cell is sound, the model may be wrong there.",
     ),
-    "friction-shape": _warning(
-        "Another law of friction over speed, with as many unknowns, fits better.",
-        "Use the law within the speeds of the logs only; record steady strokes at more speeds.",
-    ),
     "forces-beyond-model": _warning(
         "Forces that the model does not include, such as torque ripple, move the axis by "
         "more than the noise of its position.",
         "Cover the same stretch in both directions at several speeds, or fix the static levels.",
+    ),
+    "friction-shape": _warning(
+        "Another law of friction over speed, with as many unknowns, fits better.",
+        "Use the law within the speeds of the logs only; record steady strokes at more speeds.",
     ),
     "gray-box-left-out": _warning(
         "The equations of pressure and motion cannot follow the logs, so the gains and losses "
