@@ -24,7 +24,7 @@ from .family import (
     Variant,
 )
 from .logs import Log, provenance
-from .outcome import Simulation, agreement, pair
+from .outcome import Simulation, agreement, common_level, pair
 from .parameters import make_document
 from .version import __version__
 
@@ -81,7 +81,8 @@ def make_parameter_document(
     unit = found.experiments[0].signals[output].unit
     declared = {role for log in found.logs for role in log.holds}
     details, warned = diagnose(family, variant, estimate, fitted, declared)
-    overall = agreement([s.measured for s in fitted], [s.simulated for s in fitted])
+    level = common_level(fitted)
+    overall = agreement(fitted, level)
     white = residual_whiteness(fitted, len(estimate.covariance_order))
     notices = list(dict.fromkeys([*notices, *estimate.notices, *warned]))
     verdict, reasons = judge(overall, notices, details.get("residual_to_noise"), white)
@@ -112,7 +113,7 @@ def make_parameter_document(
             "fit_percent": overall.fit_percent,
             "residual_whiteness": asdict(white),
             "verdict": verdict,
-            "logs": [_log_entry(s, unit) for s in fitted],
+            "logs": [_log_entry(s, unit, level) for s in fitted],
             "details": {
                 **estimate.details,
                 **details,
@@ -120,7 +121,7 @@ def make_parameter_document(
                 "output_resolution": max(e.signals[output].resolution for e in found.experiments),
             },
         },
-        "validation": [_log_entry(s, unit) for s in validation],
+        "validation": [_log_entry(s, unit, level) for s in validation],
         "warnings": every,
         "provenance": {
             "tool": {"name": "fluidact-fit", "version": __version__},
@@ -151,9 +152,9 @@ def _hold(variant: Variant, fitted: Sequence[Simulation]) -> Hold:
     return "zoh"
 
 
-def _log_entry(s: Simulation, unit: str) -> dict[str, Any]:
-    """One row of ``fit.logs`` or ``validation``."""
-    a = s.agreement
+def _log_entry(s: Simulation, unit: str, level: float | None) -> dict[str, Any]:
+    """One row of ``fit.logs`` or ``validation``; ``level`` is that of all fitted logs."""
+    a = agreement([s], level)
     return {
         "file": s.experiment.name,
         "samples": a.samples,

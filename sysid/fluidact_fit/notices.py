@@ -181,6 +181,12 @@ _JUDGEMENT = {
 }
 
 _FAMILIES = {
+    "asymmetry-or-offset": _warning(
+        "The two Coulomb levels differ, which a constant force (the zero of the load cell, weight, "
+        "a preload) would look like; motion alone cannot tell the two apart.",
+        "Read the load cell unloaded and give `--offset=none` where it shows zero, or "
+        "`--offset=estimate` where friction is the same both ways.",
+    ),
     "chamber-not-recorded": _warning(
         "No log holds the pressure of one chamber, so its gain and losses are not in the file.",
         "Record that pressure, in the same run or in another, and give all the logs.",
@@ -212,8 +218,9 @@ _FAMILIES = {
     ),
     "force-offset": _warning(
         "The force has an offset, which the data cannot separate from a difference of the two "
-        "Coulomb levels; the levels were taken as equal.",
-        "Remove the offset (zero the load cell, record the other chamber) or give `--offset=none`.",
+        "Coulomb levels; the levels were taken as equal, and only their mean is measured.",
+        "Remove the offset (zero the load cell, record the other chamber) and give "
+        "`--offset=none`.",
     ),
     "force-spikes": _warning(
         "Some samples of the force lie far from all others.",
@@ -223,6 +230,10 @@ _FAMILIES = {
         "Forces that the model does not include, such as torque ripple, move the axis by "
         "more than the noise of its position.",
         "Cover the same stretch in both directions at several speeds, or fix the static levels.",
+    ),
+    "friction-shape": _warning(
+        "Another law of friction over speed, with as many unknowns, fits better.",
+        "Use the law within the speeds of the logs only; record steady strokes at more speeds.",
     ),
     "gray-box-left-out": _warning(
         "The equations of pressure and motion cannot follow the logs, so the gains and losses "

@@ -23,19 +23,38 @@ class Agreement:
     sum_of_squares: float
 
 
-def agreement(measured: Sequence[FloatArray], simulated: Sequence[FloatArray]) -> Agreement:
-    """Pooled agreement; every log is compared with its own mean, samples at NaN left out.
+def common_level(runs: Sequence[Simulation]) -> float | None:
+    """Mean of what was measured over all runs; ``None`` where runs have offsets of their own.
 
-    ``fit = 100 (1 - ||y - y_model|| / ||y - mean(y)||)`` as in MATLAB's ``compare``.
+    An offset that several runs share is not their own.
     """
+    offsets = {s.offset for s in runs}
+    if len(offsets) > 1 or (len(runs) == 1 and offsets != {None}):
+        return None
+    used = np.concatenate([s.measured[np.isfinite(s.residual)] for s in runs])
+    return float(used.mean()) if used.size else None
+
+
+def agreement(runs: Sequence[Simulation], level: float | None = None) -> Agreement:
+    """Agreement of all runs together, samples at NaN left out.
+
+    ``fit = 100 (1 - ||y - y_model|| / ||y - reference||)`` as in MATLAB's ``compare``. The
+    reference is what the model explains nothing of: the mean of every run where each has an
+    offset of its own. Else the level is the model's to explain, and the reference is ``level``,
+    by default the :func:`common_level` of these runs: at one constant speed a log, all that
+    a friction explains are the means of the logs.
+    """
+    level = common_level(runs) if level is None else level
     error, spread, samples = 0.0, 0.0, 0
-    for y, model in zip(measured, simulated):
-        used = np.isfinite(y) & np.isfinite(model)
-        if not used.any():
+    for s in runs:
+        at = np.isfinite(s.residual)
+        if not at.any():
             continue
-        error += float(np.sum((y[used] - model[used]) ** 2))
-        spread += float(np.sum((y[used] - y[used].mean()) ** 2))
-        samples += int(used.sum())
+        y = s.measured[at]
+        reference = y.mean() if level is None else level
+        error += float(np.sum(s.residual[at] ** 2))
+        spread += float(np.sum((y - reference) ** 2))
+        samples += y.size
     rmse = float(np.sqrt(error / max(samples, 1)))
     fit = 100.0 if error == 0.0 else 0.0
     if spread > 0.0:
@@ -93,7 +112,7 @@ class Simulation:
     @property
     def agreement(self) -> Agreement:
         """Measured against simulated."""
-        return agreement([self.measured], [self.simulated])
+        return agreement([self])
 
     @property
     def rmse(self) -> float:

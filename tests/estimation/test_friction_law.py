@@ -28,6 +28,13 @@ def test_no_static_level_lies_below_the_kinetic_one() -> None:
     assert FrictionLaw(2.0, 1.0, breakaway_negative=0.5).breakaway_negative == 1.0
 
 
+def test_friction_rises_at_low_speed_in_both_directions() -> None:
+    law = FrictionLaw(2.0, 1.0, stribeck=0.5, stribeck_speed=0.1)
+    rise = 0.5 * np.exp(-1.0)
+    np.testing.assert_allclose(law.moving([0.1, -0.1, 9.0]), [2.0 + rise, -1.0 - rise, 2.0])
+    assert (law.breakaway_positive, law.breakaway_negative) == (2.5, 1.5)
+
+
 @pytest.mark.parametrize(
     ("values", "law"),
     [

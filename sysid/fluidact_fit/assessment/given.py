@@ -87,16 +87,14 @@ def _other_numbers(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
 
 def _reliance(at: Optimum, name: str, columns: list[FloatArray]) -> Reliance:
     """How the parameters make up for a change of the output, and what is left of it."""
-    p = len(at.names)
-    rows = [np.column_stack(parts) for parts in zip(at.jacobians, at.levels, columns, at.residuals)]
-    white = at.whiten(rows)
+    white = at.whiten(at.beside_residual(columns))
     j, d, r = white[:, :-2], white[:, -2], white[:, -1]
     scale = np.linalg.norm(j, axis=0)
     scale[scale == 0.0] = 1.0
     x = np.linalg.lstsq(j / scale, d, rcond=1e-12)[0]
     left = d - (j / scale) @ x
     sigma = float(np.sqrt(np.mean(r**2)))
-    shifts = -(x / scale)[:p]
+    shifts = -x / scale
     errors = shifts / at.errors
     worst = int(np.argmax(np.abs(errors)))
     return Reliance(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -39,6 +38,8 @@ class Series:
     scale
         What residuals and derivatives are divided by: 1 where the output alone was fitted,
         else the root mean square of the residuals of the channel over all runs [its unit].
+    own_level
+        Whether an offset of its own takes the mean of the residual.
     """
 
     run: int
@@ -47,6 +48,7 @@ class Series:
     simulated: FloatArray
     used: npt.NDArray[np.bool_]
     scale: float = 1.0
+    own_level: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,14 +109,6 @@ class Optimum:
         """The channels that were fitted."""
         return tuple(dict.fromkeys(s.role for s in self.series))
 
-    @property
-    def levels(self) -> list[FloatArray]:
-        """Columns of an offset of every channel, run by run, shape ``(n_i, channels)``."""
-        return [
-            np.tile([float(s.role == role) for role in self.roles], (int(s.used.sum()), 1))
-            for s in self.series
-        ]
-
     def number(self, name: str) -> float:
         """Value of a parameter or of one entry of a list, ``levels[2]`` [SI]."""
         key, _, index = name.partition("[")
@@ -130,29 +124,40 @@ class Optimum:
                 out.append(f"{e.name}, {at}{of}")
         return out
 
-    def whiten(self, columns: Sequence[FloatArray]) -> FloatArray:
+    def beside_residual(self, columns: Sequence[FloatArray]) -> list[FloatArray]:
+        """Derivatives, further columns and residual of every series, shape ``(n_i, p + q + 1)``.
+
+        Where an offset of its own takes the mean of a run, all are free of theirs.
+        """
+        rows = [np.column_stack(x) for x in zip(self.jacobians, columns, self.residuals)]
+        return [x - x.mean(axis=0) if s.own_level else x for x, s in zip(rows, self.series)]
+
+    def whiten(
+        self, columns: Sequence[FloatArray], noise: Sequence[FloatArray] | None = None
+    ) -> FloatArray:
         """Stack the columns of all series, ``(n_i, q)`` each, as the residual becomes white.
 
-        Every channel has noise of its own; each comes out with the same variance.
+        Every channel has noise of its own; each comes out with the same variance. ``noise``,
+        ``(n_i,)`` each, is what becomes white instead of the residual.
         """
+        models = self._noise(self.residuals if noise is None else noise)
         out = []
         for s, part in zip(self.series, columns, strict=True):
-            coefficients, deviation = self._noise[s.role]
+            coefficients, deviation = models[s.role]
             rows = part.astype(float)
             for k, c in enumerate(coefficients):
                 rows[k + 1 :] -= c * part[: -k - 1]
             out.append(rows[coefficients.size :] / deviation)
         return np.vstack(out)
 
-    @cached_property
-    def _noise(self) -> dict[str, tuple[FloatArray, float]]:
+    def _noise(self, residuals: Sequence[FloatArray]) -> dict[str, tuple[FloatArray, float]]:
         """Autoregression of the residuals of every channel, and what is left of them.
 
         What is left is in parts of the first channel's, whose unit stays.
         """
         found: dict[str, tuple[FloatArray, float]] = {}
         for role in self.roles:
-            own = [r for s, r in zip(self.series, self.residuals) if s.role == role]
+            own = [r for s, r in zip(self.series, residuals, strict=True) if s.role == role]
             shortest = min(r.size for r in own)
             a, variance = fit_autoregression(own, int(min(_ORDER, shortest // 10)))
             found[role] = a, float(np.sqrt(variance)) or 1.0
@@ -223,7 +228,8 @@ def _series(
             channels |= {r: pair for r, pair in s.others.items() if r in fits}
         for role, (measured, simulated) in channels.items():
             used = np.isfinite(measured)
-            series.append(Series(run, role, s.experiment, simulated, used))
+            level = role == output and s.offset is not None
+            series.append(Series(run, role, s.experiment, simulated, used, own_level=level))
             residuals.append((measured - simulated)[used])
     if all(s.role == output for s in series):
         return series, residuals

@@ -18,12 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
+from ..family import ParameterSpec
 from ..options import describe
 from .optimum import Optimum, delayed, moved
 
@@ -31,6 +33,7 @@ _SIGNIFICANT = 5.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
 _PREFERRED = 0.8  # share of the best significance at which a parameter of the family is named
 _LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
+_FARTHEST = 10.0  # times the lag that was tried: of a longer one nothing is known
 _SHIFT = 0.1  # sample times by which an input is moved to see what a delay does
 _SMALL = 0.3  # standard deviations of the residual by which a parameter is moved
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
@@ -42,6 +45,7 @@ class Term:
 
     ``columns`` are its directions in the output, per run and per ``unit``; ``words`` says what
     a size of it would mean, ``remedy`` what to do. ``offered`` marks a parameter of the family.
+    The directions are those of a size up to ``most``.
     """
 
     name: str
@@ -50,6 +54,7 @@ class Term:
     remedy: str
     columns: Sequence[FloatArray]
     offered: bool = False
+    most: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -70,7 +75,8 @@ class Score:
     @property
     def telling(self) -> bool:
         """Whether the term is there, and matters."""
-        return abs(self.deviations) > _SIGNIFICANT and abs(self.errors) > _MATTERS
+        possible = abs(self.size) <= self.term.most
+        return possible and abs(self.deviations) > _SIGNIFICANT and abs(self.errors) > _MATTERS
 
 
 def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
@@ -105,26 +111,29 @@ def _terms(at: Optimum) -> Iterator[Term]:
     for role in at.variant.driving:
         if all(role.name in e and e.signals[role.name].time.size > 1 for e in runs):
             yield _delay(at, runs, role.name, _SHIFT * step)
-    middle = float(np.mean([e.time.mean() for e in runs]))
-    for role in at.roles:
-        alone = len(at.roles) == 1
-        of, it = ("", "the output") if alone else (f" of {role}", f"'{role}'")
-        response = "the response" if alone else it
-        for lag in _LAGS:
-            yield Term(
-                f"lag{of} of {lag:g} samples", "s",
-                lambda size, response=response: (  # type: ignore[misc]
-                    f"{response} lags by another {1e3 * size:.3g} ms"
-                ),
-                "Look for a filter or transducer in the measuring chain and for dynamics that "
-                "this family does not have.", _behind(at, role, lag * step),
-            )  # fmt: skip
+    for name in at.roles:
+        yield from _of_channel(at, name, step)
+
+
+def _of_channel(at: Optimum, role: str, step: float) -> Iterator[Term]:
+    """Lags behind a channel that was fitted, and its drift."""
+    alone, unit = len(at.roles) == 1, at.variant.role(role).unit
+    of, it = ("", "the output") if alone else (f" of {role}", f"'{role}'")
+    response = "the response" if alone else it
+    for lag in _LAGS:
         yield Term(
-            f"drift{of}", "1/s",
-            lambda size, it=it: f"{it} drifts",  # type: ignore[misc]
-            "Let the sensor warm up, or cut the log with --window.",
-            [(s.role == role) * (s.experiment.time[s.used] - middle) for s in at.series],
+            f"lag{of} of {lag:g} samples", "s",
+            lambda size: f"{response} {'lags' if size > 0.0 else 'leads'} by another "
+            f"{1e3 * abs(size):.3g} ms",
+            "Look for a filter or transducer in the measuring chain and for dynamics that this "
+            "family does not have.", _behind(at, role, lag * step), most=_FARTHEST * lag * step,
         )  # fmt: skip
+    yield Term(
+        f"drift{of}", f"{unit}/s", lambda size: f"{it} drifts by {size:.3g} {unit} a second",
+        "Let the sensor warm up, or cut the log with --window.",
+        [(s.role == role) * (s.experiment.time - s.experiment.time[0])[s.used] / s.scale
+         for s in at.series],
+    )  # fmt: skip
 
 
 def _offered(at: Optimum, runs: Sequence[Experiment]) -> Iterator[Term]:
@@ -147,11 +156,16 @@ def _offered(at: Optimum, runs: Sequence[Experiment]) -> Iterator[Term]:
         option = f"--{freed[name]}=estimate" if name in freed else f"another --fix {name}=VALUE"
         yield Term(
             name, spec.unit,
-            lambda size, name=name, value=value, unit=spec.unit: (  # type: ignore[misc]
-                f"{name} is about {value + size:.3g} {unit} instead of {value:.3g}"
-            ),
-            f"Try {option}.", [c / step for c in columns], offered=True,
+            partial(_instead, spec, value), f"Try {option}.",
+            [c / step for c in columns], offered=True,
         )  # fmt: skip
+
+
+def _instead(spec: ParameterSpec, value: float, change: float) -> str:
+    """What another value of a parameter would be."""
+    if not spec.minimum <= value + change <= spec.maximum:
+        return f"{spec.name} could leave its range: the relation has another shape"
+    return f"{spec.name} is about {value + change:.3g} {spec.unit} instead of {value:.3g}"
 
 
 def _delay(at: Optimum, runs: Sequence[Experiment], role: str, by: float) -> Term:
@@ -171,9 +185,15 @@ def _delay(at: Optimum, runs: Sequence[Experiment], role: str, by: float) -> Ter
 
 
 def _behind(at: Optimum, role: str, lag: float) -> list[FloatArray]:
-    """Change of a simulated channel per second of a first-order lag [s] behind it."""
-    from scipy.signal import lfilter
+    """Change of a simulated channel per second of a first-order lag [s] behind it.
 
+    The noise of a measured input is in the simulated output and, with the opposite sign, in
+    the residual, which would be taken for a lag. It has no direction in time: half the
+    difference of a lag and a lead is free of it.
+    """
+    held = [e.signals[r.name].hold for e in (s.experiment for s in at.fitted)
+            for r in at.variant.driving if r.name in e]  # fmt: skip
+    clean = bool(held) and all(hold == "zoh" for hold in held)
     out = []
     for s in at.series:
         t, y, step = s.experiment.time, s.simulated, s.experiment.sample_time
@@ -182,23 +202,28 @@ def _behind(at: Optimum, role: str, lag: float) -> list[FloatArray]:
             continue
         grid = np.arange(t[0], t[-1] + step, step)
         even = np.interp(grid, t, y)
-        decay = float(np.exp(-step / lag))
-        ramp = (1.0 - decay) * lag / step  # mean of the decay over a sample
-        start = [ramp * even[0]]  # at rest at the first value
-        late, _ = lfilter([1.0 - ramp, ramp - decay], [1.0, -decay], even, zi=start)
-        out.append(((np.interp(t, grid, late) - y) / lag)[s.used] / s.scale)
+        change = _lagging(even, step, lag) - even
+        if not clean:
+            change = 0.5 * (change - (_lagging(even[::-1], step, lag)[::-1] - even))
+        out.append((np.interp(t, grid, change) / lag)[s.used] / s.scale)
     return out
+
+
+def _lagging(even: FloatArray, step: float, lag: float) -> FloatArray:
+    """A signal on straight lines, shape ``(n,)``, behind a first-order lag [s]."""
+    from scipy.signal import lfilter
+
+    decay = float(np.exp(-step / lag))
+    ramp = (1.0 - decay) * lag / step  # mean of the decay over a sample
+    start = [ramp * even[0]]  # at rest at the first value
+    return np.asarray(lfilter([1.0 - ramp, ramp - decay], [1.0, -decay], even, zi=start)[0])
 
 
 def _score(at: Optimum, term: Term) -> Score | None:
     """Size and significance of a term; ``None`` where the parameters can stand for it."""
     p = len(at.names)
-    white = at.whiten(
-        [
-            np.column_stack(parts)
-            for parts in zip(at.jacobians, at.levels, term.columns, at.residuals)
-        ]
-    )
+    rows = at.beside_residual(term.columns)
+    white = at.whiten(rows, _left_over(rows))
     if not np.all(np.isfinite(white)):
         return None
     columns, target = white[:, :-1], white[:, -1]
@@ -209,7 +234,7 @@ def _score(at: Optimum, term: Term) -> Score | None:
         return None
     x = np.linalg.lstsq(columns / scale, target, rcond=1e-12)[0]
     rest = target - (columns / scale) @ x
-    sigma = float(np.sqrt(rest @ rest / max(target.size - p - 2, 1)))
+    sigma = float(np.sqrt(rest @ rest / max(target.size - p - 1, 1)))
     shifts = (x / scale)[:p]
     errors = shifts / at.errors
     worst = int(np.argmax(np.abs(errors)))
@@ -217,6 +242,19 @@ def _score(at: Optimum, term: Term) -> Score | None:
         term, float(x[-1] / scale[-1]), float(x[-1]) * own / max(sigma, 1e-300), at.names[worst],
         float(shifts[worst]), float(errors[worst]),
     )  # fmt: skip
+
+
+def _left_over(rows: Sequence[FloatArray]) -> list[FloatArray]:
+    """What is left of the last column, the residual, when all others are fitted to it.
+
+    Noise is to be judged with the term in the model: what drifts is not noise.
+    """
+    stacked = np.vstack(rows)
+    scale = np.linalg.norm(stacked[:, :-1], axis=0)
+    scale[scale == 0.0] = 1.0
+    columns = stacked[:, :-1] / scale
+    rest = stacked[:, -1] - columns @ np.linalg.lstsq(columns, stacked[:, -1], rcond=1e-12)[0]
+    return np.split(rest, np.cumsum([x.shape[0] for x in rows])[:-1])
 
 
 def _notice(at: Optimum, s: Score) -> Notice:

@@ -4,13 +4,17 @@
     F_f = -coulomb_negative + viscous_negative v     negative direction
     -breakaway_negative <= F_f <= breakaway_positive at rest: what is needed
 
-All levels are magnitudes [1]_. Nothing is smoothed: at rest friction takes whatever value
-balances the other forces, up to the static level.
+At low speed a lubricated contact has more friction, ``stribeck exp(-(v / stribeck_speed)^2)``
+above either level [2]_. All levels are magnitudes [1]_. Nothing is smoothed: at rest friction
+takes whatever value balances the other forces, up to the static level.
 
 References
 ----------
 .. [1] D. B. Comber (thesis, 2013), "Fluid power actuation for MRI-guided interventions",
    equations 1, 17 to 19 and table 3.
+.. [2] B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, "A survey of models, analysis tools
+   and compensation methods for the control of machines with friction", Automatica 30, 1994,
+   equation 8 with the exponent of Bo and Pavelescu, 2.
 """
 
 from __future__ import annotations
@@ -25,12 +29,22 @@ import numpy.typing as npt
 from ..experiment import FloatArray
 
 
+def stribeck_share(velocity: FloatArray, speed: float, exponent: float = 2.0) -> FloatArray:
+    """Part of the Stribeck level that is left at a velocity, same shape; none at speed 0."""
+    if speed <= 0.0:
+        return np.zeros(np.shape(velocity))
+    return np.asarray(np.exp(-((np.abs(velocity) / speed) ** exponent)))
+
+
 @dataclass(frozen=True)
 class FrictionLaw:
     """Levels [N or N m] and viscous coefficients [per m/s or rad/s] by direction.
 
-    A static level below the kinetic one means nothing: the axis would break away and stop at
-    once. It is raised to it.
+    ``stribeck`` [N or N m] is how far friction rises above either level towards rest, and
+    ``stribeck_speed`` [m/s or rad/s] the speed at which 1/e of that is left; 0: no rise.
+
+    A static level below that of the slowest motion means nothing: the axis would break away
+    and stop at once. It is raised to it.
     """
 
     coulomb_positive: float
@@ -39,11 +53,14 @@ class FrictionLaw:
     viscous_negative: float = 0.0
     breakaway_positive: float = 0.0
     breakaway_negative: float = 0.0
+    stribeck: float = 0.0
+    stribeck_speed: float = 0.0
 
     def __post_init__(self) -> None:
         for side in ("positive", "negative"):
             static, kinetic = f"breakaway_{side}", f"coulomb_{side}"
-            object.__setattr__(self, static, max(getattr(self, static), getattr(self, kinetic)))
+            slowest = getattr(self, kinetic) + self.stribeck * (self.stribeck_speed > 0.0)
+            object.__setattr__(self, static, max(getattr(self, static), slowest))
 
     @classmethod
     def of(cls, values: Mapping[str, float]) -> Self:
@@ -60,6 +77,7 @@ class FrictionLaw:
             side("coulomb", "positive"), side("coulomb", "negative"),
             side("viscous", "positive"), side("viscous", "negative"),
             side("breakaway", "positive"), side("breakaway", "negative"),
+            float(values.get("stribeck", 0.0)), float(values.get("stribeck_speed", 0.0)),
         )  # fmt: skip
 
     def moving(self, velocity: npt.ArrayLike, direction: npt.ArrayLike | None = None) -> FloatArray:
@@ -81,6 +99,7 @@ class FrictionLaw:
         v = np.asarray(velocity, dtype=float)
         s = np.sign(v if direction is None else np.asarray(direction, dtype=float))
         level = np.where(s > 0.0, self.coulomb_positive, self.coulomb_negative)
+        level = level + self.stribeck * stribeck_share(v, self.stribeck_speed)
         rate = np.where(v > 0.0, self.viscous_positive, self.viscous_negative)
         return np.asarray(s * level + rate * v)
 

@@ -78,7 +78,7 @@ def plot_validation(result: Outcome) -> Figure | None:
     with matplotlib.rc_context(SETTINGS):
         figure = Figure(figsize=(13.0, 6.4))
         runs = result.validation
-        a = agreement([r.measured for r in runs], [r.simulated for r in runs])
+        a = agreement(runs)
         _heading(figure, f"{result.family}: logs that were not fitted",
                  f"fit {percent(a.fit_percent)}   ·   {count(a.samples)} samples")  # fmt: skip
         _dynamic(figure, runs, result, right=0.975)
@@ -165,7 +165,7 @@ def _dynamic(figure: Figure, runs: Sequence[Simulation], result: Outcome, right:
     t = choose_scale("s", max(float(np.ptp(instants(r))) for r in shown))
     y = scale_of([r.measured for r in shown], units[output].unit)
     e = scale_of([r.residual for r in shown], units[output].unit)
-    rmse = agreement([r.measured for r in runs], [r.simulated for r in runs]).rmse
+    rmse = agreement(runs).rmse
     for column, panels in zip(columns, rows.T):
         name = choice.note if choice.overlay else _run_title(column[0], len(columns), len(runs))
         output_panel(panels[0], column, t, y, name)

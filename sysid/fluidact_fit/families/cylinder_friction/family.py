@@ -1,6 +1,6 @@
 """Friction of a cylinder: two Coulomb levels and viscous friction.
 
-    F_f = F_c+ [v > 0] - F_c- [v < 0] + b v
+    F_f = F_c+ [v > 0] - F_c- [v < 0] + b v (+ sign(v) F_s exp(-(v / v_s)^2) with --stribeck)
     F_f = F - (A_1 p_1 - A_2 p_2) - m a      with a load cell
     F_f = A_1 p_1 - A_2 p_2 - m a            without: the pressures drive
 
@@ -77,7 +77,12 @@ from .samples import (
     sides_moved,
     simulate_force,
 )
+from .stribeck import STRIBECK
 
+_SLOWER = (
+    "Record steady strokes at several speeds on either side of the one at which friction is least; "
+    "leave --stribeck out if it does not rise towards rest."
+)
 _PARAMETERS = (
     ParameterSpec(
         "viscous",
@@ -98,6 +103,24 @@ _PARAMETERS = (
             remedy=f"Record at least one stroke in the {s} direction, at steady speed.",
         )
         for s in SIDES
+    ),
+    ParameterSpec(
+        "stribeck",
+        "N",
+        "friction at the slowest motion, above the kinetic level",
+        neutral=0.0,
+        minimum=0.0,
+        optional=True,
+        remedy=_SLOWER,
+    ),
+    ParameterSpec(
+        "stribeck_speed",
+        "m/s",
+        "speed at which 1/e of that is left",
+        neutral=0.0,
+        minimum=0.0,
+        optional=True,
+        remedy=_SLOWER,
     ),
 )
 _FORCE = Role(
@@ -125,7 +148,8 @@ class CylinderFriction(Family[FrictionOptions]):
     title = "Friction of a cylinder: Coulomb levels by direction and viscous friction"
     equation = (
         "force - (area * pressure - area_2 * pressure_2) - mass * acceleration = "
-        "coulomb_positive [v > 0] - coulomb_negative [v < 0] + viscous * v; without a force, "
+        "coulomb_positive [v > 0] - coulomb_negative [v < 0] + viscous * v "
+        "+ sign(v) * stribeck * exp(-(v / stribeck_speed)^2); without a force, "
         "area * pressure - area_2 * pressure_2 drives"
     )
     variants = tuple(
@@ -199,11 +223,13 @@ class CylinderFriction(Family[FrictionOptions]):
         slope = d.motion.acceleration
         if free.mass is None and slope is not None:
             d = replace(d, kept=d.kept & (np.abs(slope) <= 0.01 * float(np.abs(slope).max())))
-        names = ("viscous", *LEVELS)
+        law = FrictionLaw.of(scalars(values))
+        low = (law.stribeck, law.stribeck_speed)
+        names = ("viscous", *LEVELS, *(STRIBECK if min(low) > 0.0 else ()))
         rows = np.zeros((d.kept.size, len(names)))
         if d.kept.any():
-            (rows[d.support],) = System([d], names).jacobian()
-        return Information(names, rows, FrictionLaw.of(scalars(values)).moving(d.motion.sharp))
+            (rows[d.support],) = System([d], names, stribeck=low).jacobian()
+        return Information(names, rows, law.moving(d.motion.sharp))
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """Strokes at constant speeds; see :meth:`Family.excitation`.
@@ -230,8 +256,8 @@ class CylinderFriction(Family[FrictionOptions]):
         amplitude: tuple[float, float],
         sample_time: float,
     ) -> float | None:
-        """No viscous friction, and a level like that of the other direction."""
-        if name == "viscous":
+        """No viscous friction, no rise, and a level like that of the other direction."""
+        if name not in LEVELS:
             return 0.0
         return max(scalars(values)[level] for level in LEVELS)
 
@@ -246,7 +272,8 @@ class CylinderFriction(Family[FrictionOptions]):
         """The static map for feed-forward compensation."""
         return {
             "friction": {
-                "equation": "coulomb_positive*(v>0) - coulomb_negative*(v<0) + viscous*v",
+                "equation": "coulomb_positive*(v>0) - coulomb_negative*(v<0) + viscous*v"
+                + " + sign(v)*stribeck*exp(-(v/stribeck_speed)^2)" * bool(values.get("stribeck")),
                 "input": {"name": "velocity", "unit": "m/s"},
                 "output": {"name": "force", "unit": "N"},
                 **scalars(values),
@@ -272,8 +299,8 @@ class CylinderFriction(Family[FrictionOptions]):
         for side, sign in zip(SIDES, (1.0, -1.0)):
             speeds = sign * v[used]
             if np.any(speeds > 0.0):
-                x = np.array([0.0, sign * speeds.max()])
-                lines.append(Curve(f"fitted, {side}", x, law.moving(x, np.full(2, sign))))
+                x = sign * np.linspace(0.0, speeds.max(), 200 if law.stribeck else 2)
+                lines.append(Curve(f"fitted, {side}", x, law.moving(x, np.full(x.size, sign))))
         return StaticView(
             "velocity", "m/s", "friction", "N", v, friction, law.moving(v), used, lines
         )

@@ -68,14 +68,18 @@ def differentiate(experiment: Experiment, values: FloatArray, half: int) -> tupl
     return np.stack([s.value, s.rate, own]), s.inside
 
 
+def sharpening(kernel: FloatArray) -> FloatArray:
+    """Kernel of :func:`sharpen` alone: ``3 - 3 K + K^2``."""
+    reach = kernel.size // 2
+    out = np.convolve(kernel, kernel)
+    out[reach:-reach] -= 3.0 * kernel
+    out[2 * reach] += 3.0
+    return out
+
+
 def sharpened(kernel: FloatArray) -> FloatArray:
     """Kernel of :func:`sharpen` after this one, three times as long."""
-    twice = np.convolve(kernel, kernel)
-    out = np.convolve(twice, kernel)
-    reach = kernel.size // 2
-    out[reach:-reach] -= 3.0 * twice
-    out[2 * reach : -2 * reach] += 3.0 * kernel
-    return out
+    return np.convolve(kernel, sharpening(kernel))
 
 
 def _pad(values: FloatArray, before: int, after: int) -> FloatArray:

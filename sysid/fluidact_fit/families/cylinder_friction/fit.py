@@ -14,7 +14,16 @@ from ...experiment import FloatArray
 from ...family import ParameterSpec, Quantity, Request, Variant
 from .options import FrictionOptions
 from .regression import Regression, System
-from .samples import SIDES, Data, at_speeds, half_range, sides_moved
+from .samples import (
+    SIDES,
+    Data,
+    at_speeds,
+    both_ways,
+    group_by_log,
+    half_range,
+    sides_moved,
+)
+from .stribeck import STRIBECK, free_names, linearise, undetermined
 
 LEVELS = ("coulomb_positive", "coulomb_negative")
 SECOND_SPEED = 1.5  # ratio of two speeds that are clearly different
@@ -68,8 +77,9 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
     specs = {p.name: _with_remedy(p, ranges) for p in variant.parameters}
     limits = {p.name: request.bounds.get(p.name, (p.minimum, p.maximum)) for p in specs.values()}
     refusals = [_idle(s) for s in SIDES if s not in moved]
+    low = free_names(options.stribeck == "estimate", fixed)
     if "viscous" not in fixed and _one_speed(ranges, noise):
-        refusals.append(_too_alike(_describe_speeds(ranges) + "."))
+        refusals += _too_alike(_describe_speeds(ranges) + ".", low)
         if not options.is_settled:  # without the ends of the strokes, levels are of one speed
             near = {s: (0.9 * low, 1.1 * high) for s, (low, high) in ranges.items()}
             data = [replace(d, kept=d.kept & at_speeds(d.motion, near)) for d in data]
@@ -77,15 +87,18 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
                 options, speeds_positive=near.get("positive"), speeds_negative=near.get("negative")
             )
     end = determine(
-        _Problem(data, limits, options, asked).solve,
-        lambda found: _undetermined(found.free, data, ranges, noise),
+        _Problem(data, limits, options, asked, low).solve,
+        lambda found: (
+            undetermined(found.free, data) or _undetermined(found.free, data, ranges, noise)
+        ),
         specs,
         fixed=fixed,
         refusals=refusals,
     )
     found, unknowns = end.solution, end.solution.free.names
     options = replace(options, force_offset=_MEAN in unknowns)
-    source = {n: _MEAN if n in LEVELS and _MEAN in unknowns else n for n in specs}
+    written = [n for n in specs if n not in STRIBECK or n in found.values]
+    source = {n: _MEAN if n in LEVELS and _MEAN in unknowns else n for n in written}
     source |= {n: n for n in unknowns if n.startswith("offset")}
     solved = replace(found.free, values=found.values, fixed=fixed, refused=end.refused)
     return Fit(data, options, found, solved.renamed(source), ranges, end.notices)
@@ -136,6 +149,8 @@ def _with_remedy(spec: ParameterSpec, ranges: Mapping[str, tuple[float, float]])
         )
         remedy = f"Add one stroke, or one log, at a speed {SECOND_SPEED:g} times another: {wanted}."
         return replace(spec, remedy=remedy)
+    if spec.name not in LEVELS:
+        return spec
     side = spec.name.removeprefix("coulomb_")
     other = next(s for s in SIDES if s != side)
     remedy = f"Record at least one stroke in the {side} direction, at steady speed"
@@ -155,8 +170,10 @@ def _idle(side: str) -> Refusal:
     )
 
 
-def _too_alike(reason: str) -> Refusal:
-    return Refusal("viscous", reason + " The Coulomb levels include all friction at that speed.")
+def _too_alike(reason: str, low: Sequence[str] = ()) -> list[Refusal]:
+    """What depends on speed cannot be told at one speed."""
+    said = " The Coulomb levels include all friction at that speed."
+    return [Refusal("viscous", reason + said), *(Refusal(n, reason) for n in low)]
 
 
 def _undetermined(
@@ -176,17 +193,21 @@ def _undetermined(
     if half * span <= 0.5 * half_range(data):
         return []
     interval = f"{found.values['viscous']:.3g} ± {half:.2g} N s/m"
-    return [_too_alike(f"its 95 % interval would be {interval}; {_describe_speeds(ranges)}.")]
+    return _too_alike(f"its 95 % interval would be {interval}; {_describe_speeds(ranges)}.")
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """What stays the same from attempt to attempt; ``asked``: an offset is required."""
+    """What stays the same from attempt to attempt.
+
+    ``asked``: an offset is required; ``low``: Stribeck parameters to estimate.
+    """
 
     data: list[Data]
     limits: Mapping[str, tuple[float, float]]
     options: FrictionOptions
     asked: bool
+    low: Sequence[str]
 
     def solve(self, held: Mapping[str, float]) -> Regression:
         """Solve with some parameters held, with an offset where a level would be negative."""
@@ -210,24 +231,19 @@ class _Problem:
 
         Offsets that differ from log to log do not show in the common fit.
         """
-        logs = self._logs() if len(self._logs()) > 1 else []
-        alone = (System(d, LEVELS).solve() for d in logs if _both_ways(d))
+        logs = group_by_log(self.data)
+        alone = (System(d, LEVELS).solve() for d in logs if len(logs) > 1 and both_ways(d))
         return levels_impossible(found) or any(map(levels_impossible, alone))
-
-    def _logs(self) -> list[list[Data]]:
-        """Runs by log."""
-        numbers = dict.fromkeys(d.experiment.log for d in self.data)
-        return [[d for d in self.data if d.experiment.log == k] for k in numbers]
 
     def _offsets(self) -> list[str]:
         """One offset per log where every log shows both directions, else one for all."""
-        logs = self._logs()
-        if all(_both_ways(d) for d in logs):
+        logs = group_by_log(self.data)
+        if all(map(both_ways, logs)):
             return [f"offset[{d[0].experiment.log}]" for d in logs]
         return ["offset"]
 
     def _solve(self, held: Mapping[str, float], levels: Sequence[str]) -> Regression:
-        names = [n for n in (*levels, "viscous") if n not in held]
+        names = [n for n in (*levels, "viscous", *self.low) if n not in held]
         if not names:
             raise UsageError(
                 "nothing is left to estimate: every parameter is fixed or undetermined",
@@ -235,11 +251,8 @@ class _Problem:
             )
         low, high = zip(*(self.limits[n] for n in LEVELS))
         limits = {**self.limits, _MEAN: (max(low), min(high))}
-        return System(self.data, names, held, limits).solve()
-
-
-def _both_ways(runs: Sequence[Data]) -> bool:
-    return all(any(d.side(s).any() for d in runs) for s in SIDES)
+        stribeck = linearise(self.data, names, held)
+        return System(self.data, names, held, limits, stribeck).solve()
 
 
 def levels_impossible(found: Regression) -> bool:

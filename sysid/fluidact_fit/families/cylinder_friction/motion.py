@@ -18,11 +18,13 @@ from .filters import (
     sensor_noise,
     sharpen,
     sharpened,
+    sharpening,
 )
 
 _HALF_WIDTHS = (2, 4, 8, 16, 32, 64, 128)
 _QUIET = 0.02  # noise of the filtered speed, as a share of the highest, that is small enough
 SLOW = 0.05  # share of the highest speed below which friction is not that of motion
+_EXPLAINED = 1.2  # times its noise that an acceleration may change when filtered for longer
 _FLATTENED = 0.8  # of the highest speed, left by a filter that is too long for the strokes
 
 
@@ -57,6 +59,11 @@ class Motion:
     def fast(self) -> float:
         """Highest speed but for 2 % [m/s]."""
         return float(np.quantile(np.abs(self.velocity[self.inside]), 0.98))
+
+    @property
+    def slow(self) -> float:
+        """Lowest speed but for 2 % [m/s]."""
+        return float(np.quantile(np.abs(self.velocity[self.inside]), 0.02))
 
     @property
     def reach(self) -> int:
@@ -143,6 +150,43 @@ def _smoothed_velocity(
     noise *= float(np.sqrt(power - share**2)) / (1.0 - share)
     acceleration = central_difference(smoothed, experiment.time)
     return Motion(others, measured, smoothed, inside, noise, acceleration, half)
+
+
+def quiet_acceleration(experiment: Experiment, motion: Motion) -> FloatArray | None:
+    """Acceleration with as little noise as the motion allows, shape ``(n,)`` [m/s2].
+
+    That of a position is twice differentiated noise unless the filter is long. It is made
+    longer as long as what this changes is noise, and taken one step before that [1]_: what the
+    filter removes has to be small beside the noise that it leaves, not that it removes.
+
+    .. [1] O. V. Lepski, "A problem of adaptive estimation in Gaussian white noise", Theory of
+       Probability and its Applications 35, 1990.
+    """
+    if motion.acceleration is None or not motion.reach:
+        return motion.acceleration
+    half, step = motion.half, experiment.sample_time
+    noise = motion.noise * step * float(np.linalg.norm(np.arange(-half, half + 1)))
+    before, best = motion.acceleration, central_difference(motion.sharp, experiment.time)
+    while 32 * half <= experiment.samples:
+        left = noise * float(np.linalg.norm(_second_derivative(half))) / step**2
+        half *= 2
+        rows, inside = differentiate(experiment, experiment["position"], half)
+        if not inside.any():
+            break
+        slope = sharpen(fill(rows[1], inside), matched_kernel(half, 1))
+        longer = central_difference(slope, experiment.time)
+        change = float(np.mean((longer - best)[inside & motion.inside] ** 2))
+        if change > _EXPLAINED * left**2:
+            break
+        before, best = best, longer
+    return before
+
+
+def _second_derivative(half: int) -> FloatArray:
+    """Weights of the sharpened slope's derivative, per squared sample time."""
+    offsets = np.arange(-half, half + 1)
+    slope = np.convolve(offsets / np.sum(offsets**2), np.array([-1, 8, 0, -8, 1]) / 12.0)
+    return np.convolve(slope, sharpening(matched_kernel(half, 1)))
 
 
 def match_force(experiment: Experiment, motion: Motion, force: FloatArray) -> FloatArray:

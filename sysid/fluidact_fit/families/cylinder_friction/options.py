@@ -33,6 +33,12 @@ class FrictionOptions(FamilyOptions):
         ("auto", "estimate", "none"),
         "constant offset of the force: estimated where the levels need one, always, or never",
     )
+    stribeck: str = choice(
+        "none",
+        ("none", "estimate"),
+        "whether to estimate how friction rises at low speed",
+        "stribeck",
+    )
     force_offset: bool | None = settled(
         "flag", "whether every log has a force offset, about which the levels are equal"
     )

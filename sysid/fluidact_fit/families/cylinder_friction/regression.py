@@ -31,7 +31,12 @@ class Regression:
 
 
 class System:
-    """The linear regression: columns by name, values held, bounds."""
+    """The linear regression: columns by name, values held, bounds.
+
+    Friction is not linear in the Stribeck speed: the unknown is then a change of it from
+    ``stribeck``, level and speed [N, m/s] at which the equation is made linear. ``exponent`` is
+    2 except where other shapes are compared.
+    """
 
     def __init__(
         self,
@@ -39,22 +44,45 @@ class System:
         names: Sequence[str],
         held: Mapping[str, float] | None = None,
         limits: Mapping[str, tuple[float, float]] | None = None,
+        stribeck: tuple[float, float] = (0.0, 0.0),
+        exponent: float = 2.0,
     ) -> None:
         self.names, self.data, self.held = tuple(names), data, held or {}
-        self.limits = [(limits or {}).get(n, (-np.inf, np.inf)) for n in names]
+        self.stribeck, self.exponent = stribeck, exponent
+        self.start = np.array([stribeck[1] if n == "stribeck_speed" else 0.0 for n in names])
+        limits = limits or {}
+        ends = [limits.get(n, (-np.inf, np.inf)) for n in names]
+        self.limits = np.array(ends).reshape(-1, 2) - self.start[:, None]
         self.columns, self.instruments, self.right = [], [], []
         for d in data:
             i = d.experiment.log
             signs, regressor = d.direction[d.kept], d.motion.regressor[d.kept]
-            self.columns.append(_columns(self.names, signs, regressor, i))
-            self.instruments.append(_columns(self.names, signs, d.speed, i))
-            known = self._force(np.zeros(len(names)), signs, regressor, i)
+            low = [d.smoothed(c)[d.kept] for c in self._low(d)]
+            self.columns.append(_columns(self.names, signs, regressor, low, i))
+            self.instruments.append(_columns(self.names, signs, d.speed, low, i))
+            known = self._force(np.zeros(len(names)), signs, regressor, low, i)
             self.right.append(d.matched[d.kept] - known)
 
-    def _force(self, x: FloatArray, sign: FloatArray, speed: FloatArray, log: int) -> FloatArray:
+    def _low(self, d: Data) -> list[FloatArray]:
+        """Forces per Stribeck level and per change of the Stribeck speed, if there is any."""
+        level, speed = self.stribeck
+        if speed <= 0.0:
+            return []
+        share, slope = d.low(speed, self.exponent)
+        return [share, level * slope]
+
+    def _force(
+        self,
+        x: FloatArray,
+        sign: FloatArray,
+        speed: FloatArray,
+        low: Sequence[FloatArray],
+        log: int,
+    ) -> FloatArray:
         """Force of the unknowns and of what is held, shape ``(n,)`` [N]."""
-        columns = _columns((*self.names, *self.held), sign, speed, log)
-        return np.asarray(columns @ np.array([*x, *self.held.values()]))
+        held = {n: value for n, value in self.held.items() if n != "stribeck_speed"}
+        columns = _columns((*self.names, *held), sign, speed, low, log)
+        return np.asarray(columns @ np.array([*x, *held.values()]))
 
     @cached_property
     def _inverse(self) -> FloatArray:
@@ -78,18 +106,38 @@ class System:
         spread = [d.spread(z) for d, z in zip(self.data, self.instruments)]
         return _equivalent(spread, self._inverse)
 
+    def quiet(self) -> tuple[float, dict[str, float]]:
+        """Least sum of squares [N2] over quiet velocities, and the values that give it.
+
+        To compare laws: that of a measured velocity would fall with ``viscous``, times which
+        its noise is in it.
+        """
+        columns = []
+        for d, full in zip(self.data, self.columns):
+            part = full.copy()
+            if not d.motion.reach and "viscous" in self.names:
+                part[:, self.names.index("viscous")] = d.motion.sharp[d.kept]
+            columns.append(part)
+        a, b = np.vstack(columns), np.concatenate(self.right)
+        scale = _lengths(a)
+        x = np.linalg.lstsq(a / scale, b, rcond=1e-12)[0] / scale
+        return float(np.sum((b - a @ x) ** 2)), self._named(x)
+
     def solve(self) -> Regression:
         """The estimate within the bounds, with the covariance of the free problem."""
         x = self._inverse @ (np.vstack(self.instruments).T @ np.concatenate(self.right))
         bare = self._bare_residuals(x, [d.motion.bare for d in self.data])
         found = self._uncertainty(x, bare)
-        values = {**self.held, **dict(zip(self.names, x.tolist()))}
+        values = {**self.held, **self._named(x)}
         free = Solved(values, self.names, found.covariance, found.degrees)
-        low, high = np.array(self.limits).T
+        low, high = self.limits.T
         if np.any((x < low) | (x > high)):
             x = _bounded(np.vstack(self.instruments), x, low, high)
-            values = {**values, **dict(zip(self.names, x.tolist()))}
+            values = {**values, **self._named(x)}
         return Regression(free, values, self._matched_residuals(x), bare, found)
+
+    def _named(self, x: FloatArray) -> dict[str, float]:
+        return dict(zip(self.names, (x + self.start).tolist()))
 
     def _matched_residuals(self, x: FloatArray) -> list[FloatArray]:
         return [y - c @ x for y, c in zip(self.right, self.columns)]
@@ -99,7 +147,9 @@ class System:
         out = []
         for d, speed in zip(self.data, speeds):
             at, sign = d.support, np.sign(d.motion.velocity)
-            out.append(d.friction[at] - self._force(x, sign[at], speed[at], d.experiment.log))
+            low = [c[at] for c in self._low(d)]
+            force = self._force(x, sign[at], speed[at], low, d.experiment.log)
+            out.append(d.friction[at] - force)
         return out
 
     def _uncertainty(self, x: FloatArray, bare: Sequence[FloatArray]) -> Uncertainty:
@@ -128,13 +178,15 @@ class System:
         samples: Sequence[Mask],
     ) -> Uncertainty:
         """Covariance from the residuals at some samples of every run, and their correlation."""
-        columns, rest = [], []
-        for j, r, at in zip(jacobian, residuals, samples):
+        columns, rest, readings = [], [], []
+        step = max(d.resolution for d in self.data)
+        for d, j, r, at in zip(self.data, jacobian, residuals, samples):
             cuts = _stretches(at)
             columns += [part for part in np.split(j, cuts) if part.size]
             rest += [part for part in np.split(r, cuts) if part.size]
+            readings += [(part, step) for part in np.split(d.reading[at], cuts) if part.size]
         timed = all(d.experiment.time.size for d in self.data)
-        return covariance(columns, rest, robust=timed, small_sample=True)
+        return covariance(columns, rest, robust=timed, small_sample=True, readings=readings)
 
 
 def _larger(found: Uncertainty, other: Uncertainty) -> Uncertainty:
@@ -185,7 +237,13 @@ def _stretches(kept: Mask) -> list[int]:
     return out
 
 
-def _columns(names: Sequence[str], sign: FloatArray, speed: FloatArray, log: int) -> FloatArray:
+def _columns(
+    names: Sequence[str],
+    sign: FloatArray,
+    speed: FloatArray,
+    low: Sequence[FloatArray],
+    log: int,
+) -> FloatArray:
     """What multiplies the unknowns, shape ``(n, p)``; ``sign`` is the (smoothed) direction."""
     one, zero = np.ones(speed.size), np.zeros(speed.size)
     known = {
@@ -195,6 +253,7 @@ def _columns(names: Sequence[str], sign: FloatArray, speed: FloatArray, log: int
         "viscous": speed,
         "offset": one,
         f"offset[{log}]": one,
+        **dict(zip(("stribeck", "stribeck_speed"), low)),
     }
     return np.column_stack([known.get(n, zero) for n in names])
 

@@ -12,14 +12,19 @@ from ...errors import LogError, Notice
 from ...experiment import Experiment
 from ...family import Variant
 from .filters import DEGREE
-from .fit import Fit, levels_impossible
+from .fit import LEVELS, Fit, levels_impossible
 from .regression import System
 from .samples import half_range, prepare
+from .stribeck import linearise, other_shape
+
+_TOLD = 4.0  # standard errors of half the difference of the levels that is beyond doubt
+_NOTABLE = 0.015  # part of their mean that it has to be to matter
 
 
 def remarks(fit: Fit, variant: Variant, experiments: Sequence[Experiment]) -> Iterator[Notice]:
     """Everything that a reader of the file should be warned of."""
     yield from _explain_levels(fit)
+    yield from _warn_of_shape(fit)
     yield from _warn_of_spikes(fit)
     yield from _warn_of_disagreement(fit)
     yield from _warn_of_attenuation(fit)
@@ -27,17 +32,23 @@ def remarks(fit: Fit, variant: Variant, experiments: Sequence[Experiment]) -> It
 
 
 def _explain_levels(fit: Fit) -> Iterator[Notice]:
-    """Name the offset of the force, or a level that is negative where one was ruled out."""
+    """Name the offset of the force, or what of the levels could be one."""
     if fit.options.force_offset:
-        if fit.options.offset != "estimate":
-            size = fit.derived()["force_offset"].number
-            yield Notice(
-                "force-offset",
-                f"the force has an offset of {size:.4g} N (another chamber, gravity, a preload or "
-                "the sensor's zero), so a level about zero would be negative. The levels are taken "
-                "about the offset and are equal: their difference cannot be separated from it. "
-                "Remove the offset with the other chamber's pressure, or give --offset=none.",
-            )
+        size = fit.derived()["force_offset"].number
+        lead = (
+            f"the force has an offset of {size:.4g} N (another chamber, gravity, a preload or "
+            "the sensor's zero), so a level about zero would be negative. "
+        )
+        asked = fit.options.offset == "estimate"
+        yield Notice(
+            "force-offset",
+            lead
+            * (not asked)
+            + f"The levels are taken as equal about the offset of {size:.4g} N: only their mean is "
+            "measured, and a difference between them cannot be separated from the offset. Remove "
+            "the offset (zero the load cell unloaded, or subtract the other chamber's pressure) "
+            "and give --offset=none.",
+        )
     elif levels_impossible(fit.found):
         if fit.options.offset == "none":
             raise LogError(
@@ -49,6 +60,48 @@ def _explain_levels(fit: Fit) -> Iterator[Notice]:
             "negative-friction",
             "a Coulomb level would be negative and was held at zero: the force has an offset, or "
             "friction is not linear in speed. Record strokes in both directions at several speeds.",
+        )
+    elif fit.options.offset == "auto":
+        yield from _warn_of_asymmetry(fit)
+
+
+def _warn_of_asymmetry(fit: Fit) -> Iterator[Notice]:
+    """Warn of levels that differ: a constant force gives the same.
+
+    ``F_c+ [v > 0] - F_c- [v < 0]`` is ``(F_c+ + F_c-) / 2 sign(v) + (F_c+ - F_c-) / 2``.
+    """
+    found = fit.derived()
+    if not all(n in fit.solved.names for n in LEVELS) or "coulomb_offset" not in found:
+        return
+    half, mean = found["coulomb_offset"].number, found["coulomb_mean"].number
+    error = float(np.max(found["coulomb_offset"].std_error or 0.0))
+    if abs(half) <= max(_TOLD * error, _NOTABLE * abs(mean)):
+        return
+    share = abs(200.0 * half / mean)
+    yield Notice(
+        "asymmetry-or-offset",
+        f"the Coulomb levels differ by {2.0 * half:+.3g} N ({share:.0f} % of their mean, "
+        f"{mean:.4g} N, which is measured either way). A constant force of "
+        f"{half:+.3g} N (the zero of the load cell, a converter that truncates, weight, a "
+        "preload) gives the same, and no stroke can tell the two apart. Read the load cell "
+        "unloaded: if it shows zero, give --offset=none; if friction is known to be the same both "
+        "ways, give --offset=estimate.",
+    )
+
+
+def _warn_of_shape(fit: Fit) -> Iterator[Notice]:
+    """Warn where friction rises towards rest in another way."""
+    names = fit.found.free.names
+    held = {n: v for n, v in fit.found.free.values.items() if n not in names}
+    found = other_shape(fit.data, names, held)
+    if found is not None:
+        shape, share = found
+        yield Notice(
+            "friction-shape",
+            f"friction {shape} would fit better with as many unknowns ({100.0 * share:.2g} % less "
+            "squared misfit): the levels and stribeck depend on the shape that is supposed. Use "
+            "the law within the speeds of the logs only, and judge it there by the picture "
+            "(--plot); steady strokes at more speeds show the shape.",
         )
 
 
@@ -122,7 +175,9 @@ def _warn_of_flattening(
         both = [replace(w, kept=w.kept & d.kept) for w, d in zip(wider, fit.data)]
         if any(2 * w.kept.sum() < d.kept.sum() for w, d in zip(both, fit.data)):
             return
-        second = System(both, first.names, fit.solved.fixed).solve().free
+        held = {n: v for n, v in first.values.items() if n not in first.names}
+        stribeck = linearise(both, first.names, held)
+        second = System(both, first.names, held, stribeck=stribeck).solve().free
     except LogError:
         return
     change = second.values["viscous"] - first.values["viscous"]

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError
-from ...estimation.friction_law import FrictionLaw
+from ...estimation.friction_law import FrictionLaw, stribeck_share
 from ...experiment import Experiment, FloatArray
 from ...family import Simulated, Variant
 from .filters import Mask
-from .motion import SLOW, Motion, make_motions, match_force
+from .motion import SLOW, Motion, make_motions, match_force, quiet_acceleration
 from .options import FrictionOptions, check_options, driven_by_pressure, motion_role
 
 SIDES = ("positive", "negative")
@@ -26,7 +26,8 @@ class Data:
 
     ``known`` is the part of the drive that is not friction, ``friction`` the rest (zero where
     no force was recorded), and ``matched`` that rest smoothed like the regressor, all of shape
-    ``(n,)`` [N]; ``direction`` is the sign of the velocity, smoothed alike. ``moving`` marks
+    ``(n,)`` [N]; ``reading`` is what was logged of the drive and ``resolution`` its step [N];
+    ``direction`` is the sign of the velocity, smoothed alike. ``moving`` marks
     the samples outside the dead band, ``kept`` those that are fitted. The output is the drive
     divided by ``scale``; ``driven`` says whether it was recorded.
     """
@@ -36,6 +37,8 @@ class Data:
     known: FloatArray
     friction: FloatArray
     matched: FloatArray
+    reading: FloatArray
+    resolution: float
     direction: FloatArray
     moving: Mask
     kept: Mask
@@ -66,6 +69,19 @@ class Data:
         out = [np.convolve(c, self.motion.kernel, "same") for c in full.T]
         return np.column_stack(out)[self.support]
 
+    def low(self, speed: float, exponent: float = 2.0) -> tuple[FloatArray, FloatArray]:
+        """Signed Stribeck share and its derivative by the Stribeck speed [s/m], ``(n,)`` each.
+
+        Of the unfiltered motion, as quiet as it is known.
+        """
+        v = np.abs(self.motion.sharp)
+        share = np.sign(self.motion.velocity) * stribeck_share(v, speed, exponent)
+        return share, share * exponent * v**exponent / speed ** (exponent + 1.0)
+
+    def smoothed(self, force: FloatArray) -> FloatArray:
+        """Smooth a force like the regressor, shape ``(n,)``."""
+        return match_force(self.experiment, self.motion, force)
+
     def side(self, side: str) -> Mask:
         """Which of the kept samples move in a direction."""
         return self.speed > 0.0 if side == "positive" else self.speed < 0.0
@@ -84,9 +100,11 @@ def _count_sides(data: Sequence[Data]) -> dict[str, int]:
 def _choose_deadband(motions: Sequence[Motion]) -> float:
     """Speed below which a sample may be at rest: noise, or a share of the speed [m/s].
 
-    The slowest log that moves at all sets the share, so that a fast one does not hide it.
+    The slowest log that moves at all sets the share, so that a fast one does not hide it. The
+    noise of a log that never comes near rest does not matter.
     """
-    floor = 4.0 * max(m.noise for m in motions)
+    near = [m.noise for m in motions if m.slow <= 8.0 * m.noise]
+    floor = 4.0 * max(near, default=0.0)
     moving = [m.fast for m in motions if m.fast > floor]
     return float(max(floor, SLOW * min(moving, default=0.0)))
 
@@ -158,19 +176,26 @@ def prepare(
     out = []
     for e, motion in zip(experiments, motions):
         drive, pressure = _drive(variant, e, options)
-        inertia = np.zeros(motion.velocity.size)
-        if options.mass is not None and motion.acceleration is not None:
-            inertia = options.mass * motion.acceleration
+        acceleration, inertia = motion.acceleration, np.zeros(motion.velocity.size)
+        if options.mass and acceleration is not None:
+            acceleration = quiet_acceleration(e, motion)
+            inertia = options.mass * np.asarray(acceleration)
         rest = np.zeros(inertia.size) if drive is None else drive - pressure
-        matched = match_force(e, motion, rest) - inertia
+        if acceleration is motion.acceleration:  # filtered as the regressor is
+            matched = match_force(e, motion, rest) - inertia
+        else:
+            matched = match_force(e, motion, rest - inertia)
         direction = match_force(e, motion, np.sign(motion.velocity))
         slow = 0.0 if motion.exact else deadband
         moving = np.abs(motion.velocity) > slow
         kept = _moving(motion, slow) & _described(motion, options)
         known, friction, driven = pressure + inertia, rest - inertia, drive is not None
+        resolution = scale * e.signals[variant.output.name].resolution if driven else 0.0
+        reading = rest if drive is None else drive
         out.append(
-            Data(e, motion, known, friction, matched, direction, moving, kept, scale, driven)
-        )
+            Data(e, motion, known, friction, matched, reading, resolution, direction, moving, kept,
+                 scale, driven)
+        )  # fmt: skip
     return out, options
 
 
@@ -193,6 +218,20 @@ def at_speeds(motion: Motion, speeds: Mapping[str, tuple[float, float]]) -> Mask
     return near
 
 
+def slowest_and_fastest(data: Sequence[Data]) -> tuple[float, float]:
+    """Range of the speeds of the kept samples but for the slowest percent [m/s]."""
+    speed = np.abs(np.concatenate([d.speed for d in data]))
+    return float(max(np.quantile(speed, 0.01), 1e-3 * speed.max())), float(speed.max())
+
+
+def _with_speed(law: FrictionLaw, data: Sequence[Data]) -> FrictionLaw:
+    """A law with a Stribeck level and no speed, as a fit is tested for it, gets one amid all."""
+    if not law.stribeck or law.stribeck_speed > 0.0 or not count_kept(data):
+        return law
+    low, high = slowest_and_fastest(data)
+    return replace(law, stribeck_speed=float(np.sqrt(low * high)))
+
+
 def simulate_force(
     variant: Variant,
     law: FrictionLaw,
@@ -206,10 +245,10 @@ def simulate_force(
     counts as zero there, and the sample as not described.
     """
     data, options = prepare(variant, experiments, options)
-    offsets: dict[int, float] = {}
+    law, offsets = _with_speed(law, data), {}
     if options.force_offset:
         offsets = {d.experiment.log: (offset or 0.0) * d.scale for d in data}
-        offsets |= _find_offsets(data, law)
+        offsets |= _find_offsets(data, law, offset is None)
     out = []
     for d in data:
         own = offsets.get(d.experiment.log)
@@ -218,21 +257,33 @@ def simulate_force(
     return out
 
 
-def _find_offsets(data: Sequence[Data], law: FrictionLaw) -> dict[int, float]:
-    """Force offset of every log with motion [N].
+def _find_offsets(data: Sequence[Data], law: FrictionLaw, always: bool) -> dict[int, float]:
+    """Force offset of every log with motion, one for all where some move one way only [N].
 
     Both directions count alike, however long each of them lasted: wrong levels then leave it
-    as it is.
+    as it is. Without both directions it is found if it has to be (``always``) only.
     """
-    out = {}
-    for log in dict.fromkeys(d.experiment.log for d in data if d.driven):
-        runs = [d for d in data if d.experiment.log == log and d.driven]
+    logs = group_by_log([d for d in data if d.driven])
+    groups = logs if all(map(both_ways, logs)) else [[d for runs in logs for d in runs]]
+    out: dict[int, float] = {}
+    for runs in groups:
         rests = [d.friction[d.kept] - law.moving(d.motion.sharp[d.kept]) for d in runs]
         sides = [np.concatenate([r[d.side(s)] for d, r in zip(runs, rests)]) for s in SIDES]
         means = [side.mean() for side in sides if side.size]
-        if means:
-            out[log] = float(np.mean(means))
+        if means and (always or len(means) == len(SIDES)):
+            out |= dict.fromkeys((d.experiment.log for d in runs), float(np.mean(means)))
     return out
+
+
+def group_by_log(data: Sequence[Data]) -> list[list[Data]]:
+    """Runs by log."""
+    numbers = dict.fromkeys(d.experiment.log for d in data)
+    return [[d for d in data if d.experiment.log == k] for k in numbers]
+
+
+def both_ways(runs: Sequence[Data]) -> bool:
+    """Whether there is motion in both directions."""
+    return all(any(d.side(s).any() for d in runs) for s in SIDES)
 
 
 def sides_moved(data: Sequence[Data]) -> list[str]:
@@ -242,10 +293,13 @@ def sides_moved(data: Sequence[Data]) -> list[str]:
     moved = [s for s in SIDES if counts[s] >= least]
     if not moved:
         raise NotIdentifiedError(
-            "nothing moves in these logs, and friction shows only in motion",
+            "nothing moves in these logs beyond the noise of the motion, and friction shows only "
+            "in motion",
             expected="Nothing was written.",
             remedy="Record strokes in both directions, or check --column and --unit of the "
-            "motion, or give a smaller --deadband.",
+            "motion. Where it does move, sample faster or move more slowly (ten samples or more a "
+            "stroke: motion that changes from sample to sample looks like noise), or give "
+            "--deadband.",
         )
     return moved
 

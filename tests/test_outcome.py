@@ -1,0 +1,34 @@
+"""What a fit explains: against the mean of a run with its own offset, else of all runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fluidact_fit.experiment import Experiment
+from fluidact_fit.outcome import Simulation, agreement, common_level
+
+
+def run(measured: float, error: float, offset: float | None = None) -> Simulation:
+    """A run that hardly varies about one value."""
+    ripple = 0.01 * np.array([1.0, -1.0, 1.0, -1.0])
+    empty = Experiment("log.csv", 0, np.zeros(0), {}, 0.0, True)
+    return Simulation(empty, np.full(4, measured - error), measured + ripple, offset)
+
+
+def test_without_offsets_the_means_of_the_runs_are_explained() -> None:
+    runs = [run(1.0, 0.0), run(3.0, 0.0)]
+    assert common_level(runs) == pytest.approx(2.0)
+    assert agreement(runs).fit_percent == pytest.approx(99.0, abs=0.01)
+    assert agreement([runs[0]], common_level(runs)).fit_percent == pytest.approx(99.0, abs=0.01)
+
+
+def test_with_an_offset_of_its_own_a_run_is_judged_by_what_varies_in_it() -> None:
+    runs = [run(1.0, 0.0, 1.0), run(3.0, 0.0, 3.0)]
+    assert common_level(runs) is None
+    assert agreement(runs).fit_percent == pytest.approx(0.0, abs=0.01)
+
+
+def test_an_offset_that_all_runs_share_is_not_their_own() -> None:
+    assert common_level([run(1.0, 0.0, 0.5), run(3.0, 0.0, 0.5)]) == pytest.approx(2.0)
+    assert common_level([run(1.0, 0.0, 0.5)]) is None
