@@ -59,6 +59,11 @@ UNKNOWN_FORCES = (
     "the motion is dominated by forces beyond this model, which move the instant of "
     "break-away more than the static level does."
 )
+LOST_ROWS = (
+    "rows are missing from the log, between which the drive jumps: it is not known what it was "
+    "when the axis broke away."
+)
+_KNOWN = 0.02  # of a kinetic level, to which a drive in lost rows has to be known
 
 
 def _variant(
@@ -275,9 +280,19 @@ def _levels_and_forces(
         held, brackets = narrow_levels(held, brackets)
         ratio = residual_to_noise(held) if known is None else 0.0
     beyond = known == "derivatives" or ratio > DECISIVE
+    if brackets and not beyond and _unknown(stage):
+        excesses = {s: brackets[b].value - held.start[f"coulomb_{s}"] for s, b in BREAKAWAY.items()
+                    if b in brackets}  # fmt: skip
+        return stage.refuse_levels(LOST_ROWS, list(excesses), excesses), {}, False
     if not (beyond and stepped):
         return held, brackets, beyond
     return stage.refuse_levels(UNKNOWN_FORCES, stage.open_sides()), {}, True
+
+
+def _unknown(stage: Stage) -> bool:
+    """Whether rows were lost in which the drive may have been below or above a static level."""
+    levels = (stage.start[f"coulomb_{s}"] for s in SIDES)
+    return stage.unknown_drive > _KNOWN * min(levels)
 
 
 def _sensible(stage: Stage) -> dict[str, float]:

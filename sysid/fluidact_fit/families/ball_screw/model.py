@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ...estimation.inputs import PiecewiseInput, piecewise
 from ...estimation.linear import Grid, make_grid
+from ...estimation.lost_rows import fill_lost_rows
 from ...estimation.parametric import NamedModel, Values
 from ...estimation.separable import Basis, Slopes
 from ...experiment import Experiment, FloatArray, Signal
@@ -97,7 +98,8 @@ class DriveModel:
         self, experiments: Sequence[Experiment], axis: Axis, compared: Compared | None = None
     ) -> None:
         self.axis, self.compared = axis, compared or Compared()
-        self.inputs = [_on_samples(e.signals[axis.drive], e.time) for e in experiments]
+        drives = [fill_lost_rows(e.signals[axis.drive]) for e in experiments]
+        self.inputs = [_on_samples(s, e.time) for s, e in zip(drives, experiments)]
         motions = [e.signals[axis.motion] for e in experiments if axis.motion in e]
         self.measured = [self.compared.reduce(s.values) for s in motions]
         self.resolutions = [s.resolution for s in motions]
