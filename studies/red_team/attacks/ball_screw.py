@@ -257,56 +257,119 @@ def attacks() -> Iterator[Attack]:
     axis_log = Logger(count=1e-6, duration=10.0, step=0.005)
     micro_log = Logger(count=1e-7, step=0.005, duration=5.0)
     yield _attack("right model, held drive", "chirp", screw, plain, bounds=True, repetitions=8)
-    yield _attack("right model, held drive", "levels", screw, replace(plain, kind="levels"),
-                  bounds=True, repetitions=4)
-    yield _attack("right model, held drive", "4 s", screw, replace(plain, duration=4.0),
-                  bounds=True, repetitions=4)
+    yield _attack(
+        "right model, held drive",
+        "levels",
+        screw,
+        replace(plain, kind="levels"),
+        bounds=True,
+        repetitions=4,
+    )
+    yield _attack(
+        "right model, held drive",
+        "4 s",
+        screw,
+        replace(plain, duration=4.0),
+        bounds=True,
+        repetitions=4,
+    )
     yield _attack("right model, held drive", "linear axis", Machine(AXIS), axis_log, bounds=True)
-    yield _attack("right model, held drive", "micro-actuator", Machine(MICRO), micro_log,
-                  bounds=True)
+    yield _attack(
+        "right model, held drive", "micro-actuator", Machine(MICRO), micro_log, bounds=True
+    )
     lines = replace(plain, kind="lines")
     for hold, log in (("foh", lines), ("smooth", moving)):
-        yield _attack("right model, continuous drive", hold, screw, log, hold, bounds=True,
-                      repetitions=8)
+        yield _attack(
+            "right model, continuous drive", hold, screw, log, hold, bounds=True, repetitions=8
+        )
     yield _attack("another hold", "curved, taken for lines", screw, moving, "foh")
     yield _attack("another hold", "held, taken for lines", screw, plain, "foh")
     yield _attack("another hold", "lines, taken for held", screw, lines)
-    yield _attack("right model, continuous drive", "noise of half a count", screw,
-                  replace(moving, noise=0.5 * COUNT), "smooth", bounds=True, repetitions=4)
+    yield _attack(
+        "right model, continuous drive",
+        "noise of half a count",
+        screw,
+        replace(moving, noise=0.5 * COUNT),
+        "smooth",
+        bounds=True,
+        repetitions=4,
+    )
     for part in (0.01, 0.05):
         for hold, log in (("", plain), ("foh", lines), ("smooth", moving)):
-            yield _attack("lost rows", f"{100 * part:g} % of {log.kind}, {hold or 'default'}",
-                          screw, replace(log, lost=part), hold)
-        yield _attack("lost rows", f"{100 * part:g} % of levels", screw,
-                      replace(plain, kind="levels", lost=part))
+            yield _attack(
+                "lost rows",
+                f"{100 * part:g} % of {log.kind}, {hold or 'default'}",
+                screw,
+                replace(log, lost=part),
+                hold,
+            )
+        yield _attack(
+            "lost rows",
+            f"{100 * part:g} % of levels",
+            screw,
+            replace(plain, kind="levels", lost=part),
+        )
     yield _attack("jitter", "10 %", screw, replace(moving, jitter=0.1), "smooth", bounds=True)
     yield _attack("jitter", "40 %", screw, replace(moving, jitter=0.4), "smooth", bounds=True)
     for noise in (1e-6, 1e-5, 1e-4):
         for hold in ("foh", "smooth"):
-            yield _attack("noise of the drive", f"{noise:g} N m, {hold}", screw,
-                          replace(moving, drive_noise=noise), hold)
-        yield _attack("noise of the drive", f"{noise:g} N m, held", screw,
-                      replace(plain, drive_noise=noise))
+            yield _attack(
+                "noise of the drive",
+                f"{noise:g} N m, {hold}",
+                screw,
+                replace(moving, drive_noise=noise),
+                hold,
+            )
+        yield _attack(
+            "noise of the drive", f"{noise:g} N m, held", screw, replace(plain, drive_noise=noise)
+        )
     for speed in (2.0, 10.0):
-        yield _attack("Stribeck friction", f"{speed:g} rad/s", replace(screw, stribeck=speed), plain)
+        yield _attack(
+            "Stribeck friction", f"{speed:g} rad/s", replace(screw, stribeck=speed), plain
+        )
     for size in (5e-5, 2e-4):
         yield _attack("torque ripple", f"{size:g} N m", replace(screw, ripple=size), plain)
     for play in (2.0 * COUNT, 10.0 * COUNT):
         yield _attack("backlash", f"{play / COUNT:g} counts", replace(screw, play=play), plain)
     yield _attack("wrong direction", "torque", replace(screw, gain=-1.0), plain, repetitions=2)
     drive = "torque"
-    yield _attack("logger", "torque clipped", screw, plain,
-                  spoil=partial(_cut, role=drive, limit=5e-3))
-    yield _attack("logger", "drift of the angle", screw, plain,
-                  spoil=partial(_drift, role="angle", total=1.0))
-    yield _attack("logger", "offset of the torque", screw, plain,
-                  spoil=lambda r, g: {**r, drive: r[drive] + 1e-4})
-    yield _attack("logger", "torque one sample late", screw, plain,
-                  spoil=lambda r, g: {**r, drive: np.roll(r[drive], 1)})
+    yield _attack(
+        "logger", "torque clipped", screw, plain, spoil=partial(_cut, role=drive, limit=5e-3)
+    )
+    yield _attack(
+        "logger", "drift of the angle", screw, plain, spoil=partial(_drift, role="angle", total=1.0)
+    )
+    yield _attack(
+        "logger",
+        "offset of the torque",
+        screw,
+        plain,
+        spoil=lambda r, g: {**r, drive: r[drive] + 1e-4},
+    )
+    yield _attack(
+        "logger",
+        "torque one sample late",
+        screw,
+        plain,
+        spoil=lambda r, g: {**r, drive: np.roll(r[drive], 1)},
+    )
     for where in (0.0, 0.4, 1.0):
-        yield _attack("one bad sample", f"angle at {where:g}", screw, plain, repetitions=1,
-                      spoil=partial(_glitch, role="angle", where=where, value=500.0))
-        yield _attack("one bad sample", f"torque at {where:g}", screw, plain, repetitions=1,
-                      spoil=partial(_glitch, role=drive, where=where, value=0.0))
-    yield _attack("cut in motion", "held", screw, plain,
-                  spoil=lambda r, g: {k: x[137:] for k, x in r.items()})
+        yield _attack(
+            "one bad sample",
+            f"angle at {where:g}",
+            screw,
+            plain,
+            repetitions=1,
+            spoil=partial(_glitch, role="angle", where=where, value=500.0),
+        )
+        yield _attack(
+            "one bad sample",
+            f"torque at {where:g}",
+            screw,
+            plain,
+            repetitions=1,
+            spoil=partial(_glitch, role=drive, where=where, value=0.0),
+        )
+    yield _attack(
+        "cut in motion", "held", screw, plain, spoil=lambda r, g: {k: x[137:] for k, x in r.items()}
+    )

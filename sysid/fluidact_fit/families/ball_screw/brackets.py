@@ -261,9 +261,7 @@ class _Staircase:
         return bracket, best, {**values, name: bracket.value}
 
 
-def _above(
-    drives: Sequence[FloatArray], values: Mapping[str, float], side: str
-) -> FloatArray:
+def _above(drives: Sequence[FloatArray], values: Mapping[str, float], side: str) -> FloatArray:
     """The kinetic level of a direction and all levels of the drives above it, ascending."""
     drive = np.concatenate(drives) * (1.0 if side == "positive" else -1.0)
     kinetic = values[f"coulomb_{side}"]

@@ -51,6 +51,7 @@ from ...options import choice, settled
 from .beyond import BEYOND_HELP, DECISIVE, beyond_notice, residual_to_noise, with_derivatives
 from .block import DriveBlock
 from .brackets import Bracket, bracket_levels, bracket_widths, narrow_levels
+from .drive_errors import with_drive_errors
 from .model import BREAKAWAY, LINEAR, ROTARY, SIDES, Axis, Compared, DriveModel, axis_of
 from .reported import derived_numbers, in_levels, refusal_notices, specs_of_file, with_brackets
 from .stages import Stage, excess_specs, first_stages, initial_speeds, speed_unknowns
@@ -143,8 +144,9 @@ class BallScrew(Family[BallScrewOptions]):
         if beyond:
             request.progress("forces beyond the model: comparing speed and acceleration too")
             compared, weights = with_derivatives(stage)
+        drive = DriveModel(experiments, axis, compared)
         model = replace(
-            DriveModel(experiments, axis, compared).named(stage.names, weights),
+            drive.named(stage.names, weights),
             sigma_floor=0.0 if beyond else stage.rounding,
             channels=[compared.channels(e.samples) for e in experiments],
         )
@@ -157,7 +159,7 @@ class BallScrew(Family[BallScrewOptions]):
             refusals=stage.refusals,
             sensible=_sensible(stage),
         )
-        fitted = in_levels(fitted)
+        fitted = in_levels(with_drive_errors(fitted, drive, experiments, weights, request.seed))
         solved = with_brackets(fitted, brackets)
         parameters, order, covariance = solved.quantities(
             specs_of_file(variant, fitted.values, stage.resting)
