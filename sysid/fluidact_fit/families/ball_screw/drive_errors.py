@@ -45,7 +45,7 @@ def with_drive_errors(
     if not any(e.any() for e in errors) or not fitted.names:
         return fitted
     rng = np.random.default_rng(seed)
-    scale = list(weights) or [1.0] * len(drives)
+    scale: list[FloatArray | float] = [*weights] or [1.0] * len(drives)
     before = _rows(model, fitted)
     j = np.vstack(fitted.solution.jacobian)
     moves = []
