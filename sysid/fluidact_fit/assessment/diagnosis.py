@@ -33,6 +33,7 @@ _EXAMINATIONS = {
     "given": find_reliance,
 }
 _LAGS = 10
+_ONE_SIDED = 1.5  # times the correlation with the input's past: more than chance, and than misfit
 _SERIES = 50_000  # samples of a run that are correlated
 _DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one
 _JUMP = 0.25  # part of its range that an input crosses in one sample when it jumps
@@ -206,7 +207,9 @@ def _cross_correlation(
     """Correlation of the residual with the input before and after it.
 
     Both are whitened first (Box and Jenkins). A residual that follows the input shows
-    dynamics that the model lacks; an input that follows the residual, feedback.
+    dynamics that the model lacks; an input that follows the residual, feedback. What the model
+    lacks correlates with the future of an input as well where that can be told from its past
+    (a chirp), so feedback is only what is stronger on its own side.
     """
     table: dict[str, Any] = {}
     notices: list[Notice] = []
@@ -223,11 +226,12 @@ def _cross_correlation(
         if count < 200:
             continue
         feedback = _significance(future / sqrt(count))
+        alone = float(np.abs(future).max()) > _ONE_SIDED * float(np.abs(past).max())
         table[role.name] = {
             "residual_follows_input": _significance(past / sqrt(count)),
             "input_follows_residual": feedback,
         }
-        if feedback < 1e-5:
+        if feedback < 1e-5 and alone:
             notices.append(_feedback_notice(role.name, int(np.argmax(np.abs(future))) + 1))
     return table, notices
 

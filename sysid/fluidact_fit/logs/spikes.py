@@ -23,6 +23,7 @@ from ..family import Variant
 _FARTHER = 5.0  # times the largest other jump of the record
 _BACK = 0.2  # part of the jump by which the neighbours may differ
 _MOVED = 0.3  # part of its largest jump by which an input has moved
+_USUAL = 3.0  # times its usual change
 _NEAR = 3  # samples within which an input would explain it
 _FEWEST = 20  # samples of a record that is looked at
 _SHARE = 0.005  # largest part of a record that can be spikes
@@ -105,7 +106,9 @@ def _where_inputs_move(experiment: Experiment, variant: Variant) -> npt.NDArray[
                 moved |= np.abs(experiment.time - signal.time[0]) <= _NEAR * experiment.sample_time
             continue
         size = np.abs(np.diff(signal.values))
-        for k in np.flatnonzero(size > _MOVED * size.max(initial=0.0)):
+        # a jump is more than what the input does all the time, as a sine does
+        jump = max(_MOVED * size.max(initial=0.0), _USUAL * float(np.median(size)))
+        for k in np.flatnonzero(size > jump):
             moved[max(k - 1, 0) : k + 1 + _NEAR] = True
     return moved
 

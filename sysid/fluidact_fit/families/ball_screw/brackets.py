@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -17,6 +17,12 @@ _WORTH = 1e-3  # share by which the cost has to fall in a round to be worth anot
 _NEAR = 4  # commanded levels on either side of a bracket that are tried as well
 _CELLS = 20  # into which the first pass over the levels divides them
 _CELLS_NEAR = 14  # into which a later one does, near what an earlier one found
+# A search may cost this much, counted in nodes that are simulated, an event being worth many;
+# some seconds. Logs whose every level fits differently (lost rows, noise) would take for ever.
+_LIMIT = 2.5e6
+_EVENT = 250
+_DERIVATIVES = 3  # simulations that one with its derivatives costs
+_REFITS = 3  # at one level, however much has been spent
 _CELLS_REFITTED = 40  # at most, inside a bracket, when everything is refitted beside them
 
 
@@ -55,15 +61,19 @@ def over_cells(edges: FloatArray, costs: FloatArray, most: float, margin: int = 
 
 
 def search_level(
-    cost: Callable[[float], float], levels: FloatArray, slack: float, near: Bracket | None = None
+    cost: Callable[[float], float],
+    levels: FloatArray,
+    slack: float,
+    near: Bracket | None = None,
+    exhausted: Callable[[], bool] = lambda: False,
 ) -> Bracket:
     """Find the steps of a staircase that fit best, coarse to fine.
 
     The cost is constant between two neighbours of the ascending ``levels``; a share of
     ``slack`` more than the least is as good. What an earlier pass found is looked for
     again ``near`` it. Cells that fit equally well may lie apart. What counts is how much they
-    span, not how many they are: where that is nearly all that was looked at, looking again
-    tells nothing.
+    span, not how many they are: where that is nearly all that was looked at, or where the
+    search is ``exhausted``, looking again is not worth its price.
     """
     low, high, cells = 0, levels.size - 1, _CELLS
     if near is not None:
@@ -78,7 +88,7 @@ def search_level(
         most = float(costs.min()) * (1.0 + slack)
         first, final = np.flatnonzero(costs <= most)[[0, -1]]
         finest = costs.size == high - low
-        if finest or final - first + 3 >= costs.size:
+        if finest or final - first + 3 >= costs.size or exhausted():
             # a coarse cell is judged by its middle, so the right level may lie next to it
             return over_cells(levels[marks], costs, most, margin=0 if finest else 1)
         low, high = int(marks[max(first - 1, 0)]), int(marks[min(final + 2, costs.size)])
@@ -108,9 +118,10 @@ def bracket_levels(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
             brackets[BREAKAWAY[s]] = found
             values[BREAKAWAY[s]] = found.value
         cost, values = staircase.refit(values)
-        if brackets == before or cost > least * (1.0 - _WORTH):
+        if brackets == before or cost > least * (1.0 - _WORTH) or staircase.exhausted():
             break
         least = cost
+    brackets = staircase.recorded(brackets, values)
     return _held(stage, brackets, values), brackets
 
 
@@ -129,8 +140,9 @@ def narrow_levels(
         before = best
         for name in brackets:
             found[name], best, values = staircase.choose(name, found[name], best, values)
-        if best >= before:
+        if best >= before or staircase.exhausted():
             break
+    found = staircase.recorded(found, values)
     return _held(stage, found, values), found
 
 
@@ -158,17 +170,40 @@ class _Staircase:
         self.others = [n for n in stage.names if n not in kept]
         # share of the cost that does not count as a difference
         self.slack = 4.0 / sum(y.size for y in self.model.measured)
+        motions = [self.model.motion(i, stage.start)[0] for i in range(len(part))]
+        self._price = sum(m.velocity.shape[1] + _EVENT * m.stops for m in motions)
+        self._spent = 0.0
+
+    def exhausted(self) -> bool:
+        """Whether the search has simulated as much as it may, whatever the computer."""
+        return self._spent > _LIMIT
 
     def levels(self, values: Mapping[str, float], side: str) -> FloatArray:
-        """The kinetic level and every commanded one above it, ascending."""
-        sign = 1.0 if side == "positive" else -1.0
-        drive = np.concatenate([sign * e.sampled(self.axis.drive) for e in self.stage.experiments])
-        kinetic = values[f"coulomb_{side}"]
-        return np.concatenate(([kinetic], np.unique(drive[drive > kinetic])))
+        """The kinetic level and every commanded one above it, ascending, lost rows included."""
+        acting = [u.coefficients[:, 0] for u, _, _ in self.model.inputs]
+        return _above(acting, values, side)
+
+    def recorded(
+        self, brackets: Mapping[str, Bracket], values: Mapping[str, float]
+    ) -> dict[str, Bracket]:
+        """The brackets from recorded level to recorded level: a lost row's is not known."""
+        drives = [e.sampled(self.axis.drive) for e in self.stage.experiments]
+        out = {}
+        for name, b in brackets.items():
+            levels = _above(drives, values, name.removeprefix("breakaway_"))
+            below, above = levels[levels <= b.low], levels[levels >= b.high]
+            low, high = below.max(initial=-np.inf), above.min(initial=np.inf)
+            out[name] = replace(
+                b,
+                low=float(low) if np.isfinite(low) else b.low,
+                high=float(high) if np.isfinite(high) else b.high,
+            )
+        return out
 
     def cost(self, values: Mapping[str, float]) -> float:
         """Sum of squared errors, the offset of the position of every run taken out."""
         total = 0.0
+        self._spent += self._price
         for i, y in enumerate(self.model.measured):
             r = y - np.real(self.model.columns(i, values).known)
             if not self.compared.lag:
@@ -180,8 +215,9 @@ class _Staircase:
         """The level of one direction, all else held."""
         name = BREAKAWAY[side]
         return search_level(
-            lambda x: self.cost({**values, name: x}), self.levels(values, side), self.slack, near
-        )
+            lambda x: self.cost({**values, name: x}), self.levels(values, side), self.slack, near,
+            self.exhausted,
+        )  # fmt: skip
 
     def refit(self, values: Mapping[str, float]) -> tuple[float, dict[str, float]]:
         """Cost and values after fitting the others, the static levels held."""
@@ -189,6 +225,7 @@ class _Staircase:
         stage = replace(self.stage, names=tuple(values), start=values, fixed=fixed)
         problem = stage.problem(self.compared)
         found = stage.solve(problem, max_iterations=15, tolerance=0.05)
+        self._spent += _DERIVATIVES * self._price * (found.iterations + 1)
         return found.cost, {**values, **values_at(problem, found.eta)}
 
     def choose(
@@ -204,16 +241,31 @@ class _Staircase:
         plain = np.array([self.cost({**values, name: x}) for x in middles])
         # cells of the same cost have the same events: one refit stands for all of them
         groups = np.split(np.arange(middles.size), np.flatnonzero(np.diff(plain) != 0.0) + 1)
-        found = [self.refit({**values, name: float(middles[g[g.size // 2]])}) for g in groups]
-        least, refitted = min(found, key=lambda f: f[0])
+        promising = np.argsort([plain[g[0]] for g in groups], kind="stable")
+        found: dict[int, tuple[float, dict[str, float]]] = {}
+        for k in map(int, promising):
+            if len(found) >= _REFITS and self.exhausted():
+                break
+            middle = middles[groups[k][groups[k].size // 2]]
+            found[k] = self.refit({**values, name: float(middle)})
+        least, refitted = min(found.values(), key=lambda f: f[0])
         most = min(least, best) * (1.0 + self.slack)
         if least > most:
             return bracket, best, values
-        costs = np.repeat([cost for cost, _ in found], [g.size for g in groups])
+        # what was not refitted any more may be as good
+        each = [found[k][0] if k in found else most for k in range(len(groups))]
+        costs = np.repeat(each, [g.size for g in groups])
         bracket = over_cells(edges, costs, most, margin=int(skipped))
         if least < best:
             best, values = least, refitted
         return bracket, best, {**values, name: bracket.value}
+
+
+def _above(drives: Sequence[FloatArray], values: Mapping[str, float], side: str) -> FloatArray:
+    """The kinetic level of a direction and all levels of the drives above it, ascending."""
+    drive = np.concatenate(drives) * (1.0 if side == "positive" else -1.0)
+    kinetic = values[f"coulomb_{side}"]
+    return np.concatenate(([kinetic], np.unique(drive[drive > kinetic])))
 
 
 def narrowing_edges(levels: FloatArray, bracket: Bracket) -> FloatArray:

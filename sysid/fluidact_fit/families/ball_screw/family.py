@@ -51,6 +51,7 @@ from ...options import choice, settled
 from .beyond import BEYOND_HELP, DECISIVE, beyond_notice, residual_to_noise, with_derivatives
 from .block import DriveBlock
 from .brackets import Bracket, bracket_levels, bracket_widths, narrow_levels
+from .drive_errors import with_drive_errors
 from .model import BREAKAWAY, LINEAR, ROTARY, SIDES, Axis, Compared, DriveModel, axis_of
 from .reported import derived_numbers, in_levels, refusal_notices, specs_of_file, with_brackets
 from .stages import Stage, excess_specs, first_stages, initial_speeds, speed_unknowns
@@ -59,6 +60,11 @@ UNKNOWN_FORCES = (
     "the motion is dominated by forces beyond this model, which move the instant of "
     "break-away more than the static level does."
 )
+LOST_ROWS = (
+    "rows are missing from the log, between which the drive jumps: it is not known what it was "
+    "when the axis broke away."
+)
+_KNOWN = 0.02  # of a kinetic level, to which a drive in lost rows has to be known
 
 
 def _variant(
@@ -138,8 +144,9 @@ class BallScrew(Family[BallScrewOptions]):
         if beyond:
             request.progress("forces beyond the model: comparing speed and acceleration too")
             compared, weights = with_derivatives(stage)
+        drive = DriveModel(experiments, axis, compared)
         model = replace(
-            DriveModel(experiments, axis, compared).named(stage.names, weights),
+            drive.named(stage.names, weights),
             sigma_floor=0.0 if beyond else stage.rounding,
             channels=[compared.channels(e.samples) for e in experiments],
         )
@@ -152,7 +159,7 @@ class BallScrew(Family[BallScrewOptions]):
             refusals=stage.refusals,
             sensible=_sensible(stage),
         )
-        fitted = in_levels(fitted)
+        fitted = in_levels(with_drive_errors(fitted, drive, experiments, weights, request.seed))
         solved = with_brackets(fitted, brackets)
         parameters, order, covariance = solved.quantities(
             specs_of_file(variant, fitted.values, stage.resting)
@@ -275,9 +282,19 @@ def _levels_and_forces(
         held, brackets = narrow_levels(held, brackets)
         ratio = residual_to_noise(held) if known is None else 0.0
     beyond = known == "derivatives" or ratio > DECISIVE
+    if brackets and not beyond and _unknown(stage):
+        excesses = {s: brackets[b].value - held.start[f"coulomb_{s}"] for s, b in BREAKAWAY.items()
+                    if b in brackets}  # fmt: skip
+        return stage.refuse_levels(LOST_ROWS, list(excesses), excesses), {}, False
     if not (beyond and stepped):
         return held, brackets, beyond
     return stage.refuse_levels(UNKNOWN_FORCES, stage.open_sides()), {}, True
+
+
+def _unknown(stage: Stage) -> bool:
+    """Whether rows were lost in which the drive may have been below or above a static level."""
+    levels = (stage.start[f"coulomb_{s}"] for s in SIDES)
+    return stage.unknown_drive > _KNOWN * min(levels)
 
 
 def _sensible(stage: Stage) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -12,6 +13,7 @@ import numpy.typing as npt
 
 from ...estimation.inputs import PiecewiseInput, piecewise
 from ...estimation.linear import Grid, make_grid
+from ...estimation.lost_rows import fill_lost_rows
 from ...estimation.parametric import NamedModel, Values
 from ...estimation.separable import Basis, Slopes
 from ...experiment import Experiment, FloatArray, Signal
@@ -97,10 +99,19 @@ class DriveModel:
         self, experiments: Sequence[Experiment], axis: Axis, compared: Compared | None = None
     ) -> None:
         self.axis, self.compared = axis, compared or Compared()
-        self.inputs = [_on_samples(e.signals[axis.drive], e.time) for e in experiments]
+        self.times = [e.time for e in experiments]
+        self.drives = [fill_lost_rows(e.signals[axis.drive]) for e in experiments]
+        self.inputs = [_on_samples(s, t) for s, t in zip(self.drives, self.times)]
         motions = [e.signals[axis.motion] for e in experiments if axis.motion in e]
         self.measured = [self.compared.reduce(s.values) for s in motions]
         self.resolutions = [s.resolution for s in motions]
+
+    def disturbed(self, errors: Sequence[FloatArray]) -> DriveModel:
+        """The model under drives with errors at their nodes, lost rows included [SI]."""
+        other = copy(self)
+        other.drives = [replace(s, values=s.values + e) for s, e in zip(self.drives, errors)]
+        other.inputs = [_on_samples(s, t) for s, t in zip(other.drives, self.times)]
+        return other
 
     def motion(self, index: int, values: Values) -> tuple[Motion, npt.NDArray[np.intp]]:
         """Simulated motion of one log and the nodes that are its samples.

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...errors import LogError
 from ...estimation.inputs import settled_hold
+from ...estimation.lost_rows import find_lost_rows
 from ...estimation.parametric import bind, make_unknowns
 from ...estimation.results import Refusal
 from ...estimation.separable import Problem, Solution, Unknown, solve
@@ -76,6 +77,12 @@ class Stage:
         return all(settled_hold(s) == "zoh" for s in drives)
 
     @property
+    def unknown_drive(self) -> float:
+        """Standard deviation of the drive in rows that were lost [SI]; 0 without any."""
+        lost = [find_lost_rows(e.signals[self.axis.drive]) for e in self.experiments]
+        return max((rows.error for rows in lost if rows), default=0.0)
+
+    @property
     def rounding(self) -> float:
         """Standard deviation of what the coarsest encoder rounds off [SI]."""
         steps = [e.signals[self.axis.motion].resolution for e in self.experiments]
@@ -86,9 +93,14 @@ class Stage:
         refused = {r.parameter for r in self.refusals}
         return [s for s in SIDES if EXCESS[s] in self.names and EXCESS[s] not in refused]
 
-    def refuse_levels(self, reason: str, sides: Collection[str]) -> Stage:
-        """The stage with the static levels of some directions refused."""
-        new = [Refusal(EXCESS[s], reason, 0.0) for s in sides]
+    def refuse_levels(
+        self, reason: str, sides: Collection[str], held: Mapping[str, float] | None = None
+    ) -> Stage:
+        """The stage with the static levels of some directions refused.
+
+        ``held`` are their excesses while the others are fitted, by direction; none by default.
+        """
+        new = [Refusal(EXCESS[s], reason, (held or {}).get(s, 0.0)) for s in sides]
         return replace(self, refusals=(*self.refusals, *new))
 
     def problem(
@@ -186,6 +198,11 @@ def _inverse_dynamics(
         raise LogError(
             f"the {axis.motion} hardly moves in any log",
             remedy="Record motion in both directions, or check --column and --unit.",
+        )
+    if best[1][0] < 0.0 and best[1][-2] + best[1][-1] < 0.0:
+        raise LogError(
+            f"the {axis.drive} acts against the motion: inertia and friction would be negative",
+            remedy=f"Turn it round with --scale {axis.drive}=-1, or check --column.",
         )
     return _as_guess(best[1], experiments, axis, viscous)
 

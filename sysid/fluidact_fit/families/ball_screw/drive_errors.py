@@ -1,0 +1,80 @@
+"""What errors of the recorded drive do to the estimate: noise of its samples, rows that were lost.
+
+The axis felt another torque than the log shows. Its error moves the instants at which the axis
+breaks away and, until the next stop, the speed; the position keeps what came of it. The
+residuals show only part of this: a static level is wrong by what the torque was wrong by at the
+few instants of break-away. So the drive is disturbed at random by as much as it may be wrong,
+followed through all events, and the estimate moved by ``(J'J)^-1 J' dy``, which is what the
+error that is already in the log did as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...estimation.inputs import settled_hold
+from ...estimation.lost_rows import find_lost_rows
+from ...estimation.noise import noise_floor
+from ...estimation.parametric import Fitted
+from ...estimation.uncertainty import covariance, enlarge
+from ...experiment import Experiment, FloatArray, Signal
+from .model import DriveModel
+
+_DRAWS = 24  # disturbances; they tell a standard error to a seventh
+_ORDER = 8  # of the differences that leave noise of a drive, and nothing of a sine
+_LEAST = 1e-4  # of the range of the drive: errors below it are rounding
+
+
+def with_drive_errors(
+    fitted: Fitted,
+    model: DriveModel,
+    experiments: Sequence[Experiment],
+    weights: Sequence[FloatArray],
+    seed: int,
+) -> Fitted:
+    """The fit with the errors of its drive in the covariance.
+
+    ``weights`` are those of the compared rows, one array ``(n_i,)`` per run or none at all.
+    Nothing changes for a held drive that was recorded whole: a command is what it is.
+    """
+    drives = [e.signals[model.axis.drive] for e in experiments]
+    errors = [_errors(s) for s in drives]
+    if not any(e.any() for e in errors) or not fitted.names:
+        return fitted
+    rng = np.random.default_rng(seed)
+    scale: list[FloatArray | float] = [*weights] or [1.0] * len(drives)
+    before = _rows(model, fitted)
+    j = np.vstack(fitted.solution.jacobian)
+    moves = []
+    for _ in range(_DRAWS):
+        disturbed = model.disturbed([e * rng.standard_normal(e.size) for e in errors])
+        change = [w * (a - b) for w, a, b in zip(scale, _rows(disturbed, fitted), before)]
+        moves.append(np.linalg.lstsq(j, np.concatenate(change), rcond=1e-12)[0])
+    # a residual that is autocorrelated has shown part of it already: the larger of the two
+    plain = covariance(fitted.solution.jacobian, fitted.solution.residuals, robust=False)
+    variances = np.diag(plain.covariance) + np.mean(np.square(moves), axis=0)
+    return replace(fitted, covariance=enlarge(fitted.covariance, variances))
+
+
+def _rows(model: DriveModel, fitted: Fitted) -> list[FloatArray]:
+    """What is compared, run by run, at the estimate."""
+    return [
+        np.asarray(np.real(model.columns(i, fitted.values).known))
+        for i in range(len(model.measured))
+    ]
+
+
+def _errors(signal: Signal) -> FloatArray:
+    """Standard deviations of a drive at its nodes, lost rows included [SI]."""
+    noise = 0.0 if settled_hold(signal) == "zoh" else noise_floor(signal.values, _ORDER)
+    if noise < _LEAST * float(np.ptp(signal.values)):
+        noise = 0.0
+    lost = find_lost_rows(signal)
+    time = signal.time if lost is None else np.concatenate((signal.time, lost.time))
+    errors = np.full(time.size, noise)
+    if lost is not None:
+        errors[signal.time.size :] = np.hypot(noise, lost.error)
+    return errors[np.argsort(time, kind="stable")]
