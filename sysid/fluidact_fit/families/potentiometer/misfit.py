@@ -30,7 +30,7 @@ from .data import Data, Scaled, find_positions
 from .rational_bezier import CurveFit
 
 _STRETCHES = 60  # of a sweep
-_BY_CHANCE = 0.05  # probability of a ratio of mean squares that is no accident
+_BY_CHANCE = 0.01  # probability of a ratio of mean squares that is no accident
 _SURELY = 1e-6
 _MATTERS = 2e-3  # part of the stroke
 _TWO_LEVELS = -1.35  # excess kurtosis of residuals
@@ -94,6 +94,8 @@ def widen(spread: Uncertainty, white: Uncertainty, misfit: Misfit | None) -> Unc
     """
     if misfit is None or misfit.probability > _BY_CHANCE:
         return spread
+    if not misfit.at_rest and misfit.rms**2 < misfit.within:
+        return spread  # a sweep tells noise from misfit by neighbours only: less sure
     shared = np.diag(white.covariance) * (misfit.between / max(white.sigma**2, 1e-300))
     return replace(
         spread,
@@ -116,7 +118,8 @@ def misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> list[Noti
     text = (
         f"the curve misses the readings by {_mm(misfit.rms, scaled)} (RMS), while readings beside "
         f"each other scatter by {_mm(np.sqrt(misfit.within), scaled)}, most of all at a reading of "
-        f"{reading:.6g} {unit}".removesuffix(" 1") + f": it cannot follow the sensor{common}. "
+        f"{reading:.6g} {unit}".removesuffix(" 1")
+        + f": it cannot follow the sensor{common}. "
         "Look at the picture (--plot); try a higher --degree, or fit only the range that you use "
         "(--rails)."
     )
