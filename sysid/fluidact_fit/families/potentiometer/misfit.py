@@ -53,6 +53,11 @@ class Misfit:
     worst: float
     at_rest: bool
 
+    @property
+    def matters(self) -> bool:
+        """Whether the miss is larger than the scatter, and a part of the stroke worth saying."""
+        return self.rms > _MATTERS and self.rms**2 > self.within
+
 
 def find_misfit(fit: CurveFit, scaled: Scaled) -> Misfit | None:
     """Compare the scatter of positions with that of readings; ``None`` where they are few."""
@@ -94,7 +99,7 @@ def widen(spread: Uncertainty, white: Uncertainty, misfit: Misfit | None) -> Unc
     """
     if misfit is None or misfit.probability > _BY_CHANCE:
         return spread
-    if not misfit.at_rest and misfit.rms**2 < misfit.within:
+    if not (misfit.at_rest or misfit.matters):
         return spread  # a sweep tells noise from misfit by neighbours only: less sure
     shared = np.diag(white.covariance) * (misfit.between / max(white.sigma**2, 1e-300))
     return replace(
@@ -108,7 +113,7 @@ def misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> list[Noti
     """Warn of a curve that misses positions by more than their readings scatter."""
     if misfit is None or misfit.probability > _SURELY:
         return []
-    if misfit.rms < _MATTERS or misfit.rms**2 < misfit.within:
+    if not misfit.matters:
         return []
     reading = scaled.low + misfit.worst * scaled.span
     common = (
