@@ -123,8 +123,9 @@ def _drift(parts: dict[int, _Part], k: int, names: Sequence[str], tests: int) ->
     one, (others, information, theirs) = parts[k], _pooled(parts, k)
     # covariance of the pooled others: each log's sandwich, weighted by its information
     middle = np.sum([p.information @ p.covariance @ p.information for p in others], axis=0)
-    half = np.linalg.lstsq(information, middle, rcond=1e-12)[0]
-    spread = np.linalg.lstsq(information, half.T, rcond=1e-12)[0]
+    scaled, scale = _scaled(information)
+    inverse = np.linalg.pinv(scaled, rcond=_RCOND, hermitian=True) / np.outer(scale, scale)
+    spread = inverse @ middle @ inverse
     variance = np.diag(one.covariance) + np.diag(spread)
     difference = _solve(one.information, one.score) - theirs
     # what one side cannot tell does not disagree
