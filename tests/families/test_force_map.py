@@ -41,7 +41,9 @@ def read(trial: int) -> Any:
 
 @cache
 def fitted(target: str = "command") -> FitResult:
-    return ff.fit("force-map", [read(1), read(2)], target=target, starts=6)
+    return ff.fit(
+        "force-map", [read(1), read(2)], target=target, starts=6 if target == "command" else 16
+    )
 
 
 @cache

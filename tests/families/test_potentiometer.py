@@ -508,6 +508,53 @@ def test_a_lone_clipped_end_is_warned_of_with_rails_that_can_be_given() -> None:
     assert "--rails 0:1056 " in notice.message
 
 
+# ------------------------------------------- positions, misfit, directions: what is said of them
+
+
+def at_positions(
+    count: int, repeats: int = 1, shared: float = 0.0, own: float = 1e-4
+) -> Experiment:
+    """Readings at rest; ``shared`` is the error of a position, ``own`` that beside it."""
+    rng = np.random.default_rng(31)
+    t = np.repeat(np.linspace(0.0, 1.0, count), repeats)
+    y = rational_bezier(t, TRUE_POINTS, TRUE_WEIGHTS)
+    y = y + shared * np.repeat(rng.standard_normal(count), repeats)
+    reading = 20.0 + 980.0 * t + 0.3 * rng.standard_normal(t.size)
+    return experiment(reading, y + own * rng.standard_normal(t.size))
+
+
+def test_nine_positions_give_more_than_a_straight_line() -> None:
+    log = at_positions(9)
+    result = fit(log)
+    assert result.details["degree"] == 2
+    t = np.linspace(0.1, 0.9, 9)
+    off = np.asarray(block(result)(20.0 + 980.0 * t)) - rational_bezier(
+        t, TRUE_POINTS, TRUE_WEIGHTS
+    )
+    assert np.abs(off).max() < 3e-4
+    assert "few-positions" in codes(result)
+    assert "few-positions" not in codes(fit(at_positions(20)))
+
+
+def test_readings_at_one_position_count_once() -> None:
+    alone = fit(at_positions(25, 1, 1e-4, 0.0), degree="2").parameters["control_points"]
+    many = fit(at_positions(25, 40, 1e-4, 1e-5), degree="2").parameters["control_points"]
+    ratio = np.array(many.std_error) / np.array(alone.std_error)
+    assert np.all((ratio > 0.6) & (ratio < 1.6))
+
+
+def test_hysteresis_that_was_not_asked_for_is_said() -> None:
+    assert "directions-differ" in codes(fit(with_hysteresis(1500), degree="3"))
+    assert "directions-differ" not in codes(fit(with_hysteresis(1500), branches="two", degree="3"))
+
+
+def test_a_ripple_that_no_curve_follows_is_said() -> None:
+    x = np.linspace(0.0, 0.06, 800)
+    rippled = x + 1e-3 * np.sin(16.0 * np.pi * x / 0.06)
+    noisy = rippled + 1e-4 * np.random.default_rng(2).standard_normal(x.size)
+    assert "curve-misses" in codes(fit(experiment(18000.0 * x, noisy), degree="2"))
+
+
 # --------------------------------------------------------------- what cannot be determined
 
 

@@ -86,8 +86,9 @@ def _log(
 
     ``repeats`` readings are taken at each of the ``positions``; ``once`` says that the reference
     is measured once for all of them. ``play`` [m] separates the directions, ``lag`` [samples]
-    delays the reference, the voltage of log ``k`` is ``gains[k]`` times what it should be, ``ruler`` [m] is its division, ``offset`` [m] its change from log to
-    log and ``drift`` [m] over a log.
+    delays the reference, the voltage of log ``k`` is ``gains[k]`` times what it should be,
+    ``ruler`` [m] is the division of the reference, ``offset`` [m] its change from log to log and
+    ``drift`` [m] that over a log.
     """
     out = []
     for k, gain in enumerate(gains):
@@ -200,7 +201,8 @@ def _of(
     units = {"time": "s", **UNITS} if recording.get("timed") else UNITS
     return Attack(
         "potentiometer", group, name, truth or {}, partial(_log, **recording), units,
-        options=options or {}, repetitions=repetitions, scales={"curve": 1.0, "control_points[0]": STROKE},
+        options=options or {}, repetitions=repetitions,
+        scales={"curve": 1.0, "control_points[0]": STROKE},
         bounds={"curve": 1e-3} if good else {}, judge=partial(_judge, places=places, **seen),
     )  # fmt: skip
 

@@ -160,7 +160,10 @@ class Potentiometer(Family[PotentiometerOptions]):
                 dead_band=band,
             ),
             [
-                *notices, *turned, *unsure, *bound_notice(fit),
+                *notices,
+                *turned,
+                *unsure,
+                *bound_notice(fit),
                 *few_positions_notice(scaled, fit, scores),
                 *misfit_notice(misfit, scaled, data.unit),
                 *direction_notice(fit, free_jacobian(fit, scaled), scaled, data),

@@ -30,7 +30,7 @@ from .data import Data, Scaled, find_positions
 from .rational_bezier import CurveFit
 
 _STRETCHES = 60  # of a sweep
-_BY_CHANCE = 0.05  # probability of a ratio of mean squares that is no accident
+_BY_CHANCE = 0.01  # probability of a ratio of mean squares that is no accident
 _SURELY = 1e-6
 _MATTERS = 2e-3  # part of the stroke
 _TWO_LEVELS = -1.35  # excess kurtosis of residuals
@@ -52,6 +52,11 @@ class Misfit:
     rms: float
     worst: float
     at_rest: bool
+
+    @property
+    def matters(self) -> bool:
+        """Whether the miss is larger than the scatter, and a part of the stroke worth saying."""
+        return self.rms > _MATTERS and self.rms**2 > self.within
 
 
 def find_misfit(fit: CurveFit, scaled: Scaled) -> Misfit | None:
@@ -94,6 +99,8 @@ def widen(spread: Uncertainty, white: Uncertainty, misfit: Misfit | None) -> Unc
     """
     if misfit is None or misfit.probability > _BY_CHANCE:
         return spread
+    if not (misfit.at_rest or misfit.matters):
+        return spread  # a sweep tells noise from misfit by neighbours only: less sure
     shared = np.diag(white.covariance) * (misfit.between / max(white.sigma**2, 1e-300))
     return replace(
         spread,
@@ -106,7 +113,7 @@ def misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> list[Noti
     """Warn of a curve that misses positions by more than their readings scatter."""
     if misfit is None or misfit.probability > _SURELY:
         return []
-    if misfit.rms < _MATTERS or misfit.rms**2 < misfit.within:
+    if not misfit.matters:
         return []
     reading = scaled.low + misfit.worst * scaled.span
     common = (
@@ -116,7 +123,8 @@ def misfit_notice(misfit: Misfit | None, scaled: Scaled, unit: str) -> list[Noti
     text = (
         f"the curve misses the readings by {_mm(misfit.rms, scaled)} (RMS), while readings beside "
         f"each other scatter by {_mm(np.sqrt(misfit.within), scaled)}, most of all at a reading of "
-        f"{reading:.6g} {unit}".removesuffix(" 1") + f": it cannot follow the sensor{common}. "
+        f"{reading:.6g} {unit}".removesuffix(" 1")
+        + f": it cannot follow the sensor{common}. "
         "Look at the picture (--plot); try a higher --degree, or fit only the range that you use "
         "(--rails)."
     )

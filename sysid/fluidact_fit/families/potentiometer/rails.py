@@ -15,7 +15,7 @@ from .data import BoolArray, Data, check_data, gather
 from .options import PotentiometerOptions
 from .rational_bezier import group
 
-_SURE = 0.9995  # of an extreme reading off the course of its neighbours: thousands are looked at
+_SURE = 0.995  # of an extreme reading off the course of its neighbours: thousands are looked at
 
 
 def prepare(

@@ -26,7 +26,6 @@ from ...estimation.separable import Array, Basis, Problem, Search, Unknown, solv
 from ...experiment import FloatArray
 
 LOG_WEIGHT_LIMIT = float(np.log(50.0))
-_TOLERATED = 1.5  # standard errors by which a lower degree may predict worse
 _FEW = 24  # rows that are left out one by one
 
 # ------------------------------------------------------------------------- the curve
@@ -417,19 +416,10 @@ def cross_validate(
 
 
 def smallest_sufficient(scores: Sequence[Score]) -> int:
-    """Smallest degree that predicts as well as the best one.
-
-    Judged by the differences of both on the same folds: what all degrees find hard says
-    nothing about which is better.
-    """
+    """Smallest degree whose mean square is within one standard error of the best one's."""
     best = min(scores, key=lambda s: s.rms)
-    rounding = 1e-18  # of exact data
-    for s in scores:
-        worse = s.squares - best.squares
-        error = float(worse.std(ddof=1)) / np.sqrt(worse.size)
-        if worse.mean() <= _TOLERATED * error + rounding:
-            return s.degree
-    return best.degree
+    allowed = best.rms**2 + max(best.std_error, 1e-18)  # what rounding leaves of exact data
+    return next(s.degree for s in scores if s.rms**2 <= allowed)
 
 
 # -------------------------------------------------------------------------- derivatives

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import NotIdentifiedError
-from ...estimation.uncertainty import Uncertainty, covariance, enlarge
+from ...estimation.uncertainty import Uncertainty, covariance
 from ...experiment import FloatArray
 from .data import FINE, Data, Scaled
 from .misfit import Misfit, widen
@@ -35,10 +35,8 @@ def find_spread(
             jacobian = _with_measured_ends(jacobian[:, 2:], jacobian[:, :2], scaled.rows.t)
         cuts = np.cumsum(data.sizes)[:-1]
         parts = np.split(jacobian, cuts), np.split(rest * root, cuts)
-        white, uncertainty = covariance(*parts, robust=False), covariance(*parts)
-        if not data.timed:  # the order of the rows may show common errors, never fewer of them
-            larger = enlarge(uncertainty.covariance, np.diag(white.covariance))
-            uncertainty = replace(uncertainty, covariance=larger)
+        white = covariance(*parts, robust=False)
+        uncertainty = covariance(*parts) if data.timed else white
         uncertainty = widen(uncertainty, white, misfit)
     if not np.all(np.isfinite(uncertainty.covariance)):
         raise NotIdentifiedError(
