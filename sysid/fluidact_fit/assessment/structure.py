@@ -23,6 +23,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
+from ..estimation.noise import noise_floor
+from ..estimation.separable import project_out
 from ..experiment import Experiment, FloatArray
 from ..options import describe
 from .optimum import Optimum, delayed, moved
@@ -33,6 +35,7 @@ _PREFERRED = 0.8  # share of the best significance at which a parameter of the f
 _LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
 _SHIFT = 0.1  # sample times by which an input is moved to see what a delay does
 _SMALL = 0.3  # standard deviations of the residual by which a parameter is moved
+_ROUGH = 0.05  # noise of a simulated channel, in standard deviations of its residual
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
 
 
@@ -186,6 +189,13 @@ def _behind(at: Optimum, role: str, lag: float) -> list[FloatArray]:
         ramp = (1.0 - decay) * lag / step  # mean of the decay over a sample
         start = [ramp * even[0]]  # at rest at the first value
         late, _ = lfilter([1.0 - ramp, ramp - decay], [1.0, -decay], even, zi=start)
+        if noise_floor(even) > _ROUGH * at.sigma * s.scale:
+            # noise of a measured input is in the simulated channel: a lag would smooth it, and
+            # the same lag backwards as much, so that their difference knows nothing of it
+            turned = even[::-1]
+            start = [ramp * turned[0]]
+            early, _ = lfilter([1.0 - ramp, ramp - decay], [1.0, -decay], turned, zi=start)
+            late = even + 0.5 * (late - early[::-1])
         out.append(((np.interp(t, grid, late) - y) / lag)[s.used] / s.scale)
     return out
 
@@ -204,6 +214,9 @@ def _score(at: Optimum, term: Term) -> Score | None:
     columns, target = white[:, :-1], white[:, -1]
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
+    # an offset that a parameter stands for already (a preload) would share its shift
+    levels = project_out(columns[:, p:-1] / scale[p:-1], columns[:, :p] / scale[:p])
+    columns[:, p:-1][:, np.linalg.norm(levels, axis=0) < _OWN] = 0.0
     own = abs(float(np.asarray(np.linalg.qr(columns / scale, mode="r"))[-1, -1]))
     if own < _OWN:
         return None

@@ -28,7 +28,7 @@ from ...experiment import Experiment, FloatArray
 
 _ORDERS = (3, 5, 7)  # of differences: what shrinks with the order is motion, not noise
 REACH = 5  # samples on either side that a velocity is computed from
-_ALL = 0.5  # part of the standard deviation of a column beyond which noise is all there is
+_ALL = 0.9  # part of the standard deviation of a column beyond which noise is all there is
 _EXACT = 1e-6  # part of its range that is rounding
 
 
