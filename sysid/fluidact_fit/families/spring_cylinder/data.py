@@ -81,6 +81,8 @@ def _prepare_run(
         direction = held_direction(turning, options.dead_band or 0.0)
     force = e.sampled("force") if "force" in e else np.full(e.samples, np.nan)
     noise = found["drive"].noise if "drive" in found else 0.0
+    if noise <= e.signals[variant.name].resolution:
+        noise = 0.0  # rounding
     away = _away_from_reversals(_without_itself(drive) if noise else drive, noise, direction,
                                 options.settle)  # fmt: skip
     kept = (direction != 0.0) & inside & away
