@@ -199,3 +199,48 @@ def test_real_motor() -> None:
     assert 0.05 < number(result, "time_constant") < 0.10
     assert float(result.derived["saturation_speed"].value) == pytest.approx(3.3, abs=0.05)  # type: ignore[arg-type]
     assert (result.document.fit.fit_percent or 0.0) > 98.0
+
+
+def bench(rng: np.random.Generator, noise: float = 0.0, **more: float) -> dict[str, FloatArray]:
+    """Random levels, with noise on the logged command; no saturation unless ``more`` has one."""
+    time, levels = 0.02 * np.arange(1200), rng.uniform(-1.0, 1.0, 60)
+    command = np.repeat(levels, 20)
+    v = {**LINE, "dead_zone": 0.1, "gain": 100.0, "curvature": 0.5, "hysteresis": 0.05, **more}
+    speed = np.asarray(MotorModel([run(time, command)]).speed(0, v))
+    return {
+        "time [s]": time,
+        "command [A]": command + noise * rng.standard_normal(time.size),
+        "speed [rad/s]": speed + 0.3 * rng.standard_normal(time.size),
+    }
+
+
+def written(path: Path, columns: dict[str, FloatArray]) -> Path:
+    np.savetxt(
+        path, np.column_stack(list(columns.values())), "%.9g", ",",
+        header=",".join(columns), comments="",
+    )  # fmt: skip
+    return path
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_motor_that_never_saturates_is_fitted_without(tmp_path: Path, seed: int) -> None:
+    log = written(tmp_path / "x.csv", bench(np.random.default_rng(seed)))
+    result = ff.fit("hydraulic-motor", [log])
+    assert "saturation_command" not in result.parameters
+    assert result.verdict == "pass"
+    assert number(result, "gain") == pytest.approx(100.0, rel=0.03)
+
+
+def test_values_far_from_usual_are_found(tmp_path: Path) -> None:
+    """The search once ended at half the command and at twenty samples."""
+    odd = {"dead_zone": 0.6, "dead_time": 0.5, "saturation_command": 0.9}
+    log = written(tmp_path / "x.csv", bench(np.random.default_rng(1), **odd))
+    result = ff.fit("hydraulic-motor", [log])
+    assert number(result, "dead_zone") == pytest.approx(0.6, abs=0.05)
+    assert number(result, "dead_time") == pytest.approx(0.5, abs=0.01)
+
+
+def test_noise_of_a_held_command_is_no_hysteresis(tmp_path: Path) -> None:
+    log = written(tmp_path / "x.csv", bench(np.random.default_rng(2), noise=5e-3))
+    low, high = ff.fit("hydraulic-motor", [log]).parameters["hysteresis"].ci95
+    assert low < 0.05 < high

@@ -196,3 +196,27 @@ def test_intervals_hold_the_truth() -> None:
         q = estimate(make(speed=0.05, seed=seed)).parameters["stiffness"]
         hits += q.ci95[0] <= 300.0 <= q.ci95[1]  # type: ignore[index]
     assert hits >= 52
+
+
+@pytest.mark.parametrize("role", ["position", "pressure"])
+def test_noise_of_a_column_does_not_shrink_its_coefficient(tmp_path: Path, role: str) -> None:
+    rng, t = np.random.default_rng(3), 0.01 * np.arange(4000)
+    phase = (t / 4.0) % 1.0
+    pressure = 5e5 * np.minimum(2.0 * phase, 2.0 - 2.0 * phase)
+    way = np.sign(np.diff(pressure, prepend=-1.0))
+    x = 1.5e-3 * (1.0 + np.sin(0.58 * t))
+    force = 3.1e-4 * pressure - 850.0 * x - 14.0 - 5.0 * way + 0.3 * rng.standard_normal(t.size)
+    columns = {"time": t, "pressure": pressure, "position": x, "force": force}
+    size = {"position": 3e-4, "pressure": 1e4}[role]
+    columns[role] = columns[role] + size * rng.standard_normal(t.size)
+    path = tmp_path / "x.csv"
+    header = "time [s],pressure [Pa],position [m],force [N]"
+    np.savetxt(path, np.column_stack(list(columns.values())), "%.9g", ",",
+               header=header, comments="")  # fmt: skip
+    result = ff.fit("spring-cylinder", [path], fixed={"viscous": 0.0})
+    truth = {"stiffness": 850.0, "area": 3.1e-4, "preload": 14.0, "coulomb_loading": 5.0}
+    for name, value in truth.items():
+        q = result.parameters[name]
+        assert abs(q.number - value) < 3.5 * q.std_error, name
+    assert result.parameters["stiffness"].std_error < 0.1 * 850.0
+    assert "two-stage" in result.document.fit.details["method"]

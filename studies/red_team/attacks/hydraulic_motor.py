@@ -221,7 +221,13 @@ def attacks() -> Iterator[Attack]:
                   hold={"command": "foh"}, spoil=partial(_noisy_command, share=1e-3),
                   repetitions=3)  # fmt: skip
     for what in (
-        "offset", "drift", "clipped", "glitch", "one direction", "coarse", "filtered noise",
+        "offset",
+        "drift",
+        "clipped",
+        "glitch",
+        "one direction",
+        "coarse",
+        "filtered noise",
     ):
         yield _attack("sensor", what, spoil=partial(_add, what=what), repetitions=2)
     none = {**TRUTH, "hysteresis": 0.0}

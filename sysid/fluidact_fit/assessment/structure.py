@@ -24,6 +24,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
+from ..estimation.noise import noise_floor
+from ..estimation.separable import project_out
 from ..experiment import Experiment, FloatArray
 from ..family import ParameterSpec
 from ..options import describe
@@ -36,6 +38,7 @@ _LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
 _FARTHEST = 10.0  # times the lag that was tried: of a longer one nothing is known
 _SHIFT = 0.1  # sample times by which an input is moved to see what a delay does
 _SMALL = 0.3  # standard deviations of the residual by which a parameter is moved
+_ROUGH = 0.05  # noise of a simulated channel, in standard deviations of its residual
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
 
 
@@ -191,9 +194,6 @@ def _behind(at: Optimum, role: str, lag: float) -> list[FloatArray]:
     the residual, which would be taken for a lag. It has no direction in time: half the
     difference of a lag and a lead is free of it.
     """
-    held = [e.signals[r.name].hold for e in (s.experiment for s in at.fitted)
-            for r in at.variant.driving if r.name in e]  # fmt: skip
-    clean = bool(held) and all(hold == "zoh" for hold in held)
     out = []
     for s in at.series:
         t, y, step = s.experiment.time, s.simulated, s.experiment.sample_time
@@ -203,7 +203,7 @@ def _behind(at: Optimum, role: str, lag: float) -> list[FloatArray]:
         grid = np.arange(t[0], t[-1] + step, step)
         even = np.interp(grid, t, y)
         change = _lagging(even, step, lag) - even
-        if not clean:
+        if noise_floor(even) > _ROUGH * at.sigma * s.scale:
             change = 0.5 * (change - (_lagging(even[::-1], step, lag)[::-1] - even))
         out.append((np.interp(t, grid, change) / lag)[s.used] / s.scale)
     return out
@@ -229,6 +229,9 @@ def _score(at: Optimum, term: Term) -> Score | None:
     columns, target = white[:, :-1], white[:, -1]
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
+    # an offset that a parameter stands for already (a preload) would share its shift
+    levels = project_out(columns[:, p:-1] / scale[p:-1], columns[:, :p] / scale[:p])
+    columns[:, p:-1][:, np.linalg.norm(levels, axis=0) < _OWN] = 0.0
     own = abs(float(np.asarray(np.linalg.qr(columns / scale, mode="r"))[-1, -1]))
     if own < _OWN:
         return None

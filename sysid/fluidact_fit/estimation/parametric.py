@@ -365,7 +365,8 @@ def fit_named(
 
     def undetermined(attempt: _Attempt) -> list[Refusal]:
         silent = _without_effect(attempt, unknowns, by_name, idle or {})
-        return silent or left_open(attempt.solved, by_name, sensible or {})
+        ends = _at_limits(attempt.solved, by_name, unknowns, request)
+        return silent or ends or left_open(attempt.solved, by_name, sensible or {})
 
     found = determine(solve_with, undetermined, by_name, fixed=fixed, refusals=refusals)
     attempt, solved = found.solution, found.solution.solved
@@ -379,6 +380,31 @@ def fit_named(
     if attempt.order < 0:
         return fitted
     return replace(fitted, intervals=_examine_intervals(attempt, fitted))
+
+
+def _at_limits(
+    solved: Solved,
+    specs: Mapping[str, ParameterSpec],
+    unknowns: Mapping[str, Unknown],
+    request: Request[FamilyOptions],
+) -> list[Refusal]:
+    """A parameter that ends where the search does: it was stopped, not measured.
+
+    The ends of the possible range, and bounds that the user gave, are results like any other.
+    """
+    for name in solved.names:
+        if name not in specs or name in request.bounds:
+            continue
+        value, u, spec = float(solved.values[name]), unknowns[name], specs[name]
+        if (value <= u.low and u.low > spec.minimum) or (value >= u.high and u.high < spec.maximum):
+            return [
+                Refusal(
+                    name,
+                    f"it ends at {value:.3g} {spec.unit}, as far as the search goes. Should it lie "
+                    f"beyond, give --bounds {name}=LOW:HIGH.",
+                )
+            ]
+    return []
 
 
 @dataclass(frozen=True)

@@ -127,9 +127,7 @@ class HydraulicMotor(Family[MotorOptions]):
             fitted.derive({"saturation_speed": speed}, _saturation_speed),
             order,
             matrix,
-            replace(
-                request.options, residual_limit=limit, command_noise=noise if levels else None
-            ),
+            replace(request.options, residual_limit=limit, command_noise=noise if levels else None),
             [*notices, *fitted.notices],
             {**fitted.details(), "samples_of_less_weight": counts},
             [j / w[:, None] for j, w in zip(fitted.sensitivity(), found.weights)],

@@ -80,7 +80,12 @@ def _prepare_run(
     else:
         direction = held_direction(turning, options.dead_band or 0.0)
     force = e.sampled("force") if "force" in e else np.full(e.samples, np.nan)
-    kept = (direction != 0.0) & inside & _away_from_reversals(drive, direction, options.settle)
+    noise = found["drive"].noise if "drive" in found else 0.0
+    if noise <= e.signals[variant.name].resolution:
+        noise = 0.0  # rounding
+    away = _away_from_reversals(_without_itself(drive) if noise else drive, noise, direction,
+                                options.settle)  # fmt: skip
+    kept = (direction != 0.0) & inside & away
     return Run(e, drive, position, velocity, direction, force, kept, found)
 
 
@@ -97,8 +102,21 @@ def _velocity(e: Experiment, position: FloatArray) -> tuple[FloatArray, BoolArra
     return np.asarray(np.gradient(position, e.time)), everywhere
 
 
-def _away_from_reversals(drive: FloatArray, direction: FloatArray, settle: float) -> BoolArray:
-    """Samples whose friction has reversed: the drive has moved far enough since the reversal."""
+def _without_itself(drive: FloatArray) -> FloatArray:
+    """Mean of the samples around each: to choose samples by their own noise would bias the fit."""
+    kernel = np.ones(2 * REACH + 1)
+    kernel[REACH] = 0.0
+    total = np.convolve(drive, kernel, mode="same")
+    return np.asarray(total / np.convolve(np.ones(drive.size), kernel, mode="same"))
+
+
+def _away_from_reversals(
+    drive: FloatArray, noise: float, direction: FloatArray, settle: float
+) -> BoolArray:
+    """Samples whose friction has reversed: the drive has moved far enough since the reversal.
+
+    ``noise`` is the distance from the extreme within which a reversal may have come earlier.
+    """
     turned = np.concatenate(([0], np.flatnonzero(np.diff(direction)) + 1))
     span = float(np.ptp(drive))
     kept = np.ones(drive.size, dtype=bool)
@@ -107,5 +125,9 @@ def _away_from_reversals(drive: FloatArray, direction: FloatArray, settle: float
             kept[begin:end] = np.abs(drive[begin:end] - drive[begin]) >= settle * span
         if end < drive.size:  # the dead band notices a reversal late: from the extreme on
             way = direction[begin] or 1.0
-            kept[begin + int(np.argmax(way * drive[begin:end])) + 1 : end] = False
+            part = way * drive[begin:end]
+            last = int(np.argmax(part))
+            if noise:
+                last = int(np.argmax(part > part[last] - noise)) - 1
+            kept[begin + last + 1 : end] = False
     return kept

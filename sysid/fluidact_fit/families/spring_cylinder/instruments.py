@@ -22,13 +22,14 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
+import numpy.typing as npt
 
 from ...estimation.noise import noise_floor
 from ...experiment import Experiment, FloatArray
 
 _ORDERS = (3, 5, 7)  # of differences: what shrinks with the order is motion, not noise
 REACH = 5  # samples on either side that a velocity is computed from
-_ALL = 0.5  # part of the standard deviation of a column beyond which noise is all there is
+_ALL = 0.9  # part of the standard deviation of a column beyond which noise is all there is
 _EXACT = 1e-6  # part of its range that is rounding
 
 
@@ -80,8 +81,8 @@ def _of_slope(position: FloatArray, reach: int) -> FloatArray:
     total = np.concatenate(([0.0], np.cumsum(position)))
     k = np.arange(position.size)
 
-    def mean(first: FloatArray, last: FloatArray) -> FloatArray:
+    def mean(first: npt.NDArray[np.intp], last: npt.NDArray[np.intp]) -> FloatArray:
         low, high = np.clip(first, 0, k.size - 1), np.clip(last, 0, k.size - 1)
-        return (total[high + 1] - total[low]) / (high + 1 - low)
+        return np.asarray((total[high + 1] - total[low]) / (high + 1 - low))
 
     return np.asarray(mean(k + reach + 1, k + 2 * reach) - mean(k - 2 * reach, k - reach - 1))

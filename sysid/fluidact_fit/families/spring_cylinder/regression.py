@@ -149,7 +149,9 @@ def _solve(
     z, variance = _instruments(runs, names, a)
     # what noise of the columns does to least squares: it adds to their squares
     normal, added = (best.weight[:, None] * a).T @ a, variance.T @ best.weight
-    bias = np.linalg.lstsq(normal, added * best.values, rcond=1e-12)[0]
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal / np.outer(size, size)
+    bias = np.linalg.lstsq(scaled, added * best.values / size, rcond=1e-12)[0] / size
     errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     biased = bool(np.any(np.abs(bias) > _BIASED * errors))
     if biased:
@@ -172,9 +174,7 @@ class _Robust:
     columns: FloatArray
 
 
-def _reweighted(
-    a: FloatArray, z: FloatArray, y: FloatArray, least: tuple[float, float]
-) -> _Robust:
+def _reweighted(a: FloatArray, z: FloatArray, y: FloatArray, least: tuple[float, float]) -> _Robust:
     """Huber regression by iterated reweighting [1]_; lone spikes get no weight at all.
 
     ``z`` are the instruments of the columns ``a``, both ``(n, p)``: with their own columns as
