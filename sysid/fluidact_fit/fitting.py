@@ -190,6 +190,16 @@ def _estimate(
         # of all on a busy machine, and the last digits would depend on how many there are.
         with threadpool_limits(limits=1, user_api="blas"):
             return family.estimate(variant, experiments, request)
+    except NotIdentifiedError as error:
+        role = _input_behind(variant, experiments)
+        if role is None:
+            raise
+        raise NotIdentifiedError(
+            error.what,
+            expected=f"'{role}' follows '{variant.output.name}', not the other way round: the two "
+            "columns seem to be swapped. Nothing was written.",
+            remedy=f"Check --column {role}=... and --column {variant.output.name}=...",
+        ) from error
     except (np.linalg.LinAlgError, OverflowError, FloatingPointError) as error:
         raise NotIdentifiedError(
             f"the computation broke down ({error}).",
@@ -209,6 +219,7 @@ def _prepare(logs: Sequence[Log], variant: Variant) -> tuple[list[Experiment], l
     for index, log in enumerate(logs):
         some, said = experiments_of(log, variant, index=index)
         _require_samples(log, variant, some)
+        _require_two_columns(log, variant, some)
         found += some
         notices += [*log.notices, *said]
     if not found:
@@ -231,3 +242,37 @@ def _require_samples(log: Log, variant: Variant, found: Sequence[Experiment]) ->
             expected=f"Expected {_FEWEST} or more.",
             remedy="Record longer or sample faster; check --window where it was given.",
         )
+
+
+def _require_two_columns(log: Log, variant: Variant, found: Sequence[Experiment]) -> None:
+    """Refuse a log of motion whose output holds the numbers of its input."""
+    output = variant.output.name
+    for role in (r.name for r in variant.driving):
+        both = [e for e in found if role in e and output in e and e.time.size]
+        if both and all(
+            np.ptp(e[output]) > 0.0 and np.array_equal(e[role], e[output]) for e in both
+        ):
+            raise LogError(
+                f"'{role}' and '{output}' hold the same numbers.",
+                where=log.name,
+                expected="Expected two columns: what drives the machine and what it does.",
+                remedy=f"Name the right ones with --column {role}=... and --column {output}=...",
+            )
+
+
+def _input_behind(variant: Variant, experiments: Sequence[Experiment]) -> str | None:
+    """An input whose changes follow those of the output instead of preceding them."""
+    output, lags = variant.output.name, range(1, 51)
+    for role in (r.name for r in variant.driving):
+        ahead, behind, least = 0.0, 0.0, 0.0
+        for e in experiments:
+            if role not in e or output not in e or not e[role].size == e[output].size >= 200:
+                continue
+            u, y = np.diff(e[role]), np.diff(e[output])
+            power = float(np.linalg.norm(u) * np.linalg.norm(y)) or 1.0
+            ahead += sum(float(u[:-k] @ y[k:] / power) ** 2 for k in lags)
+            behind += sum(float(y[:-k] @ u[k:] / power) ** 2 for k in lags)
+            least += 3.0 * len(lags) / u.size
+        if behind > max(4.0 * ahead, least):
+            return role
+    return None

@@ -170,7 +170,7 @@ def test_only_smooth_signals_are_taken_for_smooth(values: np.ndarray, smooth: bo
 
 
 def test_levels_are_held() -> None:
-    """Two or many, with or without noise; what moves, or climbs the steps of a converter, is not."""
+    """Two or many, noise or not; what moves, or climbs the steps of a converter, is not."""
     square = (np.sin(np.arange(400) * 0.05) > 0.0).astype(float)
     wander = np.sin(np.arange(400) * 0.05)
     noise = np.random.default_rng(3).normal(size=400)

@@ -246,3 +246,81 @@ def test_the_wrong_hold_is_noticed() -> None:
     # whoever has said what the column is, is not asked again
     _, quiet = diagnose(family, family.variants[0], estimate, fitted, {"inlet"})
     assert not quiet
+
+
+def valve_log(wn: float, zeta: float, seed: int = 0) -> Experiment:
+    from scipy.signal import cont2discrete
+
+    rng = np.random.default_rng(seed)
+    b, a, _ = cont2discrete(([wn**2], [1, 2 * zeta * wn, wn**2]), STEP)
+    u = levels(rng)
+    y = lfilter(b.ravel(), a, u) + 0.01 * rng.standard_normal(N)
+    return experiment({"command": u, "outlet": y}, "zoh")
+
+
+def test_aliases_of_a_fast_valve_are_tried() -> None:
+    """400 rad/s every 10 ms: the search used to end at the alias, 228 rad/s."""
+    found = fit("valve", [valve_log(400.0, 0.05)])
+    within(found, {"natural_frequency": 400.0, "damping_ratio": 0.05})
+
+
+def test_rivals_of_a_fast_valve_are_refused() -> None:
+    with pytest.raises(NotIdentifiedError, match="times faster"):
+        fit("valve", [valve_log(500.0, 0.5)])
+
+
+def test_an_edge_that_was_never_crossed_is_refused() -> None:
+    """Noise beside the reach of the force looks like an edge just within it."""
+    for seed in range(3):
+        log = hydrostatic_log(seed, low=-14.0)
+        q = fit("hydrostatic", [log]).parameters
+        assert q["dead_zone_negative"].status == "not_identified"
+        assert q["dead_zone_negative"].value == pytest.approx(log["force"].min())
+        assert abs(q["damping"].value - 1720.5) < 4.0 * q["damping"].std_error
+
+
+def test_wide_dead_zones_are_found() -> None:
+    for seed in (8, 15):
+        within(fit("hydrostatic", [hydrostatic_log(seed, low=-9.0, high=8.0)]),
+               {"mass": 53.7, "dead_zone_negative": -9.0, "dead_zone_positive": 8.0})  # fmt: skip
+
+
+def test_a_spring_that_is_not_there_does_not_break_the_fit() -> None:
+    options = {"stiffness": "estimate", "dead_time": "estimate"}
+    found = fit("hydrostatic", [hydrostatic_log(1)], options=options)
+    assert found.parameters["damping"].status == "estimated"
+
+
+def test_what_answers_to_an_unrecorded_input_is_left_out() -> None:
+    """A log cut in motion: during its first dead time the outlet follows an unknown inlet."""
+    late, cut = 0.3147, 150
+    whole = [line_log(seed, dead_time=late, log=seed) for seed in range(3)]
+    parts = []
+    for e in whole:
+        roles = {r: s.values[cut:] for r, s in e.signals.items()}
+        signals = {r: replace(e.signals[r], time=TIME[: N - cut], values=v, before=float(v[0]))
+                   for r, v in roles.items()}  # fmt: skip
+        parts.append(replace(e, time=TIME[: N - cut], signals=signals))
+    found = fit("line", parts)
+    within(found, {"gain": 1.0, "time_constant": 0.12, "dead_time": late})
+    assert late < found.options.unrecorded < 1.5 * late
+    for run in simulate("line", found, parts):
+        assert run.left_out == pytest.approx(found.options.unrecorded / STEP, abs=1)
+    assert fit("line", whole).options.unrecorded is None  # these begin at rest
+
+
+def test_mixed_up_columns_are_told(tmp_path) -> None:
+    """Swapped columns, or one column twice, used to be told to sample faster."""
+    from fluidact_fit import LogError
+    from fluidact_fit import fit as fit_files
+
+    e = line_log(0)
+    path = tmp_path / "log.csv"
+    for inlet, outlet, kind, words in (
+        ("outlet", "inlet", NotIdentifiedError, "seem to be swapped"),
+        ("inlet", "inlet", LogError, "hold the same numbers"),
+    ):
+        rows = np.column_stack((e.time, e[inlet], e[outlet]))
+        np.savetxt(path, rows, delimiter=",", header="time [s],inlet [Pa],outlet [Pa]", comments="")
+        with pytest.raises(kind, match=words):
+            fit_files("line", path)

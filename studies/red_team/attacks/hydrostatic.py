@@ -91,12 +91,12 @@ def attacks() -> Iterator[Attack]:
         yield attack(
             "right model", f"force times {size:g}", truth,
             partial(record, truth=truth, step=0.01 / speed, **ends),
-            scales={n: 4.2 * size for n in width},
+            scales=dict.fromkeys(width, 4.2 * size),
             bounds=_bounds(truth, 0.01 / speed, **ends), repetitions=3,
         )  # fmt: skip
     wide = {**TRUTH, "dead_zone_negative": -9.0, "dead_zone_positive": 8.0}
     yield attack("wide dead zone", "-9 and 8 of 12 N", wide, partial(record, truth=wide),
-                 bounds=_bounds(wide), scales={n: 17.0 for n in width},
+                 bounds=_bounds(wide), scales=dict.fromkeys(width, 17.0),
                  repetitions=6)  # fmt: skip
     for reach in (-0.1, -0.5, -1.0, -2.0, -2.8, -2.95):
         yield attack("edge never crossed", f"force down to {reach:g} of -3 N", TRUTH,

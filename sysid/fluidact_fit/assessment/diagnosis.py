@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
-from ..estimation.inputs import choose_hold
 from ..estimation.noise import noise_floor
 from ..estimation.uncertainty import fit_autoregression
 from ..experiment import FloatArray, Hold
@@ -38,7 +37,7 @@ _SERIES = 50_000  # samples of a run that are correlated
 _DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one
 _JUMP = 0.25  # part of its range that an input crosses in one sample when it jumps
 _LONG = 200_000  # samples beyond which a part of the log is enough
-_WORDS = {
+_WORDS: dict[Hold, str] = {
     "zoh": "held between its samples",
     "foh": "on straight lines between its samples",
     "smooth": "on a smooth curve through its samples",
@@ -106,7 +105,7 @@ def _noise_or_model(fitted: Sequence[Simulation]) -> float | None:
 class _Shift:
     """How another hold would change the parameters, as the file tells it."""
 
-    hold: str
+    hold: Hold
     other: Hold
     parameter: str
     shift: float
@@ -125,11 +124,10 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
         driving = [e for e in experiments if role.name in e and e.signals[role.name].time.size > 1]
         if len(driving) < len(experiments):
             continue
-        other: Hold = "zoh"
-        if experiments[0].signals[role.name].hold in (None, "zoh"):
-            smooth = choose_hold([e.signals[role.name] for e in experiments])
-            other = "foh" if smooth == "zoh" else smooth
-        found = _shift(at, role.name, other)
+        others = [h for h in _WORDS if h != (experiments[0].signals[role.name].hold or "zoh")]
+        tried = [_shift(at, role.name, h) for h in others]
+        # what fits best is named: whoever follows the advice is not told the next one
+        found = min((t for t in tried if t), key=lambda t: t.evidence, default=None)
         if found is None:
             continue
         table[role.name] = asdict(found)

@@ -142,7 +142,7 @@ def settled_hold(signal: Signal) -> Hold:
 
 
 def choose_hold(signals: Sequence[Signal]) -> Hold:
-    """Settle ``auto`` for a role of all logs: ``zoh`` on held levels, else ``foh`` or ``smooth``."""
+    """Settle ``auto`` for a role of all logs: ``zoh`` on levels, else ``foh`` or ``smooth``."""
     moving = [s for s in signals if s.values.size > 1 and np.ptp(s.values) > 0.0]
     if all(_is_held(s.values[:10_000]) for s in moving):
         return "zoh"

@@ -274,13 +274,16 @@ class TransferFamily(Family[T], Generic[T]):
         offset: float | None = None,
     ) -> list[Simulated]:
         """Output from the input; see :meth:`Family.simulate`."""
-        compared = all(variant.output.name in e for e in experiments)
+        output, unrecorded = variant.output.name, options.unrecorded
+        rest, compared = options.initial_state == "rest", all(output in e for e in experiments)
+        if unrecorded is None and compared:  # other logs may have been cut in motion
+            unrecorded = unrecorded_time(experiments, output, scalars(values), rest)
         model = self.transfer_model(
             variant,
             experiments,
-            options.initial_state == "rest",
+            rest,
             options.offset_of == "log",
-            (options.unrecorded or 0.0) if compared else 0.0,
+            (unrecorded or 0.0) if compared else 0.0,
         )
         return simulate_transfer(model, scalars(values), offset)
 

@@ -219,8 +219,8 @@ def simulate_transfer(
 ) -> list[Simulated]:
     """Outputs of all runs, offset by log and initial state by run fitted to their outputs.
 
-    What answers to an input before the run is NaN. Runs without a recorded output start at rest, where the output is ``gain`` times the
-    input's first value plus ``offset``.
+    What answers to an input before the run is NaN. Runs without a recorded output start at
+    rest, where the output is ``gain`` times the input's first value plus ``offset``.
     """
     parts = [model.response(i, values) for i in range(len(model.prepared))]
     if not model.measured:

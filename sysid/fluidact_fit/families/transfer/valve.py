@@ -140,7 +140,9 @@ class Valve(TransferFamily[ValveOptions]):
             fast = np.geomspace(0.8, 20.0, 16) / step
             poles += [(w, z * w) for w in fast for z in (0.03, 0.1, 0.2, 0.3, 0.5, 0.8, 1.6)]
         return [
-            {"natural_frequency": float(w), "damping_ratio": float(a / w)} for w, a in poles if w > 0
+            {"natural_frequency": float(w), "damping_ratio": float(a / w)}
+            for w, a in poles
+            if w > 0
         ]
 
     def units(self, experiments: Sequence[Experiment]) -> dict[str, str]:
