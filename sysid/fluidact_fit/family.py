@@ -37,13 +37,15 @@ ReadT = TypeVar("ReadT", bound=FamilyOptions, covariant=True)
 class Request(Generic[ReadT]):
     """What the user chose: everything of a fit that is not data.
 
-    ``fixed``, ``start`` and ``bounds`` are in SI and keyed by parameter name.
+    ``fixed``, ``start`` and ``bounds`` are in SI and keyed by parameter name; ``noise`` is the
+    standard deviation of white noise on measured inputs, in SI and keyed by role.
     """
 
     options: ReadT
     fixed: Mapping[str, float] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
     progress: Callable[[str], None] = lambda message: None
 
@@ -76,6 +78,9 @@ class Estimate(Generic[ReadT]):
         Optional: derivative of every experiment's output by the first entries of
         ``covariance_order``, unknowns of single logs projected out, shape ``(n_i, q)``.
         Lets the fit be examined without being repeated.
+    input_noise
+        Standard deviation of the noise on measured inputs that the estimate allows for, by role
+        [SI]. The residual then holds what the model makes of that noise.
     """
 
     parameters: Mapping[str, Quantity]
@@ -86,6 +91,7 @@ class Estimate(Generic[ReadT]):
     notices: Sequence[Notice] = ()
     details: Mapping[str, Any] = field(default_factory=dict)
     sensitivity: Sequence[FloatArray] = ()
+    input_noise: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def values(self) -> dict[str, Value]:

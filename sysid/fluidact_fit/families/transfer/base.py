@@ -232,6 +232,7 @@ class TransferFamily(Family[T], Generic[T]):
             [*fitted.notices, *drift, *said],
             {**fitted.details(), **table},
             fitted.sensitivity(),
+            fitted.input_noise,
         )
 
     def simulate(
