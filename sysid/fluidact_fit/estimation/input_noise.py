@@ -38,8 +38,8 @@ from .whitening import Whitening, autoregression_from_rest
 
 Build = Callable[[Sequence[Experiment], Sequence[Whitening]], Problem]
 
-_PAIRS = 10  # antithetic draws of the noise
-_FEW = 4  # of them that show whether it matters
+_PAIRS = 6  # antithetic draws of the noise
+_FEW = 3  # of them that show whether it matters
 _ORDER = 8  # of the autoregression that noise of the input makes of the output
 _RATIOS = np.array([0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.3, 1.7, 2.5])
 _CONTRADICTS = 4.0  # difference of log-likelihoods at which the residual speaks against a level
@@ -215,6 +215,8 @@ class Corrected:
     ----------
     eta, covariance
         Shapes ``(p,)`` and ``(p, p)``.
+    information
+        ``J' J`` without the part of the noise, shape ``(p, p)``.
     bias
         What the noise would have done to the estimate, shape ``(p,)``.
     left
@@ -225,6 +227,7 @@ class Corrected:
 
     eta: FloatArray
     covariance: FloatArray
+    information: FloatArray
     bias: FloatArray
     left: FloatArray
     weak: bool
@@ -241,13 +244,16 @@ def correct(noise: InputNoise, build: Build, start: FloatArray) -> Corrected:
         is among its nonlinear unknowns; linear ones do not depend on the input.
     start : (p,)
     """
-    found, eta = _correct(noise, build, start, noise.whitening(build, start)), start
-    for _ in range(2):
-        if np.all(np.abs(found.eta - eta) < 0.2 * np.sqrt(np.diag(found.covariance))):
-            break
-        eta = found.eta
-        found = _correct(noise, build, eta, noise.whitening(build, eta))
-    return found
+    whitening = noise.whitening(build, start)
+    found = _correct(noise, build, start, whitening)
+    if np.any(np.abs(found.eta - start) > np.sqrt(np.diag(found.covariance))):
+        whitening = noise.whitening(build, found.eta)
+        found = _correct(noise, build, found.eta, whitening)
+    more = np.mean(
+        [a.slope for a in _added(noise, build, whitening, found.eta, np.sqrt(2.0))], axis=0
+    )
+    left = 0.5 * np.linalg.solve(found.information, more) - found.bias
+    return replace(found, left=left)
 
 
 def _correct(
@@ -279,10 +285,8 @@ def _correct(
     bias = each.mean(axis=0)
     covariance = scale * inverse @ base.curvature @ inverse
     covariance += np.outer(bias, bias) * noise.relative**2
-    covariance += np.cov(each.T).reshape(eta.size, -1) / _PAIRS
-    more = np.mean([a.slope for a in _added(noise, build, whitening, eta, np.sqrt(2.0))], axis=0)
-    left = target.solve(0.5 * more) - bias
-    return Corrected(eta, covariance, bias, left, weak, converged)
+    covariance += np.atleast_2d(np.cov(each.T)) / _PAIRS
+    return Corrected(eta, covariance, curvature, bias, np.zeros(eta.size), weak, converged)
 
 
 def _added(
