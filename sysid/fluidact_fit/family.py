@@ -231,6 +231,8 @@ class Family(ABC, Generic[OptionsT]):
     steady_offset
         Whether the output carries an offset at rest that a controller needs, such as the
         pressure at which a valve idles. The file then holds its mean over the logs.
+    allows_for_input_noise
+        Whether the estimate takes noise of measured inputs into account, as ``--noise`` gives it.
     """
 
     name: str
@@ -239,6 +241,7 @@ class Family(ABC, Generic[OptionsT]):
     variants: tuple[Variant, ...]
     options_type: type[OptionsT]
     steady_offset: ClassVar[bool] = False
+    allows_for_input_noise: ClassVar[bool] = False
 
     def variants_for(self, options: OptionsT) -> tuple[Variant, ...]:
         """Variants that can be meant under the given options; usually all of them."""

@@ -96,7 +96,7 @@ def fit(
         progress=progress or (lambda message: None),
     )
     variant = choose_variant(opened, chosen.variants_for(request.options))
-    _check_noise(request.noise, variant)
+    _check_noise(request.noise, chosen, variant)
     experiments, notices = _prepare(opened, variant)
     estimate = _estimate(chosen, variant, experiments, request)
     found = Findings(chosen, variant, opened, experiments, request, estimate)
@@ -131,8 +131,16 @@ def _numbers(option: str, given: Mapping[str, float] | None) -> dict[str, float]
     return out
 
 
-def _check_noise(noise: Mapping[str, float], variant: Variant) -> None:
+def _check_noise(
+    noise: Mapping[str, float], family: Family[FamilyOptions], variant: Variant
+) -> None:
     """Refuse noise of what is no input of the model, and levels that are impossible."""
+    if noise and not family.allows_for_input_noise:
+        raise UsageError(
+            f"--noise is not used by {family.name}: its estimate cannot take the noise of an input "
+            "from the user",
+            remedy="Leave it out.",
+        )
     inputs = [r.name for r in variant.driving]
     for role, sigma in noise.items():
         if role not in inputs:

@@ -103,3 +103,10 @@ def test_level_of_noise_on_a_signal_that_moves() -> None:
     steps = np.repeat(rng.uniform(size=40), 50)
     assert white_level(steps + 0.01 * rng.standard_normal(2000))[0] == pytest.approx(0.01, rel=0.15)
     assert white_level(np.round(steps, 1), 0.1)[0] == pytest.approx(0.1 / np.sqrt(12.0))
+
+
+def test_levels_of_a_command_are_no_converter() -> None:
+    e = record(6, 0.0)
+    command = Signal("u", e.time, np.sign(e["u"]), "1", "zoh", resolution=2.0)
+    held = Experiment("log", 0, e.time, {**e.signals, "u": command}, STEP, True)
+    assert InputNoise.seen([held], "u", 0).sigma == 0.0

@@ -31,7 +31,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..experiment import Experiment, FloatArray
+from ..experiment import Experiment, FloatArray, Signal
 from .noise import noise_floor, white_level
 from .separable import Problem, Solution, evaluate, project_out
 from .whitening import Whitening, autoregression_from_rest
@@ -45,6 +45,7 @@ _RATIOS = np.array([0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.3, 1.7, 2.5])
 _CONTRADICTS = 4.0  # difference of log-likelihoods at which the residual speaks against a level
 _CLOSE = 0.01  # standard errors at which the iteration ends
 _STEPS = 20
+_COARSEST = 0.05  # of its range: steps of a measured signal that a converter makes
 _WEAK = 0.02  # part of the information that has to be left without the noise
 
 
@@ -79,7 +80,7 @@ class InputNoise:
     @classmethod
     def seen(cls, experiments: Sequence[Experiment], role: str, seed: int) -> InputNoise:
         """The noise that the log itself shows."""
-        found = [white_level(e[role], e.signals[role].resolution) for e in experiments if e.samples]
+        found = [white_level(e[role], _converter(e.signals[role])) for e in experiments]
         sigma = float(np.median([s for s, _ in found]))
         relative = float(np.mean([r for _, r in found]) / np.sqrt(len(found)))
         return cls(experiments, role, sigma, relative, seed)
@@ -166,6 +167,12 @@ class InputNoise:
         ratio = float(_RATIOS[best])
         spread = max(float(np.ptp(near)) / ratio, 0.2)
         return replace(self, sigma=ratio * self.sigma, relative=spread)
+
+
+def _converter(signal: Signal) -> float:
+    """Step of the converter of a measured signal; a command's few levels are exact."""
+    coarse = signal.resolution > _COARSEST * float(np.ptp(signal.values))
+    return 0.0 if coarse or signal.hold == "zoh" else signal.resolution
 
 
 def _likelihood(problem: Problem, at: Solution, whitening: Sequence[Whitening]) -> float:

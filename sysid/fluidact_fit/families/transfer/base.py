@@ -126,6 +126,7 @@ class TransferFamily(Family[T], Generic[T]):
 
     gain: ClassVar[str | None] = None
     dead_zone: ClassVar[bool] = False
+    allows_for_input_noise = True
 
     @staticmethod
     @abstractmethod

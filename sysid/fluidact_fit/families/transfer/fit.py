@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...errors import Notice
 from ...estimation.input_noise import InputNoise, moving_inputs
 from ...estimation.named_input_noise import correct_named
 from ...estimation.parametric import Fitted, NamedModel, bind, fit_named
@@ -185,8 +186,13 @@ class TransferFit:
         """Correct the estimate for the noise of a measured input, where that matters."""
         experiments = self.experiments
         rows, roles = sum(e.samples for e in experiments), moving_inputs(experiments)
-        if not roles or not fitted.names or rows > _MANY or rows < 200 * len(experiments):
+        if not roles or not fitted.names:
             return fitted, {}
+        role, seed = roles[0], self.request.seed
+        given = self.request.noise.get(role)
+        if rows > _MANY or rows < 200 * len(experiments):
+            said = [_not_allowed_for(role)] if given else []
+            return replace(fitted, notices=[*fitted.notices, *said]), {}
 
         def build(
             held: Mapping[str, float], some: Sequence[Experiment], white: Sequence[Whitening]
@@ -194,8 +200,6 @@ class TransferFit:
             model = replace(self.make(some, rest).without_linear(), whiten=white)
             return bind(model, self.unknowns, held)
 
-        role, seed = roles[0], self.request.seed
-        given = self.request.noise.get(role)
         if given is None:
             noise = InputNoise.seen(experiments, role, seed)
         else:
@@ -220,6 +224,15 @@ class TransferFit:
         )
         found["treatment"] = "residual whitened, score corrected"
         return corrected, {"input_noise": found}
+
+
+def _not_allowed_for(role: str) -> Notice:
+    return Notice(
+        "input-noise-left",
+        f"the noise of '{role}' given with --noise could not be allowed for: that takes at least "
+        f"200 samples a run, and {_MANY} at most in all. Record longer runs, or cut the log with "
+        "--window.",
+    )
 
 
 def _vector(problem: Problem, start: Mapping[str, float]) -> FloatArray:
