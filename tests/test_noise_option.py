@@ -33,4 +33,4 @@ def test_what_cannot_be_noise_is_refused(tmp_path: Path) -> None:
 def test_the_file_remembers_it(tmp_path: Path) -> None:
     found = ff.fit("line", log(tmp_path), noise={"inlet": 0.0})
     assert found.document.provenance.options == {"noise": {"inlet": 0.0}}
-    assert found.details["input_noise"]["sigma"] == 0.0
+    assert found.document.fit.details["input_noise"]["sigma"] == 0.0

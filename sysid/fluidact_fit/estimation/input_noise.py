@@ -43,8 +43,8 @@ _FEW = 3  # of them that show whether it matters
 _ORDER = 8  # of the autoregression that noise of the input makes of the output
 _RATIOS = np.array([0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.3, 1.7, 2.5])
 _CONTRADICTS = 4.0  # difference of log-likelihoods at which the residual speaks against a level
-_CLOSE = 0.01  # standard errors at which the iteration ends
-_STEPS = 20
+_CLOSE = 0.03  # standard errors at which the iteration ends
+_STEPS = 10
 _COARSEST = 0.05  # of its range: steps of a measured signal that a converter makes
 _WEAK = 0.02  # part of the information that has to be left without the noise
 
