@@ -22,7 +22,7 @@ from ...family import FamilyOptions, ParameterSpec, Request
 from .model import are_short
 
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
-_NEGLIGIBLE = 0.1  # standard errors that noise of the input may make without being allowed for
+_NEGLIGIBLE = 0.2  # standard errors that noise of the input may make without being allowed for
 _VALLEYS = 4  # of a grid search, from which the fit begins
 Row = tuple[FloatArray, list[dict[str, float]], FloatArray]  # dead times, points and costs
 
