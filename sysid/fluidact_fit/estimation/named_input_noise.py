@@ -90,8 +90,8 @@ def _notice(noise: InputNoise, solved: Solved, found: Corrected) -> Notice:
         "input-noise",
         f"{level}, which was allowed for: it would have changed {solved.names[most]} by "
         f"{found.bias[most]:+.2g}, {abs(found.bias[most]) / errors[most]:.1f} standard errors. "
-        "A cleaner sensor would narrow the intervals; with this one no search is made for delays or "
-        "lags that the model does not have.",
+        "A cleaner sensor would narrow the intervals; with this one no search is made for delays "
+        "or lags that the model does not have.",
     )
 
 
