@@ -113,6 +113,9 @@ def parameter_options() -> list[click.Parameter]:
                    "Where the search begins (SI).", group),
         assignment("--bounds", "NAME=LOW:HIGH", "damping_ratio=0.1:2", parse_range,
                    "Range of a parameter (SI).", group),
+        assignment("--noise", "ROLE=SD", "force=0.1", parse_number,
+                   "Standard deviation of white noise on a measured input (SI), 0 for an exact "
+                   "one. Default: judged from the log.", group),
     ]  # fmt: skip
 
 

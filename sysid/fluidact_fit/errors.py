@@ -15,7 +15,9 @@ _KEYWORDS = {
     "fix": "fixed", "column": "columns", "unit": "units", "scale": "scales", "step": "steps",
     "input": "inputs", "force": "overwrite=True",
 }  # fmt: skip
-_MAPPINGS = {"fix", "start", "bounds", "column", "unit", "scale", "step", "hold", "input"}
+_MAPPINGS = {
+    "fix", "start", "bounds", "noise", "column", "unit", "scale", "step", "hold", "input",
+}  # fmt: skip
 _VALUE = r"\"[^\"]*\"|'[^']*'|\[[^\]]*\]|\.\.\.|[^\s,;()]*[^\s,;().:]"
 _OPTION = re.compile(
     rf"--(?P<name>[a-z][a-z0-9]*(?:-[a-z0-9]+)*)"

@@ -37,13 +37,15 @@ ReadT = TypeVar("ReadT", bound=FamilyOptions, covariant=True)
 class Request(Generic[ReadT]):
     """What the user chose: everything of a fit that is not data.
 
-    ``fixed``, ``start`` and ``bounds`` are in SI and keyed by parameter name.
+    ``fixed``, ``start`` and ``bounds`` are in SI and keyed by parameter name; ``noise`` is the
+    standard deviation of white noise on measured inputs, in SI and keyed by role.
     """
 
     options: ReadT
     fixed: Mapping[str, float] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
     progress: Callable[[str], None] = lambda message: None
 
@@ -79,6 +81,9 @@ class Estimate(Generic[ReadT]):
     sensitivity_also
         The same of other channels that were fitted beside the output, by role, one mapping
         per experiment; :meth:`Family.simulate` gives what the model says of them.
+    input_noise
+        Standard deviation of the noise on measured inputs that the estimate allows for, by role
+        [SI]. The residual then holds what the model makes of that noise.
     """
 
     parameters: Mapping[str, Quantity]
@@ -90,6 +95,7 @@ class Estimate(Generic[ReadT]):
     details: Mapping[str, Any] = field(default_factory=dict)
     sensitivity: Sequence[FloatArray] = ()
     sensitivity_also: Sequence[Mapping[str, FloatArray]] = ()
+    input_noise: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def values(self) -> dict[str, Value]:
@@ -233,6 +239,8 @@ class Family(ABC, Generic[OptionsT]):
     steady_offset
         Whether the output carries an offset at rest that a controller needs, such as the
         pressure at which a valve idles. The file then holds its mean over the logs.
+    allows_for_input_noise
+        Whether the estimate takes noise of measured inputs into account, as ``--noise`` gives it.
     """
 
     name: str
@@ -241,6 +249,7 @@ class Family(ABC, Generic[OptionsT]):
     variants: tuple[Variant, ...]
     options_type: type[OptionsT]
     steady_offset: ClassVar[bool] = False
+    allows_for_input_noise: ClassVar[bool] = False
 
     def variants_for(self, options: OptionsT) -> tuple[Variant, ...]:
         """Variants that can be meant under the given options; usually all of them."""

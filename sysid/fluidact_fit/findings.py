@@ -134,7 +134,7 @@ def make_parameter_document(
             ],
             "options": {
                 key: getattr(request, key)
-                for key in ("fixed", "start", "bounds")
+                for key in ("fixed", "start", "bounds", "noise")
                 if getattr(request, key)
             },
         },

@@ -32,6 +32,7 @@ def fit(
     fixed: Mapping[str, float] | None = None,
     start: Mapping[str, float] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
+    noise: Mapping[str, float] | None = None,
     validate: Sequence[LogLike] = (),
     controller_sample_time: float | None = None,
     seed: int = 0,
@@ -54,6 +55,9 @@ def fit(
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
         By parameter name, SI.
+    noise
+        Standard deviation of white noise on a measured input by role, SI; 0 where it is exact.
+        What is not given is judged from the logs.
     validate
         Logs to validate the result with; they are not fitted.
     controller_sample_time
@@ -87,10 +91,12 @@ def fit(
         fixed=_numbers("--fix", fixed),
         start=_numbers("--start", start),
         bounds=_pairs(bounds),
+        noise=_numbers("--noise", noise),
         seed=seed,
         progress=progress or (lambda message: None),
     )
     variant = choose_variant(opened, chosen.variants_for(request.options))
+    _check_noise(request.noise, chosen, variant)
     experiments, notices = _prepare(opened, variant)
     estimate = _estimate(chosen, variant, experiments, request)
     found = Findings(chosen, variant, opened, experiments, request, estimate)
@@ -123,6 +129,31 @@ def _numbers(option: str, given: Mapping[str, float] | None) -> dict[str, float]
         if not np.isfinite(out[name]):
             raise UsageError(f"{option} {name}={value!r} is not finite")
     return out
+
+
+def _check_noise(
+    noise: Mapping[str, float], family: Family[FamilyOptions], variant: Variant
+) -> None:
+    """Refuse noise of what is no input of the model, and levels that are impossible."""
+    if noise and not family.allows_for_input_noise:
+        raise UsageError(
+            f"--noise is not used by {family.name}: its estimate cannot take the noise of an input "
+            "from the user",
+            remedy="Leave it out.",
+        )
+    inputs = [r.name for r in variant.driving]
+    for role, sigma in noise.items():
+        if role not in inputs:
+            raise UsageError(
+                f"--noise {role}=...: '{role}' is not an input of the model",
+                expected="Its inputs are: " + (", ".join(inputs) or "none") + ".",
+                remedy="Noise of the output is estimated from the residual and is not given.",
+            )
+        if sigma < 0.0:
+            raise UsageError(
+                f"--noise {role}={sigma:g}: a standard deviation is not negative",
+                remedy="Give it in SI, 0 for an exact input.",
+            )
 
 
 def _pairs(given: Mapping[str, tuple[float, float]] | None) -> dict[str, tuple[float, float]]:
@@ -170,6 +201,7 @@ def refit(
         options=family.settled_options(document),
         fixed=given.get("fixed") or {},
         bounds={k: (v[0], v[1]) for k, v in (given.get("bounds") or {}).items()},
+        noise=given.get("noise") or {},
         seed=document.provenance.seed or 0,
         progress=progress or (lambda message: None),
     )

@@ -139,9 +139,13 @@ _JUDGEMENT = {
         "the data cannot determine.",
         "Say with `--hold` whether the column is a held command or a measured signal.",
     ),
-    "input-noise": _warning(
-        "A measured input is noisy enough to bias the fit; the bias was estimated and removed.",
-        "Use a cleaner sensor for that input to narrow the intervals.",
+    "input-noise": _information(
+        "A measured input is noisy enough to matter; the estimate and its intervals allow for it.",
+        "Nothing; a cleaner sensor for that input would narrow the intervals.",
+    ),
+    "input-noise-left": _warning(
+        "A measured input is so noisy that its effect could not be removed altogether.",
+        "Record that input with a cleaner sensor or with a larger range of motion.",
     ),
     "log-differs": _warning(
         "One log gives a significantly different value of a parameter than the others do.",

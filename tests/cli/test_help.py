@@ -20,7 +20,7 @@ COMMANDS = program.list_commands(CONTEXT)
 # What every fit has, word for word from the contract.
 FIT_OPTIONS = {
     "-o", "--output", "-f", "--force", "--column", "--unit", "--scale", "--sample-time", "--step",
-    "--window", "--hold", "--fix", "--start", "--bounds", "--validate",
+    "--window", "--hold", "--fix", "--start", "--bounds", "--noise", "--validate",
     "--controller-sample-time", "--plot", "--report", "--json", "--strict", "--accept-failed",
     "--seed", "-q", "-v", "--debug",
 }  # fmt: skip

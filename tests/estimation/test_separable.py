@@ -13,6 +13,7 @@ from fluidact_fit.estimation.separable import (
     solve_from,
 )
 from fluidact_fit.estimation.uncertainty import covariance, fit_autoregression, whiteness
+from fluidact_fit.estimation.whitening import Whitening
 
 FAR = np.array([0.3])  # a start
 
@@ -106,7 +107,11 @@ def test_whitened_fit_is_generalised_least_squares() -> None:
         near = np.array([1.2])
         plain.append(solve(base, near).eta[0])
         filtered = Problem(
-            problem.model, y, problem.nonlinear, problem.linear, whiten=np.array([0.9])
+            problem.model,
+            y,
+            problem.nonlinear,
+            problem.linear,
+            whiten=[Whitening(np.array([0.9]), 0.01, 0.0)],
         )
         white.append(solve(filtered, near).eta[0])
     assert np.std(white) < 0.97 * np.std(plain)

@@ -131,6 +131,8 @@ def _check_arguments(
     logs = (*params["logs"], *params["validate"])
     check_role_names(params, [r.name for v in family.variants for r in v.roles])
     _check_parameter_names(family, params)
+    driving = dict.fromkeys(r.name for v in family.variants for r in v.driving)
+    check_names("--noise", "input", params["noise"], list(driving))
     seen = set()
     for path in logs:
         real = os.path.realpath(path)
@@ -172,6 +174,7 @@ def _fit(
                 fixed=params["fix"],
                 start=params["start"],
                 bounds=params["bounds"],
+                noise=params["noise"],
                 validate=judged,
                 controller_sample_time=params["controller_sample_time"],
                 seed=params["seed"],

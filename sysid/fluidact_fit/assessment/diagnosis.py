@@ -57,15 +57,17 @@ def diagnose(
     the user has given: those are not questioned, unless the data contradict them.
     """
     at = make_optimum(family, variant, estimate, fitted)
-    details, notices = _examined(at)
+    details, notices = _examined(at, bool(estimate.input_noise))
     details["channels"], missed = judge_channels(family, estimate, fitted)
     notices += missed
     if not all(s.experiment.time.size for s in fitted):
         return details, notices
     holds, doubts = _other_holds(at, declared) if at is not None else ({}, [])
-    correlation, feedback = _cross_correlation(variant, fitted)
+    correlation, feedback = _cross_correlation(variant, fitted, estimate.input_noise)
     found = {
-        "residual_to_noise": _noise_or_model(fitted),
+        "residual_to_noise": _noise_or_model(
+            fitted, _noise_through_model(family, variant, estimate, fitted)
+        ),
         "intersample": holds,
         "cross_correlation": correlation,
         **details,
@@ -74,30 +76,59 @@ def diagnose(
     return kept, [*doubts, *feedback, *notices]
 
 
-def _examined(at: Optimum | None) -> tuple[dict[str, Any], list[Notice]]:
-    """What the derivatives of the fit show."""
+def _examined(at: Optimum | None, noisy: bool) -> tuple[dict[str, Any], list[Notice]]:
+    """What the derivatives of the fit show.
+
+    With ``noisy`` inputs the residual and every response of the model hold the same noise, which
+    a search for a missing response would take for one.
+    """
     details: dict[str, Any] = {}
     notices: list[Notice] = []
     if at is None:
         return details, notices
     for name, examine in _EXAMINATIONS.items():
+        if noisy and name == "missing_response":
+            continue
         details[name], said = examine(at)
         notices += said
     return {name: entry for name, entry in details.items() if entry}, notices
 
 
-def _noise_or_model(fitted: Sequence[Simulation]) -> float | None:
-    """Residual in units of the noise that the output itself shows.
+def _noise_through_model(
+    family: Family[FamilyOptions],
+    variant: Variant,
+    estimate: Estimate[FamilyOptions],
+    fitted: Sequence[Simulation],
+) -> list[float]:
+    """Mean square that noise of the inputs adds to the residual of every run."""
+    if not estimate.input_noise:
+        return [0.0] * len(fitted)
+    rng = np.random.default_rng(0)
+    moved = []
+    for s in fitted:
+        signals = dict(s.experiment.signals)
+        for role, sigma in estimate.input_noise.items():
+            x = signals[role]
+            draw = sigma * rng.standard_normal(x.values.size)
+            signals[role] = replace(x, values=x.values + draw)
+        moved.append(replace(s.experiment, signals=signals))
+    again = family.simulate(variant, estimate.values, moved, estimate.options)
+    return [float(np.nanmean((a.output - s.simulated) ** 2)) for a, s in zip(again, fitted)]
+
+
+def _noise_or_model(fitted: Sequence[Simulation], through: Sequence[float]) -> float | None:
+    """Residual in units of the noise that output and inputs themselves show.
 
     Near one, the residual is noise. Far above, it is what the model does not describe.
+    ``through`` is the mean square that comes from the inputs, run by run.
     """
     error, floor = 0.0, 0.0
-    for s in fitted:
+    for s, own in zip(fitted, through):
         used = np.isfinite(s.residual)
         if used.sum() < 50:
             continue
         error += float(np.sum(s.residual[used] ** 2))
-        floor += float(used.sum()) * noise_floor(s.measured[used], robust=False) ** 2
+        floor += float(used.sum()) * (noise_floor(s.measured[used], robust=False) ** 2 + own)
     return sqrt(error / floor) if floor > 0.0 else None
 
 
@@ -200,18 +231,21 @@ def _jumps(fitted: Sequence[Simulation], role: str) -> bool:
 
 
 def _cross_correlation(
-    variant: Variant, fitted: Sequence[Simulation]
+    variant: Variant, fitted: Sequence[Simulation], noisy: Collection[str]
 ) -> tuple[dict[str, Any], list[Notice]]:
     """Correlation of the residual with the input before and after it.
 
     Both are whitened first (Box and Jenkins). A residual that follows the input shows
     dynamics that the model lacks; an input that follows the residual, feedback. What the model
     lacks correlates with the future of an input as well where that can be told from its past
-    (a chirp), so feedback is only what is stronger on its own side.
+    (a chirp), so feedback is only what is stronger on its own side. The noise of ``noisy``
+    inputs is in the residual as well and tells neither.
     """
     table: dict[str, Any] = {}
     notices: list[Notice] = []
     for role in variant.driving:
+        if role.name in noisy:
+            continue
         past, future, count = np.zeros(_LAGS), np.zeros(_LAGS), 0
         for s in fitted:
             pair = _whitened(s, role.name)

@@ -61,3 +61,38 @@ def _divided_differences(values: FloatArray, time: FloatArray, order: int) -> Fl
     weights /= np.sqrt(np.sum(weights**2, axis=0))
     samples = np.stack([values[k : n + k] for k in range(order + 1)])
     return np.asarray(np.sum(weights * samples, axis=0))
+
+
+def white_level(values: FloatArray, resolution: float = 0.0) -> tuple[float, float]:
+    """Standard deviation of white noise on a signal that moves, and how well it is known.
+
+    The order of the differences rises for as long as that lowers the result, since what a
+    higher order takes away was motion. Where jumps and spikes are rare, the mean square of the
+    differences is taken, which is the more precise; the error of an ideal converter is the
+    least there can be.
+
+    Parameters
+    ----------
+    values : (n,)
+        Evenly sampled [any unit].
+    resolution
+        Step of the converter [unit of the values].
+
+    Returns
+    -------
+    sigma
+        [unit of the values]; motion that no difference takes away is in it.
+    relative
+        Standard error of ``sigma**2`` as a part of it.
+    """
+    order = 4
+    sigma = noise_floor(values, order)
+    while order < 10 and noise_floor(values, order + 2) < 0.85 * sigma:
+        order += 2
+        sigma = noise_floor(values, order)
+    alike = sum(comb(2 * order, order - k) ** 2 for k in range(-order, order + 1))
+    relative = sqrt(2.0 * alike / max(values.size, 1)) / comb(2 * order, order)
+    plain = noise_floor(values, order, robust=False)
+    if plain < 1.15 * sigma:
+        return max(plain, resolution / sqrt(12.0)), relative
+    return max(sigma, resolution / sqrt(12.0)), 1.65 * relative

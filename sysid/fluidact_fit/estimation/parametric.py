@@ -32,6 +32,7 @@ from .separable import (
     solve_from,
 )
 from .uncertainty import Uncertainty, covariance, score_covariance, t_quantile
+from .whitening import Whitening
 
 Array = npt.NDArray[Any]
 _PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
@@ -65,7 +66,7 @@ class NamedModel:
         Per experiment the step of the converter that logged the output [SI], 0 when
         unknown.
     whiten
-        Autoregression of the residuals, as in :class:`.separable.Problem`.
+        Filters of the residuals, as in :class:`.separable.Problem`.
     logs
         Per experiment the number of its log, when logs may differ in noise: those with
         more of it then weigh less.
@@ -84,7 +85,7 @@ class NamedModel:
     weights: Sequence[FloatArray | float] = ()
     nuisance: tuple[str, ...] = ()
     resolutions: Sequence[float] = ()
-    whiten: FloatArray = field(default_factory=lambda: np.zeros(0))
+    whiten: Sequence[Whitening] = ()
     logs: Sequence[int] = ()
     robust: bool = True
     sigma_floor: float = 0.0
@@ -103,10 +104,6 @@ class NamedModel:
 
     def uncertainty(self, solution: Solution) -> Uncertainty:
         """Covariance of ``(eta, linear)`` at a solution."""
-        if self.whiten.size:
-            # what is left is white but not everywhere equally strong
-            parts = [[slice(0, r.size)] for r in solution.residuals]
-            return score_covariance(solution.jacobian, solution.residuals, parts)
         if self.channels and len(self.channels[0]) > 1:
             return score_covariance(solution.jacobian, solution.residuals, self.channels)
         return covariance(
@@ -118,6 +115,18 @@ class NamedModel:
             small_sample=True,
             readings=list(zip(self.measured, self.resolutions)),
         )
+
+    def without_linear(self) -> NamedModel:
+        """The same model with the linear parameters among the nonlinear ones, after them."""
+        count = len(self.linear)
+
+        def columns(index: int, values: Values) -> Basis:
+            b = self.columns(index, values)
+            own = np.array([values[n] for n in self.linear])
+            return Basis(b.known + b.shared[:, :count] @ own, b.shared[:, count:], b.local)
+
+        names = (*self.nonlinear, *self.linear)
+        return replace(self, nonlinear=names, linear=(), columns=columns, slopes=None)
 
     @property
     def every_linear(self) -> tuple[str, ...]:
@@ -240,6 +249,8 @@ class Fitted(Solved):
         Weights by log that made its residuals as large as those of the others.
     logs
         The log of every experiment.
+    input_noise
+        Noise on inputs that the estimate allows for, by role [SI].
     """
 
     order: int = 0
@@ -251,6 +262,7 @@ class Fitted(Solved):
     remarks: Mapping[str, Any] = field(default_factory=dict)
     factors: Mapping[int, float] = field(default_factory=dict)
     logs: Sequence[int] = ()
+    input_noise: Mapping[str, float] = field(default_factory=dict)
 
     def _reported(self) -> list[int]:
         return [k for k, n in enumerate(self.names) if n in self.specs]

@@ -22,7 +22,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, Protocol
 
@@ -30,6 +30,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
+from .whitening import Whitening
 
 Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
@@ -94,8 +95,8 @@ class Problem:
 
     ``measured`` holds one array ``(n_i,)`` per experiment; ``weights`` one number or
     array ``(n_i,)`` per experiment that multiplies the residual (0 leaves a sample out).
-    ``whiten`` is an autoregression of the residuals, shape ``(order,)``: its inverse is
-    applied to both sides, which is generalised least squares.
+    ``whiten`` is one filter per experiment, applied to both sides after the weights, which is
+    generalised least squares; none where the residuals are taken for white.
     """
 
     model: Model
@@ -103,49 +104,13 @@ class Problem:
     nonlinear: Sequence[Unknown]
     linear: Sequence[Unknown] = ()
     weights: Sequence[FloatArray | float] = ()
-    whiten: FloatArray = field(default_factory=lambda: np.zeros(0))
-
-    def filter(self, rows: Array) -> Array:
-        """Whiten rows (samples first): what an autoregression cannot predict of them.
-
-        The first samples, whose past is unknown, are predicted from what there is of it
-        and scaled to the same variance, so that no information is lost.
-        """
-        if self.whiten.size == 0:
-            return rows
-        out = np.empty_like(rows)
-        order = self.whiten.size
-        for k, (a, scale) in enumerate(_predictors(self.whiten)[:-1]):
-            out[k] = scale * (rows[k] - np.tensordot(a, rows[:k][::-1], axes=1))
-        out[order:] = rows[order:]
-        for i, c in enumerate(self.whiten):
-            out[order:] -= c * rows[order - 1 - i : rows.shape[0] - 1 - i]
-        return out
+    whiten: Sequence[Whitening] = ()
 
     def weigh(self, index: int, rows: Array) -> Array:
         """Weigh and whiten rows (samples first) of one experiment."""
         w = np.asarray(self.weights[index] if self.weights else 1.0)
-        return self.filter(rows * (w[:, None] if w.ndim and rows.ndim > 1 else w))
-
-
-def _predictors(a: FloatArray) -> list[tuple[FloatArray, float]]:
-    """Predictors of order ``0..a.size`` of an autoregression, and the scale of their errors.
-
-    Levinson's recursion backwards; the scale makes every error as large as that of the
-    full order. A root on the unit circle has no stationary start: its scale is zero.
-    """
-    out = [(a, 1.0)]
-    variance = 1.0
-    while a.size:
-        reflection = float(a[-1])
-        rest = 1.0 - reflection**2
-        if rest <= 0.0:
-            a, variance = a[:-1] * 0.0, np.inf
-        else:
-            a = (a[:-1] + reflection * a[:-1][::-1]) / rest
-            variance /= rest
-        out.append((a, 1.0 / np.sqrt(variance)))
-    return out[::-1]
+        weighed = rows * (w[:, None] if w.ndim and rows.ndim > 1 else w)
+        return self.whiten[index].filter(weighed) if self.whiten else np.asarray(weighed)
 
 
 @dataclass(frozen=True)

@@ -135,6 +135,7 @@ class TransferFamily(Family[T], Generic[T]):
 
     gain: ClassVar[str | None] = None
     dead_zone: ClassVar[bool] = False
+    allows_for_input_noise = True
 
     @staticmethod
     @abstractmethod
@@ -263,6 +264,7 @@ class TransferFamily(Family[T], Generic[T]):
             [*fitted.notices, *drift, *said],
             {**fitted.details(), **table},
             fitted.sensitivity(),
+            input_noise=fitted.input_noise,
         )
 
     def simulate(

@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import Notice
+from ...estimation.input_noise import InputNoise, moving_inputs
+from ...estimation.named_input_noise import correct_named
 from ...estimation.noise import noise_floor
 from ...estimation.parametric import (
     DECISIVE,
@@ -21,14 +23,14 @@ from ...estimation.parametric import (
     information_units,
 )
 from ...estimation.results import Refusal, refuse
-from ...estimation.separable import Problem, Search, Unknown, evaluate, profile, solve_from
-from ...estimation.uncertainty import enlarge
+from ...estimation.separable import Problem, Search, Unknown, profile, solve_from
+from ...estimation.whitening import Whitening
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, ParameterSpec, Request
-from .input_noise import InputNoise, moving_inputs
 from .model import answers_to_the_past, are_short
 
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
+_NEGLIGIBLE = 0.2  # standard errors that noise of the input may make without being allowed for
 _VALLEYS = 4  # of a grid search, from which the fit begins
 _RIVALS = 6  # places far from the best that are searched
 _NEAR = 10.0  # times the best cost, within which a rival may be
@@ -286,68 +288,56 @@ class TransferFit:
         return bool(scores[0] <= scores[1])
 
     def _allow_for_input_noise(self, fitted: Fitted, rest: bool) -> tuple[Fitted, dict[str, Any]]:
-        """Whiten the residual and remove the bias when noise of a measured input matters."""
-        experiments, factors = self.experiments, fitted.factors
+        """Correct the estimate for the noise of a measured input, where that matters."""
+        experiments = self.experiments
         rows, roles = sum(e.samples for e in experiments), moving_inputs(experiments)
-        if not roles or rows > _MANY or rows < 200 * len({e.log for e in experiments}):
+        if not roles or not fitted.names:
             return fitted, {}
-        role = roles[0]
-        sigma = float(np.median([noise_floor(e[role], 4) for e in experiments]))
-        noise = InputNoise(experiments, role, sigma, np.random.default_rng(self.request.seed))
-        held = {n: v for n, v in fitted.values.items() if n not in fitted.names}
+        role, seed = roles[0], self.request.seed
+        given = self.request.noise.get(role)
+        if rows > _MANY or rows < 200 * len(experiments):
+            said = [_not_allowed_for(role)] if given else []
+            return replace(fitted, notices=[*fitted.notices, *said]), {}
 
-        def model(some: Sequence[Experiment]) -> NamedModel:
-            return self.make(some, rest).scaled(factors)
+        def build(
+            held: Mapping[str, float], some: Sequence[Experiment], white: Sequence[Whitening]
+        ) -> Problem:
+            model = replace(self.make(some, rest).without_linear(), whiten=white)
+            return bind(model, self.unknowns, held)
 
-        def build(some: Sequence[Experiment]) -> Problem:
-            return bind(model(some), self.unknowns, held)
-
-        def whitened(a: FloatArray, some: Sequence[Experiment]) -> NamedModel:
-            return replace(model(some), whiten=a, logs=())
-
-        share = noise.share_of_residual(build, fitted.solution)
+        if given is None:
+            noise = InputNoise.seen(experiments, role, seed)
+        else:
+            noise = InputNoise(experiments, role, given, seed=seed)
         unit = experiments[0].signals[role].unit
-        found = {"role": role, "sigma": sigma, "unit": unit, "share": share}
-        if share < 0.25:
+        held = {**self._refused, **{n: r.value(fitted.specs[n]) for n, r in fitted.refused.items()}}
+        at_hand = partial(build, {**held, **self.request.fixed})
+        names = [u.name for u in at_hand(experiments, ()).nonlinear]
+        eta = np.array([fitted.values[n] for n in names])
+        errors = np.array([fitted.std_error(n) for n in names])
+        found: dict[str, Any] = {"role": noise.role, "sigma": noise.sigma, "unit": unit}
+        if noise.sigma == 0.0 or noise.effect(at_hand, eta, errors) < _NEGLIGIBLE:
+            return fitted, {"input_noise": found}
+        if given is None:
+            noise = noise.supported(at_hand, eta)
+            found["sigma"] = noise.sigma
+        if noise.sigma == 0.0:
             return fitted, {"input_noise": found}
         self.request.progress("allowing for the noise of the input")
-        values = {**held, **fitted.values}
-        of_output = float(np.median([noise_floor(y, 4) for y in model(experiments).measured]))
-        plain = fitted.solution
-        for _ in range(2):
-            white = partial(whitened, noise.whitening(build, plain, of_output))
-            fitted = self._fit(white(experiments), [values])
-            values = {**values, **fitted.values}
-            plain = evaluate(build(experiments), fitted.solution.eta)
-        bias, spread = noise.extrapolate_bias(
-            lambda some: bind(white(some), self.unknowns, held), fitted.solution
+        corrected = correct_named(
+            noise, build, fitted, refusals=self.refusals, sensible=self.sensible
         )
-        found["treatment"] = "residual whitened, bias removed by extrapolation"
-        return _remove_bias(fitted, bias, spread, noise, unit), {"input_noise": found}
+        found["treatment"] = "residual whitened, score corrected"
+        return corrected, {"input_noise": found}
 
 
-def _remove_bias(
-    fitted: Fitted, bias: FloatArray, spread: FloatArray, noise: InputNoise, unit: str
-) -> Fitted:
-    """Subtract the bias by input noise and say how much it was."""
-    values = dict(fitted.values)
-    said = []
-    for name, b in zip(fitted.names, bias):
-        if name in fitted.unknowns and name in values:
-            u = fitted.unknowns[name]
-            values[name] = float(np.clip(values[name] - b, u.low, u.high))
-            said.append((abs(b) / max(fitted.std_error(name), 1e-300), name, b))
-    size, name, b = max(said)
-    # scatter by the input, plus what a residual of white noise would add by itself
-    total = enlarge(fitted.covariance, np.diag(spread))
-    notice = Notice(
-        "input-noise",
-        f"'{noise.role}' carries noise of about {noise.sigma:.2g} {unit} rms, which an "
-        "output-error fit takes for signal. The residual was whitened and the bias removed "
-        f"(largest for {name}: {b:+.3g}, {size:.1f} standard errors). A cleaner sensor would "
-        "narrow the intervals.",
+def _not_allowed_for(role: str) -> Notice:
+    return Notice(
+        "input-noise-left",
+        f"the noise of '{role}' given with --noise could not be allowed for: that takes at least "
+        f"200 samples a run, and {_MANY} at most in all. Record longer runs, or cut the log with "
+        "--window.",
     )
-    return replace(fitted, values=values, covariance=total, notices=[*fitted.notices, notice])
 
 
 def _apart(points: FloatArray) -> list[FloatArray]:

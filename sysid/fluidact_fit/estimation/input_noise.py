@@ -1,0 +1,326 @@
+"""Noise on a measured input: a consistent estimate and its covariance, for any model.
+
+The input is logged as ``u = u0 + w``, ``w`` white of standard deviation ``sigma``, while the
+machine answers to ``u0``. A fit that takes ``u`` for exact is biased, because the score
+``s(p; u) = J' r`` then holds products of ``w`` with itself. For a linear system they are
+quadratic in ``w``: adding the same noise once more (draws ``w'``) adds their expectation once
+more, and
+
+    s*(p) = s(p; u) - (E s(p; u + w') - s(p; u))
+
+has the expectation of ``s(p; u0)`` whatever the size of the noise: a corrected score [1]_. A
+static nonlinearity whose edges are passed quickly adds terms of the fourth order alone, which a
+second size of ``w'`` estimates.
+
+The residual ``e - G w`` is whitened first, see :mod:`.whitening`; any fixed filter leaves the
+estimate consistent, the right one makes it efficient (generalised least squares [2]_).
+
+References
+----------
+.. [1] T. Nakamura, "Corrected score function for errors-in-variables models", Biometrika 77,
+   1990; S. Novick, L. Stefanski, "Corrected score estimation via complex variable simulation
+   extrapolation", J. Am. Stat. Assoc. 97, 2002.
+.. [2] R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2012.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..experiment import Experiment, FloatArray, Signal
+from .noise import noise_floor, white_level
+from .separable import Problem, Solution, evaluate, project_out
+from .whitening import Whitening, autoregression_from_rest
+
+Build = Callable[[Sequence[Experiment], Sequence[Whitening]], Problem]
+
+_PAIRS = 6  # antithetic draws of the noise
+_FEW = 3  # of them that show whether it matters
+_ORDER = 8  # of the autoregression that noise of the input makes of the output
+_RATIOS = np.array([0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.3, 1.7, 2.5])
+_CONTRADICTS = 4.0  # difference of log-likelihoods at which the residual speaks against a level
+_CLOSE = 0.03  # standard errors at which the iteration ends
+_STEPS = 10
+_COARSEST = 0.05  # of its range: steps of a measured signal that a converter makes
+_WEAK = 0.02  # part of the information that has to be left without the noise
+
+
+def moving_inputs(experiments: Sequence[Experiment]) -> list[str]:
+    """Roles that were recorded, and drive the model, in all experiments."""
+    first = experiments[0]
+    return [
+        role
+        for role, s in first.signals.items()
+        if s.hold is not None and all(e.signals[role].time.size > 1 for e in experiments)
+    ]
+
+
+@dataclass(frozen=True)
+class InputNoise:
+    """White noise on an input of some experiments.
+
+    Attributes
+    ----------
+    sigma, relative
+        Its standard deviation [SI] and the standard error of ``sigma**2`` as a part of it.
+    seed
+        Of the draws.
+    """
+
+    experiments: Sequence[Experiment]
+    role: str
+    sigma: float
+    relative: float = 0.0
+    seed: int = 0
+
+    @classmethod
+    def seen(cls, experiments: Sequence[Experiment], role: str, seed: int) -> InputNoise:
+        """The noise that the log itself shows."""
+        found = [white_level(e[role], _converter(e.signals[role])) for e in experiments]
+        sigma = float(np.median([s for s, _ in found]))
+        relative = float(np.mean([r for _, r in found]) / np.sqrt(len(found)))
+        return cls(experiments, role, sigma, relative, seed)
+
+    @cached_property
+    def _draws(self) -> list[list[FloatArray]]:
+        rng = np.random.default_rng(self.seed)
+        out = [
+            [rng.standard_normal(e.signals[self.role].values.size) for e in self.experiments]
+            for _ in range(_PAIRS)
+        ]
+        for unit in (u for draw in out for u in draw):
+            unit[0] = 0.0  # the level that a run starts from belongs to its offset
+        return out
+
+    def add(self, draw: int, factor: float) -> list[Experiment]:
+        """The experiments with a draw of the noise added ``factor`` times."""
+        out = []
+        for e, unit in zip(self.experiments, self._draws[draw]):
+            s = e.signals[self.role]
+            moved = replace(s, values=s.values + factor * self.sigma * unit)
+            out.append(replace(e, signals={**e.signals, self.role: moved}))
+        return out
+
+    def whitening(self, build: Build, eta: FloatArray, ratio: float = 1.0) -> list[Whitening]:
+        """What whitens the residual of every experiment.
+
+        ``ratio`` multiplies the part that comes from the input.
+        """
+        plain = build(self.experiments, ())
+        a, drive = self._response(build, eta)
+        return [
+            Whitening(a, ratio * drive, max(noise_floor(r), 1e-6 * float(np.std(r)), 1e-300))
+            for r in evaluate(plain, eta).residuals
+        ]
+
+    def _response(self, build: Build, eta: FloatArray) -> tuple[FloatArray, float]:
+        """Autoregression of what the noise makes of the output."""
+        base = build(self.experiments, ()).model
+        series = []
+        for k in range(_FEW):
+            moved = build(self.add(k, 1.0), ()).model
+            series += [
+                moved.basis(i, eta).known - base.basis(i, eta).known
+                for i in range(len(self.experiments))
+            ]
+        return autoregression_from_rest(series, _ORDER)
+
+    def effect(self, build: Build, eta: FloatArray, errors: FloatArray) -> float:
+        """Largest error of a parameter by the noise, in its standard errors, from a few draws.
+
+        ``errors``, shape ``(p,)``, are the standard errors without it.
+        """
+        base = _score(build(self.experiments, ()), eta)
+        steps = np.array([
+            [base.solve(_score(build(self.add(k, f), ()), eta).slope - base.slope)
+             for f in (1.0, -1.0)] for k in range(_FEW)
+        ])  # fmt: skip
+        even, odd = 0.5 * (steps[:, 0] + steps[:, 1]), 0.5 * (steps[:, 0] - steps[:, 1])
+        size = np.maximum(np.abs(even.mean(axis=0)), np.sqrt(np.mean(odd**2, axis=0)))
+        return float(np.max(size / np.maximum(errors, 1e-300)))
+
+    def supported(self, build: Build, eta: FloatArray) -> InputNoise:
+        """The same with the level that the residual allows for.
+
+        What differences of the input show may be motion, or noise that the machine saw as well.
+        The likelihood of the residual with a level between none and more than that tells,
+        unless it is so small that the residual does not show it.
+        """
+        plain = build(self.experiments, ())
+        at = evaluate(plain, eta)
+        full = self.whitening(build, eta)
+        scores = np.array([
+            _likelihood(plain, at, [replace(f, drive=ratio * f.drive) for f in full])
+            for ratio in _RATIOS
+        ])  # fmt: skip
+        best = int(np.argmax(scores))
+        claimed = float(np.interp(1.0, _RATIOS, scores))
+        if _RATIOS[best] >= 1.0 or scores[best] - claimed < _CONTRADICTS:
+            return self
+        if scores[best] - scores[0] < _CONTRADICTS:
+            return replace(self, sigma=0.0)
+        near = _RATIOS[scores > scores[best] - 0.5]
+        ratio = float(_RATIOS[best])
+        spread = max(float(np.ptp(near)) / ratio, 0.2)
+        return replace(self, sigma=ratio * self.sigma, relative=spread)
+
+
+def _converter(signal: Signal) -> float:
+    """Step of the converter of a measured signal; a command's few levels are exact."""
+    coarse = signal.resolution > _COARSEST * float(np.ptp(signal.values))
+    return 0.0 if coarse or signal.hold == "zoh" else signal.resolution
+
+
+def _likelihood(problem: Problem, at: Solution, whitening: Sequence[Whitening]) -> float:
+    """Log-likelihood of the residual, its scale and all unknowns at their best."""
+    rows, logarithm = [], 0.0
+    for i, (f, r, j) in enumerate(zip(whitening, at.residuals, at.jacobian)):
+        local = np.asarray(problem.model.basis(i, at.eta).local)
+        white = f.filter(np.column_stack((j, r, local)))
+        own = j.shape[1] + 1
+        rows.append(project_out(white[:, :own], white[:, own:]))
+        logarithm += f.logarithm(r.size)
+    table = np.vstack(rows)
+    left = project_out(table[:, -1:], table[:, :-1])
+    n = table.shape[0]
+    return -0.5 * (logarithm + n * float(np.log(max(float(np.sum(left**2)), 1e-300) / n)))
+
+
+@dataclass(frozen=True)
+class _Score:
+    """``J' r``, shape ``(p,)``, ``J' J``, shape ``(p, p)``, and the sum of ``r' r``."""
+
+    slope: FloatArray
+    curvature: FloatArray
+    cost: float
+
+    def solve(self, slope: FloatArray) -> FloatArray:
+        """Gauss-Newton step for a score."""
+        d = np.sqrt(np.maximum(np.diag(self.curvature), 1e-300))
+        inner = np.linalg.lstsq(self.curvature / np.outer(d, d), slope / d, rcond=1e-12)[0]
+        return np.asarray(inner / d)
+
+
+def _score(problem: Problem, eta: FloatArray) -> _Score:
+    """Score of the nonlinear unknowns, all linear ones projected out."""
+    at = evaluate(problem, eta)
+    j = np.vstack(at.jacobian)
+    if j.shape[1] > eta.size:
+        j = project_out(j[:, : eta.size], j[:, eta.size :])
+    return _Score(j.T @ np.concatenate(at.residuals), j.T @ j, at.cost)
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """A consistent estimate from inputs with noise.
+
+    Attributes
+    ----------
+    eta, covariance
+        Shapes ``(p,)`` and ``(p, p)``.
+    information
+        ``J' J`` without the part of the noise, shape ``(p, p)``.
+    bias
+        What the noise would have done to the estimate, shape ``(p,)``.
+    left
+        What the correction may have left of it, shape ``(p,)``.
+    weak
+        Whether the noise explains nearly all that the data seem to say of some direction.
+    """
+
+    eta: FloatArray
+    covariance: FloatArray
+    information: FloatArray
+    bias: FloatArray
+    left: FloatArray
+    weak: bool
+    converged: bool
+
+
+def correct(noise: InputNoise, build: Build, start: FloatArray) -> Corrected:
+    """Solve the corrected score equation, whitened at its own solution.
+
+    Parameters
+    ----------
+    build
+        Makes the solver's problem of experiments and filters. Every parameter to be estimated
+        is among its nonlinear unknowns; linear ones do not depend on the input.
+    start : (p,)
+    """
+    whitening = noise.whitening(build, start)
+    found = _correct(noise, build, start, whitening)
+    if np.any(np.abs(found.eta - start) > np.sqrt(np.diag(found.covariance))):
+        whitening = noise.whitening(build, found.eta)
+        found = _correct(noise, build, found.eta, whitening)
+    more = np.mean(
+        [a.slope for a in _added(noise, build, whitening, found.eta, np.sqrt(2.0))], axis=0
+    )
+    left = 0.5 * np.linalg.solve(found.information, more) - found.bias
+    return replace(found, left=left)
+
+
+def _correct(
+    noise: InputNoise, build: Build, start: FloatArray, whitening: Sequence[Whitening]
+) -> Corrected:
+    """Newton's iteration on the corrected score with a fixed filter."""
+    problem = build(noise.experiments, whitening)
+    low = np.array([u.low for u in problem.nonlinear])
+    high = np.array([u.high for u in problem.nonlinear])
+    rows = sum(y.size for y in problem.measured)
+    eta, converged = np.clip(start, low, high), False
+    length = np.inf
+    for _ in range(_STEPS):
+        base, added = _score(problem, eta), _added(noise, build, whitening, eta, 1.0)
+        curvature, weak = _left_information(base, added)
+        target = _Score(base.slope, curvature, base.cost)
+        step = target.solve(base.slope - np.mean([a.slope for a in added], axis=0))
+        scale = base.cost / max(rows - eta.size, 1)
+        errors = np.sqrt(scale * np.diag(np.linalg.inv(curvature)))
+        now = float(np.max(np.abs(step) / errors))
+        step *= min(1.0, 0.7 * length / now) if now > length else 1.0
+        length = min(now, length)
+        before, eta = eta, np.clip(eta + step, low, high)
+        if np.all(np.abs(eta - before) <= _CLOSE * errors):
+            converged = True
+            break
+    inverse = np.linalg.inv(curvature)
+    each = np.array([target.solve(a.slope) for a in added])
+    bias = each.mean(axis=0)
+    covariance = scale * inverse @ base.curvature @ inverse
+    covariance += np.outer(bias, bias) * noise.relative**2
+    covariance += np.atleast_2d(np.cov(each.T)) / _PAIRS
+    return Corrected(eta, covariance, curvature, bias, np.zeros(eta.size), weak, converged)
+
+
+def _added(
+    noise: InputNoise, build: Build, whitening: Sequence[Whitening], eta: FloatArray, factor: float
+) -> list[_Score]:
+    """What every draw of the noise adds to the score and its curvature, odd parts cancelled."""
+    base = _score(build(noise.experiments, whitening), eta)
+    out = []
+    for k in range(_PAIRS):
+        a, b = (_score(build(noise.add(k, s * factor), whitening), eta) for s in (1.0, -1.0))
+        out.append(_Score(
+            0.5 * (a.slope + b.slope) - base.slope,
+            0.5 * (a.curvature + b.curvature) - base.curvature, 0.0,
+        ))  # fmt: skip
+    return out
+
+
+def _left_information(base: _Score, added: Sequence[_Score]) -> tuple[FloatArray, bool]:
+    """Curvature without the part of the noise; directions that are all noise keep a little."""
+    d = np.sqrt(np.maximum(np.diag(base.curvature), 1e-300))
+    whole = base.curvature / np.outer(d, d)
+    part = np.mean([a.curvature for a in added], axis=0) / np.outer(d, d)
+    # in the coordinates in which the whole is the unit matrix
+    values, vectors = np.linalg.eigh(whole)
+    root = vectors * np.sqrt(np.maximum(values, 1e-14 * values[-1]))
+    inner = np.linalg.solve(root, np.linalg.solve(root, part).T)
+    kept, axes = np.linalg.eigh(np.eye(d.size) - 0.5 * (inner + inner.T))
+    weak = bool(kept.min() < _WEAK)
+    clean = (axes * np.maximum(kept, _WEAK)) @ axes.T
+    return root @ clean @ root.T * np.outer(d, d), weak

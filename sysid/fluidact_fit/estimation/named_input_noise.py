@@ -1,0 +1,99 @@
+"""A fit of named parameters, corrected for the noise of a measured input."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from ..errors import Notice
+from ..experiment import Experiment, FloatArray
+from .input_noise import Corrected, InputNoise, correct
+from .parametric import Fitted
+from .results import Refusal, Solved, determine, left_open
+from .separable import Problem
+from .whitening import Whitening
+
+BuildHeld = Callable[[Mapping[str, float], Sequence[Experiment], Sequence[Whitening]], Problem]
+_LEFT = 0.5  # standard errors of a remaining bias that are worth a warning
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """One corrected fit with some parameters held."""
+
+    found: Corrected
+    solved: Solved
+
+
+def correct_named(
+    noise: InputNoise,
+    build: BuildHeld,
+    fitted: Fitted,
+    *,
+    refusals: Sequence[Refusal] = (),
+    sensible: Mapping[str, float] | None = None,
+) -> Fitted:
+    """Estimate again from inputs with noise, and refuse what they do not determine.
+
+    Parameters
+    ----------
+    build
+        ``build(held, experiments, whitening)``: a problem whose nonlinear unknowns are all
+        parameters that are not held.
+    fitted
+        The fit that took the input for exact.
+    refusals, sensible
+        As in :func:`.parametric.fit_named`.
+    """
+
+    def solve_with(held: Mapping[str, float]) -> _Attempt:
+        problem = partial(build, held)
+        names = tuple(u.name for u in problem(noise.experiments, ()).nonlinear)
+        start = np.array([fitted.values[n] for n in names])
+        found = correct(noise, problem, start)
+        values = {**fitted.values, **held, **dict(zip(names, found.eta.tolist()))}
+        return _Attempt(found, Solved(values, names, found.covariance, fitted.degrees))
+
+    def undetermined(attempt: _Attempt) -> list[Refusal]:
+        return left_open(attempt.solved, fitted.specs, sensible or {})
+
+    done = determine(solve_with, undetermined, fitted.specs, fixed=fitted.fixed, refusals=refusals)
+    solved, found = done.solution.solved, done.solution.found
+    values = {**solved.values, **fitted.fixed}
+    values |= {n: float(fitted.specs[n].neutral or 0.0) for n in done.refused}
+    kept = [n for n in fitted.notices if n.code != "not-identified"]
+    return replace(
+        fitted, values=values, names=solved.names, covariance=solved.covariance, intervals={},
+        refused=done.refused, order=-1, input_noise={noise.role: noise.sigma},
+        notices=[*kept, *done.notices, _notice(noise, solved, found)],
+    )  # fmt: skip
+
+
+def _notice(noise: InputNoise, solved: Solved, found: Corrected) -> Notice:
+    """How much noise there is, what it would have done, and what it still does."""
+    unit = noise.experiments[0].signals[noise.role].unit
+    errors = np.array([max(solved.std_error(n), 1e-300) for n in solved.names])
+    level = f"'{noise.role}' carries noise of about {noise.sigma:.2g} {unit} rms"
+    worst = _largest(found.left / errors)
+    if found.weak or not found.converged or abs(found.left[worst]) > _LEFT * errors[worst]:
+        return Notice(
+            "input-noise-left",
+            f"{level}, too much to be allowed for exactly: {solved.names[worst]} may still be off "
+            f"by {found.left[worst]:+.2g}. Record the input with a cleaner sensor, or move it "
+            "further.",
+        )
+    most = _largest(found.bias / errors)
+    return Notice(
+        "input-noise",
+        f"{level}, which was allowed for: it would have changed {solved.names[most]} by "
+        f"{found.bias[most]:+.2g}, {abs(found.bias[most]) / errors[most]:.1f} standard errors. "
+        "A cleaner sensor would narrow the intervals; with this one no search is made for delays "
+        "or lags that the model does not have.",
+    )
+
+
+def _largest(values: FloatArray) -> int:
+    return int(np.argmax(np.abs(values)))

@@ -1,0 +1,123 @@
+"""Whitening of a residual that is an autoregression from rest plus white noise.
+
+Noise of a measured input that has passed through a model is close to an autoregression of low
+order, of a unit root where the model integrates; the noise of the output comes on top and is
+white. A pure autoregression would need hundreds of terms for the sum. The Kalman filter [1]_
+of the two needs none: its innovations are white and carry all the information.
+
+References
+----------
+.. [1] R. E. Kalman, "A new approach to linear filtering and prediction problems",
+   J. Basic Engineering 82, 1960.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..experiment import FloatArray
+
+Array = npt.NDArray[Any]
+_LONGEST = 300  # samples until the gain of the filter is taken for constant
+_SETTLED = 1e-4  # relative change of the innovations' variance below which it is constant
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """Innovations filter of ``n_k = sum_i a_i n_{k-1-i} + drive v_k`` plus ``white e_k``.
+
+    Attributes
+    ----------
+    coefficients
+        ``a``, shape ``(q,)``; the process is zero before the first sample.
+    drive, white
+        Standard deviations of what drives it, and of the white noise on top [unit of the rows].
+    """
+
+    coefficients: FloatArray
+    drive: float
+    white: float
+
+    @cached_property
+    def _gains(self) -> list[tuple[FloatArray, float]]:
+        """Gain of the predictor ``(q,)`` and variance of the innovation, sample by sample.
+
+        State in observer form: the first entry is the process itself.
+        """
+        q = self.coefficients.size
+        move = np.column_stack((self.coefficients, np.eye(q)[:, : q - 1]))
+        spread = np.zeros((q, q))
+        spread[0, 0] = self.drive**2
+        out: list[tuple[FloatArray, float]] = []
+        for _ in range(_LONGEST):
+            variance = float(spread[0, 0]) + self.white**2
+            gain = spread[:, 0] / variance
+            out.append((move @ gain, variance))
+            spread = move @ (spread - np.outer(gain, spread[0])) @ move.T
+            spread[0, 0] += self.drive**2
+            if len(out) > 2 * q and abs(variance - out[-2][1]) <= _SETTLED * variance / _LONGEST:
+                break
+        return out
+
+    def filter(self, rows: Array) -> Array:
+        """Innovations of rows (samples first), in their standard deviations."""
+        from scipy.signal import lfilter
+
+        if self.coefficients.size == 0:
+            return np.asarray(rows / np.hypot(self.drive, self.white))
+        flat = rows.reshape(rows.shape[0], -1)
+        out = np.empty_like(flat)
+        state = np.zeros((self.coefficients.size, flat.shape[1]), dtype=flat.dtype)
+        a = self.coefficients[:, None]
+        for k, (gain, variance) in enumerate(self._gains[: flat.shape[0]]):
+            innovation = flat[k] - state[0]
+            out[k] = innovation / np.sqrt(variance)
+            before = state
+            state = a * before[0] + gain[:, None] * innovation
+            state[:-1] += before[1:]
+        k = len(self._gains)
+        if k < flat.shape[0]:
+            gain, variance = self._gains[-1]
+            ahead = np.concatenate(([1.0], -self.coefficients))
+            back = np.concatenate(([1.0], gain - self.coefficients))
+            rest, _ = lfilter(ahead, back, flat[k:], axis=0, zi=-state)
+            out[k:] = rest / np.sqrt(variance)
+        return out.reshape(rows.shape)
+
+    def logarithm(self, samples: int) -> float:
+        """Logarithm of the determinant of the covariance of that many samples."""
+        if self.coefficients.size == 0:
+            return samples * float(np.log(self.drive**2 + self.white**2))
+        variances = np.log([v for _, v in self._gains[:samples]])
+        return float(variances.sum() + (samples - variances.size) * variances[-1])
+
+
+def autoregression_from_rest(series: Sequence[FloatArray], order: int) -> tuple[FloatArray, float]:
+    """Least-squares autoregression of series that are zero before their first sample.
+
+    Nothing is assumed to be stationary, so an integrated noise keeps its unit root.
+
+    Returns
+    -------
+    coefficients : (order,)
+    drive
+        Standard deviation of what is left.
+    """
+    normal = np.zeros((order + 1, order + 1))
+    count = sum(s.size for s in series)
+    for s in series:
+        padded = np.concatenate((np.zeros(order), s))
+        lagged = np.stack([padded[order - k : order - k + s.size] for k in range(order + 1)])
+        normal += lagged @ lagged.T
+    scale = float(normal[0, 0])
+    if scale <= 0.0:
+        return np.zeros(order), 0.0
+    a = np.linalg.lstsq(normal[1:, 1:] / scale, normal[1:, 0] / scale, rcond=1e-12)[0]
+    left = float(normal[0, 0] - 2.0 * a @ normal[1:, 0] + a @ normal[1:, 1:] @ a)
+    return np.asarray(a), float(np.sqrt(max(left, 1e-30 * scale) / count))

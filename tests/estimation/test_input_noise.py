@@ -1,0 +1,112 @@
+"""The corrected score: consistent where output error is biased, and how noise is recognised."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from fluidact_fit.estimation.input_noise import InputNoise, correct, moving_inputs
+from fluidact_fit.estimation.noise import white_level
+from fluidact_fit.estimation.separable import Basis, Problem, Unknown, solve
+from fluidact_fit.experiment import Experiment, Signal
+
+POLE, GAIN = 0.8, 2.0
+N, STEP = 1500, 0.01
+
+
+class FirstOrder:
+    """``y[k] = pole y[k-1] + (1 - pole) gain u[k-1]``: linear in the input."""
+
+    def __init__(self, experiments: Sequence[Experiment]) -> None:
+        self.inputs = [e["u"] for e in experiments]
+
+    def basis(self, index: int, eta: np.ndarray) -> Basis:
+        pole, gain = eta
+        b = np.array([0.0, (1.0 - pole) * gain])
+        known = lfilter(b, np.array([1.0, -pole]), self.inputs[index])
+        return Basis(known, np.zeros((N, 0)), np.ones((N, 1)))
+
+
+def record(seed: int, noise: float, output_noise: float = 0.02) -> Experiment:
+    rng = np.random.default_rng([4, seed])
+    t = STEP * np.arange(N)
+    f = np.array([0.2, 0.7, 1.6, 3.1, 5.0])
+    u = np.sin(2.0 * np.pi * np.outer(t, f) + rng.uniform(0.0, 6.0, 5)).sum(axis=1)
+    y = lfilter([0.0, (1.0 - POLE) * GAIN], [1.0, -POLE], u)
+    y = y + output_noise * rng.standard_normal(N)
+    seen = u + noise * rng.standard_normal(N)
+    signals = {"u": Signal("u", t, seen, "1", "foh"), "y": Signal("y", t, y, "1")}
+    return Experiment("log", 0, t, signals, STEP, True)
+
+
+def build(experiments: Sequence[Experiment], whiten: Sequence[object] = ()) -> Problem:
+    unknowns = [Unknown("pole", 0.0, 1.0), Unknown("gain")]
+    measured = [e["y"] for e in experiments]
+    return Problem(FirstOrder(experiments), measured, unknowns, whiten=whiten)
+
+
+def fits(noise: float, runs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Output error, corrected estimates and their errors in standard errors."""
+    plain, corrected, deviations = [], [], []
+    for seed in range(runs):
+        e = [record(seed, noise)]
+        start = solve(build(e), np.array([0.7, 1.5])).eta
+        found = correct(InputNoise(e, "u", noise), build, start)
+        assert found.converged
+        plain.append(start)
+        corrected.append(found.eta)
+        deviations.append((found.eta - [POLE, GAIN]) / np.sqrt(np.diag(found.covariance)))
+    return np.array(plain), np.array(corrected), np.array(deviations)
+
+
+def test_the_correction_is_consistent_where_output_error_is_not() -> None:
+    plain, corrected, deviations = fits(noise=0.7, runs=10)
+    error = corrected.std(axis=0) / np.sqrt(10)
+    assert np.all(np.abs(corrected.mean(axis=0) - [POLE, GAIN]) < 4.0 * error)
+    assert abs(plain[:, 0].mean() - POLE) > 5.0 * plain[:, 0].std() / np.sqrt(10)
+    assert np.mean(np.abs(deviations) < 1.96) > 0.8
+    assert 0.5 < np.sqrt(np.mean(deviations**2)) < 1.5
+
+
+def test_the_log_shows_its_noise() -> None:
+    noise = InputNoise.seen([record(1, 0.3)], "u", 0)
+    assert noise.sigma == pytest.approx(0.3, rel=0.1)
+    at = np.array([POLE, GAIN])
+    assert noise.supported(build, at).sigma == noise.sigma
+    assert moving_inputs(noise.experiments) == ["u"]
+
+
+def test_motion_is_not_taken_for_noise() -> None:
+    """A clean input that jumps at every sample: the residual says that it is clean."""
+    e = record(2, 0.0)
+    rng = np.random.default_rng(3)
+    u = rng.uniform(-1.0, 1.0, N)
+    y = lfilter([0.0, (1.0 - POLE) * GAIN], [1.0, -POLE], u) + 0.02 * rng.standard_normal(N)
+    signals = {"u": Signal("u", e.time, u, "1", "foh"), "y": Signal("y", e.time, y, "1")}
+    clean = [Experiment("log", 0, e.time, signals, STEP, True)]
+    seen = InputNoise.seen(clean, "u", 0)
+    assert seen.sigma > 0.3
+    assert seen.supported(build, np.array([POLE, GAIN])).sigma == 0.0
+
+
+def test_level_of_noise_on_a_signal_that_moves() -> None:
+    rng = np.random.default_rng(5)
+    t = np.linspace(0.0, 20.0, 2000)
+    fast = np.sin(2.0 * np.pi * 6.0 * t)
+    sigma, relative = white_level(fast + 0.01 * rng.standard_normal(t.size))
+    assert sigma == pytest.approx(0.01, rel=0.15)
+    assert 0.03 < relative < 0.2
+    assert white_level(fast)[0] < 1e-3
+    steps = np.repeat(rng.uniform(size=40), 50)
+    assert white_level(steps + 0.01 * rng.standard_normal(2000))[0] == pytest.approx(0.01, rel=0.15)
+    assert white_level(np.round(steps, 1), 0.1)[0] == pytest.approx(0.1 / np.sqrt(12.0))
+
+
+def test_levels_of_a_command_are_no_converter() -> None:
+    e = record(6, 0.0)
+    command = Signal("u", e.time, np.sign(e["u"]), "1", "zoh", resolution=2.0)
+    held = Experiment("log", 0, e.time, {**e.signals, "u": command}, STEP, True)
+    assert InputNoise.seen([held], "u", 0).sigma == 0.0
