@@ -106,9 +106,9 @@ def _terms(at: Optimum) -> Iterator[Term]:
         if all(role.name in e and e.signals[role.name].time.size > 1 for e in runs):
             yield _delay(at, runs, role.name, _SHIFT * step)
     middle = float(np.mean([e.time.mean() for e in runs]))
-    for role in at.roles:
+    for channel in at.roles:
         alone = len(at.roles) == 1
-        of, it = ("", "the output") if alone else (f" of {role}", f"'{role}'")
+        of, it = ("", "the output") if alone else (f" of {channel}", f"'{channel}'")
         response = "the response" if alone else it
         for lag in _LAGS:
             yield Term(
@@ -117,13 +117,13 @@ def _terms(at: Optimum) -> Iterator[Term]:
                     f"{response} lags by another {1e3 * size:.3g} ms"
                 ),
                 "Look for a filter or transducer in the measuring chain and for dynamics that "
-                "this family does not have.", _behind(at, role, lag * step),
+                "this family does not have.", _behind(at, channel, lag * step),
             )  # fmt: skip
         yield Term(
             f"drift{of}", "1/s",
             lambda size, it=it: f"{it} drifts",  # type: ignore[misc]
             "Let the sensor warm up, or cut the log with --window.",
-            [(s.role == role) * (s.experiment.time[s.used] - middle) for s in at.series],
+            [(s.role == channel) * (s.experiment.time[s.used] - middle) for s in at.series],
         )  # fmt: skip
 
 
