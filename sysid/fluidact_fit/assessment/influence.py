@@ -143,7 +143,7 @@ def _halves(at: Optimum) -> tuple[list[FloatArray], list[FloatArray], list[int]]
         for rows in whole:
             middle = rows.shape[0] // 2
             halves += [rows[:middle], rows[middle:]]
-    return *parts, [0, 1] * len(at.series)
+    return parts[0], parts[1], [0, 1] * len(at.series)
 
 
 def _telling(at: Optimum, d: Drift) -> bool:
