@@ -32,15 +32,10 @@ class _Strokes:
     fast: tuple[float, float]
     share: float
 
-    @property
-    def pairs(self) -> tuple[tuple[tuple[float, float], float], ...]:
-        """Speeds of the slow and of the fast pairs with their shares of the time."""
-        return (self.slow, self.share), (self.fast, 1.0 - self.share)
-
     def speeds(self) -> list[tuple[float, float]]:
         """Signed speeds and shares of the time; a pair covers the same distance both ways."""
         out = []
-        for (to, fro), share in self.pairs:
+        for (to, fro), share in ((self.slow, self.share), (self.fast, 1.0 - self.share)):
             out += [(to, share * fro / (to + fro)), (-fro, share * to / (to + fro))]
         return out
 
@@ -48,12 +43,13 @@ class _Strokes:
         """Velocity at the samples, shape ``(n,)`` [m/s]; straight ramps at the turns."""
         count, turn = round(duration / step), max(round(_TURN / step), 2)
         pieces: list[FloatArray] = []
-        for (to, fro), share in self.pairs:
-            there = share * duration * fro / (to + fro)
-            laps = max(int(np.ceil(to * there / (_USED * travel))), 1)
-            for _ in range(laps):
-                n, m = (max(round(t / laps / step), 2 * turn) for t in (there, there * to / fro))
-                pieces += [_stroke(to, n, turn), -_stroke(fro, m, turn)]
+        speeds = self.speeds()
+        for pair in (speeds[:2], speeds[2:]):
+            to, share = pair[0]
+            laps = max(int(np.ceil(to * share * duration / (_USED * travel))), 1)
+            for speed, part in laps * pair:
+                size = max(round(part * duration / laps / step), 2 * turn)
+                pieces.append(_stroke(speed, size, turn))
         velocity = np.concatenate(pieces)[:count]
         return np.pad(velocity, (0, count - velocity.size))
 
