@@ -14,7 +14,7 @@ from fluidact_fit import __version__
 from fluidact_fit.families import family_names, family_title
 
 from .errors import Invocation, run_guarded
-from .options import debug_option
+from .options import DEBUG
 
 # Command, the module in ``commands``, and its line in the list.
 _COMMANDS = {
@@ -79,7 +79,7 @@ program = Program(
     help="System identification for fluid-powered actuators: CSV logs in, parameter files out.",
     epilog=_EPILOG,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    params=[debug_option()],
+    params=[DEBUG],
 )
 click.version_option(__version__, prog_name="fluidact-fit", message="%(prog)s %(version)s")(program)
 

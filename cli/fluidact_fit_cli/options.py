@@ -11,14 +11,12 @@ import click
 from fluidact_fit.errors import UsageError
 
 from .parse import (
-    Assigned,
     Parsed,
+    assigned,
     collect,
     parse_factor,
     parse_hold,
-    parse_number,
     parse_positive,
-    parse_range,
     parse_step,
     parse_text,
     parse_window,
@@ -73,60 +71,8 @@ def assignment(
     option: str, form: str, example: str, parse: Callable[[str], Any], help_text: str, group: str
 ) -> Option:
     """An option ``KEY=VALUE`` that may be repeated."""
-    kind = Assigned(form, f"{option} {example}", parse)
+    kind = Parsed(form, f"{option} {example}", assigned(parse))
     return Option([option], type=kind, multiple=True, callback=collect, help=help_text, group=group)
-
-
-def reading_options() -> list[click.Parameter]:
-    """How columns become roles: what every command that reads logs has."""
-    group = "Reading the log"
-    return [
-        assignment("--column", "ROLE=HEADER", "force='F [N]' (or force=#3)", parse_text,
-                   "The column of a role, by header or as #N, counted from 1. Default: the column "
-                   "named like the role. Some of several logs may lack the column of an optional "
-                   "role. Repeatable.", group),
-        assignment("--unit", "ROLE=UNIT", "position=mm", parse_text,
-                   "Unit of a role; overrides that of the header. Without either, SI.", group),
-        assignment("--scale", "ROLE=FACTOR", "torque=-1", parse_factor,
-                   "Factor for the raw column: a sensor gain, or -1 to reverse the sign.", group),
-        parsed("--sample-time", "SECONDS", "0.001", parse_positive,
-               "Time from one sample to the next, for logs without a time column.", group),
-        assignment("--step", "ROLE=FROM:TO[@T]", "command=0:2.5@0.1", parse_step,
-                   "For an input that was not recorded: constant at FROM, then constant at TO (in "
-                   "its --unit, or SI) from T seconds on (default 0).", group),
-        parsed("--window", "START:END", "0.5:3", parse_window,
-               "Part of the log to use, in seconds; either side may be empty.", group),
-        assignment("--hold", "ROLE=zoh|foh|smooth|auto", "force=foh", parse_hold,
-                   "How an input behaves between its samples: zoh is held, foh follows straight "
-                   "lines, smooth a smooth curve through the samples; auto chooses foh or smooth "
-                   "(zoh for a signal of two levels), and the file says which.", group),
-    ]  # fmt: skip
-
-
-def parameter_options() -> list[click.Parameter]:
-    """What is known of the parameters beforehand."""
-    group = "Parameters"
-    return [
-        assignment("--fix", "NAME=VALUE", "dead_time=0", parse_number,
-                   "Hold a parameter at a value (SI).", group),
-        assignment("--start", "NAME=VALUE", "mass=50", parse_number,
-                   "Where the search begins (SI).", group),
-        assignment("--bounds", "NAME=LOW:HIGH", "damping_ratio=0.1:2", parse_range,
-                   "Range of a parameter (SI).", group),
-        assignment("--noise", "ROLE=SD", "force=0.1", parse_number,
-                   "Standard deviation of white noise on a measured input (SI), 0 for an exact "
-                   "one. Default: judged from the log.", group),
-    ]  # fmt: skip
-
-
-def verbosity_options() -> list[click.Parameter]:
-    """How much is printed."""
-    group = "Messages"
-    return [
-        flag("--quiet", "-q", group=group, help="Print nothing but errors."),
-        flag("--verbose", "-v", group=group, help="Print more."),
-        debug_option(),
-    ]
 
 
 def flag(*names: str, group: str, help: str, **more: Any) -> Option:
@@ -134,21 +80,46 @@ def flag(*names: str, group: str, help: str, **more: Any) -> Option:
     return Option(names, is_flag=True, group=group, help=help, **more)
 
 
-def debug_option() -> Option:
-    """Traceback on an error; looked up on the raw command line (see ``errors``)."""
-    return flag("--debug", group="Messages", help="Show a traceback on an error.",
-                expose_value=False)  # fmt: skip
-
-
-def force_option() -> Option:
-    """Whether ``-o`` and the like may replace files."""
-    return flag("--force", "-f", group="Output", help="Replace existing files.")
-
-
 def json_option(what: str) -> Option:
     """The result as JSON."""
     return flag("--json", "as_json", group="Output",
                 help=f"{what} as JSON on standard output, and nothing else.")  # fmt: skip
+
+
+FORCE = flag("--force", "-f", group="Output", help="Replace existing files.")
+
+# Looked up on the raw command line (see ``errors``).
+DEBUG = flag("--debug", group="Messages", help="Show a traceback on an error.", expose_value=False)
+
+VERBOSITY: list[click.Parameter] = [
+    flag("--quiet", "-q", group="Messages", help="Print nothing but errors."),
+    flag("--verbose", "-v", group="Messages", help="Print more."),
+    DEBUG,
+]
+
+_READING = "Reading the log"
+# How columns become roles: what every command that reads logs has.
+READING: list[click.Parameter] = [
+    assignment("--column", "ROLE=HEADER", "force='F [N]' (or force=#3)", parse_text,
+               "The column of a role, by header or as #N, counted from 1. Default: the column "
+               "named like the role. Some of several logs may lack the column of an optional "
+               "role. Repeatable.", _READING),
+    assignment("--unit", "ROLE=UNIT", "position=mm", parse_text,
+               "Unit of a role; overrides that of the header. Without either, SI.", _READING),
+    assignment("--scale", "ROLE=FACTOR", "torque=-1", parse_factor,
+               "Factor for the raw column: a sensor gain, or -1 to reverse the sign.", _READING),
+    parsed("--sample-time", "SECONDS", "0.001", parse_positive,
+           "Time from one sample to the next, for logs without a time column.", _READING),
+    assignment("--step", "ROLE=FROM:TO[@T]", "command=0:2.5@0.1", parse_step,
+               "For an input that was not recorded: constant at FROM, then constant at TO (in "
+               "its --unit, or SI) from T seconds on (default 0).", _READING),
+    parsed("--window", "START:END", "0.5:3", parse_window,
+           "Part of the log to use, in seconds; either side may be empty.", _READING),
+    assignment("--hold", "ROLE=zoh|foh|smooth|auto", "force=foh", parse_hold,
+               "How an input behaves between its samples: zoh is held, foh follows straight "
+               "lines, smooth a smooth curve through the samples; auto chooses foh or smooth "
+               "(zoh for a signal of two levels), and the file says which.", _READING),
+]  # fmt: skip
 
 
 def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
@@ -162,25 +133,13 @@ def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
 
 
 def check_role_names(params: Mapping[str, Any], known: Iterable[str]) -> None:
-    """Refuse roles that a family does not have, before any log is read.
-
-    Raises
-    ------
-    UsageError
-        With the closest name and those there are.
-    """
+    """Refuse roles that a family does not have, before any log is read."""
     for option in _ROLE_OPTIONS:
         check_names(f"--{option}", "role", params[option], known)
 
 
 def check_names(option: str, noun: str, given: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse names that do not exist, with the closest that does.
-
-    Raises
-    ------
-    UsageError
-        With the closest name and those there are.
-    """
+    """Refuse names that do not exist, with the closest that does (``UsageError``)."""
     names = list(dict.fromkeys(known))
     for name in given:
         if name in names:

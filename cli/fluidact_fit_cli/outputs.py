@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -16,21 +15,8 @@ _SUFFIXES = {"--plot": (".png", ".pdf", ".svg"), "--report": (".html", ".htm")}
 def check_targets(targets: Mapping[str, str], inputs: Iterable[str], force: bool) -> None:
     """Refuse outputs that cannot be written, before any work is done.
 
-    Parameters
-    ----------
-    targets
-        Option to the path it asks for.
-    inputs
-        Files that are read.
-    force
-        Whether files may be replaced.
-
-    Raises
-    ------
-    UsageError
-        When a name is unsuitable, taken, or given twice.
-    OutputError
-        When the directory may not be written to.
+    ``targets`` maps options to paths; ``inputs`` are files that are read. ``UsageError`` when a
+    name is unsuitable, taken or given twice, ``OutputError`` when its directory is not writable.
     """
     read = {os.path.realpath(path) for path in inputs}
     seen: dict[str, str] = {}
@@ -90,22 +76,8 @@ def _check_place(option: str, path: str, force: bool) -> None:
         )
 
 
-def render(path: str, write: Callable[[Path], object]) -> bytes:
-    """Return what a function writes into a file of that name."""
-    with tempfile.TemporaryDirectory(prefix="fluidact-fit-") as directory:
-        temporary = Path(directory) / Path(path).name
-        write(temporary)
-        return temporary.read_bytes()
-
-
 def write_all(contents: Mapping[str, bytes | str], force: bool) -> None:
-    """Write files, each whole; when one fails, those that were new are removed again.
-
-    Raises
-    ------
-    OutputError
-        When one cannot be written.
-    """
+    """Write files, each whole; when one fails, those that were new are removed again."""
     from fluidact_fit.parameters import write_atomically
 
     new: list[str] = []

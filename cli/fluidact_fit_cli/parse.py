@@ -19,13 +19,7 @@ _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?")
 
 
 def parse_number(text: str) -> float:
-    """Return a finite number; scientific notation, never a decimal comma.
-
-    Raises
-    ------
-    ValueError
-        Saying what is wrong with it.
-    """
+    """Return a finite number; scientific notation, never a decimal comma. Else ``ValueError``."""
     text = text.strip()
     if _DECIMAL_COMMA.fullmatch(text):
         raise ValueError(f"'{text}' has a decimal comma; write {text.replace(',', '.')}")
@@ -97,17 +91,24 @@ def parse_text(text: str) -> str:
     return text.strip()
 
 
-class Parsed(ParamType):
-    """A value in a small language; an error shows the expected form and an example.
+def assigned(parse: Callable[[str], Any]) -> Callable[[str], tuple[str, Any]]:
+    """``KEY=VALUE`` with a value in a small language, as key and value."""
 
-    Parameters
-    ----------
-    form
-        For example ``START:END``.
-    example
-        For example ``--window 0.5:3``.
-    parse
-        Turns text into the value; raises ``ValueError``.
+    def parse_both(text: str) -> tuple[str, Any]:
+        key, sign, value = text.partition("=")
+        if not sign:
+            raise ValueError("there is no '='")
+        if not key.strip():
+            raise ValueError("there is nothing before the '='")
+        return key.strip(), parse(value)
+
+    return parse_both
+
+
+class Parsed(ParamType):
+    """A value in a small language, as ``START:END``; an error shows this form and an example.
+
+    ``parse`` turns text into the value and raises ``ValueError``.
     """
 
     def __init__(self, form: str, example: str, parse: Callable[[str], Any]) -> None:
@@ -120,33 +121,16 @@ class Parsed(ParamType):
         if not isinstance(value, str):
             return value
         try:
-            return self.read(value)
+            return self.parse(value)
         except ValueError as error:
             why = str(error)
             what = why if why.startswith(f"'{value}'") else f"'{value}': {why}"
             text = f"{what}.\nExpected {self.name}, for example {self.example}"
             raise click.BadParameter(text, ctx=ctx, param=param) from None
 
-    def read(self, text: str) -> Any:
-        """The value; raises ``ValueError``."""
-        return self.parse(text)
-
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
         """The form, as written."""
         return self.name
-
-
-class Assigned(Parsed):
-    """``KEY=VALUE`` with a value in a small language."""
-
-    def read(self, text: str) -> tuple[str, Any]:
-        """Key and value; raises ``ValueError``."""
-        key, sign, value = text.partition("=")
-        if not sign:
-            raise ValueError("there is no '='")
-        if not key.strip():
-            raise ValueError("there is nothing before the '='")
-        return key.strip(), self.parse(value)
 
 
 def collect(ctx: click.Context, param: click.Parameter, value: Any) -> dict[str, Any]:

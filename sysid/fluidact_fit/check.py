@@ -82,21 +82,9 @@ def check_logs(
 ) -> Check:
     """Compare a parameter file with new logs of the machine.
 
-    Parameters
-    ----------
-    document
-        The parameter file.
-    logs
-        New logs.
-    progress
-        Called with progress messages.
-
-    Returns
-    -------
-    Check
-        ``fits`` is false when the rmse of a run is above ``RMSE_FACTOR`` times the file's
-        plus one resolution step of the output, or a parameter moved by more than
-        ``MOST_STD_ERRORS`` combined standard errors and by more than ``LEAST_RELATIVE``.
+    It no longer ``fits`` when the rmse of a run is above ``RMSE_FACTOR`` times the file's plus one
+    resolution step of the output, or a parameter moved by more than ``MOST_STD_ERRORS`` combined
+    standard errors and by more than ``LEAST_RELATIVE``.
 
     Raises
     ------

@@ -25,21 +25,9 @@ _HEADER = ("family", "parameter", "truth", "estimate", "deviation", "fit")
 class Dataset:
     """Logs of one family with the values that made them.
 
-    Attributes
-    ----------
-    family
-        Name of the family.
-    logs
-        Paths of the CSV files.
-    columns
-        Role to header.
-    options
-        The family's own options.
-    truth
-        Parameter to ``{"value": ..., "unit": ...}``, SI.
-    curve
-        For a map: how far its curve may lie from the true one, ``{"tolerance": ...,
-        "unit": ...}``, SI. Empty for all others.
+    ``columns`` are headers by role, ``options`` the family's own. ``truth`` maps parameters to
+    ``{"value": ..., "unit": ...}`` [SI]. ``curve`` says, for a map, how far its curve may lie from
+    the true one, ``{"tolerance": ..., "unit": ...}`` [SI]; it is empty for all others.
     """
 
     family: str
@@ -63,13 +51,7 @@ class Row:
 
 
 def find_datasets() -> Path:
-    """Return the directory of the datasets: in the package, or beside it in a checkout.
-
-    Raises
-    ------
-    OutputError
-        When this installation has none.
-    """
+    """The directory of the datasets: in the package, or beside it in a checkout."""
     packaged = Path(str(files("fluidact_fit"))) / "_datasets"
     for place in (packaged, Path(__file__).parents[2] / "datasets"):
         if (place / "SHA256SUMS").is_file():
@@ -98,21 +80,10 @@ def load_dataset(family: str) -> Dataset:
 
 
 def run_demo(directory: str | Path, echo: Callable[[str], None], *, overwrite: bool = False) -> int:
-    """Fit all families and write a parameter file and a picture of each.
+    """Fit all families and write a parameter file and a picture of each into a directory.
 
-    Parameters
-    ----------
-    directory
-        Where to write; created when missing.
-    echo
-        Takes one line of text at a time.
-    overwrite
-        Whether files of an earlier run may be replaced.
-
-    Returns
-    -------
-    int
-        0 when every true value lies within four standard errors of its estimate, else 1.
+    Returns 0 when every true value lies within four standard errors of its estimate, else 1.
+    ``echo`` takes one line of text at a time; ``overwrite`` allows files to be replaced.
 
     Raises
     ------

@@ -8,17 +8,17 @@ from os import PathLike
 
 import numpy as np
 
-from .errors import LogError, Notice, UsageError
+from .errors import Notice, UsageError
 from .estimation.inputs import settle_holds
-from .experiment import Experiment, Signal
+from .experiment import Experiment
 from .families import get_family
-from .family import Role, Variant
+from .family import Variant
 from .logs import Log, StepInput, read_log, share_columns
 from .logs import experiments as experiments_of
-from .logs.columns import find_column
+from .logs.columns import matching
+from .logs.experiments import step_signal
 from .outcome import Simulation, pair
 from .parameters.document import Column, ParameterDocument
-from .units import conversion_factor
 
 LogLike = Log | str | PathLike[str]
 _MOST_SAMPLES = 5_000_000
@@ -58,16 +58,9 @@ def _present(log: Log, columns: Mapping[str, Column]) -> dict[str, Column]:
     return {
         role: entry
         for role, entry in columns.items()
-        if role not in log.bindings and (entry.header is None or _has(log, role, entry.header))
+        if role not in log.bindings
+        and (entry.header is None or len(matching(log, entry.header)) == 1)
     }
-
-
-def _has(log: Log, role: str, header: str) -> bool:
-    try:
-        find_column(log, role, header)
-    except LogError:
-        return False
-    return True
 
 
 def _apply(log: Log, remembered: Mapping[str, Column]) -> Log:
@@ -99,17 +92,8 @@ def prepare_logs(
 ) -> tuple[list[Experiment], list[Notice]]:
     """Turn logs whose columns are bound (:func:`recall_logs`) into runs, holds as in the file.
 
-    The output may be missing.
-
-    Returns
-    -------
-    tuple
-        The runs of all logs, and the warnings of preparing them.
-
-    Raises
-    ------
-    UsageError, LogError
-        When a log does not have what the model needs.
+    The output may be missing. Returned with the warnings; a log that lacks what the model needs
+    is refused (``UsageError``, ``LogError``).
     """
     variant = variant_of(document)
     roles = tuple(replace(r, required=r.required and not r.output) for r in variant.roles)
@@ -135,12 +119,7 @@ def simulate_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Simu
     """Simulate a document's model with the inputs of logs, one entry per run.
 
     Everything that the fit settled is read from the file; nothing is settled here. The logs may
-    lack the output role; ``measured`` is then NaN.
-
-    Raises
-    ------
-    UsageError, LogError
-        When a log does not have what the model needs.
+    lack the output role; ``measured`` is then NaN. See :func:`prepare_logs` for what is refused.
     """
     return simulate_runs(document, prepare_logs(document, recall_logs(document, logs))[0])
 
@@ -154,21 +133,8 @@ def simulate_steps(
 ) -> list[Simulation]:
     """Simulate a document's model with inputs that step, without any log.
 
-    Parameters
-    ----------
-    document
-        The parameter file.
-    inputs
-        Role to step [SI, or the unit given].
-    units
-        Role to unit of its levels.
-    duration, sample_time
-        [s]
-
-    Raises
-    ------
-    UsageError
-        When an input is missing or there would be too many samples.
+    ``inputs`` are steps by role [SI, or in ``units``], ``duration`` and ``sample_time`` in seconds.
+    ``UsageError`` when an input is missing or there would be too many samples.
     """
     roles = [r for r in variant_of(document).roles if r.name != "time" and not r.output]
     for role in roles:
@@ -192,20 +158,14 @@ def simulate_steps(
             remedy="Change --duration or --sample-time.",
         )
     time = sample_time * np.arange(round(samples) + 1, dtype=np.float64)
-    signals = {r.name: _step(r, inputs[r.name], units) for r in roles if r.name in inputs}
+    signals = {}
+    for role in roles:
+        if role.name in inputs:
+            unit = units.get(role.name, role.unit)
+            where = f"--unit {role.name}={unit}"
+            signals[role.name] = step_signal(role, inputs[role.name], where, unit)
     run = Experiment("inputs", 0, time, signals, sample_time, True)
     return simulate_runs(document, [run])
-
-
-def _step(role: Role, step: StepInput, units: Mapping[str, str]) -> Signal:
-    """An input that stepped: one node, at rest before."""
-    unit = units.get(role.name, role.unit)
-    factor = conversion_factor(unit, role.unit, f"--unit {role.name}={unit}")
-    size = abs(step.end - step.start) * factor
-    return Signal(
-        role.name, np.array([step.at]), np.array([step.end * factor]), role.unit, "zoh",
-        step.start * factor, size,
-    )  # fmt: skip
 
 
 def to_csv(document: ParameterDocument, simulations: Sequence[Simulation]) -> str:

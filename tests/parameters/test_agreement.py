@@ -9,8 +9,7 @@ import pytest
 
 from fluidact_fit.errors import ParameterFileError, UsageError
 from fluidact_fit.parameters import dump_document, make_document
-from fluidact_fit.parameters.agreement import check_agreement, disagreements
-from fluidact_fit.parameters.load import parse_document
+from fluidact_fit.parameters.load import check_agreement, disagreements, parse_document
 
 CONTINUOUS = "model.continuous"
 

@@ -6,12 +6,12 @@ from collections import Counter
 
 import numpy as np
 import pytest
-
-from fluidact_fit.families import family_names
 from studies.red_team.attack import Error, Result, cramer_rao
 from studies.red_team.attacks import every, valve
 from studies.red_team.run import run
 from studies.red_team.table import page, shown
+
+from fluidact_fit.families import family_names
 
 
 def result(verdict: str = "pass", **errors: tuple[float, float]) -> Result:

@@ -9,14 +9,7 @@ import click
 
 from fluidact_fit.errors import MismatchError
 
-from ..options import (
-    Command,
-    check_role_names,
-    json_option,
-    read_logs,
-    reading_options,
-    verbosity_options,
-)
+from .. import options
 from ..progress import Progress
 from ..show import echo_json, echo_table, echo_warnings, format_number, format_spread
 
@@ -26,13 +19,13 @@ if TYPE_CHECKING:
 
 @click.command(
     "check",
-    cls=Command,
+    cls=options.Command,
     params=[
         click.Argument(["params_file"], metavar="PARAMS"),
         click.Argument(["logs"], metavar="LOG...", nargs=-1, required=True),
-        json_option("The comparison"),
-        *reading_options(),
-        *verbosity_options(),
+        options.json_option("The comparison"),
+        *options.READING,
+        *options.VERBOSITY,
     ],
 )
 def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: Any) -> None:
@@ -51,10 +44,10 @@ def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: An
     from fluidact_fit.simulation import variant_of
 
     document = read_document(params_file)
-    check_role_names(params, [role.name for role in variant_of(document).roles])
+    options.check_role_names(params, [role.name for role in variant_of(document).roles])
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         progress("reading")
-        found = check_logs(document, read_logs(logs, params), progress=progress)
+        found = check_logs(document, options.read_logs(logs, params), progress=progress)
     if not params["quiet"]:
         echo_warnings(found.notices)
     if as_json:

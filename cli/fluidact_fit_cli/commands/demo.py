@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ..options import Command, debug_option
+from ..options import DEBUG, Command
 
 
 @click.command(
@@ -14,7 +14,7 @@ from ..options import Command, debug_option
     cls=Command,
     params=[
         click.Argument(["directory"], metavar="[DIRECTORY]", default="fluidact-demo"),
-        debug_option(),
+        DEBUG,
     ],
 )
 def command(directory: str) -> int:

@@ -10,15 +10,7 @@ import click
 from fluidact_fit.errors import UsageError
 from fluidact_fit.families import family_names
 
-from ..options import (
-    Command,
-    Option,
-    check_names,
-    force_option,
-    json_option,
-    parsed,
-    verbosity_options,
-)
+from ..options import FORCE, VERBOSITY, Command, Option, check_names, json_option, parsed
 from ..outputs import check_targets, write_all
 from ..parse import parse_positive, parse_range
 from ..progress import Progress
@@ -54,9 +46,9 @@ _LIMITS = "Limits (SI)"
                help="Seed of the random shapes."),
         Option(["--output", "-o"], metavar="FILE.csv", group="Output",
                help="CSV file with the experiment; without it nothing is written."),
-        force_option(),
+        FORCE,
         json_option("The prediction"),
-        *verbosity_options(),
+        *VERBOSITY,
     ],
 )  # fmt: skip
 def command(

@@ -7,7 +7,6 @@ import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,26 +18,53 @@ from fluidact_fit.families import get_family
 from ..errors import Invocation
 from ..family_help import chosen_options, family_options, help_text
 from ..options import (
+    FORCE,
+    READING,
+    VERBOSITY,
     Command,
     Option,
+    assignment,
     check_names,
     check_role_names,
     flag,
-    force_option,
-    parameter_options,
     parsed,
     read_logs,
-    reading_options,
-    verbosity_options,
 )
-from ..outputs import check_targets, render, write_all
-from ..parse import parse_positive
+from ..outputs import check_targets, write_all
+from ..parse import parse_number, parse_positive, parse_range
 from ..progress import Progress
 from ..show import echo_json, echo_parameters, echo_warnings
 
 if TYPE_CHECKING:
     from fluidact_fit.family import Family, FamilyOptions
     from fluidact_fit.result import FitResult
+
+
+_JUDGED = "Validation and verdict"
+_JUDGING: list[click.Parameter] = [
+    Option(["--validate"], metavar="LOG", multiple=True, group=_JUDGED,
+           help="A log to validate the result with; it is not fitted. Repeatable."),
+    flag("--strict", group=_JUDGED,
+         help="Any warning ends the run with exit status 4, and nothing is written."),
+    flag("--accept-failed", group=_JUDGED,
+         help="Write the file even if the verdict is FAIL; the file says so."),
+    Option(["--seed"], type=click.IntRange(0, 2**32 - 1), default=0, metavar="N", group=_JUDGED,
+           help="Seed of the random numbers. The same logs, options and seed give the same "
+           "result. Default: 0."),
+]  # fmt: skip
+
+# What is known of the parameters beforehand.
+_PARAMETERS: list[click.Parameter] = [
+    assignment("--fix", "NAME=VALUE", "dead_time=0", parse_number,
+               "Hold a parameter at a value (SI).", "Parameters"),
+    assignment("--start", "NAME=VALUE", "mass=50", parse_number,
+               "Where the search begins (SI).", "Parameters"),
+    assignment("--bounds", "NAME=LOW:HIGH", "damping_ratio=0.1:2", parse_range,
+               "Range of a parameter (SI).", "Parameters"),
+    assignment("--noise", "ROLE=SD", "force=0.1", parse_number,
+               "Standard deviation of white noise on a measured input (SI), 0 for an exact "
+               "one. Default: judged from the log.", "Parameters"),
+]  # fmt: skip
 
 
 def make_command(name: str) -> click.Command:
@@ -54,11 +80,11 @@ def make_command(name: str) -> click.Command:
         params=[
             click.Argument(["logs"], metavar="LOG...", nargs=-1, required=True),
             *_output_options(name),
-            *reading_options(),
+            *READING,
             *family_options(family),
-            *parameter_options(),
-            *_judging_options(),
-            *verbosity_options(),
+            *_PARAMETERS,
+            *_JUDGING,
+            *VERBOSITY,
         ],
         callback=fit_family,
         help=help_text(family),
@@ -71,7 +97,7 @@ def _output_options(name: str) -> list[click.Parameter]:
     return [
         Option(["--output", "-o"], metavar="FILE", group=group,
                help=f"Parameter file (default {name}.yaml). An existing file is kept unless -f."),
-        force_option(),
+        FORCE,
         Option(["--plot"], metavar="FILE", group=group,
                help="Picture of measured and simulated output: png, pdf or svg."),
         Option(["--report"], metavar="FILE.html", group=group, help="Report as a web page."),
@@ -80,21 +106,6 @@ def _output_options(name: str) -> list[click.Parameter]:
              "is then written only if -o names one."),
         parsed("--controller-sample-time", "SECONDS", "0.002", parse_positive,
                "Sample time of the discrete model in the file (default: the log's).", group),
-    ]  # fmt: skip
-
-
-def _judging_options() -> list[click.Parameter]:
-    group = "Validation and verdict"
-    return [
-        Option(["--validate"], metavar="LOG", multiple=True, group=group,
-               help="A log to validate the result with; it is not fitted. Repeatable."),
-        flag("--strict", group=group,
-             help="Any warning ends the run with exit status 4, and nothing is written."),
-        flag("--accept-failed", group=group,
-             help="Write the file even if the verdict is FAIL; the file says so."),
-        Option(["--seed"], type=click.IntRange(0, 2**32 - 1), default=0, metavar="N", group=group,
-               help="Seed of the random numbers. The same logs, options and seed give the same "
-               "result. Default: 0."),
     ]  # fmt: skip
 
 
@@ -230,20 +241,14 @@ def _judge(result: FitResult, params: Mapping[str, Any]) -> FitResult:
 def _render(result: FitResult, targets: Mapping[str, str]) -> dict[str, bytes | str]:
     """Return the content of every file."""
     from fluidact_fit.parameters import dump_document
+    from fluidact_fit.report import plot_result, render, result_page
 
     contents: dict[str, bytes | str] = {}
     for option, path in targets.items():
-        if option == "-o":
-            contents[path] = dump_document(result.document)
+        if option == "--plot":
+            contents[path] = render(plot_result(result), Path(path).suffix.lower()[1:])
+        elif option == "--report":
+            contents[path] = result_page(result)
         else:
-            contents[path] = render(path, partial(_draw, result, option))
+            contents[path] = dump_document(result.document)
     return contents
-
-
-def _draw(result: FitResult, option: str, path: Path) -> None:
-    from fluidact_fit.report import plot_result, save_figure, write_html
-
-    if option == "--plot":
-        save_figure(plot_result(result), path)
-    else:
-        write_html(result, path, overwrite=True)

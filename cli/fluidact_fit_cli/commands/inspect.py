@@ -9,15 +9,7 @@ import click
 
 from fluidact_fit.families import family_names, get_family
 
-from ..options import (
-    Command,
-    Option,
-    check_role_names,
-    json_option,
-    read_logs,
-    reading_options,
-    verbosity_options,
-)
+from .. import options
 from ..show import echo_json, echo_table, echo_warnings, format_number
 
 if TYPE_CHECKING:
@@ -26,14 +18,15 @@ if TYPE_CHECKING:
 
 @click.command(
     "inspect",
-    cls=Command,
+    cls=options.Command,
     params=[
         click.Argument(["log"], metavar="LOG"),
-        Option(["--family"], type=click.Choice(family_names()), metavar="FAMILY", group="Output",
-               help="Also check whether the log can be used for this model family."),
-        json_option("The description"),
-        *reading_options(),
-        *verbosity_options(),
+        options.Option(["--family"], type=click.Choice(family_names()), metavar="FAMILY",
+                       group="Output",
+                       help="Also check whether the log can be used for this model family."),
+        options.json_option("The description"),
+        *options.READING,
+        *options.VERBOSITY,
     ],
 )  # fmt: skip
 def command(log: str, family: str | None, as_json: bool, **params: Any) -> None:
@@ -47,8 +40,9 @@ def command(log: str, family: str | None, as_json: bool, **params: Any) -> None:
     from fluidact_fit.logs.columns import find_column
 
     if family is not None:
-        check_role_names(params, [r.name for v in get_family(family).variants for r in v.roles])
-    (read,) = read_logs([log], params)
+        variants = get_family(family).variants
+        options.check_role_names(params, [r.name for v in variants for r in v.roles])
+    (read,) = options.read_logs([log], params)
     # Refuses a column that is not there.
     roles = {find_column(read, role, at).index: role for role, at in read.bindings.items()}
     found = describe(read)

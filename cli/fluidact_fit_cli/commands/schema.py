@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import click
 
-from ..options import Command, debug_option
+from ..options import DEBUG, Command
 from ..show import echo_json
 
 
-@click.command("schema", cls=Command, params=[debug_option()])
+@click.command("schema", cls=Command, params=[DEBUG])
 def command() -> None:
     """Print the JSON Schema of the parameter file, as it is shipped."""
     from fluidact_fit.parameters import shipped_schema

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..options import (
+    FORCE,
+    READING,
+    VERBOSITY,
     Command,
     Option,
     assignment,
     check_names,
     check_role_names,
-    force_option,
     parsed,
     read_logs,
-    reading_options,
-    verbosity_options,
 )
 from ..outputs import check_targets, write_all
 from ..parse import parse_positive, parse_step
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
         click.Argument(["logs"], metavar="[LOG...]", nargs=-1),
         Option(["--output", "-o"], metavar="FILE.csv", group="Output",
                help="CSV file; without it the table goes to standard output."),
-        force_option(),
+        FORCE,
         assignment("--input", "ROLE=FROM:TO[@T]", "command=0:2@0.1", parse_step,
                    "An input that steps from FROM to TO (in its --unit, or SI) at T seconds.",
                    "Instead of a log"),
         parsed("--duration", "SECONDS", "2", parse_positive,
                "How long to simulate (with --sample-time).", "Instead of a log"),
-        *reading_options(),
-        *verbosity_options(),
+        *READING,
+        *VERBOSITY,
     ],
 )  # fmt: skip
 def command(

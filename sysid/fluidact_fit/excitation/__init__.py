@@ -20,13 +20,12 @@ import os
 from collections.abc import Callable
 
 from ..control import read_document
-from ..families import get_family
 from ..parameters import ParameterDocument
 from .command import design_command
 from .points import design_points
 from .result import Candidate, Design, Forecast, Limits
 from .strokes import design_strokes
-from .task import make_task
+from .task import Task
 
 __all__ = ["Candidate", "Design", "Forecast", "Limits", "design"]
 
@@ -79,7 +78,7 @@ def design(
     if not isinstance(document, ParameterDocument):
         document = read_document(document)
     given = Limits(amplitude or (0.0, 0.0), rate, stroke, duration or 0.0, sample_time or 0.0)
-    say = progress or (lambda message: None)
-    task = make_task(document, get_family(document.family), given, criterion, seed, say)
+    task = Task(document, given, criterion, seed, progress or (lambda message: None))
+    task.check()
     kinds = {"command": design_command, "strokes": design_strokes, "points": design_points}
     return kinds[task.excitation.kind](task)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from ..estimation.information import cramer_rao, optimal_measure
-from ..experiment import Experiment, FloatArray, Signal
-from ..family import Role, Variant
+from ..experiment import FloatArray
+from ..specification import Role
 from .result import Design
-from .task import Task, Unknown
+from .task import Task, Unknown, driving_role, make_run
 
 _SPREAD = 0.2  # share of a static design that is spread evenly, to show a wrong model
 
@@ -39,7 +39,7 @@ def design_points(task: Task) -> Design:
             task.drive.name: points,
             "samples": np.maximum(np.round(weights), 1.0),
         },
-        units={output.name: output.unit, task.drive.name: task.unit, "samples": "1"},
+        units={output.name: output.unit, task.drive.name: task.drive.unit, "samples": "1"},
         forecasts=task.forecasts(task.sigma * static_errors(static_rows(task, points), weights)),
         criterion=task.criterion,
         limits=task.limits,
@@ -77,24 +77,17 @@ def is_speed(role: Role) -> bool:
 
 def _evaluate(task: Task, unknown: Unknown, value: float, points: FloatArray) -> FloatArray:
     """The map with one number changed."""
-    values: dict[str, Any] = deepcopy(dict(task.values))
-    if unknown.index is None:
-        values[unknown.name] = value
-    else:
-        values[unknown.spec.name][unknown.index] = value
-    variant = _over(task)
-    role = next(r for r in variant.roles if r.name != "time" and not r.output and r.required)
-    signal = Signal(role.name, np.zeros(0), points, role.unit, role.hold)
-    run = Experiment("design", 0, np.zeros(0), {role.name: signal}, 0.0, False)
+    changed: Any = value
+    if unknown.index is not None:
+        changed = deepcopy(task.values[unknown.spec.name])
+        changed[unknown.index] = value
+    variant = task.variant
+    if task.excitation.kind == "strokes":  # a map over the speed itself
+        variant = next(v for v in task.family.variants if any(is_speed(r) for r in v.roles))
+    run = make_run(driving_role(variant), np.zeros(0), points)
+    values = {**task.values, unknown.spec.name: changed}
     (found,) = task.family.simulate(variant, values, [run], task.options)
     return np.asarray(found.output, dtype=float)
-
-
-def _over(task: Task) -> Variant:
-    """The variant whose map is over what is chosen: of strokes, the speed itself."""
-    if task.excitation.kind != "strokes":
-        return task.variant
-    return next(v for v in task.family.variants if any(is_speed(r) for r in v.roles))
 
 
 def _support(grid: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -18,16 +18,9 @@ from ..parameters import write_atomically
 class Limits:
     """Limits that the next experiment has to respect.
 
-    Attributes
-    ----------
-    amplitude
-        Lowest and highest value of the driving role [SI].
-    rate
-        Largest slope of the driving role [SI/s]; ``None``: no limit.
-    stroke
-        Lowest and highest value of the output [SI]; ``None``: no limit.
-    duration, sample_time
-        [s]; both 0 for a static map without time.
+    ``amplitude`` is the lowest and the highest value of the driving role [SI], ``rate`` its largest
+    slope [SI/s] and ``stroke`` the range of the output [SI], either ``None`` for no limit.
+    ``duration`` and ``sample_time`` [s] are both 0 for a static map without time.
     """
 
     amplitude: tuple[float, float]

@@ -9,23 +9,22 @@ import numpy as np
 from ..estimation.information import cramer_rao
 from ..experiment import FloatArray
 from ..family import Information
-from .task import Task
-from .waveforms import Waveform, limit_slope, smooth_corners, to_segments
+from .task import Task, make_run
+from .waveforms import Waveform, limit_slope, smooth_corners
 
 RISE = 8  # samples in which a command that is not held crosses its range
-_PIECES = 40  # straight pieces that are shaped one by one
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An excitation and the information in it; a positive ``balance`` drives upwards."""
+    """An excitation and the information in it; ``shape`` is the command between -1 and 1."""
 
     waveform: Waveform
+    shape: FloatArray
     command: FloatArray
     output: FloatArray
     errors: FloatArray
     score: float
-    balance: float = 0.0
 
 
 class Search:
@@ -40,25 +39,15 @@ class Search:
     def try_out(self, waveform: Waveform) -> Trial:
         """Simulate a waveform; smaller until it stays within the stroke."""
         for _ in range(5):
-            command, balance = self._balance(waveform)
-            output = self._simulate(command)
+            shape, command, output = self._balance(waveform)
             if self._within(output):
                 errors = self._errors(command)
                 score = self.task.score(errors)
-                return Trial(waveform, command, output, errors, score, balance)
+                return Trial(waveform, shape, command, output, errors, score)
             share = self.task.limits.travel / float(np.ptp(output))
             waveform = waveform.shrink(min(max(share, 0.4), 0.85))
         nothing = np.full(len(self.task.unknowns), np.inf)
-        return Trial(waveform, command, output, nothing, np.inf)
-
-    def straighten(self, trial: Trial) -> Waveform | None:
-        """The straight pieces that a trial consists of; ``None`` if it does not.
-
-        Neither do slow passages, whose levels hold for whatever the static level is.
-        """
-        if trial.waveform.absolute:
-            return None
-        return to_segments(self._sample(trial.waveform, trial.balance), _PIECES)
+        return Trial(waveform, shape, command, output, nothing, np.inf)
 
     def _drifts(self) -> bool:
         """Whether a push displaces the output for good: its level is then free."""
@@ -71,25 +60,25 @@ class Search:
                 return True
         return False
 
-    def _balance(self, waveform: Waveform) -> tuple[FloatArray, float]:
-        """Command [SI] that ends where it began, within a tenth of the stroke, if that can be.
+    def _balance(self, waveform: Waveform) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Shape, command [SI] and output [SI], shape ``(n,)`` each.
 
-        Only where the output drifts; returned with the balance that it took.
+        Where the output drifts, the run ends within a tenth of the stroke of where it began,
+        if that can be: a positive balance drives upwards.
         """
         limits, balance = self.task.limits, 0.0
-        command = self._to_command(self._sample(waveform, balance))
-        if limits.stroke is None or not self.drifts or waveform.absolute:
-            return command, balance
         low, high = -0.95, 0.95
-        for _ in range(6):
-            y = self._simulate(command)
-            drift = float(y[-1] - y[0])
-            if abs(drift) < 0.1 * limits.travel:
+        free = limits.stroke is not None and self.drifts and not waveform.absolute
+        for left in reversed(range(7 if free else 1)):
+            shape = self._sample(waveform, balance)
+            command = self._to_command(shape)
+            output = self._simulate(command)
+            drift = float(output[-1] - output[0])
+            if not left or abs(drift) < 0.1 * limits.travel:
                 break
             low, high = (low, balance) if drift > 0.0 else (balance, high)
             balance = 0.5 * (low + high)
-            command = self._to_command(self._sample(waveform, balance))
-        return command, balance
+        return shape, command, output
 
     def _sample(self, waveform: Waveform, balance: float) -> FloatArray:
         """Values between -1 and 1 after a short rest, shape ``(n,)``.
@@ -98,7 +87,7 @@ class Search:
         amplitude; any other by how strong it is.
         """
         n = self.time.size
-        rest = 0 if waveform.shape == "segments" else min(max(n // 50, 2), 20)
+        rest = 0 if waveform.pieces else min(max(n // 50, 2), 20)
         duty = float(np.exp(-2.0 * balance))
         played = waveform.sample(n - rest, self.task.limits.sample_time, duty)
         shape = np.concatenate((np.zeros(rest), played))
@@ -108,12 +97,11 @@ class Search:
 
     def _to_command(self, shape: FloatArray) -> FloatArray:
         """Command of a shape [SI]."""
-        task = self.task
-        low, high = task.limits.amplitude
-        above, below = np.maximum(shape, 0.0), np.minimum(shape, 0.0)
-        u = task.rest + (high - task.rest) * above + (task.rest - low) * below
-        most = None if task.limits.rate is None else task.limits.rate * task.limits.sample_time
-        if task.hold != "zoh":
+        limits, rest = self.task.limits, self.task.rest
+        low, high = limits.amplitude
+        u = rest + (high - rest) * np.maximum(shape, 0.0) + (rest - low) * np.minimum(shape, 0.0)
+        most = None if limits.rate is None else limits.rate * limits.sample_time
+        if self.task.drive.hold != "zoh":
             # the steepest point of a Hann window is twice its mean
             width = int(np.ceil(2.0 * float(np.ptp(u)) / most)) if most else RISE
             u = smooth_corners(u, max(RISE, width))
@@ -121,14 +109,14 @@ class Search:
 
     def _simulate(self, command: FloatArray) -> FloatArray:
         task = self.task
-        run = task.run(self.time, command, task.hold)
+        run = make_run(task.drive, self.time, command)
         (found,) = task.family.simulate(task.variant, task.values, [run], task.options)
         return np.asarray(found.output, dtype=float)
 
     def _errors(self, command: FloatArray) -> FloatArray:
         """Predicted standard errors in the order of the task's unknowns, shape ``(p,)``."""
         task = self.task
-        found = task.inform(task.run(self.time, command, task.hold), task.options)
+        found = task.inform(make_run(task.drive, self.time, command))
         bread = cramer_rao(found.jacobian.T @ found.jacobian)
         variance = np.diag(bread) * task.sigma**2
         step = (task.document.fit.details or {}).get("output_resolution")

@@ -13,7 +13,7 @@ from ..estimation.information import cramer_rao
 from ..experiment import FloatArray
 from .points import is_speed, static_errors, static_rows, static_samples
 from .result import Design
-from .task import Task, undetermined
+from .task import Task, make_run, undetermined
 
 _TURN = 0.1  # s that the motion takes to reach its speed
 _USED = 0.9  # share of the stroke that strokes at constant speed use
@@ -32,15 +32,10 @@ class _Strokes:
     fast: tuple[float, float]
     share: float
 
-    @property
-    def pairs(self) -> tuple[tuple[tuple[float, float], float], ...]:
-        """Speeds of the slow and of the fast pairs with their shares of the time."""
-        return (self.slow, self.share), (self.fast, 1.0 - self.share)
-
     def speeds(self) -> list[tuple[float, float]]:
         """Signed speeds and shares of the time; a pair covers the same distance both ways."""
         out = []
-        for (to, fro), share in self.pairs:
+        for (to, fro), share in ((self.slow, self.share), (self.fast, 1.0 - self.share)):
             out += [(to, share * fro / (to + fro)), (-fro, share * to / (to + fro))]
         return out
 
@@ -48,12 +43,13 @@ class _Strokes:
         """Velocity at the samples, shape ``(n,)`` [m/s]; straight ramps at the turns."""
         count, turn = round(duration / step), max(round(_TURN / step), 2)
         pieces: list[FloatArray] = []
-        for (to, fro), share in self.pairs:
-            there = share * duration * fro / (to + fro)
-            laps = max(int(np.ceil(to * there / (_USED * travel))), 1)
-            for _ in range(laps):
-                n, m = (max(round(t / laps / step), 2 * turn) for t in (there, there * to / fro))
-                pieces += [_stroke(to, n, turn), -_stroke(fro, m, turn)]
+        speeds = self.speeds()
+        for pair in (speeds[:2], speeds[2:]):
+            to, share = pair[0]
+            laps = max(int(np.ceil(to * share * duration / (_USED * travel))), 1)
+            for speed, part in laps * pair:
+                size = max(round(part * duration / laps / step), 2 * turn)
+                pieces.append(_stroke(speed, size, turn))
         velocity = np.concatenate(pieces)[:count]
         return np.pad(velocity, (0, count - velocity.size))
 
@@ -61,7 +57,10 @@ class _Strokes:
 def design_strokes(task: Task) -> Design:
     """Strokes at constant speed whose speeds and shares of the time are searched."""
     low, high = _speed_limits(task)
-    task = replace(task, limits=replace(task.limits, stroke=_stroke_limit(task)))
+    covered = task.document.validity.get("position")
+    if task.limits.stroke is None and covered is not None:
+        stroke = (covered.low, covered.high)
+        task = replace(task, given=replace(task.given, stroke=stroke))
     slowest = max(task.excitation.slowest, 0.075 * max(high, -low))
 
     def badness(strokes: _Strokes) -> float:
@@ -92,13 +91,6 @@ def _speed_limits(task: Task) -> tuple[float, float]:
     return low, high
 
 
-def _stroke_limit(task: Task) -> tuple[float, float] | None:
-    """Range of the position, if it was given or the file holds it [m]."""
-    covered = task.document.validity.get("position")
-    known = None if covered is None else (covered.low, covered.high)
-    return task.limits.stroke or known
-
-
 def _play(task: Task, strokes: _Strokes) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Time [s], velocity [m/s] and position [m], shape ``(n,)`` each."""
     limits, step = task.limits, task.limits.sample_time or 0.01
@@ -111,8 +103,8 @@ def _play(task: Task, strokes: _Strokes) -> tuple[FloatArray, FloatArray, FloatA
 def _stroke_errors(task: Task, strokes: _Strokes) -> FloatArray:
     """Predicted standard errors from the samples that a fit would keep, shape ``(p,)``."""
     time, velocity, place = _play(task, strokes)
-    run = task.run(time, velocity if is_speed(task.drive) else place)
-    rows = task.inform(run, task.excitation.options or task.options).jacobian
+    run = make_run(task.drive, time, velocity if is_speed(task.drive) else place)
+    rows = task.inform(run).jacobian
     return np.sqrt(np.diag(cramer_rao(rows.T @ rows))) * task.excitation.noise
 
 
@@ -144,16 +136,10 @@ def _minimise(
     """Smallest score near a start, by the simplex of Nelder and Mead."""
     from scipy.optimize import minimize
 
-    def finite(x: FloatArray, *args: Any) -> Any:
-        return min(score(x), 1e6)
-
-    options: Any = {
-        "initial_simplex": np.vstack((start, start + np.diag(spread))),
-        "maxfev": most,
-        "xatol": 1e-3,
-        "fatol": 1e-5,
-    }
-    return np.asarray(minimize(finite, start, method="Nelder-Mead", options=options).x)
+    simplex = np.vstack((start, start + np.diag(spread)))
+    options: Any = {"initial_simplex": simplex, "maxfev": most, "xatol": 1e-3, "fatol": 1e-5}
+    found = minimize(lambda x: min(score(x), 1e6), start, method="Nelder-Mead", options=options)
+    return np.asarray(found.x)
 
 
 def _least(task: Task, low: float, high: float, slowest: float) -> FloatArray:
@@ -221,6 +207,5 @@ def _time_to_halve(task: Task, errors: FloatArray) -> list[str]:
 
 def _stroke(speed: float, count: int, turn: int) -> FloatArray:
     """Speed up, hold, slow down; shape ``(count,)`` [m/s]."""
-    ramp = (np.arange(turn) + 0.5) / turn
-    middle = np.ones(max(count - 2 * turn, 0))
-    return np.asarray(speed * np.concatenate((ramp, middle, ramp[::-1]))[:count])
+    place = np.arange(count) + 0.5
+    return np.asarray(speed * np.minimum(1.0, np.minimum(place, count - place) / turn))

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ..errors import NotIdentifiedError, UsageError
-from ..experiment import Experiment, FloatArray, Hold, Signal
-from ..family import (
-    Excitation,
-    Family,
-    FamilyOptions,
-    Information,
-    ParameterDocument,
-    ParameterSpec,
-    Role,
-    Value,
-    Variant,
-)
+from ..experiment import Experiment, FloatArray, Signal
+from ..families import get_family
+from ..family import Excitation, Family, FamilyOptions, Information, ParameterDocument
+from ..specification import ParameterSpec, Role, Value, Variant
 from .result import Forecast, Limits
 
 _MOST = 200_000  # samples of a run that is searched
@@ -58,36 +51,150 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Task:
-    """Everything a search needs to know."""
+    """What was asked for, and all that a search needs to know, which follows from it.
+
+    ``given`` are the limits as far as they were given.
+    """
 
     document: ParameterDocument
-    family: Family[FamilyOptions]
-    variant: Variant
-    options: FamilyOptions
-    excitation: Excitation
-    drive: Role
-    hold: Hold | None
-    unit: str
-    values: Mapping[str, Value]
-    unknowns: tuple[Unknown, ...]
-    limits: Limits
+    given: Limits
     criterion: str
     seed: int
-    notes: tuple[str, ...]
     progress: Callable[[str], None]
+
+    def check(self) -> None:
+        """Refuse what cannot be designed."""
+        if self.excitation.kind == "none":
+            raise UsageError(
+                f"the next experiment of {self.family.name} cannot be designed: "
+                f"{self.excitation.reason}.",
+                remedy="Its warnings and refusals say which experiments it needs.",
+            )
+        _check_limits(self.limits)
+        if self.criterion not in ("worst", "determinant", *self.names):
+            raise UsageError(
+                f"--criterion={self.criterion}: there is no such criterion or parameter to "
+                "estimate.",
+                expected=f"One of worst, determinant, {', '.join(self.names)}.",
+            )
+
+    @cached_property
+    def family(self) -> Family[FamilyOptions]:
+        """That of the file."""
+        return get_family(self.document.family)
+
+    @cached_property
+    def variant(self) -> Variant:
+        """That of the file."""
+        return self.family.variant(self.document.variant)
+
+    @cached_property
+    def options(self) -> FamilyOptions:
+        """As the fit of the file settled them."""
+        return self.family.settled_options(self.document)
+
+    @cached_property
+    def excitation(self) -> Excitation:
+        """How an experiment of the family is designed."""
+        return self.family.excitation(self.variant, self.document)
+
+    @cached_property
+    def drive(self) -> Role:
+        """The driving role, in the unit and with the hold of the file."""
+        role = driving_role(self.variant)
+        covered = self.document.validity.get(role.name)
+        columns = [source.columns.get(role.name) for source in self.document.provenance.logs]
+        hold = next((c.hold for c in columns if c and c.hold), role.hold)
+        return replace(role, unit=covered.unit if covered else role.unit, hold=hold)
+
+    @cached_property
+    def limits(self) -> Limits:
+        """What was not given is what the file's logs covered."""
+        given, drive, output = self.given, self.drive, self.variant.output.name
+        covered = {role: (r.low, r.high) for role, r in self.document.validity.items()}
+        amplitude, stroke = given.amplitude, given.stroke
+        if amplitude == (0.0, 0.0):
+            if drive.name not in covered:
+                raise UsageError(
+                    f"the file does not say which range of {drive.name} its logs covered.",
+                    remedy=f"Give --amplitude LOW:HIGH in {drive.unit}.",
+                )
+            amplitude = covered[drive.name]
+        if stroke is None and driving_role(self.variant).hold is not None:
+            stroke = covered.get(output)
+        logs = [(log.sample_time or 0.0, log.rows) for log in self.document.provenance.logs]
+        longest, step = max(((step * rows, step) for step, rows in logs), default=(0.0, 0.0))
+        return replace(
+            given, amplitude=amplitude, stroke=stroke, duration=given.duration or longest,
+            sample_time=given.sample_time or step,
+        )  # fmt: skip
+
+    @cached_property
+    def supposed(self) -> dict[str, float]:
+        """Plausible values of what was not identified."""
+        values = self.document.values()
+        found: dict[str, float] = {}
+        for name, entry in self.document.parameters.items():
+            if entry.status != "not_identified" or isinstance(entry.value, list):
+                continue
+            value = self.family.suppose(
+                name, {**values, **found}, self.limits.amplitude, self.limits.sample_time
+            )
+            if value is not None:
+                found[name] = value
+        return found
+
+    @cached_property
+    def values(self) -> Mapping[str, Value]:
+        """Values to simulate with: those of the file, plausible ones where it has none."""
+        return {**self.document.values(), **self.supposed}
+
+    @cached_property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """Numbers that are estimated or should be, lists entry by entry."""
+        found = []
+        for name, entry in self.document.parameters.items():
+            value, spread, spec = self.values[name], entry.std_error, self.variant.parameter(name)
+            if isinstance(value, list):
+                errors = spread if isinstance(spread, list) else []
+                size = float(np.max(np.abs(value)))
+                for i, (v, e) in enumerate(zip(value, errors)):
+                    if isinstance(v, float) and isinstance(e, float) and e > 0.0:
+                        found.append(Unknown(spec, entry.unit, v, size, e, index=i))
+            elif entry.status == "estimated" or name in self.supposed:
+                present = spread if isinstance(spread, float) else None
+                scale = abs(value) or present or 1.0
+                supposed = name in self.supposed
+                found.append(Unknown(spec, entry.unit, value, scale, present, supposed))
+        if not found:
+            raise UsageError(
+                "the file has no estimated parameter, so there is nothing to design for.",
+                remedy="Fit without --fix.",
+            )
+        return tuple(found)
+
+    @property
+    def notes(self) -> list[str]:
+        """What a person should know of any design."""
+        notes = [
+            f"{name} was not identified; the design supposes {value:.4g}."
+            for name, value in self.supposed.items()
+        ]
+        if self.drive.hold == "zoh" and any(u.spec.threshold for u in self.unknowns):
+            notes.append(
+                "A static level cannot be known better than the controller's step of "
+                f"{self.drive.name} divided by 3.5, which the prediction does not include."
+            )
+        return notes
 
     @property
     def sigma(self) -> float:
         """Noise of the output [SI]."""
         return max(self.document.fit.rmse.value, 1e-300)
 
-    def run(self, time: FloatArray, drive: FloatArray, hold: Hold | None = None) -> Experiment:
-        """A run in which the drive takes these values [SI], shape ``(n,)``."""
-        signal = Signal(self.drive.name, time, drive, self.unit, hold, float(drive[0]))
-        return Experiment("design", 0, time, {self.drive.name: signal}, float(time[1]), True)
-
-    def inform(self, run: Experiment, options: FamilyOptions) -> Information:
+    def inform(self, run: Experiment) -> Information:
         """The information in a run, of the parameters that are unknown."""
+        options = self.excitation.options or self.options
         found = self.family.information(self.variant, self.values, run, options)
         assert found is not None, f"{self.family.name} has a design but no information"
         used = [n for n in self.names if n in found.names]
@@ -155,49 +262,14 @@ def undetermined(excitation: str) -> NotIdentifiedError:
     )
 
 
-def make_task(
-    document: ParameterDocument,
-    family: Family[FamilyOptions],
-    given: Limits,
-    criterion: str,
-    seed: int,
-    progress: Callable[[str], None],
-) -> Task:
-    """The task that a parameter file and the limits given make."""
-    variant = family.variant(document.variant)
-    excitation = family.excitation(variant, document)
-    if excitation.kind == "none":
-        raise UsageError(
-            f"the next experiment of {family.name} cannot be designed: {excitation.reason}.",
-            remedy="Its warnings and refusals say which experiments it needs.",
-        )
-    drive = _driving_role(variant)
-    limits = _fill_limits(document, variant, drive, given)
-    unit = document.validity[drive.name].unit if drive.name in document.validity else drive.unit
-    values, supposed = _suppose(document, family, limits)
-    unknowns = _find_unknowns(document, variant, values, supposed)
-    names = [u.name for u in unknowns]
-    if criterion not in ("worst", "determinant", *names):
-        raise UsageError(
-            f"--criterion={criterion}: there is no such criterion or parameter to estimate.",
-            expected=f"One of worst, determinant, {', '.join(names)}.",
-        )
-    columns = [source.columns.get(drive.name) for source in document.provenance.logs]
-    hold = next((c.hold for c in columns if c and c.hold), drive.hold)
-    options = family.settled_options(document)
-    notes = tuple(f"{n} was not identified; the design supposes {values[n]:.4g}." for n in supposed)
-    if hold == "zoh" and any(u.spec.threshold for u in unknowns):
-        notes += (
-            f"A static level cannot be known better than the controller's step of {drive.name} "
-            "divided by 3.5, which the prediction does not include.",
-        )
-    return Task(
-        document, family, variant, options, excitation, drive, hold, unit, values, unknowns,
-        limits, criterion, seed, notes, progress,
-    )  # fmt: skip
+def make_run(role: Role, time: FloatArray, values: FloatArray) -> Experiment:
+    """A run in which a role takes these values [SI], shape ``(n,)``; without time, of a map."""
+    signal = Signal(role.name, time, values, role.unit, role.hold, float(values[0]))
+    step = float(time[1]) if time.size else 0.0
+    return Experiment("design", 0, time, {role.name: signal}, step, bool(time.size))
 
 
-def _driving_role(variant: Variant) -> Role:
+def driving_role(variant: Variant) -> Role:
     """The role that drives the model; for a static map, what it is sampled over."""
     inputs = [r for r in variant.roles if r.required and not r.output and r.name != "time"]
     driving = [r for r in variant.driving if r.required]
@@ -209,78 +281,16 @@ def _driving_role(variant: Variant) -> Role:
     return (driving or inputs)[0]
 
 
-def _fill_limits(
-    document: ParameterDocument, variant: Variant, drive: Role, given: Limits
-) -> Limits:
-    """Take what was not given from what the file's logs covered."""
-    covered = document.validity
-    amplitude, stroke = given.amplitude, given.stroke
-    if amplitude == (0.0, 0.0):
-        if drive.name not in covered:
-            raise UsageError(
-                f"the file does not say which range of {drive.name} its logs covered.",
-                remedy=f"Give --amplitude LOW:HIGH in {drive.unit}.",
-            )
-        amplitude = covered[drive.name].low, covered[drive.name].high
-    if stroke is None and drive.hold is not None and variant.output.name in covered:
-        stroke = covered[variant.output.name].low, covered[variant.output.name].high
-    for name, pair in (("--amplitude", amplitude), ("--stroke", stroke)):
+def _check_limits(limits: Limits) -> None:
+    for name, pair in (("--amplitude", limits.amplitude), ("--stroke", limits.stroke)):
         if pair is not None and not pair[0] < pair[1]:
             raise UsageError(
                 f"{name}={pair[0]:g}:{pair[1]:g}: the lower end is not below the upper."
             )
-    logs = [(source.sample_time or 0.0, source.rows) for source in document.provenance.logs]
-    longest, step = max(((step * rows, step) for step, rows in logs), default=(0.0, 0.0))
-    step, duration = given.sample_time or step, given.duration or longest
-    limits = Limits(amplitude, given.rate, stroke, duration, step)
+    step, duration = limits.sample_time, limits.duration
     if step and not 20 <= limits.count <= _MOST:
         raise UsageError(
             f"{duration:g} s in steps of {step:g} s are {duration / step:.3g} samples.",
             expected=f"Expected 20 to {_MOST}.",
             remedy="Change --duration or --sample-time.",
         )
-    return limits
-
-
-def _suppose(
-    document: ParameterDocument, family: Family[FamilyOptions], limits: Limits
-) -> tuple[dict[str, Value], list[str]]:
-    """Values to simulate with: those of the file, plausible ones where it has none."""
-    values = dict(document.values())
-    supposed = []
-    for name, entry in document.parameters.items():
-        if entry.status != "not_identified" or isinstance(entry.value, list):
-            continue
-        value = family.suppose(name, values, limits.amplitude, limits.sample_time)
-        if value is not None:
-            values[name] = value
-            supposed.append(name)
-    return values, supposed
-
-
-def _find_unknowns(
-    document: ParameterDocument,
-    variant: Variant,
-    values: Mapping[str, Value],
-    supposed: Sequence[str],
-) -> tuple[Unknown, ...]:
-    """Numbers that are estimated or should be, lists entry by entry."""
-    found = []
-    for name, entry in document.parameters.items():
-        value, spread, spec = values[name], entry.std_error, variant.parameter(name)
-        if isinstance(value, list):
-            errors = spread if isinstance(spread, list) else []
-            size = float(np.max(np.abs(value)))
-            for i, (v, e) in enumerate(zip(value, errors)):
-                if isinstance(v, float) and isinstance(e, float) and e > 0.0:
-                    found.append(Unknown(spec, entry.unit, v, size, e, index=i))
-        elif entry.status == "estimated" or name in supposed:
-            present = spread if isinstance(spread, float) else None
-            scale = abs(value) or present or 1.0
-            found.append(Unknown(spec, entry.unit, value, scale, present, name in supposed))
-    if not found:
-        raise UsageError(
-            "the file has no estimated parameter, so there is nothing to design for.",
-            remedy="Fit without --fix.",
-        )
-    return tuple(found)

@@ -13,9 +13,10 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -129,18 +130,27 @@ def approach(count: int, step: float, numbers: Numbers, rng: np.random.Generator
     return np.clip(out, -1.0, 1.0)
 
 
-def segments(count: int, step: float, numbers: Numbers, rng: np.random.Generator) -> FloatArray:
-    """Straight pieces one after the other, jumps between them allowed.
+class Piece(NamedTuple):
+    """A straight piece; its length is a share of the run, of the sum of all."""
 
-    Piece ``k`` takes a share ``length_k`` of the run (of the sum of all) and goes from
-    ``begin_k`` to ``end_k``.
-    """
-    lengths = np.array([numbers[f"length_{k}"] for k in range(_count_pieces(numbers))])
+    begin: float
+    end: float
+    length: float
+
+    def change(self, stretch: float, shift: float) -> Piece:
+        """Another length, or another level within the limits; of a ramp, where it begins."""
+        begin = min(max(self.begin + shift, -1.0), 1.0)
+        end = begin if self.begin == self.end else self.end
+        return Piece(begin, end, stretch * self.length)
+
+
+def join(pieces: Sequence[Piece], count: int) -> FloatArray:
+    """Straight pieces one after the other, jumps between them allowed; shape ``(count,)``."""
+    lengths = np.array([piece.length for piece in pieces])
     edges = np.round(count * np.concatenate(([0.0], np.cumsum(lengths) / lengths.sum())))
-    out = np.zeros(count)
-    for k, (first, last) in enumerate(pairwise(edges.astype(int).tolist())):
-        out[first:last] = np.linspace(numbers[f"begin_{k}"], numbers[f"end_{k}"], last - first)
-    return np.clip(out, -1.0, 1.0)
+    sizes = np.diff(edges.astype(int)).tolist()
+    lines = [np.linspace(p.begin, p.end, size) for p, size in zip(pieces, sizes)]
+    return np.clip(np.concatenate(lines), -1.0, 1.0)
 
 
 # every shape, and the numbers of it that a search may change by factors
@@ -153,23 +163,23 @@ _SHAPES: dict[str, tuple[Shape, tuple[str, ...]]] = {
     "multisine": (multisine, ("last",)),
     "triangle": (triangle, ("period",)),
     "approach": (approach, ("half", "pause", "push")),
-    "segments": (segments, ()),
 }
 
 
 @dataclass(frozen=True)
 class Waveform:
-    """A shape with its numbers; ``then`` follows after a share ``turn`` of the run.
+    """A shape with its numbers, or straight pieces; ``then`` follows after a share ``turn``.
 
     ``size`` is the share of the amplitude that is used.
     """
 
     shape: str
-    numbers: Numbers
+    numbers: Numbers = field(default_factory=dict)
     seed: int = 0
     size: float = 1.0
     then: Waveform | None = None
     turn: float = 0.5
+    pieces: tuple[Piece, ...] = ()
 
     @property
     def absolute(self) -> bool:
@@ -187,6 +197,8 @@ class Waveform:
 
         ``duty`` is how much longer the negative side lasts, of shapes that have one.
         """
+        if self.pieces:
+            return self.size * join(self.pieces, count)
         if self.then is None:
             rng = np.random.default_rng([self.seed, 77])
             make, _ = _SHAPES[self.shape]
@@ -197,8 +209,8 @@ class Waveform:
 
     def describe(self) -> str:
         """In words, for a person."""
-        if self.shape == "segments":
-            return f"{_count_pieces(self.numbers)} straight pieces"
+        if self.pieces:
+            return f"{len(self.pieces)} {self.shape}"
         shown = (f"{k} {v:.3g}" for k, v in self.numbers.items()
                  if not k.startswith(("low_", "high_")))  # fmt: skip
         size = "" if self.size == 1.0 else f", {100.0 * self.size:.0f} % of the amplitude"
@@ -228,10 +240,6 @@ class Waveform:
         return [w for w in out if w != self]
 
 
-def _count_pieces(numbers: Numbers) -> int:
-    return sum(name.startswith("length_") for name in numbers)
-
-
 def to_segments(values: FloatArray, most: int) -> Waveform | None:
     """The straight pieces of a shape, shape ``(n,)``; ``None`` if there are more than ``most``."""
     cuts = [0]
@@ -242,12 +250,11 @@ def to_segments(values: FloatArray, most: int) -> Waveform | None:
     cuts.append(values.size)
     if len(cuts) - 1 > most:
         return None
-    numbers: dict[str, float] = {}
-    for k, (first, last) in enumerate(pairwise(cuts)):
-        numbers[f"begin_{k}"] = float(values[first])
-        numbers[f"end_{k}"] = float(values[last - 1])
-        numbers[f"length_{k}"] = float(last - first)
-    return Waveform("segments", numbers)
+    pieces = [
+        Piece(float(values[first]), float(values[last - 1]), float(last - first))
+        for first, last in pairwise(cuts)
+    ]
+    return Waveform("straight pieces", pieces=tuple(pieces))
 
 
 def smooth_corners(values: FloatArray, width: int) -> FloatArray:

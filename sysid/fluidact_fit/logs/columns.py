@@ -21,16 +21,9 @@ _SYNONYMS = {"time": ("t",)}
 class Binding:
     """A role, its column, and the factor from one to the other.
 
-    Attributes
-    ----------
-    unit
-        Unit of the scaled column as used: from the user, the header, or assumed.
-    scale
-        Factor for the raw column, 1 unless given.
-    to_si
-        Factor from the raw column to SI, ``scale`` included.
-    assumed
-        Whether no unit was given.
+    ``unit`` is that of the scaled column as used: from the user, the header, or ``assumed``.
+    ``scale`` is the factor for the raw column, 1 unless given; ``to_si`` the one from the raw
+    column to SI, ``scale`` included.
     """
 
     role: Role
@@ -50,13 +43,7 @@ def list_columns(log: Log, shown: int = 12) -> str:
 
 
 def check_roles(log: Log, roles: Iterable[Role]) -> None:
-    """Refuse options that name a role the family does not have.
-
-    Raises
-    ------
-    UsageError
-        With the roles there are, and the closest one.
-    """
+    """Refuse options that name a role the family does not have, or that do not apply to it."""
     known = {role.name: role for role in roles}
     options = {
         "--column": log.bindings,
@@ -102,14 +89,8 @@ def check_roles(log: Log, roles: Iterable[Role]) -> None:
 
 
 def find_column(log: Log, role: str, wanted: str) -> Column:
-    """Return the column that ``--column role=wanted`` means.
-
-    Raises
-    ------
-    LogError
-        When there is none, or more than one.
-    """
-    matches = _matching(log, wanted)
+    """Return the one column that ``--column role=wanted`` means; ``LogError`` without one."""
+    matches = matching(log, wanted)
     if len(matches) == 1:
         return matches[0]
     if matches:
@@ -129,7 +110,7 @@ def _column_number(wanted: str) -> int | None:
     return int(wanted[1:]) if wanted.startswith("#") and wanted[1:].isdecimal() else None
 
 
-def _matching(log: Log, wanted: str) -> list[Column]:
+def matching(log: Log, wanted: str) -> list[Column]:
     """Columns that a number or header means: the closest kind of agreement that finds any."""
     number = _column_number(wanted)
     if number is not None:
@@ -152,7 +133,7 @@ def share_columns(logs: Sequence[Log]) -> list[Log]:
     is one of a role that is required. The logs returned have ``elsewhere`` filled in.
     """
     given = [set(log.bindings.items()) for log in logs]
-    held = [{(r, w) for r, w in pairs if _matching(log, w)} for log, pairs in zip(logs, given)]
+    held = [{(r, w) for r, w in pairs if matching(log, w)} for log, pairs in zip(logs, given)]
     anywhere = set().union(*held)
     out = []
     for log, pairs, here in zip(logs, given, held):
@@ -224,16 +205,19 @@ def missing_roles(log: Log, roles: Sequence[Role]) -> list[str]:
     ]
 
 
-def missing_error(log: Log, missing: Sequence[str]) -> LogError:
-    """Return the error for roles without a column."""
+def require_roles(log: Log, roles: Sequence[Role]) -> None:
+    """Refuse a log that lacks a required role, with the columns that it has (``LogError``)."""
+    missing = missing_roles(log, roles)
+    if not missing:
+        return
     for role in missing:
         if role in log.elsewhere:
-            return _no_column(log, role, log.bindings[role])
+            raise _no_column(log, role, log.bindings[role])
     names = " and ".join(f"'{name}'" for name in missing)
     remedy = f"Give --column {missing[0]}=HEADER (or #N)"
     if missing[0] == "time":
         remedy += ", or --sample-time SECONDS if it was not recorded"
-    return LogError(
+    raise LogError(
         f"no column is named {names}.",
         where=log.name,
         expected=f"Its columns are {list_columns(log)}.",
@@ -254,13 +238,7 @@ def assumed_notice(log: Log, bindings: Iterable[Binding]) -> Iterator[Notice]:
 
 
 def require_numbers(log: Log, binding: Binding, rows: IndexArray) -> None:
-    """Refuse cells of a used column that are no finite number.
-
-    Raises
-    ------
-    LogError
-        Naming line, column and text of the first one.
-    """
+    """Refuse cells of a used column that are no finite number; the error names the first."""
     role = binding.role.name
     wrong = rows[~np.isfinite(binding.column.values[rows])]
     if not wrong.size:

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 from ..errors import LogError
 from ..units import is_known_unit
-from .loggers import Hints, recognise
 from .source import Source
 
 MAX_COLUMNS = 4096
@@ -29,9 +28,32 @@ _NUMBER_COMMA_STRICT = re.compile(r"[+-]?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 # Separator and decimal sign; of equally good ones the first wins.
 _CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")]
 _NO_VALUE = {"", "nan", "inf", "-inf", "+inf", "na", "n/a", "null", "none", "-"}
+_PUTTY_MARK = "=~=~=~=~="
 _SAMPLE = 120
 _HEAD = 1000
 _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
+
+
+@dataclass(frozen=True)
+class Hints:
+    """Knowledge of a logger that the text alone does not show; ``name`` is for messages.
+
+    ``data_from`` is the index of the first line that can hold data and ``delimiter`` the separator,
+    each ``None`` when to be found. Lines of a ``serial`` log may be cut or overprinted. Lines that
+    begin with ``session_mark`` are the logger's own, between data. ``first_header`` is the name of
+    the first column where its header is empty.
+    """
+
+    name: str
+    data_from: int | None = None
+    delimiter: str | None = None
+    serial: bool = False
+    session_mark: str = ""
+    first_header: str = ""
+
+    def is_session(self, line: str) -> bool:
+        """Whether the logger itself wrote a line between data."""
+        return bool(self.session_mark) and line.startswith(self.session_mark)
 
 
 @dataclass(frozen=True)
@@ -92,15 +114,9 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def find_layout(source: Source) -> Layout:
-    """Find separator, decimal sign, first row and header.
-
-    Raises
-    ------
-    LogError
-        When the file holds no table of numbers, or one with too many columns.
-    """
+    """Find separator, decimal sign, first row and header; ``LogError`` without a table."""
     head, body, complete = _sample_lines(source)
-    hints = recognise(head[:40])
+    hints = _recognise(head[:40])
     cut = _choose_cut([line for line in body if not hints.is_session(line)], hints, source.name)
     start = hints.data_from
     if start is None:
@@ -112,6 +128,21 @@ def find_layout(source: Source) -> Layout:
             raise _no_table(source.name)
         start = _reach_up(head, start, cut)
     return _lay_out(head, start, cut, hints)
+
+
+def _recognise(lines: Sequence[str]) -> Hints:
+    """Return what is known of the logger that wrote these first lines."""
+    first = next((index for index, line in enumerate(lines) if line.strip()), None)
+    if first is not None and lines[first].startswith(_PUTTY_MARK) and "PuTTY log" in lines[first]:
+        # What a microcontroller printed: the terminal starts logging in the middle of a line,
+        # and what was still in the buffer overprints the first lines, so that some lines hold
+        # the pieces of two.
+        return Hints("PuTTY log", first + 1, serial=True, session_mark=_PUTTY_MARK)
+    if any(line.startswith("EPOS Studio Version") for line in lines[:20]):
+        # Data recorder of maxon positioning controllers: ``key:;value`` lines, a header whose
+        # first cell is empty, a row of units, and rows whose first column is time.
+        return Hints("EPOS Studio recorder", delimiter=";", first_header="time")
+    return Hints("delimited")
 
 
 def _sample_lines(source: Source) -> tuple[list[str], list[str], bool]:

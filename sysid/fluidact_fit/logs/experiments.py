@@ -17,9 +17,9 @@ from .columns import (
     bind_role,
     bind_roles,
     check_roles,
-    missing_error,
     missing_roles,
     require_numbers,
+    require_roles,
 )
 from .log import Log, StepInput, check_hold
 from .spikes import replace_spikes
@@ -30,17 +30,10 @@ _SHORTEST, _LONGEST = 1e-12, 1e9  # step of time [s]
 
 
 def choose_variant(logs: Log | Sequence[Log], variants: Sequence[Variant]) -> Variant:
-    """Return the variant whose roles the logs hold.
+    """Return the variant whose roles the logs hold; ``LogError`` says what the closest one lacks.
 
     The variant has to be complete for every log; of several, the one that uses the most of
     the roles the user named wins, then the first.
-
-    Raises
-    ------
-    UsageError
-        When an option names a role that no variant has.
-    LogError
-        When none is complete: names what the closest one lacks.
     """
     logs = [logs] if isinstance(logs, Log) else list(logs)
     everything = {role.name: role for variant in variants for role in variant.roles}
@@ -54,29 +47,16 @@ def choose_variant(logs: Log | Sequence[Log], variants: Sequence[Variant]) -> Va
 
     chosen = max(variants, key=rank)
     for log in logs:
-        if lacking := missing_roles(log, chosen.roles):
-            raise missing_error(log, lacking)
+        require_roles(log, chosen.roles)
     return chosen
 
 
 def experiments(
     log: Log, variant: Variant, *, index: int = 0
 ) -> tuple[list[Experiment], list[Notice]]:
-    """Turn a log into experiments of a variant.
+    """Turn a log into experiments of a variant: one per run, and everything worth a warning.
 
-    Parameters
-    ----------
-    log
-        The log.
-    variant
-        The roles wanted.
-    index
-        Number of the log among those of the fit, from 0.
-
-    Returns
-    -------
-    tuple
-        One experiment per run, and everything worth a warning, reading included.
+    ``index`` is the number of the log among those of the fit, from 0.
 
     Raises
     ------
@@ -88,8 +68,7 @@ def experiments(
         When a role is missing, a used cell is no number or time cannot be ordered.
     """
     check_roles(log, variant.roles)
-    if missing := missing_roles(log, variant.roles):
-        raise missing_error(log, missing)
+    require_roles(log, variant.roles)
     bindings = bind_roles(log, variant.roles)
     notices = list(log.notices)
     runs = _find_runs(log, variant, bindings, notices)
@@ -205,7 +184,9 @@ def _make_experiments(
         }
         for role in variant.roles:
             if role.name in log.steps:
-                signals[role.name] = step_signal(log, role, log.steps[role.name])
+                unit, scale = log.units.get(role.name), log.scales.get(role.name, 1.0)
+                where = f"--step {role.name}=..."
+                signals[role.name] = step_signal(role, log.steps[role.name], where, unit, scale)
         first, last = log.lines[run.rows[[0, -1]]].tolist()
         found.append(
             Experiment(
@@ -252,12 +233,12 @@ def _measured_signal(log: Log, binding: Binding, run: Run, resolution: float) ->
     )
 
 
-def step_signal(log: Log, role: Role, step: StepInput) -> Signal:
+def step_signal(
+    role: Role, step: StepInput, where: str, unit: str | None, scale: float = 1.0
+) -> Signal:
     """Return the signal of a role that was not recorded but is known to have stepped."""
-    unit = log.units.get(role.name)
-    where = f"--step {role.name}=..."
     factor = conversion_factor(unit, role.unit, where) if unit else 1.0
-    factor *= log.scales.get(role.name, 1.0)
+    factor *= scale
     return Signal(
         role=role.name,
         time=np.array([step.at]),

@@ -37,25 +37,13 @@ class StepInput:
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a log.
+    """One column of a log, ``index`` counted from 1, as in ``#3``.
 
-    Attributes
-    ----------
-    index
-        1-based position, what ``#3`` means.
-    header
-        As written; empty when the log has no header line.
-    name
-        Header without its unit.
-    unit
-        Unit from the header or the units row, ``None`` when there is none.
-    doubtful
-        Whether the unit is one small letter behind an underscore (``valve_m``), which is
-        believed only where it fits the role.
-    values
-        Numbers as written, shape ``(n_rows,)``; NaN where the cell is not a finite number.
-    bad
-        Row to text of the cells that are not finite numbers (the first few thousand).
+    ``header`` is as written, empty when there is none; ``name`` is the header without its unit.
+    ``unit`` is that of the header or the units row, ``None`` without one. It is ``doubtful`` when
+    it is one small letter behind an underscore (``valve_m``), which is believed only where it fits
+    the role. ``values`` are as written, shape ``(n_rows,)``, NaN where a cell is not a finite
+    number; ``bad`` has the text of such cells by row (the first few thousand).
     """
 
     index: int
@@ -74,22 +62,11 @@ class Column:
 
 @dataclass(frozen=True)
 class Dialect:
-    """How the file was written.
+    """How the file was written; ``name`` is ``"delimited"`` or that of a recognised logger.
 
-    Attributes
-    ----------
-    name
-        ``"delimited"``, or the name of a recognised logger.
-    encoding, delimiter, decimal
-        ``delimiter`` is ``" "`` for columns separated by white space.
-    preamble
-        Lines before the header (or before the data when there is no header).
-    header_line, units_line
-        1-based line numbers, ``None`` when absent.
-    first_data_line
-        1-based line number of the first row.
-    serial
-        Whether a serial terminal wrote it: lines may be cut or overprinted.
+    Line numbers count from 1 and are ``None`` when absent; ``preamble`` is the number of lines
+    before the header, or before the data without one. ``delimiter`` is ``" "`` for columns
+    separated by white space. Lines of a ``serial`` log, of a terminal, may be cut or overprinted.
     """
 
     name: str
@@ -178,13 +155,7 @@ def count_of(number: int, noun: str) -> str:
 
 
 def check_hold(role: str, hold: str | None) -> Hold | None:
-    """Return a hold as given for a role, if it is one.
-
-    Raises
-    ------
-    UsageError
-        With the holds there are.
-    """
+    """Return a hold as given for a role; ``UsageError`` if it is none."""
     if hold is None or hold in get_args(Hold):
         return cast("Hold | None", hold)
     raise UsageError(

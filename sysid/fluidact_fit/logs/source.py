@@ -11,11 +11,6 @@ from ..errors import LogError
 
 _PROBE = 1 << 16
 _CONTROL = bytes([*range(9), *range(14, 27), 28, 29, 30, 31])
-_BOMS = (
-    (codecs.BOM_UTF8, "utf-8-sig"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
 # Beginnings of files that people pass by mistake.
 _FOREIGN = (
     (b"\x1f\x8b", "a gzip archive", "Unpack it first (gunzip)."),
@@ -47,13 +42,7 @@ class Source:
 
 
 def read_source(path: Path) -> Source:
-    """Read a file and turn it into UTF-8 with plain line ends.
-
-    Raises
-    ------
-    LogError
-        When the file is missing, unreadable, empty or not text.
-    """
+    """Read a text file and turn it into UTF-8 with plain line ends; ``LogError`` if it is none."""
     raw = _read_bytes(path)
     if not raw or raw.isspace():
         remedy = "Record it again, or check that the logger had finished writing."
@@ -97,18 +86,16 @@ def _decode(raw: bytes, name: str) -> tuple[str, bytes]:
     for magic, what, remedy in _FOREIGN:
         if raw.startswith(magic):
             raise _refusal(f"this is {what}.", name, remedy)
-    for bom, encoding in _BOMS:
-        if raw.startswith(bom):
-            if encoding == "utf-8-sig" and raw.isascii() is False:
-                return _checked(raw.removeprefix(bom), name, encoding)
-            return encoding, _recode(raw, encoding, name)
+    if raw.startswith(codecs.BOM_UTF8):
+        return _checked(raw.removeprefix(codecs.BOM_UTF8), name, "utf-8-sig")
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16", _recode(raw, "utf-16", name)
     head = raw[:_PROBE]
     for encoding, offset in (("utf-16-le", 1), ("utf-16-be", 0)):
         # UTF-16 without a mark: every other byte of Latin text is zero.
-        if len(head) >= 8 and head[offset::2].count(0) > 0.4 * len(head[offset::2]):
-            other = head[1 - offset :: 2]
-            if other.count(0) == 0:
-                return encoding, _recode(raw, encoding, name)
+        every_other, rest = head[offset::2], head[1 - offset :: 2]
+        if len(head) >= 8 and every_other.count(0) > 0.4 * len(every_other) and 0 not in rest:
+            return encoding, _recode(raw, encoding, name)
     return _checked(raw, name, "utf-8")
 
 

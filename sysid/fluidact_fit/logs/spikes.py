@@ -14,11 +14,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from ..family import Variant
+from .log import BoolArray, IndexArray, count_of
 
 _FARTHER = 5.0  # times the largest other jump of the record
 _BACK = 0.2  # part of the jump by which the neighbours may differ
@@ -29,18 +29,12 @@ _FEWEST = 20  # samples of a record that is looked at
 _SHARE = 0.005  # largest part of a record that can be spikes
 _LISTED = 5
 
-Index = npt.NDArray[np.intp]
-
 
 def replace_spikes(experiment: Experiment, variant: Variant) -> tuple[Experiment, list[Notice]]:
     """Replace spikes of measured signals by what lies between their neighbours.
 
-    Held inputs stay as they are: a command may well be one sample long.
-
-    Returns
-    -------
-    tuple
-        The run, and one warning per role with spikes.
+    Held inputs stay as they are: a command may well be one sample long. Returned with one warning
+    per role with spikes.
     """
     if experiment.samples < _FEWEST:
         return experiment, []
@@ -54,22 +48,20 @@ def replace_spikes(experiment: Experiment, variant: Variant) -> tuple[Experiment
         found = find_spikes(signal.values, others)
         if not found.size:
             continue
-        values = _bridged(_instants(experiment), signal.values, found)
-        before = float(values[0])
-        signals[role.name] = replace(signal, values=values, before=before)
+        kept = np.delete(np.arange(signal.values.size), found)
+        values = signal.values.copy()  # straight lines across the spikes; the ends are level
+        # sample numbers where there is no time
+        time = experiment.time if experiment.time.size else np.arange(kept.size + found.size)
+        values[found] = np.interp(time[found], time[kept], signal.values[kept])
+        signals[role.name] = replace(signal, values=values, before=float(values[0]))
         notices.append(_notice(experiment, role.name, signal.unit, signal.values, found))
     return replace(experiment, signals=signals), notices
 
 
-def find_spikes(values: FloatArray, moved: npt.NDArray[np.bool_]) -> Index:
-    """Return the samples that stand alone, in order.
+def find_spikes(values: FloatArray, moved: BoolArray) -> IndexArray:
+    """Return the samples that stand alone, in order; none where an input has ``moved``.
 
-    Parameters
-    ----------
-    values : (n,)
-        The signal [any unit].
-    moved : (n,)
-        Where an input explains a jump.
+    Shape ``(n,)`` each.
     """
     jumps = np.diff(values)
     size = np.abs(jumps)
@@ -93,7 +85,7 @@ def find_spikes(values: FloatArray, moved: npt.NDArray[np.bool_]) -> Index:
     return np.sort(order[:count])
 
 
-def _where_inputs_move(experiment: Experiment, variant: Variant) -> npt.NDArray[np.bool_]:
+def _where_inputs_move(experiment: Experiment, variant: Variant) -> BoolArray:
     """Samples at which, or shortly before which, an input jumps; shape ``(n,)``."""
     n = experiment.samples
     moved = np.zeros(n, dtype=bool)
@@ -113,23 +105,8 @@ def _where_inputs_move(experiment: Experiment, variant: Variant) -> npt.NDArray[
     return moved
 
 
-def _instants(experiment: Experiment) -> FloatArray:
-    """Time of every sample, or its number where there is no time."""
-    if experiment.time.size:
-        return experiment.time
-    return np.arange(experiment.samples, dtype=float)
-
-
-def _bridged(time: FloatArray, values: FloatArray, spikes: Index) -> FloatArray:
-    """The signal with straight lines across its spikes; the ends are level."""
-    kept = np.delete(np.arange(values.size), spikes)
-    out = values.copy()
-    out[spikes] = np.interp(time[spikes], time[kept], values[kept])
-    return out
-
-
 def _notice(
-    experiment: Experiment, role: str, unit: str, values: FloatArray, found: Index
+    experiment: Experiment, role: str, unit: str, values: FloatArray, found: IndexArray
 ) -> Notice:
     timed = experiment.time.size > 0
     listed = ", ".join(
@@ -138,11 +115,10 @@ def _notice(
         for k in found[:_LISTED]
     )
     more = f" and {found.size - _LISTED} more" if found.size > _LISTED else ""
-    what = "1 sample" if found.size == 1 else f"{found.size} samples"
-    stand = "stands" if found.size == 1 else "stand"
+    stand, was = ("stands", "was") if found.size == 1 else ("stand", "were")
     return Notice(
         "spikes",
-        f"{experiment.name}: {what} of '{role}' {stand} alone, far from the neighbours ({listed}"
-        f"{more}), and {'was' if found.size == 1 else 'were'} replaced by what lies between them. "
-        "Check the cable, the converter and the logger.",
+        f"{experiment.name}: {count_of(found.size, 'sample')} of '{role}' {stand} alone, far from "
+        f"the neighbours ({listed}{more}), and {was} replaced by what lies between them. Check the "
+        "cable, the converter and the logger.",
     )

@@ -43,13 +43,7 @@ class Table:
 
 
 def read_table(source: Source, layout: Layout) -> Table:
-    """Read the table.
-
-    Raises
-    ------
-    LogError
-        When too many rows have the wrong number of fields, or there are none.
-    """
+    """Read the table; ``LogError`` when it has no rows, or too many irregular ones."""
     offset = 0
     for _ in range(layout.first_row):
         offset = source.data.find(b"\n", offset) + 1

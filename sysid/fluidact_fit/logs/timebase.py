@@ -53,15 +53,8 @@ def counted_run(rows: int, sample_time: float) -> Run:
 def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
     """Split a log where its time restarts and make each run strictly increasing.
 
-    Returns
-    -------
-    tuple
-        Runs in order, and what was repaired or left out.
-
-    Raises
-    ------
-    LogError
-        When stamps are missing, step back or repeat without an explanation.
+    Returns the runs in order, and what was repaired or left out. ``LogError`` when stamps are
+    missing, step back or repeat without an explanation.
     """
     rows = np.arange(log.rows)
     require_numbers(log, binding, rows)

@@ -37,7 +37,7 @@ def write_atomically(
     where = os.fspath(path)
     try:
         target = os.path.realpath(where)
-        mode = _mode_of(target)
+        mode = os.stat(target).st_mode if os.path.exists(target) else None
         if mode is not None and stat.S_ISDIR(mode):
             raise OutputError("is a directory.", where=where, remedy="Give a file name inside it.")
         if mode is not None and not stat.S_ISREG(mode):
@@ -54,13 +54,6 @@ def write_atomically(
     except (OSError, ValueError) as error:
         raise _explained(where, error) from error
     return Path(path)
-
-
-def _mode_of(target: str) -> int | None:
-    try:
-        return os.stat(target).st_mode
-    except FileNotFoundError:
-        return None
 
 
 def _replace(target: str, content: bytes, mode: int | None) -> None:

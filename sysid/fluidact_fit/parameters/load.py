@@ -1,23 +1,31 @@
-"""Parameter files in and out."""
+"""Parameter files in and out.
+
+A file that is read has to agree with itself: a parameter changed by hand would otherwise leave
+a controller with the old model.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
-from ..errors import ParameterFileError
-from .agreement import check_agreement
+from ..errors import FluidactError, ParameterFileError
+from ..experiment import Hold
+from ..specification import Described
 from .atomic import write_atomically
 from .document import ParameterDocument
 from .migrations import is_newer, migrate
-from .plain import to_plain
-from .problems import Location, Problems
+from .problems import Location, Problems, format_path
 from .validation import Lookup, validate
-from .yaml_io import YamlText, dump_yaml, parse_yaml, read_yaml
+from .yaml_io import YamlText, dump_yaml, parse_yaml, read_yaml, to_plain
 
 _REMEDY = "Correct these, or fit again and use the new file."
+_CHANGED = "One of the two was changed by hand. Fit again with --fix NAME=VALUE instead."
+_SAME = 1e-4  # relative; an edited parameter shows, one rounded to six digits does not
+_SMALL = 1e-9  # of the largest number of a list
 
 
 def read_document(path: str | os.PathLike[str], lookup: Lookup) -> ParameterDocument:
@@ -32,13 +40,7 @@ def read_document(path: str | os.PathLike[str], lookup: Lookup) -> ParameterDocu
 
 
 def parse_document(text: str, lookup: Lookup, where: str = "the document") -> ParameterDocument:
-    """Read a parameter document from text, as ``read_document`` does from a file.
-
-    Raises
-    ------
-    ParameterFileError
-        Naming every problem with its path and line.
-    """
+    """Read a parameter document from text, as :func:`read_document` does from a file."""
     return _read(parse_yaml(text, where), lookup, where)
 
 
@@ -55,7 +57,7 @@ def make_document(
     ParameterFileError
         Naming every problem with its path.
     """
-    return _check(to_plain(document), Problems(), {}, lookup, where)
+    return _check(YamlText(to_plain(document), Problems(), {}), lookup, where)
 
 
 def dump_document(document: ParameterDocument) -> str:
@@ -77,21 +79,76 @@ def save_document(
 
 
 def _read(text: YamlText, lookup: Lookup, where: str) -> ParameterDocument:
-    document = _check(text.data, text.problems, text.lines, lookup, where)
+    document = _check(text, lookup, where)
     check_agreement(document, lookup(document.family), where)
     return document
 
 
-def _check(
-    data: dict[str, Any],
-    problems: Problems,
-    lines: Mapping[Location, int],
-    lookup: Lookup,
-    where: str,
-) -> ParameterDocument:
+def _check(text: YamlText, lookup: Lookup, where: str) -> ParameterDocument:
     # What a newer version calls a problem is unknown here: nothing else is worth saying.
-    migrated = migrate(data, problems)
-    document = None if is_newer(data) else validate(migrated, problems, lookup)
+    migrated = migrate(text.data, text.problems)
+    document = None if is_newer(text.data) else validate(migrated, text.problems, lookup)
     if document is None:
-        raise ParameterFileError(where, problems.listed(lines), _REMEDY)
+        raise ParameterFileError(where, text.problems.listed(text.lines), _REMEDY)
     return document
+
+
+def check_agreement(
+    document: ParameterDocument, family: Described, where: str = "the document"
+) -> None:
+    """Compare the ``model`` part of a valid document with the one that its parameters give."""
+    variant = next((v for v in family.variants if v.name == document.variant), family.variants[0])
+    discrete = document.model.get("discrete")
+    settings = {"sample_time": 0.0, "hold": "zoh"} if discrete is None else discrete
+    if not isinstance(settings, Mapping):
+        raise ParameterFileError(where, [("model.discrete", "is not a mapping")], _CHANGED)
+    step: Any = settings.get("sample_time")
+    hold: Any = settings.get("hold")
+    if not _is_number(step) or (discrete is not None and step <= 0.0):
+        problems = [("model.discrete.sample_time", f"{step!r} is not a positive number")]
+    elif hold not in get_args(Hold):
+        problems = [("model.discrete.hold", f"{hold!r} is not known")]
+    else:
+        try:
+            options = family.options_type.read(document.options or {}, from_file=True)
+            due = family.model(variant, document.values(), options, float(step), hold)
+        except (FluidactError, ArithmeticError, ValueError) as error:
+            problems = [("model", f"cannot be made from the parameters: {error}")]
+        else:
+            wrong = disagreements(document.model, due, ("model",))
+            problems = [(format_path(place), words) for place, words in wrong]
+    if problems:
+        raise ParameterFileError(where, problems, _CHANGED)
+
+
+def disagreements(
+    found: Any, due: Any, place: Location = (), slack: float = 0.0
+) -> Iterator[tuple[Location, str]]:
+    """Yield every place where a part lacks something or has another value.
+
+    What ``found`` holds beyond ``due`` is left alone. A list is one place; its numbers may be
+    off by a ``slack``, a small part of its largest.
+    """
+    if isinstance(due, Mapping) and isinstance(found, Mapping):
+        for key, value in due.items():
+            if key in found:
+                yield from disagreements(found[key], value, (*place, key))
+            else:
+                yield (*place, key), "missing"
+        return
+    if isinstance(due, (list, tuple)):
+        slack = _SMALL * max((abs(v) for v in due if _is_number(v)), default=0.0)
+        same = isinstance(found, (list, tuple)) and len(found) == len(due)
+        same = same and not any(any(disagreements(*pair, (), slack)) for pair in zip(found, due))
+    elif _is_number(due):
+        same = _is_number(found) and abs(found - due) <= _SAME * abs(due) + slack
+    else:
+        same = found == due
+    if not same:
+        yield place, "does not agree with the parameters"
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number that a float can hold."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return number and abs(value) <= sys.float_info.max

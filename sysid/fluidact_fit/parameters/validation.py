@@ -18,8 +18,8 @@ from .. import units
 from ..errors import FluidactError, UsageError
 from ..specification import Described, ParameterSpec, Variant
 from .document import TAG, ParameterDocument, Part
-from .plain import check_plain
 from .problems import Location, Problems, find_entries, suggest
+from .yaml_io import check_plain
 
 Lookup = Callable[[str], Described]
 
@@ -45,15 +45,10 @@ _WORDS = {
 def validate(
     document: dict[str, Any], problems: Problems, lookup: Lookup
 ) -> ParameterDocument | None:
-    """Check a plain document of the current version.
+    """Check a plain document of the current version; ``lookup`` finds a family by name.
 
-    Problems that are found are added to those known so far; ``lookup`` finds a family by name.
-
-    Returns
-    -------
-    ParameterDocument or None
-        With the variant filled in and the parameters in the family's order; ``None``
-        when there is any problem.
+    Problems are added to those known so far, and where there is any ``None`` is returned; else the
+    document, its variant filled in and its parameters in the family's order.
     """
     check_plain(document, problems)
     checked = _check_structure(document, problems)

@@ -1,29 +1,34 @@
 """The only YAML reader and writer.
 
-The reader takes the safe core of YAML 1.2 and nothing else. The writer keeps to the text
-on which YAML 1.1 and YAML 1.2 readers agree.
+What a file can hold is plain data: dicts, lists, text and numbers. The reader takes the safe
+core of YAML 1.2 and nothing else; the writer keeps to the text on which YAML 1.1 and YAML 1.2
+readers agree.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import io
+import math
 import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 from yaml.composer import Composer
 from yaml.constructor import SafeConstructor
 from yaml.resolver import BaseResolver
 
 from ..errors import ParameterFileError
-from .plain import check_plain, to_plain
 from .problems import Location, Problems
 
 MAX_BYTES = 10_000_000
 MAX_DEPTH = 32
+_MAX_KEY = 200  # YAML allows 1024, but a key of that size is a mistake
 _TAG = "tag:yaml.org,2002:"
 
 # ---------------------------------------------------------------------------- reading
@@ -42,13 +47,7 @@ class YamlText:
 
 
 def read_yaml(path: str | os.PathLike[str]) -> YamlText:
-    """Read a YAML file strictly.
-
-    Raises
-    ------
-    ParameterFileError
-        When the file cannot be read, or is not UTF-8 YAML with a mapping at the top.
-    """
+    """Read a YAML file strictly; ``ParameterFileError`` when it cannot be, as UTF-8 text."""
     where = os.fspath(path)
     if os.path.isdir(where):
         raise _refusal(where, "is a directory", "Give the parameter file inside it.")
@@ -74,13 +73,10 @@ def read_yaml(path: str | os.PathLike[str]) -> YamlText:
 
 
 def parse_yaml(text: str, where: str) -> YamlText:
-    """Parse YAML strictly; ``where`` names the file in errors.
+    """Parse YAML strictly; ``where`` names the file in errors (``ParameterFileError``).
 
-    Raises
-    ------
-    ParameterFileError
-        When the text is not YAML, has more than one document, an alias, nesting deeper
-        than ``MAX_DEPTH``, or anything but a mapping at the top.
+    Refused are more than one document, aliases, nesting deeper than ``MAX_DEPTH``, and anything
+    but a mapping at the top.
     """
     try:
         loader: Any = _Loader(text, where)
@@ -231,10 +227,7 @@ def _set_style(node: Any, depth: int = 0, column: int = 0) -> int:
 def dump_yaml(document: Mapping[str, Any]) -> str:
     """Return a document as YAML text that every YAML reader reads alike.
 
-    Raises
-    ------
-    ParameterFileError
-        When something in it is not finite, or neither number, text, list nor mapping.
+    ``ParameterFileError`` when something in it is not finite, or no number, text, list or mapping.
     """
     plain = to_plain(document)
     problems = Problems()
@@ -245,3 +238,49 @@ def dump_yaml(document: Mapping[str, Any]) -> str:
     _set_style(node)
     text: str = yaml.serialize(node, Dumper=_Dumper, width=_WIDTH, allow_unicode=True)
     return _HEADER + text
+
+
+# ------------------------------------------------------------------------- plain data
+
+
+def to_plain(value: Any) -> Any:
+    """Return a value as plain dicts, lists, text and numbers.
+
+    Numpy scalars and arrays, tuples, paths and dataclasses are converted; keys whose
+    value is ``None`` are left out. Anything else is returned as it is.
+    """
+    if isinstance(value, Mapping):
+        return {to_plain(k): to_plain(v) for k, v in value.items() if v is not None}
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return to_plain({f.name: getattr(value, f.name) for f in dataclasses.fields(value)})
+    if isinstance(value, (np.ndarray, np.generic)):
+        return to_plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [to_plain(item) for item in value]
+    if isinstance(value, Path):
+        value = os.fspath(value)
+    if isinstance(value, str):
+        # File names may carry bytes that are not UTF-8 as lone surrogates; no YAML holds those.
+        return str(value).encode("utf-8", "surrogatepass").decode("utf-8", "replace")
+    return value
+
+
+def check_plain(value: Any, problems: Problems, place: Location = ()) -> None:
+    """Note everything in a value that a parameter file cannot hold."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            if not isinstance(key, str):
+                problems.add((*place, str(key)), "key is not text")
+            elif len(key) > _MAX_KEY:
+                problems.add((*place, key), f"key is longer than {_MAX_KEY} characters")
+            else:
+                check_plain(item, problems, (*place, key))
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            check_plain(item, problems, (*place, index))
+    elif value is None:
+        problems.add(place, "is empty; give a value or remove the key")
+    elif isinstance(value, float) and not math.isfinite(value):
+        problems.add(place, f"{value} is not finite")
+    elif not isinstance(value, (str, int, float)):
+        problems.add(place, f"a {type(value).__name__} cannot stand in a parameter file")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from .figure import plot_result, plot_validation
 from .page import document_page, result_page, write_document_html, write_html
-from .save import save_figure
+from .save import render, save_figure
 
 __all__ = [
     "document_page",
     "plot_result",
     "plot_validation",
+    "render",
     "result_page",
     "save_figure",
     "write_document_html",

@@ -11,18 +11,8 @@ import numpy.typing as npt
 from ..families import get_family
 from ..family import StaticView
 from ..outcome import Outcome, Simulation, agreement
+from . import panels
 from .numbers import choose_scale, count, percent, plain, short
-from .panels import (
-    correlation_panel,
-    histogram_panel,
-    input_panel,
-    map_panel,
-    map_residual_panel,
-    output_panel,
-    residual_panel,
-    scale_of,
-    table_panel,
-)
 from .runs import choose, drive_role, instants
 from .style import FAINT, INK, LARGE, NORMAL, SETTINGS, VERDICT, legend
 
@@ -62,7 +52,9 @@ def plot_result(result: Outcome) -> Figure:
         if view is None:
             _dynamic(figure, result.fitted, result, right=0.975 - _SIDE)
             lowest = _side(figure, result)
-            correlation_panel(lowest, [r.residual for r in result.fitted], _whiteness(result))
+            panels.correlation_panel(
+                lowest, [r.residual for r in result.fitted], _whiteness(result)
+            )
         else:
             _static(figure, view, result)
     return figure
@@ -145,7 +137,7 @@ def _side(figure: Figure, result: Outcome) -> Axes:
         bottom=0.085, hspace=0.2,
     )  # fmt: skip
     (upper,), (lower,) = grid.subplots(squeeze=False)
-    table_panel(upper, result.parameters, result.derived)
+    panels.table_panel(upper, result.parameters, result.derived)
     return lower
 
 
@@ -163,19 +155,19 @@ def _dynamic(figure: Figure, runs: Sequence[Simulation], result: Outcome, right:
     rows = grid.subplots(sharex="col", sharey="row", squeeze=False)
     units = result.experiments[0].signals
     t = choose_scale("s", max(float(np.ptp(instants(r))) for r in shown))
-    y = scale_of([r.measured for r in shown], units[output].unit)
-    e = scale_of([r.residual for r in shown], units[output].unit)
+    y = panels.scale_of([r.measured for r in shown], units[output].unit)
+    e = panels.scale_of([r.residual for r in shown], units[output].unit)
     rmse = agreement(runs).rmse
-    for column, panels in zip(columns, rows.T):
+    for column, (upper, lower, *_) in zip(columns, rows.T):
         name = choice.note if choice.overlay else _run_title(column[0], len(columns), len(runs))
-        output_panel(panels[0], column, t, y, name)
-        residual_panel(panels[1], column, rmse, t, e)
+        panels.output_panel(upper, column, t, y, name)
+        panels.residual_panel(lower, column, rmse, t, e)
     labels = [y.label(output), e.label("residual")]
     if drive:
         driven = [r.experiment[drive] for r in shown if drive in r.experiment]
-        u = scale_of(driven, units[drive].unit)
+        u = panels.scale_of(driven, units[drive].unit)
         for column, axes in zip(columns, rows[2]):
-            input_panel(axes, column, drive, t, u)
+            panels.input_panel(axes, column, drive, t, u)
         labels.append(u.label(drive))
     _label(figure, rows, t.label("time"), labels)
     legend(rows[1, -1], rows[0, -1])
@@ -207,16 +199,16 @@ def _static(figure: Figure, view: StaticView, result: Outcome) -> None:
         hspace=0.13 if len(view.curves) < 4 else 0.2,  # room for a second line of the legend
     )  # fmt: skip
     (upper,), (lower,) = grid.subplots(sharex=True, squeeze=False)
-    x = scale_of([view.x], view.x_unit)
-    y = scale_of([view.measured[view.used]], view.y_unit)
+    x = panels.scale_of([view.x], view.x_unit)
+    y = panels.scale_of([view.measured[view.used]], view.y_unit)
     rest = (view.measured - view.fitted)[view.used]
-    e = scale_of([rest], view.y_unit)
+    e = panels.scale_of([rest], view.y_unit)
     rmse = float(np.sqrt(np.mean(rest**2))) if rest.size else 0.0
-    map_panel(upper, view, x, y)
-    map_residual_panel(lower, view, x, e, rmse)
+    panels.map_panel(upper, view, x, y)
+    panels.map_residual_panel(lower, view, x, e, rmse)
     legend(lower, upper, columns=6)
     figure.align_ylabels([upper, lower])
-    histogram_panel(_side(figure, result), rest, e)
+    panels.histogram_panel(_side(figure, result), rest, e)
 
 
 def _whiteness(result: Outcome) -> str:

@@ -103,15 +103,7 @@ def result_page(result: Outcome) -> str:
 
 
 def document_page(document: ParameterDocument, figures: Sequence[tuple[str, bytes]] = ()) -> str:
-    """The page of a parameter document.
-
-    Parameters
-    ----------
-    document
-        A parameter document.
-    figures
-        Description and SVG of each picture.
-    """
+    """The page of a parameter document; ``figures`` are description and SVG of each picture."""
     pictures = "".join(
         f'<img alt="{escape(text)}" src="data:image/svg+xml;base64,{b64encode(svg).decode()}">\n'
         for text, svg in figures

@@ -11,25 +11,9 @@ import numpy.typing as npt
 from ..experiment import FloatArray, Signal
 from ..family import Quantity, StaticView
 from ..outcome import Simulation
+from . import style
 from .numbers import Scale, choose_scale, count, plain, pretty_unit, show
 from .runs import envelope, instants, subset
-from .style import (
-    BAND,
-    FAINT,
-    INK,
-    INPUT,
-    LEFT_OUT,
-    MEASURED,
-    NORMAL,
-    POINTS,
-    RESIDUAL,
-    SIMULATED,
-    SMALL,
-    SPARSE,
-    VERDICT,
-    band,
-    dress,
-)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,33 +28,33 @@ def output_panel(axes: Axes, runs: Sequence[Simulation], t: Scale, y: Scale, tit
     sparse = max(r.measured.size for r in runs) <= 120
     for k, run in enumerate(runs):
         for values, colour, label, order in (
-            (run.measured, MEASURED, "measured", 2),
-            (run.simulated, SIMULATED, "simulated", 3),
+            (run.measured, style.MEASURED, "measured", 2),
+            (run.simulated, style.SIMULATED, "simulated", 3),
         ):
             x, v = envelope(instants(run), values)
             measured = label == "measured"
             axes.plot(
-                x * t.factor, v * y.factor, color=SPARSE if measured and sparse else colour,
+                x * t.factor, v * y.factor, color=style.SPARSE if measured and sparse else colour,
                 zorder=order + 2 * (measured and sparse),
                 marker="o" if sparse else "", markersize=3.5 if measured else 2, markeredgewidth=0,
                 linestyle="" if measured and sparse else "-",
                 linewidth=2.8 if measured and not many else 1.0,
                 alpha=0.55 if many else 1.0, label=label if k == 0 else None,
             )  # fmt: skip
-    dress(axes, title)
+    style.dress(axes, title)
 
 
 def residual_panel(axes: Axes, runs: Sequence[Simulation], rmse: float, t: Scale, y: Scale) -> None:
     """Residuals over time with the band of two root-mean-square errors."""
-    band(axes, 2.0 * rmse * y.factor, 0.22, "± 2 rmse")
+    style.band(axes, 2.0 * rmse * y.factor, 0.22, "± 2 rmse")
     many = len(runs) > 1
     for run in runs:
         x, v = envelope(instants(run), run.residual)
         sparse = x.size <= 120
-        axes.plot(x * t.factor, v * y.factor, color=RESIDUAL, alpha=0.4 if many else 1.0,
+        axes.plot(x * t.factor, v * y.factor, color=style.RESIDUAL, alpha=0.4 if many else 1.0,
                   linewidth=0.0 if many and sparse else 0.7, marker="o" if sparse else "",
                   markersize=3 if sparse else 2, markeredgewidth=0)  # fmt: skip
-    dress(axes)
+    style.dress(axes)
 
 
 def input_panel(axes: Axes, runs: Sequence[Simulation], drive: str, t: Scale, u: Scale) -> None:
@@ -82,9 +66,9 @@ def input_panel(axes: Axes, runs: Sequence[Simulation], drive: str, t: Scale, u:
         x, v = _drawn(signal, instants(run))
         step = "steps-post" if signal.hold in (None, "zoh") and x.size == v.size else "default"
         x, v = envelope(x, v)
-        axes.plot(x * t.factor, v * u.factor, color=INPUT, linewidth=0.9, drawstyle=step,
+        axes.plot(x * t.factor, v * u.factor, color=style.INPUT, linewidth=0.9, drawstyle=step,
                   alpha=0.4 if len(runs) > 1 else 1.0)  # fmt: skip
-    dress(axes)
+    style.dress(axes)
 
 
 def _drawn(signal: Signal, time: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -101,12 +85,12 @@ def correlation_panel(axes: Axes, residuals: Sequence[FloatArray], whiteness: st
     """Autocorrelation of the residuals with the band of white noise."""
     finite = [r[np.isfinite(r)] for r in residuals]
     lags, rho = correlation(finite)
-    band(axes, 1.96 / max(sum(r.size for r in finite), 1) ** 0.5, 0.35)
-    axes.vlines(lags, 0.0, rho, color=RESIDUAL, linewidth=1.6)
+    style.band(axes, 1.96 / max(sum(r.size for r in finite), 1) ** 0.5, 0.35)
+    axes.vlines(lags, 0.0, rho, color=style.RESIDUAL, linewidth=1.6)
     axes.set_ylim(min(-0.25, 1.15 * float(rho.min(initial=0.0))), 1.05)
     axes.set_xlim(0, float(lags[-1]) + float(lags[0]))
     axes.set_xlabel("lag [samples]" + (f"     ({whiteness})" if whiteness else ""))
-    dress(axes, "Residual autocorrelation, shaded: 95 % band of white noise")
+    style.dress(axes, "Residual autocorrelation, shaded: 95 % band of white noise")
 
 
 def correlation(
@@ -133,20 +117,21 @@ def correlation(
 def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
     """Samples of a static map with the fitted curve."""
     size = int(view.used.sum())
-    beside = _draw_samples(axes, view, x.factor, view.measured * y.factor, SPARSE, named=True)
-    styles, colours = ("-", "--", "-.", ":"), (SIMULATED, INPUT, POINTS, INK)
+    beside = _draw_samples(axes, view, x.factor, view.measured * y.factor, style.SPARSE, named=True)
+    lines = ("-", "--", "-.", ":")
+    colours = (style.SIMULATED, style.INPUT, style.POINTS, style.INK)
     for k, curve in enumerate(view.curves):
         axes.plot(curve.x * x.factor, curve.y * y.factor, color=colours[k % 4],
-                  linewidth=1.6, zorder=4, linestyle=styles[k % 4],
+                  linewidth=1.6, zorder=4, linestyle=lines[k % 4],
                   label=plain(curve.label, 30))  # fmt: skip
     if not view.curves:
         order = np.argsort(view.x, kind="stable")
-        axes.plot(view.x[order] * x.factor, view.fitted[order] * y.factor, color=SIMULATED,
+        axes.plot(view.x[order] * x.factor, view.fitted[order] * y.factor, color=style.SIMULATED,
                   linewidth=1.4, label="fitted", zorder=4)  # fmt: skip
     if view.points is not None:
-        axes.plot(view.points.x * x.factor, view.points.y * y.factor, color=POINTS, linewidth=0.8,
-                  linestyle=":", marker="s", markersize=4.5, markerfacecolor="white",
-                  label=plain(view.points.label, 30), zorder=5)  # fmt: skip
+        axes.plot(view.points.x * x.factor, view.points.y * y.factor, color=style.POINTS,
+                  linewidth=0.8, linestyle=":", marker="s", markersize=4.5, zorder=5,
+                  markerfacecolor="white", label=plain(view.points.label, 30))  # fmt: skip
     axes.set_ylabel(y.label(view.y_name))
     axes.set_xlim(*(x.factor * end for end in window(view)))
     notes = [f"{count(size)} samples" + (f" ({count(_MOST_POINTS)} drawn)" * (size > _MOST_POINTS))]
@@ -156,7 +141,7 @@ def map_panel(axes: Axes, view: StaticView, x: Scale, y: Scale) -> None:
         notes.append(
             f"{count(left)} left out" + (f", {count(beyond)} beyond the picture" * (beyond > 0))
         )
-    dress(axes, "; ".join(notes))
+    style.dress(axes, "; ".join(notes))
 
 
 def window(view: StaticView) -> tuple[float, float]:
@@ -174,14 +159,14 @@ def window(view: StaticView) -> tuple[float, float]:
 
 def map_residual_panel(axes: Axes, view: StaticView, x: Scale, y: Scale, rmse: float) -> None:
     """Residuals over the input of a static map."""
-    band(axes, 2.0 * rmse * y.factor, 0.22, "± 2 rmse")
+    style.band(axes, 2.0 * rmse * y.factor, 0.22, "± 2 rmse")
     rest = view.measured - view.fitted
-    if _draw_samples(axes, view, x.factor, rest * y.factor, RESIDUAL, named=False):
+    if _draw_samples(axes, view, x.factor, rest * y.factor, style.RESIDUAL, named=False):
         inside = np.abs(rest[view.used]).max(initial=0.0)
         axes.set_ylim(*(np.array([-1.3, 1.3]) * max(inside, 2.5 * rmse) * y.factor))
     axes.set_ylabel(y.label("residual"))
     axes.set_xlabel(x.label(view.x_name))
-    dress(axes)
+    style.dress(axes)
 
 
 def _draw_samples(
@@ -191,7 +176,7 @@ def _draw_samples(
     low, high = window(view)
     beside = ~view.used & (view.x >= low) & (view.x <= high)
     for chosen, shade, marker, edge, label in (
-        (beside, LEFT_OUT, "x", 0.8, "left out"), (view.used, colour, "o", 0, "measured"),
+        (beside, style.LEFT_OUT, "x", 0.8, "left out"), (view.used, colour, "o", 0, "measured"),
     ):  # fmt: skip
         index = np.flatnonzero(chosen)
         index = index[subset(index.size, _MOST_POINTS)]
@@ -210,13 +195,13 @@ def histogram_panel(axes: Axes, residuals: FloatArray, y: Scale) -> None:
     if rest.size and np.ptp(rest) > 0.0:
         width = float(rest.std())
         bins = int(np.clip(np.sqrt(rest.size), 8, 60))
-        axes.hist(rest, bins=bins, density=True, color=BAND, alpha=0.6)
+        axes.hist(rest, bins=bins, density=True, color=style.BAND, alpha=0.6)
         x = np.linspace(rest.min(), rest.max(), 200)
         normal = np.exp(-0.5 * ((x - rest.mean()) / width) ** 2) / (width * np.sqrt(2 * np.pi))
-        axes.plot(x, normal, color=INK, linewidth=1.0)
+        axes.plot(x, normal, color=style.INK, linewidth=1.0)
     axes.set_yticks([])
     axes.set_xlabel(y.label("residual"))
-    dress(axes, "Residuals, and the normal curve of the same width")
+    style.dress(axes, "Residuals, and the normal curve of the same width")
 
 
 def table_panel(
@@ -225,30 +210,33 @@ def table_panel(
     """Parameters with standard errors as text; what was not estimated says so."""
     axes.set_axis_off()
     axes.set_xlim(0.0, 1.0)
-    rows = [("Parameters", "value ± standard error", "", INK), *_rows(parameters)]
+    rows = [("Parameters", "value ± standard error", "", style.INK), *_rows(parameters)]
     extra = _rows(derived)
     if extra and len(rows) + len(extra) < _MOST_ROWS:
-        rows += [("", "", "", INK), ("Derived", "", "", INK), *extra]
+        rows += [("", "", "", style.INK), ("Derived", "", "", style.INK), *extra]
     if len(rows) > _MOST_ROWS:
-        rows = [*rows[: _MOST_ROWS - 1], ("…", "more in the file", "", FAINT)]
+        rows = [*rows[: _MOST_ROWS - 1], ("…", "more in the file", "", style.FAINT)]
     slots = max(len(rows), 11)
     for k, (name, value, status, colour) in enumerate(rows):
         y = 1.0 - (k + 0.5) / slots
         title = name in ("Parameters", "Derived")
         weight = "bold" if title else "normal"
-        size = NORMAL if title else SMALL + 0.3
-        axes.text(0.0, y, plain(name, 26), fontsize=size, weight=weight, color=INK, va="center",
-                  parse_math=False)  # fmt: skip
+        size = style.NORMAL if title else style.SMALL + 0.3
+        axes.text(0.0, y, plain(name, 26), fontsize=size, weight=weight, color=style.INK,
+                  va="center", parse_math=False)  # fmt: skip
         tail = f"{value}   {status}" if status else value
-        axes.text(1.0, y, tail, fontsize=SMALL if title else size, ha="right", va="center",
-                  color=FAINT if title else colour, parse_math=False)  # fmt: skip
+        axes.text(1.0, y, tail, fontsize=style.SMALL if title else size, ha="right", va="center",
+                  color=style.FAINT if title else colour, parse_math=False)  # fmt: skip
 
 
 def _rows(quantities: Mapping[str, Quantity]) -> list[tuple[str, str, str, str]]:
-    said = {"not_identified": ("not identified", VERDICT["fail"]), "fixed": ("fixed", FAINT)}
+    said = {
+        "not_identified": ("not identified", style.VERDICT["fail"]),
+        "fixed": ("fixed", style.FAINT),
+    }
     return [
         (name, f"{show(q.value, q.std_error)} {pretty_unit(q.unit)}".rstrip(),
-         *said.get(q.status, ("", INK)))
+         *said.get(q.status, ("", style.INK)))
         for name, q in quantities.items()
     ]  # fmt: skip
 
