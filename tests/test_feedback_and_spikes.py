@@ -37,7 +37,7 @@ def test_feedback_is_said_where_the_input_answers_and_not_where_the_model_misses
     zero = np.zeros(2000)
     answering = own - 0.8 * np.append(0.0, noise[:-1])
     closed = Simulation(experiment(answering, noise), zero, noise)
-    codes = [n.code for n in _cross_correlation(VARIANT, [closed])[1]]
+    codes = [n.code for n in _cross_correlation(VARIANT, [closed], ())[1]]
     assert codes == ["closed-loop"]
     # a lag that the model lacks: what is missed follows the chirp, and the chirp what is missed
     t = np.arange(1000) * 0.01
@@ -45,6 +45,6 @@ def test_feedback_is_said_where_the_input_answers_and_not_where_the_model_misses
     missed = lfilter([0.1], [1.0, -0.9], chirp) - chirp
     missed = missed / missed.std() + 0.1 * rng.uniform(-0.5, 0.5, 1000)
     opened = Simulation(experiment(chirp, missed), 0.0 * missed, missed)
-    table, said = _cross_correlation(VARIANT, [opened])
+    table, said = _cross_correlation(VARIANT, [opened], ())
     assert table["torque"]["input_follows_residual"] < 1e-5
     assert said == []

@@ -223,6 +223,8 @@ def _score(at: Optimum, term: Term) -> Score | None:
     """Size and significance of a term; ``None`` where the parameters can stand for it."""
     p = len(at.names)
     rows = at.beside_residual(term.columns)
+    if not all(np.isfinite(x).all() for x in rows):
+        return None
     white = at.whiten(rows, _left_over(rows))
     if not np.all(np.isfinite(white)):
         return None

@@ -68,31 +68,33 @@ def correct_named(
     return replace(
         fitted, values=values, names=solved.names, covariance=solved.covariance, intervals={},
         refused=done.refused, order=-1, input_noise={noise.role: noise.sigma},
-        notices=[*kept, *done.notices, _notice(noise, solved, found)],
+        notices=[*kept, *done.notices, *_notices(noise, solved, found)],
     )  # fmt: skip
 
 
-def _notice(noise: InputNoise, solved: Solved, found: Corrected) -> Notice:
-    """How much noise there is, what it would have done, and what it still does."""
+def _notices(noise: InputNoise, solved: Solved, found: Corrected) -> list[Notice]:
+    """How much noise there is, what it would have done, and what it still does, if it matters."""
     unit = noise.experiments[0].signals[noise.role].unit
     errors = np.array([max(solved.std_error(n), 1e-300) for n in solved.names])
     level = f"'{noise.role}' carries noise of about {noise.sigma:.2g} {unit} rms"
     worst = _largest(found.left / errors)
     if found.weak or not found.converged or abs(found.left[worst]) > _LEFT * errors[worst]:
-        return Notice(
-            "input-noise-left",
+        text = (
             f"{level}, too much to be allowed for exactly: {solved.names[worst]} may still be off "
             f"by {found.left[worst]:+.2g}. Record the input with a cleaner sensor, or move it "
-            "further.",
+            "further."
         )
+        return [Notice("input-noise-left", text)]
     most = _largest(found.bias / errors)
-    return Notice(
-        "input-noise",
+    if abs(found.bias[most]) < errors[most]:
+        return []
+    text = (
         f"{level}, which was allowed for: it would have changed {solved.names[most]} by "
         f"{found.bias[most]:+.2g}, {abs(found.bias[most]) / errors[most]:.1f} standard errors. "
         "A cleaner sensor would narrow the intervals; with this one no search is made for delays "
-        "or lags that the model does not have.",
+        "or lags that the model does not have."
     )
+    return [Notice("input-noise", text)]
 
 
 def _largest(values: FloatArray) -> int:

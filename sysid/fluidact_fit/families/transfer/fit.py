@@ -30,7 +30,7 @@ from ...family import FamilyOptions, ParameterSpec, Request
 from .model import answers_to_the_past, are_short
 
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
-_NEGLIGIBLE = 0.2  # standard errors that noise of the input may make without being allowed for
+_NEGLIGIBLE = 0.75  # standard errors that noise of the input may make without being allowed for
 _VALLEYS = 4  # of a grid search, from which the fit begins
 _RIVALS = 6  # places far from the best that are searched
 _NEAR = 10.0  # times the best cost, within which a rival may be
