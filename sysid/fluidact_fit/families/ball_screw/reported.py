@@ -28,11 +28,8 @@ def in_levels(fitted: Fitted) -> Fitted:
         if {excess, kinetic} <= set(fitted.names):
             turn[fitted.names.index(excess), fitted.names.index(kinetic)] = 1.0
     back = np.linalg.inv(turn)
-    # what was held is the excess; the level that is written is that of the file's table
-    refusals = [
-        replace(r, parameter=level[n], hold=None) if n in level else r
-        for n, r in fitted.refused.items()
-    ]
+    # what was held in the fit is an excess, or high enough to rest; the file has its own table
+    refusals = [replace(r, parameter=level.get(n, n), hold=None) for n, r in fitted.refused.items()]
     return replace(
         fitted,
         names=tuple(level.get(n, n) for n in fitted.names),

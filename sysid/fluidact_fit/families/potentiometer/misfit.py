@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import Notice
+from ...estimation.noise import noise_floor
 from ...estimation.uncertainty import Uncertainty, covariance, enlarge
 from ...experiment import FloatArray
 from .calibration import rising_share
@@ -33,6 +34,7 @@ _STRETCHES = 60  # of a sweep
 _BY_CHANCE = 0.01  # probability of a ratio of mean squares that is no accident
 _SURELY = 1e-6
 _MATTERS = 2e-3  # part of the stroke
+_TREMBLE = 8.0  # standard deviations of a reading that it has to move to have a direction
 _TWO_LEVELS = -1.35  # excess kurtosis of residuals
 _APART = 5.0  # standard errors of a difference between both directions
 
@@ -167,7 +169,9 @@ def direction_notice(
     """
     if fit.shape.branches > 1:
         return []
-    band = 5e-3 * scaled.span
+    # a reading that only trembles has no direction
+    tremble = max(noise_floor(data.reading[p]) for p in data.parts)
+    band = max(5e-3 * scaled.span, _TREMBLE * tremble)
     share = np.concatenate([rising_share(data.reading[p], band) for p in data.parts])[data.used]
     way = share - 0.5
     rest = scaled.rows.y - scaled.evaluate(fit)
