@@ -45,7 +45,7 @@ def main() -> int:
         results = pool.map(_one, range(len(tasks)), chunksize=1)
     if given.verbose:
         print("\n".join(shown(r) for r in results))
-    text = page(results, time.perf_counter() - began)
+    text = page(results, time.perf_counter() - began, given.scale)
     print(text)
     if given.write:
         PAGE.write_text(text, encoding="utf-8")

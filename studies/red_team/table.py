@@ -42,7 +42,7 @@ def shown(r: Result) -> str:
     )
 
 
-def page(results: Sequence[Result], seconds: float) -> str:
+def page(results: Sequence[Result], seconds: float, share: float = 1.0) -> str:
     """The page: what it all means, one row per group, and every failure."""
     groups: dict[tuple[str, str], list[Result]] = {}
     for r in results:
@@ -52,8 +52,9 @@ def page(results: Sequence[Result], seconds: float) -> str:
     asked = sum(len(g) for g in groups.values())
     refused = sum(bool(r.wrongly_refused) for r in results)
     silent, broken = sum(bool(r.silent) for r in results), len([r for r in bad if not r.silent])
+    part = "" if share == 1.0 else f" ({share:.0%} of the repetitions)"
     summary = (
-        f"{asked} runs in {seconds:.0f} s: {silent} wrong in silence, {refused} falsely refused, "
+        f"{asked} runs{part} in {seconds:.0f} s: {silent} wrong in silence, {refused} falsely refused, "
         f"{broken} "
         f"broken or endless, slowest {max((r.seconds for r in results), default=0.0):.1f} s."
     )

@@ -19,12 +19,15 @@ from .model import BREAKAWAY, EXCESS, SIDES
 def in_levels(fitted: Fitted) -> Fitted:
     """Turn ``excess`` into ``breakaway = coulomb + excess``; covariance and slopes follow."""
     level = {EXCESS[s]: BREAKAWAY[s] for s in SIDES}
-    values = {n: v for n, v in fitted.values.items() if n not in level}
+    # what was held high enough to rest is written as nothing
+    neutral = {n: float(fitted.specs[n].neutral or 0.0) for n in fitted.refused}
+    known = {**fitted.values, **neutral}
+    values = {n: v for n, v in known.items() if n not in level}
     turn = np.eye(len(fitted.names))
     for s in SIDES:
         kinetic, excess = f"coulomb_{s}", EXCESS[s]
-        if excess in fitted.values:
-            values[BREAKAWAY[s]] = fitted.values[kinetic] + fitted.values[excess]
+        if excess in known:
+            values[BREAKAWAY[s]] = known[kinetic] + known[excess]
         if {excess, kinetic} <= set(fitted.names):
             turn[fitted.names.index(excess), fitted.names.index(kinetic)] = 1.0
     back = np.linalg.inv(turn)
