@@ -53,10 +53,10 @@ def page(results: Sequence[Result], seconds: float, share: float = 1.0) -> str:
     refused = sum(bool(r.wrongly_refused) for r in results)
     silent, broken = sum(bool(r.silent) for r in results), len([r for r in bad if not r.silent])
     part = "" if share == 1.0 else f" ({share:.0%} of the repetitions)"
+    slowest = max((r.seconds for r in results), default=0.0)
     summary = (
-        f"{asked} runs{part} in {seconds:.0f} s: {silent} wrong in silence, {refused} falsely refused, "
-        f"{broken} "
-        f"broken or endless, slowest {max((r.seconds for r in results), default=0.0):.1f} s."
+        f"{asked} runs{part} in {seconds:.0f} s: {silent} wrong in silence, {refused} falsely "
+        f"refused, {broken} broken or endless, slowest {slowest:.1f} s."
     )
     failures = ["", "## What failed", "", *(f"- {shown(r)}" for r in bad)] if bad else []
     return "\n".join((_EXPLAINED, summary, "", *_HEAD, *rows, *failures, ""))
