@@ -14,7 +14,6 @@ from studies.red_team.table import page, shown
 
 from fluidact_fit.families import family_names
 
-
 # the bounds of the attacks are computed once
 pytestmark = pytest.mark.xdist_group("red-team")
 
