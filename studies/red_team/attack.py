@@ -53,7 +53,7 @@ class Attack:
     bounds
         Cramér-Rao standard deviations [SI] where the model is right and the sampling
         sufficient: a parameter whose 95 % interval would be narrower than 20 % must then not
-        be refused.
+        be refused. A function that gives them is called only when something was refused.
     repetitions
         How often it is recorded and fitted, each time with other random numbers.
     judge
@@ -71,7 +71,7 @@ class Attack:
     hold: Mapping[str, str] = field(default_factory=dict)
     fixed: Mapping[str, float] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, float] | Callable[[], Mapping[str, float]] = field(default_factory=dict)
     repetitions: int = 1
     judge: Callable[[Any], Mapping[str, Error]] | None = None
 
@@ -83,7 +83,8 @@ class Attack:
     @property
     def determined(self) -> set[str]:
         """Parameters whose 95 % interval is narrower than 20 %, as the bound has it."""
-        return {n for n, s in self.bounds.items() if 2.0 * 1.96 * s < 0.2 * self.scale(n)}
+        bounds = self.bounds() if callable(self.bounds) else self.bounds
+        return {n for n, s in bounds.items() if 2.0 * 1.96 * s < 0.2 * self.scale(n)}
 
 
 @dataclass(frozen=True)

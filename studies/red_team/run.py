@@ -88,5 +88,5 @@ def _fit(attack: Attack, paths: list[Path]) -> Result:
         codes=tuple(dict.fromkeys(n.code for n in found.notices)),
         errors=errors,
         not_identified=refused,
-        wrongly_refused=tuple(sorted(attack.determined & set(refused))),
+        wrongly_refused=tuple(sorted(attack.determined & set(refused))) if refused else (),
     )

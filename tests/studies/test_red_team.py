@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from functools import cache
 
 import numpy as np
 import pytest
-from studies.red_team.attack import Attack, Error, Result, cramer_rao
+from studies.red_team.attack import Error, Result, cramer_rao
 from studies.red_team.attacks import every, valve
 from studies.red_team.run import run
 from studies.red_team.table import page, shown
 
 from fluidact_fit.families import family_names
-
-# the bounds of the attacks are computed once
-pytestmark = pytest.mark.xdist_group("red-team")
-
-
-@cache
-def attacks() -> tuple[Attack, ...]:
-    """All attacks."""
-    return tuple(every())
 
 
 def result(verdict: str = "pass", **errors: tuple[float, float]) -> Result:
@@ -31,11 +21,11 @@ def result(verdict: str = "pass", **errors: tuple[float, float]) -> Result:
 
 
 def test_every_family_is_attacked() -> None:
-    assert {a.family for a in attacks()} == set(family_names())
+    assert {a.family for a in every()} == set(family_names())
 
 
 def test_no_two_attacks_are_one() -> None:
-    count = Counter((a.family, a.group, a.name) for a in attacks())
+    count = Counter((a.family, a.group, a.name) for a in every())
     assert [key for key, n in count.items() if n > 1] == []
 
 
@@ -82,7 +72,7 @@ _KEPT = {
 
 @pytest.mark.parametrize("key", sorted(_KEPT), ids=" ".join)
 def test_what_was_found_once_stays_found(key: tuple[str, str]) -> None:
-    chosen = [a for a in attacks() if (a.family, a.group) == key]
+    chosen = [a for a in every() if (a.family, a.group) == key]
     assert chosen
     results = [run(a) for a in chosen]
     assert [shown(r) for r in results if r.silent or r.verdict in ("crash", "endless")] == []

@@ -230,7 +230,7 @@ def _attack(
     return Attack(
         "ball-screw", group, name, machine.truth, partial(record, machine=machine, logger=logger,
         spoil=spoil), units, options=options, hold={next(iter(units)): hold} if hold else {},
-        bounds=_bounds(machine, logger, known) if bounds else {}, repetitions=repetitions,
+        bounds=partial(_bounds, machine, logger, known) if bounds else {}, repetitions=repetitions,
     )  # fmt: skip
 
 

@@ -286,8 +286,8 @@ def attacks() -> Iterator[Attack]:
 
     def attack(
         group: str, name: str, plant: Plant = Plant(), *, repetitions: int = 2,
-        changed: Mapping[str, float] | None = None, bounds: Mapping[str, float] | None = None,
-        options: Mapping[str, str] | None = None, **how: object,
+        changed: Mapping[str, float] | None = None, options: Mapping[str, str] | None = None,
+        bounds: Callable[[], Mapping[str, float]] | None = None, **how: object,
     ) -> Attack:  # fmt: skip
         low, high = plant.edges
         recorder = partial(record, plant=plant, **how)  # type: ignore[arg-type]
@@ -301,7 +301,7 @@ def attacks() -> Iterator[Attack]:
     for coulomb, times in ((35.0, 8), (200.0, 4), (900.0, 8)):
         plant = replace(Plant(), coulomb=coulomb)
         yield attack("right model", f"{coulomb:g} N", plant, repetitions=times,
-                     bounds=_bounds(plant))  # fmt: skip
+                     bounds=partial(_bounds, plant))  # fmt: skip
     yield attack("right model", "micro-actuator, 5 kHz", MICRO, step=2e-4, volts=5.0,
                  noise=(3e4, 5e-6), n=1500)  # fmt: skip
     yield attack("right model", "press, 500 Hz", PRESS, step=2e-3, noise=(6e4, 2e-4))

@@ -181,7 +181,7 @@ def _attack(group: str, name: str, truth: Mapping[str, float] = TRUTH, **more: o
 
 def attacks() -> Iterator[Attack]:
     """All of them."""
-    yield _attack("right model", "stairs", bounds=_bounds(TRUTH), repetitions=10)
+    yield _attack("right model", "stairs", bounds=partial(_bounds, TRUTH), repetitions=10)
     for factor in (0.05, 20.0):  # a small motor and a winch
         p = {**TRUTH, "time_constant": 0.08 * factor, "dead_time": 0.013 * factor}
         yield _attack("right model", f"time constant {0.08 * factor:g} s", p, p=p,
@@ -190,11 +190,11 @@ def attacks() -> Iterator[Attack]:
     for top in (0.8, 0.5, 1.0):
         p = {**OPEN, "curvature": 1.0} if top == 1.0 else OPEN
         yield _attack("no saturation", f"up to {top:g} A, curvature {p['curvature']:g}", p,
-                      p=p, top=top, bounds=_bounds(p, top), repetitions=5)  # fmt: skip
+                      p=p, top=top, bounds=partial(_bounds, p, top), repetitions=5)  # fmt: skip
     yield _attack("no saturation", "straight", {**OPEN, "curvature": 0.0},
                   p={**OPEN, "curvature": 0.0}, repetitions=5)  # fmt: skip
     yield _attack("moving command", "as foh", moves=True, drive=ramps, hold={"command": "foh"},
-                  bounds=_bounds(TRUTH, moves=True), repetitions=5)  # fmt: skip
+                  bounds=partial(_bounds, TRUTH, moves=True), repetitions=5)  # fmt: skip
     yield _attack("moving command", "sweep as foh", moves=True, drive=_sweep, step=0.04,
                   hold={"command": "foh"}, repetitions=4)  # fmt: skip
     yield _attack("moving command", "not said", moves=True, drive=ramps, repetitions=3)
@@ -208,7 +208,7 @@ def attacks() -> Iterator[Attack]:
         yield _attack("at the edge of the search", name, p, p=p, repetitions=2)
     for jitter in (0.01, 0.04, 0.2):
         yield _attack("uneven sampling", f"jitter {100 * jitter:g} %", jitter=jitter,
-                      bounds=_bounds(TRUTH), repetitions=3)  # fmt: skip
+                      bounds=partial(_bounds, TRUTH), repetitions=3)  # fmt: skip
     for share in (0.02, 0.1):
         yield _attack("uneven sampling", f"{100 * share:g} % of rows lost",
                       spoil=partial(_drop, share=share), repetitions=3)  # fmt: skip

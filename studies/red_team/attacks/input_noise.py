@@ -157,7 +157,7 @@ def attacks() -> Iterator[Attack]:
             yield Attack(
                 "line", "noise on the inlet", f"{kind}, {noise:g} bar of 2", LINE,
                 partial(_line, kind=kind, noise=noise), LINE_UNITS,
-                bounds=_line_bounds(kind, noise, 0.01), repetitions=3,
+                bounds=partial(_line_bounds, kind, noise, 0.01), repetitions=3,
             )  # fmt: skip
     for converter in (0.02, 0.1):
         yield Attack(
