@@ -256,9 +256,9 @@ def correct(noise: InputNoise, build: Build, start: FloatArray) -> Corrected:
     if np.any(np.abs(found.eta - start) > np.sqrt(np.diag(found.covariance))):
         whitening = noise.whitening(build, found.eta)
         found = _correct(noise, build, found.eta, whitening)
-    more = np.mean(
-        [a.slope for a in _added(noise, build, whitening, found.eta, np.sqrt(2.0))], axis=0
-    )
+    base = _score(build(noise.experiments, whitening), found.eta)
+    larger = _disturbed(noise, build, whitening, np.sqrt(2.0))
+    more = np.mean([a.slope for a in _added(base, larger, found.eta)], axis=0)
     left = 0.5 * np.linalg.solve(found.information, more) - found.bias
     return replace(found, left=left)
 
@@ -268,13 +268,15 @@ def _correct(
 ) -> Corrected:
     """Newton's iteration on the corrected score with a fixed filter."""
     problem = build(noise.experiments, whitening)
+    disturbed = _disturbed(noise, build, whitening, 1.0)
     low = np.array([u.low for u in problem.nonlinear])
     high = np.array([u.high for u in problem.nonlinear])
     rows = sum(y.size for y in problem.measured)
     eta, converged = np.clip(start, low, high), False
     length = np.inf
     for _ in range(_STEPS):
-        base, added = _score(problem, eta), _added(noise, build, whitening, eta, 1.0)
+        base = _score(problem, eta)
+        added = _added(base, disturbed, eta)
         curvature, weak = _left_information(base, added)
         target = _Score(base.slope, curvature, base.cost)
         step = target.solve(base.slope - np.mean([a.slope for a in added], axis=0))
@@ -296,14 +298,23 @@ def _correct(
     return Corrected(eta, covariance, curvature, bias, np.zeros(eta.size), weak, converged)
 
 
+def _disturbed(
+    noise: InputNoise, build: Build, whitening: Sequence[Whitening], factor: float
+) -> list[tuple[Problem, Problem]]:
+    """The problem with every draw of the noise added and subtracted ``factor`` times."""
+    return [
+        (build(noise.add(k, factor), whitening), build(noise.add(k, -factor), whitening))
+        for k in range(_PAIRS)
+    ]
+
+
 def _added(
-    noise: InputNoise, build: Build, whitening: Sequence[Whitening], eta: FloatArray, factor: float
+    base: _Score, disturbed: Sequence[tuple[Problem, Problem]], eta: FloatArray
 ) -> list[_Score]:
     """What every draw of the noise adds to the score and its curvature, odd parts cancelled."""
-    base = _score(build(noise.experiments, whitening), eta)
     out = []
-    for k in range(_PAIRS):
-        a, b = (_score(build(noise.add(k, s * factor), whitening), eta) for s in (1.0, -1.0))
+    for up, down in disturbed:
+        a, b = _score(up, eta), _score(down, eta)
         out.append(_Score(
             0.5 * (a.slope + b.slope) - base.slope,
             0.5 * (a.curvature + b.curvature) - base.curvature, 0.0,
