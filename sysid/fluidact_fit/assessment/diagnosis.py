@@ -15,7 +15,8 @@ import numpy as np
 
 from ..errors import Notice
 from ..estimation.noise import noise_floor
-from ..estimation.uncertainty import fit_autoregression
+from ..estimation.separable import scaled_least_squares
+from ..estimation.uncertainty import fit_autoregression, innovations
 from ..experiment import FloatArray, Hold
 from ..family import Estimate, Family, FamilyOptions, Value, Variant
 from ..outcome import Simulation
@@ -33,6 +34,7 @@ _EXAMINATIONS = {
 }
 _LAGS = 10
 _ONE_SIDED = 1.5  # times the correlation with the input's past: more than chance, and than misfit
+_PAST = 20  # highest order of an autoregression of input or residual
 _SERIES = 50_000  # samples of a run that are correlated
 _DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one
 _JUMP = 0.25  # part of its range that an input crosses in one sample when it jumps
@@ -179,9 +181,7 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
     j, r = np.vstack(at.jacobians), before - np.concatenate(at.change(at.simulate(turned)))
     if j.shape[1] == 0 or not np.all(np.isfinite(r)):
         return None
-    scale = np.linalg.norm(j, axis=0)
-    scale[scale == 0.0] = 1.0
-    step = np.linalg.lstsq(j / scale, r, rcond=1e-10)[0] / scale
+    step = scaled_least_squares(j, r, 1e-10)
     after = float(np.sum((r - j @ step) ** 2))
     deviations = step / at.errors
     worst = int(np.argmax(np.abs(deviations)))
@@ -278,11 +278,8 @@ def _whitened(run: Simulation, role: str) -> tuple[FloatArray, FloatArray] | Non
     out = []
     for series in (run.experiment[role][:_SERIES], residual[:_SERIES]):
         centred = series - series.mean()
-        a, variance = fit_autoregression([centred], 20)
-        innovation = centred.copy()
-        for k, c in enumerate(a):
-            innovation[k + 1 :] -= c * centred[: -k - 1]
-        innovation = innovation[20:]
+        a, variance = fit_autoregression([centred], _PAST)
+        innovation = innovations(centred, a)[_PAST - a.size :]
         spread = float(innovation.std())
         if spread <= 1e-4 * float(centred.std()) or spread == 0.0 or variance <= 0.0:
             return None

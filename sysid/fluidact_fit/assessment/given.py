@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
+from ..estimation.separable import scaled_least_squares
 from ..experiment import FloatArray
 from ..options import describe
 from .optimum import Optimum, delayed, moved
@@ -89,12 +90,9 @@ def _reliance(at: Optimum, name: str, columns: list[FloatArray]) -> Reliance:
     """How the parameters make up for a change of the output, and what is left of it."""
     white = at.whiten(at.beside_residual(columns))
     j, d, r = white[:, :-2], white[:, -2], white[:, -1]
-    scale = np.linalg.norm(j, axis=0)
-    scale[scale == 0.0] = 1.0
-    x = np.linalg.lstsq(j / scale, d, rcond=1e-12)[0]
-    left = d - (j / scale) @ x
+    shifts = -scaled_least_squares(j, d)
+    left = d + j @ shifts
     sigma = float(np.sqrt(np.mean(r**2)))
-    shifts = -x / scale
     errors = shifts / at.errors
     worst = int(np.argmax(np.abs(errors)))
     return Reliance(

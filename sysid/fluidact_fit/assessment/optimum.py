@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ..estimation.uncertainty import fit_autoregression
+from ..estimation.uncertainty import fit_autoregression, innovations
 from ..experiment import Experiment, FloatArray
 from ..family import Estimate, Family, FamilyOptions, Simulated, Value, Variant
 from ..outcome import Simulation
@@ -144,10 +144,7 @@ class Optimum:
         out = []
         for s, part in zip(self.series, columns, strict=True):
             coefficients, deviation = models[s.role]
-            rows = part.astype(float)
-            for k, c in enumerate(coefficients):
-                rows[k + 1 :] -= c * part[: -k - 1]
-            out.append(rows[coefficients.size :] / deviation)
+            out.append(innovations(part, coefficients) / deviation)
         return np.vstack(out)
 
     def _noise(self, residuals: Sequence[FloatArray]) -> dict[str, tuple[FloatArray, float]]:

@@ -25,11 +25,11 @@ import numpy as np
 
 from ..errors import Notice
 from ..estimation.noise import noise_floor
-from ..estimation.separable import project_out
+from ..estimation.separable import scaled_least_squares
 from ..experiment import Experiment, FloatArray
 from ..family import ParameterSpec
 from ..options import describe
-from .optimum import Optimum, delayed, moved
+from .optimum import Optimum, Series, delayed, moved
 
 _SIGNIFICANT = 5.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
@@ -123,13 +123,14 @@ def _of_channel(at: Optimum, role: str, step: float) -> Iterator[Term]:
     alone, unit = len(at.roles) == 1, at.variant.role(role).unit
     of, it = ("", "the output") if alone else (f" of {role}", f"'{role}'")
     response = "the response" if alone else it
+    tracks = [_make_track(at, s) if s.role == role else None for s in at.series]
     for lag in _LAGS:
         yield Term(
             f"lag{of} of {lag:g} samples", "s",
             lambda size: f"{response} {'lags' if size > 0.0 else 'leads'} by another "
             f"{1e3 * abs(size):.3g} ms",
             "Look for a filter or transducer in the measuring chain and for dynamics that this "
-            "family does not have.", _behind(at, role, lag * step), most=_FARTHEST * lag * step,
+            "family does not have.", _behind(at, tracks, lag * step), most=_FARTHEST * lag * step,
         )  # fmt: skip
     yield Term(
         f"drift{of}", f"{unit}/s", lambda size: f"{it} drifts by {size:.3g} {unit} a second",
@@ -187,7 +188,26 @@ def _delay(at: Optimum, runs: Sequence[Experiment], role: str, by: float) -> Ter
     )  # fmt: skip
 
 
-def _behind(at: Optimum, role: str, lag: float) -> list[FloatArray]:
+@dataclass(frozen=True)
+class _Track:
+    """A simulated channel on an even grid of instants, shape ``(m,)`` each.
+
+    ``rough`` says that the noise of a measured input is in it.
+    """
+
+    grid: FloatArray
+    values: FloatArray
+    rough: bool
+
+
+def _make_track(at: Optimum, s: Series) -> _Track:
+    t, step = s.experiment.time, s.experiment.sample_time
+    grid = np.arange(t[0], t[-1] + step, step)
+    values = np.interp(grid, t, s.simulated)
+    return _Track(grid, values, noise_floor(values) > _ROUGH * at.sigma * s.scale)
+
+
+def _behind(at: Optimum, tracks: Sequence[_Track | None], lag: float) -> list[FloatArray]:
     """Change of a simulated channel per second of a first-order lag [s] behind it.
 
     The noise of a measured input is in the simulated output and, with the opposite sign, in
@@ -195,17 +215,15 @@ def _behind(at: Optimum, role: str, lag: float) -> list[FloatArray]:
     difference of a lag and a lead is free of it.
     """
     out = []
-    for s in at.series:
-        t, y, step = s.experiment.time, s.simulated, s.experiment.sample_time
-        if s.role != role:
+    for s, track in zip(at.series, tracks, strict=True):
+        if track is None:
             out.append(np.zeros(int(s.used.sum())))
             continue
-        grid = np.arange(t[0], t[-1] + step, step)
-        even = np.interp(grid, t, y)
+        even, step = track.values, s.experiment.sample_time
         change = _lagging(even, step, lag) - even
-        if noise_floor(even) > _ROUGH * at.sigma * s.scale:
+        if track.rough:
             change = 0.5 * (change - (_lagging(even[::-1], step, lag)[::-1] - even))
-        out.append((np.interp(t, grid, change) / lag)[s.used] / s.scale)
+        out.append((np.interp(s.experiment.time, track.grid, change) / lag)[s.used] / s.scale)
     return out
 
 
@@ -228,24 +246,19 @@ def _score(at: Optimum, term: Term) -> Score | None:
     white = at.whiten(rows, _left_over(rows))
     if not np.all(np.isfinite(white)):
         return None
-    columns, target = white[:, :-1], white[:, -1]
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0.0] = 1.0
-    # an offset that a parameter stands for already (a preload) would share its shift
-    levels = project_out(columns[:, p:-1] / scale[p:-1], columns[:, :p] / scale[:p])
-    columns[:, p:-1][:, np.linalg.norm(levels, axis=0) < _OWN] = 0.0
-    own = abs(float(np.asarray(np.linalg.qr(columns / scale, mode="r"))[-1, -1]))
-    if own < _OWN:
+    # the triangle holds all products of columns and residual
+    triangle = np.asarray(np.linalg.qr(white, mode="r"))
+    columns, target = triangle[:, :-1], triangle[:, -1]
+    own, whole = abs(float(columns[p, p])), float(np.linalg.norm(columns[:, p]))
+    if own < _OWN * whole or whole == 0.0:
         return None
-    x = np.linalg.lstsq(columns / scale, target, rcond=1e-12)[0]
-    rest = target - (columns / scale) @ x
-    sigma = float(np.sqrt(rest @ rest / max(target.size - p - 1, 1)))
-    shifts = (x / scale)[:p]
-    errors = shifts / at.errors
+    x = scaled_least_squares(columns, target)
+    sigma = float(np.linalg.norm(target - columns @ x)) / np.sqrt(max(white.shape[0] - p - 1, 1))
+    errors = x[:p] / at.errors
     worst = int(np.argmax(np.abs(errors)))
     return Score(
-        term, float(x[-1] / scale[-1]), float(x[-1]) * own / max(sigma, 1e-300), at.names[worst],
-        float(shifts[worst]), float(errors[worst]),
+        term, float(x[p]), float(x[p]) * own / max(sigma, 1e-300), at.names[worst],
+        float(x[worst]), float(errors[worst]),
     )  # fmt: skip
 
 
@@ -255,10 +268,8 @@ def _left_over(rows: Sequence[FloatArray]) -> list[FloatArray]:
     Noise is to be judged with the term in the model: what drifts is not noise.
     """
     stacked = np.vstack(rows)
-    scale = np.linalg.norm(stacked[:, :-1], axis=0)
-    scale[scale == 0.0] = 1.0
-    columns = stacked[:, :-1] / scale
-    rest = stacked[:, -1] - columns @ np.linalg.lstsq(columns, stacked[:, -1], rcond=1e-12)[0]
+    columns, residual = stacked[:, :-1], stacked[:, -1]
+    rest = residual - columns @ scaled_least_squares(columns, residual)
     return np.split(rest, np.cumsum([x.shape[0] for x in rows])[:-1])
 
 

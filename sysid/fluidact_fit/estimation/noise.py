@@ -14,6 +14,8 @@ import numpy as np
 
 from ..experiment import FloatArray
 
+_ORDERS = (3, 5, 7)  # of the differences of a column that may be exact
+_EXACT = 1e-6  # part of its range that is rounding
 _NORMAL = 1.4826  # standard deviation of a normal variable per median of its absolute value
 
 
@@ -61,6 +63,15 @@ def _divided_differences(values: FloatArray, time: FloatArray, order: int) -> Fl
     weights /= np.sqrt(np.sum(weights**2, axis=0))
     samples = np.stack([values[k : n + k] for k in range(order + 1)])
     return np.asarray(np.sum(weights * samples, axis=0))
+
+
+def white_noise(values: FloatArray) -> float:
+    """Standard deviation of the white noise of a column, 0 where it is exact [its unit].
+
+    What shrinks with the order of the differences is motion and not noise.
+    """
+    sigma = min(noise_floor(values, order) for order in _ORDERS)
+    return sigma if sigma > _EXACT * float(np.ptp(values)) else 0.0
 
 
 def white_level(values: FloatArray, resolution: float = 0.0) -> tuple[float, float]:

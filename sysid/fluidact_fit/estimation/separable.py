@@ -256,6 +256,17 @@ class _Fit:
         return out
 
 
+def scaled_least_squares(a: FloatArray, y: FloatArray, rcond: float = 1e-12) -> FloatArray:
+    """Least squares ``min |y - a x|`` whose columns may differ by many orders of magnitude.
+
+    ``a`` has shape ``(n, q)``, ``y`` ``(n,)``; ``rcond`` is the smallest singular value of the
+    columns, each of length one, that counts.
+    """
+    scale = np.linalg.norm(a, axis=0)
+    scale[scale == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(a / scale, y, rcond=rcond)[0] / scale)
+
+
 def bounded_least_squares(
     a: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, Mask]:
@@ -273,14 +284,14 @@ def bounded_least_squares(
         best = float(column @ y) / square if square > 0.0 else 0.0
         x = np.clip(np.array([best]), low, high)
         return x, (x != best) | (low == high)
-    scale = np.linalg.norm(a, axis=0)
-    scale[scale == 0.0] = 1.0
-    x = np.linalg.lstsq(a / scale, y, rcond=1e-13)[0] / scale
+    x = scaled_least_squares(a, y, 1e-13)
     active = np.zeros(x.size, dtype=bool)
     if np.all(x >= low) and np.all(x <= high):
         return x, active | (low == high)
     from scipy.optimize import lsq_linear
 
+    scale = np.linalg.norm(a, axis=0)
+    scale[scale == 0.0] = 1.0
     width = np.where(high > low, high, np.nextafter(low, np.inf))
     found = lsq_linear(a / scale, y, bounds=(low * scale, width * scale), method="bvls")
     return np.clip(found.x / scale, low, high), found.active_mask != 0

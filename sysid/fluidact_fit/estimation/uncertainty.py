@@ -126,6 +126,14 @@ def fit_autoregression(residuals: Sequence[FloatArray], highest: int) -> tuple[F
     return best
 
 
+def innovations(rows: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """What an autoregression cannot predict of rows (samples first), shape ``(n - order, ...)``."""
+    out = rows.astype(float)
+    for k, c in enumerate(coefficients):
+        out[k + 1 :] -= c * rows[: -k - 1]
+    return out[coefficients.size :]
+
+
 def _ar_autocovariance(a: FloatArray, variance: float, length: int) -> FloatArray:
     """Autocovariances of an autoregression at lags ``0..length-1`` from its spectrum."""
     root = float(np.max(np.abs(np.roots(np.concatenate(([1.0], -a)))))) if a.size else 0.0

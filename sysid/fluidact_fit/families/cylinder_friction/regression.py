@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ...estimation.results import Solved
+from ...estimation.separable import scaled_least_squares
 from ...estimation.uncertainty import Uncertainty, covariance, enlarge
 from ...experiment import FloatArray
 from .filters import Mask
@@ -119,8 +120,7 @@ class System:
                 part[:, self.names.index("viscous")] = d.motion.sharp[d.kept]
             columns.append(part)
         a, b = np.vstack(columns), np.concatenate(self.right)
-        scale = _lengths(a)
-        x = np.linalg.lstsq(a / scale, b, rcond=1e-12)[0] / scale
+        x = scaled_least_squares(a, b)
         return float(np.sum((b - a @ x) ** 2)), self._named(x)
 
     def solve(self) -> Regression:

@@ -10,11 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...estimation.noise import noise_floor
+from ...estimation.noise import white_noise
 from ...experiment import Experiment, FloatArray
 
-_ORDERS = (3, 5, 7)  # of differences: what shrinks with the order is motion, not noise
-_EXACT = 1e-6  # part of its range that is rounding
 _APART = 6.0  # standard deviations by which a sample leaves a level
 _SHORTEST = 4  # samples of a level, on average
 _LIKE_NOISE = 1.5  # ratio of what the levels leave to the noise
@@ -22,13 +20,7 @@ _LIKE_NOISE = 1.5  # ratio of what the levels leave to the noise
 
 def command_noise(experiments: Sequence[Experiment]) -> float:
     """Standard deviation of the noise of the commands, 0 for clean ones [its unit]."""
-    found = 0.0
-    for e in experiments:
-        u = e.signals["command"].values
-        sigma = min(noise_floor(u, order) for order in _ORDERS)
-        if sigma > _EXACT * float(np.ptp(u)):
-            found = max(found, sigma)
-    return found
+    return max(white_noise(e.signals["command"].values) for e in experiments)
 
 
 def held_levels(experiments: Sequence[Experiment], sigma: float) -> list[Experiment] | None:

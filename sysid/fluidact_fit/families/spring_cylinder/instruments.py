@@ -24,13 +24,11 @@ from math import sqrt
 import numpy as np
 import numpy.typing as npt
 
-from ...estimation.noise import noise_floor
+from ...estimation.noise import white_noise
 from ...experiment import Experiment, FloatArray
 
-_ORDERS = (3, 5, 7)  # of differences: what shrinks with the order is motion, not noise
 REACH = 5  # samples on either side that a velocity is computed from
 _ALL = 0.9  # part of the standard deviation of a column beyond which noise is all there is
-_EXACT = 1e-6  # part of its range that is rounding
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ def instruments(
     out = {}
     for name, values in (("drive", drive), ("position", position), ("velocity", velocity)):
         recorded = name != "velocity" or "velocity" in e
-        if recorded and (sigma := white_noise(values)):
+        if recorded and (sigma := _noise(values)):
             out[name] = Instrument(_of_neighbours(values), sigma)
     if "position" in out and "velocity" not in e:
         gain = sqrt(2.0 * sum(k**2 for k in range(1, REACH + 1)))
@@ -59,15 +57,10 @@ def instruments(
     return out
 
 
-def white_noise(values: FloatArray) -> float:
-    """Standard deviation of the white noise of a column, 0 where it is exact [its unit].
-
-    A column that is nothing but noise, or moves anew at every sample, counts as exact: there
-    is no telling.
-    """
-    sigma = min(noise_floor(values, order) for order in _ORDERS)
-    exact = sigma <= _EXACT * float(np.ptp(values)) or sigma > _ALL * float(values.std())
-    return 0.0 if exact else sigma
+def _noise(values: FloatArray) -> float:
+    """White noise of a column [its unit]; 0 too where it is nothing else: there is no telling."""
+    sigma = white_noise(values)
+    return 0.0 if sigma > _ALL * float(values.std()) else sigma
 
 
 def _of_neighbours(values: FloatArray) -> FloatArray:
