@@ -81,6 +81,10 @@ class Estimate(Generic[ReadT]):
     sensitivity_also
         The same of other channels that were fitted beside the output, by role, one mapping
         per experiment; :meth:`Family.simulate` gives what the model says of them.
+    nearby
+        Optional: simulates the experiments with slightly other values, inputs or options as
+        :meth:`Family.simulate` does, but what belongs to single logs to first order from the fit.
+        For families that would search for it at length.
     input_noise
         Standard deviation of the noise on measured inputs that the estimate allows for, by role
         [SI]. The residual then holds what the model makes of that noise.
@@ -95,6 +99,9 @@ class Estimate(Generic[ReadT]):
     details: Mapping[str, Any] = field(default_factory=dict)
     sensitivity: Sequence[FloatArray] = ()
     sensitivity_also: Sequence[Mapping[str, FloatArray]] = ()
+    nearby: Callable[[Mapping[str, Value], Sequence[Experiment], Any], list[Simulated]] | None = (
+        None
+    )
     input_noise: Mapping[str, float] = field(default_factory=dict)
 
     @property

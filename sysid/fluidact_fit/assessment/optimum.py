@@ -84,11 +84,12 @@ class Optimum:
         values: Mapping[str, Value] | None = None,
         options: FamilyOptions | None = None,
     ) -> list[Simulated]:
-        """What the model gives for other experiments, with other values or other options."""
+        """What the model gives with slightly other inputs, values or options."""
         e = self.estimate
-        return self.family.simulate(
-            self.variant, values or e.values, experiments, options or e.options
-        )
+        values, options = values or e.values, options or e.options
+        if e.nearby is not None:
+            return e.nearby(values, experiments, options)
+        return self.family.simulate(self.variant, values, experiments, options)
 
     def change(self, found: Sequence[Simulated]) -> list[FloatArray]:
         """Differences of other simulations from those of the fit, as the residuals are."""

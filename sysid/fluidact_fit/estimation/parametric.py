@@ -313,16 +313,17 @@ class Fitted(Solved):
             },
             "iterations": self.solution.iterations,
             "converged": self.solution.converged,
-            "covariance": _covariance_name(self.order),
+            "covariance": self._covariance_name(),
             **self.remarks,
         }
 
-
-def _covariance_name(order: int) -> str:
-    """What the residuals were taken for, as the file says it."""
-    if order < 0:
-        return "long-run variance of the scores"
-    return f"autoregressive residuals of order {order}" if order else "white"
+    def _covariance_name(self) -> str:
+        """What the residuals were taken for, as the file says it."""
+        if self.input_noise:
+            return "scores corrected for the noise of an input"
+        if self.order < 0:
+            return "long-run variance of the scores"
+        return f"autoregressive residuals of order {self.order}" if self.order else "white"
 
 
 def _drift_notice(drift: Drift, label: str, value: float) -> Notice | None:

@@ -19,6 +19,7 @@ from .command_noise import command_noise
 from .equations import GRAY_NAMES
 from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log
 from .gray_search import GrayProblem, GraySolution, solve_gray_box
+from .nearby import Nearby
 from .options import HydraulicCylinderOptions
 from .regression import directional_gains, fit_flow, fit_friction, one_sided, sensible_widths
 
@@ -133,6 +134,7 @@ def fit_gray(case: Case) -> Estimate[HydraulicCylinderOptions]:
         },
         sensitivity=[s.pop("position") for s in slopes],
         sensitivity_also=slopes,
+        nearby=Nearby(solution),
     )  # fmt: skip
 
 

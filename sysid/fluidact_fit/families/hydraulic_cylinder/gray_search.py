@@ -49,7 +49,8 @@ class GraySolution:
 
     ``states`` holds ``(n, 4)`` per log (p1, p2, y, v) and ``initial`` their first rows,
     ``residuals`` and ``jacobian`` the weighted rows of every log, channel after channel, initial
-    states projected out of the latter. ``active`` marks the free parameters at a bound.
+    states projected out of the latter: ``start_basis`` is an orthonormal basis of what they can
+    say. ``active`` marks the free parameters at a bound.
     """
 
     problem: GrayProblem
@@ -57,6 +58,7 @@ class GraySolution:
     states: list[FloatArray]
     residuals: list[FloatArray]
     jacobian: list[FloatArray]
+    start_basis: list[FloatArray]
     cost: float
     iterations: int
     converged: bool
@@ -115,6 +117,9 @@ def solve_gray_box(
     out, it starts from the measured signals. Steps count whether they are accepted or not.
     """
     begin, count = dict(start), 0
+    if initial is None and not problem.free:
+        # states that were measured are near enough
+        initial = [log.guess[0] for log in problem.box.logs]
     if initial is None:
         far = _Iterate(begin, [problem.box.nodes_of(log.guess) for log in problem.box.logs])
         _evaluate_gaps(problem, far)
@@ -247,9 +252,9 @@ def _propose(
         if not (np.all(np.abs(r) < _ASTRAY) and np.all(np.abs(j) < _ASTRAY**8)):
             raise np.linalg.LinAlgError("the simulation leaves every measured range")
         q, t = _basis(j[:, :4] * STATE_SCALE)
-        shared = _without(q, j[:, 4:] * scale)
+        shared = without(q, j[:, 4:] * scale)
         h += shared.T @ shared
-        g += shared.T @ _without(q, r)
+        g += shared.T @ without(q, r)
         blocks.append((q, t, r, j))
     low, high = (np.array([getattr(u, end) for u in problem.free]) for end in ("low", "high"))
     x = np.array([now.values[n] for n in problem.names])
@@ -274,7 +279,7 @@ def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     return q, q.T @ columns
 
 
-def _without(q: FloatArray, rows: FloatArray) -> FloatArray:
+def without(q: FloatArray, rows: FloatArray) -> FloatArray:
     """Rows with what orthonormal columns can say projected out."""
     return rows - q @ (q.T @ rows)
 
@@ -295,14 +300,14 @@ def _move(
 
 
 def _finish(problem: GrayProblem, now: _Iterate, count: int, converged: bool) -> GraySolution:
-    residuals, jacobian = [], []
+    residuals, jacobian, basis = [], [], []
     for log, states, linear in zip(problem.box.logs, now.states, now.linear):
         j = _jacobian(log, linear, problem.sigma)
-        q = _basis(j[:, :4] * STATE_SCALE)[0]
+        basis.append(_basis(j[:, :4] * STATE_SCALE)[0])
         residuals.append(_residuals(log, states, problem.sigma))
-        jacobian.append(_without(q, j[:, 4:]))
+        jacobian.append(without(basis[-1], j[:, 4:]))
     active = [not u.low < now.values[u.name] < u.high for u in problem.free]
     return GraySolution(
-        problem, now.values, now.states, residuals, jacobian, now.cost, count,
+        problem, now.values, now.states, residuals, jacobian, basis, now.cost, count,
         converged and np.isfinite(now.cost), np.array(active, dtype=bool),
     )  # fmt: skip

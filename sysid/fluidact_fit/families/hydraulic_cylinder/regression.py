@@ -94,8 +94,8 @@ def fit_flow(case: Case, lenient: bool) -> Fitted:
         weights=[1.0 / case.machine.area(w.chamber) for w in windows],
     )  # fmt: skip
     starts = []
-    for loss, edge in ((0.0, 0.2), (1.0, 0.2), (0.0, 6.0), (0.0, 11.0), (0.0, 16.0)):
-        shares = {"dead_zone_negative": -edge, "dead_zone_positive": edge}
+    for loss in (0.0, 1.0):
+        shares = {"dead_zone_negative": -0.2, "dead_zone_positive": 0.2}
         shares |= {n: loss for n in names if n.startswith("line_loss")}
         starts.append({n: u.scale * shares.get(n, 1.0) for n, u in unknowns.items()})
     if lenient:

@@ -1,0 +1,49 @@
+"""Simulations near a gray-box fit, its initial states moved to first order only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from ...experiment import Experiment
+from ...family import Simulated, Value, scalars
+from .case import read_machine
+from .gray_box import CHANNELS, GrayBox, GrayLog, mean_command
+from .gray_search import GraySolution, without
+from .options import HydraulicCylinderOptions
+
+
+@dataclass(frozen=True)
+class Nearby:
+    """What the model gives for the fitted runs with slightly other inputs, values or options.
+
+    The search for initial states begins with derivatives, which cost most of it. Near the fit
+    its own are as good: a change ``d`` of the channels becomes ``d - Q Q' d``, ``Q`` a basis of
+    what the initial states can say.
+    """
+
+    solution: GraySolution
+
+    def __call__(
+        self,
+        values: Mapping[str, Value],
+        experiments: Sequence[Experiment],
+        options: HydraulicCylinderOptions,
+    ) -> list[Simulated]:
+        """Simulate the fitted runs, in their order; see :meth:`.Family.simulate`."""
+        box, plain = self.solution.problem.box, scalars(values)
+        other = GrayBox(box.logs, read_machine(options, (1, 2)), plain["viscous"], box.segment)
+        other.steps = box.steps  # another step would be another error of integration
+        return [self._run(k, e, other, plain) for k, e in enumerate(experiments)]
+
+    def _run(self, k: int, e: Experiment, box: GrayBox, values: Mapping[str, float]) -> Simulated:
+        fit, sigma = self.solution, self.solution.problem.sigma
+        old, states = box.logs[k], fit.states[k]
+        log = GrayLog(mean_command(e), old.step, old.channels, old.measured, old.guess)
+        change = (box.simulate(log, states[0], values) - states).T[: len(CHANNELS)]
+        channels = list(log.channels)
+        seen = (change[channels] / sigma[channels, None]).ravel()
+        kept = without(fit.start_basis[k], seen).reshape(len(channels), -1)
+        change[channels] = kept * sigma[channels, None]
+        found = dict(zip(CHANNELS, states.T[: len(CHANNELS)] + change))
+        return Simulated(found.pop(CHANNELS[-1]), also=found)
