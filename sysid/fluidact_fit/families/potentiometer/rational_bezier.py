@@ -27,6 +27,8 @@ from ...experiment import FloatArray
 
 LOG_WEIGHT_LIMIT = float(np.log(50.0))
 _FEW = 24  # rows that are left out one by one
+_COMPARED = 1e-2  # standard errors to which degrees are settled that are compared
+_PREDICTED = 0.03  # standard errors to which a fit is settled that only predicts a fold
 
 # ------------------------------------------------------------------------- the curve
 
@@ -326,9 +328,9 @@ def blend(values: Sequence[FloatArray], rising: npt.ArrayLike) -> FloatArray:
 
 
 def fit_shape(
-    rows: Rows, shape: Shape, starts: Sequence[FloatArray], max_iterations: int = 80
+    rows: Rows, shape: Shape, starts: Sequence[FloatArray], tolerance: float = 1e-5
 ) -> CurveFit:
-    """Fit a curve of a given shape by variable projection."""
+    """Fit a curve of a given shape by variable projection; see :func:`.separable.solve`."""
     limit = LOG_WEIGHT_LIMIT
     one = [Unknown(f"log_weight_{i}", -limit, limit) for i in range(shape.degree)]
     own = one if shape.rational else []
@@ -342,7 +344,7 @@ def fit_shape(
         line * shape.branches,
         [np.sqrt(rows.count)],
     )
-    search = solve_from(problem, starts, max_iterations=max_iterations)
+    search = solve_from(problem, starts, max_iterations=80, tolerance=tolerance)
     curves = shape.curves(search.best.eta, search.best.linear)
     return CurveFit(shape, search, [(p, np.exp(lw - lw[0])) for p, lw in curves])
 
@@ -350,7 +352,7 @@ def fit_shape(
 def fit_ladder(rows: Rows, shape: Shape) -> list[CurveFit]:
     """Fit every degree up to that of the shape, each also from the one before, elevated.
 
-    More degrees then never fit worse.
+    More degrees then never fit worse. They are settled as far as a comparison of degrees needs.
     """
     fits: list[CurveFit] = []
     for degree in range(1, shape.degree + 1):
@@ -358,7 +360,7 @@ def fit_ladder(rows: Rows, shape: Shape) -> list[CurveFit]:
         starts = now.starts()
         if fits:
             starts.append(now.start_at([elevate(w) for w in fits[-1].weights]))
-        fits.append(fit_shape(rows, now, starts))
+        fits.append(fit_shape(rows, now, starts, _COMPARED))
     return fits
 
 
@@ -408,7 +410,7 @@ def cross_validate(
         squares = np.zeros(folds)
         for k in range(folds):
             rest, held = rows.take(fold != k), rows.take(fold == k)
-            model = fit_shape(rest, fit.shape, start, 40)
+            model = fit_shape(rest, fit.shape, start, _PREDICTED)
             error = held.y - model.evaluate(held.t, held.rising)
             squares[k] = np.sum(held.count * error**2) / held.count.sum()
         out.append(Score(fit.shape.degree, squares))

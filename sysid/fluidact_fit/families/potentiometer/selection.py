@@ -100,8 +100,6 @@ def search_degree(
             )
         degree = smallest_sufficient(scores) if scores else 1
     found = [ladder[degree - 1] for ladder in ladders]
-    if shape.branches == 1 and rows.t.size <= COARSE:
-        return found[0], scores
     final = replace(shape, degree=degree)
     start = final.start_at([f.weights[0] for f in found])
     # with two branches a bin holds up to five rows
