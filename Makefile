@@ -33,7 +33,7 @@ demo: $(INSTALLED)
 	$(BIN)/fluidact-fit demo demo-output
 
 test: lint
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not slow" tests
+	$(BIN)/python -m pytest -n 2 -m "not slow" tests
 	$(BIN)/python -m pytest -n 2 --nbmake notebooks
 
 # What depends on the interfaces of the dependencies; the estimates are left to `test`. Old releases

@@ -18,8 +18,6 @@ from fluidact_fit.result import FitResult
 
 ROOT = Path(__file__).parents[1] / "datasets"
 FAMILIES = ff.family_names()
-# what fits a family stays with one worker, which fits it once
-FITTED = [pytest.param(f, marks=pytest.mark.xdist_group(f)) for f in FAMILIES]
 GENERATORS = [ROOT / "generate.py", *sorted((ROOT / "generators").glob("*.py"))]
 NORMAL_999 = 3.2905  # two-sided 99.9 % quantile of the normal distribution
 NORMAL_95 = 1.95996
@@ -79,7 +77,7 @@ def test_readme_says_where_the_numbers_come_from(family: str) -> None:
         assert f"`{header}`" in text
 
 
-@pytest.mark.parametrize("family", FITTED)
+@pytest.mark.parametrize("family", FAMILIES)
 def test_truth_is_recovered(family: str) -> None:
     if not load_dataset(family).truth:  # a network has no true weights: it has to fit
         assert fitted(family).document.fit.fit_percent > 98.0
@@ -89,7 +87,7 @@ def test_truth_is_recovered(family: str) -> None:
     assert all(row.good for row in rows), [row.cells for row in rows if not row.good]
 
 
-@pytest.mark.parametrize("family", [f for f in FITTED if f.values[0] != "potentiometer"])
+@pytest.mark.parametrize("family", [f for f in FAMILIES if f != "potentiometer"])
 def test_truth_lies_in_the_interval(family: str) -> None:
     result = fitted(family)
     for name, truth in load_dataset(family).truth.items():
@@ -102,7 +100,7 @@ def test_truth_lies_in_the_interval(family: str) -> None:
         assert low <= truth["value"] <= high, name
 
 
-@pytest.mark.parametrize("family", FITTED)
+@pytest.mark.parametrize("family", FAMILIES)
 def test_logs_raise_no_warning(family: str) -> None:
     result = fitted(family)
     assert [n.message for n in result.notices] == []

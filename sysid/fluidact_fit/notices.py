@@ -121,6 +121,11 @@ _JUDGEMENT = {
         "biases the parameters.",
         "Record with the controller off, with an added excitation, or with a cleaner sensor.",
     ),
+    "conditional": _warning(
+        "A parameter that the data cannot determine was held at a value, and others would move "
+        "with it by more than their intervals say.",
+        "Fix the value that the message names if it is known, or record what determines it.",
+    ),
     "few-samples-decide": _warning(
         "The result hangs on a few samples, which lie far from all others or are matched exactly "
         "because nothing else holds what they say.",
@@ -135,8 +140,8 @@ _JUDGEMENT = {
         "Say with `--hold` whether the column is a held command or a measured signal.",
     ),
     "hold-matters": _warning(
-        "A measured input jumps between its samples, and a parameter depends on when it did, which "
-        "the data cannot determine.",
+        "A measured input jumps between its samples, or a command glides through them, and a "
+        "parameter depends on what it did in between, which the data cannot determine.",
         "Say with `--hold` whether the column is a held command or a measured signal.",
     ),
     "input-noise": _information(

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from studies.red_team.attack import Attack
-from studies.red_team.attacks import valve
+from studies.red_team.attacks import hydraulic_motor, valve
 from studies.red_team.run import write
 
 import fluidact_fit as ff
@@ -136,3 +136,31 @@ def test_mass_and_a_late_clock_cannot_be_told_apart():
     step = result.fitted[0].experiment.sample_time
     assert entry["parameter"] == "mass"
     assert entry["shift"] == pytest.approx(-result.parameters["damping"].value * step, rel=0.05)
+
+
+def motor_log(path, command, seed=0, moves=False, noise=0.3):
+    """Write the log of a motor that was commanded so every 10 ms."""
+    t = 0.01 * np.arange(command.size)
+    speed = hydraulic_motor.simulate(hydraulic_motor.TRUTH, t, command, moves)
+    speed = speed + noise * np.random.default_rng(seed).standard_normal(t.size)
+    return write(path, {"time": t, "command": command, "speed": speed}, hydraulic_motor.UNITS)
+
+
+def test_what_hangs_on_a_value_that_nobody_knows_is_said(tmp_path):
+    levels = np.random.default_rng(7).choice([0.756, 0.84], 12)  # no small command: no dead zone
+    result = ff.fit("hydraulic-motor", [motor_log(tmp_path / "log.csv", np.repeat(levels, 100))])
+    assert result.parameters["dead_zone"].status == "not_identified"
+    gain = result.parameters["gain"]
+    said = [n.message for n in result.notices if n.code == "conditional"]
+    assert not gain.ci95[0] <= hydraulic_motor.TRUTH["gain"] <= gain.ci95[1]
+    assert any("dead_zone is 0 A" in message and "gain" in message for message in said)
+
+
+def test_a_command_that_glides_may_not_be_held(tmp_path):
+    t = 0.01 * np.arange(3000)
+    log = motor_log(tmp_path / "log.csv", 0.95 * np.sin(0.7 * t) * np.cos(0.05 * t), moves=True)
+    assert "hold-matters" in codes(ff.fit("hydraulic-motor", [log]))
+    told = ff.fit("hydraulic-motor", [log], hold={"command": "foh"})
+    assert codes(told) == set()
+    late = told.parameters["dead_time"]
+    assert abs(late.value - hydraulic_motor.TRUTH["dead_time"]) < 3.0 * late.std_error

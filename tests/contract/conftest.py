@@ -153,11 +153,7 @@ def here() -> Callable[..., Outcome]:
     return run_here
 
 
-# Tests of one family stay with one worker where tests are shared out by group.
-FAMILIES = [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in family_names()]
-
-
-@pytest.fixture(scope="session", params=FAMILIES)
+@pytest.fixture(scope="session", params=family_names())
 def trial(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Trial:
     """A family, its logs and the file that the command line made of them."""
     made = make_trial(request.param, tmp_path_factory.mktemp(request.param), shorten)

@@ -150,15 +150,15 @@ def _bound(e: Estimate[FrictionOptions], log: Experiment) -> float:
 
 @pytest.mark.parametrize("colour", [0.0, 0.9])
 def test_interval_holds_the_truth_95_times_in_100(colour: float) -> None:
-    runs = 400
+    runs = 200
     hits = dict.fromkeys(TRUTH, 0)
     for seed in range(1000, 1000 + runs):
         e = fit([record(2 * TWO_SPEEDS, 0.3, seed, colour, "velocity")])
         for name, true in TRUTH.items():
             low, high = e.parameters[name].ci95  # type: ignore[misc]
             hits[name] += low <= true <= high
-    # 1500 runs of each colour gave 0.937 to 0.951
-    assert min(hits.values()) >= 0.92 * runs, hits
+    # 1500 runs of each colour gave 0.937 to 0.951; three standard deviations of 200 are 0.046
+    assert min(hits.values()) >= 0.904 * runs, hits
 
 
 def by_hand(seed: int, colour: float = 0.0, pace: float = 2.2) -> Experiment:

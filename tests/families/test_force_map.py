@@ -401,7 +401,7 @@ def specimens(lengths: tuple[float, ...], odd: float) -> list[Experiment]:
     """One log per length: force = command * (1 + length), the second weaker by a share."""
     out = []
     for k, length in enumerate(lengths):
-        u = cycles(1000)
+        u = cycles(500)
         f = (1.0 - odd * (k == 1)) * (1.0 + length) * u
         f = f + 0.005 * np.random.default_rng(k).standard_normal(u.size)
         e = make(command=u, position=0.01 * (k % 2), length=length, force=f)
@@ -409,7 +409,7 @@ def specimens(lengths: tuple[float, ...], odd: float) -> list[Experiment]:
     return out
 
 
-def fit_specimens(logs: list[Experiment], hidden: str = "8") -> Estimate[ForceMapOptions]:
+def fit_specimens(logs: list[Experiment], hidden: str = "4") -> Estimate[ForceMapOptions]:
     return train(logs, target="force", inputs="command,length,direction", hidden=hidden)
 
 

@@ -21,6 +21,7 @@ from ..experiment import FloatArray, Hold
 from ..family import Estimate, Family, FamilyOptions, Value, Variant
 from ..outcome import Simulation
 from .channels import judge_channels
+from .conditional import find_conditional
 from .given import find_reliance
 from .influence import find_deciding_samples, find_disagreeing_parts
 from .optimum import Optimum, make_optimum
@@ -31,12 +32,14 @@ _EXAMINATIONS = {
     "parts": find_disagreeing_parts,
     "missing_response": find_missing_response,
     "given": find_reliance,
+    "conditional": find_conditional,
 }
 _LAGS = 10
 _ONE_SIDED = 1.5  # times the correlation with the input's past: more than chance, and than misfit
 _PAST = 20  # highest order of an autoregression of input or residual
 _SERIES = 50_000  # samples of a run that are correlated
 _DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one
+_MOVING = 0.9  # part of the samples in which a command moves that may not be held
 _JUMP = 0.25  # part of its range that an input crosses in one sample when it jumps
 _LONG = 200_000  # samples beyond which a part of the log is enough
 _WORDS: dict[Hold, str] = {
@@ -165,8 +168,8 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
             continue
         table[role.name] = asdict(found)
         said = _hold_notice(role.name, found, at.estimate.values)
-        told = role.name in declared or found.hold != "foh" or not _jumps(at.fitted, role.name)
-        if said and (said.code == "hold-doubtful" or not told):
+        unsure = role.name not in declared and _looks_otherwise(at.fitted, role.name, found.hold)
+        if said and (said.code == "hold-doubtful" or unsure):
             notices.append(said)
     return table, notices
 
@@ -219,15 +222,18 @@ def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notic
     )
 
 
-def _jumps(fitted: Sequence[Simulation], role: str) -> bool:
-    """Whether an input crosses much of its range from one sample to the next.
+def _looks_otherwise(fitted: Sequence[Simulation], role: str, hold: Hold) -> bool:
+    """Whether an input does not look like what it is taken for.
 
-    What is sent is held by its nature, and what moves little in a sample was measured while it
-    moved. When a jump of a measured signal took place between two samples no data can tell.
+    What moves little in a sample was measured while it moved: when a jump of a measured signal
+    took place between two samples no data can tell. A command is held from one sample to the
+    next; one that is never at rest and never jumps may as well have moved in between.
     """
     values = [s.experiment.signals[role].values for s in fitted]
     span = max(float(np.ptp(v)) for v in values)
-    return any(float(np.abs(np.diff(v)).max(initial=0.0)) > _JUMP * span for v in values)
+    steps = np.abs(np.concatenate([np.diff(v) for v in values]))
+    jumps = bool(steps.max(initial=0.0) > _JUMP * span)
+    return jumps if hold != "zoh" else not jumps and float(np.mean(steps > 0.0)) > _MOVING
 
 
 def _cross_correlation(

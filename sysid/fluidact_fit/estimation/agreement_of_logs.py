@@ -134,10 +134,10 @@ def _drift(
 ) -> Drift:
     one, (others, information, theirs) = parts[k], _pooled(parts, k)
     # covariance of the pooled others: each log's sandwich, weighted by its information
+    inverse, vague = _inverse(information)
     with np.errstate(invalid="ignore"):  # what a log does not determine has no finite one
         middle = np.sum([p.information @ p.covariance @ p.information for p in others], axis=0)
-    inverse, vague = _inverse(information)
-    variance = np.diag(one.covariance) + np.diag(inverse @ middle @ inverse)
+        variance = np.diag(one.covariance) + np.diag(inverse @ middle @ inverse)
     variance = np.where(vague, np.inf, variance)
     difference = _solve(one.information, one.score) - theirs
     z = difference / np.sqrt(np.maximum(variance, 1e-300))

@@ -35,7 +35,7 @@ class Refusal:
 
     def value(self, spec: ParameterSpec) -> float:
         """Value at which the parameter is held [SI]."""
-        return float(self.hold if self.hold is not None else spec.neutral or 0.0)
+        return float(self.hold if self.hold is not None else spec.neutral or 0.0) + 0.0  # no -0
 
 
 def refuse(spec: ParameterSpec, reason: str, written: str = "") -> Notice:

@@ -1,0 +1,125 @@
+"""What hangs on a parameter that was not determined.
+
+A parameter that the data cannot determine is held at its neutral value while the others are
+fitted, and their intervals take that value for true. Where the output does say something of it,
+some of them would go along with it: its own range, as wide as the data leave it, times their
+dependence on it is an error that no interval of theirs holds.
+
+With ``c`` the derivative of the output by the held parameter, ``J`` those by the others and all
+whitened, the others move by ``-(J'J)^-1 J' c`` for each unit of it, and the data leave it in
+``r +- 2 s``: ``r`` is the least-squares fit of what ``J`` leaves of ``c`` to the residual and
+``s`` its standard error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import Notice
+from ..estimation.separable import scaled_least_squares
+from ..experiment import FloatArray
+from ..family import ParameterSpec
+from .optimum import Optimum, moved
+
+_MATTERS = 5.0  # standard errors by which a parameter would move: far out of its interval
+_ANY = 10.0  # times its value by which a parameter could move when nothing is known of it
+_WIDE = 2.0  # standard errors of the held parameter that count as possible
+_STEP = 1e-3  # of its size by which the held parameter is moved at first
+_PART = 0.3  # of the residual that a step changes the output by
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """How far a parameter could move with one that was held: at most by ``shift`` [its unit].
+
+    ``errors`` is that in its standard errors, ``low`` and ``high`` are what the data leave of
+    the one that was held.
+    """
+
+    low: float
+    high: float
+    parameter: str
+    shift: float
+    errors: float
+
+
+def find_conditional(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
+    """Parameters whose intervals take a value for true that nobody knows."""
+    table: dict[str, Any] = {}
+    notices = []
+    for name in _held(at):
+        found = list(_dependences(at, at.variant.parameter(name)))
+        if found:
+            table[name] = [asdict(d) for d in found]
+            notices.append(_notice(at, name, max(found, key=lambda d: d.errors)))
+    return table, notices
+
+
+def _held(at: Optimum) -> Iterator[str]:
+    for name, q in at.estimate.parameters.items():
+        if q.status == "not_identified" and isinstance(q.value, float):
+            yield name
+
+
+def _dependences(at: Optimum, spec: ParameterSpec) -> Iterator[Dependence]:
+    """Every parameter that would leave its interval for a possible value of the held one."""
+    value = at.number(spec.name)
+    column = _derivative(at, spec.name)
+    if column is None:
+        return
+    white = at.whiten(at.beside_residual(column))
+    j, c, r = white[:, :-2], white[:, -2], white[:, -1]
+    if not np.all(np.isfinite(white)) or not np.any(c):
+        return
+    along = -scaled_least_squares(j, c)
+    own = c + j @ along  # what the others leave of it
+    degrees = max(r.size - j.shape[1] - 1, 1)
+    power = float(own @ own)
+    if power <= np.finfo(float).eps * float(c @ c):
+        ends = np.array([-np.inf, np.inf])
+    else:
+        size = float(own @ r) / power
+        error = float(np.linalg.norm(r - size * own)) / np.sqrt(degrees * power)
+        ends = size + np.array([-_WIDE, _WIDE]) * error
+    low, high = np.clip(value + ends, spec.minimum, spec.maximum)
+    reach = max(low - value, high - value, key=abs)
+    for name, slope, error in zip(at.names, along, at.errors):
+        shift = float(slope) * float(reach)
+        if abs(shift) > _MATTERS * error:
+            yield Dependence(float(low), float(high), name, shift, abs(shift) / float(error))
+
+
+def _derivative(at: Optimum, name: str) -> list[FloatArray] | None:
+    """Derivative of every series by a held parameter; ``None`` where there is none.
+
+    Over a step that changes the output by part of the residual: a smaller one drowns in rounding,
+    a larger one is no derivative.
+    """
+    runs = [s.experiment for s in at.fitted]
+    step = _STEP * (abs(at.number(name)) or 1.0)
+    change = at.change(at.simulate(runs, moved(at.estimate.values, name, step)))
+    size = float(np.sqrt(np.mean(np.concatenate(change) ** 2)))
+    if not (np.isfinite(size) and size > 0.0):
+        return None
+    step *= _PART * at.sigma / size
+    return [c / step for c in at.change(at.simulate(runs, moved(at.estimate.values, name, step)))]
+
+
+def _notice(at: Optimum, held: str, worst: Dependence) -> Notice:
+    """A warning of what hangs most on a value that was not determined."""
+    spec, value = at.variant.parameter(held), at.number(worst.parameter)
+    shift = f"{value + worst.shift:.3g} instead of {value:.3g}"
+    if not abs(worst.shift) < _ANY * abs(value):
+        shift = "anything"
+    elif value:
+        shift += f" ({100.0 * worst.shift / abs(value):+.0f} %)"
+    return Notice(
+        "conditional",
+        f"the intervals hold only if {held} is {at.number(held):.4g} {spec.unit}, which the data "
+        f"do not determine: with another one that they allow {worst.parameter} would be {shift}. "
+        f"Fix it if you know it (--fix {held}=VALUE), or record what determines it. {spec.remedy}",
+    )
