@@ -222,7 +222,8 @@ _FAMILIES = {
         "Give `--branches two`, or look for play and for a delay between the signals.",
     ),
     "few-positions": _warning(
-        "So few positions (or lengths) were recorded that they cannot show what is between them.",
+        "So few positions (or lengths) were recorded, or so wide a gap was left between them, that "
+        "they cannot show what is in between.",
         "Record more of them, spread over the whole range.",
     ),
     "force-offset": _warning(
@@ -268,6 +269,10 @@ _FAMILIES = {
     "not-monotone": _warning(
         "The fitted curve or map reverses direction within the range of the data.",
         "Choose another `--degree` or number of `--hidden` units, or record more data there.",
+    ),
+    "one-direction": _warning(
+        "The reading of a potentiometer moves one way only, so that play and delays stay unseen.",
+        "Record strokes to and fro, in the order in which they were made.",
     ),
     "rails": _information(
         "Readings at the end of the converter's range were left out.",

@@ -54,9 +54,14 @@ def find_conditional(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     for name in _held(at):
         found = list(_dependences(at, at.variant.parameter(name)))
         if found:
-            table[name] = [asdict(d) for d in found]
+            table[name] = [_entry(d) for d in found]
             notices.append(_notice(at, name, max(found, key=lambda d: d.errors)))
     return table, notices
+
+
+def _entry(d: Dependence) -> dict[str, Any]:
+    """For the file, which holds no infinity."""
+    return {k: v for k, v in asdict(d).items() if isinstance(v, str) or np.isfinite(v)}
 
 
 def _held(at: Optimum) -> Iterator[str]:

@@ -27,7 +27,7 @@ from ..errors import Notice
 from ..estimation.noise import noise_floor
 from ..estimation.separable import scaled_least_squares
 from ..experiment import Experiment, FloatArray
-from ..family import ParameterSpec
+from ..family import ParameterSpec, Role
 from ..options import describe
 from .optimum import Optimum, Series, delayed, moved
 
@@ -108,6 +108,9 @@ def _terms(at: Optimum) -> Iterator[Term]:
     """Everything that is tried: what the family offers, delays, lags and a drift."""
     runs = [s.experiment for s in at.fitted]
     yield from _offered(at, runs)
+    yield from _levels(at)
+    for name in at.roles:
+        yield _drift(at, name)
     if not all(e.time.size for e in runs):
         return
     step = min(e.sample_time for e in runs)
@@ -115,14 +118,12 @@ def _terms(at: Optimum) -> Iterator[Term]:
         if all(role.name in e and e.signals[role.name].time.size > 1 for e in runs):
             yield _delay(at, runs, role.name, _SHIFT * step)
     for name in at.roles:
-        yield from _of_channel(at, name, step)
+        yield from _lags(at, name, step)
 
 
-def _of_channel(at: Optimum, role: str, step: float) -> Iterator[Term]:
-    """Lags behind a channel that was fitted, and its drift."""
-    alone, unit = len(at.roles) == 1, at.variant.role(role).unit
-    of, it = ("", "the output") if alone else (f" of {role}", f"'{role}'")
-    response = "the response" if alone else it
+def _lags(at: Optimum, role: str, step: float) -> Iterator[Term]:
+    """Lags behind a channel that was fitted."""
+    of, response = ("", "the response") if len(at.roles) == 1 else (f" of {role}", f"'{role}'")
     tracks = [_make_track(at, s) if s.role == role else None for s in at.series]
     for lag in _LAGS:
         yield Term(
@@ -132,12 +133,45 @@ def _of_channel(at: Optimum, role: str, step: float) -> Iterator[Term]:
             "Look for a filter or transducer in the measuring chain and for dynamics that this "
             "family does not have.", _behind(at, tracks, lag * step), most=_FARTHEST * lag * step,
         )  # fmt: skip
-    yield Term(
-        f"drift{of}", f"{unit}/s", lambda size: f"{it} drifts by {size:.3g} {unit} a second",
-        "Let the sensor warm up, or cut the log with --window.",
-        [(s.role == role) * (s.experiment.time - s.experiment.time[0])[s.used] / s.scale
-         for s in at.series],
+
+
+def _drift(at: Optimum, role: str) -> Term:
+    """A channel that drifts: with the time, or from the first row of a log to the last."""
+    unit = at.variant.role(role).unit
+    of, it = ("", "the output") if len(at.roles) == 1 else (f" of {role}", f"'{role}'")
+    timed = all(s.experiment.time.size for s in at.series)
+    columns = []
+    for s in at.series:
+        t = s.experiment.time if timed else np.linspace(0.0, 1.0, s.used.size)
+        columns.append((s.role == role) * (t - t[0])[s.used] / s.scale)
+    per = "a second" if timed else "from the first row of a log to the last"
+    return Term(
+        f"drift{of}", f"{unit}/s" if timed else unit,
+        lambda size: f"{it} drifts by {size:.3g} {unit} {per}",
+        "Let the sensor warm up, or cut the log with --window.", columns,
     )  # fmt: skip
+
+
+def _levels(at: Optimum) -> Iterator[Term]:
+    """An output that lies beside that of the other logs, unless each has an offset of its own."""
+    role = at.variant.output
+    logs = {s.experiment.log: s.experiment.name.split("#")[0] for s in at.series}
+    if len(logs) < 2 or any(s.own_level for s in at.series):
+        return
+    for log, name in logs.items():
+        yield Term(
+            f"offset of log {log + 1}", role.unit,
+            partial(_beside, name, role), "Check the zero of the sensors, and whether this log is "
+            "of the same machine in the same state; fit it by itself.",
+            [np.full(int(s.used.sum()), (s.role == role.name and s.experiment.log == log) / s.scale)
+             for s in at.series],
+        )  # fmt: skip
+
+
+def _beside(name: str, role: Role, size: float) -> str:
+    """What an offset of one log would be."""
+    way = "above" if size > 0.0 else "below"
+    return f"'{role.name}' of {name} lies {abs(size):.3g} {role.unit} {way} that of the other logs"
 
 
 def _offered(at: Optimum, runs: Sequence[Experiment]) -> Iterator[Term]:
@@ -265,12 +299,14 @@ def _score(at: Optimum, term: Term) -> Score | None:
 def _left_over(rows: Sequence[FloatArray]) -> list[FloatArray]:
     """What is left of the last column, the residual, when all others are fitted to it.
 
-    Noise is to be judged with the term in the model: what drifts is not noise.
+    Noise is to be judged with the term in the model: what drifts is not noise, nor is the level
+    of a log beside the others.
     """
     stacked = np.vstack(rows)
     columns, residual = stacked[:, :-1], stacked[:, -1]
     rest = residual - columns @ scaled_least_squares(columns, residual)
-    return np.split(rest, np.cumsum([x.shape[0] for x in rows])[:-1])
+    parts = np.split(rest, np.cumsum([x.shape[0] for x in rows])[:-1])
+    return [part - part.mean() for part in parts]
 
 
 def _notice(at: Optimum, s: Score) -> Notice:

@@ -23,13 +23,17 @@ _BREAK = 4.0  # ratio of the gap between two positions to those between readings
 
 @dataclass(frozen=True)
 class Data:
-    """All logs in one row of samples; ``parts`` are the logs, ``used`` what is fitted."""
+    """All logs in one row of samples; ``parts`` are the logs, ``used`` what is fitted.
+
+    ``in_order`` says that one sample follows the other in time: they have a time, or the
+    reading goes to and fro. A table may have been sorted.
+    """
 
     reading: FloatArray
     reference: FloatArray
     parts: tuple[slice, ...]
     used: BoolArray
-    timed: bool
+    in_order: bool
     unit: str
 
     @property
@@ -47,7 +51,10 @@ def gather(experiments: Sequence[Experiment]) -> Data:
     parts = tuple(slice(begin, end) for begin, end in pairwise([0, *ends]))
     used = np.isfinite(reading) & np.isfinite(reference)
     timed = all(e.time.size > 0 for e in experiments)
-    return Data(reading, reference, parts, used, timed, experiments[0].signals["reading"].unit)
+    steps = np.concatenate([np.diff(reading[p]) for p in parts])
+    in_order = timed or bool(np.nanmin(steps, initial=0.0) < 0.0 < np.nanmax(steps, initial=0.0))
+    unit = experiments[0].signals["reading"].unit
+    return Data(reading, reference, parts, used, in_order, unit)
 
 
 def check_data(data: Data) -> None:

@@ -155,6 +155,15 @@ def _two_groups_notice(rest: FloatArray, scaled: Scaled) -> list[Notice]:
     return [Notice("directions-differ", text)]
 
 
+def _one_way() -> Notice:
+    return Notice(
+        "one-direction",
+        "the reading moves in one direction only: whether it depends on the direction, by play in "
+        "the coupling or a delay between the two signals, cannot be seen, and the curve holds for "
+        "this direction. Record strokes to and fro.",
+    )
+
+
 def _mm(scaled_length: float, scaled: Scaled) -> str:
     return f"{1e3 * scaled_length * scaled.stroke:.3g} mm"
 
@@ -175,8 +184,11 @@ def direction_notice(
     share = np.concatenate([rising_share(data.reading[p], band) for p in data.parts])[data.used]
     way = share - 0.5
     rest = scaled.rows.y - scaled.evaluate(fit)
-    if min(np.count_nonzero(way > 0.4), np.count_nonzero(way < -0.4)) < 10:
-        return _two_groups_notice(rest, scaled)
+    ways = sorted((np.count_nonzero(way > 0.4), np.count_nonzero(way < -0.4)))
+    if ways[0] < 10:
+        sweep = ways[1] > 0.9 * way.size and find_positions(scaled.rows.t) is None
+        one_way = [_one_way()] if sweep and not ways[0] else []
+        return _two_groups_notice(rest, scaled) or one_way
     columns = np.column_stack((jacobian, way))
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0

@@ -39,6 +39,7 @@ from .spread import std_errors
 
 MOST = 5  # highest degree of an automatic choice
 _PLENTY = 14  # positions that are no longer few
+_GAP, _UNEVEN = 0.2, 5.0  # part of the range without a reading; that in median distances
 
 
 def find_dead_band(data: Data, request: Request[PotentiometerOptions]) -> float:
@@ -219,7 +220,9 @@ def _excess_tail(scaled: Scaled, restricted: CurveFit, fit: CurveFit) -> float:
 
 
 def few_positions_notice(scaled: Scaled, fit: CurveFit, scores: Sequence[Score]) -> list[Notice]:
-    """Warn where the positions allow no curve that bends more often than the one chosen."""
+    """Warn of a gap, or of positions that allow no curve that bends more often than this one."""
+    if gap := _widest_gap(scaled, fit):
+        return [gap]
     positions = position_count(scaled.merged)
     highest = highest_degree(scaled.merged, fit.shape.branches)
     if fit.shape.degree < highest or highest == MOST or positions > _PLENTY:
@@ -233,6 +236,22 @@ def few_positions_notice(scaled: Scaled, fit: CurveFit, scores: Sequence[Score])
         "over the whole range; more readings at the same positions do not help."
     )
     return [Notice("few-positions", text)]
+
+
+def _widest_gap(scaled: Scaled, fit: CurveFit) -> Notice | None:
+    """Warn of a part of the range in which nothing was recorded, though elsewhere it was."""
+    t = np.unique(scaled.merged.t)
+    steps = np.diff(t)
+    k = int(np.argmax(steps))
+    if steps[k] < _GAP or t.size < 8 or steps[k] < _UNEVEN * float(np.median(steps)):
+        return None
+    low, high = (scaled.low + scaled.span * t[i] for i in (k, k + 1))
+    return Notice(
+        "few-positions",
+        f"there are no readings between {low:.6g} and {high:.6g}, {100.0 * steps[k]:.0f} % of the "
+        f"range: what the curve does there follows from its degree ({fit.shape.degree}) alone, and "
+        "no interval allows for another shape. Record positions there.",
+    )
 
 
 def bound_notice(fit: CurveFit) -> list[Notice]:

@@ -36,7 +36,7 @@ def find_spread(
         cuts = np.cumsum(data.sizes)[:-1]
         parts = np.split(jacobian, cuts), np.split(rest * root, cuts)
         white = covariance(*parts, robust=False)
-        uncertainty = covariance(*parts) if data.timed else white
+        uncertainty = covariance(*parts) if data.in_order else white
         uncertainty = widen(uncertainty, white, misfit)
     if not np.all(np.isfinite(uncertainty.covariance)):
         raise NotIdentifiedError(
@@ -84,7 +84,7 @@ def _long_uncertainty(
     j = j / scale
     both = j.T @ (j * rows.count[:, None])
     inner, order = variance * np.eye(scale.size), 0
-    if data.timed:
+    if data.in_order:
         parts = _excerpt(data.sizes)
         columns = [_jacobian(fit, scaled, p) @ matrix / scale for p in parts]
         found = covariance(columns, [rest[p] for p in parts])
