@@ -114,7 +114,7 @@ def _noise_through_model(
             draw = sigma * rng.standard_normal(x.values.size)
             signals[role] = replace(x, values=x.values + draw)
         moved.append(replace(s.experiment, signals=signals))
-    again = family.simulate(variant, estimate.values, moved, estimate.options)
+    again = family.simulate(estimate.plant(variant), moved)
     return [float(np.nanmean((a.output - s.simulated) ** 2)) for a, s in zip(again, fitted)]
 
 

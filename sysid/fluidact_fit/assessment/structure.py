@@ -17,7 +17,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -143,12 +143,12 @@ def _of_channel(at: Optimum, role: str, step: float) -> Iterator[Term]:
 def _offered(at: Optimum, runs: Sequence[Experiment]) -> Iterator[Term]:
     """Parameters of the family that were not estimated."""
     freed = {o.frees: o.name for o in describe(at.family.options_type) if o.frees}
-    values, parameters = at.estimate.values, at.estimate.parameters
+    parameters = at.estimate.parameters
     given = [n for n, q in parameters.items() if q.status == "fixed" and isinstance(q.value, float)]
     for name in dict.fromkeys((*given, *(n for n in freed if n not in parameters))):
         spec = at.variant.parameter(name)
         value = parameters[name].number if name in parameters else spec.neutral or 0.0
-        full = {**values, name: value}
+        full = replace(at.plant, values={**at.plant.values, name: value})
         step = _SHIFT * runs[0].sample_time if spec.unit == "s" else abs(value) * 1e-3 or 1.0
         columns = at.change(at.simulate(runs, moved(full, name, step)))
         size = float(np.sqrt(np.mean(np.concatenate(columns) ** 2)))

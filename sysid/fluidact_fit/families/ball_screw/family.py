@@ -40,6 +40,7 @@ from ...family import (
     Information,
     ParameterDocument,
     ParameterSpec,
+    Plant,
     Request,
     Role,
     Simulated,
@@ -180,27 +181,20 @@ class BallScrew(Family[BallScrewOptions]):
 
     def simulate(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[BallScrewOptions],
         experiments: Sequence[Experiment],
-        options: BallScrewOptions,
         offset: float | None = None,
     ) -> list[Simulated]:
         """Position from the torque or force; see :meth:`Family.simulate`.
 
         The axis may have been anywhere, and moving, when a run began: both belong to the run.
         """
-        return [_follow(e, axis_of(variant), scalars(values), offset or 0.0) for e in experiments]
+        axis = axis_of(plant.variant)
+        return [_follow(e, axis, plant.numbers, offset or 0.0) for e in experiments]
 
-    def information(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        experiment: Experiment,
-        options: BallScrewOptions,
-    ) -> Information:
+    def information(self, plant: Plant[BallScrewOptions], experiment: Experiment) -> Information:
         """Sensitivities by complex steps; see :meth:`Family.information`."""
-        v, axis = scalars(values), axis_of(variant)
+        v, axis = plant.numbers, axis_of(plant.variant)
         model = DriveModel([experiment], axis)
         if settled_hold(experiment.signals[axis.drive]) != "zoh":
             return sensitivity(model.named(list(v)), v)
@@ -210,16 +204,11 @@ class BallScrew(Family[BallScrewOptions]):
         return replace(found, floor=bracket_widths(experiment.sampled(axis.drive), speed, v))
 
     def model(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        options: BallScrewOptions,
-        sample_time: float,
-        hold: Hold,
+        self, plant: Plant[BallScrewOptions], sample_time: float, hold: Hold
     ) -> dict[str, Any]:
         """Inertia and friction, and the period of the controller."""
-        friction = scalars(values)
-        name = axis_of(variant).inertia
+        friction = plant.numbers
+        name = axis_of(plant.variant).inertia
         section: dict[str, Any] = {name: friction.pop(name), "friction": friction}
         if sample_time > 0.0:
             section["discrete"] = {"sample_time": sample_time, "hold": "zoh"}
