@@ -292,10 +292,7 @@ class Family(ABC, Generic[OptionsT]):
 
     @abstractmethod
     def simulate(
-        self,
-        plant: Plant[OptionsT],
-        experiments: Sequence[Experiment],
-        offset: float | None = None,
+        self, plant: Plant[OptionsT], experiments: Sequence[Experiment], offset: float | None = None
     ) -> list[Simulated]:
         """Simulate the outputs of experiments from their inputs.
 
@@ -328,18 +325,14 @@ class Family(ABC, Generic[OptionsT]):
         return Excitation("none", "the family cannot predict what an experiment would show")
 
     def suppose(
-        self,
-        name: str,
-        values: Mapping[str, Value],
-        amplitude: tuple[float, float],
-        sample_time: float,
+        self, name: str, plant: Plant[OptionsT], amplitude: tuple[float, float], sample_time: float
     ) -> float | None:
         """Plausible value of a parameter that was not identified, to design an experiment for.
 
         Parameters
         ----------
-        name, values
-            The parameter, and all values of the file.
+        name, plant
+            The parameter, and the model of the file with what was supposed before.
         amplitude
             Lowest and highest value of the driving role [SI].
         sample_time

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ..estimation.uncertainty import fit_autoregression, innovations
 from ..experiment import Experiment, FloatArray
-from ..family import Estimate, Family, FamilyOptions, Plant, Simulated, Variant
+from ..family import Estimate, Family, FamilyOptions, Plant, Variant
 from ..outcome import Simulation
 
 _SAME = 1.0 - 1e-9  # correlation of two names for one unknown
@@ -83,15 +83,19 @@ class Optimum:
         """The model with the values and options that are written."""
         return self.estimate.plant(self.variant)
 
-    def simulate(
-        self, experiments: Sequence[Experiment], plant: Plant[FamilyOptions] | None = None
-    ) -> list[Simulated]:
-        """What the model gives with slightly other inputs, values or options."""
-        simulate = self.estimate.nearby or self.family.simulate
-        return simulate(plant or self.plant, experiments)
+    @property
+    def experiments(self) -> list[Experiment]:
+        """The runs that were fitted."""
+        return [s.experiment for s in self.fitted]
 
-    def change(self, found: Sequence[Simulated]) -> list[FloatArray]:
-        """Differences of other simulations from those of the fit, as the residuals are."""
+    def change(
+        self,
+        experiments: Sequence[Experiment] | None = None,
+        plant: Plant[FamilyOptions] | None = None,
+    ) -> list[FloatArray]:
+        """What slightly other inputs, values or options add to the model, as the residuals are."""
+        simulate = self.estimate.nearby or self.family.simulate
+        found = simulate(plant or self.plant, experiments or self.experiments)
         out = []
         for s in self.series:
             one = found[s.run]
@@ -241,12 +245,8 @@ def _series(
 def _differences(at: Optimum) -> list[FloatArray]:
     """Derivatives of the output by central differences of simulations."""
     columns: list[list[FloatArray]] = [[] for _ in at.series]
-    runs = [s.experiment for s in at.fitted]
     for name, error in zip(at.names, at.errors):
-        ends = []
-        for sign in (1.0, -1.0):
-            plant = moved(at.plant, name, sign * _STEP * error)
-            ends.append(at.change(at.simulate(runs, plant)))
+        ends = [at.change(plant=moved(at.plant, name, s * _STEP * error)) for s in (1.0, -1.0)]
         for k, (up, down) in enumerate(zip(*ends)):
             columns[k].append((up - down) / (2.0 * _STEP * error))
     return [np.column_stack(c) for c in columns]

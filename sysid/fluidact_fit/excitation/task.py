@@ -127,14 +127,13 @@ class Task:
     @cached_property
     def supposed(self) -> dict[str, float]:
         """Plausible values of what was not identified."""
-        values = self.document.values()
+        plant, limits = self.document.plant(self.family), self.limits
         found: dict[str, float] = {}
         for name, entry in self.document.parameters.items():
             if entry.status != "not_identified" or isinstance(entry.value, list):
                 continue
-            value = self.family.suppose(
-                name, {**values, **found}, self.limits.amplitude, self.limits.sample_time
-            )
+            plant = replace(plant, values={**plant.values, **found})
+            value = self.family.suppose(name, plant, limits.amplitude, limits.sample_time)
             if value is not None:
                 found[name] = value
         return found
@@ -150,11 +149,8 @@ class Task:
         """Numbers that are estimated or should be, lists entry by entry."""
         found = []
         for name, entry in self.document.parameters.items():
-            value, spread, spec = (
-                self.plant.values[name],
-                entry.std_error,
-                self.variant.parameter(name),
-            )
+            value, spread = self.plant.values[name], entry.std_error
+            spec = self.variant.parameter(name)
             if isinstance(value, list):
                 errors = spread if isinstance(spread, list) else []
                 size = float(np.max(np.abs(value)))

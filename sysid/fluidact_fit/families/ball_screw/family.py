@@ -44,9 +44,7 @@ from ...family import (
     Request,
     Role,
     Simulated,
-    Value,
     Variant,
-    scalars,
 )
 from ...options import choice, settled
 from .beyond import BEYOND_HELP, DECISIVE, beyond_notice, residual_to_noise, with_derivatives
@@ -221,12 +219,12 @@ class BallScrew(Family[BallScrewOptions]):
     def suppose(
         self,
         name: str,
-        values: Mapping[str, Value],
+        plant: Plant[BallScrewOptions],
         amplitude: tuple[float, float],
         sample_time: float,
     ) -> float | None:
         """A kinetic level of a fifth of the range, a static one that is higher by a third."""
-        v = scalars(values)
+        v = plant.numbers
         for s, limit in zip(SIDES, reversed(amplitude)):
             if name == f"coulomb_{s}":
                 return 0.2 * abs(limit)

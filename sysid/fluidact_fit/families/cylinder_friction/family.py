@@ -37,7 +37,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -60,9 +60,7 @@ from ...family import (
     Role,
     Simulated,
     StaticView,
-    Value,
     Variant,
-    scalars,
 )
 from .block import FrictionBlock
 from .fit import LEVELS, SECOND_SPEED, fit_friction
@@ -244,14 +242,14 @@ class CylinderFriction(Family[FrictionOptions]):
     def suppose(
         self,
         name: str,
-        values: Mapping[str, Value],
+        plant: Plant[FrictionOptions],
         amplitude: tuple[float, float],
         sample_time: float,
     ) -> float | None:
         """No viscous friction, no rise, and a level like that of the other direction."""
         if name not in LEVELS:
             return 0.0
-        return max(scalars(values)[level] for level in LEVELS)
+        return max(plant.numbers[level] for level in LEVELS)
 
     def model(
         self, plant: Plant[FrictionOptions], sample_time: float, hold: Hold

@@ -29,9 +29,8 @@ class Nearby:
     ) -> list[Simulated]:
         """Simulate the fitted runs, in their order; see :meth:`.Family.simulate`."""
         box, plain = self.solution.problem.box, plant.numbers
-        other = GrayBox(
-            box.logs, read_machine(plant.options, (1, 2)), plain["viscous"], box.segment
-        )
+        machine = read_machine(plant.options, (1, 2))
+        other = GrayBox(box.logs, machine, plain["viscous"], box.segment)
         other.steps = box.steps  # another step would be another error of integration
         return [self._run(k, e, other, plain) for k, e in enumerate(experiments)]
 

@@ -31,7 +31,6 @@ from ...family import (
     Quantity,
     Request,
     Simulated,
-    Value,
     Variant,
 )
 from ...options import settled
@@ -316,11 +315,7 @@ class TransferFamily(Family[T], Generic[T]):
         return Excitation("command")
 
     def suppose(
-        self,
-        name: str,
-        values: Mapping[str, Value],
-        amplitude: tuple[float, float],
-        sample_time: float,
+        self, name: str, plant: Plant[T], amplitude: tuple[float, float], sample_time: float
     ) -> float | None:
         """A dead zone of a fifth of the range, a dead time of one and a half samples."""
         sides = {"dead_zone_negative": amplitude[0], "dead_zone_positive": amplitude[1]}
