@@ -14,6 +14,7 @@ import pytest
 import fluidact_fit as ff
 from fluidact_fit.demo import compare, load_dataset
 from fluidact_fit.experiment import Experiment, Signal
+from fluidact_fit.family import Plant
 from fluidact_fit.result import FitResult
 
 ROOT = Path(__file__).parents[1] / "datasets"
@@ -115,7 +116,7 @@ def test_potentiometer_curve_is_the_true_one_everywhere() -> None:
     signal = Signal("reading", np.zeros(0), reading, "1")
     run = Experiment("readings", 0, np.zeros(0), {"reading": signal}, 0.0, False)
     curves = [
-        family.simulate(result.variant, values, [run], result.estimate.options)[0].output
+        family.simulate(Plant(result.variant, values, result.estimate.options), [run])[0].output
         for values in (result.estimate.values, true)
     ]
     difference = curves[0] - curves[1]

@@ -54,9 +54,8 @@ def valve_design(valve: ff.FitResult) -> Design:
 @pytest.mark.parametrize("family", ["valve", "line", "hydrostatic"])
 def test_information_predicts_the_standard_errors_of_a_fit(family: str) -> None:
     result = fit_trial(family)
-    values = {n: q.value for n, q in result.parameters.items()}
-    run = result.experiments[0]
-    found = get_family(family).information(result.variant, values, run, result.estimate.options)
+    plant = result.estimate.plant(result.variant)
+    found = get_family(family).information(plant, result.experiments[0])
     assert found is not None
     names = [n for n in found.names if result.parameters[n].status == "estimated"]
     jacobian = found.jacobian[:, [found.names.index(n) for n in names]]
@@ -68,10 +67,8 @@ def test_information_predicts_the_standard_errors_of_a_fit(family: str) -> None:
 
 def test_static_levels_are_bracketed_as_in_a_fit() -> None:
     result = fit_trial("ball-screw", 1)
-    values = {n: q.value for n, q in result.parameters.items()}
-    found = get_family("ball-screw").information(
-        result.variant, values, result.experiments[0], result.estimate.options
-    )
+    plant = result.estimate.plant(result.variant)
+    found = get_family("ball-screw").information(plant, result.experiments[0])
     assert found is not None
     for name, width in found.floor.items():
         assert width == pytest.approx(result.parameters[name].std_error, rel=0.1)
@@ -137,15 +134,12 @@ def test_rate_and_stroke_are_kept() -> None:
     found = design(document_of(data), rate=60.0, stroke=(0.0, 0.004), duration=2.0)
     slope = np.abs(np.diff(found.signals["force"])) / 0.01
     assert slope.max() <= 60.0 * (1.0 + 1e-9)
-    values = {n: q.value for n, q in data.parameters.items()}
     run = data.experiments[0]
     signal = replace(
         run.signals["force"], time=found.time, values=found.signals["force"], hold="smooth"
     )
     played = replace(run, time=found.time, signals={"force": signal})
-    (simulated,) = get_family("hydrostatic").simulate(
-        data.variant, values, [played], data.estimate.options
-    )
+    (simulated,) = get_family("hydrostatic").simulate(data.estimate.plant(data.variant), [played])
     assert np.ptp(simulated.output) <= 0.004
     assert any("Start at position" in note for note in found.notes)
 

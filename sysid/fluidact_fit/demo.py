@@ -13,6 +13,7 @@ import numpy as np
 from .errors import OutputError
 from .experiment import Experiment, Signal
 from .families import family_names, get_family
+from .family import Plant
 from .fitting import fit
 from .logs import Log, read_log
 from .result import FitResult
@@ -147,7 +148,7 @@ def _compare_curve(dataset: Dataset, result: FitResult, fit_percent: str) -> Row
     run = Experiment("points", 0, np.zeros(0), {role.name: signal}, 0.0, False)
     truth = {name: entry["value"] for name, entry in dataset.truth.items()}
     curves = [
-        family.simulate(variant, values, [run], result.estimate.options)[0].output
+        family.simulate(Plant(variant, values, result.estimate.options), [run])[0].output
         for values in (truth, result.estimate.values)
     ]
     distance = float(np.max(np.abs(curves[0] - curves[1])))

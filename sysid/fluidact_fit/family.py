@@ -20,17 +20,25 @@ from .errors import Notice
 from .experiment import Experiment, FloatArray, Hold
 from .options import FamilyOptions
 from .parameters.document import ParameterDocument
-from .specification import ParameterSpec, Quantity, Role, Status, Value, Variant, scalars
+from .specification import (
+    ParameterSpec,
+    Plant,
+    Quantity,
+    ReadT,
+    Role,
+    Status,
+    Value,
+    Variant,
+    scalars,
+)
 
 __all__ = [
     "Block", "Curve", "Estimate", "Excitation", "Family", "FamilyOptions", "Information",
-    "ParameterDocument", "ParameterSpec", "Quantity", "Request", "Role", "Simulated",
+    "ParameterDocument", "ParameterSpec", "Plant", "Quantity", "Request", "Role", "Simulated",
     "StaticView", "Status", "Value", "Variant", "scalars",
 ]  # fmt: skip
 
 OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
-# what is only read may hold the options of any family
-ReadT = TypeVar("ReadT", bound=FamilyOptions, covariant=True)
 
 
 @dataclass(frozen=True)
@@ -99,15 +107,17 @@ class Estimate(Generic[ReadT]):
     details: Mapping[str, Any] = field(default_factory=dict)
     sensitivity: Sequence[FloatArray] = ()
     sensitivity_also: Sequence[Mapping[str, FloatArray]] = ()
-    nearby: Callable[[Mapping[str, Value], Sequence[Experiment], Any], list[Simulated]] | None = (
-        None
-    )
+    nearby: Callable[[Plant[ReadT], Sequence[Experiment]], list[Simulated]] | None = None
     input_noise: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def values(self) -> dict[str, Value]:
         """Plain values by name."""
         return {k: q.value for k, q in self.parameters.items()}
+
+    def plant(self, variant: Variant) -> Plant[ReadT]:
+        """The model with the numbers that are written."""
+        return Plant(variant, self.values, self.options)
 
 
 @dataclass(frozen=True)
@@ -266,10 +276,6 @@ class Family(ABC, Generic[OptionsT]):
         """The variant of that name; a single one need not be named."""
         return next((v for v in self.variants if v.name == name), self.variants[0])
 
-    def settled_options(self, document: ParameterDocument) -> OptionsT:
-        """The options as the fit of a file settled them."""
-        return self.options_type.read(document.options or {}, from_file=True)
-
     @abstractmethod
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[OptionsT]
@@ -286,39 +292,20 @@ class Family(ABC, Generic[OptionsT]):
 
     @abstractmethod
     def simulate(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        experiments: Sequence[Experiment],
-        options: OptionsT,
-        offset: float | None = None,
+        self, plant: Plant[OptionsT], experiments: Sequence[Experiment], offset: float | None = None
     ) -> list[Simulated]:
         """Simulate the outputs of experiments from their inputs.
 
         Offset and initial state, which belong to a log and not to the machine, are fitted
         to the experiment's own output where it has one (runs of one log share their
         offset). Where it has none the run starts from rest, about ``offset`` [SI].
-
-        Parameters
-        ----------
-        values
-            As written in the file.
-        options
-            As settled by the fit: nothing is chosen anew.
         """
 
     @abstractmethod
     def block(self, variant: Variant, document: ParameterDocument) -> Block:
         """Return the object that ``fluidact_fit.load`` gives a controller."""
 
-    def model(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        options: OptionsT,
-        sample_time: float,
-        hold: Hold,
-    ) -> dict[str, Any]:
+    def model(self, plant: Plant[OptionsT], sample_time: float, hold: Hold) -> dict[str, Any]:
         """Return the ``model`` part of the file: what a controller runs.
 
         It has to change with every parameter: a reader compares it with the parameters, so
@@ -326,13 +313,7 @@ class Family(ABC, Generic[OptionsT]):
         """
         return {}
 
-    def information(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        experiment: Experiment,
-        options: OptionsT,
-    ) -> Information | None:
+    def information(self, plant: Plant[OptionsT], experiment: Experiment) -> Information | None:
         """Return the information that an experiment would give, from its inputs alone.
 
         ``None`` for a family that cannot say: its next experiment cannot be designed.
@@ -344,18 +325,14 @@ class Family(ABC, Generic[OptionsT]):
         return Excitation("none", "the family cannot predict what an experiment would show")
 
     def suppose(
-        self,
-        name: str,
-        values: Mapping[str, Value],
-        amplitude: tuple[float, float],
-        sample_time: float,
+        self, name: str, plant: Plant[OptionsT], amplitude: tuple[float, float], sample_time: float
     ) -> float | None:
         """Plausible value of a parameter that was not identified, to design an experiment for.
 
         Parameters
         ----------
-        name, values
-            The parameter, and all values of the file.
+        name, plant
+            The parameter, and the model of the file with what was supposed before.
         amplitude
             Lowest and highest value of the driving role [SI].
         sample_time
@@ -370,11 +347,9 @@ class Family(ABC, Generic[OptionsT]):
 
     def static_view(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[OptionsT],
         experiments: Sequence[Experiment],
         simulated: Sequence[Simulated],
-        options: OptionsT,
     ) -> StaticView | None:
         """Return what a picture of a static map shows, ``None`` for a dynamic model.
 

@@ -19,6 +19,7 @@ from .family import (
     Family,
     FamilyOptions,
     ParameterDocument,
+    Plant,
     Request,
     Simulated,
     Variant,
@@ -41,10 +42,14 @@ class Findings:
     estimate: Estimate[FamilyOptions]
 
     @cached_property
+    def plant(self) -> Plant[FamilyOptions]:
+        """The model with the values and options that are written."""
+        return self.estimate.plant(self.variant)
+
+    @cached_property
     def simulated(self) -> list[Simulated]:
-        """What the model gives for the logs, with the values and options that are written."""
-        e = self.estimate
-        return self.family.simulate(self.variant, e.values, self.experiments, e.options)
+        """What it gives for the logs."""
+        return self.family.simulate(self.plant, self.experiments)
 
     @cached_property
     def fitted(self) -> list[Simulation]:
@@ -62,8 +67,7 @@ class Findings:
 
     def validate(self, others: Sequence[Experiment]) -> list[Simulation]:
         """Simulate runs that were not fitted."""
-        e = self.estimate
-        found = self.family.simulate(self.variant, e.values, others, e.options, self.offset)
+        found = self.family.simulate(self.plant, others, self.offset)
         return pair(others, found, self.variant)
 
 
@@ -88,9 +92,7 @@ def make_parameter_document(
     verdict, reasons = judge(overall, notices, details.get("residual_to_noise"), white)
     every = list(dict.fromkeys([*notices, *reasons]))
     period = min(e.sample_time for e in found.experiments) if sample_time is None else sample_time
-    model = family.model(
-        variant, estimate.values, estimate.options, float(period), _hold(variant, fitted)
-    )
+    model = family.model(found.plant, float(period), _hold(variant, fitted))
     if found.offset is not None:
         model["output_offset"] = found.offset
     document = {

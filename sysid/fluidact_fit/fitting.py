@@ -110,9 +110,7 @@ def fit(
     document, said = make_parameter_document(
         found, validation, notices, controller_sample_time, command
     )
-    view = chosen.static_view(
-        variant, estimate.values, experiments, found.simulated, estimate.options
-    )
+    view = chosen.static_view(found.plant, experiments, found.simulated)
     return FitResult(family, variant, estimate, found.fitted, validation, document, said, view)
 
 
@@ -196,18 +194,18 @@ def refit(
         When these logs cannot determine them.
     """
     family = get_family(document.family)
+    plant = document.plant(family)
     given = document.provenance.options or {}
     request = Request(
-        options=family.settled_options(document),
+        options=plant.options,
         fixed=given.get("fixed") or {},
         bounds={k: (v[0], v[1]) for k, v in (given.get("bounds") or {}).items()},
         noise=given.get("noise") or {},
         seed=document.provenance.seed or 0,
         progress=progress or (lambda message: None),
     )
-    variant = family.variant(document.variant)
-    experiments, _ = _prepare(logs, variant)
-    return _estimate(family, variant, experiments, request).parameters
+    experiments, _ = _prepare(logs, plant.variant)
+    return _estimate(family, plant.variant, experiments, request).parameters
 
 
 def _estimate(

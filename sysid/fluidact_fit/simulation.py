@@ -108,11 +108,10 @@ def prepare_logs(
 
 def simulate_runs(document: ParameterDocument, runs: Sequence[Experiment]) -> list[Simulation]:
     """Simulate a document's model for runs that have been prepared."""
-    family, variant = get_family(document.family), variant_of(document)
-    options = family.settled_options(document)
-    offset = document.model.get("output_offset")
-    found = family.simulate(variant, document.values(), runs, options, offset)
-    return pair(runs, found, variant)
+    family = get_family(document.family)
+    plant = document.plant(family)
+    found = family.simulate(plant, runs, document.model.get("output_offset"))
+    return pair(runs, found, plant.variant)
 
 
 def simulate_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Simulation]:

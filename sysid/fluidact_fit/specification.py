@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from .options import FamilyOptions
 
 Value = float | list[float] | list[list[float]]
 Status = Literal["estimated", "fixed", "derived", "not_identified"]
+# what is only read may hold the options of any family
+ReadT = TypeVar("ReadT", bound=FamilyOptions, covariant=True)
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,28 @@ class Quantity:
         return float(self.value)
 
 
+@dataclass(frozen=True)
+class Plant(Generic[ReadT]):
+    """A model with its numbers, as a fit or a file gives them.
+
+    Attributes
+    ----------
+    values
+        As written in the file [SI].
+    options
+        As settled by the fit: nothing is chosen anew.
+    """
+
+    variant: Variant
+    values: Mapping[str, Value]
+    options: ReadT
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The single-valued parameters [SI]."""
+        return scalars(self.values)
+
+
 class Described(Protocol):
     """What a reader of parameter files has to know about a family."""
 
@@ -153,14 +177,11 @@ class Described(Protocol):
     variants: tuple[Variant, ...]
     options_type: type[FamilyOptions]
 
-    def model(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        options: Any,
-        sample_time: float,
-        hold: Hold,
-    ) -> dict[str, Any]:
+    def variant(self, name: str | None) -> Variant:
+        """The variant of that name; a single one need not be named."""
+        ...
+
+    def model(self, plant: Plant[FamilyOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
         """Return the ``model`` part that belongs to the values."""
         ...
 

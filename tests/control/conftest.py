@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from fluidact_fit.families import get_family
+from fluidact_fit.family import Plant
 from fluidact_fit.parameters import make_document, save_document
 
 VALUES: dict[str, tuple[str, dict[str, float]]] = {
@@ -49,6 +50,7 @@ def build(
     variant = next(v for v in family.variants if v.name == variant_name)
     values = {**default, **(values or {})}
     specs = {s.name: s for s in variant.parameters}
+    plant = Plant(variant, values, family.options_type())
     return {
         "format": "fluidact-parameters",
         "format_version": 1,
@@ -57,8 +59,8 @@ def build(
         "parameters": {
             n: {"value": v, "unit": specs[n].unit, "status": "fixed"} for n, v in values.items()
         },
-        "options": family.options_type().given(),
-        "model": family.model(variant, values, family.options_type(), sample_time, "zoh"),
+        "options": plant.options.given(),
+        "model": family.model(plant, sample_time, "zoh"),
         "validity": {
             r.name: {"low": -1.0, "high": 2.0, "unit": r.unit}
             for r in variant.roles

@@ -70,14 +70,13 @@ def test_any_period_gives_the_same_motion(write: Writer, family: str, period: fl
 def test_simulate_is_the_model_that_was_fitted(write: Writer, family: str, hold: Any) -> None:
     block = loaded(write(family))
     chosen = get_family(family)
-    variant = next(v for v in chosen.variants if v.name == block.document.variant)
     time = np.sort(np.random.default_rng(0).uniform(0.0, 4.0, 300))  # uneven
     t = np.linspace(0.0, 1.0, 300)
     u = AMPLITUDE[family] * np.sin(11.0 * t) * (1.0 - np.exp(-5.0 * t))
     role = block.input
     signal = Signal(role.role, time, u, role.unit, hold, before=float(u[0]))
     e = Experiment("e", 0, time, {role.role: signal}, 0.01, False)
-    (found,) = chosen.simulate(variant, block.parameters, [e], chosen.options_type())
+    (found,) = chosen.simulate(block.document.plant(chosen), [e])
     want = found.output
     got = block.simulate(u, time, hold=hold)
     np.testing.assert_allclose(got, want, rtol=1e-8, atol=1e-9 * np.abs(want).max())

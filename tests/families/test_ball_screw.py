@@ -14,7 +14,7 @@ from fluidact_fit.families import get_family
 from fluidact_fit.families.ball_screw import brackets
 from fluidact_fit.families.ball_screw.brackets import Bracket, narrowing_edges, search_level
 from fluidact_fit.families.ball_screw.stages import first_stages
-from fluidact_fit.family import Estimate, Request, Simulated
+from fluidact_fit.family import Estimate, Plant, Request, Simulated
 from fluidact_fit.parameters import make_document
 
 STEP, N = 0.01, 1000
@@ -76,7 +76,7 @@ def fit(logs: list[Experiment], **request) -> Estimate:
 
 
 def simulate(values: dict, *logs: Experiment, offset: float | None = None) -> list[Simulated]:
-    return FAMILY.simulate(ROTARY, values, logs, FAMILY.options_type(), offset)
+    return FAMILY.simulate(Plant(ROTARY, values, FAMILY.options_type()), logs, offset)
 
 
 def rms(log: Experiment, found: Simulated) -> float:
@@ -249,7 +249,7 @@ def test_the_drive_is_fed_forward_without_static_levels() -> None:
                     "status": "not_identified" if n in open_ones else "fixed"}
                 for n, v in DRIVE.items()
             },
-            "model": FAMILY.model(ROTARY, DRIVE, FAMILY.options_type(), STEP, "zoh"),
+            "model": FAMILY.model(Plant(ROTARY, DRIVE, FAMILY.options_type()), STEP, "zoh"),
             "fit": {"samples": 10, "rmse": {"value": 0.1, "unit": "rad"}, "fit_percent": 90.0,
                     "verdict": "pass"},
             "provenance": {"tool": {"name": "fluidact-fit", "version": "0.1.0"},

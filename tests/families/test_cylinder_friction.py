@@ -18,7 +18,7 @@ from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families.cylinder_friction.block import FrictionBlock
 from fluidact_fit.families.cylinder_friction.family import CylinderFriction
 from fluidact_fit.families.cylinder_friction.options import FrictionOptions
-from fluidact_fit.family import Estimate, Request, Simulated
+from fluidact_fit.family import Estimate, Plant, Request, Simulated
 
 FAMILY = CylinderFriction()
 VARIANTS = {v.name: v for v in FAMILY.variants}
@@ -111,7 +111,7 @@ def variant_of(experiment: Experiment) -> Any:
 
 def simulate(e: Estimate[FrictionOptions], log: Experiment) -> Simulated:
     """Simulate a log with an estimate and everything that its fit settled."""
-    (found,) = FAMILY.simulate(variant_of(log), e.values, [log], e.options)
+    (found,) = FAMILY.simulate(e.plant(variant_of(log)), [log])
     return found
 
 
@@ -235,7 +235,8 @@ def test_quick_strokes_come_close_to_the_bound() -> None:
 def test_information_is_that_of_the_fit() -> None:
     log = record([0.05, -0.05, 0.2, -0.2], noise=0.1, motion="velocity", mass=0.14)
     e = fit([log], mass=0.14)
-    found = FAMILY.information(VARIANTS["velocity"], HAND, log, FrictionOptions(mass=0.14))
+    plant = Plant(VARIANTS["velocity"], HAND, FrictionOptions(mass=0.14))
+    found = FAMILY.information(plant, log)
     bread = np.linalg.inv(found.jacobian.T @ found.jacobian)
     for k, name in enumerate(found.names):
         predicted = 0.1 * np.sqrt(bread[k, k])
@@ -401,14 +402,15 @@ def test_two_pressures_stand_in_for_the_force() -> None:
     e = FAMILY.estimate(variant, [log], request)
     for name, true in TRUTH.items():
         assert number(e, name) == pytest.approx(true, abs=0.3)
-    simulated = FAMILY.simulate(variant, e.values, [log], e.options)
+    plant = e.plant(variant)
+    simulated = FAMILY.simulate(plant, [log])
     (found,) = simulated
     # the output is the pressure of the first chamber
     assert np.std((found.output - log["pressure"])[found.used]) < 0.1 / 2e-4
     bare = {r: s for r, s in log.signals.items() if r != "pressure"}
-    (alone,) = FAMILY.simulate(variant, e.values, [replace(log, signals=bare)], e.options)
+    (alone,) = FAMILY.simulate(plant, [replace(log, signals=bare)])
     assert alone.output == pytest.approx(found.output)
-    view = FAMILY.static_view(variant, e.values, [log], simulated, e.options)
+    view = FAMILY.static_view(plant, [log], simulated)
     assert np.std((view.measured - view.fitted)[view.used]) < 0.1
 
 
@@ -572,7 +574,7 @@ def test_block_is_the_friction_map(tmp_path: Path) -> None:
 
 
 def test_model_holds_every_parameter() -> None:
-    section = FAMILY.model(VARIANTS["velocity"], TRUTH, FrictionOptions(), 0.01, "zoh")
+    section = FAMILY.model(Plant(VARIANTS["velocity"], TRUTH, FrictionOptions()), 0.01, "zoh")
     assert {n: section["friction"][n] for n in TRUTH} == TRUTH
 
 
@@ -585,17 +587,17 @@ def stepped(role: str, low: float, high: float) -> Experiment:
 
 def test_a_known_velocity_is_not_smoothed() -> None:
     options = FrictionOptions(mass=20.0, filter=0.08, deadband=0.05, force_offset=False)
-    (found,) = FAMILY.simulate(
-        VARIANTS["velocity"], TRUTH, [stepped("velocity", -0.02, 0.1)], options
-    )
+    plant = Plant(VARIANTS["velocity"], TRUTH, options)
+    (found,) = FAMILY.simulate(plant, [stepped("velocity", -0.02, 0.1)])
     assert found.output[:50] == pytest.approx(np.full(50, -6.0 - 0.02 * 40.0))
     assert found.output[50:] == pytest.approx(np.full(51, 8.0 + 0.1 * 40.0))
 
 
 def test_a_position_that_steps_is_refused() -> None:
     options = FrictionOptions(filter=0.08, deadband=0.05, force_offset=False)
+    plant = Plant(VARIANTS["position"], TRUTH, options)
     with pytest.raises(UsageError, match="a position that steps"):
-        FAMILY.simulate(VARIANTS["position"], TRUTH, [stepped("position", 0.0, 0.1)], options)
+        FAMILY.simulate(plant, [stepped("position", 0.0, 0.1)])
 
 
 def test_levels_at_one_speed_describe_that_speed_only() -> None:

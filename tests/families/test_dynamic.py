@@ -41,7 +41,7 @@ def fit(family: str, logs: list[Experiment], **request) -> Estimate:
 def simulate(family: str, estimate: Estimate, logs: list[Experiment]) -> list[Simulation]:
     chosen = get_family(family)
     variant = chosen.variants[0]
-    found = chosen.simulate(variant, estimate.values, logs, estimate.options)
+    found = chosen.simulate(estimate.plant(variant), logs)
     return [Simulation.of(e, s, variant.output.name) for e, s in zip(logs, found)]
 
 

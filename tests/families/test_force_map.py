@@ -62,8 +62,7 @@ def force_map(values: Mapping[str, Value], x: FloatArray) -> FloatArray:
 def errors(target: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Error and measured output on the test positions, branch, and samples since a reversal."""
     result, e = fitted(target), test_log()
-    estimate = result.estimate
-    (run,) = ForceMap().simulate(result.variant, estimate.values, [e], estimate.options)
+    (run,) = ForceMap().simulate(result.estimate.plant(result.variant), [e])
     simulated = run.output
     u = e["command"]
     steps = np.sign(np.diff(u, prepend=u[0]) * (np.abs(np.diff(u, prepend=u[0])) > 0.02))
@@ -193,10 +192,10 @@ def test_sizes_that_do_not_agree_are_refused() -> None:
 @pytest.mark.parametrize("change", [lambda w: -w, lambda w: 1.05 * w, lambda w: 0.0])
 def test_any_weight_changed_by_hand_changes_the_model(change: Callable[[float], float]) -> None:
     estimate, family = fitted("command").estimate, ForceMap()
-    variant, values = family.variants[0], dict(estimate.values)
+    plant, values = estimate.plant(family.variants[0]), estimate.values
 
     def sums(changed: Mapping[str, Value]) -> Any:
-        return family.model(variant, changed, estimate.options, 0.0, "zoh")["network"]["checksums"]
+        return family.model(replace(plant, values=changed), 0.0, "zoh")["network"]["checksums"]
 
     due = sums(values)
     weights = np.array(values["weights_1"])
@@ -214,9 +213,7 @@ def test_the_motion_state_is_known_without_the_output() -> None:
     result, e = fitted("command"), test_log()
     inputs = replace(e, signals={k: s for k, s in e.signals.items() if k != "command"})
     block = make_block(result.document)
-    (run,) = ForceMap().simulate(
-        result.variant, result.estimate.values, [inputs], result.estimate.options
-    )
+    (run,) = ForceMap().simulate(result.estimate.plant(result.variant), [inputs])
     np.testing.assert_array_equal(block.predict(e), run.output)
     assert rms(run.output - e["command"]) < 0.1
 
@@ -328,7 +325,7 @@ def train(logs: list[Experiment], **options: Any) -> Estimate[ForceMapOptions]:
 
 def simulate(found: Estimate[ForceMapOptions], logs: list[Experiment]) -> list[Simulated]:
     family = ForceMap()
-    return family.simulate(family.variant(found.options.target), found.values, logs, found.options)
+    return family.simulate(found.plant(family.variant(found.options.target)), logs)
 
 
 def cycles(n: int = 2000) -> FloatArray:

@@ -659,10 +659,8 @@ def test_a_log_without_pressures_is_simulated_all_the_same() -> None:
     run = fitted().experiments[0]
     kept = {r: s for r, s in run.signals.items() if not r.startswith("pressure")}
     family = ff.get_family("hydraulic-cylinder")
-    (found,) = family.simulate(
-        fitted().variant, fitted().estimate.values, [replace(run, signals=kept)],
-        fitted().estimate.options,
-    )  # fmt: skip
+    plant = fitted().estimate.plant(fitted().variant)
+    (found,) = family.simulate(plant, [replace(run, signals=kept)])
     assert np.sqrt(np.mean((found.output - run["position"]) ** 2)) < 5.5e-5
 
 
@@ -690,10 +688,8 @@ def test_flow_from_rest_follows_a_measured_pressure() -> None:
     inputs = {r: s for r, s in run.signals.items() if r != "position"}
     family = ff.get_family("hydraulic-cylinder")
     result = without_mass()
-    (found,) = family.simulate(
-        result.variant, result.estimate.values, [replace(run, signals=inputs)],
-        result.estimate.options,
-    )  # fmt: skip
+    plant = result.estimate.plant(result.variant)
+    (found,) = family.simulate(plant, [replace(run, signals=inputs)])
     assert found.used is not None
     assert found.used.sum() > 0.95 * run.samples
     difference = found.output - run["position"]

@@ -20,6 +20,7 @@ from fluidact_fit.families.hydraulic_motor.block import MotorBlock
 from fluidact_fit.families.hydraulic_motor.equation import MotorModel, play, static_speed
 from fluidact_fit.families.hydraulic_motor.family import HydraulicMotor
 from fluidact_fit.families.hydraulic_motor.fit import MotorOptions
+from fluidact_fit.family import Plant
 from fluidact_fit.result import FitResult
 
 REAL = Path(__file__).parents[2] / ".." / "shared" / "data" / "hydraulic_motor"
@@ -125,7 +126,8 @@ def test_a_late_start_does_not_move_the_offset() -> None:
     speed[100:140] = 0.5
     log = run(time, command, speed=Signal("speed", time, speed, "rad/s"))
     family = HydraulicMotor()
-    (found,) = family.simulate(family.variants[0], LINE, [log], MotorOptions(residual_limit=1e-3))
+    plant = Plant(family.variants[0], LINE, MotorOptions(residual_limit=1e-3))
+    (found,) = family.simulate(plant, [log])
     assert found.offset == pytest.approx(0.5, abs=1e-3)
 
 

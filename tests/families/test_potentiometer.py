@@ -27,7 +27,7 @@ from fluidact_fit.families.potentiometer.rational_bezier import (
     rational_bezier,
     rational_bezier_slope,
 )
-from fluidact_fit.family import Estimate, ParameterDocument, Quantity, Request
+from fluidact_fit.family import Estimate, ParameterDocument, Plant, Quantity, Request
 from fluidact_fit.parameters import make_document
 
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
@@ -56,8 +56,7 @@ class Fitted:
         self, estimate: Estimate[PotentiometerOptions], experiments: Sequence[Experiment]
     ) -> None:
         self.estimate = estimate
-        e = estimate
-        found = FAMILY.simulate(VARIANT, e.values, experiments, e.options)
+        found = FAMILY.simulate(estimate.plant(VARIANT), experiments)
         self.simulated = [f.output for f in found]
         self.measured = [
             np.where(f.used, x["reference"], np.nan) for f, x in zip(found, experiments)
@@ -98,7 +97,7 @@ def document(parameters: Mapping[str, Quantity]) -> ParameterDocument:
         "format_version": 1,
         "family": "potentiometer",
         "parameters": dict(parameters),
-        "model": FAMILY.model(VARIANT, values, PotentiometerOptions(), 0.0, "zoh"),
+        "model": FAMILY.model(Plant(VARIANT, values, PotentiometerOptions()), 0.0, "zoh"),
         "fit": {"samples": 2, "rmse": {"value": 1e-5, "unit": "m"}, "verdict": "pass"},
         "provenance": {"tool": {"name": "test", "version": "1"}, "created": "now"},
     }
@@ -458,7 +457,7 @@ def test_another_log_is_judged_by_the_rails_of_the_file() -> None:
     )
     found = fit(log).estimate
     other = experiment([50.0, 100.0, 101.0, 1022.0, 1023.0, np.nan], np.zeros(6))
-    (run,) = FAMILY.simulate(VARIANT, found.values, [other], found.options)
+    (run,) = FAMILY.simulate(found.plant(VARIANT), [other])
     assert run.used is not None
     assert run.used.tolist() == [False, False, True, True, False, False]
 
@@ -609,7 +608,7 @@ def test_block_from_a_document() -> None:
     with pytest.raises(ValueError, match="outside the calibrated range"):
         pot.inverse(1.0)
     assert pot.inverse(1.0, clamp=True) == 1000.0
-    section = FAMILY.model(VARIANT, pot.parameters, result.options, 0.0, "zoh")["curve"]
+    section = FAMILY.model(result.plant(VARIANT), 0.0, "zoh")["curve"]
     assert section["type"] == "rational-bezier"
     t = (500.0 - 20.0) / 980.0
     top, bottom = (

@@ -160,7 +160,7 @@ def test_spikes_do_not_pull() -> None:
     assert 30 <= found.details["spikes"] <= 40
     assert [n.code for n in found.notices] == ["force-spikes"]
     family = SpringCylinder()
-    (again,) = family.simulate(family.variants[0], found.values, [log], found.options)
+    (again,) = family.simulate(found.plant(family.variants[0]), [log])
     # whoever simulates the log leaves out the same samples
     out = found.details["left_out"]["unknown_motion_state_or_reversal"]
     assert np.sum(~again.used) == out + found.details["spikes"]

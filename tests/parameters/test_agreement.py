@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from fluidact_fit.errors import ParameterFileError, UsageError
+from fluidact_fit.family import Plant
 from fluidact_fit.parameters import dump_document, make_document
 from fluidact_fit.parameters.load import check_agreement, disagreements, parse_document
 
@@ -19,14 +20,14 @@ def lookup(lookup: Any) -> Any:
     """The dummy family, with a model that depends on parameters, options and sample time."""
     family = copy.copy(lookup("dummy"))
 
-    def model(variant: Any, values: Any, options: Any, sample_time: float, hold: str) -> Any:
+    def model(plant: Plant[Any], sample_time: float, hold: str) -> Any:
         if sample_time > 1.0:
             raise UsageError("the sample time is too long")
         return {
-            "continuous": {"numerator": [1.0], "denominator": [values["mass"], 0.0]},
+            "continuous": {"numerator": [1.0], "denominator": [plant.values["mass"], 0.0]},
             "discrete": {"sample_time": sample_time, "hold": hold},
-            "norm": sum(map(abs, values["weights"])),
-            "units": options.hidden,
+            "norm": sum(map(abs, plant.values["weights"])),
+            "units": plant.options.hidden,
         }
 
     family.model = model

@@ -82,7 +82,7 @@ def make(
         "variant": "line",
         "parameters": parameters,
         "covariance": {"order": ["gain", "time_constant"], "matrix": covariance},
-        "model": family.model(variant, estimate.values, options, 0.01, "zoh"),
+        "model": family.model(estimate.plant(variant), 0.01, "zoh"),
         "validity": {"inlet": {"low": 0.0, "high": 4e5, "unit": "Pa"}},
         "fit": {
             "samples": samples * runs,

@@ -104,14 +104,13 @@ def _derivative(at: Optimum, name: str) -> list[FloatArray] | None:
     Over a step that changes the output by part of the residual: a smaller one drowns in rounding,
     a larger one is no derivative.
     """
-    runs = [s.experiment for s in at.fitted]
     step = _STEP * (abs(at.number(name)) or 1.0)
-    change = at.change(at.simulate(runs, moved(at.estimate.values, name, step)))
+    change = at.change(plant=moved(at.plant, name, step))
     size = float(np.sqrt(np.mean(np.concatenate(change) ** 2)))
     if not (np.isfinite(size) and size > 0.0):
         return None
     step *= _PART * at.sigma / size
-    return [c / step for c in at.change(at.simulate(runs, moved(at.estimate.values, name, step)))]
+    return [c / step for c in at.change(plant=moved(at.plant, name, step))]
 
 
 def _notice(at: Optimum, held: str, worst: Dependence) -> Notice:

@@ -117,7 +117,7 @@ def _noise_through_model(
             draw = sigma * rng.standard_normal(x.values.size)
             signals[role] = replace(x, values=x.values + draw)
         moved.append(replace(s.experiment, signals=signals))
-    again = family.simulate(variant, estimate.values, moved, estimate.options)
+    again = family.simulate(estimate.plant(variant), moved)
     return [float(np.nanmean((a.output - s.simulated) ** 2)) for a, s in zip(again, fitted)]
 
 
@@ -151,7 +151,7 @@ class _Shift:
 
 def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any], list[Notice]]:
     """Judge the fit under another hold of every role that drives the model."""
-    experiments = [s.experiment for s in at.fitted]
+    experiments = at.experiments
     if not at.estimate.sensitivity or sum(e.samples for e in experiments) > _LONG:
         return {}, []
     table: dict[str, Any] = {}
@@ -177,11 +177,11 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
 def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
     """One Gauss-Newton step from the optimum under another hold."""
     turned = []
-    for s in at.fitted:
-        signal = replace(s.experiment.signals[role], hold=other)
-        turned.append(replace(s.experiment, signals={**s.experiment.signals, role: signal}))
+    for e in at.experiments:
+        signal = replace(e.signals[role], hold=other)
+        turned.append(replace(e, signals={**e.signals, role: signal}))
     before = np.concatenate(at.residuals)
-    j, r = np.vstack(at.jacobians), before - np.concatenate(at.change(at.simulate(turned)))
+    j, r = np.vstack(at.jacobians), before - np.concatenate(at.change(turned))
     if j.shape[1] == 0 or not np.all(np.isfinite(r)):
         return None
     step = scaled_least_squares(j, r, 1e-10)
@@ -190,7 +190,7 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
     worst = int(np.argmax(np.abs(deviations)))
     ratio = max(after, 1e-300) / max(float(before @ before), 1e-300)
     return _Shift(
-        at.fitted[0].experiment.signals[role].hold or "zoh",
+        at.experiments[0].signals[role].hold or "zoh",
         other,
         at.names[worst],
         float(step[worst]),

@@ -60,30 +60,26 @@ def _entry(r: Reliance) -> dict[str, Any]:
 
 def _late(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
     """Every input one sample later than recorded."""
-    runs = [s.experiment for s in at.fitted]
+    runs = at.experiments
     if not all(e.time.size > 1 for e in runs):
         return
     step = min(e.sample_time for e in runs)
     for role in at.variant.driving:
         if all(role.name in e and e.signals[role.name].time.size > 1 for e in runs):
-            late = [delayed(e, role.name, step) for e in runs]
-            yield role.name, at.change(at.simulate(late))
+            yield role.name, at.change([delayed(e, role.name, step) for e in runs])
 
 
 def _other_numbers(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
     """Every fixed parameter and every number among the options one per cent larger."""
-    runs = [s.experiment for s in at.fitted]
-    estimate = at.estimate
-    for name, q in estimate.parameters.items():
+    for name, q in at.estimate.parameters.items():
         if q.status == "fixed" and isinstance(q.value, float) and q.value:
-            values = moved(estimate.values, name, _PERCENT * q.value)
-            yield name, at.change(at.simulate(runs, values))
+            yield name, at.change(plant=moved(at.plant, name, _PERCENT * q.value))
     for option in describe(at.family.options_type):
         field = option.name.replace("-", "_")
-        value = getattr(estimate.options, field)
+        value = getattr(at.plant.options, field)
         if option.kind == "float" and value:
-            options = replace(estimate.options, **{field: value * (1.0 + _PERCENT)})
-            yield option.name, at.change(at.simulate(runs, options=options))
+            options = replace(at.plant.options, **{field: value * (1.0 + _PERCENT)})
+            yield option.name, at.change(plant=replace(at.plant, options=options))
 
 
 def _reliance(at: Optimum, name: str, columns: list[FloatArray]) -> Reliance:

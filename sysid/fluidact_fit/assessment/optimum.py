@@ -7,7 +7,7 @@ the derivatives of the output without another fit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ..estimation.uncertainty import fit_autoregression, innovations
 from ..experiment import Experiment, FloatArray
-from ..family import Estimate, Family, FamilyOptions, Simulated, Value, Variant
+from ..family import Estimate, Family, FamilyOptions, Plant, Variant
 from ..outcome import Simulation
 
 _SAME = 1.0 - 1e-9  # correlation of two names for one unknown
@@ -78,21 +78,24 @@ class Optimum:
     residuals: Sequence[FloatArray]
     jacobians: Sequence[FloatArray]
 
-    def simulate(
-        self,
-        experiments: Sequence[Experiment],
-        values: Mapping[str, Value] | None = None,
-        options: FamilyOptions | None = None,
-    ) -> list[Simulated]:
-        """What the model gives with slightly other inputs, values or options."""
-        e = self.estimate
-        values, options = values or e.values, options or e.options
-        if e.nearby is not None:
-            return e.nearby(values, experiments, options)
-        return self.family.simulate(self.variant, values, experiments, options)
+    @property
+    def plant(self) -> Plant[FamilyOptions]:
+        """The model with the values and options that are written."""
+        return self.estimate.plant(self.variant)
 
-    def change(self, found: Sequence[Simulated]) -> list[FloatArray]:
-        """Differences of other simulations from those of the fit, as the residuals are."""
+    @property
+    def experiments(self) -> list[Experiment]:
+        """The runs that were fitted."""
+        return [s.experiment for s in self.fitted]
+
+    def change(
+        self,
+        experiments: Sequence[Experiment] | None = None,
+        plant: Plant[FamilyOptions] | None = None,
+    ) -> list[FloatArray]:
+        """What slightly other inputs, values or options add to the model, as the residuals are."""
+        simulate = self.estimate.nearby or self.family.simulate
+        found = simulate(plant or self.plant, experiments or self.experiments)
         out = []
         for s in self.series:
             one = found[s.run]
@@ -242,27 +245,19 @@ def _series(
 def _differences(at: Optimum) -> list[FloatArray]:
     """Derivatives of the output by central differences of simulations."""
     columns: list[list[FloatArray]] = [[] for _ in at.series]
-    runs = [s.experiment for s in at.fitted]
     for name, error in zip(at.names, at.errors):
-        ends = []
-        for sign in (1.0, -1.0):
-            values = moved(at.estimate.values, name, sign * _STEP * error)
-            ends.append(at.change(at.simulate(runs, values)))
+        ends = [at.change(plant=moved(at.plant, name, s * _STEP * error)) for s in (1.0, -1.0)]
         for k, (up, down) in enumerate(zip(*ends)):
             columns[k].append((up - down) / (2.0 * _STEP * error))
     return [np.column_stack(c) for c in columns]
 
 
-def moved(values: Mapping[str, Value], name: str, by: float) -> dict[str, Value]:
-    """Values with one of them moved; ``name`` may be an entry of a list, ``levels[2]``."""
+def moved(plant: Plant[FamilyOptions], name: str, by: float) -> Plant[FamilyOptions]:
+    """The same with a value moved; ``name`` may be an entry of a list, ``levels[2]``."""
     key, _, index = name.partition("[")
-    value = values[key]
-    if not index:
-        assert isinstance(value, float)
-        return {**values, key: value + by}
-    entries = np.array(value, dtype=float)
-    entries.flat[int(index.rstrip("]"))] += by
-    return {**values, key: entries.tolist()}
+    entries = np.array(plant.values[key], dtype=float)
+    entries.flat[int(index.rstrip("]") or 0)] += by
+    return replace(plant, values={**plant.values, key: entries.tolist()})
 
 
 def delayed(experiment: Experiment, role: str, by: float) -> Experiment:

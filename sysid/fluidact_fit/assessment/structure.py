@@ -17,7 +17,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -26,7 +26,7 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.noise import noise_floor
 from ..estimation.separable import scaled_least_squares
-from ..experiment import Experiment, FloatArray
+from ..experiment import FloatArray
 from ..family import ParameterSpec, Role
 from ..options import describe
 from .optimum import Optimum, Series, delayed, moved
@@ -106,8 +106,8 @@ def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
 
 def _terms(at: Optimum) -> Iterator[Term]:
     """Everything that is tried: what the family offers, delays, lags and a drift."""
-    runs = [s.experiment for s in at.fitted]
-    yield from _offered(at, runs)
+    runs = at.experiments
+    yield from _offered(at)
     yield from _levels(at)
     for name in at.roles:
         yield _drift(at, name)
@@ -116,7 +116,7 @@ def _terms(at: Optimum) -> Iterator[Term]:
     step = min(e.sample_time for e in runs)
     for role in at.variant.driving:
         if all(role.name in e and e.signals[role.name].time.size > 1 for e in runs):
-            yield _delay(at, runs, role.name, _SHIFT * step)
+            yield _delay(at, role.name, _SHIFT * step)
     for name in at.roles:
         yield from _lags(at, name, step)
 
@@ -174,23 +174,24 @@ def _beside(name: str, role: Role, size: float) -> str:
     return f"'{role.name}' of {name} lies {abs(size):.3g} {role.unit} {way} that of the other logs"
 
 
-def _offered(at: Optimum, runs: Sequence[Experiment]) -> Iterator[Term]:
+def _offered(at: Optimum) -> Iterator[Term]:
     """Parameters of the family that were not estimated."""
     freed = {o.frees: o.name for o in describe(at.family.options_type) if o.frees}
-    values, parameters = at.estimate.values, at.estimate.parameters
+    parameters = at.estimate.parameters
     given = [n for n, q in parameters.items() if q.status == "fixed" and isinstance(q.value, float)]
     for name in dict.fromkeys((*given, *(n for n in freed if n not in parameters))):
         spec = at.variant.parameter(name)
         value = parameters[name].number if name in parameters else spec.neutral or 0.0
-        full = {**values, name: value}
-        step = _SHIFT * runs[0].sample_time if spec.unit == "s" else abs(value) * 1e-3 or 1.0
-        columns = at.change(at.simulate(runs, moved(full, name, step)))
+        full = replace(at.plant, values={**at.plant.values, name: value})
+        timed = spec.unit == "s"
+        step = _SHIFT * at.experiments[0].sample_time if timed else abs(value) * 1e-3 or 1.0
+        columns = at.change(plant=moved(full, name, step))
         size = float(np.sqrt(np.mean(np.concatenate(columns) ** 2)))
         if not (np.isfinite(size) and size > 0.0):
             continue
-        if spec.unit != "s":
+        if not timed:
             step *= _SMALL * at.sigma / size
-            columns = at.change(at.simulate(runs, moved(full, name, step)))
+            columns = at.change(plant=moved(full, name, step))
         option = f"--{freed[name]}=estimate" if name in freed else f"another --fix {name}=VALUE"
         yield Term(
             name, spec.unit,
@@ -206,10 +207,9 @@ def _instead(spec: ParameterSpec, value: float, change: float) -> str:
     return f"{spec.name} is about {value + change:.3g} {spec.unit} instead of {value:.3g}"
 
 
-def _delay(at: Optimum, runs: Sequence[Experiment], role: str, by: float) -> Term:
+def _delay(at: Optimum, role: str, by: float) -> Term:
     """An input that acts later than recorded."""
-    late = at.simulate([delayed(e, role, by) for e in runs])
-    columns = [c / by for c in at.change(late)]
+    columns = [c / by for c in at.change([delayed(e, role, by) for e in at.experiments])]
 
     def words(size: float) -> str:
         when = "later" if size > 0.0 else "earlier"

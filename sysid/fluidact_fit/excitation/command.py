@@ -78,7 +78,7 @@ def _approaches(task: Task) -> list[Waveform]:
 
 def _ramp_range(task: Task, unknown: Unknown) -> tuple[float, float]:
     """Levels between which a static level is sure to lie [SI of the drive]."""
-    below = task.values.get(unknown.spec.base)
+    below = task.plant.values.get(unknown.spec.base)
     base = below if isinstance(below, float) else 0.0
     if unknown.supposed or unknown.present is None:
         return base, max(2.0 * base, 1.3 * unknown.value)

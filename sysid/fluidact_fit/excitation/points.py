@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -79,14 +80,14 @@ def _evaluate(task: Task, unknown: Unknown, value: float, points: FloatArray) ->
     """The map with one number changed."""
     changed: Any = value
     if unknown.index is not None:
-        changed = deepcopy(task.values[unknown.spec.name])
+        changed = deepcopy(task.plant.values[unknown.spec.name])
         changed[unknown.index] = value
     variant = task.variant
     if task.excitation.kind == "strokes":  # a map over the speed itself
         variant = next(v for v in task.family.variants if any(is_speed(r) for r in v.roles))
     run = make_run(driving_role(variant), np.zeros(0), points)
-    values = {**task.values, unknown.spec.name: changed}
-    (found,) = task.family.simulate(variant, values, [run], task.options)
+    values = {**task.plant.values, unknown.spec.name: changed}
+    (found,) = task.family.simulate(replace(task.plant, variant=variant, values=values), [run])
     return np.asarray(found.output, dtype=float)
 
 

@@ -110,7 +110,7 @@ class Search:
     def _simulate(self, command: FloatArray) -> FloatArray:
         task = self.task
         run = make_run(task.drive, self.time, command)
-        (found,) = task.family.simulate(task.variant, task.values, [run], task.options)
+        (found,) = task.family.simulate(task.plant, [run])
         return np.asarray(found.output, dtype=float)
 
     def _errors(self, command: FloatArray) -> FloatArray:

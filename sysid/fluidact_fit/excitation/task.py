@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,7 +12,7 @@ from ..errors import NotIdentifiedError, UsageError
 from ..experiment import Experiment, FloatArray, Signal
 from ..families import get_family
 from ..family import Excitation, Family, FamilyOptions, Information, ParameterDocument
-from ..specification import ParameterSpec, Role, Value, Variant
+from ..specification import ParameterSpec, Plant, Role, Variant
 from .result import Forecast, Limits
 
 _MOST = 200_000  # samples of a run that is searched
@@ -89,11 +89,6 @@ class Task:
         return self.family.variant(self.document.variant)
 
     @cached_property
-    def options(self) -> FamilyOptions:
-        """As the fit of the file settled them."""
-        return self.family.settled_options(self.document)
-
-    @cached_property
     def excitation(self) -> Excitation:
         """How an experiment of the family is designed."""
         return self.family.excitation(self.variant, self.document)
@@ -132,29 +127,30 @@ class Task:
     @cached_property
     def supposed(self) -> dict[str, float]:
         """Plausible values of what was not identified."""
-        values = self.document.values()
+        plant, limits = self.document.plant(self.family), self.limits
         found: dict[str, float] = {}
         for name, entry in self.document.parameters.items():
             if entry.status != "not_identified" or isinstance(entry.value, list):
                 continue
-            value = self.family.suppose(
-                name, {**values, **found}, self.limits.amplitude, self.limits.sample_time
-            )
+            plant = replace(plant, values={**plant.values, **found})
+            value = self.family.suppose(name, plant, limits.amplitude, limits.sample_time)
             if value is not None:
                 found[name] = value
         return found
 
     @cached_property
-    def values(self) -> Mapping[str, Value]:
-        """Values to simulate with: those of the file, plausible ones where it has none."""
-        return {**self.document.values(), **self.supposed}
+    def plant(self) -> Plant[FamilyOptions]:
+        """What is simulated: values and options of the file, plausible values where it has none."""
+        known = self.document.plant(self.family)
+        return replace(known, values={**known.values, **self.supposed})
 
     @cached_property
     def unknowns(self) -> tuple[Unknown, ...]:
         """Numbers that are estimated or should be, lists entry by entry."""
         found = []
         for name, entry in self.document.parameters.items():
-            value, spread, spec = self.values[name], entry.std_error, self.variant.parameter(name)
+            value, spread = self.plant.values[name], entry.std_error
+            spec = self.variant.parameter(name)
             if isinstance(value, list):
                 errors = spread if isinstance(spread, list) else []
                 size = float(np.max(np.abs(value)))
@@ -194,8 +190,8 @@ class Task:
 
     def inform(self, run: Experiment) -> Information:
         """The information in a run, of the parameters that are unknown."""
-        options = self.excitation.options or self.options
-        found = self.family.information(self.variant, self.values, run, options)
+        plant = replace(self.plant, options=self.excitation.options or self.plant.options)
+        found = self.family.information(plant, run)
         assert found is not None, f"{self.family.name} has a design but no information"
         used = [n for n in self.names if n in found.names]
         columns = found.jacobian[:, [found.names.index(n) for n in used]]

@@ -24,7 +24,8 @@ from pydantic import (
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from ..experiment import FloatArray
-from ..specification import Quantity, Status, Value
+from ..options import FamilyOptions
+from ..specification import Described, Plant, Quantity, ReadT, Status, Value
 from .problems import Location, suggest
 
 # Tags of union members start with a character that no key of a document starts with, so
@@ -366,6 +367,15 @@ class ParameterDocument(Part):
     def values(self) -> dict[str, Value]:
         """Return the parameter values by name [SI], in the family's order."""
         return {name: entry.value for name, entry in self.parameters.items()}
+
+    def settled_options(self, options_type: type[ReadT]) -> ReadT:
+        """Return the options as the fit settled them."""
+        return options_type.read(self.options or {}, from_file=True)
+
+    def plant(self, family: Described) -> Plant[FamilyOptions]:
+        """Return the model of the document, whose family is given, with its numbers."""
+        options = self.settled_options(family.options_type)
+        return Plant(family.variant(self.variant), self.values(), options)
 
     def quantities(self) -> dict[str, Quantity]:
         """Return the parameters with their uncertainty by name, in the family's order."""

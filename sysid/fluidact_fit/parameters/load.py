@@ -97,7 +97,6 @@ def check_agreement(
     document: ParameterDocument, family: Described, where: str = "the document"
 ) -> None:
     """Compare the ``model`` part of a valid document with the one that its parameters give."""
-    variant = next((v for v in family.variants if v.name == document.variant), family.variants[0])
     discrete = document.model.get("discrete")
     settings = {"sample_time": 0.0, "hold": "zoh"} if discrete is None else discrete
     if not isinstance(settings, Mapping):
@@ -110,8 +109,7 @@ def check_agreement(
         problems = [("model.discrete.hold", f"{hold!r} is not known")]
     else:
         try:
-            options = family.options_type.read(document.options or {}, from_file=True)
-            due = family.model(variant, document.values(), options, float(step), hold)
+            due = family.model(document.plant(family), float(step), hold)
         except (FluidactError, ArithmeticError, ValueError) as error:
             problems = [("model", f"cannot be made from the parameters: {error}")]
         else:

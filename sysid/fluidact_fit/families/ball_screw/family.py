@@ -40,12 +40,11 @@ from ...family import (
     Information,
     ParameterDocument,
     ParameterSpec,
+    Plant,
     Request,
     Role,
     Simulated,
-    Value,
     Variant,
-    scalars,
 )
 from ...options import choice, settled
 from .beyond import BEYOND_HELP, DECISIVE, beyond_notice, residual_to_noise, with_derivatives
@@ -180,27 +179,20 @@ class BallScrew(Family[BallScrewOptions]):
 
     def simulate(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[BallScrewOptions],
         experiments: Sequence[Experiment],
-        options: BallScrewOptions,
         offset: float | None = None,
     ) -> list[Simulated]:
         """Position from the torque or force; see :meth:`Family.simulate`.
 
         The axis may have been anywhere, and moving, when a run began: both belong to the run.
         """
-        return [_follow(e, axis_of(variant), scalars(values), offset or 0.0) for e in experiments]
+        axis = axis_of(plant.variant)
+        return [_follow(e, axis, plant.numbers, offset or 0.0) for e in experiments]
 
-    def information(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        experiment: Experiment,
-        options: BallScrewOptions,
-    ) -> Information:
+    def information(self, plant: Plant[BallScrewOptions], experiment: Experiment) -> Information:
         """Sensitivities by complex steps; see :meth:`Family.information`."""
-        v, axis = scalars(values), axis_of(variant)
+        v, axis = plant.numbers, axis_of(plant.variant)
         model = DriveModel([experiment], axis)
         if settled_hold(experiment.signals[axis.drive]) != "zoh":
             return sensitivity(model.named(list(v)), v)
@@ -210,16 +202,11 @@ class BallScrew(Family[BallScrewOptions]):
         return replace(found, floor=bracket_widths(experiment.sampled(axis.drive), speed, v))
 
     def model(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        options: BallScrewOptions,
-        sample_time: float,
-        hold: Hold,
+        self, plant: Plant[BallScrewOptions], sample_time: float, hold: Hold
     ) -> dict[str, Any]:
         """Inertia and friction, and the period of the controller."""
-        friction = scalars(values)
-        name = axis_of(variant).inertia
+        friction = plant.numbers
+        name = axis_of(plant.variant).inertia
         section: dict[str, Any] = {name: friction.pop(name), "friction": friction}
         if sample_time > 0.0:
             section["discrete"] = {"sample_time": sample_time, "hold": "zoh"}
@@ -232,12 +219,12 @@ class BallScrew(Family[BallScrewOptions]):
     def suppose(
         self,
         name: str,
-        values: Mapping[str, Value],
+        plant: Plant[BallScrewOptions],
         amplitude: tuple[float, float],
         sample_time: float,
     ) -> float | None:
         """A kinetic level of a fifth of the range, a static one that is higher by a third."""
-        v = scalars(values)
+        v = plant.numbers
         for s, limit in zip(SIDES, reversed(amplitude)):
             if name == f"coulomb_{s}":
                 return 0.2 * abs(limit)

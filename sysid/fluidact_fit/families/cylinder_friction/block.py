@@ -12,7 +12,7 @@ from ...block import Block
 from ...estimation.friction_law import FrictionLaw
 from ...experiment import Experiment, FloatArray
 from ...parameters.document import ParameterDocument
-from ...specification import Variant
+from ...specification import Plant, Variant
 from .options import FrictionOptions
 from .samples import simulate_force
 
@@ -48,8 +48,7 @@ class FrictionBlock(Block):
     def predict(self, experiment: Experiment) -> FloatArray:
         """Force, or first pressure, that a motion needs; see :meth:`Block.predict`."""
         signals = {r: s for r, s in experiment.signals.items() if r != self.variant.output.name}
-        options = FrictionOptions.read(self.document.options or {}, from_file=True)
-        (found,) = simulate_force(
-            self.variant, self._law, [replace(experiment, signals=signals)], options, self.offset
-        )
+        options = self.document.settled_options(FrictionOptions)
+        plant = Plant(self.variant, self.parameters, options)
+        (found,) = simulate_force(plant, [replace(experiment, signals=signals)], self.offset)
         return found.output

@@ -37,7 +37,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -55,13 +55,12 @@ from ...family import (
     Information,
     ParameterDocument,
     ParameterSpec,
+    Plant,
     Request,
     Role,
     Simulated,
     StaticView,
-    Value,
     Variant,
-    scalars,
 )
 from .block import FrictionBlock
 from .fit import LEVELS, SECOND_SPEED, fit_friction
@@ -191,39 +190,30 @@ class CylinderFriction(Family[FrictionOptions]):
 
     def simulate(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[FrictionOptions],
         experiments: Sequence[Experiment],
-        options: FrictionOptions,
         offset: float | None = None,
     ) -> list[Simulated]:
         """Force needed for the motion of every run; see :meth:`Family.simulate`."""
-        law = FrictionLaw.of(scalars(values))
-        return simulate_force(variant, law, experiments, options, offset)
+        return simulate_force(plant, experiments, offset)
 
-    def information(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        experiment: Experiment,
-        options: FrictionOptions,
-    ) -> Information:
+    def information(self, plant: Plant[FrictionOptions], experiment: Experiment) -> Information:
         """Sensitivities of a motion; see :meth:`Family.information`.
 
         The rows are those of the force before any filter, at the samples that a fit would
         keep. Without the mass they are those of steady speed. Speeds other than those of the
         file are as good.
         """
-        moved = self.variant(motion_role(variant))
+        moved = self.variant(motion_role(plant.variant))
         free = replace(
-            options, area=None, area_2=None, acceleration_limit=None, speeds_positive=None,
+            plant.options, area=None, area_2=None, acceleration_limit=None, speeds_positive=None,
             speeds_negative=None, force_offset=None,
         )  # fmt: skip
         (d,), _ = prepare(moved, [experiment], free)
         slope = d.motion.acceleration
         if free.mass is None and slope is not None:
             d = replace(d, kept=d.kept & (np.abs(slope) <= 0.01 * float(np.abs(slope).max())))
-        law = FrictionLaw.of(scalars(values))
+        law = FrictionLaw.of(plant.numbers)
         low = (law.stribeck, law.stribeck_speed)
         names = ("viscous", *LEVELS, *(STRIBECK if min(low) > 0.0 else ()))
         rows = np.zeros((d.kept.size, len(names)))
@@ -236,7 +226,7 @@ class CylinderFriction(Family[FrictionOptions]):
 
         Slow ones keep clear of the dead band by as much again, to allow for noise.
         """
-        options = self.settled_options(document)
+        options = document.settled_options(FrictionOptions)
         details = document.fit.details or {}
         fast = max((abs(v) for pair in details["speeds"].values() for v in pair), default=0.0)
         if motion_role(variant) == "velocity":  # what noise the filter met, a design has not
@@ -252,45 +242,39 @@ class CylinderFriction(Family[FrictionOptions]):
     def suppose(
         self,
         name: str,
-        values: Mapping[str, Value],
+        plant: Plant[FrictionOptions],
         amplitude: tuple[float, float],
         sample_time: float,
     ) -> float | None:
         """No viscous friction, no rise, and a level like that of the other direction."""
         if name not in LEVELS:
             return 0.0
-        return max(scalars(values)[level] for level in LEVELS)
+        return max(plant.numbers[level] for level in LEVELS)
 
     def model(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        options: FrictionOptions,
-        sample_time: float,
-        hold: Hold,
+        self, plant: Plant[FrictionOptions], sample_time: float, hold: Hold
     ) -> dict[str, Any]:
         """The static map for feed-forward compensation."""
         return {
             "friction": {
                 "equation": "coulomb_positive*(v>0) - coulomb_negative*(v<0) + viscous*v"
-                + " + sign(v)*stribeck*exp(-(v/stribeck_speed)^2)" * bool(values.get("stribeck")),
+                + " + sign(v)*stribeck*exp(-(v/stribeck_speed)^2)"
+                * bool(plant.values.get("stribeck")),
                 "input": {"name": "velocity", "unit": "m/s"},
                 "output": {"name": "force", "unit": "N"},
-                **scalars(values),
+                **plant.numbers,
             }
         }
 
     def static_view(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[FrictionOptions],
         experiments: Sequence[Experiment],
         simulated: Sequence[Simulated],
-        options: FrictionOptions,
     ) -> StaticView:
         """Friction over velocity: force less pressure, inertia and offset, and the fitted lines."""
-        data, _ = prepare(variant, experiments, options)
-        law = FrictionLaw.of(scalars(values))
+        data, _ = prepare(plant.variant, experiments, plant.options)
+        law = FrictionLaw.of(plant.numbers)
         v = np.concatenate([d.motion.sharp for d in data])
         used = np.concatenate([d.kept for d in data])
         offsets = [d.scale * (s.offset or 0.0) for d, s in zip(data, simulated)]

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.friction_law import FrictionLaw, stribeck_share
 from ...experiment import Experiment, FloatArray
-from ...family import Simulated, Variant
+from ...family import Plant, Simulated, Variant
 from .filters import Mask
 from .motion import SLOW, Motion, make_motions, match_force, quiet_acceleration
 from .options import FrictionOptions, check_options, driven_by_pressure, motion_role
@@ -233,19 +233,15 @@ def _with_speed(law: FrictionLaw, data: Sequence[Data]) -> FrictionLaw:
 
 
 def simulate_force(
-    variant: Variant,
-    law: FrictionLaw,
-    experiments: Sequence[Experiment],
-    options: FrictionOptions,
-    offset: float | None = None,
+    plant: Plant[FrictionOptions], experiments: Sequence[Experiment], offset: float | None = None
 ) -> list[Simulated]:
     """Force, or first pressure, that the motion of every run needs; see ``Family.simulate``.
 
     Within the dead band a measured velocity is noise and nothing is known of friction: it
     counts as zero there, and the sample as not described.
     """
-    data, options = prepare(variant, experiments, options)
-    law, offsets = _with_speed(law, data), {}
+    data, options = prepare(plant.variant, experiments, plant.options)
+    law, offsets = _with_speed(FrictionLaw.of(plant.numbers), data), {}
     if options.force_offset:
         offsets = {d.experiment.log: (offset or 0.0) * d.scale for d in data}
         offsets |= _find_offsets(data, law, offset is None)

@@ -42,7 +42,7 @@ class ForceMapBlock(Block):
 
     def __init__(self, document: ParameterDocument, variant: Variant) -> None:
         super().__init__(document, variant)
-        self.options = ForceMapOptions.read(document.options or {}, from_file=True)
+        self.options = document.settled_options(ForceMapOptions)
         self.inputs = self.options.names
         self.target = self.options.target
         self.activation = self.options.activation

@@ -32,7 +32,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -46,10 +46,10 @@ from ...family import (
     Family,
     ParameterDocument,
     ParameterSpec,
+    Plant,
     Request,
     Simulated,
     StaticView,
-    Value,
     Variant,
 )
 from .block import ForceMapBlock, branch_curves
@@ -137,25 +137,20 @@ class ForceMap(Family[ForceMapOptions]):
 
     def simulate(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[ForceMapOptions],
         experiments: Sequence[Experiment],
-        options: ForceMapOptions,
         offset: float | None = None,
     ) -> list[Simulated]:
         """Command or force from the inputs; see :meth:`Family.simulate`."""
-        return predict_runs(NetworkMap.of(values, options.activation), experiments, options)
+        network = NetworkMap.of(plant.values, plant.options.activation)
+        return predict_runs(network, experiments, plant.options)
 
     def model(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        options: ForceMapOptions,
-        sample_time: float,
-        hold: Hold,
+        self, plant: Plant[ForceMapOptions], sample_time: float, hold: Hold
     ) -> dict[str, Any]:
         """The size of the network, and checksums of the weights and scalings."""
-        net = NetworkMap.of(values, options.activation).network
+        options = plant.options
+        net = NetworkMap.of(plant.values, options.activation).network
         if len(options.names) != net.inputs:
             raise UsageError(
                 f"weights_1 is for {net.inputs} inputs, and the options name {options.inputs}"
@@ -165,19 +160,18 @@ class ForceMap(Family[ForceMapOptions]):
                 "layers": [net.inputs, *net.hidden, 1],
                 "parameters": net.parameters,
                 "multiplications": net.multiplications,
-                "checksums": checksums(values),
+                "checksums": checksums(plant.values),
             }
         }
 
     def static_view(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[ForceMapOptions],
         experiments: Sequence[Experiment],
         simulated: Sequence[Simulated],
-        options: ForceMapOptions,
     ) -> StaticView:
         """Output over command or force, with the branches at the outermost positions."""
+        options = plant.options
         names, target = options.names, options.target
         source = options.driver if options.driver in names else names[0]
         x = np.vstack([input_table(e, names, options) for e in experiments])
@@ -188,7 +182,7 @@ class ForceMap(Family[ForceMapOptions]):
             target, signals[target].unit,
             x[:, names.index(source)], np.concatenate([column_of(e, target) for e in experiments]),
             np.concatenate([s.output for s in simulated]), used,
-            branch_curves(NetworkMap.of(values, options.activation), x[used], names, source),
+            branch_curves(NetworkMap.of(plant.values, options.activation), x[used], names, source),
         )  # fmt: skip
 
     def block(self, variant: Variant, document: ParameterDocument) -> ForceMapBlock:

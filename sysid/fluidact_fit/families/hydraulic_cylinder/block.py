@@ -25,7 +25,7 @@ class HydraulicBlock(Block):
 
     @cached_property
     def _options(self) -> HydraulicCylinderOptions:
-        return HydraulicCylinderOptions.read(self.document.options or {}, from_file=True)
+        return self.document.settled_options(HydraulicCylinderOptions)
 
     @cached_property
     def _known(self) -> list[int]:

@@ -39,7 +39,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -54,12 +54,12 @@ from ...family import (
     Family,
     ParameterDocument,
     ParameterSpec,
+    Plant,
     Quantity,
     Request,
     Role,
     Simulated,
     StaticView,
-    Value,
     Variant,
     scalars,
 )
@@ -179,40 +179,31 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
 
     def simulate(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[HydraulicCylinderOptions],
         experiments: Sequence[Experiment],
-        options: HydraulicCylinderOptions,
         offset: float | None = None,
     ) -> list[Simulated]:
         """Position from the command, or from command and pressure; see :meth:`Family.simulate`."""
-        plain = scalars(values)
-        return [simulate_run(e, plain, options) for e in experiments]
+        return [simulate_run(e, plant.numbers, plant.options) for e in experiments]
 
     def static_view(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[HydraulicCylinderOptions],
         experiments: Sequence[Experiment],
         simulated: Sequence[Simulated],
-        options: HydraulicCylinderOptions,
     ) -> StaticView | None:
         """With ``--flow mlp`` the flow near zero command: measured, network and equations."""
-        if options.flow != "mlp":
+        if plant.options.flow != "mlp":
             return None
-        return flow_view(make_case(variant, experiments, Request(options)), values)
+        case = make_case(plant.variant, experiments, Request(plant.options))
+        return flow_view(case, plant.values)
 
     def model(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        options: HydraulicCylinderOptions,
-        sample_time: float,
-        hold: Hold,
+        self, plant: Plant[HydraulicCylinderOptions], sample_time: float, hold: Hold
     ) -> dict[str, Any]:
         """The equations' numbers, and sums of magnitudes of the layers of the networks."""
-        v = scalars(values)
-        layers = {n: float(np.abs(x).sum()) for n, x in values.items() if isinstance(x, list)}
+        v = plant.numbers
+        layers = {n: float(np.abs(x).sum()) for n, x in plant.values.items() if n not in v}
         return {
             "hydraulic": {
                 "flow": "Q = sgn(u) (-k^2 r + sqrt(k^4 r^2 + 4 k^2 drop)) / 2, k = K |u|, u beyond "

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ...experiment import Experiment
-from ...family import Simulated, Value, scalars
+from ...family import Plant, Simulated
 from .case import read_machine
 from .gray_box import CHANNELS, GrayBox, GrayLog, mean_command
 from .gray_search import GraySolution, without
@@ -25,14 +25,12 @@ class Nearby:
     solution: GraySolution
 
     def __call__(
-        self,
-        values: Mapping[str, Value],
-        experiments: Sequence[Experiment],
-        options: HydraulicCylinderOptions,
+        self, plant: Plant[HydraulicCylinderOptions], experiments: Sequence[Experiment]
     ) -> list[Simulated]:
         """Simulate the fitted runs, in their order; see :meth:`.Family.simulate`."""
-        box, plain = self.solution.problem.box, scalars(values)
-        other = GrayBox(box.logs, read_machine(options, (1, 2)), plain["viscous"], box.segment)
+        box, plain = self.solution.problem.box, plant.numbers
+        machine = read_machine(plant.options, (1, 2))
+        other = GrayBox(box.logs, machine, plain["viscous"], box.segment)
         other.steps = box.steps  # another step would be another error of integration
         return [self._run(k, e, other, plain) for k, e in enumerate(experiments)]
 

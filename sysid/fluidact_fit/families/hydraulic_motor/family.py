@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,12 +16,11 @@ from ...family import (
     Family,
     ParameterDocument,
     ParameterSpec,
+    Plant,
     Request,
     Role,
     Simulated,
-    Value,
     Variant,
-    scalars,
 )
 from ...specification import quotient_unit
 from .block import MotorBlock
@@ -135,28 +134,19 @@ class HydraulicMotor(Family[MotorOptions]):
 
     def simulate(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[MotorOptions],
         experiments: Sequence[Experiment],
-        options: MotorOptions,
         offset: float | None = None,
     ) -> list[Simulated]:
         """Speed from command; see :meth:`Family.simulate`."""
-        limit = np.inf if options.residual_limit is None else options.residual_limit
-        plain, noise = scalars(values), options.command_noise
+        limit, noise = plant.options.residual_limit, plant.options.command_noise
+        limit = np.inf if limit is None else limit
         experiments = (held_levels(experiments, noise) if noise else None) or experiments
-        return [simulate_run(e, plain, limit, offset) for e in experiments]
+        return [simulate_run(e, plant.numbers, limit, offset) for e in experiments]
 
-    def model(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        options: MotorOptions,
-        sample_time: float,
-        hold: Hold,
-    ) -> dict[str, Any]:
+    def model(self, plant: Plant[MotorOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
         """The static curve and the lag behind it."""
-        v = scalars(values)
+        v = plant.numbers
         lag = ("time_constant", "dead_time")
         return {
             "static": {"equation": self.equation, **{n: v[n] for n in v if n not in lag}},

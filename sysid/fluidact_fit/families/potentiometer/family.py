@@ -18,7 +18,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,12 +33,12 @@ from ...family import (
     Family,
     ParameterDocument,
     ParameterSpec,
+    Plant,
     Quantity,
     Request,
     Role,
     Simulated,
     StaticView,
-    Value,
     Variant,
 )
 from .block import PotentiometerBlock
@@ -173,27 +173,20 @@ class Potentiometer(Family[PotentiometerOptions]):
 
     def simulate(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[PotentiometerOptions],
         experiments: Sequence[Experiment],
-        options: PotentiometerOptions,
         offset: float | None = None,
     ) -> list[Simulated]:
         """Position from the readings; see :meth:`Family.simulate`."""
-        calibration = Calibration.of(values)
+        calibration, rails = Calibration.of(plant.values), plant.options.rails
         readings = [e.sampled("reading") for e in experiments]
-        return [Simulated(calibration.position(x), between(x, options.rails)) for x in readings]
+        return [Simulated(calibration.position(x), between(x, rails)) for x in readings]
 
     def model(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        options: PotentiometerOptions,
-        sample_time: float,
-        hold: Hold,
+        self, plant: Plant[PotentiometerOptions], sample_time: float, hold: Hold
     ) -> dict[str, Any]:
         """The curve, also as a ratio of polynomials by ascending powers of ``t``."""
-        c = Calibration.of(values)
+        c = Calibration.of(plant.values)
         curve: dict[str, Any] = {
             "type": "rational-bezier",
             "degree": int(c.curves[0][0].size - 1),
@@ -218,21 +211,19 @@ class Potentiometer(Family[PotentiometerOptions]):
 
     def static_view(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[PotentiometerOptions],
         experiments: Sequence[Experiment],
         simulated: Sequence[Simulated],
-        options: PotentiometerOptions,
     ) -> StaticView:
         """Position over reading: the curve or both branches, and the control points."""
-        data, c = gather(experiments), Calibration.of(values)
+        data, c = gather(experiments), Calibration.of(plant.values)
         t = np.linspace(0.0, 1.0, 500)
         names = ("rising", "falling") if len(c.curves) > 1 else ("fitted curve",)
         points = c.curves[0][0]
         return StaticView(
             "reading", data.unit, "reference", "m",
             data.reading, data.reference, np.concatenate([s.output for s in simulated]),
-            data.used & between(data.reading, options.rails),
+            data.used & between(data.reading, plant.options.rails),
             [
                 Curve(name, c.low + (c.high - c.low) * t, rational_bezier(t, p, w))
                 for name, (p, w) in zip(names, c.curves)

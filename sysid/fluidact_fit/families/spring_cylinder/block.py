@@ -39,6 +39,6 @@ class SpringCylinderBlock(Block):
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Force from command or pressure and motion; see :meth:`Block.predict`."""
-        options = SpringOptions.read(self.document.options or {}, from_file=True)
+        options = self.document.settled_options(SpringOptions)
         (run,), _ = prepare(self.variant, [experiment], options)
         return run.predict(self._law)

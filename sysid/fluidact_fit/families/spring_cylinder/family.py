@@ -5,7 +5,7 @@ Linear in all parameters: one regression, robust against load-cell spikes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,13 +20,12 @@ from ...family import (
     Family,
     ParameterDocument,
     ParameterSpec,
+    Plant,
     Request,
     Role,
     Simulated,
     StaticView,
-    Value,
     Variant,
-    scalars,
 )
 from ...specification import quotient_unit
 from .block import SpringCylinderBlock
@@ -130,55 +129,45 @@ class SpringCylinder(Family[SpringOptions]):
 
     def simulate(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[SpringOptions],
         experiments: Sequence[Experiment],
-        options: SpringOptions,
         offset: float | None = None,
     ) -> list[Simulated]:
         """Force from command or pressure and motion; see :meth:`Family.simulate`."""
-        law, out = SpringLaw.of(scalars(values)), []
-        for d in prepare(variant, experiments, options)[0]:
+        law, out = SpringLaw.of(plant.numbers), []
+        for d in prepare(plant.variant, experiments, plant.options)[0]:
             force = d.predict(law)
-            spike = np.abs(d.force - force) > (options.spike or np.inf)  # not so where NaN
+            spike = np.abs(d.force - force) > (plant.options.spike or np.inf)  # not so where NaN
             out.append(Simulated(force, d.kept & ~spike))
         return out
 
-    def model(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        options: SpringOptions,
-        sample_time: float,
-        hold: Hold,
-    ) -> dict[str, Any]:
+    def model(self, plant: Plant[SpringOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
         """The force, and its inverse for feed-forward control."""
-        gain = GAINS[variant.name]
+        drive = plant.variant.name
+        gain = GAINS[drive]
         friction = "coulomb_loading*(s>0) - coulomb_unloading*(s<0) + viscous*v"
         return {
             "cylinder": {
-                "force": f"{gain}*{variant.name} - stiffness*x - preload - ({friction})",
-                variant.name: f"(force + stiffness*x + preload + {friction})/{gain}",
-                **scalars(values),
+                "force": f"{gain}*{drive} - stiffness*x - preload - ({friction})",
+                drive: f"(force + stiffness*x + preload + {friction})/{gain}",
+                **plant.numbers,
             }
         }
 
     def static_view(
         self,
-        variant: Variant,
-        values: Mapping[str, Value],
+        plant: Plant[SpringOptions],
         experiments: Sequence[Experiment],
         simulated: Sequence[Simulated],
-        options: SpringOptions,
     ) -> StaticView:
         """Force over command or pressure, both branches at the outermost positions."""
-        runs, _ = prepare(variant, experiments, options)
+        runs, _ = prepare(plant.variant, experiments, plant.options)
         drive, force, position = (
             np.concatenate([getattr(d, k) for d in runs]) for k in ("drive", "force", "position")
         )
         used = np.concatenate([s.used if s.used is not None else d.kept
                                for s, d in zip(simulated, runs)])  # fmt: skip
-        law = SpringLaw.of(scalars(values))
+        law = SpringLaw.of(plant.numbers)
         ends = np.array([drive[used].min(), drive[used].max()])
         places = (("low", float(position[used].min())), ("high", float(position[used].max())))
         curves = [
@@ -187,8 +176,9 @@ class SpringCylinder(Family[SpringOptions]):
             for way, s in (("loading", 1.0), ("unloading", -1.0))
         ]
         fitted = np.concatenate([s.output for s in simulated])
+        name = plant.variant.name
         return StaticView(
-            variant.name, experiments[0].signals[variant.name].unit, "force", "N",
+            name, experiments[0].signals[name].unit, "force", "N",
             drive, force, fitted, used, curves,
         )  # fmt: skip
 

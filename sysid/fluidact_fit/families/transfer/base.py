@@ -27,12 +27,11 @@ from ...family import (
     FamilyOptions,
     Information,
     ParameterDocument,
+    Plant,
     Quantity,
     Request,
     Simulated,
-    Value,
     Variant,
-    scalars,
 )
 from ...options import settled
 from .block import TransferBlock
@@ -268,46 +267,33 @@ class TransferFamily(Family[T], Generic[T]):
         )
 
     def simulate(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        experiments: Sequence[Experiment],
-        options: T,
-        offset: float | None = None,
+        self, plant: Plant[T], experiments: Sequence[Experiment], offset: float | None = None
     ) -> list[Simulated]:
         """Output from the input; see :meth:`Family.simulate`."""
-        output, unrecorded = variant.output.name, options.unrecorded
-        rest, compared = options.initial_state == "rest", all(output in e for e in experiments)
+        output, options = plant.variant.output.name, plant.options
+        unrecorded, rest = options.unrecorded, options.initial_state == "rest"
+        compared = all(output in e for e in experiments)
         if unrecorded is None and compared:  # other logs may have been cut in motion
-            unrecorded = unrecorded_time(experiments, output, scalars(values), rest)
+            unrecorded = unrecorded_time(experiments, output, plant.numbers, rest)
         model = self.transfer_model(
-            variant,
+            plant.variant,
             experiments,
             rest,
             options.offset_of == "log",
             (unrecorded or 0.0) if compared else 0.0,
         )
-        return simulate_transfer(model, scalars(values), offset)
+        return simulate_transfer(model, plant.numbers, offset)
 
-    def information(
-        self, variant: Variant, values: Mapping[str, Value], experiment: Experiment, options: T
-    ) -> Information:
+    def information(self, plant: Plant[T], experiment: Experiment) -> Information:
         """Sensitivities by complex steps; see :meth:`Family.information`."""
-        v = scalars(values)
-        model = self.transfer_model(variant, [experiment])
+        v = plant.numbers
+        model = self.transfer_model(plant.variant, [experiment])
         level = v[self.gain] * model.levels[0] if self.gain else 0.0
         return sensitivity(model.named([n for n in v if n != self.gain]), v, level)
 
-    def model(
-        self,
-        variant: Variant,
-        values: Mapping[str, Value],
-        options: T,
-        sample_time: float,
-        hold: Hold,
-    ) -> dict[str, Any]:
+    def model(self, plant: Plant[T], sample_time: float, hold: Hold) -> dict[str, Any]:
         """Dead zone, continuous transfer function, and the discrete one of a held input."""
-        v = scalars(values)
+        v = plant.numbers
         numerator, denominator = self.coefficients(v)
         dead_time = v.get("dead_time", 0.0)
         section: dict[str, Any] = {}
@@ -329,11 +315,7 @@ class TransferFamily(Family[T], Generic[T]):
         return Excitation("command")
 
     def suppose(
-        self,
-        name: str,
-        values: Mapping[str, Value],
-        amplitude: tuple[float, float],
-        sample_time: float,
+        self, name: str, plant: Plant[T], amplitude: tuple[float, float], sample_time: float
     ) -> float | None:
         """A dead zone of a fifth of the range, a dead time of one and a half samples."""
         sides = {"dead_zone_negative": amplitude[0], "dead_zone_positive": amplitude[1]}
