@@ -1,14 +1,20 @@
 # ruff: noqa: T201 (it prints its table)
-"""Run all attacks and write what came of them into ``docs/red-team.md``."""
+"""Run all attacks and write what came of them into ``docs/red-team.md``.
+
+With ``--cells`` only those whose coverage is counted, as often as it says, into
+``docs/red-team-coverage.md``.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
 import time
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
+from . import cells
 from .attack import Attack, Result
 from .attacks import every
 from .run import run
@@ -28,6 +34,7 @@ def main() -> int:
     parser.add_argument("--family", nargs="+", help="attack these families only")
     parser.add_argument("--group", nargs="+", help="run only groups whose title holds a word")
     parser.add_argument("--scale", type=float, default=1.0, help="share of the repetitions")
+    parser.add_argument("--cells", type=int, default=0, metavar="RUNS", help="count coverage")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--write", action="store_true", help="write the page")
     parser.add_argument("--verbose", action="store_true", help="print every single result")
@@ -37,6 +44,8 @@ def main() -> int:
         for a in every(given.family)
         if not given.group or any(word in a.group for word in given.group)
     ]
+    if given.cells:
+        attacks = [replace(a, repetitions=given.cells) for a in attacks if cells.is_cell(a)]
     began = time.perf_counter()
     tasks = [(a, k) for a in attacks for k in range(max(1, round(a.repetitions * given.scale)))]
     _TASKS.extend(tasks)
@@ -45,10 +54,13 @@ def main() -> int:
         results = pool.map(_one, range(len(tasks)), chunksize=1)
     if given.verbose:
         print("\n".join(shown(r) for r in results))
-    text = page(results, time.perf_counter() - began, given.scale)
+    if given.cells:
+        text, path = cells.page(attacks, results), cells.PAGE
+    else:
+        text, path = page(results, time.perf_counter() - began, given.scale), PAGE
     print(text)
     if given.write:
-        PAGE.write_text(text, encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
     return int(any(r.silent or r.verdict in ("crash", "endless") for r in results))
 
 

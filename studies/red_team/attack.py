@@ -120,6 +120,13 @@ class Result:
     seconds: float = 0.0
 
     @property
+    def quiet(self) -> bool:
+        """Whether the file passed without a word beyond information."""
+        from fluidact_fit.notices import is_information
+
+        return self.verdict == "pass" and all(is_information(c) for c in self.codes)
+
+    @property
     def silent(self) -> list[str]:
         """Parameters that are wrong by more than 4 standard errors and 2 % in a passed file."""
         if self.verdict != "pass":

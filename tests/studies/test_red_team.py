@@ -6,6 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from studies.red_team import cells
 from studies.red_team.attack import Error, Result, cramer_rao
 from studies.red_team.attacks import every, valve
 from studies.red_team.run import run
@@ -76,3 +77,23 @@ def test_what_was_found_once_stays_found(key: tuple[str, str]) -> None:
     assert chosen
     results = [run(a) for a in chosen]
     assert [shown(r) for r in results if r.silent or r.verdict in ("crash", "endless")] == []
+
+
+def test_coverage_is_counted_over_what_was_written() -> None:
+    attack = next(a for a in every(["valve"]) if a.group == "nothing wrong: P2")
+    hit, miss = Error(0.5, 0.001, True), Error(3.0, 0.003, False)
+    results = [
+        Result("valve", attack.group, attack.name, "pass", errors={"gain": hit}),
+        Result("valve", attack.group, attack.name, "warn", ("not-identified",), errors={}),
+        Result("valve", attack.group, attack.name, "pass", errors={"gain": miss}),
+        Result("valve", attack.group, attack.name, "pass", ("spikes",), errors={"gain": hit}),
+    ]
+    assert cells.is_cell(attack)
+    row = cells.page([attack], results).splitlines()[-1]
+    rms = attack.truth["gain"] * np.sqrt((0.001**2 * 2 + 0.003**2) / 3)
+    assert f"| 4 | 50 % | gain | 3 | 66.7 % | {rms / attack.bounds['gain']:.2f} |" in row
+
+
+def test_every_cell_is_an_attack() -> None:
+    known = {k for a in every() for k in ((a.family, a.group), (a.family, a.group, a.name))}
+    assert set(cells.CELLS) <= known
