@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
+from ..estimation.linear import run_recursion
 from ..estimation.noise import noise_floor
 from ..estimation.separable import scaled_least_squares
 from ..experiment import FloatArray
@@ -262,13 +263,13 @@ def _behind(at: Optimum, tracks: Sequence[_Track | None], lag: float) -> list[Fl
 
 
 def _lagging(even: FloatArray, step: float, lag: float) -> FloatArray:
-    """A signal on straight lines, shape ``(n,)``, behind a first-order lag [s]."""
-    from scipy.signal import lfilter
-
+    """A signal on straight lines, shape ``(n,)``, behind a first-order lag [s], from rest."""
     decay = float(np.exp(-step / lag))
     ramp = (1.0 - decay) * lag / step  # mean of the decay over a sample
-    start = [ramp * even[0]]  # at rest at the first value
-    return np.asarray(lfilter([1.0 - ramp, ramp - decay], [1.0, -decay], even, zi=start)[0])
+    driven = (1.0 - ramp) * even
+    driven[1:] += (ramp - decay) * even[:-1]
+    driven[0] = even[0]
+    return run_recursion(driven, [decay])
 
 
 def _score(at: Optimum, term: Term) -> Score | None:

@@ -124,6 +124,18 @@ def _orbit(start: Array, phi: Array, count: int) -> Array:
     return out
 
 
+def run_recursion(driven: Array, coefficients: npt.ArrayLike) -> Array:
+    """``y_k = driven_k + sum_i c_i y_(k-i)``, nothing before the first; samples first.
+
+    A banded system: this saves the second that ``scipy.signal`` takes to be imported.
+    """
+    from scipy.linalg import solve_banded
+
+    c = np.asarray(coefficients, dtype=float)
+    bands = np.tile(np.append(1.0, -c)[:, None], driven.shape[0])
+    return np.asarray(solve_banded((c.size, 0), bands, driven, check_finite=False))
+
+
 def scan(phi: Array, forcing: Array, start: Array) -> Array:
     """Solve ``x[j+1] = phi[j] x[j] + forcing[j]`` in whole arrays.
 

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
+from .linear import run_recursion
 
 Array = npt.NDArray[Any]
 _LONGEST = 300  # samples until the gain of the filter is taken for constant
@@ -67,8 +68,6 @@ class Whitening:
 
     def filter(self, rows: Array) -> Array:
         """Innovations of rows (samples first), in their standard deviations."""
-        from scipy.signal import lfilter
-
         if self.coefficients.size == 0:
             return np.asarray(rows / np.hypot(self.drive, self.white))
         flat = rows.reshape(rows.shape[0], -1)
@@ -84,10 +83,11 @@ class Whitening:
         k = len(self._gains)
         if k < flat.shape[0]:
             gain, variance = self._gains[-1]
-            ahead = np.concatenate(([1.0], -self.coefficients))
-            back = np.concatenate(([1.0], gain - self.coefficients))
-            rest, _ = lfilter(ahead, back, flat[k:], axis=0, zi=-state)
-            out[k:] = rest / np.sqrt(variance)
+            driven = flat[k:].copy()
+            for i, c in enumerate(self.coefficients):
+                driven[i + 1 :] -= c * flat[k : -i - 1]
+            driven[: state.shape[0]] -= state[: driven.shape[0]]
+            out[k:] = run_recursion(driven, self.coefficients - gain) / np.sqrt(variance)
         return out.reshape(rows.shape)
 
     def logarithm(self, samples: int) -> float:
