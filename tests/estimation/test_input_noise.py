@@ -110,3 +110,14 @@ def test_levels_of_a_command_are_no_converter() -> None:
     command = Signal("u", e.time, np.sign(e["u"]), "1", "zoh", resolution=2.0)
     held = Experiment("log", 0, e.time, {**e.signals, "u": command}, STEP, True)
     assert InputNoise.seen([held], "u", 0).sigma == 0.0
+
+
+def test_levels_that_were_commanded_carry_no_noise() -> None:
+    rng = np.random.default_rng(4)
+    t = 0.08 * np.arange(300)
+    levels = rng.choice([3.41, 6.41], t.size)
+    noisy = levels + 0.01 * rng.standard_normal(t.size)
+    for values, step, exact in ((levels, 3.0, True), (noisy, 1e-5, False)):
+        signal = Signal("inlet", t, values, "Pa", hold="zoh", resolution=step)
+        run = Experiment("log", 0, t, {"inlet": signal}, 0.08, True)
+        assert (InputNoise.seen([run], "inlet", 0).sigma == 0.0) == exact

@@ -46,6 +46,7 @@ _CONTRADICTS = 4.0  # difference of log-likelihoods at which the residual speaks
 _CLOSE = 0.03  # standard errors at which the iteration ends
 _STEPS = 10
 _COARSEST = 0.05  # of its range: steps of a measured signal that a converter makes
+_LEVELS = 3  # that no converter has
 _WEAK = 0.02  # part of the information that has to be left without the noise
 
 
@@ -80,6 +81,8 @@ class InputNoise:
     @classmethod
     def seen(cls, experiments: Sequence[Experiment], role: str, seed: int) -> InputNoise:
         """The noise that the log itself shows."""
+        if all(_in_levels(e.signals[role]) for e in experiments):
+            return cls(experiments, role, 0.0, 0.0, seed)
         found = [white_level(e[role], _converter(e.signals[role])) for e in experiments]
         sigma = float(np.median([s for s, _ in found]))
         relative = float(np.mean([r for _, r in found]) / np.sqrt(len(found)))
@@ -169,10 +172,19 @@ class InputNoise:
         return replace(self, sigma=ratio * self.sigma, relative=spread)
 
 
+def _coarse(signal: Signal) -> bool:
+    """Whether the values stand in a few levels only."""
+    return signal.resolution > _COARSEST * float(np.ptp(signal.values))
+
+
+def _in_levels(signal: Signal) -> bool:
+    """Whether it is held at a few levels, which are what was commanded: there is no noise."""
+    return _coarse(signal) and (signal.hold == "zoh" or np.unique(signal.values).size <= _LEVELS)
+
+
 def _converter(signal: Signal) -> float:
     """Step of the converter of a measured signal; a command's few levels are exact."""
-    coarse = signal.resolution > _COARSEST * float(np.ptp(signal.values))
-    return 0.0 if coarse or signal.hold == "zoh" else signal.resolution
+    return 0.0 if _coarse(signal) or signal.hold == "zoh" else signal.resolution
 
 
 def _likelihood(problem: Problem, at: Solution, whitening: Sequence[Whitening]) -> float:
