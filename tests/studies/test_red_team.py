@@ -97,3 +97,12 @@ def test_coverage_is_counted_over_what_was_written() -> None:
 def test_every_cell_is_an_attack() -> None:
     known = {k for a in every() for k in ((a.family, a.group), (a.family, a.group, a.name))}
     assert set(cells.CELLS) <= known
+
+
+@pytest.mark.parametrize("name", ["micro-actuator, 5 kHz", "wide dead zone"])
+def test_cylinders_whose_edges_were_given_up_unseen_are_found(name: str) -> None:
+    attack = next(a for a in every(["hydraulic-cylinder"]) if a.name == name)
+    found = run(attack)
+    assert found.verdict == "pass", shown(found)
+    assert set(found.errors) == set(attack.truth)
+    assert max(abs(e.deviations) for e in found.errors.values()) < 4.0, shown(found)

@@ -21,7 +21,7 @@ from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log
 from .gray_search import GrayProblem, GraySolution, solve_gray_box
 from .nearby import Nearby
 from .options import HydraulicCylinderOptions
-from .regression import directional_gains, fit_flow, fit_friction, one_sided, sensible_widths
+from .regression import directional_gains, fit_flow, fit_friction, not_shown, sensible_widths
 
 _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says something
 
@@ -97,8 +97,9 @@ def fit_gray(case: Case) -> Estimate[HydraulicCylinderOptions]:
     fixed = {n: float(v) for n, v in case.request.fixed.items() if n in GRAY_NAMES}
     specs = {s.name: s for s in case.variant.parameters}
     found = determine(
-        search.solve, search.undetermined, specs, fixed=fixed, refusals=one_sided(case)
-    )
+        search.solve, search.undetermined, specs, fixed=fixed,
+        refusals=not_shown(case, dynamic=True),
+    )  # fmt: skip
     solution, notices = found.solution, found.notices
     search.check_bulk_modulus(solution)
     if not solution.converged:

@@ -50,10 +50,17 @@ def sensible_widths(unknowns: dict[str, Unknown]) -> dict[str, float]:
             if n.startswith(kind)}  # fmt: skip
 
 
-def one_sided(case: Case) -> list[Refusal]:
-    """Parameters of a direction in which the valve is never opened, or only wide open."""
+def not_shown(case: Case, dynamic: bool) -> list[Refusal]:
+    """Parameters of a direction in which the valve is never opened, or only wide open.
+
+    The windows hold what the flow shows. A ``dynamic`` fit uses every sample, and its covariance
+    tells whether an edge can be told from a gain.
+    """
+    if dynamic:
+        levels = np.concatenate([e.sampled("command") for e in case.experiments])
+    else:
+        levels = np.concatenate([w.mean_command for w in case.windows])
     out: list[Refusal] = []
-    levels = np.concatenate([w.mean_command for w in case.windows])
     near = 0.25 * float(np.abs(levels).max())
     for way, (sign, word) in enumerate(((1.0, "positive"), (-1.0, "negative"))):
         side = sign * levels[sign * levels > 0.0]
@@ -62,7 +69,7 @@ def one_sided(case: Case) -> list[Refusal]:
             reason = f"no usable part of the logs has a {word} command."
             out += [Refusal(n, reason) for n in (edge, *losses.values())]
             continue
-        if side.min() > near:
+        if side.min() > near and not dynamic:
             # a straight line through large commands would be drawn back over volts
             reason = f"the smallest {word} command in use is {side.min():.3g} V, far from the edge."
             out.append(Refusal(edge, reason))
@@ -94,8 +101,8 @@ def fit_flow(case: Case, lenient: bool) -> Fitted:
         weights=[1.0 / case.machine.area(w.chamber) for w in windows],
     )  # fmt: skip
     starts = []
-    for loss in (0.0, 1.0):
-        shares = {"dead_zone_negative": -0.2, "dead_zone_positive": 0.2}
+    for loss, edge in ((0.0, 0.2), (1.0, 0.2), (0.0, 8.0)):
+        shares = {"dead_zone_negative": -edge, "dead_zone_positive": edge}
         shares |= {n: loss for n in names if n.startswith("line_loss")}
         starts.append({n: u.scale * shares.get(n, 1.0) for n, u in unknowns.items()})
     if lenient:
@@ -104,7 +111,7 @@ def fit_flow(case: Case, lenient: bool) -> Fitted:
         sensible = {**sensible_widths(unknowns), "bulk_modulus": 0.5e9}
     return fit_named(
         model, case.variant.parameters, case.request, unknowns, starts,
-        refusals=one_sided(case), sensible=sensible,
+        refusals=not_shown(case, dynamic=lenient), sensible=sensible,
     )  # fmt: skip
 
 
