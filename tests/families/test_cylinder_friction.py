@@ -180,7 +180,7 @@ def by_hand(seed: int, colour: float = 0.0, pace: float = 2.2) -> Experiment:
 
 @pytest.mark.parametrize(("colour", "filtered"), [(0.0, None), (0.9, None), (0.0, 0.04)])
 def test_fast_strokes_from_position_are_not_flattened(colour: float, filtered: float) -> None:
-    runs = 150
+    runs = 100
     off: dict[str, list[float]] = {n: [] for n in HAND}
     for seed in range(runs):
         e = fit([by_hand(seed, colour)], mass=0.14, filter=filtered)
@@ -207,7 +207,7 @@ def by_velocity(seed: int, noise: float, pace: float = 1.0, colour: float = 0.0)
 
 @pytest.mark.parametrize("colour", [0.0, 0.9])
 def test_noise_of_a_velocity_neither_biases_nor_narrows(colour: float) -> None:
-    runs, z = 150, []
+    runs, z = 100, []
     for seed in range(runs):
         e = fit([by_velocity(seed, 0.01, 1.0, colour)], mass=0.14)
         assert e.details["instrument"] == "velocity of the neighbouring samples"
