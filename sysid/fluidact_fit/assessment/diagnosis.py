@@ -1,6 +1,6 @@
 """What the residuals show about a fit: noise or model error, hold, feedback.
 
-None of this needs a second fit: another hold is judged by one Gauss-Newton step from the
+None of this needs a second fit: another hold is judged by a few Gauss-Newton steps from the
 optimum, with the Jacobian that the fit already has.
 """
 
@@ -18,13 +18,13 @@ from ..estimation.noise import noise_floor
 from ..estimation.separable import scaled_least_squares
 from ..estimation.uncertainty import fit_autoregression, innovations
 from ..experiment import FloatArray, Hold
-from ..family import Estimate, Family, FamilyOptions, Value, Variant
+from ..family import Estimate, Family, FamilyOptions, Plant, Value, Variant
 from ..outcome import Simulation
 from .channels import judge_channels
 from .conditional import find_conditional
 from .given import find_reliance
 from .influence import find_deciding_samples, find_disagreeing_parts
-from .optimum import Optimum, make_optimum
+from .optimum import Optimum, make_optimum, moved
 from .structure import find_missing_response
 
 _EXAMINATIONS = {
@@ -39,7 +39,9 @@ _ONE_SIDED = 1.5  # times the correlation with the input's past: more than chanc
 _PAST = 20  # highest order of an autoregression of input or residual
 _SERIES = 50_000  # samples of a run that are correlated
 _DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one
-_MOVING = 0.9  # part of the samples in which a command moves that may not be held
+_MOVING = 0.2  # part of the samples in which a command moves that may not be held
+_ROUNDS = 3  # Gauss-Newton steps under another hold
+_LONG_STEP = 2.0  # standard errors of a step after which another one is taken
 _JUMP = 0.25  # part of its range that an input crosses in one sample when it jumps
 _LONG = 200_000  # samples beyond which a part of the log is enough
 _WORDS: dict[Hold, str] = {
@@ -175,28 +177,47 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
 
 
 def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
-    """One Gauss-Newton step from the optimum under another hold."""
+    """Gauss-Newton steps from the optimum under another hold, the derivatives as they are.
+
+    A long first step ends where the model is no longer linear, and another one is taken.
+    """
     turned = []
     for e in at.experiments:
         signal = replace(e.signals[role], hold=other)
         turned.append(replace(e, signals={**e.signals, role: signal}))
-    before = np.concatenate(at.residuals)
-    j, r = np.vstack(at.jacobians), before - np.concatenate(at.change(turned))
-    if j.shape[1] == 0 or not np.all(np.isfinite(r)):
+    before, j = np.concatenate(at.residuals), np.vstack(at.jacobians)
+    if j.shape[1] == 0:
         return None
-    step = scaled_least_squares(j, r, 1e-10)
-    after = float(np.sum((r - j @ step) ** 2))
-    deviations = step / at.errors
+    total, plant = np.zeros(j.shape[1]), at.plant
+    for _ in range(_ROUNDS):
+        r = before - np.concatenate(at.change(turned, plant))
+        if not np.all(np.isfinite(r)):
+            return None
+        step = scaled_least_squares(j, r, 1e-10)
+        after, total = float(np.sum((r - j @ step) ** 2)), total + step
+        if np.abs(step / at.errors).max() < _LONG_STEP:
+            break
+        for name, by in zip(at.names, step):
+            plant = moved(plant, name, _within(at, name, plant, float(by)))
+    deviations = total / at.errors
     worst = int(np.argmax(np.abs(deviations)))
     ratio = max(after, 1e-300) / max(float(before @ before), 1e-300)
     return _Shift(
         at.experiments[0].signals[role].hold or "zoh",
         other,
         at.names[worst],
-        float(step[worst]),
+        float(total[worst]),
         float(deviations[worst]),
         0.5 * r.size * float(np.log(ratio)),
     )
+
+
+def _within(at: Optimum, name: str, plant: Plant[FamilyOptions], by: float) -> float:
+    """A change of a parameter that keeps it in its physical range."""
+    key, _, index = name.partition("[")
+    spec, value = at.variant.parameter(key), np.ravel(plant.values[key])
+    now = float(value[int(index.rstrip("]") or 0)])
+    return float(np.clip(now + by, spec.minimum, spec.maximum)) - now
 
 
 def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notice | None:
