@@ -23,7 +23,7 @@ def params(here: Run, valve: Log, inside: Path) -> Path:
 
 def test_writes_a_table_that_a_controller_can_play(here: Run, params: Path, tmp_path: Path) -> None:
     out = tmp_path / "next.csv"
-    done = here("design", "valve", "--from", str(params), "-o", str(out), "--duration", "2")
+    done = here("design", "valve", "--from", str(params), "-o", str(out), "--duration", "0.5")
     assert done.status == 0, done.err
     assert out.read_text(encoding="utf-8").startswith("time [s],command [V]\n")
     assert "damping_ratio" in done.out
@@ -34,10 +34,10 @@ def test_writes_a_table_that_a_controller_can_play(here: Run, params: Path, tmp_
 
 
 def test_json_holds_the_prediction(here: Run, params: Path) -> None:
-    done = here("design", "valve", "--from", str(params), "--duration", "2", "--json")
+    done = here("design", "valve", "--from", str(params), "--duration", "0.5", "--json")
     found = json.loads(done.out)
     assert found["family"] == "valve"
-    assert found["limits"]["duration"] == 2.0
+    assert found["limits"]["duration"] == 0.5
     assert {"name", "present", "predicted", "ratio"} <= set(found["parameters"][0])
 
 

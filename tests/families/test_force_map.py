@@ -251,7 +251,7 @@ def test_a_check_trains_no_second_network(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_input_layers_are_compared() -> None:
-    result = ff.fit("force-map", [read(1), read(2)], inputs="compare", starts=6)
+    result = ff.fit("force-map", [read(1), read(2)], inputs="compare", starts=3)
     table = details_of(result)["input_layers"]
     found = {row["inputs"]: row["validation_rms"] for row in table}
     assert len(found) == 4
@@ -262,7 +262,7 @@ def test_input_layers_are_compared() -> None:
 
 
 def test_hidden_units_are_swept() -> None:
-    result = ff.fit("force-map", [read(1)], hidden="auto", starts=6)
+    result = ff.fit("force-map", [read(1)], hidden="auto", starts=3)
     details = details_of(result)
     table = details["hidden_units"]
     assert len(table) >= 5
