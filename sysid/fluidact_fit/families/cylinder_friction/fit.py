@@ -15,7 +15,7 @@ from ...family import ParameterSpec, Quantity, Request, Variant
 from .options import ONE_SIDED, SIDES, FrictionOptions
 from .regression import Regression, System
 from .samples import Data, at_speeds, both_ways, group_by_log, half_range, sides_moved
-from .stribeck import STRIBECK, free_names, linearise, undetermined
+from .stribeck import free_names, linearise, undetermined
 
 LEVELS = ("coulomb_positive", "coulomb_negative")
 SECOND_SPEED = 1.5  # ratio of two speeds that are clearly different
