@@ -133,6 +133,8 @@ def test_a_symmetric_fit_of_an_asymmetric_plant_is_told_the_option(tmp_path: Pat
     found = fit([hand_log(tmp_path)], "symmetric")
     said = next(n for n in found.notices if n.code == "unmodelled-response")
     assert "--viscous=asymmetric" in said.message
+    by = float(said.message.split("viscous_positive is ")[1].split()[0])
+    assert by == pytest.approx(25.0, abs=1.0)
     same = hand_log(tmp_path, 1, viscous_negative=60.0)
     assert "unmodelled-response" not in {n.code for n in fit([same], "symmetric").notices}
 
@@ -205,3 +207,4 @@ def test_a_direction_with_one_speed_is_not_identified(tmp_path: Path) -> None:
     said = next(n.message for n in found.notices if n.message.startswith("viscous_negative"))
     assert "0.075 m/s or faster" in said
     assert "positive direction" not in said.split("not_identified.")[1]
+    assert "asymmetry-or-offset" not in {n.code for n in found.notices}

@@ -199,9 +199,11 @@ def _offered(at: Optimum) -> Iterator[Term]:
         option = f"another --fix {name}=VALUE"
         if name in freed:
             option = f"--{freed[name].name}={freed[name].choices[-1]}"
+        apart = spec.general and name not in parameters
+        words = partial(_apart, spec) if apart else partial(_instead, spec, value)
         yield Term(
             name, spec.unit,
-            partial(_instead, spec, value), f"Try {option}.",
+            words, f"Try {option}.",
             [c / step for c in columns], offered=True,
         )  # fmt: skip
 
@@ -211,6 +213,12 @@ def _instead(spec: ParameterSpec, value: float, change: float) -> str:
     if not spec.minimum <= value + change <= spec.maximum:
         return f"{spec.name} could leave its range: the relation has another shape"
     return f"{spec.name} is about {value + change:.3g} {spec.unit} instead of {value:.3g}"
+
+
+def _apart(spec: ParameterSpec, change: float) -> str:
+    """How far a parameter is from the one that stood for it, which moves too."""
+    way = "above" if change > 0.0 else "below"
+    return f"{spec.name} is {abs(change):.3g} {spec.unit} {way} {spec.general}"
 
 
 def _delay(at: Optimum, role: str, by: float) -> Term:

@@ -14,6 +14,7 @@ from ...experiment import Experiment
 from ...family import Variant
 from .filters import DEGREE
 from .fit import LEVELS, Fit, levels_impossible
+from .options import ONE_SIDED
 from .regression import System
 from .samples import half_range, prepare
 from .stribeck import linearise, other_shape
@@ -72,6 +73,8 @@ def _warn_of_asymmetry(fit: Fit) -> Iterator[Notice]:
     ``F_c+ [v > 0] - F_c- [v < 0]`` is ``(F_c+ + F_c-) / 2 sign(v) + (F_c+ - F_c-) / 2``.
     """
     found = fit.derived()
+    if len(fit.solved.refused.keys() & {*ONE_SIDED}) == 1:
+        return  # the level of that direction has viscous friction in it, the other has not
     if not all(n in fit.solved.names for n in LEVELS) or "coulomb_offset" not in found:
         return
     half, mean = found["coulomb_offset"].number, found["coulomb_mean"].number
