@@ -51,8 +51,8 @@ class Option:
     settled
         Found by the fit and kept in the file; nothing a user gives.
     frees
-        Parameter that is estimated where the choice is ``"estimate"`` and has its neutral
-        value otherwise.
+        Parameter that is estimated with the last of the choices. Otherwise it has the value of
+        the one that stands for it, or its neutral value.
     """
 
     name: str
@@ -140,7 +140,7 @@ def _shown(value: Any) -> str:
 
 
 def choice(default: str, values: tuple[str, ...], help: str, frees: str = "") -> Any:
-    """One word out of several; ``frees`` names the parameter that ``"estimate"`` frees."""
+    """One word out of several; ``frees`` names the parameter that the last of them frees."""
     return _field("choice", help, default, choices=values, frees=frees)
 
 

@@ -74,6 +74,9 @@ class ParameterSpec:
         abruptly: a designed experiment passes it slowly in that direction.
     base
         Parameter that a threshold cannot lie below.
+    general
+        Parameter that stands for this one where a fit did not ask for it (``viscous`` for both
+        directions).
     """
 
     name: str
@@ -91,6 +94,7 @@ class ParameterSpec:
     curved: bool = False
     threshold: Literal["", "positive", "negative"] = ""
     base: str = ""
+    general: str = ""
 
 
 @dataclass(frozen=True)

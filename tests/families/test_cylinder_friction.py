@@ -541,7 +541,7 @@ def test_results_are_plain_finite_and_repeatable() -> None:
     assert a.parameters == b.parameters
     assert np.array_equal(a.covariance, b.covariance)
     assert np.linalg.eigvalsh(a.covariance).min() > 0.0
-    needed = [p for p in VARIANTS["position"].parameters if not p.optional]
+    needed = [p for p in VARIANTS["position"].parameters if p.name in TRUTH]
     assert {n: q.unit for n, q in a.parameters.items()} == {p.name: p.unit for p in needed}
     assert {n: q.unit for n, q in a.derived.items()} == {"coulomb_mean": "N", "coulomb_offset": "N"}
     assert type(a.details["deadband"]) is float

@@ -177,12 +177,15 @@ def _beside(name: str, role: Role, size: float) -> str:
 
 def _offered(at: Optimum) -> Iterator[Term]:
     """Parameters of the family that were not estimated."""
-    freed = {o.frees: o.name for o in describe(at.family.options_type) if o.frees}
+    freed = {o.frees: o for o in describe(at.family.options_type) if o.frees}
     parameters = at.estimate.parameters
     given = [n for n, q in parameters.items() if q.status == "fixed" and isinstance(q.value, float)]
     for name in dict.fromkeys((*given, *(n for n in freed if n not in parameters))):
         spec = at.variant.parameter(name)
-        value = parameters[name].number if name in parameters else spec.neutral or 0.0
+        known = parameters.get(name, parameters.get(spec.general))
+        if known is not None and known.status == "not_identified":
+            continue  # its parts are no better known
+        value = known.number if known is not None else spec.neutral or 0.0
         full = replace(at.plant, values={**at.plant.values, name: value})
         timed = spec.unit == "s"
         step = _SHIFT * at.experiments[0].sample_time if timed else abs(value) * 1e-3 or 1.0
@@ -193,10 +196,14 @@ def _offered(at: Optimum) -> Iterator[Term]:
         if not timed:
             step *= _SMALL * at.sigma / size
             columns = at.change(plant=moved(full, name, step))
-        option = f"--{freed[name]}=estimate" if name in freed else f"another --fix {name}=VALUE"
+        option = f"another --fix {name}=VALUE"
+        if name in freed:
+            option = f"--{freed[name].name}={freed[name].choices[-1]}"
+        apart = spec.general and name not in parameters
+        words = partial(_apart, spec) if apart else partial(_instead, spec, value)
         yield Term(
             name, spec.unit,
-            partial(_instead, spec, value), f"Try {option}.",
+            words, f"Try {option}.",
             [c / step for c in columns], offered=True,
         )  # fmt: skip
 
@@ -206,6 +213,12 @@ def _instead(spec: ParameterSpec, value: float, change: float) -> str:
     if not spec.minimum <= value + change <= spec.maximum:
         return f"{spec.name} could leave its range: the relation has another shape"
     return f"{spec.name} is about {value + change:.3g} {spec.unit} instead of {value:.3g}"
+
+
+def _apart(spec: ParameterSpec, change: float) -> str:
+    """How far a parameter is from the one that stood for it, which moves too."""
+    way = "above" if change > 0.0 else "below"
+    return f"{spec.name} is {abs(change):.3g} {spec.unit} {way} {spec.general}"
 
 
 def _delay(at: Optimum, role: str, by: float) -> Term:

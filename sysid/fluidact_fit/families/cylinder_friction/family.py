@@ -1,4 +1,4 @@
-"""Friction of a cylinder: two Coulomb levels and viscous friction.
+"""Friction of a cylinder: two Coulomb levels and viscous friction, which can differ as well.
 
     F_f = F_c+ [v > 0] - F_c- [v < 0] + b v (+ sign(v) F_s exp(-(v / v_s)^2) with --stribeck)
     F_f = F - (A_1 p_1 - A_2 p_2) - m a      with a load cell
@@ -20,7 +20,8 @@ included. The noise left in the slope is subtracted from the normal equations [3
 covariance is that of the noise before the filter, propagated through it.
 
 Without a second speed in at least one direction, ``b v`` cannot be separated from the levels:
-``viscous`` is then written as not identified and the levels include all friction.
+``viscous`` is then written as not identified and the levels include all friction. With
+``--viscous=asymmetric`` there are two ``b``, and each needs two speeds in its own direction.
 
 References
 ----------
@@ -64,11 +65,10 @@ from ...family import (
 )
 from .block import FrictionBlock
 from .fit import LEVELS, SECOND_SPEED, fit_friction
-from .options import PRESSURES, FrictionOptions, motion_role
+from .options import ONE_SIDED, PRESSURES, SIDES, FrictionOptions, motion_role
 from .regression import System
 from .remarks import fit_details, remarks
 from .samples import (
-    SIDES,
     check_measured,
     count_kept,
     leave_out_accelerations,
@@ -89,8 +89,23 @@ _PARAMETERS = (
         "viscous friction",
         neutral=0.0,
         minimum=0.0,
+        optional=True,
         remedy="Add one stroke, or one log, at another speed in the same direction: "
         f"{SECOND_SPEED:g} times faster or more.",
+    ),
+    *(
+        ParameterSpec(
+            f"viscous_{s}",
+            "N s/m",
+            f"viscous friction, {s} direction",
+            neutral=0.0,
+            minimum=0.0,
+            optional=True,
+            general="viscous",
+            remedy=f"Record strokes in the {s} direction at two speeds, one of them "
+            f"{SECOND_SPEED:g} times the other or more.",
+        )
+        for s in SIDES
     ),
     *(
         ParameterSpec(
@@ -215,7 +230,7 @@ class CylinderFriction(Family[FrictionOptions]):
             d = replace(d, kept=d.kept & (np.abs(slope) <= 0.01 * float(np.abs(slope).max())))
         law = FrictionLaw.of(plant.numbers)
         low = (law.stribeck, law.stribeck_speed)
-        names = ("viscous", *LEVELS, *(STRIBECK if min(low) > 0.0 else ()))
+        names = (*free.rates, *LEVELS, *(STRIBECK if min(low) > 0.0 else ()))
         rows = np.zeros((d.kept.size, len(names)))
         if d.kept.any():
             (rows[d.support],) = System([d], names, stribeck=low).jacobian()
@@ -246,18 +261,20 @@ class CylinderFriction(Family[FrictionOptions]):
         amplitude: tuple[float, float],
         sample_time: float,
     ) -> float | None:
-        """No viscous friction, no rise, and a level like that of the other direction."""
-        if name not in LEVELS:
-            return 0.0
-        return max(plant.numbers[level] for level in LEVELS)
+        """What is known of the other direction; no viscous friction at all, and no rise."""
+        pair = next((names for names in (LEVELS, ONE_SIDED) if name in names), ())
+        return max((plant.numbers[n] for n in pair), default=0.0)
 
     def model(
         self, plant: Plant[FrictionOptions], sample_time: float, hold: Hold
     ) -> dict[str, Any]:
         """The static map for feed-forward compensation."""
+        viscous = "viscous*v"
+        if plant.options.viscous == "asymmetric":
+            viscous = "viscous_positive*v*(v>0) + viscous_negative*v*(v<0)"
         return {
             "friction": {
-                "equation": "coulomb_positive*(v>0) - coulomb_negative*(v<0) + viscous*v"
+                "equation": f"coulomb_positive*(v>0) - coulomb_negative*(v<0) + {viscous}"
                 + " + sign(v)*stribeck*exp(-(v/stribeck_speed)^2)"
                 * bool(plant.values.get("stribeck")),
                 "input": {"name": "velocity", "unit": "m/s"},

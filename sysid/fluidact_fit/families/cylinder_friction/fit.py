@@ -12,18 +12,10 @@ from ...estimation.results import Refusal, Solved, determine
 from ...estimation.uncertainty import t_quantile
 from ...experiment import FloatArray
 from ...family import ParameterSpec, Quantity, Request, Variant
-from .options import FrictionOptions
+from .options import ONE_SIDED, SIDES, FrictionOptions
 from .regression import Regression, System
-from .samples import (
-    SIDES,
-    Data,
-    at_speeds,
-    both_ways,
-    group_by_log,
-    half_range,
-    sides_moved,
-)
-from .stribeck import STRIBECK, free_names, linearise, undetermined
+from .samples import Data, at_speeds, both_ways, group_by_log, half_range, sides_moved
+from .stribeck import free_names, linearise, undetermined
 
 LEVELS = ("coulomb_positive", "coulomb_negative")
 SECOND_SPEED = 1.5  # ratio of two speeds that are clearly different
@@ -70,16 +62,20 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
     An error where the forces cannot be those of friction, or nothing is left to estimate.
     """
     options, fixed, moved = request.options, request.fixed, sides_moved(data)
+    _check_rates(options, (*fixed, *request.bounds))
     asked = options.offset == "estimate" or options.force_offset is True
     if not asked and not fixed:
         _check_signs(data, moved)
     ranges, noise = _speed_ranges(data, moved), max(d.motion.noise for d in data)
     specs = {p.name: _with_remedy(p, ranges) for p in variant.parameters}
     limits = {p.name: request.bounds.get(p.name, (p.minimum, p.maximum)) for p in specs.values()}
-    refusals = [_idle(s) for s in SIDES if s not in moved]
+    refusals = [r for s in SIDES if s not in moved for r in _idle(s, options)]
     low = free_names(options.stribeck == "estimate", fixed)
-    if "viscous" not in fixed and _one_speed(ranges, noise):
-        refusals += _too_alike(_describe_speeds(ranges) + ".", low)
+    known = {*fixed, *(r.parameter for r in refusals)}
+    alike = [n for n in options.rates if n not in known and _one_speed(_of(n, ranges), noise)]
+    refusals += [_too_alike(n, _describe_speeds(_of(n, ranges)) + ".") for n in alike]
+    if alike and _one_speed(ranges, noise):
+        refusals += [Refusal(n, _describe_speeds(ranges) + ".") for n in low]
         if not options.is_settled:  # without the ends of the strokes, levels are of one speed
             near = {s: (0.9 * low, 1.1 * high) for s, (low, high) in ranges.items()}
             data = [replace(d, kept=d.kept & at_speeds(d.motion, near)) for d in data]
@@ -89,7 +85,8 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
     end = determine(
         _Problem(data, limits, options, asked, low).solve,
         lambda found: (
-            undetermined(found.free, data) or _undetermined(found.free, data, ranges, noise)
+            undetermined(found.free, data)
+            or _undetermined(found.free, data, options.rates, ranges, noise)
         ),
         specs,
         fixed=fixed,
@@ -97,11 +94,27 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
     )
     found, unknowns = end.solution, end.solution.free.names
     options = replace(options, force_offset=_MEAN in unknowns)
-    written = [n for n in specs if n not in STRIBECK or n in found.values]
+    written = [n for n in specs if n in LEVELS or n in found.values]
     source = {n: _MEAN if n in LEVELS and _MEAN in unknowns else n for n in written}
     source |= {n: n for n in unknowns if n.startswith("offset")}
     solved = replace(found.free, values=found.values, fixed=fixed, refused=end.refused)
     return Fit(data, options, found, solved.renamed(source), ranges, end.notices)
+
+
+def _check_rates(options: FrictionOptions, given: Sequence[str]) -> None:
+    """Refuse a number for a viscous coefficient that is not one of this fit."""
+    for name in given:
+        if name in ("viscous", *ONE_SIDED) and name not in options.rates:
+            other = "symmetric" if name == "viscous" else "asymmetric"
+            raise UsageError(
+                f"--fix or --bounds {name} means nothing with --viscous={options.viscous}",
+                remedy=f"Give --viscous={other}, or name {' and '.join(options.rates)}.",
+            )
+
+
+def _of(name: str, ranges: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """Speeds by direction of the motion that feels a viscous coefficient; empty: none moved."""
+    return {s: r for s, r in ranges.items() if name in ("viscous", f"viscous_{s}")}
 
 
 def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
@@ -141,12 +154,14 @@ def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
 
 def _with_remedy(spec: ParameterSpec, ranges: Mapping[str, tuple[float, float]]) -> ParameterSpec:
     """The specification with a remedy in numbers, from the speeds that the logs have."""
-    if spec.name == "viscous":
+    if spec.name in ("viscous", *ONE_SIDED):
         wanted = " or ".join(
             f"at {SECOND_SPEED * high:.2g} m/s or faster, or {low / SECOND_SPEED:.2g} m/s or "
             f"slower, in the {s} direction"
-            for s, (low, high) in ranges.items()
+            for s, (low, high) in _of(spec.name, ranges).items()
         )
+        if not wanted:
+            return spec
         remedy = f"Add one stroke, or one log, at a speed {SECOND_SPEED:g} times another: {wanted}."
         return replace(spec, remedy=remedy)
     if spec.name not in LEVELS:
@@ -160,40 +175,48 @@ def _with_remedy(spec: ParameterSpec, ranges: Mapping[str, tuple[float, float]])
     return replace(spec, remedy=remedy + ".")
 
 
-def _idle(side: str) -> Refusal:
-    """The level of a direction without motion."""
+def _idle(side: str, options: FrictionOptions) -> list[Refusal]:
+    """What belongs to a direction without motion alone."""
     other = next(s for s in SIDES if s != side)
-    return Refusal(
+    nothing = f"nothing moves in the {side} direction."
+    level = Refusal(
         f"coulomb_{side}",
-        f"nothing moves in the {side} direction. An offset of the force, if there is one, "
-        f"counts as friction of the {other} direction until it does.",
+        f"{nothing} An offset of the force, if there is one, counts as friction of the {other} "
+        "direction until it does.",
     )
+    return [level, *(Refusal(n, nothing) for n in options.rates if n == f"viscous_{side}")]
 
 
-def _too_alike(reason: str, low: Sequence[str] = ()) -> list[Refusal]:
-    """What depends on speed cannot be told at one speed."""
-    said = " The Coulomb levels include all friction at that speed."
-    return [Refusal("viscous", reason + said), *(Refusal(n, reason) for n in low)]
+def _too_alike(name: str, reason: str) -> Refusal:
+    """Viscous friction cannot be told at one speed."""
+    said = "The Coulomb levels include all friction at that speed."
+    if name in ONE_SIDED:
+        side = name.removeprefix("viscous_")
+        said = f"The Coulomb level of the {side} direction includes all friction at that speed."
+    return Refusal(name, f"{reason} {said}")
 
 
 def _undetermined(
     found: Solved,
     data: Sequence[Data],
+    rates: Sequence[str],
     ranges: Mapping[str, tuple[float, float]],
     noise: float,
 ) -> list[Refusal]:
-    """Viscous friction, if it could be anything from none to half of all friction.
+    """The viscous coefficient most in doubt, if it could be anything up to half of all friction.
 
     The interval times the range of speeds is the force that is in doubt.
     """
-    if "viscous" not in found.names:
+    doubts = {}
+    for name in (n for n in rates if n in found.names):
+        span = max(_speed_span(low, high, noise) for low, high in _of(name, ranges).values())
+        doubts[name] = found.half_width(name) * span
+    worst = max(doubts, key=lambda n: doubts[n], default="")
+    if not worst or doubts[worst] <= 0.5 * half_range(data):
         return []
-    span = max(_speed_span(low, high, noise) for low, high in ranges.values())
-    half = found.half_width("viscous")
-    if half * span <= 0.5 * half_range(data):
-        return []
-    interval = f"{found.values['viscous']:.3g} ± {half:.2g} N s/m"
-    return _too_alike(f"its 95 % interval would be {interval}; {_describe_speeds(ranges)}.")
+    interval = f"{found.values[worst]:.3g} ± {found.half_width(worst):.2g} N s/m"
+    seen = _describe_speeds(_of(worst, ranges))
+    return [_too_alike(worst, f"its 95 % interval would be {interval}; {seen}.")]
 
 
 @dataclass(frozen=True)
@@ -243,7 +266,7 @@ class _Problem:
         return ["offset"]
 
     def _solve(self, held: Mapping[str, float], levels: Sequence[str]) -> Regression:
-        names = [n for n in (*levels, "viscous", *self.low) if n not in held]
+        names = [n for n in (*levels, *self.options.rates, *self.low) if n not in held]
         if not names:
             raise UsageError(
                 "nothing is left to estimate: every parameter is fixed or undetermined",

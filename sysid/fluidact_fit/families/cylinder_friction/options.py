@@ -11,6 +11,8 @@ from ...options import FamilyOptions, choice, number, settled
 from ...specification import Variant
 
 PRESSURES = "-pressures"  # variants without a load cell
+SIDES = ("positive", "negative")
+ONE_SIDED = ("viscous_positive", "viscous_negative")
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,12 @@ class FrictionOptions(FamilyOptions):
         "whether to estimate how friction rises at low speed",
         "stribeck",
     )
+    viscous: str = choice(
+        "symmetric",
+        ("symmetric", "asymmetric"),
+        "one viscous value, or one per direction",
+        "viscous_positive",
+    )
     force_offset: bool | None = settled(
         "flag", "whether every log has a force offset, about which the levels are equal"
     )
@@ -51,6 +59,11 @@ class FrictionOptions(FamilyOptions):
     speeds_negative: tuple[float, float] | None = settled(
         "range", "the only speeds described in the negative direction", unit="m/s"
     )
+
+    @property
+    def rates(self) -> tuple[str, ...]:
+        """Names of the viscous coefficients: one for both directions, or one for each."""
+        return ONE_SIDED if self.viscous == "asymmetric" else ("viscous",)
 
     @property
     def is_settled(self) -> bool:

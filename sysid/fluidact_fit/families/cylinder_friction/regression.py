@@ -13,6 +13,7 @@ from ...estimation.separable import scaled_least_squares
 from ...estimation.uncertainty import Uncertainty, covariance, enlarge
 from ...experiment import FloatArray
 from .filters import Mask
+from .options import ONE_SIDED
 from .samples import Data
 
 
@@ -57,12 +58,20 @@ class System:
         self.columns, self.instruments, self.right = [], [], []
         for d in data:
             i = d.experiment.log
-            signs, regressor = d.direction[d.kept], d.motion.regressor[d.kept]
-            low = [d.smoothed(c)[d.kept] for c in self._low(d)]
-            self.columns.append(_columns(self.names, signs, regressor, low, i))
-            self.instruments.append(_columns(self.names, signs, d.speed, low, i))
-            known = self._force(np.zeros(len(names)), signs, regressor, low, i)
-            self.right.append(d.matched[d.kept] - known)
+            signs, low = d.direction[d.kept], [d.smoothed(c)[d.kept] for c in self._low(d)]
+            regressor, quiet = (self._speeds(d, v) for v in (d.motion.regressor, d.motion.velocity))
+            rows = _Rows(signs, *regressor, low, i)
+            self.columns.append(rows.columns(self.names))
+            self.instruments.append(_Rows(signs, *quiet, low, i).columns(self.names))
+            self.right.append(d.matched[d.kept] - self._force(np.zeros(len(names)), rows))
+
+    def _speeds(self, d: Data, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """A velocity at the kept samples, and the part of it that is forward [m/s].
+
+        The part is made only where it is used: it takes a filter of its own.
+        """
+        used = not set(ONE_SIDED).isdisjoint((*self.names, *self.held))
+        return speed[d.kept], (d.forward(speed) if used else speed)[d.kept]
 
     def _low(self, d: Data) -> list[FloatArray]:
         """Forces per Stribeck level and per change of the Stribeck speed, if there is any."""
@@ -72,27 +81,25 @@ class System:
         share, slope = d.low(speed, self.exponent)
         return [share, level * slope]
 
-    def _force(
-        self,
-        x: FloatArray,
-        sign: FloatArray,
-        speed: FloatArray,
-        low: Sequence[FloatArray],
-        log: int,
-    ) -> FloatArray:
+    def _force(self, x: FloatArray, rows: _Rows) -> FloatArray:
         """Force of the unknowns and of what is held, shape ``(n,)`` [N]."""
         held = {n: value for n, value in self.held.items() if n != "stribeck_speed"}
-        columns = _columns((*self.names, *held), sign, speed, low, log)
+        columns = rows.columns((*self.names, *held))
         return np.asarray(columns @ np.array([*x, *held.values()]))
+
+    @property
+    def rates(self) -> tuple[str, ...]:
+        """Viscous coefficients among the unknowns."""
+        return tuple(n for n in self.names if n in ("viscous", *ONE_SIDED))
 
     @cached_property
     def _inverse(self) -> FloatArray:
         """Inverse of the normal equations' ``Z' A``, common noise subtracted, shape (p, p)."""
         a, z = np.vstack(self.columns), np.vstack(self.instruments)
         matrix = z.T @ a
-        if "viscous" in self.names:
-            k = self.names.index("viscous")
-            noise = sum(int(d.kept.sum()) * d.motion.shared**2 for d in self.data)
+        for name in self.rates:
+            k = self.names.index(name)
+            noise = sum(int(_felt(d, name).sum()) * d.motion.shared**2 for d in self.data)
             own = 1.0 / max(float(_invert(z.T @ z)[k, k]), 1e-300)
             # where noise is most of it there is a warning, and no remedy in arithmetic
             matrix[k, k] -= min(noise, 0.3 * own)
@@ -116,8 +123,9 @@ class System:
         columns = []
         for d, full in zip(self.data, self.columns):
             part = full.copy()
-            if not d.motion.reach and "viscous" in self.names:
-                part[:, self.names.index("viscous")] = d.motion.sharp[d.kept]
+            for name in self.rates if not d.motion.reach else ():
+                quiet = np.where(_felt(d, name), d.motion.sharp[d.kept], 0.0)
+                part[:, self.names.index(name)] = quiet
             columns.append(part)
         a, b = np.vstack(columns), np.concatenate(self.right)
         x = scaled_least_squares(a, b)
@@ -147,9 +155,9 @@ class System:
         out = []
         for d, speed in zip(self.data, speeds):
             at, sign = d.support, np.sign(d.motion.velocity)
-            low = [c[at] for c in self._low(d)]
-            force = self._force(x, sign[at], speed[at], low, d.experiment.log)
-            out.append(d.friction[at] - force)
+            low, forward = [c[at] for c in self._low(d)], np.where(sign > 0.0, speed, 0.0)
+            rows = _Rows(sign[at], speed[at], forward[at], low, d.experiment.log)
+            out.append(d.friction[at] - self._force(x, rows))
         return out
 
     def _uncertainty(self, x: FloatArray, bare: Sequence[FloatArray]) -> Uncertainty:
@@ -237,25 +245,42 @@ def _stretches(kept: Mask) -> list[int]:
     return out
 
 
-def _columns(
-    names: Sequence[str],
-    sign: FloatArray,
-    speed: FloatArray,
-    low: Sequence[FloatArray],
-    log: int,
-) -> FloatArray:
-    """What multiplies the unknowns, shape ``(n, p)``; ``sign`` is the (smoothed) direction."""
-    one, zero = np.ones(speed.size), np.zeros(speed.size)
-    known = {
-        "coulomb_positive": 0.5 * (1.0 + sign),
-        "coulomb_negative": -0.5 * (1.0 - sign),
-        "coulomb_mean": sign,
-        "viscous": speed,
-        "offset": one,
-        f"offset[{log}]": one,
-        **dict(zip(("stribeck", "stribeck_speed"), low)),
-    }
-    return np.column_stack([known.get(n, zero) for n in names])
+def _felt(d: Data, name: str) -> Mask:
+    """Which of the kept samples feel a viscous coefficient, shape ``(kept,)``."""
+    if name == "viscous":
+        return np.ones(d.speed.size, dtype=bool)
+    return d.side(name.removeprefix("viscous_"))
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Samples of a run, shape ``(n,)`` each.
+
+    ``sign`` is the (smoothed) direction, ``forward`` the part of ``speed`` in the positive
+    one [m/s]; ``low`` are the forces of the Stribeck parameters, ``log`` numbers the log.
+    """
+
+    sign: FloatArray
+    speed: FloatArray
+    forward: FloatArray
+    low: Sequence[FloatArray]
+    log: int
+
+    def columns(self, names: Sequence[str]) -> FloatArray:
+        """What multiplies the unknowns, shape ``(n, p)``."""
+        one, zero = np.ones(self.speed.size), np.zeros(self.speed.size)
+        known = {
+            "coulomb_positive": 0.5 * (1.0 + self.sign),
+            "coulomb_negative": -0.5 * (1.0 - self.sign),
+            "coulomb_mean": self.sign,
+            "viscous": self.speed,
+            "viscous_positive": self.forward,
+            "viscous_negative": self.speed - self.forward,
+            "offset": one,
+            f"offset[{self.log}]": one,
+            **dict(zip(("stribeck", "stribeck_speed"), self.low)),
+        }
+        return np.column_stack([known.get(n, zero) for n in names])
 
 
 def _bounded(z: FloatArray, x: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:

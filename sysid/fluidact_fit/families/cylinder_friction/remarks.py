@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from ...errors import LogError, Notice
+from ...estimation.results import Solved
 from ...experiment import Experiment
 from ...family import Variant
 from .filters import DEGREE
 from .fit import LEVELS, Fit, levels_impossible
+from .options import ONE_SIDED
 from .regression import System
 from .samples import half_range, prepare
 from .stribeck import linearise, other_shape
@@ -71,6 +73,8 @@ def _warn_of_asymmetry(fit: Fit) -> Iterator[Notice]:
     ``F_c+ [v > 0] - F_c- [v < 0]`` is ``(F_c+ + F_c-) / 2 sign(v) + (F_c+ - F_c-) / 2``.
     """
     found = fit.derived()
+    if len(fit.solved.refused.keys() & {*ONE_SIDED}) == 1:
+        return  # the level of that direction has viscous friction in it, the other has not
     if not all(n in fit.solved.names for n in LEVELS) or "coulomb_offset" not in found:
         return
     half, mean = found["coulomb_offset"].number, found["coulomb_mean"].number
@@ -141,12 +145,16 @@ def _warn_of_disagreement(fit: Fit) -> Iterator[Notice]:
 
 def _warn_of_attenuation(fit: Fit) -> Iterator[Notice]:
     """Warn where viscous friction depends on the noise of the velocity that was subtracted."""
-    if "viscous" not in fit.found.free.names:
+    rates = [n for n in fit.options.rates if n in fit.found.free.names]
+    if not rates:
         return
-    speeds = [np.concatenate([d.speed[d.side(s)] for d in fit.data]) for s in fit.ranges]
-    within = np.concatenate([v - v.mean() for v in speeds])
+    sides = [s for s in fit.ranges if rates[0] == "viscous" or f"viscous_{s}" in rates]
+    speeds = [np.concatenate([d.speed[d.side(s)] for d in fit.data]) for s in sides]
+    within = [v - v.mean() for v in speeds]
+    if rates[0] == "viscous":  # one value feels the spread of all speeds
+        within = [np.concatenate(within)]
     shared = max(d.motion.shared for d in fit.data)
-    share = shared**2 / max(float(np.mean(within**2)), 1e-300)
+    share = shared**2 / max(min(float(np.mean(v**2)) for v in within), 1e-300)
     if share > 0.05:
         yield Notice(
             "velocity-noise",
@@ -167,7 +175,8 @@ def _warn_of_flattening(
     variances differ.
     """
     first = fit.found.free
-    if "viscous" not in first.names or all(d.motion.reach == 0 for d in fit.data):
+    rates = [n for n in fit.options.rates if n in first.names]
+    if not rates or all(d.motion.reach == 0 for d in fit.data):
         return
     half_width = fit.options.filter or 0.0
     try:
@@ -180,10 +189,9 @@ def _warn_of_flattening(
         second = System(both, first.names, held, stribeck=stribeck).solve().free
     except LogError:
         return
-    change = second.values["viscous"] - first.values["viscous"]
-    errors = first.std_error("viscous"), second.std_error("viscous")
-    error = max(np.sqrt(max(errors[1] ** 2 - errors[0] ** 2, 0.0)), 0.5 * errors[0])
-    if abs(change) > 3.0 * error + 1e-3 * abs(first.values["viscous"]):
+    changes = {n: second.values[n] - first.values[n] for n in rates if _differs(first, second, n)}
+    if changes:
+        change = max(changes.values(), key=abs)
         yield Notice(
             "velocity-flattened",
             f"viscous friction changes by {change:+.3g} N s/m when the velocity filter is twice as "
@@ -191,6 +199,14 @@ def _warn_of_flattening(
             "friction is not linear in speed. Sample faster, move more slowly, or give a measured "
             "velocity; --filter sets the half-width.",
         )
+
+
+def _differs(first: Solved, second: Solved, name: str) -> bool:
+    """Whether a longer filter changes a value by more than the noise that it removes can."""
+    errors = first.std_error(name), second.std_error(name)
+    error = max(np.sqrt(max(errors[1] ** 2 - errors[0] ** 2, 0.0)), 0.5 * errors[0])
+    change = second.values[name] - first.values[name]
+    return bool(abs(change) > 3.0 * error + 1e-3 * abs(first.values[name]))
 
 
 def fit_details(fit: Fit, counts: Mapping[str, int]) -> dict[str, Any]:

@@ -13,9 +13,8 @@ from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulated, Variant
 from .filters import Mask
 from .motion import SLOW, Motion, make_motions, match_force, quiet_acceleration
-from .options import FrictionOptions, check_options, driven_by_pressure, motion_role
+from .options import SIDES, FrictionOptions, check_options, driven_by_pressure, motion_role
 
-SIDES = ("positive", "negative")
 _LINGER = 1.5  # times the passage through rest that its slope predicts: longer is a rest
 _SMALL = 0.05  # share of the friction that inertia may have before it matters
 
@@ -81,6 +80,19 @@ class Data:
     def smoothed(self, force: FloatArray) -> FloatArray:
         """Smooth a force like the regressor, shape ``(n,)``."""
         return match_force(self.experiment, self.motion, force)
+
+    def forward(self, speed: FloatArray) -> FloatArray:
+        """Part of a regressor that is motion in the positive direction, shape ``(n,)`` [m/s].
+
+        The slope of a position is a mean over its window. Where the motion reverses in it,
+        some of the mean belongs to either direction.
+        """
+        ahead = self.motion.velocity > 0.0
+        if not self.motion.reach:
+            return np.where(ahead, speed, 0.0)
+        sharp = self.motion.sharp
+        own = self.smoothed(np.maximum(sharp, 0.0))
+        return own + np.where(ahead, speed - self.smoothed(sharp), 0.0)
 
     def side(self, side: str) -> Mask:
         """Which of the kept samples move in a direction."""

@@ -1,0 +1,104 @@
+# ruff: noqa: T201 (it prints its results)
+"""Friction of two screw drives at constant speeds, one a log, with ``cylinder-friction``.
+
+    python studies/screw_drives.py [DIRECTORY of the logs]
+
+``driveNo1`` and ``driveNo2`` of Mablekos-Alexiou et al. (IEEE Trans. Robotics, 2021), as EPOS
+Studio exported them: averaged velocity in rpm, averaged torque in percent of 9.84 mN m, both with
+the sign inverted. A torque stands for the force and an angle for the path, so that N and m/s of
+the family are N m and rad/s. The figure is the root mean square over all logs of a drive, those
+below the dead band too, of their mean torque less the friction at their mean speed. It is
+given for the samples as recorded; without leaving out any as accelerating (``--mass=0``: at
+constant speed inertia takes nothing); and for the mean speed of each log in place of its samples.
+
+The logs are not part of this repository (../shared/data/screwdrives) and the study says so where
+they are missing. Published are two levels and two viscous coefficients, 0.126 and 0.090 mN m,
+which is the least that this law can reach.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Iterator, Sequence
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+import fluidact_fit as ff
+from fluidact_fit.estimation.friction_law import FrictionLaw
+from fluidact_fit.experiment import Experiment
+from fluidact_fit.logs import experiments
+
+LOGS = Path(__file__).parents[1] / ".." / "shared" / "data" / "screwdrives"
+COLUMNS = {"force": "Torque actual value averaged", "velocity": "Velocity actual value averaged"}
+SCALES = {"force": -9.84e-5, "velocity": -np.pi / 30.0}
+UNITS = {"force": "N", "velocity": "m/s"}
+DRIVES = ("driveNo1", "driveNo2")
+
+
+def read_drive(folder: Path) -> list[ff.Log]:
+    """One log for every constant speed of a drive."""
+    paths = sorted((folder / "steady_state").rglob("*.csv"))
+    return [ff.read_log(p, columns=COLUMNS, units=UNITS, scales=SCALES) for p in paths]
+
+
+def runs_of(logs: Sequence[ff.Log]) -> list[Experiment]:
+    """The logs as arrays in N m and rad/s."""
+    variant = ff.get_family("cylinder-friction").variant("velocity")
+    return [run for log in logs for run in experiments(log, variant)[0]]
+
+
+def at_mean_speeds(logs: Sequence[ff.Log], folder: Path) -> list[Path]:
+    """The same logs with the mean of each velocity in place of its samples."""
+    out = []
+    for k, run in enumerate(runs_of(logs)):
+        v = np.full(run.samples, run["velocity"].mean())
+        out.append(folder / f"{k}.csv")
+        rows = np.column_stack((run.time, v, run["force"]))
+        header = "time [s],velocity [m/s],force [N]"
+        np.savetxt(out[-1], rows, fmt="%.9g", delimiter=",", header=header, comments="")
+    return out
+
+
+def misfit(result: ff.FitResult, logs: Sequence[ff.Log]) -> float:
+    """Root mean square over the logs of what friction leaves of their mean torque [mN m]."""
+    law = FrictionLaw.of({n: q.number for n, q in result.parameters.items()})
+    means = np.array([(run["velocity"].mean(), run["force"].mean()) for run in runs_of(logs)])
+    rest = means[:, 1] - law.moving(means[:, 0])
+    return 1e3 * float(np.sqrt(np.mean(rest**2)))
+
+
+def fit_drive(folder: Path) -> Iterator[tuple[str, str, str, float, ff.FitResult]]:
+    """Every way to take the logs of a drive with every law, and its figure."""
+    logs = read_drive(folder)
+    with tempfile.TemporaryDirectory() as place:
+        steady = at_mean_speeds(logs, Path(place))
+        ways = {"as recorded": (logs, {}), "--mass=0": (logs, {"mass": 0.0}),
+                "mean speeds": (steady, {})}  # fmt: skip
+        laws = product(("symmetric", "asymmetric"), ("none", "estimate"))
+        for (way, (given, options)), (viscous, rise) in product(ways.items(), laws):
+            found = ff.fit("cylinder-friction", given, viscous=viscous, stribeck=rise, **options)
+            yield way, viscous, rise, misfit(found, logs), found
+
+
+def main() -> None:
+    """Print a row for every drive, way and law."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("directory", type=Path, nargs="?", default=LOGS)
+    folder = parser.parse_args().directory
+    if not folder.is_dir():
+        parser.exit(2, f"{folder}: the logs are not there\n")
+    print("| drive | logs | --viscous | --stribeck | RMS of means [mN m] | [mN m], [rad/s] |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for drive in DRIVES:
+        for way, viscous, rise, rms, found in fit_drive(folder / drive):
+            numbers = {n: q.number for n, q in found.parameters.items() if q.status == "estimated"}
+            words = [f"{n} {v if n == 'stribeck_speed' else 1e3 * v:.4g}"
+                     for n, v in numbers.items()]  # fmt: skip
+            print(f"| {drive} | {way} | {viscous} | {rise} | {rms:.4f} | {', '.join(words)} |")
+
+
+if __name__ == "__main__":
+    main()

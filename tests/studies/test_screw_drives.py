@@ -1,0 +1,46 @@
+"""Two measured screw drives: as little is left of the mean torques as was published."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import fluidact_fit as ff
+
+ROOT = Path(__file__).parents[2]
+
+
+def load() -> ModuleType:
+    """The study, which stands beside the package."""
+    sys.path.insert(0, str(ROOT))
+    try:
+        return importlib.import_module("studies.screw_drives")
+    finally:
+        sys.path.remove(str(ROOT))
+
+
+S = load()
+pytestmark = pytest.mark.skipif(
+    not S.LOGS.is_dir(), reason="recorded logs of other people are not beside this checkout"
+)
+
+
+@pytest.mark.parametrize(
+    ("drive", "rise", "published"), [("driveNo1", "estimate", 0.126), ("driveNo2", "none", 0.090)]
+)
+def test_friction_by_direction_leaves_what_was_published(
+    drive: str, rise: str, published: float
+) -> None:
+    logs = S.read_drive(S.LOGS / drive)
+    left = {
+        viscous: S.misfit(
+            ff.fit("cylinder-friction", logs, viscous=viscous, stribeck=rise, mass=0.0), logs
+        )
+        for viscous in ("symmetric", "asymmetric")
+    }
+    assert left["asymmetric"] < left["symmetric"]
+    assert round(left["asymmetric"], 3) <= published
