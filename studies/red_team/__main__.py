@@ -17,10 +17,10 @@ from pathlib import Path
 from . import cells
 from .attack import Attack, Result
 from .attacks import every
-from .run import run
+from .run import SEED, run
 from .table import page, shown
 
-_TASKS: list[tuple[Attack, int]] = []
+_TASKS: list[tuple[Attack, int, int]] = []
 PAGE = Path(__file__).parents[2] / "docs" / "red-team.md"
 
 
@@ -35,6 +35,7 @@ def main() -> int:
     parser.add_argument("--group", nargs="+", help="run only groups whose title holds a word")
     parser.add_argument("--scale", type=float, default=1.0, help="share of the repetitions")
     parser.add_argument("--cells", type=int, default=0, metavar="RUNS", help="count coverage")
+    parser.add_argument("--seed", type=int, default=SEED, help="of all random numbers")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--write", action="store_true", help="write the page")
     parser.add_argument("--verbose", action="store_true", help="print every single result")
@@ -47,7 +48,11 @@ def main() -> int:
     if given.cells:
         attacks = [replace(a, repetitions=given.cells) for a in attacks if cells.is_cell(a)]
     began = time.perf_counter()
-    tasks = [(a, k) for a in attacks for k in range(max(1, round(a.repetitions * given.scale)))]
+    tasks = [
+        (a, k, given.seed)
+        for a in attacks
+        for k in range(max(1, round(a.repetitions * given.scale)))
+    ]
     _TASKS.extend(tasks)
     # forked, since an attack holds functions that cannot be sent
     with get_context("fork").Pool(given.jobs) as pool:

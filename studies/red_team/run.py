@@ -23,10 +23,10 @@ class _TooLong(Exception):
     """The limit of processor time was reached."""
 
 
-def run(attack: Attack, repetition: int = 0) -> Result:
+def run(attack: Attack, repetition: int = 0, seed: int = SEED) -> Result:
     """Record and fit an attack once; every repetition has random numbers of its own."""
     key = zlib.crc32(f"{attack.family} {attack.group} {attack.name}".encode())
-    rng = np.random.default_rng([SEED, key, repetition])
+    rng = np.random.default_rng([seed, key, repetition])
     with TemporaryDirectory(prefix="red-team-") as name:
         paths = [
             write(Path(name) / f"log{k}.csv", recording, attack.units)
