@@ -21,15 +21,13 @@ import numpy as np
 
 from ..errors import Notice
 from ..estimation.separable import scaled_least_squares
-from ..experiment import FloatArray
 from ..family import ParameterSpec
-from .optimum import Optimum, moved
+from .optimum import Optimum
 
 _MATTERS = 5.0  # standard errors by which a parameter would move: far out of its interval
 _ANY = 10.0  # times its value by which a parameter could move when nothing is known of it
+_STEP = 1e-3  # by which a parameter that is held at zero is moved at first
 _WIDE = 2.0  # standard errors of the held parameter that count as possible
-_STEP = 1e-3  # of its size by which the held parameter is moved at first
-_PART = 0.3  # of the residual that a step changes the output by
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,7 @@ def _held(at: Optimum) -> Iterator[str]:
 def _dependences(at: Optimum, spec: ParameterSpec) -> Iterator[Dependence]:
     """Every parameter that would leave its interval for a possible value of the held one."""
     value = at.number(spec.name)
-    column = _derivative(at, spec.name)
+    column = at.slopes(at.plant, spec.name, _STEP)
     if column is None:
         return
     white = at.whiten(at.beside_residual(column))
@@ -96,21 +94,6 @@ def _dependences(at: Optimum, spec: ParameterSpec) -> Iterator[Dependence]:
         shift = float(slope) * float(reach)
         if abs(shift) > _MATTERS * error:
             yield Dependence(float(low), float(high), name, shift, abs(shift) / float(error))
-
-
-def _derivative(at: Optimum, name: str) -> list[FloatArray] | None:
-    """Derivative of every series by a held parameter; ``None`` where there is none.
-
-    Over a step that changes the output by part of the residual: a smaller one drowns in rounding,
-    a larger one is no derivative.
-    """
-    step = _STEP * (abs(at.number(name)) or 1.0)
-    change = at.change(plant=moved(at.plant, name, step))
-    size = float(np.sqrt(np.mean(np.concatenate(change) ** 2)))
-    if not (np.isfinite(size) and size > 0.0):
-        return None
-    step *= _PART * at.sigma / size
-    return [c / step for c in at.change(plant=moved(at.plant, name, step))]
 
 
 def _notice(at: Optimum, held: str, worst: Dependence) -> Notice:

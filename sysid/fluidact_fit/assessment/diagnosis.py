@@ -24,7 +24,7 @@ from .channels import judge_channels
 from .conditional import find_conditional
 from .given import find_reliance
 from .influence import find_deciding_samples, find_disagreeing_parts
-from .optimum import Optimum, make_optimum, moved
+from .optimum import Optimum, make_optimum, moved, number
 from .structure import find_missing_response
 
 _EXAMINATIONS = {
@@ -214,9 +214,7 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
 
 def _within(at: Optimum, name: str, plant: Plant[FamilyOptions], by: float) -> float:
     """A change of a parameter that keeps it in its physical range."""
-    key, _, index = name.partition("[")
-    spec, value = at.variant.parameter(key), np.ravel(plant.values[key])
-    now = float(value[int(index.rstrip("]") or 0)])
+    spec, now = at.variant.parameter(name.partition("[")[0]), number(plant, name)
     return float(np.clip(now + by, spec.minimum, spec.maximum)) - now
 
 
@@ -248,7 +246,7 @@ def _looks_otherwise(fitted: Sequence[Simulation], role: str, hold: Hold) -> boo
 
     What moves little in a sample was measured while it moved: when a jump of a measured signal
     took place between two samples no data can tell. A command is held from one sample to the
-    next; one that is never at rest and never jumps may as well have moved in between.
+    next; one that glides for much of the time and never jumps may as well have moved in between.
     """
     values = [s.experiment.signals[role].values for s in fitted]
     span = max(float(np.ptp(v)) for v in values)

@@ -20,6 +20,9 @@ from ..outcome import Simulation
 
 _SAME = 1.0 - 1e-9  # correlation of two names for one unknown
 _STEP = 0.02  # of a standard error, for differences of a simulation
+_LATE = 0.1  # sample times by which a time is moved for a derivative
+_SMALL = 1e-3  # part of itself by which another value is moved at first
+_PART = 0.3  # standard deviations of the residual by which the output then changes
 _ORDER = 25  # highest of the autoregression that whitens the residual
 
 
@@ -115,8 +118,29 @@ class Optimum:
 
     def number(self, name: str) -> float:
         """Value of a parameter or of one entry of a list, ``levels[2]`` [SI]."""
-        key, _, index = name.partition("[")
-        return float(np.ravel(self.estimate.values[key])[int(index.rstrip("]") or 0)])
+        return number(self.plant, name)
+
+    def slopes(
+        self, plant: Plant[FamilyOptions], name: str, from_zero: float
+    ) -> list[FloatArray] | None:
+        """Derivatives of every series by a value of a plant, as the residuals are.
+
+        Over a step that changes the output by part of the residual: a smaller one drowns in
+        rounding, a larger one is no derivative. A value of zero is moved by ``from_zero`` [its
+        unit] to find that step. ``None`` where the output does not change.
+        """
+        timed, value = self.variant.parameter(name).unit == "s", number(plant, name)
+        step = (
+            _LATE * self.experiments[0].sample_time if timed else _SMALL * abs(value) or from_zero
+        )
+        columns = self.change(plant=moved(plant, name, step))
+        size = float(np.sqrt(np.mean(np.concatenate(columns) ** 2)))
+        if not (np.isfinite(size) and size > 0.0):
+            return None
+        if not timed:
+            step *= _PART * self.sigma / size
+            columns = self.change(plant=moved(plant, name, step))
+        return [c / step for c in columns]
 
     def places(self) -> list[str]:
         """Where every sample used stands: log, instant or number, and channel if there are more."""
@@ -250,6 +274,12 @@ def _differences(at: Optimum) -> list[FloatArray]:
         for k, (up, down) in enumerate(zip(*ends)):
             columns[k].append((up - down) / (2.0 * _STEP * error))
     return [np.column_stack(c) for c in columns]
+
+
+def number(plant: Plant[FamilyOptions], name: str) -> float:
+    """Value of a plant, or one entry of a list, ``levels[2]`` [SI]."""
+    key, _, index = name.partition("[")
+    return float(np.ravel(plant.values[key])[int(index.rstrip("]") or 0)])
 
 
 def moved(plant: Plant[FamilyOptions], name: str, by: float) -> Plant[FamilyOptions]:

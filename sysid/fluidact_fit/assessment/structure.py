@@ -30,7 +30,7 @@ from ..estimation.separable import scaled_least_squares
 from ..experiment import FloatArray
 from ..family import ParameterSpec, Role
 from ..options import describe
-from .optimum import Optimum, Series, delayed, moved
+from .optimum import Optimum, Series, delayed
 
 _SIGNIFICANT = 5.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
@@ -38,7 +38,6 @@ _PREFERRED = 0.8  # share of the best significance at which a parameter of the f
 _LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
 _FARTHEST = 10.0  # times the lag that was tried: of a longer one nothing is known
 _SHIFT = 0.1  # sample times by which an input is moved to see what a delay does
-_SMALL = 0.3  # standard deviations of the residual by which a parameter is moved
 _ROUGH = 0.05  # noise of a simulated channel, in standard deviations of its residual
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
 
@@ -187,15 +186,9 @@ def _offered(at: Optimum) -> Iterator[Term]:
             continue  # its parts are no better known
         value = known.number if known is not None else spec.neutral or 0.0
         full = replace(at.plant, values={**at.plant.values, name: value})
-        timed = spec.unit == "s"
-        step = _SHIFT * at.experiments[0].sample_time if timed else abs(value) * 1e-3 or 1.0
-        columns = at.change(plant=moved(full, name, step))
-        size = float(np.sqrt(np.mean(np.concatenate(columns) ** 2)))
-        if not (np.isfinite(size) and size > 0.0):
+        columns = at.slopes(full, name, 1.0)
+        if columns is None:
             continue
-        if not timed:
-            step *= _SMALL * at.sigma / size
-            columns = at.change(plant=moved(full, name, step))
         option = f"another --fix {name}=VALUE"
         if name in freed:
             option = f"--{freed[name].name}={freed[name].choices[-1]}"
@@ -203,8 +196,7 @@ def _offered(at: Optimum) -> Iterator[Term]:
         words = partial(_apart, spec) if apart else partial(_instead, spec, value)
         yield Term(
             name, spec.unit,
-            words, f"Try {option}.",
-            [c / step for c in columns], offered=True,
+            words, f"Try {option}.", columns, offered=True,
         )  # fmt: skip
 
 
