@@ -286,6 +286,10 @@ _FAMILIES = {
         "The speed keeps growing up to the largest command, so no saturation was found.",
         "Record larger commands if you need `saturation_command`.",
     ),
+    "saturation-undecided": _warning(
+        "The logs neither show nor rule out a saturation that would move other parameters.",
+        "Raise the command further, rest longer at the highest commands, or fix the saturation.",
+    ),
     "validation-worse": _warning(
         "A map misses the positions that were held out by far more than those it was trained on.",
         "Record more positions, or give fewer `--hidden` units.",

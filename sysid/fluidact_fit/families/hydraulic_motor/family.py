@@ -26,7 +26,7 @@ from ...specification import quotient_unit
 from .block import MotorBlock
 from .command import command_noise, held_levels
 from .equation import static_speed
-from .fit import MotorOptions, fit_motor, simulate_run
+from .fit import MotorFit, MotorOptions, fit_motor, simulate_run
 
 _WIDENED = 3.0  # standard deviations of a moving command's noise by which a play looks wider
 
@@ -107,9 +107,7 @@ class HydraulicMotor(Family[MotorOptions]):
         if noise and levels is None:
             notices += _warn_of_noise(fitted, noise)
         if "saturation_command" not in fitted.values:
-            notices.append(Notice("saturation-not-reached", "the speed keeps growing to the end "
-                           "of the commands: the file has no saturation_command. Raise the "
-                           "command until the speed grows no more, if it is needed."))  # fmt: skip
+            notices.append(_remark_on_saturation(found))
         signals = experiments[0].signals
         command, speed = signals["command"].unit, signals["speed"].unit
         units = {
@@ -168,6 +166,27 @@ def _check_dead_time(experiments: Sequence[Experiment], request: Request[MotorOp
             expected=f"Their longest takes {longest:g} s.",
             remedy="Give the dead time in seconds.",
         )
+
+
+def _remark_on_saturation(found: MotorFit) -> Notice:
+    """Say that there is no saturation in the file, and whether there could be one."""
+    if found.bend is None:
+        return Notice(
+            "saturation-not-reached",
+            "the speed keeps growing to the end of the commands: the file has no "
+            "saturation_command. Raise the command until the speed grows no more, if it is needed.",
+        )
+    moved = ", ".join(
+        f"{n} {found.bend[n]:.3g} instead of {found.fitted.values[n]:.3g}"
+        for n in ("gain", "curvature", "dead_zone")
+    )
+    return Notice(
+        "saturation-undecided",
+        "the logs neither show nor rule out that the speed stops growing at a command of "
+        f"{found.bend['saturation_command']:.3g}; with that saturation the others would be "
+        f"{moved}. Raise the command further, rest longer at the highest commands, or give "
+        "saturation_command with --fix.",
+    )
 
 
 def _warn_of_noise(fitted: Fitted, noise: float) -> Iterator[Notice]:

@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import NotIdentifiedError
 from ...estimation.parametric import Fitted, NamedModel, Values, bind, fit_named, make_unknowns
 from ...estimation.results import Refusal
-from ...estimation.separable import evaluate, solve
+from ...estimation.separable import Unknown, evaluate, solve
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, ParameterSpec, Request, Simulated
 from ...options import choice, settled
@@ -22,7 +22,10 @@ from .equation import MotorModel
 from .starts import find_starts, highest_command, sizes
 
 _ROUNDS = 6  # of reweighting
-_SIGNIFICANT = 30.0  # rise of the squared residuals, in variances, without a saturation
+_SIGNIFICANT = 12.0  # rise of the squared residuals, in variances, without a saturation
+_POSSIBLE = 3.0  # the same, from which a saturation cannot be ruled out
+_MATTERS = 3.0  # standard errors by which one that is possible would move a parameter
+_BENDS = (0.97, 0.93, 0.89, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)  # shares of the highest command
 _FAR = 4.0  # robust standard deviations from which a residual counts less
 
 
@@ -43,12 +46,17 @@ class MotorOptions(FamilyOptions):
 
 @dataclass(frozen=True)
 class MotorFit:
-    """A finished fit, its model and the roots of the weights, and the limit of the residuals."""
+    """A finished fit, its model and the roots of the weights, and the limit of the residuals.
+
+    ``bend`` are values with a saturation that the logs neither show nor rule out, where it would
+    move others out of their intervals.
+    """
 
     fitted: Fitted
     model: NamedModel
     weights: list[FloatArray]
     limit: float
+    bend: dict[str, float] | None = None
 
     def needs(self, name: str, without: float) -> bool:
         """Whether the fit is significantly better than one with a parameter at another value."""
@@ -59,6 +67,11 @@ class MotorFit:
         rows = sum(r.size for r in f.solution.residuals)
         return bool(other.cost - f.solution.cost > _SIGNIFICANT * f.solution.cost / rows)
 
+    def moved(self, values: Values) -> float:
+        """How far other values of the parameters lie, in their standard errors, at most."""
+        f = self.fitted
+        return max((abs(values[n] - f.values[n]) / f.std_error(n) for n in f.names), default=0.0)
+
 
 def fit_motor(
     specs: Sequence[ParameterSpec], experiments: Sequence[Experiment],
@@ -66,21 +79,83 @@ def fit_motor(
 ) -> MotorFit:  # fmt: skip
     """Fit with a saturation where the speeds show one, else without.
 
-    A saturation that is not determined, or that the residuals do not ask for, is none.
+    A saturation that is not determined, or that the residuals do not ask for, is none. A search
+    for it can slide to the highest command, where it leaves no trace; it is then sought again
+    from the best fit without one.
     """
     name = "saturation_command"
+    found = _fit_saturated(specs, experiments, request)
+    if found is not None:
+        return found
+    without = _fit(specs, experiments, request, saturated=False)
+    if name in request.start:
+        return without
+    bend, rise = _find_bend(specs, experiments, request, without)
+    again = _fit_saturated(specs, experiments, request, [bend]) if rise > _SIGNIFICANT else None
+    possible = rise > _POSSIBLE and without.moved(bend) > _MATTERS
+    return again or replace(without, bend=bend if possible else None)
+
+
+def _fit_saturated(
+    specs: Sequence[ParameterSpec],
+    experiments: Sequence[Experiment],
+    request: Request[MotorOptions],
+    begin: Sequence[Mapping[str, float]] = (),
+) -> MotorFit | None:
+    """The fit with a saturation, ``None`` where the logs do not show it."""
+    name = "saturation_command"
     try:
-        found = _fit(specs, experiments, request, saturated=True)
+        found = _fit(specs, experiments, request, True, begin)
     except NotIdentifiedError:
         if name in request.fixed:
             raise
-        return _fit(specs, experiments, request, saturated=False)
+        return None
     beyond = 10.0 * highest_command(experiments)
     if name in request.fixed or (
         _saturates(found.fitted, experiments) and found.needs(name, beyond)
     ):
         return found
-    return _fit(specs, experiments, request, saturated=False)
+    return None
+
+
+def _find_bend(
+    specs: Sequence[ParameterSpec],
+    experiments: Sequence[Experiment],
+    request: Request[MotorOptions],
+    without: MotorFit,
+) -> tuple[dict[str, float], float]:
+    """Values with the saturation that improves most on a fit without one, and by how much.
+
+    That is the fall of the squared residuals, in variances.
+    """
+    model, unknowns = _setup(specs, experiments, request, saturated=True)
+    model, fitted = replace(model, weights=without.weights), without.fitted
+    values, top = fitted.values, highest_command(experiments)
+    found, best = dict(values), fitted.solution.cost
+    for share in _BENDS:
+        held = {n: v for n, v in values.items() if n in fitted.fixed or n in fitted.refused}
+        held["saturation_command"] = share * top
+        free = [n for n in model.nonlinear if n not in held]
+        problem = bind(model, unknowns, held)
+        solution = solve(problem, np.array([values[n] for n in free]))
+        if solution.cost < best:
+            linear = [n for n in model.linear if n not in held]
+            best = solution.cost
+            found = {**values, **held, **dict(zip(free, solution.eta.tolist()))}
+            found |= dict(zip(linear, solution.linear.tolist()))
+    rows = sum(y.size for y in model.measured)
+    return found, rows * (fitted.solution.cost / best - 1.0)
+
+
+def _setup(
+    specs: Sequence[ParameterSpec],
+    experiments: Sequence[Experiment],
+    request: Request[MotorOptions],
+    saturated: bool,
+) -> tuple[NamedModel, dict[str, Unknown]]:
+    scales, limits = sizes(experiments, saturated)
+    unknowns = make_unknowns(specs, tuple(scales), scales, request, limits)
+    return MotorModel(experiments).named(tuple(scales), [e["speed"] for e in experiments]), unknowns
 
 
 def _fit(
@@ -88,17 +163,15 @@ def _fit(
     experiments: Sequence[Experiment],
     request: Request[MotorOptions],
     saturated: bool,
+    begin: Sequence[Mapping[str, float]] = (),
 ) -> MotorFit:
-    scales, limits = sizes(experiments, saturated)
-    unknowns = make_unknowns(specs, tuple(scales), scales, request, limits)
-    top = highest_command(experiments)
+    model, unknowns = _setup(specs, experiments, request, saturated)
+    top, measured = highest_command(experiments), model.measured
     sensible = {
         "dead_zone": 0.3 * top, "hysteresis": 0.3 * top, "curvature": 3.0 / top,
-        "dead_time": 20.0 * scales["dead_time"],
+        "dead_time": 20.0 * unknowns["dead_time"].scale,
     }  # fmt: skip
-    measured = [e["speed"] for e in experiments]
-    model = MotorModel(experiments).named(tuple(scales), measured)
-    begin: Sequence[Mapping[str, float]] = find_starts(model, unknowns, request)
+    begin = begin or find_starts(model, unknowns, request)
     settled_limit = request.options.residual_limit
     weights = [np.ones(y.size) for y in measured]
     for _ in range(_ROUNDS):
