@@ -48,6 +48,7 @@ _STEPS = 10
 _COARSEST = 0.05  # of its range: steps of a measured signal that a converter makes
 _LEVELS = 3  # that no converter has
 _WEAK = 0.02  # part of the information that has to be left without the noise
+_SURE = 3.0  # times its own uncertainty that this part has to be
 
 
 def moving_inputs(experiments: Sequence[Experiment]) -> list[str]:
@@ -289,7 +290,7 @@ def _correct(
     for _ in range(_STEPS):
         base = _score(problem, eta)
         added = _added(base, disturbed, eta)
-        curvature, weak = _left_information(base, added)
+        curvature, weak = _left_information(base, added, noise.relative)
         target = _Score(base.slope, curvature, base.cost)
         step = target.solve(base.slope - np.mean([a.slope for a in added], axis=0))
         scale = base.cost / max(rows - eta.size, 1)
@@ -334,16 +335,27 @@ def _added(
     return out
 
 
-def _left_information(base: _Score, added: Sequence[_Score]) -> tuple[FloatArray, bool]:
-    """Curvature without the part of the noise; directions that are all noise keep a little."""
+def _left_information(
+    base: _Score, added: Sequence[_Score], relative: float
+) -> tuple[FloatArray, bool]:
+    """Curvature without the part of the noise; directions that are all noise keep a little.
+
+    Weak is one in which what is left is not known, as one draw of the noise differs from
+    another and its power is known with the error ``relative``: no interval follows from it.
+    """
     d = np.sqrt(np.maximum(np.diag(base.curvature), 1e-300))
     whole = base.curvature / np.outer(d, d)
-    part = np.mean([a.curvature for a in added], axis=0) / np.outer(d, d)
     # in the coordinates in which the whole is the unit matrix
     values, vectors = np.linalg.eigh(whole)
     root = vectors * np.sqrt(np.maximum(values, 1e-14 * values[-1]))
-    inner = np.linalg.solve(root, np.linalg.solve(root, part).T)
+    each = np.array([
+        np.linalg.solve(root, np.linalg.solve(root, a.curvature / np.outer(d, d)).T)
+        for a in added
+    ])  # fmt: skip
+    inner = each.mean(axis=0)
     kept, axes = np.linalg.eigh(np.eye(d.size) - 0.5 * (inner + inner.T))
-    weak = bool(kept.min() < _WEAK)
+    along = np.einsum("ij,kil,lj->kj", axes, each, axes)  # share of the noise in every direction
+    spread = np.hypot(along.std(axis=0, ddof=1), relative * along.mean(axis=0))
+    weak = bool(np.any(kept < np.maximum(_WEAK, _SURE * spread)))
     clean = (axes * np.maximum(kept, _WEAK)) @ axes.T
     return root @ clean @ root.T * np.outer(d, d), weak

@@ -77,15 +77,21 @@ def _notices(noise: InputNoise, solved: Solved, found: Corrected) -> list[Notice
     unit = noise.experiments[0].signals[noise.role].unit
     errors = np.array([max(solved.std_error(n), 1e-300) for n in solved.names])
     level = f"'{noise.role}' carries noise of about {noise.sigma:.2g} {unit} rms"
-    worst = _largest(found.left / errors)
-    if found.weak or not found.converged or abs(found.left[worst]) > _LEFT * errors[worst]:
+    most, worst = _largest(found.bias / errors), _largest(found.left / errors)
+    if found.weak or not found.converged:
+        text = (
+            f"{level}, which looks so much like what the log says of {solved.names[most]} that the "
+            "intervals are guesses. Record the input with a cleaner sensor, or move it further "
+            "and faster."
+        )
+        return [Notice("input-noise-left", text)]
+    if abs(found.left[worst]) > _LEFT * errors[worst]:
         text = (
             f"{level}, too much to be allowed for exactly: {solved.names[worst]} may still be off "
             f"by {found.left[worst]:+.2g}. Record the input with a cleaner sensor, or move it "
             "further."
         )
         return [Notice("input-noise-left", text)]
-    most = _largest(found.bias / errors)
     if abs(found.bias[most]) < errors[most]:
         return []
     text = (
