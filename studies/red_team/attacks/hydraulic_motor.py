@@ -120,7 +120,8 @@ def log(
     """One log of ``n`` samples every ``step``."""
     u = drive(rng, n, step, top)
     t = np.arange(n) * step
-    t[1:] += jitter * step * rng.standard_normal(n - 1)
+    # never by half a step, so that time does not go backwards
+    t[1:] += step * np.clip(jitter * rng.standard_normal(n - 1), -0.45, 0.45)
     y = simulate(p, t, u, moves, second) + sigma * rng.standard_normal(n)
     recording: Recording = {"time": t - t[0], "command": u, "speed": y}
     return [spoil(recording, rng) if spoil else recording]
