@@ -45,6 +45,23 @@ def bezier(t: float, points: Sequence[float] = POINTS, weights: Sequence[float] 
     return sum(p * v for p, v in zip(points, b)) / sum(b)
 
 
+def section(low: float, high: float) -> dict[str, float]:
+    """Control points and weights of the part of the curve between two shares of the reading.
+
+    Blossoms of the weighted points, the first weight 1 as in the file.
+    """
+    table = np.array([[w * p, w] for p, w in zip(POINTS, WEIGHTS)])
+    n = len(POINTS) - 1
+    out = []
+    for i in range(n + 1):
+        x = table
+        for t in [low] * (n - i) + [high] * i:
+            x = (1.0 - t) * x[:-1] + t * x[1:]
+        out.append(x[0])
+    points = {f"control_points[{i}]": float(x[0] / x[1]) for i, x in enumerate(out)}
+    return points | {f"weights[{i}]": float(out[i][1] / out[0][1]) for i in range(1, n + 1)}
+
+
 def right(x: Array) -> Array:
     """A wiper whose calibration is the rational Bezier curve of the dataset."""
     t = np.linspace(0.0, 1.0, 20_001)
@@ -160,6 +177,21 @@ def _judge(
     return out
 
 
+def _judge_numbers(found: Any, counts: int, **more: Any) -> dict[str, Error]:
+    """Errors of control points and weights, over the readings that were recorded."""
+    low, high = found.parameters["reading_range"].value
+    out = _judge(found, counts=counts, **more)
+    for entry, truth in section(low / counts, high / counts).items():
+        name, _, index = entry.partition("[")
+        q, k = found.parameters[name], int(index.rstrip("]"))
+        miss, (least, most) = q.value[k] - truth, q.ci95[k]
+        size = STROKE if name == "control_points" else truth
+        error = max(float(np.ravel(q.std_error)[k]), 1e-300)
+        if q.status == "estimated" and least < most:
+            out[entry] = Error(miss / error, miss / size, bool(least <= truth <= most))
+    return out
+
+
 def _gradient(found: Any, values: Mapping[str, Array], reading: float) -> Array:
     """Derivative of a position by the parameters of the covariance; both branches alike."""
     low, high = values["reading_range"]
@@ -193,28 +225,28 @@ def _at(shares: Sequence[float], wiper: Wiper) -> Array:
 
 def _of(
     group: str, name: str, repetitions: int = 2, *, good: bool = False,
-    truth: Mapping[str, float] | None = None, options: Mapping[str, Any] | None = None,
+    judge: Callable[..., dict[str, Error]] = _judge, options: Mapping[str, Any] | None = None,
     places: Sequence[float] = PLACES, **recording: Any,
 ) -> Attack:  # fmt: skip
     """An attack; ``good`` where the data determine the curve and the model can follow it."""
     seen = {k: recording[k] for k in ("wiper", "stroke", "counts") if k in recording}
     units = {"time": "s", **UNITS} if recording.get("timed") else UNITS
     return Attack(
-        "potentiometer", group, name, truth or {}, partial(_log, **recording), units,
+        "potentiometer", group, name, {}, partial(_log, **recording), units,
         options=options or {}, repetitions=repetitions,
-        scales={"curve": 1.0, "control_points[0]": STROKE},
-        bounds={"curve": 1e-3} if good else {}, judge=partial(_judge, places=places, **seen),
+        scales={"curve": 1.0},
+        bounds={"curve": 1e-3} if good else {}, judge=partial(judge, places=places, **seen),
     )  # fmt: skip
 
 
 def attacks() -> Iterator[Attack]:
     """All of them."""
-    numbers = {f"control_points[{i}]": p for i, p in enumerate(POINTS)}
-    numbers |= {f"weights[{i}]": WEIGHTS[i] for i in (1, 2, 3)}
     exact = {"counts": 1_000_000, "wiper": right, "good": True}
     yield _of("right model", "degree 3, 600 samples", 20, **exact)
-    yield _of("right model", "degree 3 given", 10, truth=numbers, options={"degree": "3"}, **exact)
-    yield _of("right model", "degree 3 given, fixed ends", 10, truth=numbers,
+    yield _of(
+        "right model", "degree 3 given", 10, judge=_judge_numbers, options={"degree": "3"}, **exact
+    )
+    yield _of("right model", "degree 3 given, fixed ends", 10, judge=_judge_numbers,
               positions=np.tile(np.linspace(0.0, 1.0, 101), 4),
               options={"degree": "3", "endpoints": "fixed"}, **exact)  # fmt: skip
     yield _of("right model", "straight", 10, wiper=lambda x: x, counts=1_000_000, good=True)
