@@ -26,7 +26,6 @@ from .optimum import Optimum
 
 _MATTERS = 5.0  # standard errors by which a parameter would move: far out of its interval
 _ANY = 10.0  # times its value by which a parameter could move when nothing is known of it
-_STEP = 1e-3  # by which a parameter that is held at zero is moved at first
 _WIDE = 2.0  # standard errors of the held parameter that count as possible
 
 
@@ -71,7 +70,7 @@ def _held(at: Optimum) -> Iterator[str]:
 def _dependences(at: Optimum, spec: ParameterSpec) -> Iterator[Dependence]:
     """Every parameter that would leave its interval for a possible value of the held one."""
     value = at.number(spec.name)
-    column = at.slopes(at.plant, spec.name, _STEP)
+    column = at.slopes(at.plant, spec.name)
     if column is None:
         return
     white = at.whiten(at.beside_residual(column))

@@ -23,6 +23,7 @@ _STEP = 0.02  # of a standard error, for differences of a simulation
 _LATE = 0.1  # sample times by which a time is moved for a derivative
 _SMALL = 1e-3  # part of itself by which another value is moved at first
 _PART = 0.3  # standard deviations of the residual by which the output then changes
+_TRIES = 8  # to find that part
 _ORDER = 25  # highest of the autoregression that whitens the residual
 
 
@@ -120,26 +121,24 @@ class Optimum:
         """Value of a parameter or of one entry of a list, ``levels[2]`` [SI]."""
         return number(self.plant, name)
 
-    def slopes(
-        self, plant: Plant[FamilyOptions], name: str, from_zero: float
-    ) -> list[FloatArray] | None:
+    def slopes(self, plant: Plant[FamilyOptions], name: str) -> list[FloatArray] | None:
         """Derivatives of every series by a value of a plant, as the residuals are.
 
         Over a step that changes the output by part of the residual: a smaller one drowns in
-        rounding, a larger one is no derivative. A value of zero is moved by ``from_zero`` [its
-        unit] to find that step. ``None`` where the output does not change.
+        rounding, a larger one is no derivative. ``None`` where the output does not change.
         """
         timed, value = self.variant.parameter(name).unit == "s", number(plant, name)
-        step = (
-            _LATE * self.experiments[0].sample_time if timed else _SMALL * abs(value) or from_zero
-        )
-        columns = self.change(plant=moved(plant, name, step))
-        size = float(np.sqrt(np.mean(np.concatenate(columns) ** 2)))
-        if not (np.isfinite(size) and size > 0.0):
-            return None
-        if not timed:
-            step *= _PART * self.sigma / size
+        step = _LATE * self.experiments[0].sample_time if timed else _SMALL * (abs(value) or 1.0)
+        factor = 1.0
+        for _ in range(_TRIES):
+            step *= factor
             columns = self.change(plant=moved(plant, name, step))
+            size = float(np.sqrt(np.mean(np.concatenate(columns) ** 2)))
+            if not (np.isfinite(size) and size > 0.0):
+                return None
+            factor = _PART * self.sigma / size
+            if timed or 0.5 < factor < 2.0:
+                break  # the first steps may say nothing but rounding
         return [c / step for c in columns]
 
     def places(self) -> list[str]:

@@ -186,7 +186,7 @@ def _offered(at: Optimum) -> Iterator[Term]:
             continue  # its parts are no better known
         value = known.number if known is not None else spec.neutral or 0.0
         full = replace(at.plant, values={**at.plant.values, name: value})
-        columns = at.slopes(full, name, 1.0)
+        columns = at.slopes(full, name)
         if columns is None:
             continue
         option = f"another --fix {name}=VALUE"
