@@ -318,7 +318,7 @@ def _linear_potentiometer(data: Path, folder: Path) -> list[Figure]:
               "rails-suspected"),
         # its positions were approached from one side, so that nobody knows its play
         words("linpot", "linear potentiometer: end", "exit status, verdict and codes",
-              f"{run.outcome}: {codes(run.file, run.word)}", "exit 0, warn: one-direction"),
+              f"{run.outcome}: {codes(run.file, run.word)}", "exit 0, warn: one-direction rails"),
         number("linpot", "linear potentiometer: rmse", "rmse with `--rails` [m]",
                "linear 5.75e-5, quadratic 4.69e-5", rmse(run.file, run.word), "low",
                share=1e-3, limit=4.69e-5),

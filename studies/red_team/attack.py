@@ -56,6 +56,8 @@ class Attack:
         be refused. A function that gives them is called only when something was refused.
     repetitions
         How often it is recorded and fitted, each time with other random numbers.
+    beyond
+        Why no log of this kind can show what is wrong; what came of it is listed apart.
     judge
         Errors of what follows from the file but does not stand in it as a parameter, such as
         the points of a curve; called with the fit.
@@ -74,6 +76,7 @@ class Attack:
     bounds: Mapping[str, float] | Callable[[], Mapping[str, float]] = field(default_factory=dict)
     repetitions: int = 1
     judge: Callable[[Any], Mapping[str, Error]] | None = None
+    beyond: str = ""
 
     def scale(self, parameter: str) -> float:
         """What the error of a parameter is relative to [SI]."""
@@ -106,6 +109,8 @@ class Result:
         Those that the data determine to 20 % and that were refused all the same.
     seconds
         Of processor time.
+    beyond
+        As in the attack.
     """
 
     family: str
@@ -118,6 +123,7 @@ class Result:
     not_identified: tuple[str, ...] = ()
     wrongly_refused: tuple[str, ...] = ()
     seconds: float = 0.0
+    beyond: str = ""
 
     @property
     def quiet(self) -> bool:
@@ -129,7 +135,7 @@ class Result:
     @property
     def silent(self) -> list[str]:
         """Parameters that are wrong by more than 4 standard errors and 2 % in a passed file."""
-        if self.verdict != "pass":
+        if self.verdict != "pass" or self.beyond:
             return []
         return [
             n for n, e in self.errors.items() if abs(e.deviations) > 4.0 and abs(e.relative) > 0.02

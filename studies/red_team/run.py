@@ -52,7 +52,8 @@ def _fit(attack: Attack, paths: list[Path]) -> Result:
 
     def end(verdict: str, **more: Any) -> Result:
         seconds = time.process_time() - began
-        return Result(attack.family, attack.group, attack.name, verdict, seconds=seconds, **more)
+        about = attack.family, attack.group, attack.name
+        return Result(*about, verdict, seconds=seconds, beyond=attack.beyond, **more)
 
     signal.signal(signal.SIGVTALRM, stop)
     signal.setitimer(signal.ITIMER_VIRTUAL, LIMIT)

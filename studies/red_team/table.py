@@ -59,6 +59,10 @@ def page(results: Sequence[Result], seconds: float, share: float = 1.0) -> str:
         f"refused, {broken} broken or endless, slowest {slowest:.1f} s."
     )
     failures = ["", "## What failed", "", *(f"- {shown(r)}" for r in bad)] if bad else []
+    apart = {f"{r.family} / {r.group} / {r.name}": r for r in results if r.beyond}
+    if apart:
+        failures += ["", "## What no log of this kind can show", ""]
+        failures += [f"- {r.beyond} {shown(r)}" for r in apart.values()]
     return "\n".join((_EXPLAINED, summary, "", *_HEAD, *rows, *failures, ""))
 
 

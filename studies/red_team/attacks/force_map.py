@@ -25,11 +25,11 @@ Spoil = Callable[[Recording, np.random.Generator], Recording]
 
 
 def seal(u: Array, friction: float) -> Array:
-    """Force that a seal takes from the command's: it follows over 0.3 V of travel (play)."""
+    """Force that a seal takes from the command's: it follows over 1 V of travel (play)."""
     out, at = np.zeros(u.size), -1.0
     for k in range(u.size):
         if k:
-            at = float(np.clip(at + (u[k] - u[k - 1]) / 0.15, -1.0, 1.0))
+            at = float(np.clip(at + (u[k] - u[k - 1]) / 0.5, -1.0, 1.0))
         out[k] = friction * at
     return out
 
@@ -40,6 +40,8 @@ def spring(x: float, kind: str) -> float:
         return 5.0 + 300.0 * x + 4000.0 * max(x - 0.013, 0.0)
     if kind == "wave":
         return 5.0 + 300.0 * x + 4.0 * float(np.sin(2.0 * np.pi * x / 0.005))
+    if kind == "long wave":
+        return 5.0 + 300.0 * x + 4.0 * float(np.sin(2.0 * np.pi * x / 0.0085))
     return 5.0 + 300.0 * x + 4000.0 * x * x
 
 
@@ -114,7 +116,7 @@ def _judge(
 def _of(
     group: str, name: str, repetitions: int = 1, *, good: bool = False,
     places: Sequence[float] = BETWEEN, new: dict[str, Any] | None = None,
-    options: dict[str, Any] | None = None, **recording: Any,
+    options: dict[str, Any] | None = None, beyond: str = "", **recording: Any,
 ) -> Attack:  # fmt: skip
     """An attack; ``new`` is what differs in the recording that is predicted."""
     kept = ("one_each", "kind", "samples", "speed", "noise", "lag", "clip", "swap")
@@ -125,7 +127,7 @@ def _of(
     return Attack(
         "force-map", group, name, {}, partial(_logs, **recording), UNITS, options=given,
         scales={"map": 1.0}, bounds={"map": 1e-3} if good else {}, repetitions=repetitions,
-        judge=partial(_judge, places=places, **machine),
+        beyond=beyond, judge=partial(_judge, places=places, **machine),
     )  # fmt: skip
 
 
@@ -136,7 +138,9 @@ def attacks() -> Iterator[Attack]:
               options={"target": "command"})  # fmt: skip
     yield _of("right model", "a log per position", 3, good=True, one_each=True)
     yield _of("spring", "kink in mid-stroke", 2, kind="kink", good=True)
-    yield _of("spring", "wave between the positions", 2, kind="wave")
+    yield _of("spring", "wave of 8.5 mm", 2, kind="long wave")
+    yield _of("spring", "wave as long as positions lie apart", 1, kind="wave",
+              beyond="Every position was recorded at the same phase of the wave.")  # fmt: skip
     for count in (1, 2, 3, 4):
         where = np.linspace(0.002, 0.027, count).tolist() if count > 1 else [0.0145]
         for kind in ("stiffening", "kink"):
@@ -148,8 +152,9 @@ def attacks() -> Iterator[Attack]:
     for lag in (2.0, 10.0):
         yield _of("late", f"force {lag:g} samples late, same speed", lag=lag)
         yield _of("late", f"force {lag:g} samples late, slower new log", lag=lag,
-                  new={"speed": 0.25})  # fmt: skip
-    yield _of("late", "force 2 samples late, truth in time", lag=2.0, new={"lag": 0.0})
+                  new={"speed": 0.25}, beyond="At one speed a delay is a hysteresis.")  # fmt: skip
+    yield _of("late", "force 2 samples late, truth in time", lag=2.0, new={"lag": 0.0},
+              beyond="At one speed a delay is a hysteresis.")  # fmt: skip
     yield _of("drift", "force 1.5 N from position to position", drift=1.5)
     yield _of("columns", "command and position swapped", swap=("command", "position"))
     yield _of("columns", "force and position swapped", swap=("force", "position"))
