@@ -53,10 +53,11 @@ and fitted many times, each with other noise.
 - `quiet`: verdict `pass` and no warning.
 - `estimated`: how often the parameter was written as estimated; otherwise it was refused.
 - `held`: how often its 95 % interval then held the truth, whatever the verdict.
+- `held, quiet`: the same over the quiet files alone, of which nobody was warned.
 - `error / bound`: root mean square error over the Cramér-Rao bound, where the attack knows it.
 
-| attack | runs | quiet | parameter | estimated | held | error / bound |
-|---|---|---|---|---|---|---|
+| attack | runs | quiet | parameter | estimated | held | held, quiet | error / bound |
+|---|---|---|---|---|---|---|---|
 """
 
 
@@ -76,11 +77,16 @@ def page(attacks: Sequence[Attack], results: Sequence[Result]) -> str:
         head = f"{a.family}: {a.group}, {a.name} | {len(own)} | {100.0 * quiet / len(own):.0f} %"
         for name in dict.fromkeys(n for r in own for n in r.errors):
             errors = [r.errors[name] for r in own if name in r.errors]
-            held = 100.0 * np.mean([e.held for e in errors])
+            held = _share([e.held for e in errors])
+            unwarned = _share([r.errors[name].held for r in own if r.quiet and name in r.errors])
             ratio = ""
             if bounds.get(name):
                 rms = np.sqrt(np.mean([(e.relative * a.scale(name)) ** 2 for e in errors]))
                 ratio = f"{rms / bounds[name]:.2f}"
-            rows.append(f"| {head} | {name} | {len(errors)} | {held:.1f} % | {ratio} |")
+            rows.append(f"| {head} | {name} | {len(errors)} | {held} | {unwarned} | {ratio} |")
             head = " | | "
     return _EXPLAINED + "\n".join(rows) + "\n"
+
+
+def _share(held: Sequence[bool]) -> str:
+    return f"{100.0 * np.mean(held):.1f} %" if held else ""

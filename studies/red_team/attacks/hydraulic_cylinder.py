@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -265,9 +266,12 @@ PRESS = Plant(area_1=2e-2, area_2=1.4e-2, dead_volume_1=8e-3, dead_volume_2=8e-3
 WIDE = replace(Plant(), edges=(-2.2, 2.5))
 
 
-def _bounds(plant: Plant) -> dict[str, float]:
-    """Cramér-Rao bound of one log of the usual kind."""
-    time, u = 1e-3 * np.arange(1000), commands(np.random.default_rng(1), 1000, 6.0, plant.edges)
+def _bounds(
+    plant: Plant, *, step: float = 1e-3, n: int = 1000, volts: float = 6.0,
+    noise: tuple[float, float] = (2e4, 5e-5),
+) -> dict[str, float]:  # fmt: skip
+    """Cramér-Rao bound of one log."""
+    time, u = step * np.arange(n), commands(np.random.default_rng(1), n, volts, plant.edges)
 
     def outputs(p: Mapping[str, float]) -> list[Array]:
         m = replace(
@@ -275,7 +279,7 @@ def _bounds(plant: Plant) -> dict[str, float]:
             gain=p["valve_gain_1"], bulk_modulus=p["bulk_modulus"], viscous=p["viscous"],
             edges=(p["dead_zone_negative"], p["dead_zone_positive"]), coulomb=p["coulomb"],
         )  # fmt: skip
-        return list((simulate(m, time, u, fine=2) / [2e4, 2e4, 5e-5]).T)
+        return list((simulate(m, time, u, fine=2) / [noise[0], noise[0], noise[1]]).T)
 
     truth = {n: v for n, v in plant.truth().items() if n != "valve_gain_2"}
     return cramer_rao(outputs, truth, 1.0)
@@ -302,10 +306,14 @@ def attacks() -> Iterator[Attack]:
         plant = replace(Plant(), coulomb=coulomb)
         yield attack("right model", f"{coulomb:g} N", plant, repetitions=times,
                      bounds=partial(_bounds, plant))  # fmt: skip
-    yield attack("right model", "micro-actuator, 5 kHz", MICRO, step=2e-4, volts=5.0,
-                 noise=(3e4, 5e-6), n=1500)  # fmt: skip
-    yield attack("right model", "press, 500 Hz", PRESS, step=2e-3, noise=(6e4, 2e-4))
-    yield attack("right model", "wide dead zone", WIDE)
+    usual: list[tuple[str, Plant, dict[str, Any]]] = [
+        ("micro-actuator, 5 kHz", MICRO,
+         {"step": 2e-4, "volts": 5.0, "noise": (3e4, 5e-6), "n": 1500}),
+        ("press, 500 Hz", PRESS, {"step": 2e-3, "noise": (6e4, 2e-4)}),
+        ("wide dead zone", WIDE, {}),
+    ]  # fmt: skip
+    for name, plant, how in usual:
+        yield attack("right model", name, plant, bounds=partial(_bounds, plant, **how), **how)
     yield attack("right model", "three logs", logs=3)
     yield attack("right model", "closed loop", feedback=1000.0)
     yield attack("sampling", "5 % of the rows lost", lost=0.05)
