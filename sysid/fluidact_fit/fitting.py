@@ -225,9 +225,9 @@ def _estimate(
         if role is None:
             raise
         raise NotIdentifiedError(
-            error.what,
-            expected=f"'{role}' follows '{variant.output.name}', not the other way round: the two "
-            "columns seem to be swapped. Nothing was written.",
+            f"'{role}' follows '{variant.output.name}', not the other way round: the two columns "
+            f"seem to be swapped, and {error.what}",
+            expected="Nothing was written.",
             remedy=f"Check --column {role}=... and --column {variant.output.name}=...",
         ) from error
     except (np.linalg.LinAlgError, OverflowError, FloatingPointError) as error:

@@ -114,6 +114,9 @@ class _LinearOptimum(Optimum):
     def places(self):
         return [f"sample {k + 1}" for k in range(self.residuals[0].size)]
 
+    def unit(self, name):
+        return ""
+
 
 def test_halves_of_a_machine_that_changed_disagree(tmp_path):
     def spoil(recording, rng):

@@ -229,15 +229,16 @@ def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notic
     taken, better = _WORDS[found.hold], _WORDS[found.other]
     if found.evidence < -_DECISIVE:
         code = "hold-doubtful"
-        lead = f"the data fit better with '{role}' {better} than {taken}, as assumed"
+        lead = f"the data fit better with '{role}' {better} than {taken}"
     else:
         code = "hold-matters"
-        lead = f"the data cannot tell whether '{role}' is {taken}, as assumed"
+        lead = f"the data cannot tell whether '{role}' is {taken}"
     return Notice(
         code,
         f"{lead}; with --hold {role}={found.other} {found.parameter} would change by "
         f"{found.shift:+.3g}{share}, {abs(found.standard_errors):.1f} standard errors. Commands "
-        "are held (zoh), measured signals are not (foh or smooth): state which this is.",
+        "are held (zoh), measured signals are not (foh or smooth): give --hold by what the signal "
+        "is, not by what fits. If it was right, look for lost rows, gaps, clipping or a lag.",
     )
 
 

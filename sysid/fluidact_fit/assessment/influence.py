@@ -81,7 +81,7 @@ def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
             )
         )  # fmt: skip
     entry["samples"] = [vars(s) for s in found]
-    return entry, [_notice(found, int(deciding.size))]
+    return entry, [_notice(found, int(deciding.size), at.unit(found[0].parameter))]
 
 
 def _studentised(r: FloatArray, leverage: FloatArray, p: int) -> FloatArray:
@@ -103,18 +103,23 @@ def _limit(n: int, degrees: int) -> float:
     return float(-stdtrit(max(degrees, 1), 0.5 * _ODD / n))
 
 
-def _notice(found: list[Sample], count: int) -> Notice:
+def _times(factor: float) -> str:
+    return f"{factor:.0f} times" if factor < 1000.0 else "over 1000 times"
+
+
+def _notice(found: list[Sample], count: int, unit: str) -> Notice:
     first = found[0]
     others = "" if count == 1 else f" and {count - 1} more"
+    verb, it = ("decides", "it") if count == 1 else ("decide", "that first one")
     listed = ", ".join(s.place for s in found[1:])
     return Notice(
         "few-samples-decide",
-        f"{first.place}{others} {'carries' if count == 1 else 'carry'} the result: without "
-        f"{'it' if count == 1 else 'that first one'} {first.parameter} would change by "
-        f"{first.shift:+.3g}, {abs(first.errors):.1f} standard errors (its residual is "
-        f"{abs(first.deviations):.0f} standard deviations)."
+        f"{first.place}{others} {verb} {first.parameter}: without {it} it would change by "
+        f"{first.shift:+.3g}{unit}, {abs(first.errors):.1f} standard errors; the model misses {it} "
+        f"by {_times(abs(first.deviations))} the usual scatter."
         + (f" The others: {listed}." if listed else "")
-        + " Look at the log there (--plot); cut it with --window or correct it, and fit again.",
+        + " Look at the log there (--plot) and delete rows that are wrong; where they are steps or "
+        "reversals, sample faster.",
     )
 
 

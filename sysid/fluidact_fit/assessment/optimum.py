@@ -141,6 +141,11 @@ class Optimum:
                 break  # the first steps may say nothing but rounding
         return [c / step for c in columns]
 
+    def unit(self, name: str) -> str:
+        """Unit of a parameter as it follows its value: after a space, nothing where it has none."""
+        unit = self.estimate.parameters[name.partition("[")[0]].unit
+        return "" if unit == "1" else f" {unit}"
+
     def places(self) -> list[str]:
         """Where every sample used stands: log, instant or number, and channel if there are more."""
         out = []

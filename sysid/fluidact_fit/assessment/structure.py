@@ -39,6 +39,11 @@ _LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
 _FARTHEST = 10.0  # times the lag that was tried: of a longer one nothing is known
 _SHIFT = 0.1  # sample times by which an input is moved to see what a delay does
 _ROUGH = 0.05  # noise of a simulated channel, in standard deviations of its residual
+_LAG_REMEDY = (
+    "A lag: look for a filter, a slow sensor or late time stamps of the output, and for dynamics "
+    "that this family does not have. A lead: look for those of an input, or for a missing mass. "
+    "Noise of an input and gaps look alike; settle what is said of them first."
+)
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
 
 
@@ -130,8 +135,7 @@ def _lags(at: Optimum, role: str, step: float) -> Iterator[Term]:
             f"lag{of} of {lag:g} samples", "s",
             lambda size: f"{response} {'lags' if size > 0.0 else 'leads'} by another "
             f"{1e3 * abs(size):.3g} ms",
-            "Look for a filter or transducer in the measuring chain and for dynamics that this "
-            "family does not have.", _behind(at, tracks, lag * step), most=_FARTHEST * lag * step,
+            _LAG_REMEDY, _behind(at, tracks, lag * step), most=_FARTHEST * lag * step,
         )  # fmt: skip
 
 
@@ -148,7 +152,9 @@ def _drift(at: Optimum, role: str) -> Term:
     return Term(
         f"drift{of}", f"{unit}/s" if timed else unit,
         lambda size: f"{it} drifts by {size:.3g} {unit} {per}",
-        "Let the sensor warm up, or cut the log with --window.", columns,
+        "Let the sensor warm up, or cut the log with --window." if timed else
+        "Go back to the first position at the end and compare. In sorted rows, or in a single "
+        "sweep, a drift cannot be told from the curve or from play.", columns,
     )  # fmt: skip
 
 
@@ -203,7 +209,7 @@ def _offered(at: Optimum) -> Iterator[Term]:
 def _instead(spec: ParameterSpec, value: float, change: float) -> str:
     """What another value of a parameter would be."""
     if not spec.minimum <= value + change <= spec.maximum:
-        return f"{spec.name} could leave its range: the relation has another shape"
+        return f"{spec.name} were {value + change:.3g} {spec.unit}, which cannot be"
     return f"{spec.name} is about {value + change:.3g} {spec.unit} instead of {value:.3g}"
 
 
@@ -316,12 +322,14 @@ def _left_over(rows: Sequence[FloatArray]) -> list[FloatArray]:
 
 
 def _notice(at: Optimum, s: Score) -> Notice:
-    value = at.number(s.parameter)
+    value, spec = at.number(s.parameter), at.variant.parameter(s.parameter.partition("[")[0])
     share = f" ({100.0 * s.shift / abs(value):+.1f} %)" if value else ""
+    moved = f"would then change by {s.shift:+.3g}{at.unit(s.parameter)}{share}, more than its "
+    moved += "interval allows for"
+    if not spec.minimum <= value + s.shift <= spec.maximum:
+        moved = "would then leave its range: it cannot be trusted"
     return Notice(
         "unmodelled-response",
-        "the residual holds a response that the model does not have: the data fit better "
-        f"({abs(s.deviations):.0f} standard errors) if {s.term.words(s.size)}. {s.parameter} would "
-        f"then change by {s.shift:+.3g}{share}, {abs(s.errors):.1f} standard errors: more than its "
-        f"interval allows for. {s.term.remedy}",
+        f"something is missing from the model: the data fit better if {s.term.words(s.size)} "
+        f"({abs(s.deviations):.0f} standard errors). {s.parameter} {moved}. {s.term.remedy}",
     )

@@ -31,18 +31,19 @@ def judge(
         reasons.append(
             Notice(
                 "residuals-autocorrelated",
-                f"the residuals are {ratio:.0f} times the noise of the output and "
-                "autocorrelated: this machine does something that the model does not describe. The "
-                "intervals allow for the autocorrelation, not for a wrong model; look at the "
-                "picture (--plot) and judge whether the misfit matters where the model will be "
-                "used.",
+                f"the model misses the output by {100.0 - overall.fit_percent:.1f} % of what it "
+                f"moves (RMS), {ratio:.0f} times its noise, and not at random: the machine, a "
+                "sensor or a given number does something that the model does not. No interval "
+                "covers that. Look at the picture (--plot): a slow trend is a drift, peaks at "
+                "reversals are friction, mass or a delay.",
             )
         )
     if overall.fit_percent < 20.0:
         reasons.append(
             Notice(
                 "poor-fit",
-                f"the simulated output explains {overall.fit_percent:.1f} % of the measured one. "
+                f"the model misses the output by {100.0 - overall.fit_percent:.0f} % of what it "
+                "moves (RMS). "
                 "Check the columns, units and signs, or whether this family describes the machine.",
             )
         )
@@ -51,8 +52,8 @@ def judge(
         reasons.append(
             Notice(
                 "weak-fit",
-                f"the simulated output explains only {overall.fit_percent:.1f} % of the measured "
-                "one; look at the picture (--plot) before using the numbers.",
+                f"the model misses the output by {100.0 - overall.fit_percent:.0f} % of what it "
+                "moves (RMS); look at the picture (--plot) before using the numbers.",
             )
         )
     if not all(is_information(n.code) for n in (*notices, *reasons)):

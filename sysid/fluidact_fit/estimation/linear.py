@@ -78,8 +78,9 @@ def transition(
     squarings = max(0, ceil(log2(norm / 0.5))) if norm > 0.5 else 0
     m /= 2.0**squarings
     result = _exponential_series(m)
-    for _ in range(squarings):
-        result = result @ result
+    with np.errstate(over="ignore", invalid="ignore"):  # what explodes is the caller's to reject
+        for _ in range(squarings):
+            result = result @ result
     if b is None:
         return result, None
     weights = np.array([float(factorial(i)) for i in range(degree + 1)])

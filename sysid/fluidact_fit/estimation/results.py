@@ -19,6 +19,7 @@ from .profile_likelihood import Interval
 from .uncertainty import t_quantile
 
 S = TypeVar("S")
+_ANYTHING = 10.0  # times a value: a half interval wider than that says nothing of it
 
 
 @dataclass(frozen=True)
@@ -213,6 +214,14 @@ class Solved:
         return out
 
 
+def _interval(value: float, half: float, spec: ParameterSpec) -> str:
+    """A 95 % interval that is too wide, in words."""
+    unit = "" if spec.any_unit or spec.unit == "1" else f" {spec.unit}"
+    if half > _ANYTHING * abs(value):
+        return "anything: its 95 % interval holds every sensible value"
+    return f"{value:.3g} ± {half:.2g}{unit} (95 %), which holds every sensible value"
+
+
 def left_open(
     solved: Solved,
     specs: Mapping[str, ParameterSpec],
@@ -241,7 +250,6 @@ def left_open(
     return [
         Refusal(
             worst,
-            f"its 95 % interval would be {solved.values[worst]:.3g} ± {half:.2g}, wide enough to "
-            "contain every sensible value.",
+            f"it could be {_interval(solved.values[worst], half, specs[worst])}.",
         )
     ]

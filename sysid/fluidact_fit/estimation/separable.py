@@ -398,10 +398,11 @@ def damped_step(
 def _value(problem: Problem, eta: FloatArray) -> _Fit | None:
     """The linear half at ``eta``; ``None`` where the model gives no finite numbers."""
     bases = [problem.model.basis(i, eta) for i in range(len(problem.measured))]
-    columns = (c for b in bases for c in (b.known, b.shared, b.local))
-    if not all(np.isfinite(c).all() for c in columns):
-        return None
-    return _Fit(problem, eta, bases)
+    return _Fit(problem, eta, bases) if _finite(bases) else None
+
+
+def _finite(parts: Sequence[Basis] | Sequence[Slopes]) -> bool:
+    return all(np.isfinite(x).all() for b in parts for x in (b.known, b.shared, b.local))
 
 
 def _evaluate(problem: Problem, eta: FloatArray, scales: FloatArray) -> tuple[_Fit, list[Slopes]]:
@@ -410,7 +411,10 @@ def _evaluate(problem: Problem, eta: FloatArray, scales: FloatArray) -> tuple[_F
         differentiate(partial(problem.model.basis, i), eta, scales) if own is None else own(i, eta)
         for i in range(len(problem.measured))
     ]
-    return _Fit(problem, eta, [basis for basis, _ in pairs]), [slopes for _, slopes in pairs]
+    bases, slopes = [basis for basis, _ in pairs], [slopes for _, slopes in pairs]
+    if not _finite(bases) or not _finite(slopes):
+        raise np.linalg.LinAlgError("the model gives no finite numbers")
+    return _Fit(problem, eta, bases), slopes
 
 
 def evaluate(problem: Problem, eta: FloatArray) -> Solution:

@@ -75,14 +75,20 @@ def check_signals(
         if low == high:
             yield Notice(
                 "constant-signal",
-                f"{column} is always {low:g} {binding.role.unit}. Check the column and the sensor.",
+                f"{column} is always {low:g}{_unit(binding.role.unit)}. "
+                "Check the column and the sensor.",
             )
         elif binding.role.hold != "zoh" and (samples := _clipped(parts, low, high)):
             yield Notice(
                 "saturated",
-                f"{column} stays at its extreme for {samples} samples in a row ({low:g} to "
-                f"{high:g} {binding.role.unit}); the sensor or its converter may be clipped there.",
+                f"{column} stays at an end of its range, {low:g} to {high:g}"
+                f"{_unit(binding.role.unit)}, for {samples} samples in a row: the sensor or its "
+                "converter may be clipped. Record within its range, or cut the log with --window.",
             )
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
 
 
 def _clipped(parts: Sequence[FloatArray], low: float, high: float) -> int:

@@ -216,7 +216,11 @@ def _undetermined(
         return []
     interval = f"{found.values[worst]:.3g} ± {found.half_width(worst):.2g} N s/m"
     seen = _describe_speeds(_of(worst, ranges))
-    return [_too_alike(worst, f"its 95 % interval would be {interval}; {seen}.")]
+    return [_too_alike(
+        worst,
+        f"its 95 % interval would be {interval}; {seen}, over which that is "
+        f"{doubts[worst]:.2g} N. Noise or coarse steps of the force hide it.",
+    )]  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class MotorOptions(FamilyOptions):
     """What is estimated beside the curve and the lag, and what the fit settles."""
 
     dead_time: str = choice(
-        "estimate", ("estimate", "none"), "whether to estimate a dead time", "dead_time"
+        "estimate", ("none", "estimate"), "whether to estimate a dead time", "dead_time"
     )
     command_noise: float | None = settled(
         "float", "noise of a command of held levels, which are taken as their means", minimum=0.0

@@ -147,10 +147,10 @@ def _two_groups_notice(rest: FloatArray, scaled: Scaled) -> list[Notice]:
     if kurtosis > _TWO_LEVELS or np.sqrt(variance) < _MATTERS:
         return []
     text = (
-        f"the residuals fall into two groups, {_mm(2.0 * np.sqrt(variance), scaled)} apart: the "
-        "position seems to depend on the direction in which the reading moved. Give the rows in "
-        "the order in which they were recorded and --branches=two, or look for play in the "
-        "coupling."
+        f"the curve is off by some {_mm(np.sqrt(variance), scaled)} to one side or the other, and "
+        "by little else: the position depends on the direction in which the reading moved (play "
+        "in the coupling), or there are too few positions for the curve. Give the rows in the "
+        "order in which they were recorded and --branches=two, or record more positions."
     )
     return [Notice("directions-differ", text)]
 

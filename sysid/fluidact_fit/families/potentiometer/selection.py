@@ -257,7 +257,7 @@ def _widest_gap(scaled: Scaled, fit: CurveFit) -> Notice | None:
 def bound_notice(fit: CurveFit) -> list[Notice]:
     """Warn of weights that rest on their bound."""
     names = [
-        f"log_weight of control point {i + 1}{' (falling)' if k else ''}"
+        f"weight of control point {i + 1}{' (falling)' if k else ''}"
         for k in range(fit.shape.branches)
         for i in range(fit.shape.degree if fit.shape.rational else 0)
         if fit.search.best.active[k * fit.shape.nonlinear + i]

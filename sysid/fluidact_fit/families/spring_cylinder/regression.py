@@ -261,7 +261,14 @@ def _undetermined(found: Solved, specs: Mapping[str, ParameterSpec]) -> list[Ref
                 remedy=f"Check the sign of the {column}: --scale {column}=-1 reverses it.",
             )
         elif value <= 0.0 or half > _SENSIBLE * abs(value):
-            reason = f"its 95 % interval would be {value:.3g} ± {half:.2g}."
+            unit = specs[name].unit
+            reason = f"its 95 % interval would be {value:.3g} ± {half:.2g} {unit}."
+            if value + half < 0.0:
+                reason = (
+                    f"it would be {value:.3g} ± {half:.2g} {unit}, and it cannot be negative: "
+                    "force and motion were not read at the same instants, or one has the wrong "
+                    "sign. Check their clocks and --scale."
+                )
         if reason:
             return [Refusal(n, reason) for n in (LEVELS if name == _EQUAL else (name,))]
     return []
