@@ -18,7 +18,7 @@ from ..errors import UsageError
 from ..experiment import Experiment, FloatArray, Hold, Signal
 
 Array = npt.NDArray[Any]
-_GAP = 3.5  # usual sample times that a curve is drawn across
+GAP = 3.5  # usual sample times that a curve is drawn across
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _smooth_pieces(time: FloatArray, straight: FloatArray) -> FloatArray:
 
     pieces = np.column_stack((straight, np.zeros((time.size, 2))))
     steps = np.diff(time)
-    gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
+    gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1
     for part in np.split(np.arange(time.size), gaps):
         if part.size >= 4:
             curve = CubicSpline(time[part], straight[part, 0]).c[::-1].T

@@ -14,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray, Signal
-from .inputs import settled_hold
+from .inputs import GAP, settled_hold
 
 _LONGEST = 5.5  # sample times of a gap that is filled; beyond it nothing is known
 _OFF = 0.3  # sample times by which a gap may miss a whole number of them
+_APART = 8  # samples between those that are left out to see what a curve misses
 _FEWEST = 16  # samples that show how the signal moves
 # weights of the two samples before and the two after; lines, and the cubic through all four
 _RULES = (np.array([0.0, 0.5, 0.5, 0.0]), np.array([-1.0, 4.0, 4.0, -1.0]) / 6.0)
@@ -39,14 +40,18 @@ class LostRows:
 def find_lost_rows(signal: Signal) -> LostRows | None:
     """Rows lost in a sampled signal; ``None`` where there are none, or nothing tells them."""
     t, u = signal.time, signal.values
-    if t.size < _FEWEST or settled_hold(signal) == "smooth":
-        return None  # a smooth curve through the others needs no more nodes
+    if t.size < _FEWEST:
+        return None
+    smooth = settled_hold(signal) == "smooth"
     step = float(np.median(np.diff(t)))
     count = np.diff(t) / step
     whole = np.round(count)
-    gaps = np.flatnonzero((whole > 1.0) & (count < _LONGEST) & (np.abs(count - whole) < _OFF))
+    longest = min(_LONGEST, GAP) if smooth else _LONGEST
+    gaps = np.flatnonzero((whole > 1.0) & (count < longest) & (np.abs(count - whole) < _OFF))
     if not gaps.size:
         return None
+    if smooth:
+        return _on_curve(t, u, gaps, whole)
     rule, error = _best_rule(u, count)
     time, values = [], []
     for g in gaps:
@@ -54,6 +59,27 @@ def find_lost_rows(signal: Signal) -> LostRows | None:
         time.append(t[g] + parts * (t[g + 1] - t[g]))
         values.append(_predict(t, u, int(g), time[-1], cubic=rule == 1))
     return LostRows(np.concatenate(time), np.concatenate(values), error)
+
+
+def _on_curve(
+    t: FloatArray, u: FloatArray, gaps: npt.NDArray[np.intp], whole: FloatArray
+) -> LostRows:
+    """Rows on the cubic spline through the others, which stays the curve that it is.
+
+    Every eighth sample in turn is left out to see how far the curve of the others misses it.
+    """
+    from scipy.interpolate import CubicSpline
+
+    time = np.concatenate([
+        t[g] + np.arange(1, int(whole[g])) / whole[g] * (t[g + 1] - t[g]) for g in gaps
+    ])  # fmt: skip
+    missed = []
+    for first in range(2, 2 + _APART):
+        out = np.arange(first, t.size - 2, _APART)
+        curve = CubicSpline(np.delete(t, out), np.delete(u, out))
+        missed.append(curve(t[out]) - u[out])
+    error = float(np.sqrt(np.mean(np.concatenate(missed) ** 2)))
+    return LostRows(time, np.asarray(CubicSpline(t, u)(time)), error)
 
 
 def fill_lost_rows(signal: Signal) -> Signal:
