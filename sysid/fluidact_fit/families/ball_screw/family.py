@@ -21,8 +21,9 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,7 @@ from .beyond import BEYOND_HELP, DECISIVE, beyond_notice, residual_to_noise, wit
 from .block import DriveBlock
 from .brackets import Bracket, bracket_levels, bracket_widths, narrow_levels
 from .drive_errors import with_drive_errors
-from .model import BREAKAWAY, LINEAR, ROTARY, SIDES, Axis, Compared, DriveModel, axis_of
+from .model import BREAKAWAY, EXCESS, LINEAR, ROTARY, SIDES, Axis, Compared, DriveModel, axis_of
 from .reported import derived_numbers, in_levels, refusal_notices, specs_of_file, with_brackets
 from .stages import Stage, excess_specs, first_stages, initial_speeds, speed_unknowns
 
@@ -63,6 +64,7 @@ LOST_ROWS = (
     "rows are missing from the log, between which the drive jumps: it is not known what it was "
     "when the axis broke away."
 )
+_ELSEWHERE = (0.05, 0.2, 0.5)  # excess of a static level over the kinetic one
 _KNOWN = 0.02  # of a kinetic level, to which a drive in lost rows has to be known
 
 
@@ -149,15 +151,19 @@ class BallScrew(Family[BallScrewOptions]):
             sigma_floor=0.0 if beyond else stage.rounding,
             channels=[compared.channels(e.samples) for e in experiments],
         )
-        fitted = fit_named(
+        fit = partial(
+            fit_named,
             model,
             [*variant.parameters, *excess_specs(variant)],
             replace(request, fixed=stage.fixed),
             stage.unknowns,
-            [stage.start],
             refusals=stage.refusals,
             sensible=_sensible(stage),
         )
+        fitted = fit([stage.start])
+        if lost := [s for s in stage.open_sides() if EXCESS[s] in fitted.refused]:
+            request.progress(f"looking again for the static levels: {', '.join(lost)}")
+            fitted = fit([stage.start, *_levels_elsewhere(fitted.values, lost)])
         fitted = in_levels(with_drive_errors(fitted, drive, experiments, weights, request.seed))
         solved = with_brackets(fitted, brackets)
         parameters, order, covariance = solved.quantities(
@@ -282,6 +288,14 @@ def _unknown(stage: Stage) -> bool:
     """Whether rows were lost in which the drive may have been below or above a static level."""
     levels = (stage.start[f"coulomb_{s}"] for s in SIDES)
     return stage.unknown_drive > _KNOWN * min(levels)
+
+
+def _levels_elsewhere(
+    values: Mapping[str, float], sides: Sequence[str]
+) -> Iterator[dict[str, float]]:
+    """Starts beside a fit in which a static level slid to where no event shows it any more."""
+    for ratio in _ELSEWHERE:
+        yield {**values, **{EXCESS[s]: ratio * values[f"coulomb_{s}"] for s in sides}}
 
 
 def _sensible(stage: Stage) -> dict[str, float]:
