@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from fluidact_fit.assessment.influence import find_deciding_samples
 from fluidact_fit.assessment.optimum import Optimum, make_optimum
 from fluidact_fit.assessment.structure import find_missing_response
 from fluidact_fit.families import get_family
+from fluidact_fit.family import Plant
 
 
 def fit(folder, attack, seed=0, **more):
@@ -116,6 +119,29 @@ class _LinearOptimum(Optimum):
 
     def unit(self, name):
         return ""
+
+
+class _Jumpy(_LinearOptimum):
+    """An output that follows a stiffness, and that rounding moves as soon as there is one."""
+
+    def change(self, experiments=None, plant=None):
+        k = plant.values["stiffness"]
+        x = np.linspace(0.0, 1.0, self.residuals[0].size)
+        return [1e-6 * k * x + (1e-7 * np.cos(9.0 * x) if k else 0.0)]
+
+    @property
+    def experiments(self):
+        return [SimpleNamespace(sample_time=0.01)]
+
+
+def test_derivative_by_a_value_of_zero_is_none_of_rounding() -> None:
+    x = np.linspace(0.0, 1.0, 200)
+    at = _Jumpy.of(np.column_stack((x, np.ones(200))), np.sin(40.0 * x) * 1e-4)
+    variant = get_family("hydrostatic").variants[0]
+    at = replace(at, variant=variant)
+    plant = Plant(variant, {"stiffness": 0.0}, None)
+    (slope,) = at.slopes(plant, "stiffness")
+    assert slope == pytest.approx(1e-6 * x, abs=2e-8)
 
 
 def test_halves_of_a_machine_that_changed_disagree(tmp_path):
