@@ -8,8 +8,7 @@ Studio exported them: averaged velocity in rpm, averaged torque in percent of 9.
 the sign inverted. A torque stands for the force and an angle for the path, so that N and m/s of
 the family are N m and rad/s. The figure is the root mean square over all logs of a drive, those
 below the dead band too, of their mean torque less the friction at their mean speed. It is
-given for the samples as recorded; without leaving out any as accelerating (``--mass=0``: at
-constant speed inertia takes nothing); and for the mean speed of each log in place of its samples.
+given for the samples as recorded and for the mean speed of each log in place of its samples.
 
 The logs are not part of this repository (../shared/data/screwdrives) and the study says so where
 they are missing. Published are two levels and two viscous coefficients, 0.126 and 0.090 mN m,
@@ -75,11 +74,10 @@ def fit_drive(folder: Path) -> Iterator[tuple[str, str, str, float, ff.FitResult
     logs = read_drive(folder)
     with tempfile.TemporaryDirectory() as place:
         steady = at_mean_speeds(logs, Path(place))
-        ways = {"as recorded": (logs, {}), "--mass=0": (logs, {"mass": 0.0}),
-                "mean speeds": (steady, {})}  # fmt: skip
+        ways = {"as recorded": logs, "mean speeds": steady}
         laws = product(("symmetric", "asymmetric"), ("none", "estimate"))
-        for (way, (given, options)), (viscous, rise) in product(ways.items(), laws):
-            found = ff.fit("cylinder-friction", given, viscous=viscous, stribeck=rise, **options)
+        for (way, given), (viscous, rise) in product(ways.items(), laws):
+            found = ff.fit("cylinder-friction", given, viscous=viscous, stribeck=rise)
             yield way, viscous, rise, misfit(found, logs), found
 
 

@@ -338,6 +338,20 @@ def test_pressure_and_inertia_are_taken_off() -> None:
     assert np.std((found.output - log["force"])[found.used]) < 0.3
 
 
+def test_unknown_mass_takes_nothing_from_a_steady_log() -> None:
+    rng, time, logs = np.random.default_rng(8), STEP * np.arange(1000), []
+    for speed in (0.05, -0.05, 0.1, -0.1):
+        sway = 0.003 * np.sin(2.0 * np.pi * (1.5 * time + rng.uniform()))
+        v = speed + sway
+        force = friction_force(v, TRUTH) + 20.0 * np.gradient(v, time)
+        force += 0.1 * rng.normal(size=time.size)
+        logs.append(make_experiment(time, force=force, velocity=v))
+    e = fit(logs)
+    assert e.details["left_out"]["accelerating"] == 0
+    for name, true in TRUTH.items():
+        assert number(e, name) == pytest.approx(true, rel=0.03)
+
+
 def test_unknown_mass_leaves_the_ramps_out() -> None:
     log = record(TWO_SPEEDS, mass=20.0)
     e = fit([log])

@@ -17,6 +17,8 @@ from .options import SIDES, FrictionOptions, check_options, driven_by_pressure, 
 
 _LINGER = 1.5  # times the passage through rest that its slope predicts: longer is a rest
 _SMALL = 0.05  # share of the friction that inertia may have before it matters
+_STEADY = 0.1  # part of its mean that a steady speed may wander
+_FEWEST_STEADY = 50  # samples that show it
 
 
 @dataclass(frozen=True)
@@ -216,7 +218,21 @@ def _described(motion: Motion, options: FrictionOptions) -> Mask:
     near = at_speeds(motion, options.speeds)
     if options.acceleration_limit is None or motion.acceleration is None:
         return near
+    if _is_steady(motion.velocity):
+        return near
     return near & (np.abs(motion.acceleration) <= options.acceleration_limit)
+
+
+def _is_steady(velocity: FloatArray) -> bool:
+    """Whether a log was recorded at one speed, whose means over its tenths hardly differ.
+
+    Inertia takes nothing from its mean force, which is all that it says of friction; samples
+    left out for their acceleration are noise, and the log would count less than the others.
+    """
+    if velocity.size < _FEWEST_STEADY:
+        return False
+    means = np.array([part.mean() for part in np.array_split(velocity, 10)])
+    return bool(np.ptp(means) <= _STEADY * abs(means.mean()))
 
 
 def at_speeds(motion: Motion, speeds: Mapping[str, tuple[float, float]]) -> Mask:
