@@ -201,8 +201,10 @@ _FAMILIES = {
         "Record that pressure, in the same run or in another, and give all the logs.",
     ),
     "command-noise": _warning(
-        "The command moves and carries noise, which the hysteresis takes for motion.",
-        "Log the command as the controller gives it, or one that rests at levels.",
+        "The command carries noise, which a hysteresis takes for motion and a static level for a "
+        "break-away.",
+        "Log the command as the controller gives it, or one that rests at levels; give `--hold` "
+        "if it was measured.",
     ),
     "curve-misses": _warning(
         "The calibration curve misses the readings by more than neighbouring readings scatter.",

@@ -222,6 +222,7 @@ def _attack(
     repetitions: int = 3,
     bounds: bool = False,
     spoil: Callable[[Recording, np.random.Generator], Recording] | None = None,
+    beyond: str = "",
     **options: str,
 ) -> Attack:
     units = ROTARY if "inertia" in machine.truth else LINEAR
@@ -231,6 +232,7 @@ def _attack(
         "ball-screw", group, name, machine.truth, partial(record, machine=machine, logger=logger,
         spoil=spoil), units, options=options, hold={next(iter(units)): hold} if hold else {},
         bounds=partial(_bounds, machine, logger, known) if bounds else {}, repetitions=repetitions,
+        beyond=beyond,
     )  # fmt: skip
 
 
@@ -345,6 +347,7 @@ def attacks() -> Iterator[Attack]:
         screw,
         plain,
         spoil=lambda r, g: {**r, drive: r[drive] + 1e-4},
+        beyond="An offset of the torque is a friction that differs by direction.",
     )
     yield _attack(
         "logger",

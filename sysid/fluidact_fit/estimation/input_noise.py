@@ -163,6 +163,9 @@ class InputNoise:
         ])  # fmt: skip
         best = int(np.argmax(scores))
         claimed = float(np.interp(1.0, _RATIOS, scores))
+        held = all(e.signals[self.role].hold == "zoh" for e in self.experiments)
+        if held and claimed - scores[0] < _CONTRADICTS:
+            return replace(self, sigma=0.0)  # a command is what it is unless the residual says no
         if _RATIOS[best] >= 1.0 or scores[best] - claimed < _CONTRADICTS:
             return self
         if scores[best] - scores[0] < _CONTRADICTS:

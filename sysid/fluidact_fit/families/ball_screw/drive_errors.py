@@ -15,17 +15,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...errors import Notice
 from ...estimation.inputs import settled_hold
 from ...estimation.lost_rows import find_lost_rows
 from ...estimation.noise import noise_floor
 from ...estimation.parametric import Fitted
 from ...estimation.uncertainty import covariance, enlarge
 from ...experiment import Experiment, FloatArray, Signal
-from .model import DriveModel
+from .model import Axis, DriveModel
 
 _DRAWS = 24  # disturbances; they tell a standard error to a seventh
 _ORDER = 8  # of the differences that leave noise of a drive, and nothing of a sine
 _LEAST = 1e-4  # of the range of the drive: errors below it are rounding
+# of the range of a held drive: below is the curve of a chirp, above are levels that were commanded
+_HELD_NOISE = (5e-4, 0.02)
 
 
 def with_drive_errors(
@@ -57,6 +60,32 @@ def with_drive_errors(
     plain = covariance(fitted.solution.jacobian, fitted.solution.residuals, robust=False)
     variances = np.diag(plain.covariance) + np.mean(np.square(moves), axis=0)
     return replace(fitted, covariance=enlarge(fitted.covariance, variances))
+
+
+def warn_of_held_noise(axis: Axis, experiments: Sequence[Experiment]) -> list[Notice]:
+    """Say that a drive that is taken for held carries noise, which no command does.
+
+    A static level is then sought between values that never acted; the search cannot know by how
+    much it is off.
+    """
+    drives = [e.signals[axis.drive] for e in experiments]
+    noise = max(
+        (n for s in drives if settled_hold(s) == "zoh" and (n := _held_noise(s))), default=0.0
+    )
+    if not noise:
+        return []
+    text = (
+        f"'{axis.drive}' is taken for held between samples, as a command is, but carries noise of "
+        f"{noise:.2g} {drives[0].unit} rms: the static levels may be off by many of their standard "
+        f"errors. Log the command, or give --hold {axis.drive}=smooth if it was measured."
+    )
+    return [Notice("command-noise", text)]
+
+
+def _held_noise(signal: Signal) -> float:
+    """Standard deviation of what is neither a curve nor a level that was commanded [SI]."""
+    span, noise = float(np.ptp(signal.values)), noise_floor(signal.values, _ORDER)
+    return noise if _HELD_NOISE[0] * span < noise < _HELD_NOISE[1] * span else 0.0
 
 
 def _rows(model: DriveModel, fitted: Fitted) -> list[FloatArray]:

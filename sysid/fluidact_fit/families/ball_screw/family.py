@@ -51,7 +51,7 @@ from ...options import choice, settled
 from .beyond import BEYOND_HELP, DECISIVE, beyond_notice, residual_to_noise, with_derivatives
 from .block import DriveBlock
 from .brackets import Bracket, bracket_levels, bracket_widths, narrow_levels
-from .drive_errors import with_drive_errors
+from .drive_errors import warn_of_held_noise, with_drive_errors
 from .model import BREAKAWAY, EXCESS, LINEAR, ROTARY, SIDES, Axis, Compared, DriveModel, axis_of
 from .reported import derived_numbers, in_levels, refusal_notices, specs_of_file, with_brackets
 from .stages import Stage, excess_specs, first_stages, initial_speeds, speed_unknowns
@@ -171,6 +171,7 @@ class BallScrew(Family[BallScrewOptions]):
         )
         table, drift = fitted.compare_logs(experiments)
         last = "position, speed and acceleration" if beyond else "position"
+        noise = warn_of_held_noise(axis, experiments)
         refused = refusal_notices(variant, fitted.refused, stage.resting)
         return Estimate(
             parameters,
@@ -178,7 +179,7 @@ class BallScrew(Family[BallScrewOptions]):
             order,
             covariance,
             replace(request.options, compared="derivatives" if beyond else "position"),
-            [*refused, *drift, *([beyond_notice(parameters)] if beyond else [])],
+            [*refused, *drift, *noise, *([beyond_notice(parameters)] if beyond else [])],
             {**fitted.details(), **table, "stages": ["inverse dynamics", "increments", last]},
             fitted.sensitivity(),
         )

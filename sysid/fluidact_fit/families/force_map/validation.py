@@ -33,6 +33,7 @@ _OBJECTION = 0.05  # relative gain of validation from which a rival takes over
 _MOST_LENGTHS = 8  # with more of them the data say what is between
 _MOST_FOLDS = 4
 _LEVEL = 0.01  # smallest part of the samples that is a level of the position
+_APART = 1.0  # standard deviations of a level by which the next one lies apart
 _MOVES = 20.0  # range of a position that moves, in standard deviations of its noise
 _SPIKE = 12.0  # errors beyond this many robust standard deviations do not choose a network
 
@@ -64,14 +65,21 @@ def _split(data: Data, seed: int) -> tuple[list[BoolArray], str, int]:
 def _levels(position: FloatArray) -> npt.NDArray[np.intp]:
     """Number of the position level of each sample: gaps of 3 % of the range divide them.
 
-    A few samples by themselves, as noise makes them, are no level but belong to the one below.
+    A few samples by themselves, as noise makes them, are no level but belong to the one below,
+    and so do those whose gap is lost in the scatter of the level on either side.
     """
     order = np.argsort(position, kind="stable")
     gap = np.diff(position[order]) > 0.03 * float(np.ptp(position))
     label = np.concatenate(([0], np.cumsum(gap)))
     own = np.bincount(label) >= max(5, int(_LEVEL * position.size))
+    level = np.maximum(np.cumsum(own) - 1, 0)[label]
+    ascending = position[order]
+    first = np.flatnonzero(np.diff(level)) + 1
+    scatter = np.array([part.std() for part in np.split(ascending, first)])
+    wide = np.maximum(scatter[:-1], scatter[1:])
+    apart = ascending[first] - ascending[first - 1] > _APART * wide
     out = np.empty(position.size, dtype=np.intp)
-    out[order] = np.maximum(np.cumsum(own) - 1, 0)[label]
+    out[order] = np.concatenate(([0], np.cumsum(apart)))[level]
     return out
 
 
