@@ -111,14 +111,21 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
-    rows = []
+    rows: dict[str, str] = {}
+    if PAGE.exists():  # families that are not run again keep their row
+        lines = PAGE.read_text(encoding="utf-8").splitlines()
+        rows = {
+            line.split(" ")[1]: line
+            for line in lines
+            if line[2:].startswith(tuple(ff.family_names()))
+        }
     with get_context("fork").Pool(given.jobs) as pool:
         for family in given.family:
             tasks = [(family, k) for k in range(given.runs)]
-            rows.append(row(family, pool.map(_one, tasks, chunksize=1)))
-            print(rows[-1], flush=True)  # noqa: T201 (it prints its table)
+            rows[family] = row(family, pool.map(_one, tasks, chunksize=1))
+            print(rows[family], flush=True)  # noqa: T201 (it prints its table)
     if given.write:
-        PAGE.write_text(_EXPLAINED + "\n".join(rows) + "\n", encoding="utf-8")
+        PAGE.write_text(_EXPLAINED + "\n".join(sorted(rows.values())) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
