@@ -102,12 +102,13 @@ def test_every_cell_is_an_attack() -> None:
 # found by held-out random numbers: family, attack, repetition, seed
 _HELD_OUT = [
     ("hydraulic-motor", "half the log", 0, 77),  # saturation that lowers the cost a little
-    ("hydraulic-motor", "bent", 0, 77),
     ("hydraulic-motor", "half the log", 3, 7),  # one that is neither shown nor ruled out
     ("hydraulic-motor", "half the log", 4, 6),  # one whose search slides to the last command
     ("line", "smooth, 0.2 bar of 2", 0, 77),  # nearly all of the information is noise
     ("ball-screw", "5 % of continuous, smooth", 0, 5),  # a static level that no event shows
     ("ball-screw", "5 % of continuous, smooth", 13, 5),  # one that lost rows decide
+    ("ball-screw", "1e-05 N m, held", 0, 202),  # one sought between noisy values
+    ("valve", "60 rad/s, 0.3, every 0.1 s", 1, 202),  # a command taken for noisy
 ]
 
 
@@ -117,9 +118,8 @@ def test_what_other_numbers_found_stays_found(
 ) -> None:
     attack = next(a for a in every([family]) if a.name == name)
     found = run(attack, repetition, seed)
-    worst = max(abs(e.deviations) for e in found.errors.values())
-    assert found.verdict == "warn" or worst < 4.0, shown(found)
-    assert found.verdict in ("pass", "warn"), shown(found)
+    worst = max((abs(e.deviations) for e in found.errors.values()), default=0.0)
+    assert found.verdict in ("warn", "refused") or worst < 4.0, shown(found)
 
 
 @pytest.mark.parametrize("name", ["micro-actuator, 5 kHz", "wide dead zone"])

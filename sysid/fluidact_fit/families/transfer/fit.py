@@ -181,7 +181,9 @@ class TransferFit:
         problem, search = self._search(few, rest)
         search = self._look_elsewhere(problem, search)
         names = [u.name for u in problem.nonlinear]
-        ends = [{**held, **dict(zip(names, s.eta))} for s in (search.best, *search.rivals[:2])]
+        # some rivals are the best one again, not quite settled
+        optima = _apart(np.array([s.eta for s in (search.best, *search.rivals)]))[:3]
+        ends = [{**held, **dict(zip(names, eta))} for eta in optima]
         if sum(e.samples for e in self.experiments) > _MANY:
             part = _shorten(self.experiments, self.output, _MANY // 4)
             middle = bind(self.make(part, rest), self.unknowns, held)
@@ -250,10 +252,11 @@ class TransferFit:
             apart = [
                 k for k, n in enumerate(names)
                 if abs(rival.eta[k] - best.eta[k]) > 4.0 * fitted.std_error(n)
-                and fitted.specs[n].neutral is None
             ]  # fmt: skip
             if not apart:
                 continue
+            # a value to fall back on is none where the data allow two others
+            apart.sort(key=lambda k: fitted.specs[names[k]].neutral is not None)
             k = apart[0]
             spec = fitted.specs[names[k]]
             unit_name = "" if spec.unit == "1" else f" {spec.unit}"
@@ -266,7 +269,7 @@ class TransferFit:
                 "equally well, because the output has answered before the next sample is taken. "
                 f"Sample at least {times} times faster."
             )
-            refuse(spec, reason)
+            refuse(replace(spec, neutral=None), reason)
 
     def _starts_at_rest(self, experiments: Sequence[Experiment]) -> bool:
         """Whether short runs are taken to start at rest.

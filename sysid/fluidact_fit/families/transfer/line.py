@@ -27,6 +27,9 @@ from ...options import number
 from .base import Plan, Searched, TransferFamily, TransferOptions
 from .model import time_scales
 
+_NEAR = 0.1  # sample times from a sample
+_FAST = 0.6  # sample times of a time constant below which samples show little of the response
+
 
 @dataclass(frozen=True)
 class LineOptions(TransferOptions):
@@ -93,6 +96,27 @@ class Line(TransferFamily[LineOptions]):
             Searched("dead_time", step, (0.0, 0.5 * span), sensible=0.25 * span),
         )
         return Plan(searched, lag=lambda at: at["time_constant"])
+
+    def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
+        """Other dead times within the sample interval, for a line that has answered at its end.
+
+        Only what is left of a step at the first sample after it, ``exp(-(t - dead_time) /
+        time_constant)``, then tells anything: one number for two unknowns.
+        """
+        lag, late = values["time_constant"], values["dead_time"]
+        if lag > _FAST * step:
+            return []
+        out = []
+        # a dead time that ends near a sample belongs to the intervals on both sides of it
+        for first in {np.floor(late / step - _NEAR), np.floor(late / step + _NEAR)}:
+            left = ((first + 1.0) * step - max(late, first * step)) / lag
+            if first < 0.0 or left < 1e-3:
+                continue
+            for part in (0.05, 0.25, 0.5, 0.75, 0.95):
+                rest = (1.0 - part) * step
+                dead_time = float((first + 1.0) * step - rest)
+                out.append({"time_constant": float(rest / left), "dead_time": dead_time})
+        return out
 
     def derive(
         self, fitted: Fitted, options: LineOptions
