@@ -94,8 +94,11 @@ def test_closed_pipe_is_tidy(inside: Path, valve: Callable[..., Path]) -> None:
 def test_interrupt_is_tidy(inside: Path, valve: Callable[..., Path]) -> None:
     valve()
     code = (
-        "import fluidact_fit.fitting, os, signal, sys\n"
-        "fluidact_fit.fitting.fit = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
+        "import fluidact_fit.fitting, os, signal, sys, time\n"
+        "def fit(*a, **k):\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    time.sleep(30.0)  # the signal may reach another thread first\n"
+        "fluidact_fit.fitting.fit = fit\n"
         "from fluidact_fit_cli.main import run\n"
         "sys.exit(run(['valve', 'valve.csv']))\n"
     )
