@@ -17,6 +17,7 @@ from .family import Plant
 from .fitting import fit
 from .logs import Log, read_log
 from .result import FitResult
+from .units import after_number
 
 ALLOWED = 4.0  # standard errors between estimate and truth
 _HEADER = ("family", "parameter", "truth", "estimate", "deviation", "fit")
@@ -127,7 +128,7 @@ def _compare_numbers(dataset: Dataset, result: FitResult, fit_percent: str) -> I
     """Deviation of every number in standard errors."""
     for name, truth in dataset.truth.items():
         found = result.parameters[name]
-        unit = "" if truth["unit"] == "1" else f" {truth['unit']}"
+        unit = after_number(truth["unit"])
         head = (dataset.family, name, f"{truth['value']:.6g}{unit}")
         if not isinstance(found.value, float) or not isinstance(found.std_error, float):
             yield Row((*head, found.status.replace("_", " "), "-", fit_percent), False)

@@ -148,6 +148,11 @@ def _look_up(unit: str) -> tuple[float, str] | None:
     return _TABLE[text] if text in _TABLE else _ask_pint(text)
 
 
+def after_number(unit: str) -> str:
+    """A unit as it follows a number in a text: behind a space, nothing for a plain number."""
+    return "" if unit == "1" else f" {unit}"
+
+
 def is_known_unit(unit: str) -> bool:
     """Return whether a unit can be converted by a factor."""
     found = _look_up(unit)

@@ -17,6 +17,7 @@ from ..estimation.uncertainty import fit_autoregression, innovations
 from ..experiment import Experiment, FloatArray
 from ..family import Estimate, Family, FamilyOptions, Plant, Variant
 from ..outcome import Simulation
+from ..units import after_number
 
 _SAME = 1.0 - 1e-9  # correlation of two names for one unknown
 _STEP = 0.02  # of a standard error, for differences of a simulation
@@ -142,9 +143,8 @@ class Optimum:
         return [c / step for c in columns]
 
     def unit(self, name: str) -> str:
-        """Unit of a parameter as it follows its value: after a space, nothing where it has none."""
-        unit = self.estimate.parameters[name.partition("[")[0]].unit
-        return "" if unit == "1" else f" {unit}"
+        """Unit of a parameter as it follows its value in a text."""
+        return after_number(self.estimate.parameters[name.partition("[")[0]].unit)
 
     def places(self) -> list[str]:
         """Where every sample used stands: log, instant or number, and channel if there are more."""

@@ -50,36 +50,28 @@ def find_lost_rows(signal: Signal) -> LostRows | None:
     gaps = np.flatnonzero((whole > 1.0) & (count < longest) & (np.abs(count - whole) < _OFF))
     if not gaps.size:
         return None
+    time = [t[g] + np.arange(1, int(whole[g])) / whole[g] * (t[g + 1] - t[g]) for g in gaps]
     if smooth:
-        return _on_curve(t, u, gaps, whole)
+        return _on_curve(t, u, np.concatenate(time))
     rule, error = _best_rule(u, count)
-    time, values = [], []
-    for g in gaps:
-        parts = np.arange(1, int(whole[g])) / whole[g]
-        time.append(t[g] + parts * (t[g + 1] - t[g]))
-        values.append(_predict(t, u, int(g), time[-1], cubic=rule == 1))
+    values = [_predict(t, u, int(g), asked, cubic=rule == 1) for g, asked in zip(gaps, time)]
     return LostRows(np.concatenate(time), np.concatenate(values), error)
 
 
-def _on_curve(
-    t: FloatArray, u: FloatArray, gaps: npt.NDArray[np.intp], whole: FloatArray
-) -> LostRows:
+def _on_curve(t: FloatArray, u: FloatArray, asked: FloatArray) -> LostRows:
     """Rows on the cubic spline through the others, which stays the curve that it is.
 
     Every eighth sample in turn is left out to see how far the curve of the others misses it.
     """
     from scipy.interpolate import CubicSpline
 
-    time = np.concatenate([
-        t[g] + np.arange(1, int(whole[g])) / whole[g] * (t[g + 1] - t[g]) for g in gaps
-    ])  # fmt: skip
     missed = []
     for first in range(2, 2 + _APART):
         out = np.arange(first, t.size - 2, _APART)
         curve = CubicSpline(np.delete(t, out), np.delete(u, out))
         missed.append(curve(t[out]) - u[out])
     error = float(np.sqrt(np.mean(np.concatenate(missed) ** 2)))
-    return LostRows(time, np.asarray(CubicSpline(t, u)(time)), error)
+    return LostRows(asked, np.asarray(CubicSpline(t, u)(asked)), error)
 
 
 def fill_lost_rows(signal: Signal) -> Signal:

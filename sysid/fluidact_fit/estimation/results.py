@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import Notice, NotIdentifiedError
 from ..experiment import FloatArray
 from ..family import ParameterSpec, Quantity
+from ..units import after_number
 from .profile_likelihood import Interval
 from .uncertainty import t_quantile
 
@@ -216,7 +217,7 @@ class Solved:
 
 def _interval(value: float, half: float, spec: ParameterSpec) -> str:
     """A 95 % interval that is too wide, in words."""
-    unit = "" if spec.any_unit or spec.unit == "1" else f" {spec.unit}"
+    unit = "" if spec.any_unit else after_number(spec.unit)
     if half > _ANYTHING * abs(value):
         return "anything: its 95 % interval holds every sensible value"
     return f"{value:.3g} ± {half:.2g}{unit} (95 %), which holds every sensible value"

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
+from ..units import after_number
 from .columns import Binding
 from .log import BoolArray, IndexArray, Log, count_of
 from .timebase import Run
@@ -72,23 +73,19 @@ def check_signals(
         low = min(float(part.min()) for part in parts)
         high = max(float(part.max()) for part in parts)
         column = f"{log.name}: {role} (column '{binding.column.label}')"
+        unit = after_number(binding.role.unit)
         if low == high:
             yield Notice(
                 "constant-signal",
-                f"{column} is always {low:g}{_unit(binding.role.unit)}. "
-                "Check the column and the sensor.",
+                f"{column} is always {low:g}{unit}. Check the column and the sensor.",
             )
         elif binding.role.hold != "zoh" and (samples := _clipped(parts, low, high)):
             yield Notice(
                 "saturated",
                 f"{column} stays at an end of its range, {low:g} to {high:g}"
-                f"{_unit(binding.role.unit)}, for {samples} samples in a row: the sensor or its "
+                f"{unit}, for {samples} samples in a row: the sensor or its "
                 "converter may be clipped. Record within its range, or cut the log with --window.",
             )
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else f" {unit}"
 
 
 def _clipped(parts: Sequence[FloatArray], low: float, high: float) -> int:

@@ -58,10 +58,16 @@ class MotorFit:
     limit: float
     bend: dict[str, float] | None = None
 
+    @property
+    def held(self) -> dict[str, float]:
+        """Values that are not estimated: what was given, and what the data do not determine."""
+        f = self.fitted
+        return {**f.fixed, **{n: f.values[n] for n in f.refused}}
+
     def needs(self, name: str, without: float) -> bool:
         """Whether the fit is significantly better than one with a parameter at another value."""
         f = self.fitted
-        held = {**f.fixed, **{n: f.values[n] for n in f.refused}, name: without}
+        held = {**self.held, name: without}
         start = [f.values[n] for n in self.model.nonlinear if n not in held]
         other = solve(bind(self.model, f.unknowns, held), np.array(start))
         rows = sum(r.size for r in f.solution.residuals)
@@ -133,8 +139,7 @@ def _find_bend(
     values, top = fitted.values, highest_command(experiments)
     found, best = dict(values), fitted.solution.cost
     for share in _BENDS:
-        held = {n: v for n, v in values.items() if n in fitted.fixed or n in fitted.refused}
-        held["saturation_command"] = share * top
+        held = {**without.held, "saturation_command": share * top}
         free = [n for n in model.nonlinear if n not in held]
         problem = bind(model, unknowns, held)
         solution = solve(problem, np.array([values[n] for n in free]))

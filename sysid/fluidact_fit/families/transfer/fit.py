@@ -27,6 +27,7 @@ from ...estimation.separable import Problem, Search, Unknown, profile, solve_fro
 from ...estimation.whitening import Whitening
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, ParameterSpec, Request
+from ...units import after_number
 from .model import answers_to_the_past, are_short
 
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
@@ -259,15 +260,14 @@ class TransferFit:
             apart.sort(key=lambda k: fitted.specs[names[k]].neutral is not None)
             k = apart[0]
             spec = fitted.specs[names[k]]
-            unit_name = "" if spec.unit == "1" else f" {spec.unit}"
             fast = max(
                 self.fastest({**fitted.values, **dict(zip(names, s.eta))}) for s in (best, rival)
             )
             times = max(2, int(np.ceil(fast * step / _FAST)))
             reason = (
-                f"{best.eta[k]:.3g} and {rival.eta[k]:.3g}{unit_name} explain these samples "
-                "equally well, because the output has answered before the next sample is taken. "
-                f"Sample at least {times} times faster."
+                f"{best.eta[k]:.3g} and {rival.eta[k]:.3g}{after_number(spec.unit)} explain these "
+                "samples equally well, because the output has answered before the next sample is "
+                f"taken. Sample at least {times} times faster."
             )
             refuse(replace(spec, neutral=None), reason)
 
