@@ -4,6 +4,7 @@ The logs come from a simulator of their own, on a fine grid, never from the esti
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -210,9 +211,9 @@ def test_bracketing_ends_when_the_cost_no_longer_falls(monkeypatch: pytest.Monke
     centres = iter(np.linspace(2e-3, 3e-3, 20))
     asked: list[float] = []
 
-    def refit(self: brackets._Staircase, values: dict) -> tuple[float, dict]:
+    def refit(self: brackets._Staircase, values: dict) -> brackets._Refitted:
         asked.append(next(costs))
-        return asked[-1], values
+        return brackets._Refitted(asked[-1], values, np.zeros((1, 0)))
 
     def search(*given: object) -> Bracket:
         centre = next(centres)
@@ -225,6 +226,22 @@ def test_bracketing_ends_when_the_cost_no_longer_falls(monkeypatch: pytest.Monke
     assert asked == [1.0, 0.9, 0.8999], "a ten-thousandth less is not worth another round"
     for name, bracket in found.items():
         assert held.fixed[name] == held.start[name] == bracket.value
+
+
+def test_a_level_that_was_not_refitted_is_not_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the price ends the search, what it did not look at widens the bracket, no more."""
+    stage = first_stages(ROTARY, [drive_log(1, "zoh")], Request(FAMILY.options_type()), False)
+    stage, before = brackets.bracket_levels(stage)
+    monkeypatch.setattr(brackets, "_LIMIT", 0.0)
+    monkeypatch.setattr(brackets, "_REFITS", 1)
+    monkeypatch.setattr(brackets, "_HOPELESS", np.inf)
+    wide = {n: replace(b, low=b.low - 0.3e-3) for n, b in before.items()}
+    held, after = brackets.narrow_levels(stage, wide)
+    costs = [s.solve(s.problem(), 15, 0.05).cost for s in (stage, held)]
+    assert costs[1] <= costs[0] * 1.001
+    for name, bracket in after.items():
+        assert bracket.low < bracket.value < bracket.high
+        assert bracket.low < DRIVE[name] < bracket.high
 
 
 def test_a_wide_bracket_is_refitted_at_few_levels() -> None:

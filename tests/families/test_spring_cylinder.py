@@ -17,6 +17,7 @@ from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families.spring_cylinder.block import SpringCylinderBlock
 from fluidact_fit.families.spring_cylinder.equation import SpringLaw
 from fluidact_fit.families.spring_cylinder.family import SpringCylinder
+from fluidact_fit.families.spring_cylinder.instruments import differentiate
 from fluidact_fit.families.spring_cylinder.options import SpringOptions
 from fluidact_fit.family import Estimate, Request
 from fluidact_fit.result import FitResult
@@ -220,3 +221,21 @@ def test_noise_of_a_column_does_not_shrink_its_coefficient(tmp_path: Path, role:
         assert abs(q.number - value) < 3.5 * q.std_error, name
     assert result.parameters["stiffness"].std_error < 0.1 * 850.0
     assert "two-stage" in result.document.fit.details["method"]
+
+
+@pytest.mark.parametrize(("pace", "noise"), [(0.5, 1e-5), (3.0, 1e-5), (8.0, 1e-6), (0.5, 2e-4)])
+def test_the_window_of_the_velocity_does_not_flatten_it(pace: float, noise: float) -> None:
+    """A quadratic over 11 samples at 100 Hz takes 0.3, 10 and 58 % off 0.5, 3 and 8 Hz."""
+    t = np.arange(2000) * 0.01
+    place, rate = 0.01 * np.sin(2 * np.pi * pace * t), np.cos(2 * np.pi * pace * t)
+    rng = np.random.default_rng(7)
+    found = differentiate(place + noise * rng.standard_normal(t.size), 0.01)
+    truth = 0.01 * 2 * np.pi * pace * rate
+    inside = found.inside
+    share = found.rate[inside] @ truth[inside] / (truth[inside] @ truth[inside])
+    uncertain = noise * found.gain / np.linalg.norm(truth[inside])
+    # five samples, the shortest window, take (w T)**4 / 30 off
+    least = 1.5e-3 + (2 * np.pi * pace * 0.01) ** 4 / 30
+    assert abs(share - 1.0) < least + 4.0 * uncertain
+    error = np.std((found.rate - truth)[inside])
+    assert error < 1.2 * noise * found.gain + least * np.std(truth)

@@ -23,6 +23,7 @@ _LIMIT = 2.5e6
 _EVENT = 250
 _DERIVATIVES = 3  # simulations that one with its derivatives costs
 _REFITS = 3  # at one level, however much has been spent
+_HOPELESS = 20.0  # times the best cost: more than that by linear prediction is not refitted
 _CELLS_REFITTED = 40  # at most, inside a bracket, when everything is refitted beside them
 
 
@@ -117,10 +118,11 @@ def bracket_levels(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
             found = staircase.search(values, s, brackets.get(BREAKAWAY[s]))
             brackets[BREAKAWAY[s]] = found
             values[BREAKAWAY[s]] = found.value
-        cost, values = staircase.refit(values)
-        if brackets == before or cost > least * (1.0 - _WORTH) or staircase.exhausted():
+        refitted = staircase.refit(values)
+        values = refitted.values
+        if brackets == before or refitted.cost > least * (1.0 - _WORTH) or staircase.exhausted():
             break
-        least = cost
+        least = refitted.cost
     brackets = staircase.recorded(brackets, values)
     return _held(stage, brackets, values), brackets
 
@@ -135,15 +137,15 @@ def narrow_levels(
     parameter.
     """
     staircase, found = _Staircase(stage, lag=False), dict(brackets)
-    best, values = staircase.refit(stage.start)
+    best = staircase.refit(stage.start)
     for _ in range(3):
-        before = best
+        before = best.cost
         for name in brackets:
-            found[name], best, values = staircase.choose(name, found[name], best, values)
-        if best >= before or staircase.exhausted():
+            found[name], best = staircase.choose(name, found[name], best)
+        if best.cost >= before * (1.0 - staircase.slack) or staircase.exhausted():
             break
-    found = staircase.recorded(found, values)
-    return _held(stage, found, values), found
+    found = staircase.recorded(found, best.values)
+    return _held(stage, found, best.values), found
 
 
 def _held(stage: Stage, brackets: Mapping[str, Bracket], values: Mapping[str, float]) -> Stage:
@@ -202,14 +204,17 @@ class _Staircase:
 
     def cost(self, values: Mapping[str, float]) -> float:
         """Sum of squared errors, the offset of the position of every run taken out."""
-        total = 0.0
+        r = self.errors(values)
+        return float(r @ r)
+
+    def errors(self, values: Mapping[str, float]) -> FloatArray:
+        """Errors of all runs, the offset of the position of every run taken out."""
         self._spent += self._price
+        out = []
         for i, y in enumerate(self.model.measured):
             r = y - np.real(self.model.columns(i, values).known)
-            if not self.compared.lag:
-                r = r - r.mean()
-            total += float(r @ r)
-        return total
+            out.append(r if self.compared.lag else r - r.mean())
+        return np.concatenate(out)
 
     def search(self, values: Mapping[str, float], side: str, near: Bracket | None) -> Bracket:
         """The level of one direction, all else held."""
@@ -219,46 +224,71 @@ class _Staircase:
             self.exhausted,
         )  # fmt: skip
 
-    def refit(self, values: Mapping[str, float]) -> tuple[float, dict[str, float]]:
-        """Cost and values after fitting the others, the static levels held."""
+    def refit(self, values: Mapping[str, float]) -> _Refitted:
+        """Fit the others, the static levels held."""
         fixed = {n: v for n, v in values.items() if n not in self.others}
         stage = replace(self.stage, names=tuple(values), start=values, fixed=fixed)
         problem = stage.problem(self.compared)
         found = stage.solve(problem, max_iterations=15, tolerance=0.05)
         self._spent += _DERIVATIVES * self._price * (found.iterations + 1)
-        return found.cost, {**values, **values_at(problem, found.eta)}
+        now = {**values, **values_at(problem, found.eta)}
+        return _Refitted(found.cost, now, np.vstack(found.jacobian))
 
-    def choose(
-        self, name: str, bracket: Bracket, best: float, values: dict[str, float]
-    ) -> tuple[Bracket, float, dict[str, float]]:
-        """The bracket of one level among the commanded ones; cost and values there."""
-        levels = self.levels(values, name.removeprefix("breakaway_"))
+    def choose(self, name: str, bracket: Bracket, best: _Refitted) -> tuple[Bracket, _Refitted]:
+        """The bracket of one level among the commanded ones, and the fit there."""
+        levels = self.levels(best.values, name.removeprefix("breakaway_"))
         if levels.size < 2:
-            return bracket, best, values
+            return bracket, best
         edges = narrowing_edges(levels, bracket)
         skipped = edges.size < np.ptp(np.searchsorted(levels, edges)) + 1
         middles = 0.5 * (edges[1:] + edges[:-1])
-        plain = np.array([self.cost({**values, name: x}) for x in middles])
+        errors = [self.errors({**best.values, name: x}) for x in middles]
+        plain = np.array([r @ r for r in errors])
         # cells of the same cost have the same events: one refit stands for all of them
         groups = np.split(np.arange(middles.size), np.flatnonzero(np.diff(plain) != 0.0) + 1)
-        promising = np.argsort([plain[g[0]] for g in groups], kind="stable")
-        found: dict[int, tuple[float, dict[str, float]]] = {}
-        for k in map(int, promising):
-            if len(found) >= _REFITS and self.exhausted():
+        least = best.predict(np.array([errors[g[0]] for g in groups]))
+        sure = least > _HOPELESS * best.cost
+        found: dict[int, _Refitted] = {}
+        for k in map(int, np.argsort(least, kind="stable")):
+            if sure[k] or (len(found) >= _REFITS and self.exhausted()):
                 break
             middle = middles[groups[k][groups[k].size // 2]]
-            found[k] = self.refit({**values, name: float(middle)})
-        least, refitted = min(found.values(), key=lambda f: f[0])
-        most = min(least, best) * (1.0 + self.slack)
-        if least > most:
-            return bracket, best, values
-        # what was not refitted any more may be as good
-        each = [found[k][0] if k in found else most for k in range(len(groups))]
-        costs = np.repeat(each, [g.size for g in groups])
-        bracket = over_cells(edges, costs, most, margin=int(skipped))
-        if least < best:
-            best, values = least, refitted
-        return bracket, best, {**values, name: bracket.value}
+            found[k] = self.refit({**best.values, name: float(middle)})
+            least[k], sure[k] = found[k].cost, True
+        if not found:
+            return bracket, best
+        first = min(found.values(), key=lambda f: f.cost)
+        most = min(first.cost, best.cost) * (1.0 + self.slack)
+        if first.cost > most:
+            return bracket, best
+        sizes = [g.size for g in groups]
+        # what was not refitted any more may be as good, but it is not known to be
+        ends = over_cells(edges, np.repeat(np.where(sure, least, most), sizes), most, int(skipped))
+        known = over_cells(edges, np.repeat(np.where(sure, least, np.inf), sizes), most)
+        value = known.value
+        if first.cost < best.cost:
+            best = first
+        return replace(ends, value=value), best.at(name, value)
+
+
+@dataclass(frozen=True)
+class _Refitted:
+    """A fit beside held static levels: its cost, all values, and the Jacobian there."""
+
+    cost: float
+    values: dict[str, float]
+    jacobian: FloatArray
+
+    def predict(self, errors: FloatArray) -> FloatArray:
+        """Costs that refits would reach from rows of errors if the Jacobian stayed as it is."""
+        size = np.linalg.norm(self.jacobian, axis=0)
+        basis, _ = np.linalg.qr(self.jacobian / np.where(size > 0.0, size, 1.0))
+        left = errors - (errors @ basis) @ basis.T
+        return np.sum(np.square(left), axis=1)
+
+    def at(self, name: str, level: float) -> _Refitted:
+        """The same fit at another level that the logs cannot tell from its own."""
+        return replace(self, values={**self.values, name: level})
 
 
 def _above(drives: Sequence[FloatArray], values: Mapping[str, float], side: str) -> FloatArray:

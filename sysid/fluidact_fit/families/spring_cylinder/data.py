@@ -10,10 +10,9 @@ import numpy as np
 from ...errors import LogError
 from ...estimation.motion_state import BoolArray, choose_dead_band, held_direction, motion_state
 from ...experiment import Experiment, FloatArray
-from ...signals import smooth
 from ...specification import Variant
 from .equation import SpringLaw
-from .instruments import REACH, Instrument, instruments
+from .instruments import REACH, Instrument, Motion, differentiate, instruments
 from .options import SpringOptions
 
 
@@ -73,8 +72,8 @@ def _prepare_run(
     e: Experiment, variant: Variant, turning: FloatArray | None, options: SpringOptions
 ) -> Run:
     drive, position = e.sampled(variant.name), e.sampled("position")
-    velocity, inside = _velocity(e, position)
-    found = instruments(e, drive, position, velocity)
+    motion = _motion(e, position)
+    found = instruments(e, drive, position, motion)
     if turning is None:
         direction = motion_state(e.sampled("direction"))
     else:
@@ -85,21 +84,21 @@ def _prepare_run(
         noise = 0.0  # rounding
     away = _away_from_reversals(_without_itself(drive) if noise else drive, noise, direction,
                                 options.settle)  # fmt: skip
-    kept = (direction != 0.0) & inside & away
-    return Run(e, drive, position, velocity, direction, force, kept, found)
+    kept = (direction != 0.0) & motion.inside & away
+    return Run(e, drive, position, motion.rate, direction, force, kept, found)
 
 
-def _velocity(e: Experiment, position: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Velocity, its own or from position [m/s], and where it can be relied upon."""
+def _motion(e: Experiment, position: FloatArray) -> Motion:
+    """Velocity, its own or from position, and where it can be relied upon."""
     everywhere = np.ones(position.size, dtype=bool)
     if "velocity" in e:
-        return e.sampled("velocity"), everywhere
+        return Motion(e.sampled("velocity"), everywhere, 0.0)
     if e.time.size < 12 or e["position"].size < position.size:
-        return np.zeros(position.size), everywhere
+        return Motion(np.zeros(position.size), everywhere, 0.0)
     if e.uniform:
-        motion = smooth(position, e.sample_time, REACH)
-        return motion.rate, np.asarray(motion.inside)
-    return np.asarray(np.gradient(position, e.time)), everywhere
+        return differentiate(position, e.sample_time)
+    rate = np.asarray(np.gradient(position, e.time))
+    return Motion(rate, everywhere, 1.0 / (np.sqrt(2.0) * e.sample_time))
 
 
 def _without_itself(drive: FloatArray) -> FloatArray:

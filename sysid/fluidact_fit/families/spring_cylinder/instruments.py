@@ -19,15 +19,17 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
 
 import numpy as np
 import numpy.typing as npt
 
 from ...estimation.noise import white_noise
 from ...experiment import Experiment, FloatArray
+from ...signals import smooth
 
-REACH = 5  # samples on either side that a velocity is computed from
+REACH = 5  # samples on either side that a velocity is computed from, at most
+_DEGREE = 4  # of the polynomial: its velocity is exact to the fourth power of the position's
+_FLATTENED = 1e-3  # part of the velocity that a window may lose, or what cannot be seen of it
 _ALL = 0.9  # part of the standard deviation of a column beyond which noise is all there is
 
 
@@ -39,20 +41,60 @@ class Instrument:
     noise: float
 
 
+@dataclass(frozen=True)
+class Motion:
+    """Velocity [m/s], where it can be relied upon, and its noise per noise of the position [1/s].
+
+    Arrays of shape ``(n,)``.
+    """
+
+    rate: FloatArray
+    inside: npt.NDArray[np.bool_]
+    gain: float
+
+
+def differentiate(position: FloatArray, sample_time: float) -> Motion:
+    """Velocity of evenly sampled positions, by the longest window that does not flatten it.
+
+    A window of ``2 h + 1`` samples lets through less noise the longer it is, and flattens what
+    turns within it. What it loses is seen by a window of five samples, compared where neither
+    knows the noise: along the slope of the samples beyond ``REACH``.
+    """
+    slope = _of_slope(position, REACH)
+    sigma = white_noise(position)
+    shortest = _smoothed(position, sample_time, 2)
+    for half in range(REACH, 2, -1):
+        now = _smoothed(position, sample_time, half)
+        z = slope * now.inside
+        lost = float(z @ (shortest.rate - now.rate))
+        size, known = abs(float(z @ now.rate)), sigma * shortest.gain * float(np.linalg.norm(z))
+        if abs(lost) <= max(_FLATTENED * size, known):
+            return now
+    return shortest
+
+
+def _smoothed(position: FloatArray, sample_time: float, half: int) -> Motion:
+    """Velocity by a window of ``2 half + 1`` samples."""
+    found = smooth(position, sample_time, half, _DEGREE)
+    unit = np.zeros(4 * half + 1)
+    unit[2 * half] = 1.0
+    gain = float(np.linalg.norm(smooth(unit, sample_time, half, _DEGREE).rate))
+    return Motion(found.rate, found.inside, gain)
+
+
 def instruments(
-    e: Experiment, drive: FloatArray, position: FloatArray, velocity: FloatArray
+    e: Experiment, drive: FloatArray, position: FloatArray, motion: Motion
 ) -> dict[str, Instrument]:
     """Instruments of the columns of a run, by ``Run``'s names; of exact ones there are none."""
     if not e.time.size:
         return {}  # rows without time have no neighbours
     out = {}
-    for name, values in (("drive", drive), ("position", position), ("velocity", velocity)):
+    for name, values in (("drive", drive), ("position", position), ("velocity", motion.rate)):
         recorded = name != "velocity" or "velocity" in e
         if recorded and (sigma := _noise(values)):
             out[name] = Instrument(_of_neighbours(values), sigma)
     if "position" in out and "velocity" not in e:
-        gain = sqrt(2.0 * sum(k**2 for k in range(1, REACH + 1)))
-        sigma = out["position"].noise / (gain * e.sample_time)
+        sigma = out["position"].noise * motion.gain
         out["velocity"] = Instrument(_of_slope(position, REACH), sigma)
     return out
 
