@@ -183,16 +183,18 @@ class TransferFit:
         search = self._look_elsewhere(problem, search)
         names = [u.name for u in problem.nonlinear]
         # some rivals are the best one again, not quite settled
-        optima = _apart(np.array([s.eta for s in (search.best, *search.rivals)]))[:3]
-        ends = [{**held, **dict(zip(names, eta))} for eta in optima]
+        optima = _apart(np.array([s.eta for s in (search.best, *search.rivals)]))
+        places = [{**held, **dict(zip(names, eta))} for eta in optima]
+        ends = places[:3]
         if sum(e.samples for e in self.experiments) > _MANY:
             part = _shorten(self.experiments, self.output, _MANY // 4)
             middle = bind(self.make(part, rest), self.unknowns, held)
             closer = solve_from(middle, [_vector(middle, s) for s in ends], tolerance=1e-2)
             ends = [{**held, **dict(zip(names, closer.best.eta))}]
         self.request.progress("fitting")
-        fitted = self._fit(self.make(self.experiments, rest), ends)
-        self._refuse_ambiguous(fitted)
+        model = self.make(self.experiments, rest)
+        fitted = self._fit(model, ends)
+        self._refuse_ambiguous(fitted, model, places)
         fitted, found = self._allow_for_input_noise(fitted, rest)
         tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
         return replace(fitted, search=tried, remarks=found), rest
@@ -235,8 +237,13 @@ class TransferFit:
                 break
         return search
 
-    def _refuse_ambiguous(self, fitted: Fitted) -> None:
+    def _refuse_ambiguous(
+        self, fitted: Fitted, model: NamedModel, places: Sequence[Mapping[str, float]]
+    ) -> None:
         """Refuse what has two values, far apart, that the data cannot tell from each other.
+
+        ``places`` are where a rough search ended. A closer one may slide from there, along a
+        valley that hardly falls, to the best: what they cost tells whether it does.
 
         Raises
         ------
@@ -247,12 +254,16 @@ class TransferFit:
         names = [n for n in fitted.names if n in fitted.unknowns][: best.eta.size]
         unit = np.nanmedian(information_units(fitted.solution, fitted.covariance))
         step = min(e.sample_time for e in self.experiments)
-        for rival in fitted.search.rivals:
-            if rival.cost - best.cost >= DECISIVE * unit:
+        held = {n: v for n, v in fitted.values.items() if n in self.unknowns and n not in names}
+        problem = bind(model, self.unknowns, held)
+        points = np.array([_vector(problem, {**p, **held}) for p in places])
+        rivals = [(s.eta, s.cost) for s in fitted.search.rivals]
+        for eta, cost in [*rivals, *zip(points, profile(problem, points))]:
+            if cost - best.cost >= DECISIVE * unit:
                 continue
             apart = [
                 k for k, n in enumerate(names)
-                if abs(rival.eta[k] - best.eta[k]) > 4.0 * fitted.std_error(n)
+                if abs(eta[k] - best.eta[k]) > 4.0 * fitted.std_error(n)
             ]  # fmt: skip
             if not apart:
                 continue
@@ -261,11 +272,11 @@ class TransferFit:
             k = apart[0]
             spec = fitted.specs[names[k]]
             fast = max(
-                self.fastest({**fitted.values, **dict(zip(names, s.eta))}) for s in (best, rival)
+                self.fastest({**fitted.values, **dict(zip(names, at))}) for at in (best.eta, eta)
             )
             times = max(2, int(np.ceil(fast * step / _FAST)))
             reason = (
-                f"{best.eta[k]:.3g} and {rival.eta[k]:.3g}{after_number(spec.unit)} explain these "
+                f"{best.eta[k]:.3g} and {eta[k]:.3g}{after_number(spec.unit)} explain these "
                 "samples equally well, because the output has answered before the next sample is "
                 f"taken. Sample at least {times} times faster."
             )
