@@ -45,6 +45,7 @@ _RATIOS = np.array([0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.3, 1.7, 2.5])
 _CONTRADICTS = 12.0  # difference of log-likelihoods; the filter is only nearly right
 _CLOSE = 0.03  # standard errors at which the iteration ends
 _STEPS = 10
+_FAR = 0.3  # standard errors of a step, after which what the noise adds is looked at again
 _COARSEST = 0.05  # of its range: steps of a measured signal that a converter makes
 _LEVELS = 3  # that no converter has
 _WEAK = 0.02  # part of the information that has to be left without the noise
@@ -289,10 +290,11 @@ def _correct(
     high = np.array([u.high for u in problem.nonlinear])
     rows = sum(y.size for y in problem.measured)
     eta, converged = np.clip(start, low, high), False
-    length = np.inf
+    length = now = np.inf
     for _ in range(_STEPS):
         base = _score(problem, eta)
-        added = _added(base, disturbed, eta)
+        if now > _FAR:  # what the noise adds hardly changes within part of a standard error
+            added = _added(base, disturbed, eta)
         curvature, weak = _left_information(base, added, noise.relative)
         target = _Score(base.slope, curvature, base.cost)
         step = target.solve(base.slope - np.mean([a.slope for a in added], axis=0))

@@ -128,13 +128,15 @@ def _orbit(start: Array, phi: Array, count: int) -> Array:
 def run_recursion(driven: Array, coefficients: npt.ArrayLike) -> Array:
     """``y_k = driven_k + sum_i c_i y_(k-i)``, nothing before the first; samples first.
 
-    A banded system: this saves the second that ``scipy.signal`` takes to be imported.
+    ``coefficients`` are of shape ``(q,)``, or ``(q, n)`` where they change: column ``j`` holds
+    what sample ``j`` adds to those that follow. A banded system: this saves the second that ``scipy.signal`` takes to be imported.
     """
     from scipy.linalg import solve_banded
 
     c = np.asarray(coefficients, dtype=float)
-    bands = np.tile(np.append(1.0, -c)[:, None], driven.shape[0])
-    return np.asarray(solve_banded((c.size, 0), bands, driven, check_finite=False))
+    below = -c if c.ndim == 2 else np.tile(-c[:, None], driven.shape[0])
+    bands = np.vstack((np.ones(driven.shape[0]), below))
+    return np.asarray(solve_banded((c.shape[0], 0), bands, driven, check_finite=False))
 
 
 def scan(phi: Array, forcing: Array, start: Array) -> Array:

@@ -67,28 +67,26 @@ class Whitening:
         return out
 
     def filter(self, rows: Array) -> Array:
-        """Innovations of rows (samples first), in their standard deviations."""
+        """Innovations of rows (samples first), in their standard deviations.
+
+        With ``g_k`` the gain of the predictor, ``e_k = n_k - sum_i a_i n_{k-1-i} +
+        sum_i (a_i - g_{k-1-i,i}) e_{k-1-i}``: one banded system, the transient included.
+        """
         if self.coefficients.size == 0:
             return np.asarray(rows / np.hypot(self.drive, self.white))
         flat = rows.reshape(rows.shape[0], -1)
-        out = np.empty_like(flat)
-        state = np.zeros((self.coefficients.size, flat.shape[1]), dtype=flat.dtype)
-        a = self.coefficients[:, None]
-        for k, (gain, variance) in enumerate(self._gains[: flat.shape[0]]):
-            innovation = flat[k] - state[0]
-            out[k] = innovation / np.sqrt(variance)
-            before = state
-            state = a * before[0] + gain[:, None] * innovation
-            state[:-1] += before[1:]
-        k = len(self._gains)
-        if k < flat.shape[0]:
-            gain, variance = self._gains[-1]
-            driven = flat[k:].copy()
-            for i, c in enumerate(self.coefficients):
-                driven[i + 1 :] -= c * flat[k : -i - 1]
-            driven[: state.shape[0]] -= state[: driven.shape[0]]
-            out[k:] = run_recursion(driven, self.coefficients - gain) / np.sqrt(variance)
-        return out.reshape(rows.shape)
+        driven = flat.copy()
+        for i, c in enumerate(self.coefficients):
+            driven[i + 1 :] -= c * flat[: -i - 1]
+        gains, deviations = self._over(flat.shape[0])
+        innovations = run_recursion(driven, self.coefficients[:, None] - gains)
+        return np.asarray(innovations / deviations[:, None]).reshape(rows.shape)
+
+    def _over(self, samples: int) -> tuple[FloatArray, FloatArray]:
+        """Gains ``(q, n)`` and standard deviations of the innovations ``(n,)``."""
+        which = np.minimum(np.arange(samples), len(self._gains) - 1)
+        gains = np.array([g for g, _ in self._gains])[which].T
+        return gains, np.sqrt(np.array([v for _, v in self._gains])[which])
 
     def logarithm(self, samples: int) -> float:
         """Logarithm of the determinant of the covariance of that many samples."""
