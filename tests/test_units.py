@@ -139,3 +139,12 @@ def test_common_units_do_not_import_pint() -> None:
         "c('mm', 'm'); c('N m', 'N m'); c('°', 'rad'); assert 'pint' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "value", "text"),
+    [(3.0, -2.0, " (+150.0 %)"), (-0.1, 10.0, " (-1.0 %)"), (1.0, 0.0, "")],
+)
+def test_a_change_of_nothing_has_no_share(change: float, value: float, text: str) -> None:
+    """A friction at its bound of zero that differs by halves ended in a traceback."""
+    assert units.as_share(change, value) == text

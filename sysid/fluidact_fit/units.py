@@ -153,6 +153,11 @@ def after_number(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
+def as_share(change: float, value: float) -> str:
+    """A change in percent of a value, as it follows the change in a text; nothing of zero."""
+    return f" ({100.0 * change / abs(value):+.1f} %)" if value else ""
+
+
 def is_known_unit(unit: str) -> bool:
     """Return whether a unit can be converted by a factor."""
     found = _look_up(unit)

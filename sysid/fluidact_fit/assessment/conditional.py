@@ -22,6 +22,7 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.separable import scaled_least_squares
 from ..family import ParameterSpec
+from ..units import as_share
 from .optimum import Optimum
 
 _MATTERS = 5.0  # standard errors by which a parameter would move: far out of its interval
@@ -101,8 +102,8 @@ def _notice(at: Optimum, held: str, worst: Dependence) -> Notice:
     shift = f"{value + worst.shift:.3g} instead of {value:.3g}"
     if not abs(worst.shift) < _ANY * abs(value):
         shift = "anything"
-    elif value:
-        shift += f" ({100.0 * worst.shift / abs(value):+.0f} %)"
+    else:
+        shift += as_share(worst.shift, value)
     return Notice(
         "conditional",
         f"the intervals hold only if {held} is {at.number(held):.4g} {spec.unit}, which the data "

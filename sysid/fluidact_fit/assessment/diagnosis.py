@@ -20,6 +20,7 @@ from ..estimation.uncertainty import fit_autoregression, innovations
 from ..experiment import FloatArray, Hold
 from ..family import Estimate, Family, FamilyOptions, Plant, Value, Variant
 from ..outcome import Simulation
+from ..units import as_share
 from .channels import judge_channels
 from .conditional import find_conditional
 from .given import find_reliance
@@ -223,9 +224,7 @@ def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notic
     if abs(found.standard_errors) <= 2.0 or found.evidence > _DECISIVE:
         return None
     value = values[found.parameter.split("[")[0]]
-    share = ""
-    if isinstance(value, float) and value:
-        share = f" ({100.0 * found.shift / abs(value):+.1f} %)"
+    share = as_share(found.shift, value) if isinstance(value, float) else ""
     taken, better = _WORDS[found.hold], _WORDS[found.other]
     if found.evidence < -_DECISIVE:
         code = "hold-doubtful"

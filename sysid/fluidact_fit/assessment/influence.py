@@ -21,6 +21,7 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.agreement_of_logs import Drift, compare_logs
 from ..experiment import FloatArray
+from ..units import as_share
 from .optimum import Optimum
 
 _ODD = 1e-6  # probability of a residual that large among all samples
@@ -160,7 +161,8 @@ def _halves_notice(at: Optimum, d: Drift) -> Notice:
     return Notice(
         "halves-disagree",
         f"the first and the second half of the data give a {d.parameter} that differs by "
-        f"{d.difference:+.3g} ({100.0 * d.difference / abs(at.number(d.parameter)):+.1f} %), "
+        f"{d.difference:+.3g}{at.unit(d.parameter)}"
+        f"{as_share(d.difference, at.number(d.parameter))}, "
         f"{abs(d.deviations):.1f} standard errors: the machine changed while it was recorded, or "
         "the model describes only part of what it did. Fit the halves separately (--window) and "
         "look at both pictures.",

@@ -30,6 +30,7 @@ from ..estimation.separable import scaled_least_squares
 from ..experiment import FloatArray
 from ..family import ParameterSpec, Role
 from ..options import describe
+from ..units import as_share
 from .optimum import Optimum, Series, delayed
 
 _SIGNIFICANT = 5.0  # standard errors of the added term
@@ -323,7 +324,7 @@ def _left_over(rows: Sequence[FloatArray]) -> list[FloatArray]:
 
 def _notice(at: Optimum, s: Score) -> Notice:
     value, spec = at.number(s.parameter), at.variant.parameter(s.parameter.partition("[")[0])
-    share = f" ({100.0 * s.shift / abs(value):+.1f} %)" if value else ""
+    share = as_share(s.shift, value)
     moved = f"would then change by {s.shift:+.3g}{at.unit(s.parameter)}{share}, more than its "
     moved += "interval allows for"
     if not spec.minimum <= value + s.shift <= spec.maximum:

@@ -129,7 +129,8 @@ def run_recursion(driven: Array, coefficients: npt.ArrayLike) -> Array:
     """``y_k = driven_k + sum_i c_i y_(k-i)``, nothing before the first; samples first.
 
     ``coefficients`` are of shape ``(q,)``, or ``(q, n)`` where they change: column ``j`` holds
-    what sample ``j`` adds to those that follow. A banded system: this saves the second that ``scipy.signal`` takes to be imported.
+    what sample ``j`` adds to those that follow. A banded system: this saves the second that
+    ``scipy.signal`` takes to be imported.
     """
     from scipy.linalg import solve_banded
 

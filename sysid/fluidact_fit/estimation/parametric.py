@@ -17,6 +17,7 @@ import numpy.typing as npt
 from ..errors import Notice, UsageError
 from ..experiment import Experiment, FloatArray
 from ..family import FamilyOptions, ParameterSpec, Request
+from ..units import as_share
 from .agreement_of_logs import Drift, compare_logs
 from .profile_likelihood import Interval, profile_interval
 from .results import Refusal, Solved, determine, left_open
@@ -330,11 +331,11 @@ def _drift_notice(drift: Drift, label: str, value: float) -> Notice | None:
     """Warn of a drift that is significant, and large enough to matter."""
     if drift.p_value >= 1e-3 or abs(drift.difference) <= 5e-3 * abs(value):
         return None
-    share = 100.0 * drift.difference / abs(value or 1.0)
     return Notice(
         "log-differs",
         f"{label} does not agree with the other logs: its own {drift.parameter} "
-        f"differs by {drift.difference:+.3g} ({share:+.1f} %), {abs(drift.deviations):.1f} "
+        f"differs by {drift.difference:+.3g}{as_share(drift.difference, value)}, "
+        f"{abs(drift.deviations):.1f} "
         f"standard errors (p = {drift.p_value:.1g}). Check whether it comes from the same "
         "machine in the same state; leave it out or fit it separately.",
     )

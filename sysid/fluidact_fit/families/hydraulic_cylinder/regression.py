@@ -53,8 +53,9 @@ def sensible_widths(unknowns: dict[str, Unknown]) -> dict[str, float]:
 def not_shown(case: Case, dynamic: bool) -> list[Refusal]:
     """Parameters of a direction in which the valve is never opened, or only wide open.
 
-    The windows hold what the flow shows. A ``dynamic`` fit uses every sample, and its covariance
-    tells whether an edge can be told from a gain.
+    The windows hold what the flow shows. A ``dynamic`` fit uses every sample: a machine that
+    sticks most of the time has few windows, and still shows its losses in between. Its
+    covariance tells whether an edge can be told from a gain.
     """
     if dynamic:
         levels = np.concatenate([e.sampled("command") for e in case.experiments])
@@ -74,15 +75,23 @@ def not_shown(case: Case, dynamic: bool) -> list[Refusal]:
             reason = f"the smallest {word} command in use is {side.min():.3g} V, far from the edge."
             out.append(Refusal(edge, reason))
         reason = f"all {word} commands are the same: gain and loss cannot be told apart."
-        out += [Refusal(n, reason) for c, n in losses.items() if _one_level(case, c, sign)]
+        out += [
+            Refusal(n, reason)
+            for c, n in losses.items()
+            if _one_level(side if dynamic else _levels(case, c, sign))
+        ]
     return [r for r in out if r.parameter not in case.request.fixed]
 
 
-def _one_level(case: Case, chamber: int, sign: float) -> bool:
-    """Whether one chamber saw only one size of command of a sign."""
+def _levels(case: Case, chamber: int, sign: float) -> FloatArray:
+    """Sizes of the commands of a sign in the windows of one chamber [V]."""
     levels = [sign * w.mean_command for w in case.windows if w.chamber == chamber]
     size = np.concatenate(levels) if levels else np.zeros(0)
-    size = size[size > 0.0]
+    return np.asarray(size[size > 0.0])
+
+
+def _one_level(size: FloatArray) -> bool:
+    """Whether there is only one size of command."""
     return bool(size.size and np.quantile(size, 0.95) < 1.2 * np.quantile(size, 0.05))
 
 
