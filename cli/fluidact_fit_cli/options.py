@@ -14,9 +14,11 @@ from .parse import (
     Parsed,
     assigned,
     collect,
+    parse_count,
     parse_factor,
     parse_hold,
     parse_positive,
+    parse_sign,
     parse_step,
     parse_text,
     parse_window,
@@ -119,7 +121,18 @@ READING: list[click.Parameter] = [
                "How an input behaves between its samples: zoh is held, foh follows straight "
                "lines, smooth a smooth curve through the samples; auto chooses foh or smooth "
                "(zoh for a signal of two levels), and the file says which.", _READING),
+    parsed("--decimal", "SIGN", ",", parse_sign,
+           "Decimal sign, where the log does not show which it is.", _READING),
+    parsed("--thousands", "SIGN", "' '", parse_sign,
+           "Sign between thousands, in quotes if it is a blank.", _READING),
+    parsed("--delimiter", "SIGN", "';'", parse_sign,
+           "What separates the columns: a sign, tab, or blank.", _READING),
+    parsed("--skip-rows", "N", "3", parse_count, "Lines at the top that are not looked at.",
+           _READING),
+    parsed("--header-row", "N", "4", parse_count, "Line of the header, counted from 1.",
+           _READING),
 ]  # fmt: skip
+_WRITING = ("decimal", "thousands", "delimiter", "skip_rows", "header_row")
 
 
 def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
@@ -128,8 +141,9 @@ def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
 
     by_role = {keyword: params[option] for option, keyword in _ROLE_OPTIONS.items()}
     by_role["steps"] = {role: StepInput(*step) for role, step in params["step"].items()}
-    sample_time, window = params["sample_time"], params["window"]
-    return [read_log(p, sample_time=sample_time, window=window, **by_role) for p in paths]
+    given = {name: params[name] for name in ("sample_time", "window")}
+    given |= {name: params[name] for name in _WRITING if params[name] is not None}
+    return [read_log(p, **given, **by_role) for p in paths]
 
 
 def check_role_names(params: Mapping[str, Any], known: Iterable[str]) -> None:

@@ -37,6 +37,21 @@ def parse_positive(text: str) -> float:
     return value
 
 
+def parse_count(text: str) -> int:
+    """Return a whole number above zero."""
+    if not re.fullmatch("[0-9]{1,9}", text.strip()) or not int(text):
+        raise ValueError(f"'{text}' is not a whole number above zero")
+    return int(text)
+
+
+def parse_sign(text: str) -> str:
+    """Return one sign, which may be named: ``tab`` or ``blank``."""
+    sign = {"tab": "\t", "\\t": "\t", "blank": " ", "space": " "}.get(text.casefold(), text)
+    if len(sign) != 1:
+        raise ValueError(f"'{text}' is not one sign")
+    return sign
+
+
 def parse_factor(text: str) -> float:
     """Return a number that is not zero."""
     if (value := parse_number(text)) == 0.0:

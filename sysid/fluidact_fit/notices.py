@@ -55,6 +55,10 @@ _READING = {
         "Lines with an impossible time stamp were left out: two lines were printed as one.",
         "Look at the lines that are named; a slower or buffered serial output avoids them.",
     ),
+    "header-again": _information(
+        "The header stands again inside the table and was left out.",
+        "Nothing, if the logger was started again; every run is an experiment of its own.",
+    ),
     "partial-lines": _information(
         "Lines with the wrong number of fields were left out.",
         "Nothing, if they are few; otherwise check how the log was written.",

@@ -27,7 +27,7 @@ def test_fit_writes_the_truth_and_says_so(here: Run, valve: Log, inside: Path) -
     assert "written to valve.yaml" in done.out
     assert "95 % interval" in done.out
     assert "PASS" in done.out
-    assert done.err == ""
+    assert "warning" not in done.err  # on a slow machine there is a line of progress
     document = read_document(inside / "valve.yaml")
     low, high = document.parameters["gain"].ci95  # type: ignore[misc]
     assert low < 1000.0 < high  # type: ignore[operator]
@@ -112,7 +112,7 @@ def test_strict(here: Run, valve: Log, inside: Path) -> None:
     assert not (inside / "valve.yaml").exists()
     done = here("valve", log)
     assert done.status == 0
-    assert done.err.startswith("warning (unit-assumed): valve.csv: ")
+    assert "\nwarning (unit-assumed): valve.csv: " in "\n" + done.err
     assert here("valve", log, "-fq").err == ""
     assert here("valve", log, "--strict", "-f", "--unit", "command=V").status == 0
 

@@ -15,6 +15,8 @@ from ..show import echo_json, echo_table, echo_warnings, format_number
 if TYPE_CHECKING:
     from fluidact_fit.logs import Log
 
+_LISTED = 8  # lines that were left out, one by one
+
 
 @click.command(
     "inspect",
@@ -81,6 +83,7 @@ def _show(found: Mapping[str, Any], roles: Mapping[int, str]) -> None:
         f"dialect {dialect['name']}, {dialect['encoding']}, separator {separator}, decimal "
         f"'{dialect['decimal']}', data from line {dialect['first_data_line']}"
     )
+    _show_lines(found["lines"], found["rows"])
     _show_time(found["time"])
     if "family" in found:
         runs = found["family"]["runs"]
@@ -89,6 +92,19 @@ def _show(found: Mapping[str, Any], roles: Mapping[int, str]) -> None:
     click.echo()
     head = ["column", "name", "unit", "low", "high", "resolution", "invalid", "role"]
     echo_table([head, *(_column_row(c, roles) for c in found["columns"])], right=(0, 3, 4, 5, 6))
+
+
+def _show_lines(lines: Mapping[str, Any], rows: int) -> None:
+    """Say what every line of the file was taken for."""
+    left_out = lines["left_out"]
+    parts = [f"{lines['header']} above the data", f"{rows} data"]
+    parts += [f"{lines['blank']} empty"] if lines["blank"] else []
+    parts += [f"{len(left_out)} left out"] if left_out else []
+    click.echo(f"{lines['total']} lines: {', '.join(parts)}")
+    for entry in left_out[:_LISTED]:
+        click.echo(f"  line {entry['line']} left out: {entry['reason']}")
+    if len(left_out) > _LISTED:
+        click.echo(f"  and {len(left_out) - _LISTED} more (--json lists them all)")
 
 
 def _show_time(time: Mapping[str, Any] | None) -> None:

@@ -27,8 +27,9 @@ def describe(log: Log) -> dict[str, Any]:
     Returns
     -------
     dict
-        Plain numbers and text with the keys ``file``, ``sha256``, ``rows``, ``dialect``,
-        ``columns`` (raw units), ``time`` (``None`` without a time column) and ``notices``.
+        Plain numbers and text with the keys ``file``, ``sha256``, ``rows``, ``lines`` (what every
+        one was taken for), ``dialect``, ``columns`` (raw units), ``time`` (``None`` without a time
+        column) and ``notices``.
     """
     notices = list(log.notices)
     time = _describe_time(log, notices)
@@ -37,6 +38,12 @@ def describe(log: Log) -> dict[str, Any]:
         "file": log.name,
         "sha256": log.sha256,
         "rows": log.rows,
+        "lines": {
+            "total": log.account.total_lines,
+            "header": log.account.header_lines,
+            "blank": log.account.blank_lines,
+            "left_out": [{"line": n, "reason": why} for n, why in log.account.left_out],
+        },
         "dialect": {
             "name": dialect.name,
             "encoding": dialect.encoding,
@@ -67,6 +74,8 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
         details["runs"] = len(experiments)
     if log.window is not None:
         details["window"] = log.window_text
+    if log.account.left_out:
+        details["lines_left_out"] = len(log.account.left_out)
     if details:
         entry["details"] = details
     columns: dict[str, Any] = {}

@@ -7,127 +7,56 @@ which lines keep looking like those.
 
 from __future__ import annotations
 
-import contextlib
-import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 from ..errors import LogError
 from ..units import is_known_unit
+from .decimals import refuse_ambiguous
+from .layout import NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
 from .source import Source
+from .start import find_start
 
 MAX_COLUMNS = 4096
 
-_NUMBER = {
-    decimal: re.compile(rf"[+-]?(\d+({sign}\d*)?|{sign}\d+)([eEdD][+-]?\d+)?$")
-    for decimal, sign in ((".", r"\."), (",", ","))
-}
 _NUMBER_COMMA_STRICT = re.compile(r"[+-]?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 # Separator and decimal sign; of equally good ones the first wins.
 _CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")]
-_NO_VALUE = {"", "nan", "inf", "-inf", "+inf", "na", "n/a", "null", "none", "-"}
 _PUTTY_MARK = "=~=~=~=~="
 _SAMPLE = 120
 _HEAD = 1000
 _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 
 
-@dataclass(frozen=True)
-class Hints:
-    """Knowledge of a logger that the text alone does not show; ``name`` is for messages.
-
-    ``data_from`` is the index of the first line that can hold data and ``delimiter`` the separator,
-    each ``None`` when to be found. Lines of a ``serial`` log may be cut or overprinted. Lines that
-    begin with ``session_mark`` are the logger's own, between data. ``first_header`` is the name of
-    the first column where its header is empty.
-    """
-
-    name: str
-    data_from: int | None = None
-    delimiter: str | None = None
-    serial: bool = False
-    session_mark: str = ""
-    first_header: str = ""
-
-    def is_session(self, line: str) -> bool:
-        """Whether the logger itself wrote a line between data."""
-        return bool(self.session_mark) and line.startswith(self.session_mark)
-
-
-@dataclass(frozen=True)
-class Cut:
-    """How lines are cut into cells; ``delimiter`` and ``decimal`` as in `Dialect`.
-
-    ``width`` is the number of columns, ``trailing`` whether rows end with one more separator.
-    """
-
-    delimiter: str
-    decimal: str
-    width: int
-    trailing: bool
-
-    def split(self, line: str) -> list[str]:
-        """Split a line into stripped fields; an empty line has none."""
-        return _split(line, self.delimiter)
-
-    def is_number(self, text: str) -> bool:
-        """Return whether a cell is a finite number in the log's own notation."""
-        return _NUMBER[self.decimal].match(text) is not None
-
-    def is_row(self, line: str, needed: float) -> bool:
-        """Return whether a line has as many fields as a row, the needed share of them numbers."""
-        fields = self.split(line)
-        if len(fields) == self.width + 1 and not fields[-1]:
-            fields = fields[:-1]
-        if len(fields) != self.width:
-            return False
-        values = [f for f in fields if f.casefold() not in _NO_VALUE]
-        return sum(map(self.is_number, values)) >= max(1, needed * len(values))
-
-
-@dataclass(frozen=True)
-class Layout(Cut):
-    """Where the table is and how to split it.
-
-    Rows are indices of lines, from 0, ``None`` when absent; ``headers`` and ``units`` have one
-    entry per column, empty text when absent.
-    """
-
-    first_row: int
-    hints: Hints
-    header_row: int | None
-    units_row: int | None
-    headers: Sequence[str]
-    units: Sequence[str]
-
-
-def _split(line: str, delimiter: str) -> list[str]:
-    if delimiter == " ":
-        return line.split()
-    fields = line.split(delimiter)
-    if '"' in line:
-        with contextlib.suppress(csv.Error):
-            fields = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
-    return [field.strip() for field in fields]
-
-
-def find_layout(source: Source) -> Layout:
+def find_layout(source: Source, written: Written) -> Layout:
     """Find separator, decimal sign, first row and header; ``LogError`` without a table."""
     head, body, complete = _sample_lines(source)
     hints = _recognise(head[:40])
-    cut = _choose_cut([line for line in body if not hints.is_session(line)], hints, source.name)
+    if written.delimiter is not None:
+        hints = replace(hints, delimiter=written.delimiter)
+    skipped = max(written.skip_rows, written.header_row or 0)
+    if complete and skipped:
+        body = [line for line in head[skipped:] if line.strip()] or body
+    body = [line for line in body if not hints.is_session(line)]
+    cut = _choose_cut(body, hints, written, source.name)
+    if written.decimal is None and not cut.thousands:
+        refuse_ambiguous(body, cut, source.name)
     start = hints.data_from
-    if start is None:
-        start = _find_start(head, cut, complete)
+    if start is None or start < skipped:
+        start = find_start(_hidden(head, skipped), cut, complete)
         if start is None and not complete:
             head = source.data.decode().split("\n")
-            start = _find_start(head, cut, complete=True)
+            start = find_start(_hidden(head, skipped), cut, complete=True)
         if start is None:
             raise _no_table(source.name)
-        start = _reach_up(head, start, cut)
-    return _lay_out(head, start, cut, hints)
+    return _lay_out(_hidden(head, written.skip_rows), start, cut, hints, written.header_row)
+
+
+def _hidden(lines: Sequence[str], first: int) -> Sequence[str]:
+    """The lines with the first few empty, so that their numbers stay what they are."""
+    return [""] * min(first, len(lines)) + list(lines[first:]) if first else lines
 
 
 def _recognise(lines: Sequence[str]) -> Hints:
@@ -184,14 +113,14 @@ def _refuse_wide(lines: Sequence[str], name: str) -> None:
             )
 
 
-def _choose_cut(body: Sequence[str], hints: Hints, name: str) -> Cut:
+def _choose_cut(body: Sequence[str], hints: Hints, written: Written, name: str) -> Cut:
     """Return the cut under which most cells are numbers."""
-    best, chosen = _best_cut(body, hints)
+    best, chosen = _best_cut(body, hints, written)
     for last in (12, 6, 3):
         if best >= 0.6 or len(body) <= last:
             break
         # A few rows below a long preamble: only the end of the file shows the table.
-        score, cut = _best_cut(body[-last:], hints)
+        score, cut = _best_cut(body[-last:], hints, written)
         if score > best:
             best, chosen = score, cut
     if chosen is None or best < 0.15:
@@ -199,13 +128,16 @@ def _choose_cut(body: Sequence[str], hints: Hints, name: str) -> Cut:
     return chosen
 
 
-def _best_cut(body: Sequence[str], hints: Hints) -> tuple[float, Cut | None]:
+def _best_cut(body: Sequence[str], hints: Hints, written: Written) -> tuple[float, Cut | None]:
     """Return the best score in [0, 1] and the cut that reached it."""
     best, chosen = 0.0, None
-    for delimiter, decimal in _CANDIDATES:
-        if hints.delimiter not in (None, delimiter):
+    tabbed = _has_tabs(body)
+    for delimiter, decimal in _candidates(hints.delimiter):
+        if written.decimal not in (None, decimal) or written.thousands in (decimal, delimiter):
             continue
-        rated = _rate_cut(body, delimiter, decimal)
+        if tabbed and delimiter == " ":
+            continue
+        rated = _rate_cut(body, delimiter, decimal, written.thousands or "")
         if rated is None:
             continue
         score, cut = rated
@@ -216,9 +148,25 @@ def _best_cut(body: Sequence[str], hints: Hints) -> tuple[float, Cut | None]:
     return best, chosen
 
 
-def _rate_cut(body: Sequence[str], delimiter: str, decimal: str) -> tuple[float, Cut] | None:
+def _candidates(delimiter: str | None) -> list[tuple[str, str]]:
+    """Separators and decimal signs to try, with a given separator only that."""
+    if delimiter is None:
+        return _CANDIDATES
+    return [(delimiter, sign) for sign in ".," if sign != delimiter]
+
+
+def _has_tabs(body: Sequence[str]) -> bool:
+    """Whether tabs separate the columns: blanks are then part of a cell, as in ``4 004``."""
+    counts = Counter(line.count("\t") for line in body)
+    usual, share = counts.most_common(1)[0] if counts else (0, 0)
+    return usual > 0 and share > 0.8 * len(body)
+
+
+def _rate_cut(
+    body: Sequence[str], delimiter: str, decimal: str, thousands: str
+) -> tuple[float, Cut] | None:
     """Return a score in [0, 1] and the cut with its usual number of columns."""
-    rows = [_split(line, delimiter) for line in body]
+    rows = [split_cells(line, delimiter) for line in body]
     if not rows:
         return None
     counts = Counter(len(row) for row in rows)
@@ -228,16 +176,18 @@ def _rate_cut(body: Sequence[str], delimiter: str, decimal: str) -> tuple[float,
     width = count - 1 if trailing else count
     if trailing:
         share += counts[width]
-    pattern = _NUMBER["."] if decimal == "." else _NUMBER_COMMA_STRICT
-    cells = [cell for row in usual for cell in row[:width] if cell.casefold() not in _NO_VALUE]
+    pattern = NUMBER["."] if decimal == "." else _NUMBER_COMMA_STRICT
+    cut = Cut(delimiter, decimal, width, trailing, thousands)
+    cells = [cell for row in usual for cell in row[:width] if cell.casefold() not in NO_VALUE]
     if not cells:
         return None
-    numeric = sum(pattern.match(cell) is not None for cell in cells) / len(cells)
+    plain = map(cut.without_thousands, cells)
+    numeric = sum(pattern.match(cell) is not None for cell in plain) / len(cells)
     score = numeric * share / len(rows)
     if width == 1:
         # One column is the last resort: "1,5" is two columns before it is one.
         score *= 0.9
-    return score, Cut(delimiter, decimal, width, trailing)
+    return score, cut
 
 
 def _no_table(name: str) -> LogError:
@@ -249,55 +199,13 @@ def _no_table(name: str) -> LogError:
     )
 
 
-def _find_start(lines: Sequence[str], cut: Cut, complete: bool) -> int | None:
-    """Return the index of the line where the table begins.
-
-    Runs of lines that look like rows are compared: the table is the first run that is not
-    tiny beside the longest one, so that a few numbers in the preamble do not count, and
-    text inside the table is found later and named instead of being taken for a preamble.
-    """
-    # "key value" looks like half a row of two, so two columns have to be numbers both, unless
-    # that finds nothing (a date beside a number).
-    for needed in (0.5,) if cut.width > 2 else (1.0, 0.5):
-        runs: list[list[int]] = []  # first line and number of rows
-        in_run = False
-        for index, line in enumerate(lines):
-            if not line.strip():
-                continue
-            is_row = cut.is_row(line, needed)
-            if is_row and in_run:
-                runs[-1][1] += 1
-            elif is_row:
-                runs.append([index, 1])
-            in_run = is_row
-        if runs and (complete or in_run or sum(runs[-1]) >= len(lines) - 50):
-            longest = max(length for _, length in runs)
-            return next(i for i, length in runs if length >= max(1, min(50, 0.2 * longest)))
-    return None
-
-
-def _reach_up(lines: Sequence[str], start: int, cut: Cut) -> int:
-    """Return the start after giving back rows whose bad cells made them look like a header.
-
-    A line with numbers in it, below a line without any, is a row and not the header: its
-    text has to be named, not swallowed.
-    """
-    first = start
-    for index in range(start - 1, max(-1, start - 12), -1):
-        fields = cut.split(lines[index])
-        if len(fields) not in (cut.width, cut.width + 1):
-            break
-        if not any(map(cut.is_number, fields)):
-            return first
-        first = index
-    return start
-
-
-def _lay_out(lines: Sequence[str], start: int, cut: Cut, hints: Hints) -> Layout:
-    """Look for a header and a row of units above the first row."""
+def _lay_out(lines: Sequence[str], start: int, cut: Cut, hints: Hints, named: int | None) -> Layout:
+    """Look for a header and a row of units above the first row, or take the ``named`` line."""
     header_row = units_row = None
     headers = units = [""] * cut.width
     above = [i for i in range(start - 1, -1, -1) if lines[i].strip()][:2]
+    if named is not None:
+        above = [i for i in above if i >= named - 1]
     cells = [_header_cells(lines[i], cut) for i in above]
     if hints.data_from is None and cells and cells[0] is not None:
         header_row, headers = above[0], cells[0]
@@ -314,6 +222,7 @@ def _lay_out(lines: Sequence[str], start: int, cut: Cut, hints: Hints) -> Layout
         units_row=units_row,
         headers=headers,
         units=units,
+        again=frozenset(lines[i] for i in (header_row, units_row) if i is not None),
     )
 
 

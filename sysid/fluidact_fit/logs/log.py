@@ -81,6 +81,22 @@ class Dialect:
 
 
 @dataclass(frozen=True)
+class Account:
+    """What every line of a file was taken for.
+
+    ``header_lines`` stand above the data: preamble, header, units and empty ones;
+    ``blank_lines`` are the empty ones below. ``left_out`` has line and reason of every line with
+    text that is neither. The four and ``data_rows`` make up ``total_lines``.
+    """
+
+    total_lines: int
+    header_lines: int
+    data_rows: int
+    blank_lines: int
+    left_out: tuple[tuple[int, str], ...] = ()
+
+
+@dataclass(frozen=True)
 class Log:
     """A log as recorded, with what the user said about it.
 
@@ -94,6 +110,8 @@ class Log:
         1-based source line of every row, shape ``(n_rows,)``.
     dialect
         How the file was written.
+    account
+        What every line of the file was taken for.
     notices
         What was noticed while reading.
     bindings, units, scales, steps, holds
@@ -113,6 +131,7 @@ class Log:
     columns: tuple[Column, ...]
     lines: IntArray
     dialect: Dialect
+    account: Account
     notices: tuple[Notice, ...] = ()
     bindings: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)

@@ -7,10 +7,11 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from ..errors import UsageError
+from ..errors import LogError, UsageError
 from ..units import is_doubtful_suffix, parse_unit_from_header
-from .dialect import Layout, find_layout
-from .log import Column, Dialect, Log, StepInput, check_hold
+from .dialect import find_layout
+from .layout import Layout, Written
+from .log import Account, Column, Dialect, Log, StepInput, check_hold
 from .source import Source, read_source
 from .table import Table, read_table
 
@@ -25,6 +26,11 @@ def read_log(
     window: tuple[float | None, float | None] | None = None,
     steps: Mapping[str, StepInput] | None = None,
     holds: Mapping[str, str] | None = None,
+    decimal: str | None = None,
+    thousands: str | None = None,
+    delimiter: str | None = None,
+    skip_rows: int = 0,
+    header_row: int | None = None,
 ) -> Log:
     """Read a recorded log.
 
@@ -50,6 +56,12 @@ def read_log(
         Role to `StepInput` for inputs that were not recorded.
     holds
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``.
+    decimal, thousands, delimiter
+        Signs, where they are not to be found out.
+    skip_rows
+        Lines at the top that are not looked at.
+    header_row
+        Line of the header, counted from 1.
 
     Returns
     -------
@@ -65,7 +77,8 @@ def read_log(
     """
     _check_arguments(scales or {}, sample_time, window, steps or {}, holds or {})
     source = read_source(Path(path))
-    layout = find_layout(source)
+    written = Written(decimal, thousands, delimiter, skip_rows, header_row)
+    layout = find_layout(source, _checked_writing(written))
     table = read_table(source, layout)
     return Log(
         path=Path(path),
@@ -74,6 +87,7 @@ def read_log(
         columns=_name_columns(layout, table),
         lines=table.lines,
         dialect=_describe_dialect(source, layout, table),
+        account=_account(source, layout, table),
         notices=table.notices,
         bindings=dict(columns or {}),
         units=dict(units or {}),
@@ -115,6 +129,56 @@ def _check_arguments(
         raise UsageError(
             f"the window {low}:{high} is empty.", remedy="Give START:END in seconds, START first."
         )
+
+
+def _checked_writing(written: Written) -> Written:
+    """Refuse signs that cannot be what they are said to be."""
+    signs = {
+        "--decimal": (written.decimal, ".,"),
+        "--thousands": (written.thousands, ".,' \u00a0\u202f_"),
+        "--delimiter": (written.delimiter, "\t;,| "),
+    }
+    for option, (sign, known) in signs.items():
+        if sign is not None and (len(sign) != 1 or sign not in known):
+            raise UsageError(
+                f"{option} {sign!r} is not possible.",
+                expected="Expected one of " + ", ".join(repr(s) for s in known) + ".",
+                remedy="Leave it out, or give one of them in quotes.",
+            )
+    chosen = [sign for sign, _ in signs.values() if sign is not None]
+    if len(set(chosen)) < len(chosen):
+        raise UsageError(
+            "--decimal, --thousands and --delimiter name the same sign.",
+            remedy="One sign can only mean one of them.",
+        )
+    if written.skip_rows < 0 or (written.header_row is not None and written.header_row < 1):
+        raise UsageError(
+            "--skip-rows or --header-row is not possible.", remedy="Lines count from 1."
+        )
+    return written
+
+
+def _account(source: Source, layout: Layout, table: Table) -> Account:
+    """What every line was taken for; ``LogError`` if that does not add up."""
+    total = source.data.count(b"\n") + (not source.data.endswith(b"\n"))
+    rows, above = int(table.lines.size), layout.first_row
+    blank = total - above - rows - len(table.left_out)
+    found = _count_blank(source, above) if blank else 0
+    if blank != found:
+        raise LogError(
+            f"{abs(blank - found)} lines of the table were neither read nor left out.",
+            where=source.name,
+            expected="This is a bug of the reader.",
+            remedy="Report it with the log, and give --delimiter and --header-row meanwhile.",
+        )
+    return Account(total, above, rows, blank, table.left_out)
+
+
+def _count_blank(source: Source, above: int) -> int:
+    """Number of empty lines below the first few."""
+    lines = source.data.split(b"\n")[above:]
+    ends = not lines[-1] and len(lines) > 0
+    return sum(not line or line.isspace() for line in lines) - ends
 
 
 def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:

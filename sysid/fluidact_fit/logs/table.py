@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import LogError, Notice
 from ..experiment import FloatArray
-from .dialect import Layout
+from .layout import Layout
 from .log import IntArray, count_of, name_lines
 from .source import Source
 
@@ -33,12 +33,13 @@ class Table:
 
     ``values`` has one array per column, shape ``(n_rows,)``, NaN where a cell is not a finite
     number; ``bad`` has the text of these cells by row. ``lines`` is the 1-based source line of
-    every row, ``notices`` says what was left out.
+    every row, ``left_out`` those that are no rows with the reason, ``notices`` says so in words.
     """
 
     values: tuple[FloatArray, ...]
     bad: tuple[dict[int, str], ...]
     lines: IntArray
+    left_out: tuple[tuple[int, str], ...]
     notices: tuple[Notice, ...]
 
 
@@ -55,8 +56,16 @@ def read_table(source: Source, layout: Layout) -> Table:
 
 
 def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
-    """Read a regular table with pandas; ``None`` when it is not regular after all."""
+    """Read a regular table with pandas; ``None`` when it is not regular after all.
+
+    Also where it would read a number otherwise than line by line: with a sign between thousands,
+    or a point in a log of decimal commas.
+    """
     data, end = source.data, len(source.data)
+    if layout.thousands or (layout.decimal == "," and data.find(b".", offset) >= 0):
+        return None
+    if any(data.find(line.encode(), offset) >= 0 for line in layout.again):
+        return None
     while end > offset and data[end - 1] in b"\n\t ":
         end -= 1
     if data.find(b'"', offset) >= 0 or layout.hints.session_mark:
@@ -81,7 +90,7 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         return None
     lines = np.arange(layout.first_row + 1, layout.first_row + 1 + rows, dtype=np.int64)
     bad = _collect_bad(columns, data, offset, layout)
-    return Table(tuple(columns), bad, lines, ())
+    return Table(tuple(columns), bad, lines, (), ())
 
 
 def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatArray] | None:
@@ -140,19 +149,20 @@ def _collect_bad(
 def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
     """Read line by line, leaving out lines with the wrong number of fields."""
     text = source.data[offset:].decode(errors="replace")
-    rows, lines, ragged = _split_rows(text, layout)
-    notices = []
+    split = _split_rows(text, layout)
+    rows, lines, ragged = split.rows, split.lines, split.ragged
+    notices, cut = [], 0
     tail = text.rstrip("\n").rsplit("\n", 41)
     if rows and _is_cut(tail[-1], tail[-41:-1], layout, not text.endswith("\n")):
         if ragged and ragged[-1][0] > lines[-1]:
-            last, _ = ragged.pop()
+            cut, _ = ragged.pop()
         else:
-            last = lines.pop()
+            cut = lines.pop()
             rows.pop()
         notices.append(
             Notice(
                 "cut-last-line",
-                f"{source.name}, line {last}: the last line is cut short and was left out. "
+                f"{source.name}, line {cut}: the last line is cut short and was left out. "
                 "The recording probably stopped while it was written.",
             )
         )
@@ -164,21 +174,49 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
             expected=f"Expected rows of {count_of(layout.width, 'column')}.",
             remedy="Record the log again.",
         )
+    if split.again:
+        notices.append(
+            Notice(
+                "header-again",
+                f"{source.name}: the header stands again on {name_lines(split.again)}; a new run "
+                "begins where the time starts again.",
+            )
+        )
+    left_out = [(n, f"{count_of(found, 'field')}") for n, found in ragged]
+    left_out += [(n, "header again") for n in split.again]
+    left_out += [(n, "written by the logger itself") for n in split.sessions]
+    left_out += [(cut, "cut short")] if cut else []
     values, bad = zip(*(_to_numbers(cells, layout) for cells in zip(*rows)))
-    return Table(values, bad, np.array(lines, dtype=np.int64), tuple(notices))
+    numbers = np.array(lines, dtype=np.int64)
+    return Table(values, bad, numbers, tuple(sorted(left_out)), tuple(notices))
 
 
-def _split_rows(
-    text: str, layout: Layout
-) -> tuple[list[list[str]], list[int], list[tuple[int, int]]]:
-    """Return cells and line of every row; line and number of fields where that is wrong."""
-    rows: list[list[str]] = []
-    lines: list[int] = []
-    ragged: list[tuple[int, int]] = []
+@dataclass(frozen=True)
+class _Lines:
+    """Lines of a table: cells and line of every row, line and number of fields where that is
+    wrong, lines that repeat the header, and those of the logger itself."""
+
+    rows: list[list[str]]
+    lines: list[int]
+    ragged: list[tuple[int, int]]
+    again: list[int]
+    sessions: list[int]
+
+
+def _split_rows(text: str, layout: Layout) -> _Lines:
+    """Sort the lines of a table."""
+    out = _Lines([], [], [], [], [])
+    rows, lines, ragged = out.rows, out.lines, out.ragged
     width, delimiter = layout.width, layout.delimiter
     simple = '"' not in text and delimiter != " "
     for number, line in enumerate(text.split("\n"), start=layout.first_row + 1):
-        if not line or line.isspace() or layout.hints.is_session(line):
+        if not line or line.isspace():
+            continue
+        if layout.hints.is_session(line):
+            out.sessions.append(number)
+            continue
+        if line in layout.again:
+            out.again.append(number)
             continue
         fields = line.split(delimiter) if simple else layout.split(line)
         while len(fields) > width and not fields[-1].strip():
@@ -188,12 +226,14 @@ def _split_rows(
             lines.append(number)
         else:
             ragged.append((number, len(fields)))
-    return rows, lines, ragged
+    return out
 
 
 def _to_numbers(cells: Sequence[str], layout: Layout) -> tuple[FloatArray, dict[int, str]]:
     """Convert a column of text; shape ``(n_rows,)`` and the cells that are no number."""
     texts = cells
+    if layout.thousands:
+        texts = cells = [layout.without_thousands(cell.strip()) for cell in cells]
     if layout.decimal == ",":
         # A point is then no decimal sign: "1.234" may well mean a thousand.
         texts = [cell.replace(".", "?").replace(",", ".") for cell in cells]

@@ -1,0 +1,182 @@
+"""No line vanishes without a word, and both readers read the same numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fluidact_fit.errors import LogError, UsageError
+from fluidact_fit.logs import Log, read_log
+from fluidact_fit.logs import table as table_module
+
+LINES = (Path(__file__).parents[2] / "datasets/valve/trial1.csv").read_text().splitlines()
+
+
+def read(folder: Path, lines: list[str], **options: object) -> Log:
+    path = folder / "log.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return read_log(path, **options)
+
+
+def without_last_cell(line: str) -> str:
+    return line.rpartition(";")[0]
+
+
+def left_out(log: Log) -> list[int]:
+    return [line for line, _ in log.account.left_out]
+
+
+@pytest.mark.parametrize("damaged", [1, 2, 12, 45, 49])
+@pytest.mark.parametrize("headed", [True, False])
+def test_one_damaged_line_takes_no_other_with_it(
+    tmp_path: Path, damaged: int, headed: bool
+) -> None:
+    lines = LINES[0 if headed else 1 :]
+    if damaged == 1 and headed:
+        return
+    lines[damaged - 1] = without_last_cell(lines[damaged - 1])
+    log = read(tmp_path, lines)
+    assert left_out(log) == [damaged]
+    assert log.rows == 999
+    assert [c.header for c in log.columns] == (LINES[0].split(";") if headed else [""] * 3)
+    assert [n.code for n in log.notices] == ["partial-lines"]
+
+
+@pytest.mark.parametrize("between", [[], LINES[:1], ["", *LINES[:1]], ["started again"]])
+@pytest.mark.parametrize("headed", [True, False])
+def test_a_short_run_before_a_long_one_is_read(
+    tmp_path: Path, between: list[str], headed: bool
+) -> None:
+    lines = [*LINES[0 if headed else 1 : 51], *between, *LINES[1:400]]
+    if LINES[0] in between and not headed:
+        return  # a header below the first rows is none
+    log = read(tmp_path, lines)
+    assert log.rows == 50 + 399
+    assert log.account.total_lines == len(lines)
+    assert len(left_out(log)) == sum(1 for line in between if line)
+
+
+def test_every_line_is_accounted_for(tmp_path: Path) -> None:
+    lines = ["recorded today", "", *LINES[:30], "", "", *LINES[30:60], "0,6;1", *LINES[60:900]]
+    account = read(tmp_path, lines).account
+    assert account.header_lines == 3
+    assert account.blank_lines == 2
+    assert account.left_out == ((65, "2 fields"),)
+    assert account.data_rows == 899
+    assert account.total_lines == len(lines) == 3 + 2 + 1 + 899
+
+
+ROWS = range(40)
+
+
+@pytest.mark.parametrize(
+    ("cells", "sign"),
+    [
+        ([f"{i};3,5{i:02d}" for i in ROWS], ","),
+        ([f"{i};4.0{i:02d}" for i in ROWS], "."),
+        ([f"{i}\t4 0{i:02d}" for i in ROWS], " "),
+        ([f"{i}\t4\u00a00{i:02d}" for i in ROWS], "\u00a0"),
+    ],
+)
+def test_thousands_or_decimals_are_asked_for(tmp_path: Path, cells: list[str], sign: str) -> None:
+    with pytest.raises(LogError) as caught:
+        read(tmp_path, cells)
+    assert "--thousands" in caught.value.text
+    values = read(tmp_path, cells, thousands=sign).columns[1].values
+    assert values.max() > 3000.0
+    if sign in ",.":
+        values = read(tmp_path, cells, decimal=sign).columns[1].values
+        assert values.max() < 5.0
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        [f"{i},4.0{i:02d}" for i in ROWS],  # commas separate: the point is a decimal point
+        [f"0,{i:02d};3,5{i:02d}" for i in ROWS],  # one column tells for all
+        [f"{i};0.5{i:02d}" for i in ROWS],
+    ],
+)
+def test_one_cell_tells_for_the_whole_log(tmp_path: Path, cells: list[str]) -> None:
+    assert read(tmp_path, cells).columns[1].values.max() < 5.0
+
+
+def test_a_point_among_decimal_commas_is_no_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cells = [f"0,{i:02d};{'1.012' if i == 5 else '1,5'}" for i in ROWS]
+    for limit in (0, 10**9):
+        monkeypatch.setattr(table_module, "FAST_FROM_BYTES", limit)
+        column = read(tmp_path, cells).columns[1]
+        assert column.bad == {5: "1.012"}
+        assert np.isnan(column.values[5])
+
+
+def test_header_and_rows_as_they_are_said_to_be(tmp_path: Path) -> None:
+    body = [f"{i};4.{i};3" for i in ROWS]
+    log = read(tmp_path, ["1;2;3", "4;5;6", "a;b;c", *body], header_row=3)
+    assert [c.header for c in log.columns] == ["a", "b", "c"]
+    assert (log.rows, log.account.header_lines) == (40, 3)
+    log = read(tmp_path, ["1;2;3", "4;5;6", *body], skip_rows=2)
+    assert (log.rows, log.account.header_lines) == (40, 2)
+    assert [c.header for c in log.columns] == ["", "", ""]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"decimal": ";"}, {"thousands": "x"}, {"decimal": ",", "thousands": ","}, {"skip_rows": -1}],
+)
+def test_impossible_signs_are_refused(tmp_path: Path, options: dict[str, object]) -> None:
+    with pytest.raises(UsageError):
+        read(tmp_path, LINES, **options)
+
+
+CELL = st.sampled_from(["1.012", "3,502", "0,5", "-2", "4 004", "1e5", "nan", "", "x", "1.5", "7"])
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    changes=st.lists(st.tuples(st.integers(0, 79), st.integers(0, 2), CELL), max_size=6),
+    removed=st.lists(st.integers(0, 79), max_size=3),
+    delimiter=st.sampled_from([";", "\t", ",", " "]),
+    decimal=st.sampled_from([".", ","]),
+    blank=st.booleans(),
+)
+def test_both_readers_read_the_same(
+    tmp_path_factory: pytest.TempPathFactory,
+    changes: list[tuple[int, int, str]],
+    removed: list[int],
+    delimiter: str,
+    decimal: str,
+    blank: bool,
+) -> None:
+    rows = [[f"{0.01 * i:.2f}", f"{i % 7}.25", f"{(i * i) % 5}"] for i in range(80)]
+    if delimiter != decimal:
+        rows = [[c.replace(".", decimal) for c in row] for row in rows]
+    for row, column, text in changes:
+        rows[row][column] = text
+    lines = [delimiter.join(row) for k, row in enumerate(rows) if k not in removed]
+    lines = ["a;b;c".replace(";", delimiter), *lines, *([""] if blank else [])]
+    path = tmp_path_factory.mktemp("logs") / "log.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    found: list[Log | str] = []
+    for limit in (0, 10**9):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(table_module, "FAST_FROM_BYTES", limit)
+            try:
+                found.append(read_log(path))
+            except LogError as error:
+                found.append(error.text)
+    quick, careful = found
+    if isinstance(quick, str) or isinstance(careful, str):
+        assert quick == careful
+        return
+    assert quick.account == careful.account
+    np.testing.assert_array_equal(quick.lines, careful.lines)
+    for a, b in zip(quick.columns, careful.columns):
+        np.testing.assert_array_equal(a.values, b.values)
+        assert a.bad == b.bad
