@@ -90,13 +90,17 @@ class Experiment:
         """Return the values of a role at the samples, shape ``(n,)`` [SI].
 
         An input that stepped and was not recorded has one node; here it is written out, as is
-        a constant of a log without time.
+        a constant of a log without time. One that was sampled at other instants is read off
+        between them, as it is held or by straight lines.
         """
         signal = self.signals[role]
-        if signal.values.size == self.samples:
-            return signal.values
         if not self.time.size:
-            return np.full(self.samples, signal.values[-1])
+            full = signal.values.size == self.samples
+            return signal.values if full else np.full(self.samples, signal.values[-1])
+        if signal.time is self.time or np.array_equal(signal.time, self.time):
+            return signal.values
+        if signal.time.size > 1 and signal.hold != "zoh":
+            return np.interp(self.time, signal.time, signal.values)
         at = np.searchsorted(signal.time, self.time, side="right")
         values: FloatArray = np.append(signal.before, signal.values)[at]
         return values

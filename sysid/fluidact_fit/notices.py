@@ -59,6 +59,10 @@ _READING = {
         "The header stands again inside the table and was left out.",
         "Nothing, if the logger was started again; every run is an experiment of its own.",
     ),
+    "time-bases": _information(
+        "Columns were sampled at different instants.",
+        "Nothing: each is used at its own instants.",
+    ),
     "partial-lines": _information(
         "Lines with the wrong number of fields were left out.",
         "Nothing, if they are few; otherwise check how the log was written.",

@@ -119,7 +119,8 @@ def _describe_column(column: Column) -> dict[str, Any]:
         "low": float(finite.min()) if finite.size else None,
         "high": float(finite.max()) if finite.size else None,
         "resolution": smallest_step(finite),
-        "invalid_cells": int(column.values.size - finite.size),
+        "invalid_cells": 0 if column.sparse else int(column.values.size - finite.size),
+        "samples": int(finite.size),
     }
 
 

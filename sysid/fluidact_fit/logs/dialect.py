@@ -14,6 +14,7 @@ from dataclasses import replace
 
 from ..errors import LogError
 from ..units import is_known_unit
+from . import controldesk
 from .decimals import refuse_ambiguous
 from .layout import NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
 from .source import Source
@@ -32,6 +33,8 @@ _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 
 def find_layout(source: Source, written: Written) -> Layout:
     """Find separator, decimal sign, first row and header; ``LogError`` without a table."""
+    if (found := controldesk.lay_out(source)) is not None:
+        return found
     head, body, complete = _sample_lines(source)
     hints = _recognise(head[:40])
     if written.delimiter is not None:
@@ -177,7 +180,7 @@ def _rate_cut(
     if trailing:
         share += counts[width]
     pattern = NUMBER["."] if decimal == "." else _NUMBER_COMMA_STRICT
-    cut = Cut(delimiter, decimal, width, trailing, thousands)
+    cut = Cut(delimiter, decimal, width, trailing, thousands, lead=0)
     cells = [cell for row in usual for cell in row[:width] if cell.casefold() not in NO_VALUE]
     if not cells:
         return None

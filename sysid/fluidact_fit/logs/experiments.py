@@ -23,7 +23,15 @@ from .columns import (
 )
 from .log import Log, StepInput, check_hold
 from .spikes import replace_spikes
-from .timebase import Run, counted_run, split_runs, untimed_run
+from .timebase import (
+    MIN_RUN,
+    Run,
+    counted_run,
+    make_run,
+    print_resolution,
+    split_runs,
+    untimed_run,
+)
 
 _LARGEST = 1e100  # beyond it squares overflow
 _SHORTEST, _LONGEST = 1e-12, 1e9  # step of time [s]
@@ -75,13 +83,35 @@ def experiments(
     _require_time_scale(log, runs)
     notices += assumed_notice(log, bindings.values())
     runs = _apply_window(log, runs)
-    found = _make_experiments(log, variant, bindings, runs, index)
+    whole, runs = runs, [_sampled_run(log, variant, bindings, run) for run in runs]
+    found = _make_experiments(log, variant, bindings, list(zip(runs, whole)), index)
     cleaned = [replace_spikes(e, variant) for e in found]
     found = [e for e, _ in cleaned]
     notices += [n for _, said in cleaned for n in said]
+    notices += _time_bases(log, found)
     notices += check_sampling(log, runs)
     notices += check_signals(log, bindings, found)
     return found, notices
+
+
+def _time_bases(log: Log, found: Sequence[Experiment]) -> list[Notice]:
+    """Say which columns were sampled at other instants than the output."""
+    other = {
+        role: float(np.median(np.diff(s.time)))
+        for e in found
+        for role, s in e.signals.items()
+        if s.time.size > 1 and s.time is not e.time and not np.array_equal(s.time, e.time)
+    }
+    if not other:
+        return []
+    listed = ", ".join(f"'{role}' every {step:g} s" for role, step in other.items())
+    return [
+        Notice(
+            "time-bases",
+            f"{log.name}: {listed}, the output every {found[0].sample_time:g} s; each is used at "
+            "its own instants, nothing was resampled.",
+        )
+    ]
 
 
 def _find_runs(
@@ -169,7 +199,7 @@ def _make_experiments(
     log: Log,
     variant: Variant,
     bindings: Mapping[str, Binding],
-    runs: Sequence[Run],
+    runs: Sequence[tuple[Run, Run]],
     index: int,
 ) -> list[Experiment]:
     measured = {role: b for role, b in bindings.items() if role != "time"}
@@ -177,9 +207,9 @@ def _make_experiments(
         role: smallest_step(b.column.values) * abs(b.to_si) for role, b in measured.items()
     }
     found = []
-    for number, run in enumerate(runs, start=1):
+    for number, (run, whole) in enumerate(runs, start=1):
         signals = {
-            role: _measured_signal(log, binding, run, resolutions[role])
+            role: _measured_signal(log, binding, run, whole, resolutions[role])
             for role, binding in measured.items()
         }
         for role in variant.roles:
@@ -202,13 +232,36 @@ def _make_experiments(
     return found
 
 
-def _measured_signal(log: Log, binding: Binding, run: Run, resolution: float) -> Signal:
+def _sampled_run(log: Log, variant: Variant, bindings: Mapping[str, Binding], run: Run) -> Run:
+    """The rows of a run in which the output was sampled; all where none is sparse."""
+    output = bindings.get(variant.output.name)
+    if output is None or not output.column.sparse or not run.time.size:
+        return run
+    kept = np.isfinite(output.column.values[run.rows])
+    if kept.sum() < MIN_RUN:
+        raise LogError(
+            f"column '{output.column.label}' holds {int(kept.sum())} samples.",
+            where=log.where(run.rows[0]),
+            expected=f"Expected {MIN_RUN} or more in a run.",
+            remedy=f"Give --column {variant.output.name}=... with another column.",
+        )
+    return make_run(run.rows[kept], run.time[kept], print_resolution(run.time[kept]), 1.0)
+
+
+def _measured_signal(log: Log, binding: Binding, run: Run, whole: Run, resolution: float) -> Signal:
     """Return a column over one run, in SI.
 
-    Refused are values whose squares overflow or vanish: nothing can be computed with them.
+    What drives the machine keeps the instants at which it was sampled; all else is read off
+    straight lines where the output was sampled at other ones. ``whole`` is the run with every
+    row. Refused are values whose squares overflow or vanish: nothing can be computed with them.
     """
-    require_numbers(log, binding, run.rows)
-    role, raw = binding.role, binding.column.values[run.rows]
+    rows, time = run.rows, run.time
+    if binding.column.sparse and whole.time.size:
+        kept = np.isfinite(binding.column.values[whole.rows])
+        if not np.array_equal(whole.rows[kept], rows):
+            rows, time = whole.rows[kept], whole.time[kept]
+    require_numbers(log, binding, rows)
+    role, raw = binding.role, binding.column.values[rows]
     with np.errstate(over="ignore"):
         values = raw * binding.to_si
         size = np.abs(values)
@@ -218,13 +271,15 @@ def _measured_signal(log: Log, binding: Binding, run: Run, resolution: float) ->
         raise LogError(
             f"column '{binding.column.label}' holds {raw[worst]:g}, which is too {extreme} to "
             "compute with.",
-            where=log.where(run.rows[worst]),
+            where=log.where(rows[worst]),
             expected=f"Expected {role.name} in the range of a real sensor, in {role.unit}.",
             remedy=f"Check the column and --unit {role.name}=..., or remove the line.",
         )
+    if role.hold is None and time is not run.time:
+        time, values = run.time, np.interp(run.time, time, values)
     return Signal(
         role=role.name,
-        time=run.time,
+        time=time,
         values=values,
         unit=role.unit,
         hold=check_hold(role.name, log.holds.get(role.name)) or role.hold,

@@ -22,7 +22,8 @@ class Hints:
     ``data_from`` is the index of the first line that can hold data and ``delimiter`` the separator,
     each ``None`` when to be found. Lines of a ``serial`` log may be cut or overprinted. Lines that
     begin with ``session_mark`` are the logger's own, between data. ``first_header`` is the name of
-    the first column where its header is empty.
+    the first column where its header is empty. Empty cells of ``sparse`` columns are no samples:
+    what was not sampled then.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Hints:
     serial: bool = False
     session_mark: str = ""
     first_header: str = ""
+    sparse: bool = False
 
     def is_session(self, line: str) -> bool:
         """Whether the logger itself wrote a line between data."""
@@ -57,7 +59,8 @@ class Cut:
     """How lines are cut into cells; ``delimiter`` and ``decimal`` as in `Dialect`.
 
     ``width`` is the number of columns, ``trailing`` whether rows end with one more separator,
-    ``thousands`` the sign between groups of three digits, empty without one.
+    ``thousands`` the sign between groups of three digits, empty without one. ``lead`` cells stand
+    before those of the first column, and are not looked at.
     """
 
     delimiter: str
@@ -65,10 +68,11 @@ class Cut:
     width: int
     trailing: bool
     thousands: str
+    lead: int
 
     def split(self, line: str) -> list[str]:
         """Split a line into stripped fields; an empty line has none."""
-        return split_cells(line, self.delimiter)
+        return split_cells(line, self.delimiter)[self.lead :]
 
     def is_number(self, text: str) -> bool:
         """Return whether a cell is a finite number in the log's own notation."""

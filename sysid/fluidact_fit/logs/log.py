@@ -43,7 +43,8 @@ class Column:
     ``unit`` is that of the header or the units row, ``None`` without one. It is ``doubtful`` when
     it is one small letter behind an underscore (``valve_m``), which is believed only where it fits
     the role. ``values`` are as written, shape ``(n_rows,)``, NaN where a cell is not a finite
-    number; ``bad`` has the text of such cells by row (the first few thousand).
+    number; ``bad`` has the text of such cells by row (the first few thousand). A ``sparse`` one was
+    not sampled in every row: its NaN are no samples.
     """
 
     index: int
@@ -53,6 +54,7 @@ class Column:
     doubtful: bool
     values: FloatArray
     bad: Mapping[int, str] = field(default_factory=dict)
+    sparse: bool = False
 
     @property
     def label(self) -> str:

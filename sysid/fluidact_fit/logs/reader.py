@@ -187,7 +187,10 @@ def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:
     for index, (header, unit_in_row, values, bad) in enumerate(parts, start=1):
         name, unit = parse_unit_from_header(header)
         doubtful = not unit_in_row and is_doubtful_suffix(header)
-        columns.append(Column(index, header, name, unit_in_row or unit, doubtful, values, bad))
+        sparse = layout.hints.sparse and bool(bad) and not any(bad.values())
+        columns.append(
+            Column(index, header, name, unit_in_row or unit, doubtful, values, bad, sparse)
+        )
     return tuple(columns)
 
 

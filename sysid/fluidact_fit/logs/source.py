@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import hashlib
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -111,7 +112,21 @@ def _checked(raw: bytes, name: str, encoding: str) -> tuple[str, bytes]:
         raw.decode("utf-8")
         return encoding, raw
     except UnicodeDecodeError:
-        return "cp1252", raw.decode("cp1252", errors="replace").encode()
+        pass
+    page = "cp949" if _is_korean(raw) else "cp1252"
+    return page, raw.decode(page, errors="replace").encode()
+
+
+def _is_korean(raw: bytes) -> bool:
+    """Whether bytes beyond ASCII stand in pairs, as no Latin text has them."""
+    runs = re.findall(rb"[\x80-\xff]+", raw[:_PROBE])
+    if sum(len(run) > 1 for run in runs) <= 0.5 * len(runs) or any(len(r) % 2 for r in runs):
+        return False
+    try:
+        raw.decode("cp949")
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 def _recode(raw: bytes, encoding: str, name: str) -> bytes:

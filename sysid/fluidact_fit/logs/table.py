@@ -77,7 +77,8 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     if layout.delimiter != " ":
         found = data.count(layout.delimiter.encode(), offset, end)
         # The trailing separator of the last line may have been stripped above.
-        if abs(found - rows * (layout.width - 1 + layout.trailing)) > layout.trailing:
+        cells = layout.lead + layout.width + layout.trailing
+        if abs(found - rows * (cells - 1)) > layout.trailing:
             return None
     if data[end:] not in (b"", b"\n"):
         data = data[:end]
@@ -98,7 +99,7 @@ def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatAr
 
     buffer = io.BytesIO(data)  # shares the bytes
     buffer.seek(offset)
-    width = layout.width + layout.trailing
+    width = layout.lead + layout.width + layout.trailing
     try:
         with warnings.catch_warnings():
             # A column of numbers and text: reported later, if that column is used.
@@ -117,7 +118,7 @@ def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatAr
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError):
         return None
     columns: list[FloatArray] = []
-    for index in range(layout.width):
+    for index in range(layout.lead, layout.lead + layout.width):
         series = frame[index]
         if series.dtype.kind not in "fiu":
             # Text somewhere in the column. Booleans are text too: no logger means 1 by True.
@@ -208,7 +209,7 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
     out = _Lines([], [], [], [], [])
     rows, lines, ragged = out.rows, out.lines, out.ragged
     width, delimiter = layout.width, layout.delimiter
-    simple = '"' not in text and delimiter != " "
+    simple = '"' not in text and delimiter != " " and not layout.lead
     for number, line in enumerate(text.split("\n"), start=layout.first_row + 1):
         if not line or line.isspace():
             continue
