@@ -63,6 +63,10 @@ _READING = {
         "Columns were sampled at different instants.",
         "Nothing: each is used at its own instants.",
     ),
+    "variables-left-out": _information(
+        "Variables of another length than the columns of the log were left out.",
+        "Nothing, unless one that you need is among them: save it with the others' time.",
+    ),
     "partial-lines": _information(
         "Lines with the wrong number of fields were left out.",
         "Nothing, if they are few; otherwise check how the log was written.",

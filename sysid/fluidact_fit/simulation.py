@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
+from typing import Any
 
 import numpy as np
 
@@ -20,13 +21,13 @@ from .logs.experiments import step_signal
 from .outcome import Simulation, pair
 from .parameters.document import Column, ParameterDocument
 
-LogLike = Log | str | PathLike[str]
+LogLike = Log | str | PathLike[str] | Any  # and the data themselves: see `read_log`
 _MOST_SAMPLES = 5_000_000
 
 
 def open_logs(logs: Sequence[LogLike] | LogLike) -> list[Log]:
-    """Read the logs that are given as paths; one need not stand in a list."""
-    given = [logs] if isinstance(logs, Log | str | PathLike) else logs
+    """Read the logs that are given as paths or as data; one need not stand in a list."""
+    given = logs if isinstance(logs, list | tuple) else [logs]
     return [log if isinstance(log, Log) else read_log(log) for log in given]
 
 
