@@ -148,15 +148,10 @@ def _checked(raw: bytes, name: str, encoding: str) -> tuple[str, bytes]:
 
 
 def _is_korean(raw: bytes) -> bool:
-    """Whether bytes beyond ASCII stand in pairs, as no Latin text has them."""
+    """Whether bytes beyond ASCII are syllables of Hangul: pairs such as no Latin text has."""
     runs = re.findall(rb"[\x80-\xff]+", raw[:_PROBE])
-    if sum(len(run) > 1 for run in runs) <= 0.5 * len(runs) or any(len(r) % 2 for r in runs):
-        return False
-    try:
-        raw.decode("cp949")
-    except UnicodeDecodeError:
-        return False
-    return True
+    syllables = re.compile(rb"([\xb0-\xc8][\xa1-\xfe])+")
+    return bool(runs) and all(map(syllables.fullmatch, runs))
 
 
 def _recode(raw: bytes, encoding: str, name: str) -> bytes:
