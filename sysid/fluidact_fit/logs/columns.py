@@ -76,7 +76,8 @@ def check_roles(log: Log, roles: Iterable[Role]) -> None:
             )
         if name in log.bindings:
             raise UsageError(
-                f"'{name}' has both a --column and a --step.", remedy="Keep one of them."
+                f"'{name}' has both a column and a constant or step.",
+                remedy="Keep one of --column, --step and --set.",
             )
     for name in log.holds:
         if known[name].hold is None:
@@ -153,6 +154,14 @@ def default_column(log: Log, role: str) -> Column | None:
     return None
 
 
+def as_measured(role: Role, unit: str | None) -> Role:
+    """The role in that of its SI units that a unit can be converted to."""
+    if not unit or not role.alternatives:
+        return role
+    alike = (si for si in (role.unit, *role.alternatives) if same_dimension(unit, si))
+    return replace(role, unit=next(alike, role.unit))
+
+
 def bind_role(log: Log, role: Role) -> Binding | None:
     """Bind one role, ``None`` when it has no column."""
     if role.name in log.elsewhere and not role.required:
@@ -168,9 +177,7 @@ def bind_role(log: Log, role: Role) -> Binding | None:
     believed = role.name in log.units or not column.doubtful
     if unit and not believed and not same_dimension(unit, role.unit):
         unit = None  # "valve_m" as a voltage: the m was an index
-    if unit and role.alternatives:
-        alike = (si for si in (role.unit, *role.alternatives) if same_dimension(unit, si))
-        role = replace(role, unit=next(alike, role.unit))
+    role = as_measured(role, unit)
     scale = log.scales.get(role.name, 1.0)
     return Binding(
         role=role,

@@ -74,6 +74,8 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
         details["runs"] = len(experiments)
     if log.window is not None:
         details["window"] = log.window_text
+    if log.exclude:
+        details["exclude"] = [x.text for x in log.exclude]
     if log.account.left_out:
         details["lines_left_out"] = len(log.account.left_out)
     if details:
@@ -88,6 +90,8 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
                 "step": {"from": step.start, "to": step.end, "at": step.at},
                 "unit": log.units.get(role, signal.unit),
             }
+            if role in log.from_name:
+                columns[role]["from_name"] = log.from_name[role]
         else:
             columns |= _column_entry(log, Role(role, signal.unit, ""))
         if signal.hold is not None:

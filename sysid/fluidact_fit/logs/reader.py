@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from .dialect import find_layout
 from .layout import Layout, Written
 from .log import Account, Column, Dialect, Log, StepInput, check_hold
 from .source import Source, make_source, name_of, read_bytes
+from .surgery import parse_exclusion, with_constants, without
 from .table import Table, read_table
 
 
@@ -30,6 +31,9 @@ def read_log(
     window: tuple[float | None, float | None] | None = None,
     steps: Mapping[str, StepInput] | None = None,
     holds: Mapping[str, str] | None = None,
+    constants: Mapping[str, str] | None = None,
+    from_name: Mapping[str, str] | None = None,
+    exclude: Sequence[str] = (),
     decimal: str | None = None,
     thousands: str | None = None,
     delimiter: str | None = None,
@@ -62,6 +66,12 @@ def read_log(
         Role to `StepInput` for inputs that were not recorded.
     holds
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``.
+    constants
+        Role to what it was all the time: ``"25 %"``, or ``"0.3"`` in SI.
+    from_name
+        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
+    exclude
+        What is left out: ``"run=2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``.
     decimal, thousands, delimiter
         Signs, where they are not to be found out.
     skip_rows
@@ -83,7 +93,8 @@ def read_log(
     """
     _check_arguments(scales or {}, sample_time, window, steps or {}, holds or {})
     written = _checked_writing(Written(decimal, thousands, delimiter, skip_rows, header_row))
-    return replace(
+    given = [parse_exclusion(text) for text in exclude]
+    log = replace(
         _read(path, written),
         bindings=dict(columns or {}),
         units=dict(units or {}),
@@ -93,6 +104,7 @@ def read_log(
         sample_time=None if sample_time is None else float(sample_time),
         window=window,
     )
+    return without(with_constants(log, constants or {}, from_name or {}), given)
 
 
 def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
