@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fluidact_fit as ff
-from fluidact_fit.errors import UnitError, UsageError
+from fluidact_fit.errors import LogError, UnitError, UsageError
 from fluidact_fit.families import get_family
 from fluidact_fit.logs import experiments, read_log
 from fluidact_fit.logs.surgery import find_in_name, parse_constant, parse_exclusion
@@ -168,3 +168,32 @@ def test_a_part_that_was_left_out_is_left_out_again(tmp_path: Path) -> None:
 def test_options_that_name_nothing_are_refused(tmp_path: Path, option: list[str]) -> None:
     assert run(["valve", str(DATA), *WORDS, *option, "-q", "-o", str(tmp_path / "v.yaml")]) == 2
     assert not (tmp_path / "v.yaml").exists()
+
+
+def test_two_logs_of_one_experiment(tmp_path: Path) -> None:
+    """The command every 10 ms in one file, the outlet every 20 ms and 3 ms later in another."""
+    whole = read_log(DATA, columns=BOUND)
+    time, command, outlet = (c.values for c in whole.columns)
+    a, b = tmp_path / "a.csv", tmp_path / "b.csv"
+    np.savetxt(a, np.column_stack((time, command)), header="time [s];command [V]",
+               delimiter=";", comments="")  # fmt: skip
+    late = np.arange(0.0, 9.9, 0.02) + 0.003
+    np.savetxt(b, np.column_stack((late, np.interp(late, time, outlet))),
+               header="t [s];outlet [bar]", delimiter=";", comments="")  # fmt: skip
+    log = read_log(f"{a}+{b}")
+    assert log.name == "a.csv+b.csv"
+    (run_,), notices = experiments(log, VALVE)
+    assert run_.sample_time == pytest.approx(0.02)
+    np.testing.assert_allclose(run_.time, late)
+    np.testing.assert_allclose(run_.signals["command"].time, time)
+    assert "time-bases" in [n.code for n in notices]
+    document = ff.fit("valve", log).document
+    assert document.provenance.logs[0].file == "a.csv+b.csv"
+
+
+def test_logs_of_two_experiments_are_not_merged(tmp_path: Path) -> None:
+    a, b = tmp_path / "a.csv", tmp_path / "b.csv"
+    a.write_text("time,u\n" + "\n".join(f"{k},{k % 3}" for k in range(20)))
+    b.write_text("time,y\n" + "\n".join(f"{k + 100},{k % 4}" for k in range(20)))
+    with pytest.raises(LogError, match="in common"):
+        read_log(f"{a}+{b}")

@@ -177,7 +177,8 @@ def _checksum(columns: Sequence[Column]) -> str:
 def joined(parts: Sequence[Sequence[Named]], name: str) -> list[Named]:
     """Columns of several time bases over the union of their instants; holes are no samples.
 
-    The first column of every part is its time [s], strictly increasing.
+    The first column of every part is its time [s], strictly increasing. The others say by
+    ``sparse`` whether their holes are none.
     """
     instants = np.unique(np.concatenate([np.asarray(p[0].values, dtype=float) for p in parts]))
     out = [Named(parts[0][0].header, instants, "s")]
@@ -194,5 +195,6 @@ def joined(parts: Sequence[Sequence[Named]], name: str) -> list[Named]:
             values, unit = _numbers(column, name)
             full = np.full(instants.size, np.nan)
             full[rows] = values
-            out.append(Named(column.header, full, column.unit or unit, rows.size < full.size))
+            holes = rows.size < full.size or not np.isfinite(values).all()
+            out.append(Named(column.header, full, column.unit or unit, column.sparse and holes))
     return out

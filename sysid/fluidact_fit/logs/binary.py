@@ -104,7 +104,7 @@ def _read_tdms(raw: bytes, name: str) -> Found:
             except KeyError:
                 time = None
             unit = channel.properties.get("unit_string") or None
-            parts.append((time, Named(channel.name, channel[:], unit)))
+            parts.append((time, Named(channel.name, channel[:], unit, sparse=True)))
     return _of_channels("TDMS", parts, name)
 
 
@@ -112,7 +112,7 @@ def _read_mdf(raw: bytes, name: str) -> Found:
     asammdf = _optional("asammdf", "mdf", name)
     with asammdf.MDF(io.BytesIO(raw)) as file:
         parts = [
-            (s.timestamps, Named(s.name, s.samples, s.unit or None))
+            (s.timestamps, Named(s.name, s.samples, s.unit or None, sparse=True))
             for s in file.iter_channels()
             if s.samples.dtype.kind in "fiu" and s.samples.ndim == 1
         ]
@@ -193,7 +193,7 @@ def _of_dspace(variable: Any, name: str) -> list[Named]:
             )
         short = _last_part(full)
         unit = str(getattr(y, "Unit", "") or "") or None
-        parts[axis].append(Named(short if counts[short] == 1 else full, values, unit))
+        parts[axis].append(Named(short if counts[short] == 1 else full, values, unit, True))
     return joined([p for p in parts if len(p) > 1], name)
 
 

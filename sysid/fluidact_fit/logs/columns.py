@@ -13,6 +13,7 @@ from ..family import Role
 from ..units import conversion_factor, same_dimension
 from .log import Column, IndexArray, Log, name_lines
 
+TIME = Role("time", "s", "instants of the samples")
 # Time is the one role with a symbol that is in general use as a header.
 _SYNONYMS = {"time": ("t",)}
 
@@ -188,6 +189,22 @@ def bind_role(log: Log, role: Role) -> Binding | None:
         # A raw reading is used as it is; assuming a unit for it changes nothing.
         assumed=unit is None and role.unit != "1",
     )
+
+
+def time_candidate(log: Log) -> Binding | None:
+    """Return the time column: named, in a unit of time, or the first that only grows."""
+    binding = bind_role(log, TIME)
+    if binding is not None:
+        return binding
+    for column in log.columns:
+        timed = column.unit is not None and same_dimension(column.unit, "s")
+        steps = np.diff(column.values)
+        grows = column.unit is None and steps.size > 2 and float(np.mean(steps > 0)) > 0.7
+        if (timed or grows) and np.isfinite(column.values).all():
+            unit = column.unit or "s"
+            to_si = conversion_factor(unit, "s")
+            return Binding(TIME, column, unit, 1.0, to_si, assumed=column.unit is None)
+    return None
 
 
 def _needs_column(log: Log, role: Role) -> bool:

@@ -16,6 +16,7 @@ from .binary import read_binary
 from .dialect import find_layout
 from .layout import Layout, Written
 from .log import Account, Column, Dialect, Log, StepInput, check_hold
+from .merging import merged
 from .source import Source, make_source, name_of, read_bytes
 from .surgery import parse_exclusion, with_constants, without
 from .table import Table, read_table
@@ -49,8 +50,8 @@ def read_log(
     ----------
     path
         The file: text of any logger, MATLAB, Parquet, HDF5, TDMS or MDF, packed or not; ``"-"``
-        for standard input. Or the data themselves: a DataFrame, a mapping of header to array, a
-        table of numbers.
+        for standard input, ``"a.csv+b.csv"`` for two logs of one experiment. Or the data
+        themselves: a DataFrame, a mapping of header to array, a table of numbers.
     columns
         Role to header, or to a 1-based number such as ``"#3"``. A role without an entry
         takes the column of its own name.
@@ -112,6 +113,9 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
     if not isinstance(path, str | os.PathLike):
         return log_of(path)
     place = Path(path)
+    several = str(path).split("+")
+    if len(several) > 1 and not place.exists() and all(Path(p).is_file() for p in several):
+        return merged([_read(p, written) for p in several])
     raw, sha256 = read_bytes(place)
     found = read_binary(raw, name_of(place))
     if found is not None:
