@@ -9,7 +9,7 @@ OLDEST := .venv-oldest
 COG := $(BIN)/cog -P -I tools -p 'import docs_tables as docs' --verbosity 1
 PAGES := README.md $(wildcard docs/*.md)
 
-.PHONY: help demo test test-oldest lint format docs schema lock house acceptance study bench red-team clean
+.PHONY: help demo test test-oldest lint format docs schema lock house acceptance study bench red-team soak clean
 
 help:
 	@echo "make demo         fit the datasets into demo-output/"
@@ -24,6 +24,7 @@ help:
 	@echo "make house        count lines, long functions, long signatures and uses of Any"
 	@echo "make study        efficiency, coverage and designs by repetition, written to docs/"
 	@echo "make red-team     attack the numbers with other simulators, written to docs/red-team.md"
+	@echo "make soak         attack reader, files and processes, written to docs/soak.md"
 	@echo "make bench        this project against other tools, written to docs/benchmark.md"
 	@echo "make clean        remove everything that make has made"
 	@echo "Another Python: make PYTHON=/path/to/python3.12 test"
@@ -88,6 +89,10 @@ study: $(INSTALLED_DEV)
 # Half an hour on two cores; make red-team RED_TEAM='--family valve --verbose' runs a part.
 red-team: $(INSTALLED)
 	$(BIN)/python -m studies.red_team $(or $(RED_TEAM),--write)
+
+# Half an hour on two cores; make soak SOAK='--part logs --scale 0.1' runs a part.
+soak: $(INSTALLED)
+	$(BIN)/python -m studies.soak $(or $(SOAK),--write)
 
 # Other tools come from PyPI into environments of their own; MATLAB and Octave do not.
 bench: $(INSTALLED)
