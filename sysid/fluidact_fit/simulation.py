@@ -8,17 +8,18 @@ from os import PathLike
 
 import numpy as np
 
-from .errors import Notice, UsageError
+from .errors import Notice, UnitError, UsageError
 from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
 from .family import Variant
 from .logs import Log, StepInput, read_log, share_columns
 from .logs import experiments as experiments_of
-from .logs.columns import matching
+from .logs.columns import in_unit, matching
 from .logs.experiments import step_signal
 from .outcome import Simulation, pair
 from .parameters.document import Column, ParameterDocument
+from .units import dimension_name, same_dimension
 
 LogLike = Log | str | PathLike[str]
 _MOST_SAMPLES = 5_000_000
@@ -101,9 +102,26 @@ def prepare_logs(
     notices: list[Notice] = []
     for index, log in enumerate(logs):
         some, said = experiments_of(log, replace(variant, roles=roles), index=index)
+        _require_units_of_file(document, some)
         runs += some
         notices += said
     return settle_holds(runs), notices
+
+
+def _require_units_of_file(document: ParameterDocument, runs: Sequence[Experiment]) -> None:
+    """Refuse a role in another quantity than in the fit, where a family accepts several."""
+    several = {r.name for r in variant_of(document).roles if r.alternatives}
+    for e in runs:
+        for role, signal in e.signals.items():
+            covered = document.validity.get(role) if role in several else None
+            if covered is not None and not same_dimension(signal.unit, covered.unit):
+                raise UnitError(
+                    f"'{role}' is {dimension_name(signal.unit)} here, and was "
+                    f"{dimension_name(covered.unit)} when the file was made.",
+                    where=e.name,
+                    expected=f"Expected {role} in {covered.unit}.",
+                    remedy=f"Give --column {role}=... or --unit {role}={covered.unit}.",
+                )
 
 
 def simulate_runs(document: ParameterDocument, runs: Sequence[Experiment]) -> list[Simulation]:
@@ -160,10 +178,12 @@ def simulate_steps(
     signals = {}
     for role in roles:
         if role.name in inputs:
-            unit = units.get(role.name, role.unit)
+            covered = document.validity.get(role.name)
+            unit = units.get(role.name) or (covered.unit if covered else role.unit)
             where = f"--unit {role.name}={unit}"
-            signals[role.name] = step_signal(role, inputs[role.name], where, unit)
+            signals[role.name] = step_signal(in_unit(role, unit), inputs[role.name], where, unit)
     run = Experiment("inputs", 0, time, signals, sample_time, True)
+    _require_units_of_file(document, [run])
     return simulate_runs(document, [run])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .agreement import require_agreement
 from .columns import share_columns
 from .describe import describe, provenance
 from .experiments import choose_variant, experiments
@@ -18,5 +19,6 @@ __all__ = [
     "experiments",
     "provenance",
     "read_log",
+    "require_agreement",
     "share_columns",
 ]

@@ -153,6 +153,14 @@ def default_column(log: Log, role: str) -> Column | None:
     return None
 
 
+def in_unit(role: Role, unit: str | None) -> Role:
+    """A role in that of its SI units which measures what ``unit`` does, else in the first."""
+    if not unit or not role.alternatives:
+        return role
+    alike = (si for si in (role.unit, *role.alternatives) if same_dimension(unit, si))
+    return replace(role, unit=next(alike, role.unit))
+
+
 def bind_role(log: Log, role: Role) -> Binding | None:
     """Bind one role, ``None`` when it has no column."""
     if role.name in log.elsewhere and not role.required:
@@ -168,9 +176,7 @@ def bind_role(log: Log, role: Role) -> Binding | None:
     believed = role.name in log.units or not column.doubtful
     if unit and not believed and not same_dimension(unit, role.unit):
         unit = None  # "valve_m" as a voltage: the m was an index
-    if unit and role.alternatives:
-        alike = (si for si in (role.unit, *role.alternatives) if same_dimension(unit, si))
-        role = replace(role, unit=next(alike, role.unit))
+    role = in_unit(role, unit)
     scale = log.scales.get(role.name, 1.0)
     return Binding(
         role=role,

@@ -140,10 +140,16 @@ _PARAMETERS = (
 _FORCE = Role(
     "force", "N", "force that drives the motion, positive along positive velocity", output=True
 )
-_OPPOSING = Role("pressure", "Pa", "pressure whose force is not friction", required=False)
-_DRIVING = Role("pressure", "Pa", "pressure that drives positive motion (with --area)", output=True)
+_OPPOSING = Role(
+    "pressure", "Pa", "pressure whose force is not friction", required=False, gauge=True
+)
+_DRIVING = Role(
+    "pressure", "Pa", "pressure that drives positive motion (with --area)", output=True, gauge=True
+)
 # with a hold, --step can stand for a pressure of which only the levels are known
-_OTHER = Role("pressure_2", "Pa", "pressure of the other chamber", required=False, hold="auto")
+_OTHER = Role(
+    "pressure_2", "Pa", "pressure of the other chamber", required=False, hold="auto", gauge=True
+)
 
 
 def _variant(motion: str, unit: str, pressures: bool) -> Variant:
