@@ -126,6 +126,11 @@ def _look_up(unit: str) -> tuple[float, str] | None:
     return (math.nan, _STANDARD) if STANDARD_FLOW.fullmatch(text) else _ask_pint(text)
 
 
+def is_share(unit: str) -> bool:
+    """Return whether a unit is percent, of whatever is rated or of nothing in particular."""
+    return normalise_unit(unit).startswith("%")
+
+
 def after_number(unit: str) -> str:
     """A unit as it follows a number in a text: behind a space, nothing for a plain number."""
     return "" if unit == "1" else f" {unit}"

@@ -65,9 +65,11 @@ def test_a_contradicted_header_is_warned_of(tmp_path: Path) -> None:
         assert words in message
 
 
-def test_a_header_of_another_quantity_is_warned_of(tmp_path: Path) -> None:
+@pytest.mark.parametrize("scale", [1.0, -1.0])  # a sign is no sensor's gain
+def test_a_header_of_another_quantity_is_warned_of(scale: float, tmp_path: Path) -> None:
     path = write(tmp_path / "a.csv", "time [s],inlet (mm),outlet (bar)", 1.0, 1e5, 1e5)
-    message = codes(read_log(path, units={"inlet": "bar"}))["unit-overridden"]
+    log = read_log(path, units={"inlet": "bar"}, scales={"inlet": scale})
+    message = codes(log)["unit-overridden"]
     assert "bar is a pressure and mm a length" in message
 
 
@@ -80,6 +82,7 @@ def test_a_header_of_another_quantity_is_warned_of(tmp_path: Path) -> None:
         ("inlet [V]", "bar", 2.5),  # a sensor's gain
         ("inlet [wobble]", "bar", 1.0),
         ("inlet [bar]", "barg", 1.0),
+        ("inlet [%]", "% of 10 bar", 1.0),
         ("inlet", "bar", 1.0),
     ],
 )

@@ -8,7 +8,13 @@ from dataclasses import dataclass
 
 from ..errors import Notice, UnitError
 from ..family import Variant
-from ..units import conversion_factor, dimension_name, pressure_reference, same_dimension
+from ..units import (
+    conversion_factor,
+    dimension_name,
+    is_share,
+    pressure_reference,
+    same_dimension,
+)
 from .columns import Binding, bind_roles, in_unit
 from .log import Log
 
@@ -128,6 +134,8 @@ def _contradiction(given: str, header: str, binding: Binding) -> str | None:
         if math.isclose(abs(binding.scale) * factor, 1.0, rel_tol=1e-6):
             return None
         return f"1 {given} is {factor:.6g} {header}"
-    if binding.column.doubtful or binding.scale != 1.0 or dimension_name(header) == "unknown":
+    if is_share(given) and is_share(header):
+        return None  # the one says of what the other is
+    if binding.column.doubtful or abs(binding.scale) != 1.0 or dimension_name(header) == "unknown":
         return None
     return f"{given} is {dimension_name(given)} and {header} {dimension_name(header)}"

@@ -29,6 +29,11 @@ class Axis:
     sensor: str
 
     @property
+    def speed_words(self) -> str:
+        """The speed as people write it."""
+        return self.speed.replace("_", " ")
+
+    @property
     def speed_unit(self) -> str:
         """Unit of the speed."""
         return f"{self.place_unit}/s"

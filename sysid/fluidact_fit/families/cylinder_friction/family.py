@@ -168,7 +168,7 @@ def _variant(axis: Axis, motion: str, pressures: bool = False) -> Variant:
     drive = Role(
         axis.drive,
         axis.force_unit,
-        f"{axis.drive} that drives the motion, positive along positive {axis.speed}",
+        f"{axis.drive} that drives the motion, positive along positive {axis.speed_words}",
         output=True,
     )
     chambers = (_OPPOSING, _OTHER) if axis is LINEAR else ()
@@ -325,7 +325,7 @@ class CylinderFriction(Family[FrictionOptions]):
                 x = sign * np.linspace(0.0, speeds.max(), 200 if law.stribeck else 2)
                 lines.append(Curve(f"fitted, {side}", x, law.moving(x, np.full(x.size, sign))))
         return StaticView(
-            axis.speed, axis.speed_unit, "friction", axis.force_unit,
+            axis.speed_words, axis.speed_unit, "friction", axis.force_unit,
             v, friction, law.moving(v), used, lines,
         )  # fmt: skip
 
