@@ -87,7 +87,7 @@ def test_factors(unit: str, si: str, factor: float) -> None:
         ("%", "N m", ["% of RATED N m", "RATED/100"]),
         ("9^9^9", "N", ["'9^9^9' is not written as a unit", "small powers"]),
         ("m" * 1000, "N", ["mmm...'", "not written as a unit"]),
-        ("NL/min", "m3/s", ["standard state", "pressure and the temperature", "--unit ROLE=1"]),
+        ("NL/min", "m3/s", ["standard state", "pressure and the temperature", "--unit ROLE='1'"]),
         ("Nl/min", "m3/s", ["standard state"]),
         ("slpm", "m3/s", ["standard state"]),
         ("Nm3/h", "m3/s", ["standard state"]),

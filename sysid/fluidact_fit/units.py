@@ -247,7 +247,7 @@ def _wrong_quantity(unit: str, si_unit: str, where: str) -> UnitError:
             expected=expected,
             remedy="Convert the column with the standard state of the meter, V = V_n (p_n / p) "
             "(T / T_n) in absolute pressures and kelvins; or, where a role may be a plain number, "
-            "give --unit ROLE=1 to take the readings as they are.",
+            "give --unit ROLE='1' to take the readings as they are.",
         )
     return UnitError(
         f"unit '{unit}' is {dimension_name(unit)}.",

@@ -16,13 +16,14 @@ from fluidact_fit.logs.columns import bind_role
 LINE = ff.get_family("line").variants[0]
 
 
-def write(path: Path, header: str, *scales: float) -> Path:
-    """A step down a line, in pascals divided by the scales; the inlet has a zero of its own."""
+def write(path: Path, header: str, *scales: float, zeros: tuple[float, float] = (0, 0)) -> Path:
+    """A step down a line, in pascals divided by the scales; ``zeros`` are read at no pressure."""
     t = np.arange(0.0, 2.0, 0.005)
     inlet = np.where(t > 0.5, 3e5, 1e5)
     outlet = 1e5 + 2e5 * (1.0 - np.exp(-np.clip(t - 0.515, 0.0, None) / 0.05))
     outlet += np.random.default_rng(0).normal(0.0, 300.0, t.size)
-    columns = [c / s for c, s in zip((t, inlet, outlet), scales or (1.0, 1.0, 1.0))]
+    signals = zip((t, inlet, outlet), scales or (1.0, 1.0, 1.0), (0.0, *zeros))
+    columns = [c / s + zero for c, s, zero in signals]
     np.savetxt(path, np.column_stack(columns), "%.9g", ",", header=header, comments="")
     return path
 
@@ -94,9 +95,20 @@ def test_what_contradicts_nothing_is_not_warned_of(
     assert "unit-overridden" not in codes(log)
 
 
-def test_transducer_voltages_of_a_line_give_the_parameters_of_its_pressures(tmp_path: Path) -> None:
+def test_a_plain_number_stands_for_what_cannot_be_converted(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", "time [s],inlet [slpm],outlet [counts]")
+    with pytest.raises(UnitError, match="standard state"):
+        experiments(read_log(path), LINE)
+    assert "unit-overridden" not in codes(read_log(path, units={"inlet": "1"}))
+
+
+@pytest.mark.parametrize("zeros", [(0.0, 0.0), (0.5, -0.2)])
+def test_transducer_voltages_of_a_line_give_the_parameters_of_its_pressures(
+    zeros: tuple[float, float], tmp_path: Path
+) -> None:
     pascals = ff.fit("line", write(tmp_path / "p.csv", "time [s],inlet [Pa],outlet [Pa]"))
-    volts = ff.fit("line", write(tmp_path / "v.csv", "time [s],inlet [V],outlet [V]", 1, 1e5, 1e5))
+    path = write(tmp_path / "v.csv", "time [s],inlet [V],outlet [V]", 1, 1e5, 1e5, zeros=zeros)
+    volts = ff.fit("line", path)
     for name, found in pascals.parameters.items():
         assert volts.parameters[name].number == pytest.approx(found.number, rel=1e-6)
         assert volts.parameters[name].unit == found.unit

@@ -11,6 +11,7 @@ from ..family import Variant
 from ..units import (
     conversion_factor,
     dimension_name,
+    is_known_unit,
     is_share,
     pressure_reference,
     same_dimension,
@@ -136,6 +137,6 @@ def _contradiction(given: str, header: str, binding: Binding) -> str | None:
         return f"1 {given} is {factor:.6g} {header}"
     if is_share(given) and is_share(header):
         return None  # the one says of what the other is
-    if binding.column.doubtful or abs(binding.scale) != 1.0 or dimension_name(header) == "unknown":
+    if binding.column.doubtful or abs(binding.scale) != 1.0 or not is_known_unit(header):
         return None
     return f"{given} is {dimension_name(given)} and {header} {dimension_name(header)}"
