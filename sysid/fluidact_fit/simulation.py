@@ -8,18 +8,18 @@ from os import PathLike
 
 import numpy as np
 
-from .errors import Notice, UnitError, UsageError
+from .errors import Notice, UsageError
 from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
 from .family import Variant
-from .logs import Log, StepInput, read_log, share_columns
+from .logs import Log, StepInput, read_log, require_agreement, share_columns
 from .logs import experiments as experiments_of
 from .logs.columns import in_unit, matching
 from .logs.experiments import step_signal
 from .outcome import Simulation, pair
 from .parameters.document import Column, ParameterDocument
-from .units import dimension_name, same_dimension
+from .units import pressure_reference
 
 LogLike = Log | str | PathLike[str]
 _MOST_SAMPLES = 5_000_000
@@ -98,30 +98,25 @@ def prepare_logs(
     """
     variant = variant_of(document)
     roles = tuple(replace(r, required=r.required and not r.output) for r in variant.roles)
+    variant = replace(variant, roles=roles)
+    require_agreement(logs, variant, _units_of_file(document))
     runs: list[Experiment] = []
     notices: list[Notice] = []
     for index, log in enumerate(logs):
-        some, said = experiments_of(log, replace(variant, roles=roles), index=index)
-        _require_units_of_file(document, some)
+        some, said = experiments_of(log, variant, index=index)
         runs += some
         notices += said
     return settle_holds(runs), notices
 
 
-def _require_units_of_file(document: ParameterDocument, runs: Sequence[Experiment]) -> None:
-    """Refuse a role in another quantity than in the fit, where a family accepts several."""
-    several = {r.name for r in variant_of(document).roles if r.alternatives}
-    for e in runs:
-        for role, signal in e.signals.items():
-            covered = document.validity.get(role) if role in several else None
-            if covered is not None and not same_dimension(signal.unit, covered.unit):
-                raise UnitError(
-                    f"'{role}' is {dimension_name(signal.unit)} here, and was "
-                    f"{dimension_name(covered.unit)} when the file was made.",
-                    where=e.name,
-                    expected=f"Expected {role} in {covered.unit}.",
-                    remedy=f"Give --column {role}=... or --unit {role}={covered.unit}.",
-                )
+def _units_of_file(document: ParameterDocument) -> dict[str, str]:
+    """Units in which the fit took the roles: what they are counted from is in the provenance."""
+    units = {role: covered.unit for role, covered in document.validity.items()}
+    for source in document.provenance.logs:
+        for role, column in source.columns.items():
+            if role in units and pressure_reference(column.unit):
+                units[role] = column.unit
+    return units
 
 
 def simulate_runs(document: ParameterDocument, runs: Sequence[Experiment]) -> list[Simulation]:
@@ -183,7 +178,6 @@ def simulate_steps(
             where = f"--unit {role.name}={unit}"
             signals[role.name] = step_signal(in_unit(role, unit), inputs[role.name], where, unit)
     run = Experiment("inputs", 0, time, signals, sample_time, True)
-    _require_units_of_file(document, [run])
     return simulate_runs(document, [run])
 
 

@@ -122,7 +122,18 @@ def test_a_file_in_volts_refuses_a_log_in_pascals(tmp_path: Path) -> None:
     found = ff.fit("line", write(tmp_path / "v.csv", "time [s],inlet [V],outlet [V]", 1, 1e5, 1e5))
     pressures = write(tmp_path / "p.csv", "time [s],inlet [Pa],outlet [Pa]")
     other = read_log(pressures, units={"inlet": "Pa", "outlet": "Pa"})
-    with pytest.raises(UnitError, match="'inlet' is a pressure here, and was a voltage"):
+    with pytest.raises(UnitError, match=r"'inlet' in Pa \(p.csv\) is a pressure, and 'inlet' in V"):
+        found.simulate(other)
+
+
+def test_a_file_in_gauge_pressures_refuses_absolute_ones(tmp_path: Path) -> None:
+    gauge = write(tmp_path / "g.csv", "time [s],inlet [barg],outlet [barg]", 1, 1e5, 1e5)
+    found = ff.fit("line", gauge)
+    found.simulate(gauge)
+    found.simulate(write(tmp_path / "p.csv", "time [s],inlet [bar],outlet [bar]", 1, 1e5, 1e5))
+    other = read_log(write(tmp_path / "a.csv", "time [s],in [bara],out [bara]", 1, 1e5, 1e5),
+                     columns={"inlet": "in", "outlet": "out"})  # fmt: skip
+    with pytest.raises(UnitError, match=r"the parameter file\) is counted from the atmosphere"):
         found.simulate(other)
 
 

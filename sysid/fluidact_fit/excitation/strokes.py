@@ -205,7 +205,7 @@ def _time_to_halve(task: Task, errors: FloatArray) -> list[str]:
     return [
         f"That is {ratio:.2g} times the present worst one. To halve it, such strokes take "
         f"{duration:.3g} s: give --duration {np.ceil(duration):.0f}, or average more readings of "
-        "the force."
+        f"the {task.variant.output.name}."
     ]
 
 

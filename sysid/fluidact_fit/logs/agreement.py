@@ -24,25 +24,38 @@ from .log import Log
 class _Stated:
     """A role in one log: the SI unit it is used in, and the unit that stands for it."""
 
-    log: Log
+    log: Log | None  # None: the file that a fit wrote
     role: str
     si: str
     unit: str
-    assumed: bool
+    assumed: bool = False
+
+    @property
+    def place(self) -> str:
+        """Where it is."""
+        return "the parameter file" if self.log is None else self.log.name
 
     def text(self, beside: _Stated) -> str:
         """For a message: ``'inlet' in bar (a.csv)``, without the log where both are of one."""
-        remarks = [self.log.name] * (self.log is not beside.log) + ["assumed"] * self.assumed
+        remarks = [self.place] * (self.log is not beside.log) + ["assumed"] * self.assumed
         return f"'{self.role}' in {self.unit}" + f" ({', '.join(remarks)})" * bool(remarks)
 
 
-def require_agreement(logs: Sequence[Log], variant: Variant) -> None:
+def require_agreement(
+    logs: Sequence[Log], variant: Variant, known: Mapping[str, str] | None = None
+) -> None:
     """Refuse logs whose columns cannot be taken together (``UnitError``).
 
     A role in volts here and in pascals there, two roles of which only the ratio matters in
-    different quantities, and gauge pressures beside absolute ones.
+    different quantities, and gauge pressures beside absolute ones. ``known`` are the units in
+    which a fit took the roles, where the logs are for what it found.
     """
     stated = [s for log in logs for s in _stated(log, variant)]
+    if known:
+        names = [r.name for r in variant.roles if r.name in known]
+        stated += [
+            _Stated(None, n, in_unit(variant.role(n), known[n]).unit, known[n]) for n in names
+        ]
     for role in variant.roles:
         _require_one_quantity([s for s in stated if s.role == role.name])
     _require_one_quantity([s for s in stated if s.role in variant.alike])
@@ -93,7 +106,7 @@ def _require_one_reference(stated: Sequence[_Stated]) -> None:
 
 
 def _where(first: _Stated, other: _Stated) -> str:
-    return ", ".join(dict.fromkeys((first.log.name, other.log.name)))
+    return ", ".join(dict.fromkeys(s.log.name for s in (first, other) if s.log is not None))
 
 
 def absolute_notice(log: Log, bindings: Iterable[Binding]) -> Iterator[Notice]:
