@@ -144,6 +144,12 @@ def test_headers(header: str, name: str, unit: str | None) -> None:
     assert units.parse_unit_from_header(header) == (name, unit)
 
 
+def test_a_header_of_blanks_takes_no_time() -> None:
+    """Its blanks were tried in all ways to split them, which took minutes."""
+    long = "x" + " " * 200_000 + "m]"
+    assert units.parse_unit_from_header(long) == (long, None)
+
+
 def test_doubtful_suffixes() -> None:
     assert units.is_doubtful_suffix("valve_m")
     assert units.is_doubtful_suffix("t_s")

@@ -45,8 +45,6 @@ _RATED = re.compile(
     r"(?P<unit>[^\d\s].*)"
 )
 
-_BRACKETED = re.compile(r"^(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))$")
-
 
 def normalise_unit(unit: str) -> str:
     """Return a unit in the spelling of the table: ``µ`` as ``u``, ``m²`` and ``m2`` as ``m^2``."""
@@ -274,12 +272,15 @@ def parse_unit_from_header(header: str) -> tuple[str, str | None]:
         Name, and unit or ``None``.
     """
     text = header.strip()
-    if match := _BRACKETED.match(text):
-        name = match["name"].strip()
-        if match["square"] is not None:
-            return name, match["square"].strip() or None
-        if name and _is_unit_in_round_brackets(match["round"]):
-            return name, match["round"].strip()
+    for opening, closing in ("[]", "()"):
+        name, found, unit = text.removesuffix(closing).rpartition(opening)
+        if not found or not text.endswith(closing) or closing in unit:
+            continue
+        name = name.strip()
+        if opening == "[":
+            return name, unit.strip() or None
+        if name and _is_unit_in_round_brackets(unit):
+            return name, unit.strip()
         return text, None
     for suffix, unit in SUFFIXES.items():
         name = text.removesuffix(f"_{suffix}")
