@@ -15,7 +15,7 @@ from .experiment import Experiment
 from .families import get_family
 from .family import Estimate, Family, FamilyOptions, ParameterDocument, Quantity, Request, Variant
 from .findings import Findings, make_parameter_document
-from .logs import Log, choose_variant, share_columns
+from .logs import Log, choose_variant, require_agreement, share_columns
 from .logs import experiments as experiments_of
 from .outcome import Simulation
 from .result import FitResult
@@ -244,6 +244,7 @@ def _hold(logs: Sequence[Log], holds: Mapping[str, str]) -> list[Log]:
 
 def _prepare(logs: Sequence[Log], variant: Variant) -> tuple[list[Experiment], list[Notice]]:
     """Turn all logs into experiments."""
+    require_agreement(logs, variant)
     found: list[Experiment] = []
     notices: list[Notice] = []
     for index, log in enumerate(logs):

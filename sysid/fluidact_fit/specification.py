@@ -28,7 +28,8 @@ class Role:
     ``hold`` is the default intersample behaviour of a role that drives the model and
     ``None`` for all others. ``output`` marks the role that is compared with the model.
     ``alternatives`` are SI units of other dimensions that are accepted as well: a valve
-    may be commanded in volts, amperes or as a number.
+    may be commanded in volts, amperes or as a number. ``gauge`` marks a pressure that the
+    equation counts from the atmosphere.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Role:
     hold: Hold | None = None
     output: bool = False
     alternatives: tuple[str, ...] = ()
+    gauge: bool = False
 
 
 @dataclass(frozen=True)
@@ -102,12 +104,14 @@ class Variant:
     """A set of roles with the parameter table that goes with it.
 
     Most families have one. ``ball-screw`` has a rotary one (torque, angle, inertia)
-    and a linear one (force, position, mass).
+    and a linear one (force, position, mass). Of the roles in ``alike`` only the ratio matters:
+    they may be in any quantity that they accept, but all of them in the same.
     """
 
     name: str
     roles: tuple[Role, ...]
     parameters: tuple[ParameterSpec, ...]
+    alike: tuple[str, ...] = ()
 
     def role(self, name: str) -> Role:
         """Return the role of that name; raises ``KeyError`` when there is none."""

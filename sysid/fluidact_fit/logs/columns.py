@@ -155,8 +155,8 @@ def default_column(log: Log, role: str) -> Column | None:
     return None
 
 
-def as_measured(role: Role, unit: str | None) -> Role:
-    """The role in that of its SI units that a unit can be converted to."""
+def in_unit(role: Role, unit: str | None) -> Role:
+    """A role in that of its SI units which measures what ``unit`` does, else in the first."""
     if not unit or not role.alternatives:
         return role
     alike = (si for si in (role.unit, *role.alternatives) if same_dimension(unit, si))
@@ -178,7 +178,7 @@ def bind_role(log: Log, role: Role) -> Binding | None:
     believed = role.name in log.units or not column.doubtful
     if unit and not believed and not same_dimension(unit, role.unit):
         unit = None  # "valve_m" as a voltage: the m was an index
-    role = as_measured(role, unit)
+    role = in_unit(role, unit)
     scale = log.scales.get(role.name, 1.0)
     return Binding(
         role=role,

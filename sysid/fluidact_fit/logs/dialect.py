@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ..errors import LogError
-from ..units import is_known_unit
+from ..units import is_unit
 from . import controldesk
 from .decimals import refuse_ambiguous
 from .layout import NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
@@ -256,7 +256,7 @@ def _merge_units(line: str, width: int) -> list[str]:
 
 def _are_units(cells: Sequence[str]) -> bool:
     filled = [_clean_unit(cell) for cell in cells if _clean_unit(cell)]
-    return bool(filled) and all(is_known_unit(cell) for cell in filled)
+    return bool(filled) and all(is_unit(cell) for cell in filled)
 
 
 def _clean_unit(cell: str) -> str:

@@ -10,14 +10,15 @@ from ..errors import LogError, Notice, UsageError
 from ..experiment import Experiment, Signal
 from ..family import Role, Variant
 from ..units import conversion_factor
+from .agreement import absolute_notice, overridden_notice, require_agreement
 from .checks import check_sampling, check_signals, smallest_step
 from .columns import (
     Binding,
-    as_measured,
     assumed_notice,
     bind_role,
     bind_roles,
     check_roles,
+    in_unit,
     missing_roles,
     require_numbers,
     require_roles,
@@ -79,11 +80,14 @@ def experiments(
     """
     check_roles(log, variant.roles)
     require_roles(log, variant.roles)
+    require_agreement([log], variant)
     bindings = bind_roles(log, variant.roles)
     notices = list(log.notices)
     runs = _find_runs(log, variant, bindings, notices)
     _require_time_scale(log, runs)
     notices += assumed_notice(log, bindings.values())
+    notices += overridden_notice(log, bindings)
+    notices += absolute_notice(log, bindings.values())
     runs = exclude_runs(log, _apply_window(log, runs))
     whole, runs = runs, [_sampled_run(log, variant, bindings, run) for run in runs]
     found = _make_experiments(log, variant, bindings, list(zip(runs, whole)), index)
@@ -217,10 +221,9 @@ def _make_experiments(
         for role in variant.roles:
             if role.name in log.steps:
                 unit, scale = log.units.get(role.name), log.scales.get(role.name, 1.0)
-                where = f"{log.name}, role '{role.name}'"
-                signals[role.name] = step_signal(
-                    as_measured(role, unit), log.steps[role.name], where, unit, scale
-                )
+                where = f"--step {role.name}=..."
+                step = log.steps[role.name]
+                signals[role.name] = step_signal(in_unit(role, unit), step, where, unit, scale)
         first, last = log.lines[run.rows[[0, -1]]].tolist()
         found.append(
             Experiment(

@@ -87,7 +87,8 @@ class SpringCylinder(Family[SpringOptions]):
                           remedy="Record the force while the command is raised and lowered."),
         ),
         _make_variant(
-            Role("pressure", "Pa", "pressure in the chamber, above atmosphere", hold="zoh"),
+            Role("pressure", "Pa", "pressure in the chamber, above atmosphere", hold="zoh",
+                 gauge=True),
             ParameterSpec("area", "m2", "piston area", minimum=1e-300,
                           remedy="Record the force while the pressure is raised and lowered."),
         ),
