@@ -75,6 +75,9 @@ def _check_structure(document: dict[str, Any], problems: Problems) -> ParameterD
     except ValidationError as error:
         for item in error.errors(include_url=False):
             place = tuple(part for part in item["loc"] if not str(part).startswith(TAG))
+            if problems.many:  # the place alone: other checks must not rely on it
+                problems.add(place, "")
+                continue
             found, key = item["input"], str(place[-1]) if place else ""
             form = _WORDS.get(item["type"], "{found}: {said}")
             if item["type"] == "float_type" and isinstance(found, str) and _is_number(found):
@@ -150,6 +153,8 @@ def _check_parameters(document: dict[str, Any], variant: Variant, problems: Prob
         if name not in parameters and not spec.optional:
             problems.add(("parameters", name), "missing")
     for name, entry in parameters.items():
+        if problems.many:
+            return
         here: Location = ("parameters", name)
         if name not in specs:
             hint = suggest(name, specs)
@@ -187,13 +192,15 @@ def _check_options(document: dict[str, Any], family: Described, problems: Proble
     options = document.get("options", {})
     if not isinstance(options, dict):
         return  # said already
-    wrong = _refused(options, family)
-    each = {name: _refused({name: value}, family) for name, value in options.items()}
-    for name, words in each.items() if wrong else ():
-        if words:
+    wrong = together = _refused(options, family)
+    for name, value in options.items() if wrong else ():
+        if problems.many:
+            return
+        if words := _refused({name: value}, family):
             problems.add(("options", name), words)
-    if wrong and not any(each.values()):
-        problems.add(("options",), wrong)
+            together = ""
+    if together:
+        problems.add(("options",), together)
 
 
 def _refused(options: dict[str, Any], family: Described) -> str:
@@ -211,7 +218,7 @@ def _refused(options: dict[str, Any], family: Described) -> str:
 def _check_unit(
     unit: Any, expected: str, place: Location, problems: Problems, *, free: bool = False
 ) -> None:
-    if unit == expected or not isinstance(unit, str):
+    if unit == expected or not isinstance(unit, str) or problems.many:
         return  # without asking what units are, which may be slow
     if not units.is_known_unit(unit):
         problems.add(place, f"{unit!r} is not a known unit; expected {expected!r}")
@@ -227,7 +234,7 @@ def _check_units(document: dict[str, Any], variant: Variant, problems: Problems)
     """Check what is given per role, and the units of everything else."""
     accepted = {role.name: (role.unit, *role.alternatives) for role in variant.roles}
     for place, _ in find_entries(document, "validity", "*"):
-        if place[-1] not in accepted:
+        if place[-1] not in accepted and not problems.many:
             message = f"is not a role of the family{suggest(str(place[-1]), accepted)}"
             problems.add(place, message)
     for place, unit in find_entries(document, "validity", "*", "unit"):
