@@ -100,8 +100,8 @@ def spoil_text(text: str, seed: int) -> Case:
             ("cut", text[:cut]),
             ("drop", "".join(lines[:at] + lines[at + 1 :])),
             ("double", "".join(lines[:at] + lines[at : at + 1] + lines[at:])),
-            ("swap", "".join(lines[:at] + [lines[other]] + lines[at + 1 :])),
-            ("indent", "".join(lines[:at] + [" " + lines[at]] + lines[at + 1 :])),
+            ("swap", "".join([*lines[:at], lines[other], *lines[at + 1 :]])),
+            ("indent", "".join([*lines[:at], " ", *lines[at:]])),
             ("character", text[:cut] + character + text[cut + 1 :]),
             ("insert", text[:cut] + character + text[cut:]),
         ]

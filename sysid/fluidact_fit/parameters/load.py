@@ -113,19 +113,30 @@ def check_agreement(
         except (FluidactError, ArithmeticError, ValueError) as error:
             problems = [("model", f"cannot be made from the parameters: {error}")]
         else:
-            wrong = disagreements(document.model, due, ("model",))
+            wrong = disagreements(document.model, due | _offset_due(document, family), ("model",))
             problems = [(format_path(place), words) for place, words in wrong]
     if problems:
         raise ParameterFileError(where, problems, _CHANGED)
 
 
+def _offset_due(document: ParameterDocument, family: Described) -> dict[str, float]:
+    """Offset of the output at rest: what the ``model`` part says, if the logs' own allow it."""
+    offsets = [log.offset.value for log in document.fit.logs if log.offset is not None]
+    if not family.steady_offset or not offsets:
+        return {}
+    found = document.model.get("output_offset")
+    # Their mean, weighted with numbers of samples that the file does not hold.
+    middle = sum(offsets) / len(offsets)
+    between = _is_number(found) and min(offsets) <= found <= max(offsets)
+    return {"output_offset": found if between else middle}
+
+
 def disagreements(
     found: Any, due: Any, place: Location = (), slack: float = 0.0
 ) -> Iterator[tuple[Location, str]]:
-    """Yield every place where a part lacks something or has another value.
+    """Yield every place where a part lacks something, has another value, or something more.
 
-    What ``found`` holds beyond ``due`` is left alone. A list is one place; its numbers may be
-    off by a ``slack``, a small part of its largest.
+    A list is one place; its numbers may be off by a ``slack``, a small part of its largest.
     """
     if isinstance(due, Mapping) and isinstance(found, Mapping):
         for key, value in due.items():
@@ -133,6 +144,8 @@ def disagreements(
                 yield from disagreements(found[key], value, (*place, key))
             else:
                 yield (*place, key), "missing"
+        for key in found.keys() - due.keys():
+            yield (*place, key), "unknown key"
         return
     if isinstance(due, (list, tuple)):
         slack = _SMALL * max((abs(v) for v in due if _is_number(v)), default=0.0)

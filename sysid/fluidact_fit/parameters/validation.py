@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from itertools import chain
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
@@ -149,6 +149,7 @@ def _check_parameters(document: dict[str, Any], variant: Variant, problems: Prob
     if not isinstance(parameters, dict):
         return  # said already
     specs = {spec.name: spec for spec in variant.parameters}
+    units_of = _units_of_roles(document, variant)
     for name, spec in specs.items():
         if name not in parameters and not spec.optional:
             problems.add(("parameters", name), "missing")
@@ -161,7 +162,9 @@ def _check_parameters(document: dict[str, Any], variant: Variant, problems: Prob
             problems.add(here, f"unknown to family {document['family']!r}{hint}")
             continue
         for place, unit in find_entries(entry, "unit", place=here):
-            _check_unit(unit, specs[name].unit, place, problems, free=specs[name].any_unit)
+            known, free = _possible_units(specs[name], units_of)
+            if unit not in known:
+                _check_unit(unit, known[0], place, problems, free=free)
         for place, value in find_entries(entry, "value", place=here):
             if problems.intact(*place):
                 _check_value(value, specs[name], place, problems)
@@ -228,6 +231,34 @@ def _check_unit(
         problems.add(place, f"{unit!r} is not the unit of this file; give SI, in {expected!r}")
     else:
         problems.add(place, f"{unit!r} has the wrong dimension; expected {expected!r}")
+
+
+def _units_of_roles(document: dict[str, Any], variant: Variant) -> dict[str, tuple[str, ...]]:
+    """SI units that each role may have: that of its range in the file, else all that it takes.
+
+    None for a raw reading without a range, which may be in any unit.
+    """
+    units_of = {}
+    for role in variant.roles:
+        accepted = (role.unit, *role.alternatives)
+        raw = role.unit == "1"
+        given = next((u for _, u in find_entries(document, "validity", role.name, "unit")), None)
+        if isinstance(given, str) and (raw or given in accepted):
+            accepted = (given,)
+        elif raw:
+            accepted = ()
+        units_of[role.name] = accepted
+    return units_of
+
+
+def _possible_units(
+    spec: ParameterSpec, units_of: dict[str, tuple[str, ...]]
+) -> tuple[list[str], bool]:
+    """Units that a parameter may have, and whether any other will do."""
+    roles = [role for role in spec.ratio or () if role != "1"]
+    choices = product(*(units_of[role] for role in roles))
+    known = [spec.unit_for(dict(zip(roles, chosen))) for chosen in choices]
+    return known or [spec.unit], not known
 
 
 def _check_units(document: dict[str, Any], variant: Variant, problems: Problems) -> None:
