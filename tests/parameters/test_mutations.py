@@ -127,7 +127,7 @@ def test_a_spoilt_file_is_read_or_refused(family: str, logs: Any) -> None:
         ("valve", "fit/rmse/value", -1.0, "-1.0: input should be greater"),
         ("valve", "fit/details/output_resolution", "x", "not a number"),
         ("valve", "fit/details", {"comparisons": [1.0]}, "not a mapping"),
-        ("valve", "model/output_offset", "x", "does not agree"),
+        ("valve", "model/output_offset", "x", "not a number"),
         ("valve", "model/output_offset", 1e9, "does not agree"),
         ("valve", "model/more", {"x": 1.0}, "unknown key"),
         ("valve", "provenance/options", {"fixed": {"gain": "x"}}, "not a number"),

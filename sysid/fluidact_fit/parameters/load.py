@@ -12,7 +12,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeGuard, get_args
 
-from ..errors import FluidactError, ParameterFileError
+import numpy as np
+
+from ..errors import FluidactError, ParameterFileError, shortened
 from ..experiment import Hold
 from ..specification import Described
 from .atomic import write_atomically
@@ -22,10 +24,13 @@ from .problems import Location, Problems, format_path
 from .validation import Lookup, validate
 from .yaml_io import YamlText, dump_yaml, parse_yaml, read_yaml, to_plain
 
+Problem = tuple[Location, str]
+
 _REMEDY = "Correct these, or fit again and use the new file."
 _CHANGED = "One of the two was changed by hand. Fit again with --fix NAME=VALUE instead."
 _SAME = 1e-4  # relative; an edited parameter shows, one rounded to six digits does not
 _SMALL = 1e-9  # of the largest number of a list
+_ALIKE = 0.05  # relative; an error may be rounded to two digits
 
 
 def read_document(path: str | os.PathLike[str], lookup: Lookup) -> ParameterDocument:
@@ -96,7 +101,15 @@ def _check(text: YamlText, lookup: Lookup, where: str) -> ParameterDocument:
 def check_agreement(
     document: ParameterDocument, family: Described, where: str = "the document"
 ) -> None:
-    """Compare the ``model`` part of a valid document with the one that its parameters give."""
+    """Compare the ``model`` part of a valid document with the one that its parameters give.
+
+    Standard errors are compared with the covariance.
+
+    Raises
+    ------
+    ParameterFileError
+        Naming every place that disagrees.
+    """
     discrete = document.model.get("discrete")
     settings = {"sample_time": 0.0, "hold": "zoh"} if discrete is None else discrete
     if not isinstance(settings, Mapping):
@@ -113,27 +126,54 @@ def check_agreement(
         except (FluidactError, ArithmeticError, ValueError) as error:
             problems = [("model", f"cannot be made from the parameters: {error}")]
         else:
-            wrong = disagreements(document.model, due | _offset_due(document, family), ("model",))
+            model = {k: v for k, v in document.model.items() if k != "output_offset"}
+            wrong = [
+                *disagreements(model, due, ("model",)),
+                *_strange_offset(document, family),
+                *_strange_errors(document),
+            ]
             problems = [(format_path(place), words) for place, words in wrong]
     if problems:
         raise ParameterFileError(where, problems, _CHANGED)
 
 
-def _offset_due(document: ParameterDocument, family: Described) -> dict[str, float]:
-    """Offset of the output at rest: what the ``model`` part says, if the logs' own allow it."""
+def _strange_offset(document: ParameterDocument, family: Described) -> Iterator[Problem]:
+    """Yield what is wrong with the output at rest, which is a mean over the fitted logs."""
+    place, found = ("model", "output_offset"), document.model.get("output_offset")
     offsets = [log.offset.value for log in document.fit.logs if log.offset is not None]
     if not family.steady_offset or not offsets:
-        return {}
-    found = document.model.get("output_offset")
-    # Their mean, weighted with numbers of samples that the file does not hold.
-    middle = sum(offsets) / len(offsets)
-    between = _is_number(found) and min(offsets) <= found <= max(offsets)
-    return {"output_offset": found if between else middle}
+        if found is not None:
+            yield place, "unknown key"
+    elif found is None:
+        yield place, "missing"
+    elif not _is_number(found):
+        yield place, f"{shortened(repr(found), 60)} is not a number"
+    else:
+        low, high = min(offsets), max(offsets)
+        slack = _SAME * max(abs(low), abs(high))
+        if not low - slack <= found <= high + slack:
+            words = f"{found!r} does not agree with the offsets of the logs"
+            yield place, f"{words}, {low:.6g} to {high:.6g}"
+
+
+def _strange_errors(document: ParameterDocument) -> Iterator[Problem]:
+    """Yield standard errors that are not the roots of the variances in the covariance."""
+    if document.covariance is None:
+        return
+    spread = dict(zip(document.covariance.order, np.sqrt(np.diag(document.covariance.matrix))))
+    for name, entry in document.parameters.items():
+        if entry.std_error is None:
+            continue
+        for index, error in np.ndenumerate(np.asarray(entry.std_error, dtype=float)):
+            due = spread.get(name + "".join(f"[{i}]" for i in index), error)
+            if abs(error - due) > _ALIKE * due:
+                words = f"{float(error)!r} does not agree with the covariance, {due:.6g}"
+                yield ("parameters", name, "std_error", *index), words
 
 
 def disagreements(
     found: Any, due: Any, place: Location = (), slack: float = 0.0
-) -> Iterator[tuple[Location, str]]:
+) -> Iterator[Problem]:
     """Yield every place where a part lacks something, has another value, or something more.
 
     A list is one place; its numbers may be off by a ``slack``, a small part of its largest.
@@ -156,7 +196,10 @@ def disagreements(
     else:
         same = found == due
     if not same:
-        yield place, "does not agree with the parameters"
+        numbers = _is_number(found) and _is_number(due)
+        said = f"{found!r} does" if numbers else "does"
+        given = f", which give {due!r}" if numbers else ""
+        yield place, f"{said} not agree with the parameters{given}"
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
