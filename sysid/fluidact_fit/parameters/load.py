@@ -110,31 +110,37 @@ def check_agreement(
     ParameterFileError
         Naming every place that disagrees.
     """
+    wrong = [
+        *_strange_model(document, family),
+        *_strange_offset(document, family),
+        *_strange_errors(document),
+    ]
+    if wrong:
+        raise ParameterFileError(where, [(format_path(p), words) for p, words in wrong], _CHANGED)
+
+
+def _strange_model(document: ParameterDocument, family: Described) -> Iterator[Problem]:
+    """Yield where the ``model`` part is not what the parameters give, its offset aside."""
     discrete = document.model.get("discrete")
     settings = {"sample_time": 0.0, "hold": "zoh"} if discrete is None else discrete
+    here = ("model", "discrete")
     if not isinstance(settings, Mapping):
-        raise ParameterFileError(where, [("model.discrete", "is not a mapping")], _CHANGED)
+        yield here, "is not a mapping"
+        return
     step: Any = settings.get("sample_time")
     hold: Any = settings.get("hold")
     if not _is_number(step) or (discrete is not None and step <= 0.0):
-        problems = [("model.discrete.sample_time", f"{step!r} is not a positive number")]
+        yield (*here, "sample_time"), f"{shortened(repr(step), 60)} is not a positive number"
     elif hold not in get_args(Hold):
-        problems = [("model.discrete.hold", f"{hold!r} is not known")]
+        yield (*here, "hold"), f"{shortened(repr(hold), 60)} is not known"
     else:
         try:
             due = family.model(document.plant(family), float(step), hold)
         except (FluidactError, ArithmeticError, ValueError) as error:
-            problems = [("model", f"cannot be made from the parameters: {error}")]
-        else:
-            model = {k: v for k, v in document.model.items() if k != "output_offset"}
-            wrong = [
-                *disagreements(model, due, ("model",)),
-                *_strange_offset(document, family),
-                *_strange_errors(document),
-            ]
-            problems = [(format_path(place), words) for place, words in wrong]
-    if problems:
-        raise ParameterFileError(where, problems, _CHANGED)
+            yield ("model",), f"cannot be made from the parameters: {error}"
+            return
+        model = {key: part for key, part in document.model.items() if key != "output_offset"}
+        yield from disagreements(model, due, ("model",))
 
 
 def _strange_offset(document: ParameterDocument, family: Described) -> Iterator[Problem]:
