@@ -30,6 +30,7 @@ _REMEDY = "Correct these, or fit again and use the new file."
 _CHANGED = "One of the two was changed by hand. Fit again with --fix NAME=VALUE instead."
 _SAME = 1e-4  # relative; an edited parameter shows, one rounded to six digits does not
 _SMALL = 1e-9  # of the largest number of a list
+_LEAST = 1e-150  # an error whose square is no number any more
 _ALIKE = 0.05  # relative; an error may be rounded to two digits
 
 
@@ -172,7 +173,7 @@ def _strange_errors(document: ParameterDocument) -> Iterator[Problem]:
             continue
         for index, error in np.ndenumerate(np.asarray(entry.std_error, dtype=float)):
             due = spread.get(name + "".join(f"[{i}]" for i in index), error)
-            if abs(error - due) > _ALIKE * due:
+            if abs(error - due) > _ALIKE * due + _LEAST:
                 words = f"{float(error)!r} does not agree with the covariance, {due:.6g}"
                 yield ("parameters", name, "std_error", *index), words
 
