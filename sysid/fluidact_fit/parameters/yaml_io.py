@@ -141,7 +141,8 @@ class _Loader(Composer, SafeConstructor, BaseResolver):
             raise self._fatal(event, f"is nested deeper than {MAX_DEPTH} levels")
         self._note(event, key)
         if isinstance(event, yaml.ScalarEvent):
-            node: yaml.Node | None = self.compose_scalar_node(event.anchor)
+            compose: Any = self.compose_scalar_node  # mistyped in the stubs
+            node: yaml.Node | None = compose(event.anchor)
         else:
             node = super().compose_node(parent, index)
         self.place = above
