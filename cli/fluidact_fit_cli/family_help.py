@@ -68,7 +68,7 @@ def _parameter(spec: ParameterSpec) -> tuple[str, str]:
     rank = {0: "", 1: "list: ", 2: "table: "}[spec.rank]
     remarks = [
         "depends on the options" if spec.optional else "",
-        "unit depends on the log" if spec.any_unit else "",
+        "unit depends on the log" if spec.ratio else "",
         f"not below {spec.minimum:g}" if math.isfinite(spec.minimum) else "",
         f"not above {spec.maximum:g}" if math.isfinite(spec.maximum) else "",
     ]

@@ -39,6 +39,14 @@ class Notice:
     message: str
 
 
+def shortened(text: str, most: int = 300) -> str:
+    """Text of at most so many characters; what is longer loses its middle."""
+    if len(text) <= most:
+        return text
+    ahead = most * 2 // 3
+    return f"{text[:ahead]} ... {text[len(text) - (most - ahead - 5) :]}"
+
+
 def in_python(text: str) -> str:
     """Turn a message in the words of the command line into those of Python.
 
@@ -117,15 +125,25 @@ class ParameterFileError(FluidactError):
     """A parameter file is not valid (exit status 3).
 
     ``problems`` lists every problem as ``(path, message)``, for example
-    ``("parameters.mass.unit", "'m' is not a mass")``.
+    ``("parameters.mass.unit", "'m' is not a mass")``; of more than ``MOST`` the first ones. The
+    message shows ``SHOWN`` of them.
     """
 
     exit_status = 3
+    SHOWN, MOST = 10, 100
 
     def __init__(self, where: str, problems: list[tuple[str, str]], remedy: str = "") -> None:
-        self.problems = problems
-        lines = [f"{path}: {message}" if path else message for path, message in problems]
-        count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
+        self.problems = problems[: self.MOST]
+        found, more = len(problems), len(problems) - self.SHOWN
+        lines = [
+            shortened(f"{path}: {message}" if path else message)
+            for path, message in problems[: self.SHOWN]
+        ]
+        count = "1 problem" if found == 1 else f"{found} problems"
+        if found > self.MOST:
+            count = f"more than {self.MOST} problems"
+        elif more > 0:
+            lines.append(f"... and {more} more")
         super().__init__(
             f"not a valid parameter file ({count}):\n  " + "\n  ".join(lines),
             where=where,

@@ -15,6 +15,7 @@ the file holds the settled ones: everything later reads them there.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
@@ -125,7 +126,7 @@ class Option:
             value = getattr(value, "item", lambda: value)()  # a numpy scalar
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError("not a number")
-        if not math.isfinite(value):
+        if not abs(value) <= sys.float_info.max:  # an integer can be beyond it
             raise ValueError("not finite")
         if self.kind == "int" and value != int(value):
             raise ValueError("not a whole number")

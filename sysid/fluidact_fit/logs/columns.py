@@ -109,7 +109,8 @@ def find_column(log: Log, role: str, wanted: str) -> Column:
 
 
 def _column_number(wanted: str) -> int | None:
-    return int(wanted[1:]) if wanted.startswith("#") and wanted[1:].isdecimal() else None
+    number = wanted.startswith("#") and wanted[1:].isdecimal() and len(wanted) < 10
+    return int(wanted[1:]) if number else None
 
 
 def matching(log: Log, wanted: str) -> list[Column]:

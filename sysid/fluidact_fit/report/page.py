@@ -7,6 +7,7 @@ from base64 import b64encode
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from ..errors import UsageError
 from ..families import get_family
@@ -203,8 +204,8 @@ def _comparisons(document: ParameterDocument) -> str:
     return out
 
 
-def _cell(value: str | float) -> str:
-    return escape(str(value) if isinstance(value, str | int) else short(float(value), 3))
+def _cell(value: Any) -> str:
+    return escape(short(value, 3) if isinstance(value, float) else str(value))
 
 
 def _logs(document: ParameterDocument) -> str:

@@ -64,6 +64,7 @@ from ...family import (
     StaticView,
     Variant,
 )
+from ...parameters.problems import find_entries
 from .axis import LINEAR, PRESSURES, ROTARY, Axis, axis_of, is_place, motion_role
 from .block import FrictionBlock
 from .fit import LEVELS, SECOND_SPEED, fit_friction
@@ -264,14 +265,19 @@ class CylinderFriction(Family[FrictionOptions]):
         """
         options = document.settled_options(FrictionOptions)
         details = document.fit.details or {}
-        fast = max((abs(v) for pair in details["speeds"].values() for v in pair), default=0.0)
+        speeds = [v for _, v in find_entries(details, "speeds", "*", "*")]
+        noise: Any = details.get("force_noise")
+        if not all(isinstance(v, float) for v in (noise, *speeds)):
+            return Excitation("none", "the file does not say how fast its logs moved, and with "
+                              "how much noise (fit.details.speeds and force_noise)")  # fmt: skip
+        fast = max(map(abs, speeds), default=0.0)
         if not is_place(motion_role(variant)):  # what noise the filter met, a design has not
             options = replace(options, filter=None)
         return Excitation(
             "strokes",
             fastest=(-fast, fast),
             slowest=2.0 * (options.deadband or 0.0),
-            noise=float(details["force_noise"]),
+            noise=abs(noise),
             options=options,
         )
 

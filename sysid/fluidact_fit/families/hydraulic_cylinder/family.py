@@ -109,7 +109,7 @@ def _specs() -> tuple[ParameterSpec, ...]:
     networks = [
         ParameterSpec(
             f"{net}_{layer}", "1", f"{layer.replace('_', ' ')} of the network of {net}",
-            optional=True, rank=2 if layer.startswith("weights") else 1, any_unit=True,
+            optional=True, rank=2 if layer.startswith("weights") else 1,
         )
         for net in NETWORKS
         for layer in LAYERS
