@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from fluidact_fit.options import plausible
 
 if TYPE_CHECKING:
     ParamType = click.ParamType[Any]
@@ -25,9 +26,10 @@ def parse_number(text: str) -> float:
         raise ValueError(f"'{text}' has a decimal comma; write {text.replace(',', '.')}")
     if not _NUMBER.fullmatch(text):
         raise ValueError(f"'{text}' is not a number" if text else "a number is missing")
-    if not math.isfinite(value := float(text)):
-        raise ValueError(f"'{text}' is too large")
-    return value
+    try:
+        return plausible(float(text))
+    except ValueError as error:
+        raise ValueError(f"'{text}' is {error}") from None
 
 
 def parse_positive(text: str) -> float:

@@ -14,7 +14,13 @@ import sys
 import pytest
 
 from fluidact_fit.errors import OutputError
-from fluidact_fit.parameters import atomic, make_document, read_document, save_document, write_atomically
+from fluidact_fit.parameters import (
+    atomic,
+    make_document,
+    read_document,
+    save_document,
+    write_atomically,
+)
 
 
 def test_writes_text_and_bytes(tmp_path):

@@ -21,7 +21,7 @@ from ..options import (
 )
 from ..outputs import check_targets, write_all
 from ..parse import parse_positive, parse_step
-from ..show import echo_warnings
+from ..show import echo, echo_result, echo_warnings, tell
 
 if TYPE_CHECKING:
     from fluidact_fit.outcome import Simulation
@@ -75,7 +75,7 @@ def command(
     runs = _with_logs(document, logs, params) if logs else _with_steps(document, params)
     text = to_csv(document, runs)
     if output is None:
-        click.echo(text, nl=False)
+        echo_result(text)
     else:
         write_all({output: text}, force)
     if not params["quiet"]:
@@ -87,13 +87,12 @@ def _show(runs: Sequence[Simulation], output: str | None) -> None:
     for run in runs:
         if run.agreement.samples:
             left = f", {run.left_out} samples left out" if run.left_out else ""
-            click.echo(
+            tell(
                 f"{run.experiment.name}: rmse {run.rmse:.6g}, fit "
-                f"{run.agreement.fit_percent:.2f} %{left}",
-                err=True,
+                f"{run.agreement.fit_percent:.2f} %{left}"
             )
     if output is not None:
-        click.echo(f"written to {output}")
+        echo(f"written to {output}")
 
 
 def _check_source(logs: Sequence[str], params: Mapping[str, Any]) -> None:
