@@ -110,11 +110,15 @@ def assigned(parse: Callable[[str], Any]) -> Callable[[str], tuple[str, Any]]:
 class Parsed(ParamType):
     """A value in a small language, as ``START:END``; an error shows this form and an example.
 
-    ``parse`` turns text into the value and raises ``ValueError``.
+    ``parse`` turns text into the value and raises ``ValueError``; ``expected`` says in words what
+    may be given where the form does not.
     """
 
-    def __init__(self, form: str, example: str, parse: Callable[[str], Any]) -> None:
+    def __init__(
+        self, form: str, example: str, parse: Callable[[str], Any], expected: str = ""
+    ) -> None:
         self.name = form
+        self.expected = expected or form
         self.example = example
         self.parse = parse
 
@@ -127,7 +131,7 @@ class Parsed(ParamType):
         except ValueError as error:
             why = str(error)
             what = why if why.startswith(f"'{value}'") else f"'{value}': {why}"
-            text = f"{what}.\nExpected {self.name}, for example {self.example}"
+            text = f"{what}.\nExpected {self.expected}, for example {self.example}"
             raise click.BadParameter(text, ctx=ctx, param=param) from None
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:

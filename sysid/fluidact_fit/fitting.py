@@ -18,6 +18,7 @@ from .family import Estimate, Family, FamilyOptions, ParameterDocument, Quantity
 from .findings import Findings, make_parameter_document
 from .logs import Log, choose_variant, share_columns
 from .logs import experiments as experiments_of
+from .logs.experiments import LONGEST, SHORTEST
 from .options import plausible
 from .outcome import Simulation
 from .result import FitResult
@@ -97,6 +98,8 @@ def fit(
         seed=seed,
         progress=progress or (lambda message: None),
     )
+    if controller_sample_time is not None:
+        _check_period(controller_sample_time)
     variant = choose_variant(opened, chosen.variants_for(request.options))
     _check_noise(request.noise, chosen, variant)
     experiments, notices = _prepare(opened, variant)
@@ -134,6 +137,16 @@ def _numbers(option: str, given: Mapping[str, float] | None) -> dict[str, float]
                 f"{option} {name}={value!r} is {error}", remedy="Give a number, in SI."
             ) from None
     return out
+
+
+def _check_period(sample_time: float) -> None:
+    """Refuse a period that no controller has, as those of logs are refused."""
+    if not SHORTEST <= sample_time <= LONGEST:
+        raise UsageError(
+            f"--controller-sample-time {sample_time:g} is impossible",
+            expected=f"Expected {SHORTEST:g} to {LONGEST:g} s.",
+            remedy="Give the period of the controller in seconds.",
+        )
 
 
 def _check_noise(

@@ -107,7 +107,8 @@ def find_column(log: Log, role: str, wanted: str) -> Column:
 
 
 def _column_number(wanted: str) -> int | None:
-    return int(wanted[1:]) if wanted.startswith("#") and wanted[1:].isdecimal() else None
+    digits = wanted.removeprefix("#")
+    return int(digits) if digits != wanted and digits.isascii() and digits.isdecimal() else None
 
 
 def matching(log: Log, wanted: str) -> list[Column]:
