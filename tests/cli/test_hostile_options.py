@@ -115,3 +115,15 @@ def test_a_cylinder_of_few_rows(
     assert ("Nothing was written" in done.err) == (
         not (inside / "hydraulic-cylinder.yaml").exists()
     )
+
+
+@pytest.mark.parametrize("option", ["column=#2", "scale=2", "step=0:1", "hold=zoh", "--window 0:1"])
+def test_a_simulation_of_steps_reads_no_log(option: str, here: Run, inside: Path) -> None:
+    assert here(*dataset("valve", 200, inside / "log.csv"), "-q", "--accept-failed").status == 0
+    name, _, value = option.partition("=")
+    words = option.split() if option.startswith("--") else [f"--{name}", f"command={value}"]
+    steps = ["--input", "command=0:1", "--duration", "1", "--sample-time", "0.01"]
+    done = here("simulate", "valve.yaml", *steps, *words)
+    assert (done.status, done.out) == (2, "")
+    assert f"{words[0]} is about reading a LOG" in done.err
+    assert here("simulate", "valve.yaml", *steps).status == 0

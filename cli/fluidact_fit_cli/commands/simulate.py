@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from fluidact_fit.outcome import Simulation
     from fluidact_fit.parameters import ParameterDocument
 
+_OF_LOGS = ("column", "scale", "step", "window", "hold")
+
 
 @click.command(
     "simulate",
@@ -105,6 +107,12 @@ def _check_source(logs: Sequence[str], params: Mapping[str, Any]) -> None:
         )
     if not logs and not params["input"]:
         raise click.UsageError(f"there is nothing to simulate: give a LOG, or steps, {example}.")
+    needless = [name for name in _OF_LOGS if not logs and params[name]]
+    if needless:
+        raise click.UsageError(
+            f"--{needless[0]} is about reading a LOG, and there is none. Leave it out; the steps "
+            "of --input are in the --unit of their role."
+        )
     if not logs and (params["duration"] is None or params["sample_time"] is None):
         raise click.UsageError(f"--input needs --duration and --sample-time, {example}.")
 
