@@ -59,6 +59,7 @@ def test_every_family(
         ("line", ["--scale", "inlet=1e31"], "'1e31' is too large"),
         ("line", ["--column", "inlet=#²"], "no column '#²'"),
         ("line", ["--column", "inlet=#٢"], "no column '#٢'"),
+        ("line", ["--column", f"inlet=#{'9' * 5000}"], "no column '#99999"),
         ("valve", ["--fix", "gain=1e200"], "'1e200' is too large"),
         ("valve", ["--bounds", "gain=0:1e200"], "'1e200' is too large"),
         ("hydrostatic", ["--start", "mass=-1e99"], "'-1e99' is too large"),
@@ -102,6 +103,13 @@ def test_plausible() -> None:
     for value in (float("nan"), float("inf"), 1.1e30, -9e-31):
         with pytest.raises(ValueError, match=r"not finite|too large|too small"):
             plausible(value)
+
+
+def test_equal_friction_levels_that_few_rows_do_not_tell(here: Run, inside: Path) -> None:
+    words = dataset("spring-cylinder", 160, inside / "log.csv")
+    done = here(*words, "--motion-state", "position", "--accept-failed")
+    assert done.status in (0, 4), done.err
+    assert "95 % interval would be" in done.err
 
 
 @pytest.mark.parametrize("flow", ["orifice", "mlp"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,6 +16,7 @@ from .log import Column, IndexArray, Log, name_lines
 
 # Time is the one role with a symbol that is in general use as a header.
 _SYNONYMS = {"time": ("t",)}
+_NUMBER = re.compile("#[0-9]{1,9}")
 
 
 @dataclass(frozen=True)
@@ -107,8 +109,7 @@ def find_column(log: Log, role: str, wanted: str) -> Column:
 
 
 def _column_number(wanted: str) -> int | None:
-    digits = wanted.removeprefix("#")
-    return int(digits) if digits != wanted and digits.isascii() and digits.isdecimal() else None
+    return int(wanted[1:]) if _NUMBER.fullmatch(wanted) else None
 
 
 def matching(log: Log, wanted: str) -> list[Column]:
