@@ -19,7 +19,7 @@ help:
 	@echo "make format       fix the style where ruff can"
 	@echo "make docs         write what the pages and the JSON Schema take from the program"
 	@echo "make schema       write the shipped JSON Schema only"
-	@echo "make lock         write uv.lock anew"
+	@echo "make lock         write uv.lock anew: the tools of developers are installed as it says"
 	@echo "make acceptance   every headline figure again, against docs/acceptance.md"
 	@echo "make house        count lines, long functions, long signatures and uses of Any"
 	@echo "make study        efficiency, coverage and designs by repetition, written to docs/"
@@ -67,7 +67,7 @@ schema: $(INSTALLED_DEV)
 # Always from PyPI itself, whatever index this machine is set up with.
 lock: $(INSTALLED_DEV)
 	$(BIN)/python -m pip install --quiet uv
-	$(BIN)/uv lock --no-config --default-index https://pypi.org/simple
+	$(BIN)/uv lock --upgrade --no-config --default-index https://pypi.org/simple
 
 house:
 	@$(PYTHON) tools/house.py
@@ -122,13 +122,15 @@ $(INSTALLED): pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
 
-$(INSTALLED_DEV): $(INSTALLED)
-	$(BIN)/python -m pip install --quiet --group dev
+$(INSTALLED_DEV): $(INSTALLED) uv.lock tools/locked.py
+	$(PYTHON) tools/locked.py > $(VENV)/constraints.txt
+	$(BIN)/python -m pip install --quiet --constraint $(VENV)/constraints.txt --group dev
 	@touch $@
 
-$(OLDEST)/installed: pyproject.toml tools/oldest.py
+$(OLDEST)/installed: pyproject.toml tools/oldest.py uv.lock tools/locked.py
 	$(call make_environment,$(OLDEST))
 	$(PYTHON) tools/oldest.py > $(OLDEST)/constraints.txt
+	$(PYTHON) tools/locked.py >> $(OLDEST)/constraints.txt
 	$(OLDEST)/bin/python -m pip install --quiet --constraint $(OLDEST)/constraints.txt \
 		--editable . --group test
 	@touch $@

@@ -112,7 +112,8 @@ def _type(option: FamilyOption) -> click.ParamType[Any]:
         "text": ("TEXT", str(option.default or "auto"), parse_text),
     }
     metavar, example, parse = forms[option.kind]
-    return Parsed(metavar, f"--{option.name} {example}", lambda text: option.read(parse(text)))
+    return Parsed(metavar, f"--{option.name} {example}", lambda text: option.read(parse(text)),
+                  option.expected)  # fmt: skip
 
 
 def _whole(text: str) -> int:

@@ -8,6 +8,7 @@ an exit status; a notebook shows the same text.
 from __future__ import annotations
 
 import re
+import unicodedata
 from dataclasses import dataclass
 
 # Options whose keyword in Python is not the same word.
@@ -27,6 +28,26 @@ _OPTION = re.compile(
 )
 
 
+# Controls, invisible and direction marks, halves of characters (of file names that are not
+# text), line and paragraph separators. Joiners stay: some scripts cannot be written without.
+_UNSEEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+_SEEN = "\n\u200c\u200d"
+
+
+def visible(text: str) -> str:
+    r"""Return text for people with whatever could act on a terminal or a page written out.
+
+    An escape character becomes ``\x1b``, a mark that reverses the direction of writing
+    ``\u202e``. Line feeds stay. Headers, file names and keys are anybody's: all text that
+    people see goes through here once, and a second time changes nothing.
+    """
+    if text.isascii() and text.replace("\n", "").isprintable():
+        return text
+    return "".join(
+        repr(c)[1:-1] if unicodedata.category(c) in _UNSEEN and c not in _SEEN else c for c in text
+    )
+
+
 @dataclass(frozen=True)
 class Notice:
     """A warning that is written into the parameter file.
@@ -37,6 +58,10 @@ class Notice:
 
     code: str
     message: str
+
+    def __post_init__(self) -> None:
+        """Make the message fit to be seen."""
+        object.__setattr__(self, "message", visible(self.message))
 
 
 def shortened(text: str, most: int = 300) -> str:
@@ -92,6 +117,7 @@ class FluidactError(Exception):
     exit_status = 1
 
     def __init__(self, what: str, *, where: str = "", expected: str = "", remedy: str = "") -> None:
+        what, where, expected, remedy = map(visible, (what, where, expected, remedy))
         self.what = what
         self.where = where
         self.expected = expected

@@ -33,6 +33,21 @@ _FORMS = {
 }
 
 
+# Beyond these, squares and quotients of a quantity in SI leave the range of floating point.
+_SMALLEST, _LARGEST = 1e-30, 1e30
+
+
+def plausible(value: float) -> float:
+    """Return a number of a size that a quantity can have in SI; ``ValueError`` for another."""
+    if not math.isfinite(value):
+        raise ValueError("not finite")
+    if abs(value) > _LARGEST:
+        raise ValueError(f"too large: nothing in SI is above {_LARGEST:.0e}")
+    if 0.0 < abs(value) < _SMALLEST:
+        raise ValueError(f"too small: nothing in SI but zero is below {_SMALLEST:.0e}")
+    return value
+
+
 @dataclass(frozen=True)
 class Option:
     """One option: what may be given, and what it means.
@@ -128,6 +143,7 @@ class Option:
             raise ValueError("not a number")
         if not abs(value) <= sys.float_info.max:  # an integer can be beyond it
             raise ValueError("not finite")
+        plausible(value)
         if self.kind == "int" and value != int(value):
             raise ValueError("not a whole number")
         if value <= self.above or value < self.minimum or value > self.maximum:

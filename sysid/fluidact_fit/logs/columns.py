@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,7 @@ from .log import Column, IndexArray, Log, name_lines
 TIME = Role("time", "s", "instants of the samples")
 # Time is the one role with a symbol that is in general use as a header.
 _SYNONYMS = {"time": ("t",)}
+_NUMBER = re.compile("#[0-9]{1,9}")
 
 
 @dataclass(frozen=True)
@@ -109,8 +111,7 @@ def find_column(log: Log, role: str, wanted: str) -> Column:
 
 
 def _column_number(wanted: str) -> int | None:
-    number = wanted.startswith("#") and wanted[1:].isdecimal() and len(wanted) < 10
-    return int(wanted[1:]) if number else None
+    return int(wanted[1:]) if _NUMBER.fullmatch(wanted) else None
 
 
 def matching(log: Log, wanted: str) -> list[Column]:

@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import LogError, Notice, UsageError
 from ..experiment import Experiment, Signal
 from ..family import Role, Variant
+from ..options import plausible
 from ..units import conversion_factor
 from .agreement import absolute_notice, overridden_notice, require_agreement
 from .checks import check_sampling, check_signals, smallest_step
@@ -36,8 +37,8 @@ from .timebase import (
     untimed_run,
 )
 
-_LARGEST = 1e100  # beyond it squares overflow
-_SHORTEST, _LONGEST = 1e-12, 1e9  # step of time [s]
+_LARGEST = 1e30  # of any quantity in SI; products of a few must not overflow
+SHORTEST, LONGEST = 1e-12, 1e9  # step of time [s]
 
 
 def choose_variant(logs: Log | Sequence[Log], variants: Sequence[Variant]) -> Variant:
@@ -157,10 +158,10 @@ def _require_time_scale(log: Log, runs: Sequence[Run]) -> None:
     """Refuse sample times that no machine has and that arithmetic cannot handle."""
     for run in runs:
         step = run.sample_time
-        if run.time.size < 2 or _SHORTEST <= step <= _LONGEST:
+        if run.time.size < 2 or SHORTEST <= step <= LONGEST:
             continue
         what = f"the samples are {step:.3g} s apart."
-        expected = f"Expected {_SHORTEST:g} to {_LONGEST:g} s."
+        expected = f"Expected {SHORTEST:g} to {LONGEST:g} s."
         if log.sample_time is not None:
             raise UsageError(what, expected=expected, remedy="Correct --sample-time.")
         raise LogError(
@@ -301,6 +302,14 @@ def step_signal(
     """Return the signal of a role that was not recorded but is known to have stepped."""
     factor = conversion_factor(unit, role.unit, where) if unit else 1.0
     factor *= scale
+    for value in (step.start * factor, step.end * factor):
+        try:
+            plausible(value)
+        except ValueError as error:
+            raise UsageError(
+                f"{where}: {value:g} {role.unit} is {error}",
+                remedy=f"Check it, and --unit and --scale of {role.name}.",
+            ) from None
     return Signal(
         role=role.name,
         time=np.array([step.at]),

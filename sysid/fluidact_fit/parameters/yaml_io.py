@@ -23,7 +23,7 @@ from yaml.composer import Composer
 from yaml.constructor import SafeConstructor
 from yaml.resolver import BaseResolver
 
-from ..errors import ParameterFileError
+from ..errors import ParameterFileError, visible
 from .problems import Location, Problems
 
 MAX_BYTES = 10_000_000
@@ -254,7 +254,8 @@ def dump_yaml(document: Mapping[str, Any]) -> str:
     node = _Dumper(io.StringIO(), sort_keys=False).represent_data(plain)
     _set_style(node)
     text: str = yaml.serialize(node, Dumper=_Dumper, width=_WIDTH, allow_unicode=True)
-    return _HEADER + text
+    # What people would not see stands in quotes, where its escape means the same character.
+    return _HEADER + visible(text)
 
 
 # ------------------------------------------------------------------------- plain data
