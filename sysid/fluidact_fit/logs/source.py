@@ -118,7 +118,7 @@ def _checked(raw: bytes, name: str, encoding: str) -> tuple[str, bytes]:
 
 
 def _is_korean(raw: bytes) -> bool:
-    """Whether bytes beyond ASCII stand in pairs, as no Latin text has them."""
+    """Whether bytes beyond ASCII stand in pairs that are mostly Hangul, unlike "größe"."""
     runs = re.findall(rb"[\x80-\xff]+", raw[:_PROBE])
     if sum(len(run) > 1 for run in runs) <= 0.5 * len(runs) or any(len(r) % 2 for r in runs):
         return False
@@ -126,7 +126,8 @@ def _is_korean(raw: bytes) -> bool:
         raw.decode("cp949")
     except UnicodeDecodeError:
         return False
-    return True
+    text = b"".join(runs).decode("cp949")
+    return sum("\uac00" <= sign <= "\ud7a3" for sign in text) > 0.5 * len(text)
 
 
 def _recode(raw: bytes, encoding: str, name: str) -> bytes:
