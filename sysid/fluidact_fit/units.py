@@ -71,6 +71,8 @@ _ALIASES = {spelling: unit for unit, several in _SPELLINGS.items() for spelling 
 _ANY_CASE = {u: u for u in ("bar", "mbar", "psi", "rpm", "deg", "rad", "volt", "volts", "percent")}
 _ANY_CASE |= {"kpa": "kPa", "sec": "s"}
 
+_TEMPERATURES = {"degC", "degF", "K"}
+
 # What may be asked of pint: names with small powers, products and quotients. Its own grammar
 # computes what it reads, and 9^9^9 takes forever.
 _EXPRESSION = re.compile(r"(?:(?:(?:[^\W\d_]\w*|%)(?:\^-?\d(?:\.\d)?)?|1)(?![\w^%])|[*/ .()])+")
@@ -266,6 +268,17 @@ def is_doubtful_suffix(header: str) -> bool:
     """Return whether the unit was read from one small letter behind an underscore."""
     suffix = header.strip().rpartition("_")[2]
     return suffix in _DOUBTFUL_SUFFIXES and parse_unit_from_header(header)[1] == suffix
+
+
+def looks_like_unit(text: str) -> bool:
+    """Return whether text that may as well be a name is a unit, one with an offset included.
+
+    Words have to be in the table: pint takes many a name for a unit.
+    """
+    unit = normalise_unit(text)
+    if unit in _TEMPERATURES or (unit in _TABLE and unit != "1"):
+        return True
+    return bool(re.search(r"[/*^]", unit)) and "(" not in unit and is_known_unit(unit)
 
 
 def _is_unit_in_round_brackets(text: str) -> bool:

@@ -62,8 +62,8 @@ def _kind(line: str, cut: Cut) -> _Kind:
     if cut.is_row(line, 1.0):
         return _Kind.ROW
     cells = [c for c in cut.split(line) if c.casefold() not in NO_VALUE]
-    numbers = sum(map(cut.is_number, cells))
     as_wide = len(cut.split(line)) in (cut.width, cut.width + 1)
+    numbers = sum(map(cut.is_value if as_wide else cut.is_number, cells))
     if numbers and (numbers == len(cells) or as_wide):
         return _Kind.DAMAGED
     return _Kind.TEXT
@@ -99,7 +99,7 @@ def _take_in_damaged(lines: Sequence[str], kinds: Sequence[_Kind], start: int, c
         if kinds[index] is not _Kind.DAMAGED:
             named = kinds[index] is _Kind.TEXT and len(fields) in (cut.width, cut.width + 1)
             return first if named else start
-        if index == 0 and 2 * sum(map(cut.is_number, fields)) > len(fields):
+        if index == 0 and 2 * sum(map(cut.is_value, fields)) > len(fields):
             return 0
         first = index
     return start
