@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -121,6 +123,15 @@ READING: list[click.Parameter] = [
                "How an input behaves between its samples: zoh is held, foh follows straight "
                "lines, smooth a smooth curve through the samples; auto chooses foh or smooth "
                "(zoh for a signal of two levels), and the file says which.", _READING),
+    Option(["--exclude"], metavar="[LOG:]PART", multiple=True, group=_READING,
+           help="Leave out run=2, time=3:3.5 (seconds) or lines=120:130, of all logs or of those "
+           "whose name matches LOG (* stands for anything). Repeatable."),
+    Option(["--set"], metavar="[LOG:]ROLE=VALUE", multiple=True, group=_READING,
+           help="A role that was constant, with its unit: --set 'a*.csv:position=25 %'. "
+           "Repeatable."),
+    assignment("--from-name", "ROLE=TEXT{UNIT}", "'position=kinked{%}'", parse_text,
+               "A constant that stands in the name of the file; --set is for files whose name "
+               "does not hold it.", _READING),
     parsed("--decimal", "SIGN", ",", parse_sign,
            "Decimal sign, where the log does not show which it is.", _READING),
     parsed("--thousands", "SIGN", "' '", parse_sign,
@@ -132,6 +143,7 @@ READING: list[click.Parameter] = [
     parsed("--header-row", "N", "4", parse_count, "Line of the header, counted from 1.",
            _READING),
 ]  # fmt: skip
+_LOGS = ("logs", "log", "validate")  # arguments and options that name logs
 _WRITING = ("decimal", "thousands", "delimiter", "skip_rows", "header_row")
 
 
@@ -143,13 +155,55 @@ def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
     by_role["steps"] = {role: StepInput(*step) for role, step in params["step"].items()}
     given = {name: params[name] for name in ("sample_time", "window")}
     given |= {name: params[name] for name in _WRITING if params[name] is not None}
-    return [read_log(p, **given, **by_role) for p in paths]
+    given |= {"from_name": params["from_name"], **by_role}
+    known = [os.path.basename(p) for name in _LOGS for p in _listed(params.get(name))]
+    exclude = [_of_log("--exclude", text, known) for text in params["exclude"]]
+    constants = [_of_log("--set", text, known) for text in params["set"]]
+    logs = []
+    for path in paths:
+        name = os.path.basename(path)
+        values = dict(_assignment(text) for p, text in constants if fnmatchcase(name, p))
+        parts = [text for p, text in exclude if fnmatchcase(name, p)]
+        logs.append(read_log(path, constants=values, exclude=parts, **given))
+    return logs
+
+
+def _listed(given: str | Iterable[str] | None) -> list[str]:
+    return [given] if isinstance(given, str) else list(given or ())
+
+
+def _of_log(option: str, text: str, names: Iterable[str]) -> tuple[str, str]:
+    """Split ``[LOG:]NAME=VALUE`` into the pattern of the logs, ``*`` without one, and the rest."""
+    before, equals, value = text.partition("=")
+    pattern, colon, name = before.rpartition(":")
+    if not equals or not name.strip():
+        raise UsageError(
+            f"{option} {text!r} is not understood.",
+            expected=f"Expected {option} [LOG:]NAME=VALUE.",
+            remedy="See --help for examples.",
+        )
+    if colon and not any(fnmatchcase(n, pattern) for n in names):
+        raise UsageError(
+            f"{option} {text!r} names a log that is not given.",
+            expected=f"The logs are: {', '.join(names)}.",
+            remedy="Give the name of one of them, with * for any part of it.",
+        )
+    return pattern if colon else "*", f"{name.strip()}={value}"
+
+
+def _assignment(text: str) -> tuple[str, str]:
+    role, _, value = text.partition("=")
+    return role, value
 
 
 def check_role_names(params: Mapping[str, Any], known: Iterable[str]) -> None:
     """Refuse roles that a family does not have, before any log is read."""
+    known = list(known)
     for option in _ROLE_OPTIONS:
         check_names(f"--{option}", "role", params[option], known)
+    check_names("--from-name", "role", params["from_name"], known)
+    given = [text.partition("=")[0].rpartition(":")[2].strip() for text in params["set"]]
+    check_names("--set", "role", given, known)
 
 
 def check_names(option: str, noun: str, given: Iterable[str], known: Iterable[str]) -> None:

@@ -192,14 +192,12 @@ def _pneumatic_friction(data: Path, folder: Path) -> list[Figure]:
     out = []
     for seal, ranges in RANGES.items():
         for bar, published in ranges.items():
-            log = folder / f"{seal}-{bar}.csv"
-            lines = (data / f"{seal}_{bar}bar.csv").read_text(encoding="utf-8").splitlines(True)
-            log.write_text("".join(lines[15:]), encoding="utf-8")
             given = [
-                "cylinder-friction", str(log), "--area", str(PNEUMATIC),
+                "cylinder-friction", str(data / f"{seal}_{bar}bar.csv"), "--area", str(PNEUMATIC),
+                "--exclude", "lines=1:15",
                 *columns(time="#1 ms", position="#5 mm", pressure="#6 bar", force="#7 N"),
             ]  # fmt: skip
-            run = fit(given, log.with_suffix(".yaml"))
+            run = fit(given, folder / f"{seal}-{bar}.yaml")
             sides = [value(run.file, f"coulomb_{s}", run.word) for s in ("positive", "negative")]
             trouble = [side for side in sides if isinstance(side, str)]
             seen = trouble[0] if trouble else sum(map(float, sides))
@@ -215,22 +213,16 @@ def _pneumatic_friction(data: Path, folder: Path) -> list[Figure]:
 
 def _muscle(units: int, limit: float, data: Path, folder: Path) -> list[Figure]:
     """Trained on Test8 of all muscles, judged on every row of their Test9."""
-    given = ["--target", "force", "--inputs", "command,position,length,direction",
-             "--hidden", str(units)]  # fmt: skip
-    logs: dict[str, list[str]] = {"8": [], "9": []}
-    for path in sorted(data.glob("*_Test[89].csv")):
-        name = re.match(r"10mm_(\d+)cm_(?:Unkink|kinked(\d+)).*Test([89])", path.name)
-        assert name is not None
-        force, pressure, _, state = np.loadtxt(path, delimiter=",").T
-        constant = np.full((force.size, 2), [float(name[2] or 0) / 100.0, float(name[1]) / 100.0])
-        log = folder / f"{units}-{path.name}"
-        header = "command [kPa],force [N],direction [1],position [1],length [m]"
-        np.savetxt(log, np.column_stack((pressure, force, state, constant)), delimiter=",",
-                   header=header, comments="", fmt="%.7g")  # fmt: skip
-        logs[name[3]].append(str(log))
-    for log in logs["9"]:
-        given += ["--validate", log]
-    run = fit(["force-map", *logs["8"], *given], folder / f"muscle-{units}.yaml", limit=300.0)
+    given = [
+        "--target", "force", "--inputs", "command,position,length,direction",
+        "--hidden", str(units), *columns(force="#1 N", command="#2 kPa", direction="#4 1"),
+        "--from-name", "position=kinked{%}", "--set", "*Unkink*:position=0 %",
+        "--from-name", "length=_{cm}cm",
+    ]  # fmt: skip
+    for log in sorted(data.glob("*_Test9.csv")):
+        given += ["--validate", str(log)]
+    logs = [str(log) for log in sorted(data.glob("*_Test8.csv"))]
+    run = fit(["force-map", *logs, *given], folder / f"muscle-{units}.yaml", limit=300.0)
     name, seen = f"muscle {units} units", run.word
     if run.file is not None:
         found = [(v["samples"], float(v["rmse"]["value"])) for v in run.file["validation"]]
@@ -246,16 +238,13 @@ def _muscle(units: int, limit: float, data: Path, folder: Path) -> list[Figure]:
 
 def _dryer(data: Path, folder: Path) -> list[Figure]:
     """Fitted to 300 samples, judged on the 200 that follow."""
-    table = np.loadtxt(data / "dryer_first500.dat")
-    first, then = folder / "dryer-fitted.csv", folder / "dryer-judged.csv"
-    for path, rows in ((first, table[:300]), (then, table[300:])):
-        np.savetxt(path, rows, delimiter=",", header="u,y", comments="")
-    given = [str(first), "--sample-time", "0.08", "--validate", str(then)]
+    given = [str(data / "dryer_first500.dat"), "--sample-time", "0.08",
+             "--window", ":23.95", "--validate-window", "23.95:"]  # fmt: skip
     # a line takes pressures: volts stand for pascals
     runs = {
-        "first order": ["line", *given, *columns(inlet="u Pa", outlet="y Pa"),
+        "first order": ["line", *given, *columns(inlet="#1 Pa", outlet="#2 Pa"),
                         "--hold", "inlet=zoh"],
-        "second order": ["valve", *given, *columns(command="u V", outlet="y V"),
+        "second order": ["valve", *given, *columns(command="#1 V", outlet="#2 V"),
                          "--dead-time", "estimate"],
     }  # fmt: skip
     published = {"first order": 81.0, "second order": 85.8}

@@ -132,6 +132,10 @@ _READING = {
         "A column has no unit, so SI was assumed.",
         "Put the unit into the header or give `--unit ROLE=UNIT`.",
     ),
+    "variables-left-out": _information(
+        "Variables of another length than the columns of the log were left out.",
+        "Nothing, unless one that you need is among them: save it with the others' time.",
+    ),
 }
 
 _JUDGEMENT = {

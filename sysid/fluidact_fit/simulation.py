@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
+from typing import Any
 
 import numpy as np
 
@@ -17,16 +18,17 @@ from .logs import Log, StepInput, read_log, share_columns
 from .logs import experiments as experiments_of
 from .logs.columns import matching
 from .logs.experiments import step_signal
+from .logs.surgery import find_in_name, parse_exclusion, with_constants, without
 from .outcome import Simulation, pair
 from .parameters.document import Column, ParameterDocument
 
-LogLike = Log | str | PathLike[str]
+LogLike = Log | str | PathLike[str] | Any  # and the data themselves: see `read_log`
 _MOST_SAMPLES = 5_000_000
 
 
 def open_logs(logs: Sequence[LogLike] | LogLike) -> list[Log]:
-    """Read the logs that are given as paths; one need not stand in a list."""
-    given = [logs] if isinstance(logs, Log | str | PathLike) else logs
+    """Read the logs that are given as paths or as data; one need not stand in a list."""
+    given = logs if isinstance(logs, list | tuple) else [logs]
     return [log if isinstance(log, Log) else read_log(log) for log in given]
 
 
@@ -44,13 +46,41 @@ def recall_columns(document: ParameterDocument, log: Log) -> Log:
     sources = document.provenance.logs
     if not sources:
         return log
-    fitting = [_present(log, source.columns) for source in sources]
+    named = {
+        role: entry.from_name
+        for source in sources
+        for role, entry in source.columns.items()
+        if entry.from_name is not None and role not in {*log.steps, *log.bindings}
+    }
+    same = next((s for s in sources if s.sha256 == log.sha256), None)
+    own = same.columns if same is not None else {}
+    if same is not None and not log.exclude and "exclude" in (same.details or {}):
+        log = without(log, [parse_exclusion(str(x)) for x in (same.details or {})["exclude"]])
+    log = _recall_constants(log, named, {r: own[r] for r in named if r in own})
+    fitting = [
+        {r: c for r, c in _present(log, source.columns).items() if r not in named}
+        for source in sources
+    ]
     best = max(range(len(sources)), key=lambda i: len(fitting[i]))
     known = _apply(log, fitting[best])
     timed = "time" in {*sources[best].columns, *log.bindings}
     if not timed and log.sample_time is None and sources[best].sample_time:
         known = replace(known, sample_time=sources[best].sample_time)
     return known
+
+
+def _recall_constants(log: Log, named: Mapping[str, str], own: Mapping[str, Column]) -> Log:
+    """Constants from the name of a log as the file's own logs had them in theirs.
+
+    What is in no name is known only of a log that was fitted: ``own`` are its columns.
+    """
+    for role, template in named.items():
+        if find_in_name(role, template, log.name) is not None:
+            log = with_constants(log, {}, {role: template})
+        elif role in own and (step := own[role].step) is not None:
+            steps = {**log.steps, role: StepInput(step.start, step.end, step.at)}
+            log = replace(log, steps=steps, units={**log.units, role: own[role].unit})
+    return log
 
 
 def _present(log: Log, columns: Mapping[str, Column]) -> dict[str, Column]:

@@ -193,9 +193,9 @@ REFUSED = {
     "prose": (b"Dear reader,\nthis is a letter.\nYours\n" * 5, "no table of numbers"),
     "binary": (bytes(range(256)) * 50, "binary"),
     "control": (b"\x01\x02\x03\x04abc" * 100, "binary"),
-    "gzip": (gzip.compress(b"1,2\n3,4\n"), "gzip"),
+    "packed twice": (gzip.compress(gzip.compress(b"1,2\n3,4\n")), "binary"),
     "zip": (b"PK\x03\x04....", "zip"),
-    "mat": (b"MATLAB 5.0 MAT-file" + b"\0" * 200, "MATLAB"),
+    "mat": (b"MATLAB 5.0 MAT-file" + b"\0" * 200, "cannot be read"),
     "wide": (b",".join([b"1"] * 100_000) + b"\n" + b",".join([b"1"] * 100_000), "columns"),
     "header only": (b"time,force\n", "no table of numbers"),
 }

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,19 +32,25 @@ from ..options import (
     read_logs,
 )
 from ..outputs import check_targets, write_all
-from ..parse import parse_number, parse_positive, parse_range
+from ..parse import parse_number, parse_positive, parse_range, parse_window
 from ..progress import Progress
 from ..show import echo_json, echo_parameters, echo_warnings
 
 if TYPE_CHECKING:
     from fluidact_fit.family import Family, FamilyOptions
+    from fluidact_fit.logs import Log
     from fluidact_fit.result import FitResult
 
+
+Window = tuple[float | None, float | None]
 
 _JUDGED = "Validation and verdict"
 _JUDGING: list[click.Parameter] = [
     Option(["--validate"], metavar="LOG", multiple=True, group=_JUDGED,
            help="A log to validate the result with; it is not fitted. Repeatable."),
+    parsed("--validate-window", "START:END", "20:", parse_window,
+           "Validate with these seconds of the logs of --validate, or of the logs that are "
+           "fitted (--window then has to leave them out).", _JUDGED),
     flag("--strict", group=_JUDGED,
          help="Any warning ends the run with exit status 4, and nothing is written."),
     flag("--accept-failed", group=_JUDGED,
@@ -177,7 +184,7 @@ def _fit(
         with closing(Progress(params["quiet"], params["verbose"])) as progress:
             progress("reading")
             logs = read_logs(params["logs"], params)
-            judged = read_logs(params["validate"], params)
+            judged = _read_judged(params)
             progress("fitting")
             return fit(
                 family.name,
@@ -200,6 +207,33 @@ def _fit(
         raise type(error)(
             error.what, where=names, expected=error.expected, remedy=error.remedy
         ) from error
+
+
+def _read_judged(params: Mapping[str, Any]) -> list[Log]:
+    """Logs to validate with: those that are named, or another part of those that are fitted."""
+    part = params["validate_window"]
+    if part is None:
+        return read_logs(params["validate"], params)
+    if not params["validate"]:
+        _check_apart(params["window"], part)
+    paths = params["validate"] or params["logs"]
+    return read_logs(paths, {**params, "window": part})
+
+
+def _check_apart(fitted: Window | None, judged: Window) -> None:
+    """Refuse to validate with seconds that are fitted."""
+
+    def ends(window: Window | None) -> tuple[float, float]:
+        low, high = window or (None, None)
+        return (-inf if low is None else low, inf if high is None else high)
+
+    (a, b), (c, d) = ends(fitted), ends(judged)
+    if max(a, c) < min(b, d):
+        raise UsageError(
+            "--validate-window holds seconds that are fitted.",
+            expected="Expected two parts of the log that do not overlap.",
+            remedy=f"Give --window as well, for example --window :{c:g} --validate-window {c:g}:.",
+        )
 
 
 def recorded_command(args: Sequence[str], params: Mapping[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .arrays import log_of
 from .columns import share_columns
 from .describe import describe, provenance
 from .experiments import choose_variant, experiments
@@ -16,6 +17,7 @@ __all__ = [
     "choose_variant",
     "describe",
     "experiments",
+    "log_of",
     "provenance",
     "read_log",
     "share_columns",

@@ -13,6 +13,7 @@ from ..family import Role
 from ..units import conversion_factor, same_dimension
 from .log import Column, IndexArray, Log, name_lines
 
+TIME = Role("time", "s", "instants of the samples")
 # Time is the one role with a symbol that is in general use as a header.
 _SYNONYMS = {"time": ("t",)}
 
@@ -76,7 +77,8 @@ def check_roles(log: Log, roles: Iterable[Role]) -> None:
             )
         if name in log.bindings:
             raise UsageError(
-                f"'{name}' has both a --column and a --step.", remedy="Keep one of them."
+                f"'{name}' has both a column and a constant or step.",
+                remedy="Keep one of --column, --step and --set.",
             )
     for name in log.holds:
         if known[name].hold is None:
@@ -157,6 +159,14 @@ def default_column(log: Log, role: str) -> Column | None:
     return clocks[0] if len(clocks) == 1 else None
 
 
+def as_measured(role: Role, unit: str | None) -> Role:
+    """The role in that of its SI units that a unit can be converted to."""
+    if not unit or not role.alternatives:
+        return role
+    alike = (si for si in (role.unit, *role.alternatives) if same_dimension(unit, si))
+    return replace(role, unit=next(alike, role.unit))
+
+
 def bind_role(log: Log, role: Role) -> Binding | None:
     """Bind one role, ``None`` when it has no column."""
     if role.name in log.elsewhere and not role.required:
@@ -172,9 +182,7 @@ def bind_role(log: Log, role: Role) -> Binding | None:
     believed = role.name in log.units or not column.doubtful
     if unit and not believed and not same_dimension(unit, role.unit):
         unit = None  # "valve_m" as a voltage: the m was an index
-    if unit and role.alternatives:
-        alike = (si for si in (role.unit, *role.alternatives) if same_dimension(unit, si))
-        role = replace(role, unit=next(alike, role.unit))
+    role = as_measured(role, unit)
     scale = log.scales.get(role.name, 1.0)
     return Binding(
         role=role,
@@ -185,6 +193,22 @@ def bind_role(log: Log, role: Role) -> Binding | None:
         # A raw reading is used as it is; assuming a unit for it changes nothing.
         assumed=unit is None and role.unit != "1",
     )
+
+
+def time_candidate(log: Log) -> Binding | None:
+    """Return the time column: named, in a unit of time, or the first that only grows."""
+    binding = bind_role(log, TIME)
+    if binding is not None:
+        return binding
+    for column in log.columns:
+        timed = column.unit is not None and same_dimension(column.unit, "s")
+        steps = np.diff(column.values)
+        grows = column.unit is None and steps.size > 2 and float(np.mean(steps > 0)) > 0.7
+        if (timed or grows) and np.isfinite(column.values).all():
+            unit = column.unit or "s"
+            to_si = conversion_factor(unit, "s")
+            return Binding(TIME, column, unit, 1.0, to_si, assumed=column.unit is None)
+    return None
 
 
 def _needs_column(log: Log, role: Role) -> bool:

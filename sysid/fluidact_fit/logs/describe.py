@@ -10,13 +10,10 @@ import numpy as np
 from ..errors import LogError, Notice
 from ..experiment import Experiment
 from ..family import Role
-from ..units import conversion_factor, same_dimension
 from .checks import check_sampling, smallest_step
-from .columns import Binding, bind_role
+from .columns import TIME, bind_role, time_candidate
 from .log import Column, Log
 from .timebase import split_runs
-
-_TIME = Role("time", "s", "instants of the samples")
 
 
 def describe(log: Log) -> dict[str, Any]:
@@ -74,13 +71,15 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
         details["runs"] = len(experiments)
     if log.window is not None:
         details["window"] = log.window_text
+    if log.exclude:
+        details["exclude"] = [x.text for x in log.exclude]
     if log.account.left_out:
         details["lines_left_out"] = len(log.account.left_out)
     if details:
         entry["details"] = details
     columns: dict[str, Any] = {}
     if experiments and experiments[0].time.size and log.sample_time is None:
-        columns |= _column_entry(log, _TIME)
+        columns |= _column_entry(log, TIME)
     for role, signal in experiments[0].signals.items() if experiments else ():
         if role in log.steps:
             step = log.steps[role]
@@ -88,6 +87,8 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
                 "step": {"from": step.start, "to": step.end, "at": step.at},
                 "unit": log.units.get(role, signal.unit),
             }
+            if role in log.from_name:
+                columns[role]["from_name"] = log.from_name[role]
         else:
             columns |= _column_entry(log, Role(role, signal.unit, ""))
         if signal.hold is not None:
@@ -126,7 +127,7 @@ def _describe_column(column: Column) -> dict[str, Any]:
 
 def _describe_time(log: Log, notices: list[Notice]) -> dict[str, Any] | None:
     try:
-        binding = _time_candidate(log)
+        binding = time_candidate(log)
         if binding is None:
             return None
         runs, found = split_runs(log, binding)
@@ -149,19 +150,3 @@ def _describe_time(log: Log, notices: list[Notice]) -> dict[str, Any] | None:
         "start": float(min(run.time[0] for run in runs)),
         "end": float(max(run.time[-1] for run in runs)),
     }
-
-
-def _time_candidate(log: Log) -> Binding | None:
-    """Return the time column: named, in a unit of time, or the first that only grows."""
-    binding = bind_role(log, _TIME)
-    if binding is not None:
-        return binding
-    for column in log.columns:
-        timed = column.unit is not None and same_dimension(column.unit, "s")
-        steps = np.diff(column.values)
-        grows = column.unit is None and steps.size > 2 and float(np.mean(steps > 0)) > 0.7
-        if (timed or grows) and np.isfinite(column.values).all():
-            unit = column.unit or "s"
-            to_si = conversion_factor(unit, "s")
-            return Binding(_TIME, column, unit, 1.0, to_si, assumed=column.unit is None)
-    return None

@@ -13,6 +13,7 @@ from ..units import conversion_factor
 from .checks import check_sampling, check_signals, smallest_step
 from .columns import (
     Binding,
+    as_measured,
     assumed_notice,
     bind_role,
     bind_roles,
@@ -23,6 +24,7 @@ from .columns import (
 )
 from .log import Log, StepInput, check_hold
 from .spikes import replace_spikes
+from .surgery import exclude_runs
 from .timebase import (
     MIN_RUN,
     Run,
@@ -82,7 +84,7 @@ def experiments(
     runs = _find_runs(log, variant, bindings, notices)
     _require_time_scale(log, runs)
     notices += assumed_notice(log, bindings.values())
-    runs = _apply_window(log, runs)
+    runs = exclude_runs(log, _apply_window(log, runs))
     whole, runs = runs, [_sampled_run(log, variant, bindings, run) for run in runs]
     found = _make_experiments(log, variant, bindings, list(zip(runs, whole)), index)
     cleaned = [replace_spikes(e, variant) for e in found]
@@ -215,8 +217,10 @@ def _make_experiments(
         for role in variant.roles:
             if role.name in log.steps:
                 unit, scale = log.units.get(role.name), log.scales.get(role.name, 1.0)
-                where = f"--step {role.name}=..."
-                signals[role.name] = step_signal(role, log.steps[role.name], where, unit, scale)
+                where = f"{log.name}, role '{role.name}'"
+                signals[role.name] = step_signal(
+                    as_measured(role, unit), log.steps[role.name], where, unit, scale
+                )
         first, last = log.lines[run.rows[[0, -1]]].tolist()
         found.append(
             Experiment(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -85,6 +86,26 @@ class Dialect:
 
 
 @dataclass(frozen=True)
+class Exclusion:
+    """What is left out of a log: from ``low`` to ``high`` of its ``kind``, both included.
+
+    ``kind`` is ``run`` (counted from 1), ``time`` [s, on each run's own time] or ``lines``.
+    """
+
+    kind: str
+    low: float
+    high: float
+
+    @property
+    def text(self) -> str:
+        """As it is given: ``time=3:3.5``."""
+        if self.kind == "run":
+            return f"run={self.low:g}"
+        ends = ("" if math.isinf(x) else f"{x:g}" for x in (self.low, self.high))
+        return f"{self.kind}={':'.join(ends)}"
+
+
+@dataclass(frozen=True)
 class Account:
     """What every line of a file was taken for.
 
@@ -127,6 +148,10 @@ class Log:
         Given by the user [s], replaces a time column.
     window
         Part to use on each run's own time [s], ``None`` for an open side.
+    exclude
+        Runs, seconds and lines that are left out.
+    from_name
+        Role to where its constant, one of the ``steps``, stood in the name of the file.
     """
 
     path: Path
@@ -144,6 +169,8 @@ class Log:
     holds: Mapping[str, str] = field(default_factory=dict)
     sample_time: float | None = None
     window: tuple[float | None, float | None] | None = None
+    exclude: tuple[Exclusion, ...] = ()
+    from_name: Mapping[str, str] = field(default_factory=dict)
     elsewhere: frozenset[str] = frozenset()
 
     @property

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ..errors import LogError, UsageError
 from ..units import is_doubtful_suffix, parse_unit_from_header
+from .arrays import log_of, make_log
+from .binary import read_binary
 from .dialect import find_layout
 from .layout import Layout, Written
 from .log import Account, Column, Dialect, Log, StepInput, check_hold
-from .source import Source, read_source
+from .merging import merged
+from .source import Source, make_source, name_of, read_bytes
+from .surgery import parse_exclusion, with_constants, without
 from .table import Table, read_table
 
 
 def read_log(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | Any,
     *,
     columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
@@ -26,6 +32,9 @@ def read_log(
     window: tuple[float | None, float | None] | None = None,
     steps: Mapping[str, StepInput] | None = None,
     holds: Mapping[str, str] | None = None,
+    constants: Mapping[str, str] | None = None,
+    from_name: Mapping[str, str] | None = None,
+    exclude: Sequence[str] = (),
     decimal: str | None = None,
     thousands: str | None = None,
     delimiter: str | None = None,
@@ -40,7 +49,9 @@ def read_log(
     Parameters
     ----------
     path
-        The file.
+        The file: text of any logger, MATLAB, Parquet, HDF5, TDMS or MDF, packed or not; ``"-"``
+        for standard input, ``"a.csv+b.csv"`` for two logs of one experiment. Or the data
+        themselves: a DataFrame, a mapping of header to array, a table of numbers.
     columns
         Role to header, or to a 1-based number such as ``"#3"``. A role without an entry
         takes the column of its own name.
@@ -56,6 +67,12 @@ def read_log(
         Role to `StepInput` for inputs that were not recorded.
     holds
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``.
+    constants
+        Role to what it was all the time: ``"25 %"``, or ``"0.3"`` in SI.
+    from_name
+        Role to where its constant stands in the name of the file: ``"kinked{%}"``.
+    exclude
+        What is left out: ``"run=2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``.
     decimal, thousands, delimiter
         Signs, where they are not to be found out.
     skip_rows
@@ -76,19 +93,10 @@ def read_log(
         When an argument is not possible.
     """
     _check_arguments(scales or {}, sample_time, window, steps or {}, holds or {})
-    source = read_source(Path(path))
-    written = Written(decimal, thousands, delimiter, skip_rows, header_row)
-    layout = find_layout(source, _checked_writing(written))
-    table = read_table(source, layout)
-    return Log(
-        path=Path(path),
-        name=source.name,
-        sha256=source.sha256,
-        columns=_name_columns(layout, table),
-        lines=table.lines,
-        dialect=_describe_dialect(source, layout, table),
-        account=_account(source, layout, table),
-        notices=table.notices,
+    written = _checked_writing(Written(decimal, thousands, delimiter, skip_rows, header_row))
+    given = [parse_exclusion(text) for text in exclude]
+    log = replace(
+        _read(path, written),
         bindings=dict(columns or {}),
         units=dict(units or {}),
         scales={role: float(factor) for role, factor in (scales or {}).items()},
@@ -96,6 +104,37 @@ def read_log(
         holds=dict(holds or {}),
         sample_time=None if sample_time is None else float(sample_time),
         window=window,
+    )
+    return without(with_constants(log, constants or {}, from_name or {}), given)
+
+
+def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
+    """The log as it was recorded."""
+    if not isinstance(path, str | os.PathLike):
+        return log_of(path)
+    place = Path(path)
+    several = str(path).split("+")
+    if len(several) > 1 and not place.exists() and all(Path(p).is_file() for p in several):
+        return merged([_read(p, written) for p in several])
+    raw, sha256 = read_bytes(place)
+    found = read_binary(raw, name_of(place))
+    if found is not None:
+        dialect, columns, notices = found
+        return make_log(
+            columns, name_of(place), dialect, path=place, sha256=sha256, notices=notices
+        )
+    source = make_source(place, raw, sha256)
+    layout = find_layout(source, written)
+    table = read_table(source, layout)
+    return Log(
+        path=place,
+        name=source.name,
+        sha256=sha256,
+        columns=_name_columns(layout, table),
+        lines=table.lines,
+        dialect=_describe_dialect(source, layout, table),
+        account=_account(source, layout, table),
+        notices=table.notices,
     )
 
 

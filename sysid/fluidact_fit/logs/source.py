@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import codecs
 import hashlib
+import io
+import lzma
 import re
+import sys
+import zlib
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 from ..errors import LogError
@@ -14,17 +19,14 @@ _PROBE = 1 << 16
 _CONTROL = bytes([*range(9), *range(14, 27), 28, 29, 30, 31])
 # Beginnings of files that people pass by mistake.
 _FOREIGN = (
-    (b"\x1f\x8b", "a gzip archive", "Unpack it first (gunzip)."),
     (b"PK\x03\x04", "a zip archive or an Excel workbook", "Unpack it, or save it as CSV."),
     (b"\xd0\xcf\x11\xe0", "an old Excel workbook", "Save it as CSV."),
-    (b"MATLAB 5.0", "a MATLAB file", "Write it as CSV (writematrix)."),
-    (b"\x89HDF", "an HDF5 or MATLAB 7.3 file", "Write it as CSV (writematrix)."),
-    (b"TDSm", "a TDMS file", "Export it as CSV."),
-    (b"MDF  ", "an MDF measurement", "Export it as CSV."),
     (b"%PDF", "a PDF document", "Give the CSV log itself."),
-    (b"BZh", "a bzip2 archive", "Unpack it first (bunzip2)."),
-    (b"\xfd7zXZ", "an xz archive", "Unpack it first (unxz)."),
 )
+
+
+_PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\xfd7zXZ": "lzma"}
+_LARGEST = 1 << 32
 
 
 @dataclass(frozen=True)
@@ -39,21 +41,26 @@ class Source:
     @property
     def name(self) -> str:
         """File name without folders."""
-        return self.path.name
+        return name_of(self.path)
 
 
-def read_source(path: Path) -> Source:
-    """Read a text file and turn it into UTF-8 with plain line ends; ``LogError`` if it is none."""
-    raw = _read_bytes(path)
+def name_of(path: Path) -> str:
+    """What messages call a file."""
+    return "standard input" if str(path) == "-" else path.name
+
+
+def make_source(path: Path, raw: bytes, sha256: str) -> Source:
+    """Turn the bytes of a text file into UTF-8 with plain line ends; ``LogError`` if not text."""
+    name = name_of(path)
     if not raw or raw.isspace():
         remedy = "Record it again, or check that the logger had finished writing."
-        raise _refusal("the file is empty.", path.name, remedy)
-    encoding, data = _decode(raw, path.name)
+        raise _refusal("the file is empty.", name, remedy)
+    encoding, data = _decode(raw, name)
     if b"\r" in data:
         # "\r\r\n" is what a terminal log in text mode makes of "\r\n".
         for ending in (b"\r\r\n", b"\r\n", b"\r"):
             data = data.replace(ending, b"\n")
-    return Source(path, data, encoding, hashlib.sha256(raw).hexdigest())
+    return Source(path, data, encoding, sha256)
 
 
 def _refusal(what: str, where: str, remedy: str) -> LogError:
@@ -61,8 +68,31 @@ def _refusal(what: str, where: str, remedy: str) -> LogError:
     return LogError(what, where=where, expected=expected, remedy=remedy)
 
 
-def _read_bytes(path: Path) -> bytes:
+def read_bytes(path: Path) -> tuple[bytes, str]:
+    """The bytes of a file, unpacked, of standard input for ``-``; and the checksum of the file."""
+    raw = _read_raw(path)
+    return _unpack(raw, name_of(path)), hashlib.sha256(raw).hexdigest()
+
+
+def _unpack(raw: bytes, name: str) -> bytes:
+    """Bytes out of gzip, bzip2 or xz, up to a limit: a small archive may hold a lot of nothing."""
+    packed = next((module for magic, module in _PACKED.items() if raw.startswith(magic)), None)
+    if packed is None:
+        return raw
     try:
+        with import_module(packed).open(io.BytesIO(raw)) as stream:
+            unpacked: bytes = stream.read(_LARGEST + 1)
+    except (OSError, EOFError, ValueError, zlib.error, lzma.LZMAError) as error:
+        raise _refusal(f"the archive is damaged ({error}).", name, "Pack it again.") from None
+    if len(unpacked) > _LARGEST:
+        raise _refusal("the archive holds more than 4 GB.", name, "Unpack and split it.")
+    return unpacked
+
+
+def _read_raw(path: Path) -> bytes:
+    try:
+        if str(path) == "-":
+            return sys.stdin.buffer.read()
         if path.is_dir():
             raise _refusal("this is a folder.", str(path), "Name a file.")
         if path.exists() and not path.is_file():
@@ -118,16 +148,10 @@ def _checked(raw: bytes, name: str, encoding: str) -> tuple[str, bytes]:
 
 
 def _is_korean(raw: bytes) -> bool:
-    """Whether bytes beyond ASCII stand in pairs that are mostly Hangul, unlike "größe"."""
+    """Whether bytes beyond ASCII are syllables of Hangul: pairs such as no Latin text has."""
     runs = re.findall(rb"[\x80-\xff]+", raw[:_PROBE])
-    if sum(len(run) > 1 for run in runs) <= 0.5 * len(runs) or any(len(r) % 2 for r in runs):
-        return False
-    try:
-        raw.decode("cp949")
-    except UnicodeDecodeError:
-        return False
-    text = b"".join(runs).decode("cp949")
-    return sum("\uac00" <= sign <= "\ud7a3" for sign in text) > 0.5 * len(text)
+    syllables = re.compile(rb"([\xb0-\xc8][\xa1-\xfe])+")
+    return bool(runs) and all(map(syllables.fullmatch, runs))
 
 
 def _recode(raw: bytes, encoding: str, name: str) -> bytes:

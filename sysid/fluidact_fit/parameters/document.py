@@ -290,11 +290,13 @@ class Column(Part):
     """Where a role came from, and what was made of it on the way to SI.
 
     ``assumed`` says that neither the log nor the user named the unit; ``hold`` is the hold
-    with which the fit took the signal.
+    with which the fit took the signal. ``from_name`` says where a constant stood in the name of
+    the log: ``kinked{%}``.
     """
 
     header: str | None = None
     step: Step | None = None
+    from_name: str | None = None
     unit: str
     scale: Number | None = None
     assumed: bool | None = None

@@ -1,0 +1,200 @@
+"""Logs that are arrays already: DataFrames, mappings, tables, and what binary files hold."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import LogError, Notice
+from ..experiment import FloatArray
+from ..units import is_doubtful_suffix, parse_unit_from_header
+from .log import Account, Column, Dialect, Log, count_of
+
+_MOST_COLUMNS = 4096
+_KEPT = 5000  # texts of cells that are no number
+
+
+@dataclass(frozen=True)
+class Named:
+    """A column by its header; ``unit`` where it does not stand in the header.
+
+    ``values`` of shape ``(n,)``: numbers, text, instants or durations. Of a ``sparse`` one NaN
+    are no samples.
+    """
+
+    header: str
+    values: Any
+    unit: str | None = None
+    sparse: bool = False
+
+
+def log_of(data: Any, name: str = "data", *, path: str | Path | None = None) -> Log:
+    """Return the log of a DataFrame, a mapping of arrays, or a table.
+
+    Parameters
+    ----------
+    data
+        A pandas DataFrame (an index of instants becomes the time), a mapping of header to array
+        of shape ``(n,)``, a structured array, or an array of shape ``(n, columns)`` whose columns
+        are ``#1``, ``#2``, ... Headers name units as in a file: ``force [N]``.
+    name
+        What messages call it.
+
+    Raises
+    ------
+    LogError
+        When it is no table of numbers, or its columns differ in length.
+    """
+    named = list(_columns_of(data, name))
+    return make_log(named, name, "in memory", path=Path(path or name))
+
+
+def _columns_of(data: Any, name: str) -> Iterable[Named]:
+    if isinstance(data, Mapping):
+        return [Named(str(k), v) for k, v in data.items()]
+    if hasattr(data, "columns") and hasattr(data, "index"):
+        index = data.index
+        timed = np.asarray(index).dtype.kind in "mM" or (
+            index.name is not None and str(index.name) not in map(str, data.columns)
+        )
+        first = [Named(str(index.name or "time"), np.asarray(index))] if timed else []
+        return [*first, *(Named(str(k), data[k]) for k in data.columns)]
+    table = np.asarray(data)
+    if table.dtype.names:
+        return [Named(str(k), table[k]) for k in table.dtype.names]
+    if table.ndim == 2:
+        return [Named("", column) for column in table.T]
+    raise LogError(
+        f"{type(data).__name__} of shape {table.shape} is no log.",
+        where=name,
+        expected="Expected a file, a DataFrame, a mapping of arrays, or a table of numbers.",
+        remedy="Give for example {'time': t, 'command': u, 'outlet': y}.",
+    )
+
+
+def make_log(
+    named: Sequence[Named],
+    name: str,
+    dialect: str,
+    *,
+    path: Path,
+    sha256: str = "",
+    notices: Sequence[Notice] = (),
+) -> Log:
+    """Return a log of columns; ``LogError`` when they are no table."""
+    if not named or len(named) > _MOST_COLUMNS:
+        raise LogError(
+            f"{len(named)} columns.", where=name,
+            expected=f"Expected 1 to {_MOST_COLUMNS}.", remedy="Leave out what is not needed.",
+        )  # fmt: skip
+    sizes = Counter(np.size(c.values) for c in named)
+    if len(sizes) > 1:
+        listed = ", ".join(f"'{c.header}' {np.size(c.values)}" for c in named[:8])
+        raise LogError(
+            f"the columns differ in length: {listed}.",
+            where=name,
+            expected="Expected one value per sample in each.",
+            remedy="Give logs of one time base each, or fill what was not sampled with NaN.",
+        )
+    (rows,) = sizes
+    if not rows:
+        raise LogError("there are no samples.", where=name, remedy="Check what was recorded.")
+    columns = tuple(_column(k, c, name) for k, c in enumerate(named, start=1))
+    lines = np.arange(1, rows + 1, dtype=np.int64)
+    return Log(
+        path=path,
+        name=name,
+        sha256=sha256 or _checksum(columns),
+        columns=columns,
+        lines=lines,
+        dialect=Dialect(dialect, "binary", "", ".", 0, None, None, 1),
+        account=Account(int(rows), 0, int(rows), 0),
+        notices=tuple(notices),
+    )
+
+
+def _column(index: int, given: Named, name: str) -> Column:
+    """A column as a file would have it."""
+    values, unit = _numbers(given, name)
+    header = given.header.strip()
+    written, in_header = parse_unit_from_header(header)
+    unit = unit or given.unit or in_header
+    finite = np.isfinite(values)
+    bad: dict[int, str] = {}
+    if not finite.all():
+        raw = np.asarray(given.values, dtype=object).ravel()
+        where = np.flatnonzero(~finite)[:_KEPT]
+        bad = {int(k): "" if raw[k] is None else str(raw[k])[:60] for k in where}
+        values = np.where(finite, values, np.nan)
+    doubtful = given.unit is None and is_doubtful_suffix(header)
+    return Column(index, header, written, unit, doubtful, values, bad, given.sparse)
+
+
+def _numbers(given: Named, name: str) -> tuple[FloatArray, str | None]:
+    """Values as numbers, instants and durations as seconds since the first."""
+    values: npt.NDArray[Any] = np.asarray(given.values)
+    if values.ndim != 1:
+        if values.size != max(values.shape, default=0):
+            raise LogError(
+                f"column '{given.header}' has the shape {values.shape}.",
+                where=name,
+                expected="Expected one value per sample.",
+                remedy="Give each of its columns a name of its own.",
+            )
+        values = values.ravel()
+    if values.dtype.kind in "mM":
+        since = values - values[0] if values.dtype.kind == "M" and values.size else values
+        return since.astype("timedelta64[ns]").astype(np.float64) / 1e9, "s"
+    if values.dtype.kind in "fiu":
+        return values.astype(np.float64), None
+    if values.dtype.kind == "c":
+        raise LogError(
+            f"column '{given.header}' holds complex numbers.", where=name,
+            remedy="Give real ones.",
+        )  # fmt: skip
+    import pandas as pd
+
+    texts = pd.Series(values, dtype=object).where(lambda s: ~s.map(lambda v: isinstance(v, bool)))
+    return pd.to_numeric(texts, errors="coerce").to_numpy(dtype=np.float64), None
+
+
+def _checksum(columns: Sequence[Column]) -> str:
+    """SHA-256 of headers and numbers: the same data have the same checksum."""
+    found = hashlib.sha256()
+    for column in columns:
+        found.update(column.header.encode() + b"\0")
+        found.update(np.ascontiguousarray(column.values, dtype="<f8").tobytes())
+    return found.hexdigest()
+
+
+def joined(parts: Sequence[Sequence[Named]], name: str) -> list[Named]:
+    """Columns of several time bases over the union of their instants; holes are no samples.
+
+    The first column of every part is its time [s], strictly increasing. The others say by
+    ``sparse`` whether their holes are none.
+    """
+    instants = np.unique(np.concatenate([np.asarray(p[0].values, dtype=float) for p in parts]))
+    out = [Named(parts[0][0].header, instants, "s")]
+    for time, *columns in parts:
+        rows = np.searchsorted(instants, np.asarray(time.values, dtype=float))
+        if np.any(np.diff(rows) <= 0):
+            raise LogError(
+                f"'{time.header}' does not increase.",
+                where=name,
+                expected=f"Expected {count_of(rows.size, 'instant')} in order.",
+                remedy="Export the recording again.",
+            )
+        for column in columns:
+            values, unit = _numbers(column, name)
+            full = np.full(instants.size, np.nan)
+            full[rows] = values
+            holes = rows.size < full.size or not np.isfinite(values).all()
+            out.append(Named(column.header, full, column.unit or unit, column.sparse and holes))
+    return out

@@ -1,0 +1,156 @@
+"""Parts of a log that are left out, and what was constant while it was recorded.
+
+``run=2``, ``time=3:3.5`` and ``lines=120:130`` leave out a run, seconds of every run, and lines of
+the file. A constant is ``25 %`` or ``0.3 m``; it may stand in the name of the file, where
+``kinked{%}`` finds the number of ``kinked25_Test8.csv``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import UsageError
+from .log import BoolArray, Column, Exclusion, Log, StepInput
+from .timebase import MIN_RUN, Run
+
+_NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
+_FORMS = "run=2, time=3:3.5 (seconds, either end may be empty) or lines=120:130"
+
+
+def parse_exclusion(text: str) -> Exclusion:
+    """Read ``run=2``, ``time=3:3.5`` or ``lines=120:130``; ``UsageError`` for anything else."""
+    kind, _, what = text.strip().partition("=")
+    low, colon, high = what.partition(":")
+    try:
+        if kind == "run" and not colon:
+            return Exclusion(kind, _whole(low), _whole(low))
+        if kind == "lines":
+            return Exclusion(kind, _whole(low), _whole(high if colon else low))
+        if kind == "time" and colon:
+            ends = float(low or "-inf"), float(high or "inf")
+            if ends[0] < ends[1] and (low or high):
+                return Exclusion(kind, *ends)
+    except ValueError:
+        pass
+    raise UsageError(
+        f"--exclude {text!r} is not understood.",
+        expected=f"Expected {_FORMS}.",
+        remedy="For one log of several: --exclude 'trial1.csv:run=2'.",
+    )
+
+
+def _whole(text: str) -> float:
+    if not re.fullmatch(r"[0-9]{1,12}", text.strip()) or int(text) < 1:
+        raise ValueError(text)
+    return float(text)
+
+
+def parse_constant(role: str, text: str) -> tuple[float, str | None]:
+    """Read ``25 %`` or ``0.3``: number and unit, ``None`` without one."""
+    found = re.fullmatch(rf"\s*({_NUMBER})\s*(\S.*)?", str(text))
+    if found is None or not math.isfinite(float(found[1])):
+        raise UsageError(
+            f"--set {role}={text} is no number.",
+            expected="Expected a number, and its unit where it is not SI.",
+            remedy=f"Give for example --set '{role}=25 %'.",
+        )
+    return float(found[1]), found[2].strip() if found[2] else None
+
+
+def find_in_name(role: str, template: str, name: str) -> tuple[float, str | None] | None:
+    """Number that stands in a file name where a template has ``{UNIT}``; ``None`` without one."""
+    found = re.fullmatch(r"([^{}]*)\{([^{}]*)\}([^{}]*)", template)
+    if found is None or not (found[1] or found[3]):
+        raise UsageError(
+            f"--from-name {role}={template} does not say where the number stands.",
+            expected="Expected the text around it, and braces with the unit in its place.",
+            remedy=f"Give for example --from-name '{role}=kinked{{%}}'.",
+        )
+    number = re.search(rf"{re.escape(found[1])}({_NUMBER}){re.escape(found[3])}", name)
+    return None if number is None else (float(number[1]), found[2].strip() or None)
+
+
+def with_constants(log: Log, constants: Mapping[str, str], from_name: Mapping[str, str]) -> Log:
+    """The log with roles that were constant, from its name or as given; the name comes first."""
+    steps, units, named = dict(log.steps), dict(log.units), dict(log.from_name)
+    for role in dict.fromkeys((*constants, *from_name)):
+        found = find_in_name(role, from_name[role], log.name) if role in from_name else None
+        if found is not None:
+            named[role] = from_name[role]
+        elif role in constants:
+            found = parse_constant(role, constants[role])
+        if found is None:
+            raise UsageError(
+                f"--from-name {role}={from_name[role]} finds no number in '{log.name}'.",
+                remedy=f"Give it with --set '{log.name}:{role}=VALUE UNIT'.",
+            )
+        value, unit = found
+        steps[role] = StepInput(value, value)
+        if unit is not None:
+            units[role] = unit
+    return replace(log, steps=steps, units=units, from_name=named)
+
+
+def without(log: Log, exclusions: Sequence[Exclusion]) -> Log:
+    """The log without the lines that are excluded; runs and seconds are noted for later."""
+    log = replace(log, exclude=tuple(exclusions))
+    kept: BoolArray = np.ones(log.rows, dtype=np.bool_)
+    for x in exclusions:
+        if x.kind == "lines":
+            kept &= (log.lines < x.low) | (log.lines > x.high)
+    if kept.all():
+        return log
+    if not kept.any():
+        raise UsageError(f"--exclude leaves out all of {log.name}.", remedy="Leave out less.")
+    account = log.account
+    out = [(int(line), "excluded") for line in log.lines[~kept]]
+    left_out = tuple(sorted([*account.left_out, *out]))
+    return replace(
+        log,
+        columns=tuple(_rows(column, kept) for column in log.columns),
+        lines=log.lines[kept],
+        account=replace(account, data_rows=int(kept.sum()), left_out=left_out),
+    )
+
+
+def _rows(column: Column, kept: BoolArray) -> Column:
+    places = np.cumsum(kept) - 1
+    bad = {int(places[row]): text for row, text in column.bad.items() if kept[row]}
+    return replace(column, values=column.values[kept], bad=bad)
+
+
+def exclude_runs(log: Log, runs: Sequence[Run]) -> list[Run]:
+    """Runs without those that are excluded; one with a gap becomes several.
+
+    What drove the machine meanwhile is left out as well: each part begins where it was then.
+    """
+    dropped = {int(x.low) for x in log.exclude if x.kind == "run"}
+    if wrong := [n for n in dropped if n > len(runs)]:
+        raise UsageError(
+            f"--exclude run={wrong[0]}: {log.name} holds {len(runs)} "
+            f"{'run' if len(runs) == 1 else 'runs'}.",
+            remedy="See `fluidact-fit inspect`; runs are counted from 1.",
+        )
+    left = [run for number, run in enumerate(runs, start=1) if number not in dropped]
+    for x in log.exclude:
+        if x.kind == "time":
+            left = [part for run in left for part in _apart(run, x)]
+    if not left:
+        raise UsageError(f"--exclude leaves out all of {log.name}.", remedy="Leave out less.")
+    return left
+
+
+def _apart(run: Run, x: Exclusion) -> list[Run]:
+    """The parts of a run before and after what is excluded."""
+    slack = 1e-6 * run.sample_time
+    before, after = run.time < x.low - slack, run.time > x.high + slack
+    parts = []
+    for kept in (before, after):
+        if kept.sum() >= MIN_RUN:
+            parts.append(replace(run, rows=run.rows[kept], time=run.time[kept]))
+    return [run] if (before | after).all() else parts

@@ -1,0 +1,204 @@
+"""Data that are no CSV file: frames, arrays, binary recordings, packed ones, standard input."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import lzma
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import h5py
+import nptdms
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import savemat
+
+import fluidact_fit as ff
+from fluidact_fit.errors import LogError
+from fluidact_fit.logs import read_log
+
+CSV = Path(__file__).parents[2] / "datasets/line/trial1.csv"
+SI = {"time": 1e-3, "inlet": 1e5, "outlet": 1e5}  # ms, bar, bar
+
+
+@pytest.fixture(scope="module")
+def columns() -> dict[str, np.ndarray]:
+    log = read_log(CSV)
+    return {r: c.values * f for c, (r, f) in zip(log.columns, SI.items())}
+
+
+@pytest.fixture(scope="module")
+def expected() -> dict[str, float]:
+    found = ff.fit("line", read_log(CSV, columns={"time": "#1", "inlet": "#2", "outlet": "#3"}))
+    return {n: q.value for n, q in found.parameters.items()}
+
+
+def check(data: Any, expected: dict[str, float]) -> None:
+    found = ff.fit("line", data)
+    assert found.verdict == "pass"
+    for name, value in expected.items():
+        # the printed resolution of a file is not that of an array: rounding, no more
+        assert found.parameters[name].value == pytest.approx(value, rel=1e-6), name
+
+
+def frame_by_durations(columns: dict[str, np.ndarray]) -> pd.DataFrame:
+    index = pd.to_timedelta(columns["time"], unit="s")
+    return pd.DataFrame({k: columns[k] for k in ("inlet", "outlet")}, index=index)
+
+
+def frame_by_instants(columns: dict[str, np.ndarray]) -> pd.DataFrame:
+    index = pd.Timestamp("2026-03-01 12:00") + pd.to_timedelta(columns["time"], unit="s")
+    return pd.DataFrame({k: columns[k] for k in ("inlet", "outlet")}, index=index)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda c: pd.DataFrame(c),
+        lambda c: c,
+        lambda c: {k: v.tolist() for k, v in c.items()},
+        lambda c: pd.DataFrame(c).to_records(index=False),
+        lambda c: pd.DataFrame(c).set_index("time"),
+        frame_by_durations,
+        frame_by_instants,
+        lambda c: {"t [ms]": c["time"] * 1e3, "inlet (bar)": c["inlet"] / 1e5,
+                   "outlet_bar": c["outlet"] / 1e5},
+    ],
+)  # fmt: skip
+def test_data_are_fitted_as_a_file_is(
+    made: Any, columns: dict[str, np.ndarray], expected: dict[str, float]
+) -> None:
+    check(made(columns), expected)
+
+
+def test_a_table_has_numbers_for_headers(columns: dict[str, np.ndarray]) -> None:
+    table = np.column_stack(list(columns.values()))
+    log = read_log(table, columns={"time": "#1", "inlet": "#2", "outlet": "#3"})
+    assert ff.fit("line", log).verdict in ("pass", "warn")
+
+
+def test_the_same_data_have_the_same_checksum(columns: dict[str, np.ndarray]) -> None:
+    assert read_log(columns).sha256 == read_log(pd.DataFrame(columns)).sha256
+    other = {**columns, "inlet": columns["inlet"] + 1.0}
+    assert read_log(columns).sha256 != read_log(other).sha256
+
+
+@pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, lzma.compress])
+def test_packed_files_are_unpacked(tmp_path: Path, pack: Any) -> None:
+    path = tmp_path / "log.csv.packed"
+    path.write_bytes(pack(CSV.read_bytes()))
+    plain, packed = read_log(CSV), read_log(path)
+    for a, b in zip(plain.columns, packed.columns):
+        np.testing.assert_array_equal(a.values, b.values)
+    path.write_bytes(pack(CSV.read_bytes())[:-20])
+    with pytest.raises(LogError, match="damaged"):
+        read_log(path)
+
+
+def test_matlab_vectors(
+    tmp_path: Path, columns: dict[str, np.ndarray], expected: dict[str, float]
+) -> None:
+    path = tmp_path / "log.mat"
+    savemat(path, {**columns, "gain": 3.0, "note": "a remark", "short": np.arange(5.0)})
+    log = read_log(path)
+    assert [n.code for n in log.notices] == ["variables-left-out"]
+    check(log, expected)
+    savemat(path, {"run": columns})  # a structure
+    check(path, expected)
+
+
+def test_dspace_matlab_with_two_rasters(tmp_path: Path) -> None:
+    fast, slow = np.arange(0.0, 1.0, 0.01), np.arange(0.0, 1.0, 0.1)
+    recording = {
+        "X": [{"Data": fast}, {"Data": slow}],
+        "Y": [
+            {"Name": '"Model Root"/"valve"/"Out1"', "Data": fast**2, "XIndex": 1},
+            {"Name": 'Model Root/oil\\temperature', "Data": slow + 20.0, "XIndex": 2},
+        ],
+    }  # fmt: skip
+    path = tmp_path / "rec1.mat"
+    savemat(path, {"rec1": recording})
+    log = read_log(path)
+    assert log.dialect.name == "dSPACE MATLAB"
+    assert [c.header for c in log.columns] == ["time", "Out1", "temperature"]
+    assert log.columns[0].unit == "s"
+    sparse = log.columns[2]
+    assert sparse.sparse
+    np.testing.assert_allclose(sparse.values[np.isfinite(sparse.values)], slow + 20.0)
+
+
+def test_parquet(
+    tmp_path: Path, columns: dict[str, np.ndarray], expected: dict[str, float]
+) -> None:
+    path = tmp_path / "log.parquet"
+    pd.DataFrame(columns).to_parquet(path)
+    check(path, expected)
+
+
+def test_hdf5_as_matlab_writes_it(
+    tmp_path: Path, columns: dict[str, np.ndarray], expected: dict[str, float]
+) -> None:
+    path = tmp_path / "log.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in columns.items():
+            file[name] = values[None, :]
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64")
+    check(path, expected)
+
+
+def test_tdms(tmp_path: Path) -> None:
+    path = tmp_path / "log.tdms"
+    timing = {"wf_start_offset": 0.0, "wf_increment": 0.01, "unit_string": "bar"}
+    values = np.linspace(1.0, 2.0, 100)
+    with nptdms.TdmsWriter(str(path)) as writer:
+        writer.write_segment([nptdms.ChannelObject("bench", "inlet", values, timing)])
+    log = read_log(path)
+    assert [(c.header, c.unit) for c in log.columns] == [("time", "s"), ("inlet", "bar")]
+    np.testing.assert_allclose(log.columns[0].values, 0.01 * np.arange(100))
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        ({"time": [0.0, 1.0], "inlet": [1.0]}, "differ in length"),
+        ({}, "columns"),
+        ({"time": []}, "no samples"),
+        (np.zeros((2, 3, 4)), "no log"),
+        (42, "no log"),
+        ({"time": [0.0, 1.0], "inlet": [1j, 2.0]}, "complex"),
+        ({"time": [0.0, 1.0, 2.0, 3.0], "inlet": [[1.0, 2.0], [3.0, 4.0]]}, "shape"),
+    ],
+)
+def test_what_is_no_table_is_refused(data: Any, said: str) -> None:
+    with pytest.raises(LogError, match=said):
+        read_log(data)
+
+
+def test_text_among_numbers_is_named(columns: dict[str, np.ndarray]) -> None:
+    inlet = columns["inlet"].astype(object)
+    inlet[7] = "oops"
+    with pytest.raises(LogError, match="oops"):
+        ff.fit("line", {**columns, "inlet": inlet})
+
+
+def test_standard_input(tmp_path: Path) -> None:
+    out = tmp_path / "line.yaml"
+    words = ["line", "-", "--column", "time=#1", "--column", "inlet=#2", "--column", "outlet=#3"]
+    command = [sys.executable, "-m", "fluidact_fit_cli.main", *words, "-o", str(out)]
+    done = subprocess.run(command, input=CSV.read_bytes(), capture_output=True)
+    assert done.returncode == 0, done.stderr
+    assert ff.read_document(out).provenance.logs[0].file == "standard input"
+
+
+@pytest.mark.parametrize("magic", [b"MATLAB 5.0", b"PAR1", b"\x89HDF\r\n\x1a\n", b"TDSm"])
+def test_damaged_recordings_are_refused(tmp_path: Path, magic: bytes) -> None:
+    path = tmp_path / "log.bin"
+    path.write_bytes(magic + io.BytesIO(bytes(range(256)) * 8).read())
+    with pytest.raises(LogError, match=r"cannot be read|no channel"):
+        read_log(path)

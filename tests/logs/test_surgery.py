@@ -1,0 +1,199 @@
+"""Parts of a log left out, constants per file, and two parts of one file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fluidact_fit as ff
+from fluidact_fit.errors import LogError, UnitError, UsageError
+from fluidact_fit.families import get_family
+from fluidact_fit.logs import experiments, read_log
+from fluidact_fit.logs.surgery import find_in_name, parse_constant, parse_exclusion
+from fluidact_fit.simulation import recall_columns
+from fluidact_fit_cli.main import run
+
+VALVE = get_family("valve").variants[0]
+DATA = Path(__file__).parents[2] / "datasets/valve/trial1.csv"
+BOUND = {"time": "#1", "command": "#2", "outlet": "#3"}
+WORDS = ["--column", "time=#1", "--column", "command=#2", "--column", "outlet=#3"]
+
+
+def two_runs(path: Path) -> Path:
+    lines = DATA.read_text().splitlines()
+    path.write_text("\n".join([*lines[:401], *lines[1:301]]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("exclude", "sizes"),
+    [
+        ([], [400, 300]),
+        (["run=1"], [300]),
+        (["run=2"], [400]),
+        (["time=1:2"], [100, 199, 100, 99]),
+        (["time=:2"], [199, 99]),
+        (["time=2.5:"], [250, 250]),
+        (["lines=402:701"], [400]),
+        (["lines=10:12"], [397, 300]),
+        (["lines=10", "run=2"], [399]),
+        (["time=100:200"], [400, 300]),
+    ],
+)
+def test_parts_are_left_out(tmp_path: Path, exclude: list[str], sizes: list[int]) -> None:
+    log = read_log(two_runs(tmp_path / "a.csv"), columns=BOUND, exclude=exclude)
+    found, _ = experiments(log, VALVE)
+    assert [e.samples for e in found] == sizes
+    for e in found:
+        assert np.all(np.diff(e.time) > 0.0)
+
+
+def test_lines_left_out_are_accounted_for(tmp_path: Path) -> None:
+    log = read_log(two_runs(tmp_path / "a.csv"), columns=BOUND, exclude=["lines=10:12"])
+    assert log.account.left_out == ((10, "excluded"), (11, "excluded"), (12, "excluded"))
+    assert 10 not in log.lines
+
+
+@pytest.mark.parametrize(
+    "exclude", ["run=3", "time=:", "time=3:2", "lines=0", "rows=3", "run", "lines=1:9999999"]
+)
+def test_impossible_parts_are_refused(tmp_path: Path, exclude: str) -> None:
+    path = two_runs(tmp_path / "a.csv")
+    with pytest.raises(UsageError, match="exclude"):
+        experiments(read_log(path, columns=BOUND, exclude=[exclude]), VALVE)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("25 %", (25.0, "%")), ("25%", (25.0, "%")), ("-0.3", (-0.3, None)), ("1e-3 m", (1e-3, "m"))],
+)
+def test_constants(text: str, value: tuple[float, str | None]) -> None:
+    assert parse_constant("position", text) == value
+
+
+@pytest.mark.parametrize(
+    ("template", "name", "value"),
+    [
+        ("kinked{%}", "10mm_10cm_kinked25_Test8.csv", (25.0, "%")),
+        ("_{cm}cm", "10mm_10cm_kinked25_Test8.csv", (10.0, "cm")),
+        ("kinked{%}", "10mm_10cm_Unkink_Test8.csv", None),
+        ("p{bar}_", "tube_l1_p2.5_start_1.csv", (2.5, "bar")),
+        ("l{}_", "tube_l1_p2.5_start_1.csv", (1.0, None)),
+    ],
+)
+def test_numbers_in_names(template: str, name: str, value: object) -> None:
+    assert find_in_name("position", template, name) == value
+
+
+@pytest.mark.parametrize("template", ["kinked", "{m}", "a{m}b{m}", "a}m{"])
+def test_templates_need_braces_and_text(template: str) -> None:
+    with pytest.raises(UsageError):
+        find_in_name("position", template, "name")
+
+
+def test_exclusions_are_written_as_they_are_given() -> None:
+    for text in ("run=2", "time=3:3.5", "time=:2", "time=3:", "lines=120:130"):
+        assert parse_exclusion(text).text == text
+
+
+def muscle(path: Path, contraction: float, rng: np.random.Generator) -> Path:
+    """Pressure up and down, and a force that contraction makes smaller."""
+    p = 3.0 + 2.5 * np.sin(np.linspace(0.0, 12.0, 300))
+    f = 40.0 * p * (1.0 - contraction) + 0.2 * rng.standard_normal(p.size)
+    np.savetxt(path, np.column_stack((p, f)), delimiter=",", header="command [bar],force [N]",
+               comments="", fmt="%.4f")  # fmt: skip
+    return path
+
+
+def test_a_constant_of_every_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(5)
+    names = {"m_unkink_1.csv": 0.0, "m_kinked25_1.csv": 0.25, "m_kinked50_1.csv": 0.5}
+    for name, contraction in names.items():
+        muscle(Path(name), contraction, rng)
+    given = ["--target", "force", "--inputs", "command,position", "--hidden", "2", "-q",
+             "--from-name", "position=kinked{%}"]  # fmt: skip
+    said = ["--set", "*unkink*:position=0 %"]
+    assert run(["force-map", *names, *given, "-o", "none.yaml"]) == 2
+    assert run(["force-map", *names, *given, *said, "-o", "map.yaml"]) == 0
+    document = ff.read_document("map.yaml")
+    assert [s.columns["position"].step.start for s in document.provenance.logs] == [0.0, 25.0, 50.0]
+    # a new log says in its name what it is; one that was fitted is known
+    new = muscle(tmp_path / "m_kinked40_2.csv", 0.4, rng)
+    assert recall_columns(document, read_log(new)).steps["position"].start == 40.0
+    old = recall_columns(document, read_log("m_unkink_1.csv"))
+    assert (old.steps["position"].start, old.units["position"]) == (0.0, "%")
+    # nobody knows of one that is neither
+    other = muscle(tmp_path / "m_other.csv", 0.1, rng)
+    assert "position" not in recall_columns(document, read_log(other)).steps
+
+
+def test_a_constant_in_a_unit_of_another_kind_is_refused(tmp_path: Path) -> None:
+    bound = {"time": "#1", "outlet": "#3"}
+    log = read_log(DATA, columns=bound, constants={"command": "3 N"})
+    with pytest.raises(UnitError, match="command"):
+        experiments(log, VALVE)
+
+
+def test_two_parts_of_one_file(tmp_path: Path) -> None:
+    out = tmp_path / "valve.yaml"
+    words = ["valve", str(DATA), *WORDS, "-q", "-o", str(out)]
+    assert run([*words, "--validate-window", "6:"]) == 2
+    assert run([*words, "--window", ":6", "--validate-window", "6.01:"]) == 0
+    document = ff.read_document(out)
+    assert document.fit.samples + document.validation[0].samples == 1000
+    assert document.validation[0].fit_percent > 95.0
+
+
+def test_a_part_that_was_left_out_is_left_out_again(tmp_path: Path) -> None:
+    log = read_log(DATA, columns=BOUND, exclude=["time=3:3.5"])
+    document = ff.fit("valve", log).document
+    assert document.provenance.logs[0].details["exclude"] == ["time=3:3.5"]
+    again = recall_columns(document, read_log(DATA))
+    assert [x.text for x in again.exclude] == ["time=3:3.5"]
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        ["--exclude", "b.csv:run=1"],
+        ["--exclude", "nonsense"],
+        ["--set", "nothing=3"],
+        ["--set", "outlet"],
+        ["--from-name", "nothing=a{}"],
+    ],
+)
+def test_options_that_name_nothing_are_refused(tmp_path: Path, option: list[str]) -> None:
+    assert run(["valve", str(DATA), *WORDS, *option, "-q", "-o", str(tmp_path / "v.yaml")]) == 2
+    assert not (tmp_path / "v.yaml").exists()
+
+
+def test_two_logs_of_one_experiment(tmp_path: Path) -> None:
+    """The command every 10 ms in one file, the outlet every 20 ms and 3 ms later in another."""
+    whole = read_log(DATA, columns=BOUND)
+    time, command, outlet = (c.values for c in whole.columns)
+    a, b = tmp_path / "a.csv", tmp_path / "b.csv"
+    np.savetxt(a, np.column_stack((time, command)), header="time [s];command [V]",
+               delimiter=";", comments="")  # fmt: skip
+    late = np.arange(0.0, 9.9, 0.02) + 0.003
+    np.savetxt(b, np.column_stack((late, np.interp(late, time, outlet))),
+               header="t [s];outlet [bar]", delimiter=";", comments="")  # fmt: skip
+    log = read_log(f"{a}+{b}")
+    assert log.name == "a.csv+b.csv"
+    (run_,), notices = experiments(log, VALVE)
+    assert run_.sample_time == pytest.approx(0.02)
+    np.testing.assert_allclose(run_.time, late)
+    np.testing.assert_allclose(run_.signals["command"].time, time)
+    assert "time-bases" in [n.code for n in notices]
+    document = ff.fit("valve", log).document
+    assert document.provenance.logs[0].file == "a.csv+b.csv"
+
+
+def test_logs_of_two_experiments_are_not_merged(tmp_path: Path) -> None:
+    a, b = tmp_path / "a.csv", tmp_path / "b.csv"
+    a.write_text("time,u\n" + "\n".join(f"{k},{k % 3}" for k in range(20)))
+    b.write_text("time,y\n" + "\n".join(f"{k + 100},{k % 4}" for k in range(20)))
+    with pytest.raises(LogError, match="in common"):
+        read_log(f"{a}+{b}")
