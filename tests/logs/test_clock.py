@@ -127,6 +127,13 @@ def test_a_stamp_that_is_none_is_named(tmp_path: Path) -> None:
     assert read(tmp_path, "time,p", rows).columns[0].bad == {7: "12:61:00.000"}
 
 
+def test_a_stamp_of_another_century_is_named(tmp_path: Path) -> None:
+    rows = [f"2024-05-01 12:00:{s:02},{s}" for s in range(40)]
+    rows[7] = "1224-05-01 12:00:07,7"
+    log = read(tmp_path, "time,p", rows)
+    assert log.columns[0].bad == {7: "1224-05-01 12:00:07"}
+
+
 def test_ratios_and_versions_are_no_stamps(tmp_path: Path) -> None:
     log = read(tmp_path, "t;mix;p", [f"{k};12:30;1.{k}" for k in range(40)])
     assert not any(c.clock for c in log.columns)

@@ -252,6 +252,7 @@ def test_time_that_goes_back_is_refused_where_there_are_several(tmp_path: Path) 
     assert "does not increase" in refusal(tmp_path, text)
 
 
-def test_a_sample_without_its_time_is_refused(tmp_path: Path) -> None:
-    text = export(TWO).replace("\n0.6\t", "\noops\t")
+@pytest.mark.parametrize(("timed", "stamp"), [("ms", "0.6"), ("filetime", "132959733843766000")])
+def test_a_sample_without_its_time_is_refused(tmp_path: Path, timed: str, stamp: str) -> None:
+    text = export(TWO, timed=timed).replace(f"\n{stamp}\t", "\noops\t")
     assert "holds 'oops'" in refusal(tmp_path, text)

@@ -17,6 +17,7 @@ from .stamps import SECOND, Stamp, is_bare_clock, is_date, is_stamp, read_stamp
 
 _COMMA = re.compile(r"^([^,]*\d\d:\d\d:\d\d),(\d{3})(?=,)")
 _FILETIME = re.compile(r"\d{17,19}")  # units of 100 ns since 1601
+_LONGEST = 2**62  # what is counted in ns, 146 years
 _DAY = 86_400 * SECOND
 _HOUR = 3_600 * SECOND
 
@@ -84,11 +85,11 @@ def read_clocks(
     """
     notices: list[Notice] = []
     read = {k: _nanoseconds(columns, k, dates, name, notices) for k, dates in clocks.items()}
-    origin = min((v for values in read.values() for v in values if v is not None), default=0)
     first = [next((v for v in values if v is not None), None) for values in read.values()]
-    origin = min((v for v in first if v is not None), default=origin)
+    origin = min((v for v in first if v is not None), default=0)
     out = {}
-    for k, values in read.items():
+    for k, found in read.items():
+        values = [v if v is not None and abs(v - origin) < _LONGEST else None for v in found]
         known = np.array([v is not None for v in values], dtype=np.bool_)
         since = np.array([v - origin for v in values if v is not None], dtype=np.int64)
         since = _go_on(since, lines[known], name, notices)
@@ -106,8 +107,8 @@ def _nanoseconds(
 ) -> list[int | None]:
     """Instants of a column [ns], ``None`` where a cell is none."""
     cells: Sequence[str] = [cell.strip() for cell in columns[clock]]
-    if cells and all(_FILETIME.fullmatch(cell) or not cell for cell in cells):
-        return [100 * int(cell) if cell else None for cell in cells]
+    if _mostly([cell for cell in cells if cell], lambda cell: bool(_FILETIME.fullmatch(cell))):
+        return [100 * int(cell) if _FILETIME.fullmatch(cell) else None for cell in cells]
     if dates is not None:
         cells = [f"{day.strip()} {cell}" for day, cell in zip(columns[dates], cells)]
     stamps = [read_stamp(cell) for cell in cells]

@@ -35,6 +35,8 @@ def group_columns(names: Sequence[str], key: str) -> list[Group]:
 
 def complete(fields: list[str], layout: Layout) -> list[str] | None:
     """A row of groups some of which have ended: filled up, ``None`` where a group is broken."""
+    if len(fields) == layout.width:
+        return fields
     ends = {0, *(group.columns[-1] + 1 for group in layout.groups)}
     filled = len(fields)
     while filled and not fields[filled - 1].strip():
@@ -132,12 +134,13 @@ def _instants(
     """Instants of the rows of a group, counted where they were not written."""
     if group.time is not None:
         return values[group.time][rows]
-    out = np.empty(rows.size)
-    for part in group.counted:
-        later = lines[rows] >= part.line
-        count = np.arange(int(later.sum()))
-        out[later] = np.round(part.start + count * part.step, 12)
-    return out
+    begins = [part.line for part in group.counted]
+    part = np.searchsorted(begins, lines[rows], side="right") - 1
+    count = np.arange(rows.size) - np.searchsorted(part, part)
+    start, step = (
+        np.array([getattr(c, k) for c in group.counted])[part] for k in ("start", "step")
+    )
+    return np.round(start + count * step, 12)
 
 
 def _require_order(

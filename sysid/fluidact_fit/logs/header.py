@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from ..units import looks_like_unit
@@ -26,7 +27,8 @@ class Header(NamedTuple):
     units: list[str]
 
 
-class _Row(NamedTuple):
+@dataclass(frozen=True)
+class _Row:
     """A line above the table: its index and cells, whether they can be names, or are units."""
 
     index: int
@@ -68,9 +70,10 @@ def find_header(
 
 
 def _look_at(index: int, line: str, cut: Cut) -> _Row:
-    cells = header_cells(line, cut)
-    if cells is not None:
-        return _Row(index, cells, True, _are_units(cells, 0.5))
+    named = header_cells(line, cut)
+    if named is not None:
+        return _Row(index, named, True, _are_units(named, 0.5))
+    cells: list[str] = []
     for text in (line, _COMMENT.sub("", line)):
         cells = cut.split(text)
         if cut.delimiter != " " and 0 < len(cells) < cut.width and _are_units(cells, 1.0):

@@ -207,7 +207,10 @@ def _with_numbers(
     """Turn the cells of the rows into numbers, and their clocks and groups into one time."""
     columns = list(zip(*split.rows))
     lines = np.array(split.lines, dtype=np.int64)
-    read = [_to_numbers(cells, layout) for cells in columns]
+    read = [
+        (np.empty(0), {}) if k in layout.clocks else _to_numbers(cells, layout)
+        for k, cells in enumerate(columns)
+    ]
     if layout.clocks:
         clocks, found = read_clocks(dict(enumerate(columns)), layout.clocks, lines, name)
         notices += found
@@ -248,7 +251,7 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
     out = _Lines([], [], [], [], [], [])
     rows, lines, ragged = out.rows, out.lines, out.ragged
     short: dict[int, int] = {}  # rows of groups that have ended, and their number of cells
-    width, delimiter = layout.width, layout.delimiter
+    width, delimiter, needed = layout.width, layout.delimiter, layout.needed
     simple = '"' not in text and delimiter != " " and not layout.lead and not layout.tidy
     for number, line in enumerate(text.split("\n"), start=layout.first_row + 1):
         if not line or line.isspace():
@@ -271,7 +274,7 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
             lines.append(number)
         else:
             ragged.append((number, len(fields)))
-        if filled is not None and len(fields) < layout.needed:
+        if len(fields) < needed and filled is not None:
             short[number] = len(fields)
     if short:
         _leave_out_broken(out, short, layout)
@@ -280,12 +283,13 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
 
 def _leave_out_broken(out: _Lines, short: Mapping[int, int], layout: Layout) -> None:
     """Leave out rows that end early although the next ones do not: no group ended there."""
-    longest, before, kept = 0, 0, []
+    longest, before, kept = 0, -1, []
+    segments = np.array(sorted(layout.skipped))
+    passed = np.searchsorted(segments, out.lines)
     for k in range(len(out.lines) - 1, -1, -1):
         line = out.lines[k]
-        if any(line < n < before for n in layout.skipped):
-            longest = 0  # another segment: its groups begin anew
-        before = line
+        if passed[k] != before:
+            longest, before = 0, passed[k]  # another segment: its groups begin anew
         if short.get(line, layout.needed) < longest:
             out.ragged.append((line, short[line]))
             continue
@@ -311,17 +315,21 @@ def _to_numbers(cells: Sequence[str], layout: Layout) -> tuple[FloatArray, dict[
     except ValueError:
         pass
     values = np.full(len(cells), np.nan)
-    bad: dict[int, str] = {}
-    empty = 0
+    filled = [row for row, cell in enumerate(cells) if cell and not cell.isspace()]
+    if 0 < len(filled) < len(cells):
+        values[filled], texts_at = _to_numbers([cells[row] for row in filled], layout)
+        empty = np.setdiff1d(np.arange(len(cells)), filled)[:MAX_BAD_KEPT]
+        bad = dict.fromkeys(empty.tolist(), "") | {filled[k]: t for k, t in texts_at.items()}
+        return values, dict(sorted(bad.items()))
+    bad = {}
     for row, cell in enumerate(cells):
         text = cell.strip()
         if layout.is_number(text):
             values[row] = float(re.sub("[dD]", "e", text.replace(",", ".")))
         if not np.isfinite(values[row]):
             values[row] = np.nan
-            if text or empty < MAX_BAD_KEPT:
+            if text or len(bad) < MAX_BAD_KEPT:
                 bad[row] = text
-                empty += not text
     return values, bad
 
 
