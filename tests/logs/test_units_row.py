@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from fluidact_fit.errors import LogError
 from fluidact_fit.logs import describe, read_log
 from fluidact_fit.logs import table as table_module
 
@@ -103,6 +104,26 @@ def test_rows_of_events_with_instants_before_the_trigger(tmp_path: Path) -> None
     assert [c.name for c in log.columns] == ["Time", "Channel 0", "Channel 1"]
     assert (log.rows, log.columns[0].unit, log.columns[0].values[0]) == (42, "s", -0.5)
     assert describe(log)["time"]["start"] == -0.5
+
+
+def scope(step: str, tail: str = ",,") -> str:
+    rows = [f"{k},{k}.5,{k}.25{tail}" for k in range(60)]
+    top = ["X,CH1,CH2,Start,Increment,", f"Sequence,Volt,Volt,-3.0e-03,{step}"]
+    return "\n".join([*top, *rows]) + "\n"
+
+
+@pytest.mark.parametrize("tail", ["", ",", ",,"])
+def test_an_oscilloscope_that_writes_its_step_once(tmp_path: Path, tail: str) -> None:
+    path = tmp_path / "scope.csv"
+    path.write_text(scope("1.0e-05", tail), encoding="utf-8")
+    log = read_log(path)
+    assert [c.header for c in log.columns] == ["time", "CH1", "CH2"]
+    assert [c.unit for c in log.columns] == ["s", "Volt", "Volt"]
+    assert log.columns[0].values[[0, 1, 59]].tolist() == [-0.003, -0.00299, -0.00241]
+    assert (log.rows, log.account.header_lines, log.account.left_out) == (60, 2, ())
+    path.write_text(scope("auto"), encoding="utf-8")
+    with pytest.raises(LogError, match="step 'auto'"):
+        read_log(path)
 
 
 @pytest.mark.parametrize("names", ["No.,Time,CH1,CH2", "Time,CH1,CH2"])
