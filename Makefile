@@ -9,7 +9,7 @@ OLDEST := .venv-oldest
 COG := $(BIN)/cog -P -I tools -p 'import docs_tables as docs' --verbosity 1
 PAGES := README.md $(wildcard docs/*.md)
 
-.PHONY: help demo test test-oldest lint format docs schema lock house acceptance study bench red-team clean
+.PHONY: help demo test test-oldest lint format docs schema lock house acceptance study bench red-team soak clean
 
 help:
 	@echo "make demo         fit the datasets into demo-output/"
@@ -19,11 +19,12 @@ help:
 	@echo "make format       fix the style where ruff can"
 	@echo "make docs         write what the pages and the JSON Schema take from the program"
 	@echo "make schema       write the shipped JSON Schema only"
-	@echo "make lock         write uv.lock anew"
+	@echo "make lock         write uv.lock anew: the tools of developers are installed as it says"
 	@echo "make acceptance   every headline figure again, against docs/acceptance.md"
 	@echo "make house        count lines, long functions, long signatures and uses of Any"
 	@echo "make study        efficiency, coverage and designs by repetition, written to docs/"
 	@echo "make red-team     attack the numbers with other simulators, written to docs/red-team.md"
+	@echo "make soak         attack reader, files and processes, written to docs/soak.md"
 	@echo "make bench        this project against other tools, written to docs/benchmark.md"
 	@echo "make clean        remove everything that make has made"
 	@echo "Another Python: make PYTHON=/path/to/python3.12 test"
@@ -66,7 +67,7 @@ schema: $(INSTALLED_DEV)
 # Always from PyPI itself, whatever index this machine is set up with.
 lock: $(INSTALLED_DEV)
 	$(BIN)/python -m pip install --quiet uv
-	$(BIN)/uv lock --no-config --default-index https://pypi.org/simple
+	$(BIN)/uv lock --upgrade --no-config --default-index https://pypi.org/simple
 
 house:
 	@$(PYTHON) tools/house.py
@@ -88,6 +89,10 @@ study: $(INSTALLED_DEV)
 # Half an hour on two cores; make red-team RED_TEAM='--family valve --verbose' runs a part.
 red-team: $(INSTALLED)
 	$(BIN)/python -m studies.red_team $(or $(RED_TEAM),--write)
+
+# Half an hour on two cores; make soak SOAK='--part logs --scale 0.1' runs a part.
+soak: $(INSTALLED)
+	$(BIN)/python -m studies.soak $(or $(SOAK),--write)
 
 # Other tools come from PyPI into environments of their own; MATLAB and Octave do not.
 bench: $(INSTALLED)
@@ -117,13 +122,15 @@ $(INSTALLED): pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
 
-$(INSTALLED_DEV): $(INSTALLED)
-	$(BIN)/python -m pip install --quiet --group dev
+$(INSTALLED_DEV): $(INSTALLED) uv.lock tools/locked.py
+	$(PYTHON) tools/locked.py > $(VENV)/constraints.txt
+	$(BIN)/python -m pip install --quiet --constraint $(VENV)/constraints.txt --group dev
 	@touch $@
 
-$(OLDEST)/installed: pyproject.toml tools/oldest.py
+$(OLDEST)/installed: pyproject.toml tools/oldest.py uv.lock tools/locked.py
 	$(call make_environment,$(OLDEST))
 	$(PYTHON) tools/oldest.py > $(OLDEST)/constraints.txt
+	$(PYTHON) tools/locked.py >> $(OLDEST)/constraints.txt
 	$(OLDEST)/bin/python -m pip install --quiet --constraint $(OLDEST)/constraints.txt \
 		--editable . --group test
 	@touch $@

@@ -5,8 +5,7 @@
 
 ``driveNo1`` and ``driveNo2`` of Mablekos-Alexiou et al. (IEEE Trans. Robotics, 2021), as EPOS
 Studio exported them: averaged velocity in rpm, averaged torque in percent of 9.84 mN m, both with
-the sign inverted. A torque stands for the force and an angle for the path, so that N and m/s of
-the family are N m and rad/s. The figure is the root mean square over all logs of a drive, those
+the sign inverted. The figure is the root mean square over all logs of a drive, those
 below the dead band too, of their mean torque less the friction at their mean speed. It is
 given for the samples as recorded and for the mean speed of each log in place of its samples.
 
@@ -31,9 +30,12 @@ from fluidact_fit.experiment import Experiment
 from fluidact_fit.logs import experiments
 
 LOGS = Path(__file__).parents[1] / ".." / "shared" / "data" / "screwdrives"
-COLUMNS = {"force": "Torque actual value averaged", "velocity": "Velocity actual value averaged"}
-SCALES = {"force": -9.84e-5, "velocity": -np.pi / 30.0}
-UNITS = {"force": "N", "velocity": "m/s"}
+COLUMNS = {
+    "torque": "Torque actual value averaged",
+    "angular_velocity": "Velocity actual value averaged",
+}
+SCALES = {"torque": -1.0, "angular_velocity": -1.0}
+UNITS = {"torque": "% of 9.84 mN m"}
 DRIVES = ("driveNo1", "driveNo2")
 
 
@@ -45,7 +47,7 @@ def read_drive(folder: Path) -> list[ff.Log]:
 
 def runs_of(logs: Sequence[ff.Log]) -> list[Experiment]:
     """The logs as arrays in N m and rad/s."""
-    variant = ff.get_family("cylinder-friction").variant("velocity")
+    variant = ff.get_family("cylinder-friction").variant("angular_velocity")
     return [run for log in logs for run in experiments(log, variant)[0]]
 
 
@@ -53,10 +55,10 @@ def at_mean_speeds(logs: Sequence[ff.Log], folder: Path) -> list[Path]:
     """The same logs with the mean of each velocity in place of its samples."""
     out = []
     for k, run in enumerate(runs_of(logs)):
-        v = np.full(run.samples, run["velocity"].mean())
+        v = np.full(run.samples, run["angular_velocity"].mean())
         out.append(folder / f"{k}.csv")
-        rows = np.column_stack((run.time, v, run["force"]))
-        header = "time [s],velocity [m/s],force [N]"
+        rows = np.column_stack((run.time, v, run["torque"]))
+        header = "time [s],angular_velocity [rad/s],torque [N m]"
         np.savetxt(out[-1], rows, fmt="%.9g", delimiter=",", header=header, comments="")
     return out
 
@@ -64,7 +66,9 @@ def at_mean_speeds(logs: Sequence[ff.Log], folder: Path) -> list[Path]:
 def misfit(result: ff.FitResult, logs: Sequence[ff.Log]) -> float:
     """Root mean square over the logs of what friction leaves of their mean torque [mN m]."""
     law = FrictionLaw.of({n: q.number for n, q in result.parameters.items()})
-    means = np.array([(run["velocity"].mean(), run["force"].mean()) for run in runs_of(logs)])
+    means = np.array(
+        [(run["angular_velocity"].mean(), run["torque"].mean()) for run in runs_of(logs)]
+    )
     rest = means[:, 1] - law.moving(means[:, 0])
     return 1e3 * float(np.sqrt(np.mean(rest**2)))
 

@@ -20,7 +20,7 @@ import fluidact_fit as ff
 from fluidact_fit.experiment import Hold
 from fluidact_fit.family import Status
 from fluidact_fit.options import describe
-from fluidact_fit_cli.main import program
+from fluidact_fit_cli.program import program
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import traceback
 import warnings
-from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import click
 
 from fluidact_fit.errors import FluidactError
 
-INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+from . import INTERRUPTED
+from .show import drop, tell
+
 PIPE_CLOSED = 141  # 128 + SIGPIPE
 
 
 @dataclass(frozen=True)
 class Invocation:
-    """The command line as typed, for provenance and for ``--debug``."""
+    """The command line as typed, for provenance and for ``--debug``, and what came of it."""
 
     args: tuple[str, ...]
+    written: list[str] = field(default_factory=list)
 
     @property
     def debug(self) -> bool:
@@ -44,34 +45,46 @@ def run_guarded(action: Callable[[], Any], invocation: Invocation) -> int:
                 warnings.simplefilter("ignore")
             status = action()
         # A broken pipe has to show up here, where it is handled.
-        sys.stdout.flush()
-        sys.stderr.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
         return status if isinstance(status, int) else 0
     except SystemExit as error:
         # click ends a broken pipe itself, with status 1.
         return PIPE_CLOSED if error.code else 0
     except BaseException as error:
         if invocation.debug:
-            traceback.print_exc()
+            tell(traceback.format_exc(), after="")
         if isinstance(error, BrokenPipeError):
-            _drop_output()
+            drop(sys.stdout)
             return PIPE_CLOSED
-        message, status = explain(error)
-        try:
-            click.echo(message, err=True)
-        except BrokenPipeError:
-            _drop_output()
+        message, status = explain(error, invocation.written)
+        tell(message)
+        _flush()
         return status
 
 
-def explain(error: BaseException) -> tuple[str, int]:
-    """Return the message and the exit status of an error."""
+def _flush() -> None:
+    """Print what is left, or forget it: the interpreter would complain of a full disk again."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        drop(sys.stdout)
+
+
+def explain(error: BaseException, written: Sequence[str] = ()) -> tuple[str, int]:
+    """Return the message and the exit status of an error, given the files written before it."""
+    text, status = _explain(error, "" if written else " Nothing was written.")
+    return (f"{text}\nWritten before that: {', '.join(written)}." if written else text), status
+
+
+def _explain(error: BaseException, nothing: str) -> tuple[str, int]:
     if isinstance(error, FluidactError):
         return error.text, error.exit_status
     if isinstance(error, click.exceptions.Exit):
         return "", error.exit_code
     if isinstance(error, (click.Abort, KeyboardInterrupt)):
-        return "Interrupted. Nothing was written.", INTERRUPTED
+        return f"Interrupted.{nothing}", INTERRUPTED
     if isinstance(error, click.UsageError):
         return _explain_usage(error), 2
     if isinstance(error, click.ClickException):
@@ -87,8 +100,8 @@ def explain(error: BaseException) -> tuple[str, int]:
         return f"{where}{error.strerror}.\nCheck the path, the permissions and the free space.", 3
     found = " ".join(f"{type(error).__name__}: {error}".split())
     return (
-        f"This is a bug in fluidact-fit, not in your data, sorry: {found[:300]}. Nothing was "
-        "written. Run the same command with --debug added and report what it shows, with the log "
+        f"This is a bug in fluidact-fit, not in your data, sorry: {found[:300]}.{nothing} "
+        "Run the same command with --debug added and report what it shows, with the log "
         "if you can."
     ), 1
 
@@ -100,9 +113,3 @@ def _explain_usage(error: click.UsageError) -> str:
     if error.ctx is not None:
         text += f"\nTry '{error.ctx.command_path} --help'."
     return text
-
-
-def _drop_output() -> None:
-    """Point standard output nowhere, so that the interpreter's last flush is silent."""
-    with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

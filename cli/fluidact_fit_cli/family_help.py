@@ -68,7 +68,7 @@ def _parameter(spec: ParameterSpec) -> tuple[str, str]:
     rank = {0: "", 1: "list: ", 2: "table: "}[spec.rank]
     remarks = [
         "depends on the options" if spec.optional else "",
-        "unit depends on the log" if spec.any_unit else "",
+        "unit depends on the log" if spec.ratio else "",
         f"not below {spec.minimum:g}" if math.isfinite(spec.minimum) else "",
         f"not above {spec.maximum:g}" if math.isfinite(spec.maximum) else "",
     ]
@@ -112,7 +112,8 @@ def _type(option: FamilyOption) -> click.ParamType[Any]:
         "text": ("TEXT", str(option.default or "auto"), parse_text),
     }
     metavar, example, parse = forms[option.kind]
-    return Parsed(metavar, f"--{option.name} {example}", lambda text: option.read(parse(text)))
+    return Parsed(metavar, f"--{option.name} {example}", lambda text: option.read(parse(text)),
+                  option.expected)  # fmt: skip
 
 
 def _whole(text: str) -> int:

@@ -7,7 +7,12 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
+import click
+
 from fluidact_fit.errors import OutputError, UsageError
+from fluidact_fit.parameters.atomic import names_directory, write_atomically
+
+from .errors import Invocation
 
 _SUFFIXES = {"--plot": (".png", ".pdf", ".svg"), "--report": (".html", ".htm")}
 
@@ -55,8 +60,10 @@ def _check_name(option: str, path: str) -> None:
 
 
 def _check_place(option: str, path: str, force: bool) -> None:
-    if os.path.isdir(path):
-        raise UsageError(f"{option} {path} is a directory.", remedy="Give a file name inside it.")
+    if names_directory(path) or os.path.isdir(path):
+        raise UsageError(
+            f"{option} {path} names a directory.", remedy="Give a file name inside it."
+        )
     if os.path.isfile(path) and not force:
         raise UsageError(
             f"{path} exists already and was kept.",
@@ -78,8 +85,6 @@ def _check_place(option: str, path: str, force: bool) -> None:
 
 def write_all(contents: Mapping[str, bytes | str], force: bool) -> None:
     """Write files, each whole; when one fails, those that were new are removed again."""
-    from fluidact_fit.parameters import write_atomically
-
     new: list[str] = []
     try:
         for path, content in contents.items():
@@ -92,3 +97,6 @@ def write_all(contents: Mapping[str, bytes | str], force: bool) -> None:
             with suppress(OSError):
                 os.unlink(path)
         raise
+    invocation = click.get_current_context().find_object(Invocation)
+    if invocation is not None:
+        invocation.written.extend(contents)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from fluidact_fit.options import plausible
 
 if TYPE_CHECKING:
     ParamType = click.ParamType[Any]
@@ -25,9 +26,10 @@ def parse_number(text: str) -> float:
         raise ValueError(f"'{text}' has a decimal comma; write {text.replace(',', '.')}")
     if not _NUMBER.fullmatch(text):
         raise ValueError(f"'{text}' is not a number" if text else "a number is missing")
-    if not math.isfinite(value := float(text)):
-        raise ValueError(f"'{text}' is too large")
-    return value
+    try:
+        return plausible(float(text))
+    except ValueError as error:
+        raise ValueError(f"'{text}' is {error}") from None
 
 
 def parse_positive(text: str) -> float:
@@ -123,11 +125,15 @@ def assigned(parse: Callable[[str], Any]) -> Callable[[str], tuple[str, Any]]:
 class Parsed(ParamType):
     """A value in a small language, as ``START:END``; an error shows this form and an example.
 
-    ``parse`` turns text into the value and raises ``ValueError``.
+    ``parse`` turns text into the value and raises ``ValueError``; ``expected`` says in words what
+    may be given where the form does not.
     """
 
-    def __init__(self, form: str, example: str, parse: Callable[[str], Any]) -> None:
+    def __init__(
+        self, form: str, example: str, parse: Callable[[str], Any], expected: str = ""
+    ) -> None:
         self.name = form
+        self.expected = expected or form
         self.example = example
         self.parse = parse
 
@@ -140,7 +146,7 @@ class Parsed(ParamType):
         except ValueError as error:
             why = str(error)
             what = why if why.startswith(f"'{value}'") else f"'{value}': {why}"
-            text = f"{what}.\nExpected {self.name}, for example {self.example}"
+            text = f"{what}.\nExpected {self.expected}, for example {self.example}"
             raise click.BadParameter(text, ctx=ctx, param=param) from None
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:

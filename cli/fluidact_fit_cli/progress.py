@@ -5,8 +5,9 @@ from __future__ import annotations
 import sys
 import time
 
-import click
+from .show import tell
 
+_CLEAR = "\r\x1b[K"  # to the first column of an empty line
 _PATIENCE = 2.0  # seconds of silence before a plain line
 
 
@@ -19,7 +20,7 @@ class Progress:
 
     def __init__(self, quiet: bool = False, verbose: bool = False) -> None:
         self.quiet, self.verbose = quiet, verbose
-        self.terminal = sys.stderr.isatty()
+        self.terminal = sys.stderr is not None and sys.stderr.isatty()
         self.begun = self.last = time.monotonic()
         self.shown = False
 
@@ -29,16 +30,16 @@ class Progress:
             return
         now = time.monotonic()
         if self.verbose:
-            click.echo(f"[{now - self.begun:.1f} s] {message}", err=True)
+            tell(f"[{now - self.begun:.1f} s] {message}")
         elif self.terminal:
-            click.echo(f"\r\x1b[K{message} ...", nl=False, err=True)
+            tell(f"{message} ...", before=_CLEAR, after="")
             self.shown = True
         elif now - self.last > _PATIENCE:
-            click.echo(f"{message} ... ({now - self.begun:.0f} s)", err=True)
+            tell(f"{message} ... ({now - self.begun:.0f} s)")
             self.last = now
 
     def close(self) -> None:
         """Remove the line."""
         if self.shown:
-            click.echo("\r\x1b[K", nl=False, err=True)
+            tell("", before=_CLEAR, after="")
             self.shown = False

@@ -4,13 +4,64 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import sys
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from contextlib import suppress
+from typing import Any, TextIO
 
 import click
 
+from fluidact_fit.errors import OutputError, visible
+
 _MOST_ROWS = 24  # of one list parameter
 _MANY_RUNS = 10  # more than fit on a screen beside the table
+
+
+def echo(text: str = "") -> None:
+    """Print a line for people on standard output, if there is one."""
+    _print(visible(text) + "\n")
+
+
+def echo_result(text: str) -> None:
+    """Print what was asked for, as it is, on standard output; ``OutputError`` without one."""
+    if sys.stdout is None:
+        raise OutputError(
+            "standard output is closed, so the result cannot be shown.",
+            remedy="Redirect it to a file or a program.",
+        )
+    _print(text)
+
+
+def _print(text: str) -> None:
+    try:
+        click.echo(text, nl=False)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OutputError(
+            f"standard output cannot be written: {error.strerror}.",
+            remedy="Free some space, or redirect it elsewhere.",
+        ) from error
+
+
+def tell(text: str, *, before: str = "", after: str = "\n") -> None:
+    """Print text for people on standard error, between control characters of this program.
+
+    It is lost where standard error is closed or full: a result does not depend on it.
+    """
+    try:
+        click.echo(before + visible(text) + after, nl=False, err=True)
+    except OSError:
+        drop(sys.stderr)
+
+
+def drop(stream: TextIO | None) -> None:
+    """Point a stream nowhere, so that the interpreter's last flush of it is silent."""
+    with suppress(AttributeError, OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())  # type: ignore[union-attr]
+        os.close(nowhere)
 
 
 def format_number(value: float, spread: float | None = None) -> str:
@@ -41,24 +92,25 @@ def format_interval(ends: Sequence[float] | None, spread: float | None) -> str:
 
 def echo_table(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> None:
     """Print a table, columns aligned; ``right`` lists right-aligned columns."""
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    for row in rows:
+    shown = [[visible(cell).replace("\n", "\\n") for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*shown)]
+    for row in shown:
         cells = [
             cell.rjust(width) if i in right else cell.ljust(width)
             for i, (cell, width) in enumerate(zip(row, widths))
         ]
-        click.echo("  ".join(cells).rstrip())
+        echo("  ".join(cells).rstrip())
 
 
 def echo_json(document: Any) -> None:
     """Print a document as JSON, nothing else; ASCII, so that no encoding can spoil it."""
-    click.echo(json.dumps(document, indent=2, allow_nan=False))
+    echo_result(json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
 def echo_warnings(notices: Iterable[Any]) -> None:
     """Print warnings on standard error."""
     for notice in notices:
-        click.echo(f"warning ({notice.code}): {notice.message}", err=True)
+        tell(f"warning ({notice.code}): {notice.message}")
 
 
 def quantity_rows(quantities: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
@@ -102,14 +154,14 @@ def echo_parameters(document: Mapping[str, Any], verbose: bool = False) -> None:
     fit = document["fit"]
     percent, rmse = fit.get("fit_percent"), fit["rmse"]
     agreement = "" if percent is None else f"fit {percent:.2f} %   "
-    click.echo(
+    echo(
         f"\n{agreement}rmse {rmse['value']:.4g} {rmse['unit']}   samples {fit['samples']}   "
         f"verdict {fit['verdict'].upper()}"
     )
     logs = fit.get("logs", [])
     if len(logs) > _MANY_RUNS and not verbose:
         worst = min(logs, key=lambda entry: entry.get("fit_percent", 100.0))
-        click.echo(f"{len(logs)} runs (-v lists them all), the worst of them:")
+        echo(f"{len(logs)} runs (-v lists them all), the worst of them:")
         _echo_logs("fitted", [worst])
     elif verbose or len(logs) > 1:
         _echo_logs("fitted", logs)
@@ -122,4 +174,4 @@ def _echo_logs(kind: str, entries: Sequence[Mapping[str, Any]]) -> None:
         shown = "" if percent is None else f"fit {percent:.2f} %, "
         rmse = entry.get("rmse")
         error = "" if rmse is None else f"rmse {rmse['value']:.4g} {rmse['unit']}"
-        click.echo(f"{kind} {entry['file']}: {shown}{error}")
+        echo(f"{kind} {entry['file']}: {shown}{error}")

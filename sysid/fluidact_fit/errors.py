@@ -8,6 +8,7 @@ an exit status; a notebook shows the same text.
 from __future__ import annotations
 
 import re
+import unicodedata
 from dataclasses import dataclass
 
 # Options whose keyword in Python is not the same word.
@@ -27,6 +28,26 @@ _OPTION = re.compile(
 )
 
 
+# Controls, invisible and direction marks, halves of characters (of file names that are not
+# text), line and paragraph separators. Joiners stay: some scripts cannot be written without.
+_UNSEEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+_SEEN = "\n\u200c\u200d"
+
+
+def visible(text: str) -> str:
+    r"""Return text for people with whatever could act on a terminal or a page written out.
+
+    An escape character becomes ``\x1b``, a mark that reverses the direction of writing
+    ``\u202e``. Line feeds stay. Headers, file names and keys are anybody's: all text that
+    people see goes through here once, and a second time changes nothing.
+    """
+    if text.isascii() and text.replace("\n", "").isprintable():
+        return text
+    return "".join(
+        repr(c)[1:-1] if unicodedata.category(c) in _UNSEEN and c not in _SEEN else c for c in text
+    )
+
+
 @dataclass(frozen=True)
 class Notice:
     """A warning that is written into the parameter file.
@@ -37,6 +58,18 @@ class Notice:
 
     code: str
     message: str
+
+    def __post_init__(self) -> None:
+        """Make the message fit to be seen."""
+        object.__setattr__(self, "message", visible(self.message))
+
+
+def shortened(text: str, most: int = 300) -> str:
+    """Text of at most so many characters; what is longer loses its middle."""
+    if len(text) <= most:
+        return text
+    ahead = most * 2 // 3
+    return f"{text[:ahead]} ... {text[len(text) - (most - ahead - 5) :]}"
 
 
 def in_python(text: str) -> str:
@@ -84,6 +117,7 @@ class FluidactError(Exception):
     exit_status = 1
 
     def __init__(self, what: str, *, where: str = "", expected: str = "", remedy: str = "") -> None:
+        what, where, expected, remedy = map(visible, (what, where, expected, remedy))
         self.what = what
         self.where = where
         self.expected = expected
@@ -117,15 +151,25 @@ class ParameterFileError(FluidactError):
     """A parameter file is not valid (exit status 3).
 
     ``problems`` lists every problem as ``(path, message)``, for example
-    ``("parameters.mass.unit", "'m' is not a mass")``.
+    ``("parameters.mass.unit", "'m' is not a mass")``; of more than ``MOST`` the first ones. The
+    message shows ``SHOWN`` of them.
     """
 
     exit_status = 3
+    SHOWN, MOST = 10, 100
 
     def __init__(self, where: str, problems: list[tuple[str, str]], remedy: str = "") -> None:
-        self.problems = problems
-        lines = [f"{path}: {message}" if path else message for path, message in problems]
-        count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
+        self.problems = problems[: self.MOST]
+        found, more = len(problems), len(problems) - self.SHOWN
+        lines = [
+            shortened(f"{path}: {message}" if path else message)
+            for path, message in problems[: self.SHOWN]
+        ]
+        count = "1 problem" if found == 1 else f"{found} problems"
+        if found > self.MOST:
+            count = f"more than {self.MOST} problems"
+        elif more > 0:
+            lines.append(f"... and {more} more")
         super().__init__(
             f"not a valid parameter file ({count}):\n  " + "\n  ".join(lines),
             where=where,

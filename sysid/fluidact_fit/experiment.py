@@ -109,6 +109,11 @@ class Experiment:
         return role in self.signals
 
     @property
+    def units(self) -> dict[str, str]:
+        """Role to SI unit."""
+        return {role: signal.unit for role, signal in self.signals.items()}
+
+    @property
     def samples(self) -> int:
         """Number of samples."""
         if self.time.size:

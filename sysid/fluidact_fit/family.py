@@ -181,9 +181,9 @@ class Excitation:
     reason
         Why it cannot be designed, a clause.
     fastest
-        Lowest and highest speed of strokes [m/s].
+        Lowest and highest speed of strokes [m/s or rad/s].
     slowest
-        Speed above which a fit keeps samples [m/s].
+        Speed above which a fit keeps samples [m/s or rad/s].
     noise
         Standard deviation of the output about the static map [SI].
     options

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .errors import LogError, Notice, NotIdentifiedError, UsageError
+from .errors import LogError, Notice, NotIdentifiedError, ParameterFileError, UsageError
 from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
 from .family import Estimate, Family, FamilyOptions, ParameterDocument, Quantity, Request, Variant
 from .findings import Findings, make_parameter_document
-from .logs import Log, choose_variant, share_columns
+from .logs import Log, choose_variant, require_agreement, share_columns
 from .logs import experiments as experiments_of
+from .logs.experiments import LONGEST, SHORTEST
+from .options import plausible
 from .outcome import Simulation
 from .result import FitResult
 from .simulation import LogLike, open_logs
@@ -95,23 +98,26 @@ def fit(
         seed=seed,
         progress=progress or (lambda message: None),
     )
+    if controller_sample_time is not None:
+        _check_period(controller_sample_time)
     variant = choose_variant(opened, chosen.variants_for(request.options))
     _check_noise(request.noise, chosen, variant)
     experiments, notices = _prepare(opened, variant)
     estimate = _estimate(chosen, variant, experiments, request)
-    found = Findings(chosen, variant, opened, experiments, request, estimate)
-    validation: list[Simulation] = []
-    if judged:
-        # their inputs move as those of the fit were settled to
-        holds = {r: x.hold for r, x in experiments[0].signals.items() if x.hold is not None}
-        others, more = _prepare(_hold(judged, holds), variant)
-        notices += more
-        validation = found.validate(others)
-    document, said = make_parameter_document(
-        found, validation, notices, controller_sample_time, command
-    )
-    view = chosen.static_view(found.plant, experiments, found.simulated)
-    return FitResult(family, variant, estimate, found.fitted, validation, document, said, view)
+    with _blaming_the_numbers():
+        found = Findings(chosen, variant, opened, experiments, request, estimate)
+        validation: list[Simulation] = []
+        if judged:
+            # their inputs move as those of the fit were settled to
+            holds = {r: x.hold for r, x in experiments[0].signals.items() if x.hold is not None}
+            others, more = _prepare(_hold(judged, holds), variant)
+            notices += more
+            validation = found.validate(others)
+        document, said = make_parameter_document(
+            found, validation, notices, controller_sample_time, command
+        )
+        view = chosen.static_view(found.plant, experiments, found.simulated)
+        return FitResult(family, variant, estimate, found.fitted, validation, document, said, view)
 
 
 def _numbers(option: str, given: Mapping[str, float] | None) -> dict[str, float]:
@@ -119,14 +125,28 @@ def _numbers(option: str, given: Mapping[str, float] | None) -> dict[str, float]
     out = {}
     for name, value in (given or {}).items():
         try:
-            out[name] = float(value)
+            number = float(value)
         except (TypeError, ValueError):
             raise UsageError(
                 f"{option} {name}={value!r} is not a number", remedy="Give a number, in SI."
             ) from None
-        if not np.isfinite(out[name]):
-            raise UsageError(f"{option} {name}={value!r} is not finite")
+        try:
+            out[name] = plausible(number)
+        except ValueError as error:
+            raise UsageError(
+                f"{option} {name}={value!r} is {error}", remedy="Give a number, in SI."
+            ) from None
     return out
+
+
+def _check_period(sample_time: float) -> None:
+    """Refuse a period that no controller has, as those of logs are refused."""
+    if not SHORTEST <= sample_time <= LONGEST:
+        raise UsageError(
+            f"--controller-sample-time {sample_time:g} is impossible",
+            expected=f"Expected {SHORTEST:g} to {LONGEST:g} s.",
+            remedy="Give the period of the controller in seconds.",
+        )
 
 
 def _check_noise(
@@ -218,7 +238,7 @@ def _estimate(
     try:
         # Matrices are small: sharing one out among threads costs more than the product, most
         # of all on a busy machine, and the last digits would depend on how many there are.
-        with threadpool_limits(limits=1, user_api="blas"):
+        with _blaming_the_numbers(), threadpool_limits(limits=1, user_api="blas"):
             return family.estimate(variant, experiments, request)
     except NotIdentifiedError as error:
         role = _input_behind(variant, experiments)
@@ -230,9 +250,26 @@ def _estimate(
             expected="Nothing was written.",
             remedy=f"Check --column {role}=... and --column {variant.output.name}=...",
         ) from error
-    except (np.linalg.LinAlgError, OverflowError, FloatingPointError) as error:
+
+
+@contextmanager
+def _blaming_the_numbers() -> Iterator[None]:
+    """Where the arithmetic fails, or a result is not finite, it is for numbers that make it so."""
+    try:
+        yield
+    except (
+        np.linalg.LinAlgError,
+        OverflowError,
+        FloatingPointError,
+        ParameterFileError,
+    ) as error:
+        found = str(error)
+        if isinstance(error, ParameterFileError):
+            if not any("finite" in message for _, message in error.problems):
+                raise
+            found = "; ".join(f"{path} {message}" for path, message in error.problems[:3])
         raise NotIdentifiedError(
-            f"the computation broke down ({error}).",
+            f"the computation broke down ({found}).",
             expected="Some values differ by too many orders of magnitude. Nothing was written.",
             remedy="Check --unit and --scale of the columns, and --fix, --start and --bounds (SI).",
         ) from error
@@ -244,6 +281,7 @@ def _hold(logs: Sequence[Log], holds: Mapping[str, str]) -> list[Log]:
 
 def _prepare(logs: Sequence[Log], variant: Variant) -> tuple[list[Experiment], list[Notice]]:
     """Turn all logs into experiments."""
+    require_agreement(logs, variant)
     found: list[Experiment] = []
     notices: list[Notice] = []
     for index, log in enumerate(logs):

@@ -39,6 +39,11 @@ _information = partial(Code, "information")
 _warning = partial(Code, "warning")
 
 _READING = {
+    "absolute-pressure": _warning(
+        "A pressure is in an absolute unit such as `bara`, and the model counts pressures from the "
+        "atmosphere.",
+        "Subtract the pressure of the air on that day, or use a gauge sensor.",
+    ),
     "clock-midnight": _information(
         "A clock without dates passes midnight; it was continued, a day later.",
         "Nothing, if the recording went on; else give --sample-time, or record the date as well.",
@@ -131,6 +136,10 @@ _READING = {
     "unit-assumed": _information(
         "A column has no unit, so SI was assumed.",
         "Put the unit into the header or give `--unit ROLE=UNIT`.",
+    ),
+    "unit-overridden": _warning(
+        "`--unit` contradicts the unit in the header or the units row of the log; it was used.",
+        "Leave `--unit` out if the header is right; correct the header if it is not.",
     ),
     "variables-left-out": _information(
         "Variables of another length than the columns of the log were left out.",

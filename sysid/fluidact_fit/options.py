@@ -15,6 +15,7 @@ the file holds the settled ones: everything later reads them there.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
@@ -30,6 +31,21 @@ _FORMS = {
     "text": "text",
     "range": "two numbers, the lower one first",
 }
+
+
+# Beyond these, squares and quotients of a quantity in SI leave the range of floating point.
+_SMALLEST, _LARGEST = 1e-30, 1e30
+
+
+def plausible(value: float) -> float:
+    """Return a number of a size that a quantity can have in SI; ``ValueError`` for another."""
+    if not math.isfinite(value):
+        raise ValueError("not finite")
+    if abs(value) > _LARGEST:
+        raise ValueError(f"too large: nothing in SI is above {_LARGEST:.0e}")
+    if 0.0 < abs(value) < _SMALLEST:
+        raise ValueError(f"too small: nothing in SI but zero is below {_SMALLEST:.0e}")
+    return value
 
 
 @dataclass(frozen=True)
@@ -125,8 +141,9 @@ class Option:
             value = getattr(value, "item", lambda: value)()  # a numpy scalar
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError("not a number")
-        if not math.isfinite(value):
+        if not abs(value) <= sys.float_info.max:  # an integer can be beyond it
             raise ValueError("not finite")
+        plausible(value)
         if self.kind == "int" and value != int(value):
             raise ValueError("not a whole number")
         if value <= self.above or value < self.minimum or value > self.maximum:

@@ -13,14 +13,15 @@ from .errors import Notice, UsageError
 from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
-from .family import Variant
-from .logs import Log, StepInput, read_log, share_columns
+from .family import Role, Variant
+from .logs import Log, StepInput, read_log, require_agreement, share_columns
 from .logs import experiments as experiments_of
-from .logs.columns import matching
+from .logs.columns import in_unit, matching
 from .logs.experiments import step_signal
 from .logs.surgery import find_in_name, parse_exclusion, with_constants, without
 from .outcome import Simulation, pair
 from .parameters.document import Column, ParameterDocument
+from .units import pressure_reference
 
 LogLike = Log | str | PathLike[str] | Any  # and the data themselves: see `read_log`
 _MOST_SAMPLES = 5_000_000
@@ -117,6 +118,12 @@ def recall_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Log]:
     return share_columns([recall_columns(document, log) for log in logs])
 
 
+def _as_fitted(role: Role, document: ParameterDocument) -> Role:
+    """A role in the one unit of the file, where the family could be fitted in several."""
+    known = document.validity.get(role.name)
+    return role if known is None else replace(role, unit=known.unit, alternatives=())
+
+
 def prepare_logs(
     document: ParameterDocument, logs: Sequence[Log]
 ) -> tuple[list[Experiment], list[Notice]]:
@@ -126,14 +133,29 @@ def prepare_logs(
     is refused (``UsageError``, ``LogError``).
     """
     variant = variant_of(document)
-    roles = tuple(replace(r, required=r.required and not r.output) for r in variant.roles)
+    roles = tuple(
+        replace(_as_fitted(r, document), required=r.required and not r.output)
+        for r in variant.roles
+    )
+    variant = replace(variant, roles=roles)
+    require_agreement(logs, variant, _units_of_file(document))
     runs: list[Experiment] = []
     notices: list[Notice] = []
     for index, log in enumerate(logs):
-        some, said = experiments_of(log, replace(variant, roles=roles), index=index)
+        some, said = experiments_of(log, variant, index=index)
         runs += some
         notices += said
     return settle_holds(runs), notices
+
+
+def _units_of_file(document: ParameterDocument) -> dict[str, str]:
+    """Units in which the fit took the roles: what they are counted from is in the provenance."""
+    units = {role: covered.unit for role, covered in document.validity.items()}
+    for source in document.provenance.logs:
+        for role, column in source.columns.items():
+            if role in units and pressure_reference(column.unit):
+                units[role] = column.unit
+    return units
 
 
 def simulate_runs(document: ParameterDocument, runs: Sequence[Experiment]) -> list[Simulation]:
@@ -190,9 +212,10 @@ def simulate_steps(
     signals = {}
     for role in roles:
         if role.name in inputs:
-            unit = units.get(role.name, role.unit)
+            covered = document.validity.get(role.name)
+            unit = units.get(role.name) or (covered.unit if covered else role.unit)
             where = f"--unit {role.name}={unit}"
-            signals[role.name] = step_signal(role, inputs[role.name], where, unit)
+            signals[role.name] = step_signal(in_unit(role, unit), inputs[role.name], where, unit)
     run = Experiment("inputs", 0, time, signals, sample_time, True)
     return simulate_runs(document, [run])
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, Literal, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 
@@ -28,7 +28,8 @@ class Role:
     ``hold`` is the default intersample behaviour of a role that drives the model and
     ``None`` for all others. ``output`` marks the role that is compared with the model.
     ``alternatives`` are SI units of other dimensions that are accepted as well: a valve
-    may be commanded in volts, amperes or as a number.
+    may be commanded in volts, amperes or as a number. ``gauge`` marks a pressure that the
+    equation counts from the atmosphere.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Role:
     hold: Hold | None = None
     output: bool = False
     alternatives: tuple[str, ...] = ()
+    gauge: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,9 +65,9 @@ class ParameterSpec:
         The experiment that determines the parameter, a whole sentence.
     optional
         Whether a file may lack it (a ``viscous`` replaced by two one-sided values).
-    any_unit
-        Whether the unit depends on the log (the gain of a valve); its dimension is then
-        not checked.
+    ratio
+        Where the unit depends on the log (the gain of a valve): the roles whose units it is the
+        ratio of; ``"1"`` stands for a number. ``unit`` is then that of the roles' first units.
     curved
         Whether the cost over this parameter has kinks, so that its interval is found by
         profiling the likelihood (a dead time, an edge of a dead zone).
@@ -90,11 +92,18 @@ class ParameterSpec:
     increasing: bool = False
     remedy: str = ""
     optional: bool = False
-    any_unit: bool = False
+    ratio: tuple[str, str] | None = None
     curved: bool = False
     threshold: Literal["", "positive", "negative"] = ""
     base: str = ""
     general: str = ""
+
+    def unit_for(self, units: Mapping[str, str]) -> str:
+        """Unit of the parameter where the roles have these units; other roles their first."""
+        if self.ratio is None or not all(r == "1" or r in units for r in self.ratio):
+            return self.unit
+        top, bottom = (units.get(role, role) for role in self.ratio)
+        return quotient_unit(top, bottom)
 
 
 @dataclass(frozen=True)
@@ -102,12 +111,14 @@ class Variant:
     """A set of roles with the parameter table that goes with it.
 
     Most families have one. ``ball-screw`` has a rotary one (torque, angle, inertia)
-    and a linear one (force, position, mass).
+    and a linear one (force, position, mass). Of the roles in ``alike`` only the ratio matters:
+    they may be in any quantity that they accept, but all of them in the same.
     """
 
     name: str
     roles: tuple[Role, ...]
     parameters: tuple[ParameterSpec, ...]
+    alike: tuple[str, ...] = ()
 
     def role(self, name: str) -> Role:
         """Return the role of that name; raises ``KeyError`` when there is none."""
@@ -180,6 +191,7 @@ class Described(Protocol):
     equation: str
     variants: tuple[Variant, ...]
     options_type: type[FamilyOptions]
+    steady_offset: ClassVar[bool]
 
     def variant(self, name: str | None) -> Variant:
         """The variant of that name; a single one need not be named."""

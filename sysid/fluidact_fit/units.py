@@ -13,86 +13,39 @@ from functools import lru_cache
 from typing import Any
 
 from .errors import UnitError
+from .unit_table import (
+    ALIASES,
+    ANY_CASE,
+    DOUBTFUL_HEADERS,
+    DOUBTFUL_SUFFIXES,
+    GAUGE,
+    NUMBER,
+    QUANTITIES,
+    REFERENCED,
+    STANDARD_FLOW,
+    SUFFIXES,
+    TABLE,
+)
 
-# What is measured, and the common units of it with their factors to SI (the first one).
-# The radian counts here although SI calls it dimensionless: "counts" or "Hz" must not pass
-# for an angle or a speed in rad/s.
-_QUANTITIES: dict[str, dict[str, float]] = {
-    "a plain number": {"1": 1.0, "%": 0.01},
-    "a time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
-    "a length": {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "inch": 0.0254},
-    "an area": {"m^2": 1.0, "cm^2": 1e-4, "mm^2": 1e-6},
-    "a volume": {"m^3": 1.0, "cm^3": 1e-6, "mm^3": 1e-9, "l": 1e-3},
-    "a mass": {"kg": 1.0, "g": 1e-3},
-    "a frequency": {"Hz": 1.0, "1/s": 1.0, "kHz": 1e3},
-    "a force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": 4.4482216152605},
-    "a torque": {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N cm": 1e-2},
-    "a pressure": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2}
-    | {"psi": 6894.757293168361},
-    "a voltage": {"V": 1.0, "mV": 1e-3},
-    "a current": {"A": 1.0, "mA": 1e-3},
-    "an angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "rev": 2 * math.pi},
-    "an angular speed": {"rad/s": 1.0, "deg/s": math.pi / 180, "rev/s": 2 * math.pi}
-    | {"rpm": math.pi / 30},
-    "an angular acceleration": {"rad/s^2": 1.0},
-    "a speed": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
-    "an acceleration": {"m/s^2": 1.0},
-    "a volume flow": {"m^3/s": 1.0, "l/min": 1e-3 / 60},
-    "a dynamic viscosity": {"Pa s": 1.0},
-    "a linear damping": {"N s/m": 1.0},
-    "a stiffness": {"N/m": 1.0},
-    "a moment of inertia": {"kg m^2": 1.0},
-    "a power": {"W": 1.0},
-}
-_NUMBER, _SCALE = "a plain number", "a scale with an offset"
-_TABLE = {unit: (size, what) for what, units in _QUANTITIES.items() for unit, size in units.items()}
-
-# Other spellings, as loggers and people use them; each is looked up after normalisation.
-_SPELLINGS = {
-    "1": ("", "-", "count", "counts", "raw", "LSB", "lsb", "digit", "digits", "ADC", "none"),
-    "%": ("percent", "pct"),
-    "s": ("sec", "secs", "second", "seconds"),
-    "ms": ("msec",),
-    "us": ("usec",),
-    "inch": ("in",),
-    "l": ("L",),
-    "l/min": ("L/min", "lpm"),
-    "N m": ("Nm", "N.m", "N*m"),
-    "mN m": ("mNm", "mN*m", "Nmm"),
-    "kN m": ("kNm",),
-    "N cm": ("Ncm",),
-    "V": ("volt", "volts"),
-    "deg": ("degrees",),
-    "rpm": ("1/min", "U/min", "rev/min", "r/min"),
-}
-_ALIASES = {spelling: unit for unit, several in _SPELLINGS.items() for spelling in several}
-
-# Case may be ignored only where no other unit is meant by another case (not: mPa, MPa).
-_ANY_CASE = {u: u for u in ("bar", "mbar", "psi", "rpm", "deg", "rad", "volt", "volts", "percent")}
-_ANY_CASE |= {"kpa": "kPa", "sec": "s"}
+# What no factor converts to SI, although it is a unit.
+_SCALE, _STANDARD = "a scale with an offset", "a flow of gas at a standard state"
 
 _TEMPERATURES = {"degC", "degF", "K"}
 
-# What may be asked of pint: names with small powers, products and quotients. Its own grammar
-# computes what it reads, and 9^9^9 takes forever.
-_EXPRESSION = re.compile(r"(?:(?:(?:[^\W\d_]\w*|%)(?:\^-?\d(?:\.\d)?)?|1)(?![\w^%])|[*/ .()])+")
+# What may be asked of pint: names with small powers, as products and quotients, with one level
+# of brackets. Its own grammar computes what it reads, and 9^9^9 takes forever.
+_POWER = r"(?:\^-?(?:[1-9]|0\.5))?"
+_FACTOR = rf"(?:1|%|[^\W\d_]\w*){_POWER}"
+_GROUP = rf"\({_FACTOR}(?:[ .*/]{_FACTOR})*\)(?:\^-?[1-3])?"
+_EXPRESSION = re.compile(rf"(?:{_FACTOR}|{_GROUP})(?:[ .*/](?:{_FACTOR}|{_GROUP}))*")
 _LONGEST = 60
 _FOR_PINT = {"1": "dimensionless"}
 
-# Suffixes that mean a unit behind an underscore. ``A``, ``a``, ``in``, ``g`` and ``min``
-# are not among them: ``p_A``, ``p_in``, ``motor_a`` and ``x_min`` are names.
-_SUFFIXES = {
-    unit.replace("/", "_"): unit
-    for units in (
-        "rad/s deg/s mm/s m/s s ms us m mm cm um N kN mN Nm mNm",
-        "Pa kPa MPa bar mbar psi V mV mA kg rad deg rpm",
-    )
-    for unit in units.split()
-}
-# One small letter may as well be an index (``valve_m``): believed only where it fits the role.
-_DOUBTFUL_SUFFIXES = {"s", "m"}
-
-_BRACKETED = re.compile(r"^(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))$")
+# Motor controllers record in percent of what the motor is rated for.
+_RATED = re.compile(
+    r"(?:%|percent) (?:of|von) (?P<size>[0-9]+(?:[.,][0-9]+)?(?:[eE][+-]?[0-9]{1,2})?) ?"
+    r"(?P<unit>[^\d\s].*)"
+)
 
 
 def normalise_unit(unit: str) -> str:
@@ -102,11 +55,26 @@ def normalise_unit(unit: str) -> str:
         text = text.replace(written, meant)
     text = text.replace("°", "deg").replace("·", " ").replace("⋅", " ").replace("**", "^")
     text = re.sub(r"\s*([/*^])\s*", r"\1", re.sub(r"\s+", " ", text))
+    text = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", " ", text)  # in-lb
     # "m2", "s2": an exponent that lost its caret. "1/s" and "1" stay as they are.
     text = re.sub(r"(?<=[A-Za-z])([23])\b", r"^\1", text)
-    if text not in _TABLE:
-        text = _ANY_CASE.get(text.casefold(), text)
-    return _ALIASES.get(text, text)
+    if text not in TABLE:
+        text = ANY_CASE.get(text.casefold(), text)
+    return ALIASES.get(text, text)
+
+
+def _split_reference(text: str) -> tuple[str, str]:
+    """Return a unit of pressure without what it is counted from, and that."""
+    match = REFERENCED.fullmatch(text)
+    if match is None:
+        return text, ""
+    letter = (match["inside"] or match["behind"]).casefold()
+    return normalise_unit(match["unit"]), "gauge" if letter in GAUGE else "absolute"
+
+
+def pressure_reference(unit: str) -> str:
+    """What a pressure is counted from: ``"gauge"``, ``"absolute"``, or nothing where unsaid."""
+    return _split_reference(normalise_unit(unit))[1]
 
 
 @lru_cache(maxsize=1)
@@ -116,7 +84,8 @@ def _registry() -> tuple[Any, dict[Any, str]]:
 
     registry = pint.UnitRegistry()
     registry.define("@alias revolution = rev")
-    first = {what: next(iter(units)) for what, units in _QUANTITIES.items()}
+    registry.define("kp = kilogram_force")
+    first = {what: next(iter(units)) for what, units in QUANTITIES.items()}
     si = {what: registry.parse_units(_FOR_PINT.get(unit, unit)) for what, unit in first.items()}
     return registry, {_dimension((1.0 * unit).to_base_units()): what for what, unit in si.items()}
 
@@ -146,8 +115,20 @@ def _ask_pint(text: str) -> tuple[float, str] | None:
 @lru_cache(maxsize=512)
 def _look_up(unit: str) -> tuple[float, str] | None:
     """Return the factor to SI and what is measured, ``None`` when the unit is unknown."""
-    text = normalise_unit(unit)
-    return _TABLE[text] if text in _TABLE else _ask_pint(text)
+    if len(unit) > _LONGEST:
+        return None
+    if rated := _RATED.fullmatch(" ".join(unit.split())):
+        found = _look_up(rated["unit"])
+        return found and (0.01 * float(rated["size"].replace(",", ".")) * found[0], found[1])
+    text, _ = _split_reference(normalise_unit(unit))
+    if text in TABLE:
+        return TABLE[text]
+    return (math.nan, _STANDARD) if STANDARD_FLOW.fullmatch(text) else _ask_pint(text)
+
+
+def is_share(unit: str) -> bool:
+    """Return whether a unit is percent, of whatever is rated or of nothing in particular."""
+    return normalise_unit(unit).startswith("%")
 
 
 def after_number(unit: str) -> str:
@@ -160,10 +141,15 @@ def as_share(change: float, value: float) -> str:
     return f" ({100.0 * change / abs(value):+.1f} %)" if value else ""
 
 
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit at all, one that no factor converts included."""
+    return _look_up(text) is not None
+
+
 def is_known_unit(unit: str) -> bool:
     """Return whether a unit can be converted by a factor."""
     found = _look_up(unit)
-    return found is not None and found[1] != _SCALE
+    return found is not None and math.isfinite(found[0])
 
 
 def same_dimension(a: str, b: str) -> bool:
@@ -177,7 +163,7 @@ def dimension_name(unit: str) -> str:
     found = _look_up(unit)
     if found is None:
         return "unknown"
-    return found[1] if found[1] in (*_QUANTITIES, _SCALE) else "another quantity"
+    return found[1] if found[1] in (*QUANTITIES, _SCALE, _STANDARD) else "another quantity"
 
 
 def conversion_factor(unit: str, si_unit: str, where: str = "") -> float:
@@ -207,34 +193,71 @@ def conversion_factor(unit: str, si_unit: str, where: str = "") -> float:
         When the unit is unknown, has an offset or measures another quantity.
     """
     found, wanted = _look_up(unit), _look_up(si_unit)
+    if wanted is None:
+        raise UnitError(f"unit '{si_unit}' is not known.", where=where)
     if found is not None and found[1] == _SCALE:
         raise UnitError(
             f"unit '{unit}' has an offset and cannot be converted by a factor.",
             where=where,
             remedy="Convert the column to an absolute scale first.",
         )
-    if wanted is None:
-        raise UnitError(f"unit '{si_unit}' is not known.", where=where)
-    if wanted[1] == _NUMBER:
+    if wanted[1] == NUMBER:
         return 0.01 if found is not None and normalise_unit(unit) == "%" else 1.0
     if found is None:
-        raise UnitError(
-            f"unit '{unit}' is not known.",
-            where=where,
-            expected=f"Expected {dimension_name(si_unit)} such as '{si_unit}'.",
-            remedy=f"Name the unit with --unit ROLE=UNIT, for example '{si_unit}'.",
-        )
+        raise _unknown(unit, si_unit, where)
     if found[1] != wanted[1]:
-        raise UnitError(
-            f"unit '{unit}' is {dimension_name(unit)}.",
-            where=where,
-            expected=f"Expected {dimension_name(si_unit)} such as '{si_unit}'.",
-            remedy=(
-                "Choose another column, name its unit with --unit ROLE=UNIT, or, where the "
-                f"column is a raw sensor value, give --scale ROLE=FACTOR and --unit ROLE={si_unit}."
-            ),
-        )
+        raise _wrong_quantity(unit, si_unit, where)
     return found[0] / wanted[0]
+
+
+def _shown(unit: str) -> str:
+    return f"'{unit}'" if len(unit) <= _LONGEST else f"'{unit[: _LONGEST - 3]}...'"
+
+
+def _unknown(unit: str, si_unit: str, where: str) -> UnitError:
+    text = normalise_unit(unit)
+    what = "is not known."
+    if len(unit) > _LONGEST or not _EXPRESSION.fullmatch(text):
+        what = "is not written as a unit: names with small powers, their products and quotients."
+    return UnitError(
+        f"unit {_shown(unit)} {what}",
+        where=where,
+        expected=f"Expected {dimension_name(si_unit)} such as '{si_unit}'.",
+        remedy=f"Name the unit with --unit ROLE=UNIT, for example '{si_unit}'.",
+    )
+
+
+def _wrong_quantity(unit: str, si_unit: str, where: str) -> UnitError:
+    """The error for a unit that measures something else than the role does."""
+    expected = f"Expected {dimension_name(si_unit)} such as '{si_unit}'."
+    if normalise_unit(unit) == "%":
+        return UnitError(
+            f"unit '{unit}' is a plain number.",
+            where=where,
+            expected=expected,
+            remedy=f"Say of what: --unit ROLE='% of RATED {si_unit}', where RATED is the value at "
+            f"100 %; or --scale ROLE=FACTOR with RATED/100 and --unit ROLE='{si_unit}'.",
+        )
+    if dimension_name(unit) == _STANDARD:
+        return UnitError(
+            f"unit '{unit}' counts gas by the volume that it fills at a standard state (such as "
+            "0 °C and 1.01325 bar): it says how much gas flows, and how many m3/s that is in the "
+            "line depends on the pressure and the temperature there.",
+            where=where,
+            expected=expected,
+            remedy="Convert the column with the standard state of the meter, V = V_n (p_n / p) "
+            "(T / T_n) in absolute pressures and kelvins; or, where a role may be a plain number, "
+            "give --unit ROLE='1' to take the readings as they are.",
+        )
+    return UnitError(
+        f"unit '{unit}' is {dimension_name(unit)}.",
+        where=where,
+        expected=expected,
+        remedy=(
+            "Choose another column, name its unit with --unit ROLE=UNIT, or, where the "
+            f"column is a raw sensor value, give --scale ROLE=FACTOR and --unit ROLE={si_unit}."
+        ),
+    )
 
 
 def parse_unit_from_header(header: str) -> tuple[str, str | None]:
@@ -242,7 +265,8 @@ def parse_unit_from_header(header: str) -> tuple[str, str | None]:
 
     ``pos [mm]``, ``pos (mm)`` and ``pos_mm`` are a position in millimetres. Square
     brackets always hold a unit; round ones only when the text is one (``Force (left)`` is
-    a name); behind an underscore only a short, case-sensitive list counts.
+    a name); behind an underscore only a short, case-sensitive list counts. A header that is
+    nothing but a common unit (``ms``, ``rpm``) is name and unit at once.
 
     Returns
     -------
@@ -250,24 +274,33 @@ def parse_unit_from_header(header: str) -> tuple[str, str | None]:
         Name, and unit or ``None``.
     """
     text = header.strip()
-    if match := _BRACKETED.match(text):
-        name = match["name"].strip()
-        if match["square"] is not None:
-            return name, match["square"].strip() or None
-        if name and _is_unit_in_round_brackets(match["round"]):
-            return name, match["round"].strip()
+    for opening, closing in ("[]", "()"):
+        name, found, unit = text.removesuffix(closing).rpartition(opening)
+        if not found or not text.endswith(closing) or closing in unit:
+            continue
+        name = name.strip()
+        if opening == "[":
+            return name, unit.strip() or None
+        if name and _is_unit_in_round_brackets(unit):
+            return name, unit.strip()
         return text, None
-    for suffix, unit in _SUFFIXES.items():
+    for suffix, unit in SUFFIXES.items():
         name = text.removesuffix(f"_{suffix}")
         if name != text and name.strip("_"):
             return name, unit
-    return text, None
+    return text, text if _is_common_unit(text) else None
 
 
 def is_doubtful_suffix(header: str) -> bool:
-    """Return whether the unit was read from one small letter behind an underscore."""
-    suffix = header.strip().rpartition("_")[2]
-    return suffix in _DOUBTFUL_SUFFIXES and parse_unit_from_header(header)[1] == suffix
+    """Return whether what was read as a unit may as well be a name or an index.
+
+    One small letter behind an underscore, or a header of one letter or an English word.
+    """
+    text = header.strip()
+    if text in DOUBTFUL_HEADERS:
+        return True
+    suffix = text.rpartition("_")[2]
+    return suffix in DOUBTFUL_SUFFIXES and parse_unit_from_header(header)[1] == suffix
 
 
 def looks_like_unit(text: str) -> bool:
@@ -276,9 +309,15 @@ def looks_like_unit(text: str) -> bool:
     Words have to be in the table: pint takes many a name for a unit.
     """
     unit = normalise_unit(text)
-    if unit in _TEMPERATURES or (unit in _TABLE and unit != "1"):
+    if unit in _TEMPERATURES or _is_common_unit(text):
         return True
-    return bool(re.search(r"[/*^]", unit)) and "(" not in unit and is_known_unit(unit)
+    return bool(re.search(r"[/*^]", unit)) and "(" not in unit and is_unit(text)
+
+
+def _is_common_unit(text: str) -> bool:
+    """Return whether a word is a unit of the table, a plain number aside, or counts gas."""
+    unit, _ = _split_reference(normalise_unit(text))
+    return (unit in TABLE and unit != "1") or bool(STANDARD_FLOW.fullmatch(unit))
 
 
 def _is_unit_in_round_brackets(text: str) -> bool:
@@ -288,4 +327,4 @@ def _is_unit_in_round_brackets(text: str) -> bool:
         return text.strip() in {"counts", "raw", "ADC", "-"}
     # pint reads many remarks as units ("act" is an attocarat), so a word has to be in the
     # table; an expression with an operator may be anything pint knows.
-    return unit in _TABLE or (bool(re.search(r"[/*^ ]", unit)) and is_known_unit(unit))
+    return _is_common_unit(text) or (bool(re.search(r"[/*^ ]", unit)) and is_unit(text))

@@ -179,3 +179,15 @@ def test_demo_reaches_its_function(
     monkeypatch.setattr(demo, "run_demo", run_demo)
     done = here("demo", "here")
     assert (done.status, done.out) == (4, "into here\n")
+
+
+def test_an_output_in_another_quantity_than_the_file_is_refused(
+    here: Run, valve: Log, inside: Path
+) -> None:
+    log = valve()
+    assert here("valve", log, "-q").status == 0
+    for command in ("check", "simulate"):
+        done = here(command, "valve.yaml", log, "--unit", "outlet=V")
+        assert (done.status, done.out) == (3, "")
+        assert "unit 'V' is a voltage" in done.err
+        assert "no longer fits" not in done.err

@@ -13,7 +13,7 @@ import pytest
 from fluidact_fit import __version__
 from fluidact_fit.families import family_names, family_title, get_family
 from fluidact_fit.options import describe
-from fluidact_fit_cli.main import program
+from fluidact_fit_cli.program import program
 
 CONTEXT = click.Context(program, info_name="fluidact-fit")
 COMMANDS = program.list_commands(CONTEXT)

@@ -610,7 +610,7 @@ def test_a_known_velocity_is_not_smoothed() -> None:
 def test_a_position_that_steps_is_refused() -> None:
     options = FrictionOptions(filter=0.08, deadband=0.05, force_offset=False)
     plant = Plant(VARIANTS["position"], TRUTH, options)
-    with pytest.raises(UsageError, match="a position that steps"):
+    with pytest.raises(UsageError, match="steps of the position"):
         FAMILY.simulate(plant, [stepped("position", 0.0, 0.1)])
 
 

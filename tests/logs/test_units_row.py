@@ -36,8 +36,8 @@ THREE = [f"{k};{k}.25;{k}.5" for k in range(40)]
         (["Model;X1;", "Firmware;1.2;", "", "a;b;c", "s;V;N"], "a b c", "s V N"),
         (["s;V;N"], "s V N", "s V N"),
         (["ms;rpm;current"], "ms rpm current", "ms rpm -"),
-        (["t;V;x"], "t V x", "- - -"),
-        (["time [s];V;p (bar)"], "time V p", "s - bar"),
+        (["t;V;x"], "t V x", "- V -"),
+        (["time [s];V;p (bar)"], "time V p", "s V bar"),
         (["t;u;y"], "t u y", "- - -"),
         (["D (mm);x y;1/n"], "D x_y 1/n", "mm - -"),
         (["Kanal 1;Kanal 2;Kanal 3", "t;u;y"], "t u y", "- - -"),
@@ -58,6 +58,8 @@ def test_names_and_units(
     log = read_log(path)
     assert [c.name.replace(" ", "_") for c in log.columns] == names.split()
     assert [c.unit or "-" for c in log.columns] == units.split()
+    in_row = log.dialect.units_line is not None or units.split() == names.split()
+    assert not (in_row and any(c.doubtful for c in log.columns))
     assert (log.rows, log.account.header_lines) == (40, len(above))
     assert describe(log)["rows"] == 40
 

@@ -67,6 +67,9 @@ class Dummy(Family[FamilyOptions]):
     def block(self, variant: Any, document: Any) -> Any:
         raise NotImplementedError
 
+    def model(self, plant: Any, sample_time: float, hold: Any) -> dict[str, Any]:
+        return copy.deepcopy(_DOCUMENT["model"]) if sample_time else {}
+
 
 class Twin(Dummy):
     """A family of two variants."""

@@ -31,13 +31,19 @@ def lookup(lookup: Any) -> Any:
         }
 
     family.model = model
+    family.steady_offset = True
     return lambda name: family
 
 
 @pytest.fixture
 def document(document: dict[str, Any]) -> dict[str, Any]:
-    document["model"] |= {"norm": sum(document["parameters"]["weights"]["value"]), "units": 4}
-    document["model"]["output_offset"] = 4.9
+    document["model"] = {
+        "continuous": {"numerator": [1.0], "denominator": [53.71, 0.0]},
+        "discrete": {"sample_time": 0.01, "hold": "zoh"},
+        "norm": sum(document["parameters"]["weights"]["value"]),
+        "units": 4,
+        "output_offset": -0.25,
+    }
     document["parameters"]["mass"] |= {"std_error": None, "ci95": None}
     return document
 
@@ -85,6 +91,25 @@ def test_a_value_rounded_to_six_digits_still_agrees(document, lookup):
             f"{CONTINUOUS}.numerator",
             "",
         ),
+        (lambda d: d["model"].update(more=1.0), "model.more", "unknown key"),
+        (lambda d: d["model"]["discrete"].update(more="x"), "model.discrete.more", "unknown key"),
+        (lambda d: d["model"].update(output_offset="x"), "model.output_offset", "not a number"),
+        (lambda d: d["model"].update(output_offset=[-0.25]), "model.output_offset", "not a num"),
+        (lambda d: d["model"].update(output_offset=4.9), "model.output_offset", "-0.25 to -0.25"),
+        (lambda d: d["model"].pop("output_offset"), "model.output_offset", "missing"),
+        (lambda d: d["fit"]["logs"][0].pop("offset"), "model.output_offset", "unknown key"),
+        (
+            lambda d: d["parameters"]["mass"].update(std_error=0.02),
+            "parameters.mass.std_error",
+            "0.02 does not agree with the covariance, 0.21",
+        ),
+        (
+            lambda d: d["parameters"]["control_points"].update(std_error=[0.001, 1.5e-3]),
+            "parameters.control_points.std_error[1]",
+            "covariance, 1.5e-07",
+        ),
+        (lambda d: d["model"].update(units=5), "model.units", "5 does not agree with the param"),
+        (lambda d: d["model"].update(units=5), "model.units", "which give 4"),
         (lambda d: d["model"].update(continuous=[1.0]), CONTINUOUS, "agree"),
         (lambda d: d["model"].update(discrete=[1.0]), "model.discrete", "not a mapping"),
         (lambda d: d["model"]["discrete"].pop("sample_time"), "model.discrete.sample_time", "None"),
@@ -131,7 +156,7 @@ def test_what_was_changed_by_hand_is_refused(document, lookup, change, path, wor
         ([[1.0, 2.0], [3.0]], [[1.0, 2.0], [3.0]], True),
         ([[1.0, 2.0], [3.1]], [[1.0, 2.0], [3.0]], False),
         (["a", {"x": 1.0}], ["a", {"x": 1.0}], True),
-        ({"a": 1.0, "more": 2.0}, {"a": 1.0}, True),
+        ({"a": 1.0, "more": 2.0}, {"a": 1.0}, False),
         ({}, {"a": 1.0}, False),
         (None, {"a": 1.0}, False),
         (None, 0.0, False),

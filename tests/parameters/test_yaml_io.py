@@ -139,7 +139,7 @@ def test_layout(document, lookup):
 )
 @given(
     value=st.floats(1e-12, 1e300),
-    error=st.floats(0, 1e300),
+    error=st.floats(0, 1e150),
     points=st.lists(finite, min_size=1, max_size=12),
     message=st.text(max_size=200),
     details=st.dictionaries(keys, nested, max_size=4),
@@ -153,7 +153,7 @@ def test_documents_round_trip(document, lookup, value, error, points, message, d
         "status": "estimated",
     }
     document["parameters"]["control_points"] = {"value": points, "unit": "m", "status": "fixed"}
-    document["covariance"] = {"order": ["mass"], "matrix": [[min(error, 1e150) ** 2]]}
+    document["covariance"] = {"order": ["mass"], "matrix": [[error**2]]}
     document["warnings"] = [{"code": "c", "message": message}]
     document["fit"]["details"] = details
     text = dump_document(make_document(document, lookup))

@@ -38,7 +38,7 @@ def test_friction_by_direction_leaves_what_was_published(
     logs = S.read_drive(S.LOGS / drive)
     left = {
         viscous: S.misfit(
-            ff.fit("cylinder-friction", logs, viscous=viscous, stribeck=rise, mass=0.0), logs
+            ff.fit("cylinder-friction", logs, viscous=viscous, stribeck=rise, inertia=0.0), logs
         )
         for viscous in ("symmetric", "asymmetric")
     }

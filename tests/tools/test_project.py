@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+import locked as locked_tools
 import oldest
 
 ROOT = Path(__file__).parents[2]
@@ -49,6 +50,15 @@ def test_oldest_pins_every_dependency() -> None:
     assert oldest.oldest(["numpy>=1.26"]) == ["numpy==1.26"]
     with pytest.raises(ValueError, match="name>=version"):
         oldest.oldest(["numpy~=1.26"])
+
+
+def test_tools_of_developers_are_pinned() -> None:
+    pins = dict(pin.split("==") for pin in locked_tools.locked(LOCK))
+    groups = PROJECT["dependency-groups"].values()
+    wanted = {normal(r)[0] for group in groups for r in group if isinstance(r, str)}
+    assert wanted == {*pins}
+    assert all(re.fullmatch(r"[0-9][0-9a-z.]*", version) for version in pins.values())
+    assert MAKEFILE.count("tools/locked.py >") == MAKEFILE.count("--group ") == 2
 
 
 def test_help_names_every_target() -> None:

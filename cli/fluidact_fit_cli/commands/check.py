@@ -11,7 +11,7 @@ from fluidact_fit.errors import MismatchError
 
 from .. import options
 from ..progress import Progress
-from ..show import echo_json, echo_table, echo_warnings, format_number, format_spread
+from ..show import echo, echo_json, echo_table, echo_warnings, format_number, format_spread
 
 if TYPE_CHECKING:
     from fluidact_fit.check import Check, Drift
@@ -72,11 +72,11 @@ def _show(found: Check) -> None:
     ]  # fmt: skip
     echo_table([head, *rows], right=(1, 2, 3))
     if found.drifts:
-        click.echo()
+        echo()
         head = ["parameter", "file", "now", "std error", "unit", "moved", "", ""]
         echo_table([head, *(_drift_row(d) for d in found.drifts)], right=(1, 2, 5))
     if found.fits:
-        click.echo("\nthe model still fits")
+        echo("\nthe model still fits")
 
 
 def _drift_row(drift: Drift) -> list[str]:

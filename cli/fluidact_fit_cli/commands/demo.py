@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ..options import DEBUG, Command
+from ..show import echo
 
 
 @click.command(
@@ -24,4 +25,4 @@ def command(directory: str) -> int:
     """
     from fluidact_fit.demo import run_demo
 
-    return run_demo(Path(directory), click.echo)
+    return run_demo(Path(directory), echo)

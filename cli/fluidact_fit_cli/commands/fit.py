@@ -34,7 +34,7 @@ from ..options import (
 from ..outputs import check_targets, write_all
 from ..parse import parse_number, parse_positive, parse_range, parse_window
 from ..progress import Progress
-from ..show import echo_json, echo_parameters, echo_warnings
+from ..show import echo, echo_json, echo_parameters, echo_warnings
 
 if TYPE_CHECKING:
     from fluidact_fit.family import Family, FamilyOptions
@@ -130,7 +130,7 @@ def run_fit(
         echo_json(result.document.to_dict())
     elif not params["quiet"]:
         echo_parameters(result.document.to_dict(), params["verbose"])
-        click.echo("written to " + ", ".join(targets.values()))
+        echo("written to " + ", ".join(targets.values()))
 
 
 def _targets(name: str, params: Mapping[str, Any]) -> dict[str, str]:

@@ -10,7 +10,7 @@ import click
 from fluidact_fit.families import family_names, get_family
 
 from .. import options
-from ..show import echo_json, echo_table, echo_warnings, format_number
+from ..show import echo, echo_json, echo_table, echo_warnings, format_number
 
 if TYPE_CHECKING:
     from fluidact_fit.logs import Log
@@ -78,8 +78,8 @@ def _usable(log: Log, name: str, found: dict[str, Any]) -> dict[str, Any]:
 def _show(found: Mapping[str, Any], roles: Mapping[int, str]) -> None:
     dialect = found["dialect"]
     separator = {"\t": "tab", " ": "white space"}.get(dialect["delimiter"], dialect["delimiter"])
-    click.echo(f"{found['file']}: {found['rows']} rows, {len(found['columns'])} columns")
-    click.echo(
+    echo(f"{found['file']}: {found['rows']} rows, {len(found['columns'])} columns")
+    echo(
         f"dialect {dialect['name']}, {dialect['encoding']}, separator {separator}, decimal "
         f"'{dialect['decimal']}', data from line {dialect['first_data_line']}"
     )
@@ -88,8 +88,8 @@ def _show(found: Mapping[str, Any], roles: Mapping[int, str]) -> None:
     if "family" in found:
         runs = found["family"]["runs"]
         samples = sum(run["samples"] for run in runs)
-        click.echo(f"usable for {found['family']['name']}: {len(runs)} run(s), {samples} samples")
-    click.echo()
+        echo(f"usable for {found['family']['name']}: {len(runs)} run(s), {samples} samples")
+    echo()
     head = ["column", "name", "unit", "low", "high", "resolution", "invalid", "role"]
     echo_table([head, *(_column_row(c, roles) for c in found["columns"])], right=(0, 3, 4, 5, 6))
 
@@ -109,11 +109,11 @@ def _show_lines(lines: Mapping[str, Any], rows: int) -> None:
 
 def _show_time(time: Mapping[str, Any] | None) -> None:
     if time is None:
-        click.echo("no time column was found (--column time=..., or --sample-time for a fit)")
+        echo("no time column was found (--column time=..., or --sample-time for a fit)")
         return
     even = "even" if time["uniform"] else "uneven"
     assumed = " (assumed)" if time["assumed"] else ""
-    click.echo(
+    echo(
         f"time in column #{time['column']}, unit {time['unit']}{assumed}: {time['runs']} run(s), "
         f"{time['start']:g} to {time['end']:g} s, every {time['sample_time']:g} s, {even}"
     )

@@ -21,11 +21,13 @@ from ..options import (
 )
 from ..outputs import check_targets, write_all
 from ..parse import parse_positive, parse_step
-from ..show import echo_warnings
+from ..show import echo, echo_result, echo_warnings, tell
 
 if TYPE_CHECKING:
     from fluidact_fit.outcome import Simulation
     from fluidact_fit.parameters import ParameterDocument
+
+_OF_LOGS = ("column", "scale", "step", "window", "hold")
 
 
 @click.command(
@@ -75,7 +77,7 @@ def command(
     runs = _with_logs(document, logs, params) if logs else _with_steps(document, params)
     text = to_csv(document, runs)
     if output is None:
-        click.echo(text, nl=False)
+        echo_result(text)
     else:
         write_all({output: text}, force)
     if not params["quiet"]:
@@ -87,13 +89,12 @@ def _show(runs: Sequence[Simulation], output: str | None) -> None:
     for run in runs:
         if run.agreement.samples:
             left = f", {run.left_out} samples left out" if run.left_out else ""
-            click.echo(
+            tell(
                 f"{run.experiment.name}: rmse {run.rmse:.6g}, fit "
-                f"{run.agreement.fit_percent:.2f} %{left}",
-                err=True,
+                f"{run.agreement.fit_percent:.2f} %{left}"
             )
     if output is not None:
-        click.echo(f"written to {output}")
+        echo(f"written to {output}")
 
 
 def _check_source(logs: Sequence[str], params: Mapping[str, Any]) -> None:
@@ -106,6 +107,12 @@ def _check_source(logs: Sequence[str], params: Mapping[str, Any]) -> None:
         )
     if not logs and not params["input"]:
         raise click.UsageError(f"there is nothing to simulate: give a LOG, or steps, {example}.")
+    needless = [name for name in _OF_LOGS if not logs and params[name]]
+    if needless:
+        raise click.UsageError(
+            f"--{needless[0]} is about reading a LOG, and there is none. Leave it out; the steps "
+            "of --input are in the --unit of their role."
+        )
     if not logs and (params["duration"] is None or params["sample_time"] is None):
         raise click.UsageError(f"--input needs --duration and --sample-time, {example}.")
 

@@ -166,13 +166,12 @@ class Solved:
         """Parameters with standard errors and intervals; covariance and its order.
 
         Intervals are cut at the physical range: a friction level of ``[-1, 5]`` N says the
-        same as ``[0, 5]`` N. ``units`` replaces those of the table where the log decides.
+        same as ``[0, 5]`` N. ``units`` are those of the roles, on which some units depend.
         """
         out: dict[str, Quantity] = {}
         for spec in specs:
             if spec.name in self.values:
-                unit = (units or {}).get(spec.name, spec.unit)
-                out[spec.name] = self._quantity(spec, unit)
+                out[spec.name] = self._quantity(spec, spec.unit_for(units or {}))
         # nuisance values of single logs stay behind: their rows are dropped, not conditioned on
         kept = [k for k, name in enumerate(self.names) if name in out]
         order = tuple(self.names[k] for k in kept)
@@ -217,7 +216,7 @@ class Solved:
 
 def _interval(value: float, half: float, spec: ParameterSpec) -> str:
     """A 95 % interval that is too wide, in words."""
-    unit = "" if spec.any_unit else after_number(spec.unit)
+    unit = "" if spec.ratio else after_number(spec.unit)
     if half > _ANYTHING * abs(value):
         return "anything: its 95 % interval holds every sensible value"
     return f"{value:.3g} ± {half:.2g}{unit} (95 %), which holds every sensible value"

@@ -200,6 +200,7 @@ def _inverse_information(jacobian: FloatArray) -> tuple[FloatArray, BoolArray]:
     scale = np.where(blind, 1.0, scale)
     # the triangle of a QR has the singular values of the whole, at a fraction of the cost
     _, s, vt = np.linalg.svd(np.linalg.qr(jacobian / scale, mode="r"))
+    s = np.append(s, np.zeros(vt.shape[0] - s.size))  # fewer samples than unknowns
     inverse = np.where(s > 1e-12 * s.max(initial=0.0), 1.0 / np.maximum(s, 1e-300), 0.0)
     # directions that the data do not determine leave every parameter in them unknown
     silent = np.abs(vt[inverse == 0.0])

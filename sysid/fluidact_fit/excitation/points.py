@@ -76,6 +76,14 @@ def is_speed(role: Role) -> bool:
     return role.unit.endswith("/s")
 
 
+def speed_and_place(task: Task) -> tuple[Role, Role]:
+    """Roles of the family that hold the speed and the place of the motion that a file is about."""
+    place_unit = task.drive.unit.removesuffix("/s")
+    driving = [driving_role(v) for v in task.family.variants]
+    speed = next(r for r in driving if r.unit == f"{place_unit}/s")
+    return speed, next(r for r in driving if r.unit == place_unit)
+
+
 def _evaluate(task: Task, unknown: Unknown, value: float, points: FloatArray) -> FloatArray:
     """The map with one number changed."""
     changed: Any = value
@@ -84,7 +92,8 @@ def _evaluate(task: Task, unknown: Unknown, value: float, points: FloatArray) ->
         changed[unknown.index] = value
     variant = task.variant
     if task.excitation.kind == "strokes":  # a map over the speed itself
-        variant = next(v for v in task.family.variants if any(is_speed(r) for r in v.roles))
+        speed, _ = speed_and_place(task)
+        variant = next(v for v in task.family.variants if driving_role(v) == speed)
     run = make_run(driving_role(variant), np.zeros(0), points)
     values = {**task.plant.values, unknown.spec.name: changed}
     (found,) = task.family.simulate(replace(task.plant, variant=variant, values=values), [run])

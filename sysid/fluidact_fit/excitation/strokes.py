@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import UsageError
 from ..estimation.information import cramer_rao
 from ..experiment import FloatArray
-from .points import is_speed, static_errors, static_rows, static_samples
+from .points import is_speed, speed_and_place, static_errors, static_rows, static_samples
 from .result import Design
 from .task import Task, make_run, undetermined
 
@@ -24,7 +24,7 @@ _DURATION = 10.0  # s, where neither the file nor the user says
 class _Strokes:
     """Pairs of strokes back and forth at constant speed: slow ones, then fast ones.
 
-    ``slow`` and ``fast`` are the speeds in the positive and negative direction [m/s],
+    ``slow`` and ``fast`` are the speeds in the positive and negative direction [SI],
     magnitudes; ``share`` is the share of the time that the slow pairs take.
     """
 
@@ -40,7 +40,7 @@ class _Strokes:
         return out
 
     def play(self, travel: float, duration: float, step: float) -> FloatArray:
-        """Velocity at the samples, shape ``(n,)`` [m/s]; straight ramps at the turns."""
+        """Velocity at the samples, shape ``(n,)`` [SI]; straight ramps at the turns."""
         count, turn = round(duration / step), max(round(_TURN / step), 2)
         pieces: list[FloatArray] = []
         speeds = self.speeds()
@@ -57,7 +57,7 @@ class _Strokes:
 def design_strokes(task: Task) -> Design:
     """Strokes at constant speed whose speeds and shares of the time are searched."""
     low, high = _speed_limits(task)
-    covered = task.document.validity.get("position")
+    covered = task.document.validity.get(speed_and_place(task)[1].name)
     if task.limits.stroke is None and covered is not None:
         stroke = (covered.low, covered.high)
         task = replace(task, given=replace(task.given, stroke=stroke))
@@ -80,19 +80,20 @@ def design_strokes(task: Task) -> Design:
 
 
 def _speed_limits(task: Task) -> tuple[float, float]:
-    """Lowest and highest velocity [m/s]: as given, or what the file's logs covered."""
+    """Lowest and highest velocity [SI]: as given, or what the file's logs covered."""
     low, high = task.limits.amplitude if is_speed(task.drive) else task.excitation.fastest
+    unit = speed_and_place(task)[0].unit
     if not (high > task.excitation.slowest and -low > task.excitation.slowest):
         raise UsageError(
             "the speeds allow no motion in both directions.",
-            expected=f"Both ends have to lie beyond {task.excitation.slowest:.3g} m/s.",
+            expected=f"Both ends have to lie beyond {task.excitation.slowest:.3g} {unit}.",
             remedy="Give --amplitude LOW:HIGH as a range of velocities, for example -0.1:0.1.",
         )
     return low, high
 
 
 def _play(task: Task, strokes: _Strokes) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Time [s], velocity [m/s] and position [m], shape ``(n,)`` each."""
+    """Time [s], velocity and position [SI], shape ``(n,)`` each."""
     limits, step = task.limits, task.limits.sample_time or 0.01
     velocity = strokes.play(limits.travel, limits.duration or _DURATION, step)
     place = step * (np.cumsum(velocity) - 0.5 * velocity)
@@ -163,7 +164,10 @@ def _describe_strokes(task: Task, best: _Strokes, ideal: FloatArray) -> Design:
     """The design in words and numbers."""
     time, velocity, place = _play(task, best)
     errors, stroke = _stroke_errors(task, best), task.limits.stroke
-    listed = ", ".join(f"{v:.3g} m/s ({100.0 * s:.0f} %)" for v, s in sorted(best.speeds()))
+    speed, where = speed_and_place(task)
+    listed = ", ".join(
+        f"{v:.3g} {speed.unit} ({100.0 * s:.0f} %)" for v, s in sorted(best.speeds())
+    )
     notes = [*task.notes, f"Speeds and their shares of the time: {listed}."]
     notes.append(
         f"The worst relative standard error becomes {100.0 * task.worst(errors):.3g} %; no "
@@ -172,15 +176,15 @@ def _describe_strokes(task: Task, best: _Strokes, ideal: FloatArray) -> Design:
     notes += _time_to_halve(task, errors)
     if stroke is None:
         notes.append(
-            f"The stroke is not in the file: this one needs {np.ptp(place):.3g} m. "
+            f"The stroke is not in the file: this one needs {np.ptp(place):.3g} {where.unit}. "
             "Give --stroke LOW:HIGH."
         )
     return Design(
         family=task.family.name,
         description=f"strokes at {len(best.speeds())} constant speeds",
         time=time,
-        signals={"velocity": velocity, "position": place},
-        units={"velocity": "m/s", "position": "m"},
+        signals={speed.name: velocity, where.name: place},
+        units={speed.name: speed.unit, where.name: where.unit},
         forecasts=task.forecasts(errors),
         criterion=task.criterion,
         limits=task.limits,
@@ -201,11 +205,11 @@ def _time_to_halve(task: Task, errors: FloatArray) -> list[str]:
     return [
         f"That is {ratio:.2g} times the present worst one. To halve it, such strokes take "
         f"{duration:.3g} s: give --duration {np.ceil(duration):.0f}, or average more readings of "
-        "the force."
+        f"the {task.variant.output.name}."
     ]
 
 
 def _stroke(speed: float, count: int, turn: int) -> FloatArray:
-    """Speed up, hold, slow down; shape ``(count,)`` [m/s]."""
+    """Speed up, hold, slow down; shape ``(count,)`` [SI]."""
     place = np.arange(count) + 0.5
     return np.asarray(speed * np.minimum(1.0, np.minimum(place, count - place) / turn))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .agreement import require_agreement
 from .arrays import log_of
 from .columns import share_columns
 from .describe import describe, provenance
@@ -20,5 +21,6 @@ __all__ = [
     "log_of",
     "provenance",
     "read_log",
+    "require_agreement",
     "share_columns",
 ]

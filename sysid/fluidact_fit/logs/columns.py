@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,7 @@ from .log import Column, IndexArray, Log, name_lines
 TIME = Role("time", "s", "instants of the samples")
 # Time is the one role with a symbol that is in general use as a header.
 _SYNONYMS = {"time": ("t",)}
+_NUMBER = re.compile("#[0-9]{1,9}")
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ def find_column(log: Log, role: str, wanted: str) -> Column:
 
 
 def _column_number(wanted: str) -> int | None:
-    return int(wanted[1:]) if wanted.startswith("#") and wanted[1:].isdecimal() else None
+    return int(wanted[1:]) if _NUMBER.fullmatch(wanted) else None
 
 
 def matching(log: Log, wanted: str) -> list[Column]:
@@ -159,8 +161,8 @@ def default_column(log: Log, role: str) -> Column | None:
     return clocks[0] if len(clocks) == 1 else None
 
 
-def as_measured(role: Role, unit: str | None) -> Role:
-    """The role in that of its SI units that a unit can be converted to."""
+def in_unit(role: Role, unit: str | None) -> Role:
+    """A role in that of its SI units which measures what ``unit`` does, else in the first."""
     if not unit or not role.alternatives:
         return role
     alike = (si for si in (role.unit, *role.alternatives) if same_dimension(unit, si))
@@ -182,7 +184,7 @@ def bind_role(log: Log, role: Role) -> Binding | None:
     believed = role.name in log.units or not column.doubtful
     if unit and not believed and not same_dimension(unit, role.unit):
         unit = None  # "valve_m" as a voltage: the m was an index
-    role = as_measured(role, unit)
+    role = in_unit(role, unit)
     scale = log.scales.get(role.name, 1.0)
     return Binding(
         role=role,

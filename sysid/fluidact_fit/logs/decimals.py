@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from ..errors import LogError
 from .layout import Cut
@@ -12,18 +12,30 @@ _GROUPED = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}$") f
 _BLANK = re.compile(r"[+-]?[1-9]\d{0,2}([ \u00a0\u202f]\d{3})+$")
 
 
-def refuse_ambiguous(lines: Sequence[str], cut: Cut, name: str) -> None:
+def refuse_ambiguous(
+    sample: Sequence[str], every: Callable[[], Iterable[str]], cut: Cut, name: str
+) -> None:
     """Refuse a sign that may stand before decimals or between thousands.
 
     ``3,502`` is 3.502 or 3502. One cell tells for the whole log: ``0,5`` and ``12,25`` hold
-    decimals. Where commas separate the columns a point is a decimal point.
+    decimals. Where commas separate the columns a point is a decimal point. Lines of the
+    ``sample`` are looked at first, ``every`` line of the file where they do not tell.
 
     Raises
     ------
     LogError
         With both readings.
     """
-    doubtful: str | None = None
+    doubtful = _doubtful(sample, cut, name)
+    if doubtful is None or cut.delimiter == "," or _doubtful(every(), cut, name) is None:
+        return
+    whole = doubtful.replace(cut.decimal, "")
+    raise _refusal(doubtful, whole, repr(cut.decimal), cut, name)
+
+
+def _doubtful(lines: Iterable[str], cut: Cut, name: str) -> str | None:
+    """A cell that can be read in two ways; ``None`` where another tells which it is."""
+    found: str | None = None
     for line in lines:
         for cell in cut.split(line):
             if cut.delimiter != " " and _BLANK.match(cell):
@@ -31,11 +43,9 @@ def refuse_ambiguous(lines: Sequence[str], cut: Cut, name: str) -> None:
             if cut.decimal not in cell or not cut.is_number(cell):
                 continue
             if not _GROUPED[cut.decimal].match(cell):
-                return
-            doubtful = doubtful or cell
-    if doubtful is not None and cut.delimiter != ",":
-        whole = doubtful.replace(cut.decimal, "")
-        raise _refusal(doubtful, whole, repr(cut.decimal), cut, name)
+                return None
+            found = found or cell
+    return found
 
 
 def _refusal(

@@ -58,12 +58,12 @@ def find_layout(source: Source, written: Written) -> Layout:
     else:
         cut = join_fraction(body, _choose_cut(body, hints, written, source.name))
     if written.decimal is None and not cut.thousands:
-        refuse_ambiguous(body, cut, source.name)
+        refuse_ambiguous(body, source.lines, cut, source.name)
     start = hints.data_from
     if start is None or start < skipped:
         start = find_start(_hidden(head, skipped), cut, complete)
         if start is None and not complete:
-            head = source.data.decode().split("\n")
+            head = source.lines()
             start = find_start(_hidden(head, skipped), cut, complete=True)
         if start is None:
             raise _no_table(source.name)

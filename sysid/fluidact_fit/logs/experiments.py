@@ -9,15 +9,17 @@ import numpy as np
 from ..errors import LogError, Notice, UsageError
 from ..experiment import Experiment, Signal
 from ..family import Role, Variant
+from ..options import plausible
 from ..units import conversion_factor
+from .agreement import absolute_notice, overridden_notice, require_agreement
 from .checks import check_sampling, check_signals, smallest_step
 from .columns import (
     Binding,
-    as_measured,
     assumed_notice,
     bind_role,
     bind_roles,
     check_roles,
+    in_unit,
     missing_roles,
     require_numbers,
     require_roles,
@@ -35,8 +37,8 @@ from .timebase import (
     untimed_run,
 )
 
-_LARGEST = 1e100  # beyond it squares overflow
-_SHORTEST, _LONGEST = 1e-12, 1e9  # step of time [s]
+_LARGEST = 1e30  # of any quantity in SI; products of a few must not overflow
+SHORTEST, LONGEST = 1e-12, 1e9  # step of time [s]
 
 
 def choose_variant(logs: Log | Sequence[Log], variants: Sequence[Variant]) -> Variant:
@@ -79,11 +81,14 @@ def experiments(
     """
     check_roles(log, variant.roles)
     require_roles(log, variant.roles)
+    require_agreement([log], variant)
     bindings = bind_roles(log, variant.roles)
     notices = list(log.notices)
     runs = _find_runs(log, variant, bindings, notices)
     _require_time_scale(log, runs)
     notices += assumed_notice(log, bindings.values())
+    notices += overridden_notice(log, bindings)
+    notices += absolute_notice(log, bindings.values())
     runs = exclude_runs(log, _apply_window(log, runs))
     whole, runs = runs, [_sampled_run(log, variant, bindings, run) for run in runs]
     found = _make_experiments(log, variant, bindings, list(zip(runs, whole)), index)
@@ -153,10 +158,10 @@ def _require_time_scale(log: Log, runs: Sequence[Run]) -> None:
     """Refuse sample times that no machine has and that arithmetic cannot handle."""
     for run in runs:
         step = run.sample_time
-        if run.time.size < 2 or _SHORTEST <= step <= _LONGEST:
+        if run.time.size < 2 or SHORTEST <= step <= LONGEST:
             continue
         what = f"the samples are {step:.3g} s apart."
-        expected = f"Expected {_SHORTEST:g} to {_LONGEST:g} s."
+        expected = f"Expected {SHORTEST:g} to {LONGEST:g} s."
         if log.sample_time is not None:
             raise UsageError(what, expected=expected, remedy="Correct --sample-time.")
         raise LogError(
@@ -217,10 +222,9 @@ def _make_experiments(
         for role in variant.roles:
             if role.name in log.steps:
                 unit, scale = log.units.get(role.name), log.scales.get(role.name, 1.0)
-                where = f"{log.name}, role '{role.name}'"
-                signals[role.name] = step_signal(
-                    as_measured(role, unit), log.steps[role.name], where, unit, scale
-                )
+                where = f"--step {role.name}=..."
+                step = log.steps[role.name]
+                signals[role.name] = step_signal(in_unit(role, unit), step, where, unit, scale)
         first, last = log.lines[run.rows[[0, -1]]].tolist()
         found.append(
             Experiment(
@@ -298,6 +302,14 @@ def step_signal(
     """Return the signal of a role that was not recorded but is known to have stepped."""
     factor = conversion_factor(unit, role.unit, where) if unit else 1.0
     factor *= scale
+    for value in (step.start * factor, step.end * factor):
+        try:
+            plausible(value)
+        except ValueError as error:
+            raise UsageError(
+                f"{where}: {value:g} {role.unit} is {error}",
+                remedy=f"Check it, and --unit and --scale of {role.name}.",
+            ) from None
     return Signal(
         role=role.name,
         time=np.array([step.at]),

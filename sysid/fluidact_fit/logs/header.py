@@ -15,7 +15,6 @@ _BRACKETED = re.compile(r"\[.*\]|\(.*\)")
 _CLOCK_FORM = re.compile(r"[hmsdy]{1,4}([:./ -][hmsdyf0]{1,4})+", re.IGNORECASE)
 _NO_UNIT = {"", "-", "1", "none"}
 _ABOVE = 4  # lines with text in which names and units are looked for
-_NAMES_TOO = {"min", "rev"}  # as headers they are as often names
 
 
 class Header(NamedTuple):
@@ -65,7 +64,9 @@ def find_header(
     if any(said) and not said[0]:
         said = [hints.first_header, *said[1:]]
     if units is None:
-        return Header(names.index, None, said, _units_in(said))
+        alone = _are_units(said, 1.0)  # a header of units and nothing else has them
+        units_alone = [_clean_unit(cell) if alone else "" for cell in said]
+        return Header(names.index, None, said, units_alone)
     return Header(names.index, units.index, said, [_clean_unit(cell) for cell in units.cells])
 
 
@@ -140,19 +141,6 @@ def _are_units(cells: Iterable[str], needed: float) -> bool:
 def _is_unit(cell: str) -> bool:
     text = cell.strip()
     return bool(_BRACKETED.fullmatch(text) or looks_like_unit(text) or _CLOCK_FORM.fullmatch(text))
-
-
-def _units_in(names: Sequence[str]) -> list[str]:
-    """Units of a header without names: of all columns, or of one where it is no symbol.
-
-    A single letter may be a quantity as well: ``V`` a volume, ``s`` a distance.
-    """
-    if _are_units(names, 1.0):
-        return [_clean_unit(cell) for cell in names]
-    return [
-        name if len(name) > 1 and name not in _NAMES_TOO and looks_like_unit(name) else ""
-        for name in names
-    ]
 
 
 def _clean_unit(cell: str) -> str:

@@ -43,6 +43,10 @@ class Source:
         """File name without folders."""
         return name_of(self.path)
 
+    def lines(self) -> list[str]:
+        """All lines."""
+        return self.data.decode(errors="replace").split("\n")
+
 
 def name_of(path: Path) -> str:
     """What messages call a file."""

@@ -6,11 +6,14 @@ one wherever it stands; rows are not given up because a line between them is dam
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from enum import Enum
 
-from .layout import NO_VALUE, Cut
+from .layout import Cut
 
+# Numbers and signs that separate them, whichever: a row that lost its separators.
+_NUMBERS = re.compile(r"(?=.*\d)[\d\s.,;|+\-eE]+")
 _ENOUGH = 3  # rows one below the other that no preamble holds by accident
 
 
@@ -30,7 +33,7 @@ def find_start(lines: Sequence[str], cut: Cut, complete: bool) -> int | None:
     if main is None:
         return None
     kinds = [_kind(line, cut) for line in lines[:main]]
-    return _take_in_damaged(lines, kinds, _first_row(kinds, main), cut)
+    return _take_in_damaged(lines, kinds, _first_row(lines, kinds, main, cut), cut)
 
 
 def _longest_run(lines: Sequence[str], cut: Cut, complete: bool) -> int | None:
@@ -61,29 +64,39 @@ def _kind(line: str, cut: Cut) -> _Kind:
         return _Kind.BLANK
     if cut.is_row(line, 1.0):
         return _Kind.ROW
-    cells = [c for c in cut.split(line) if c.casefold() not in NO_VALUE]
-    as_wide = len(cut.split(line)) in (cut.width, cut.width + 1)
+    cells = cut.split(line)
+    as_wide = len(cells) in (cut.width, cut.width + 1)
     numbers = sum(map(cut.is_value if as_wide else cut.is_number, cells))
-    if numbers and (numbers == len(cells) or as_wide):
+    if (numbers and as_wide) or 2 * numbers > len(cells) or _NUMBERS.fullmatch(line):
         return _Kind.DAMAGED
     return _Kind.TEXT
 
 
-def _first_row(kinds: Sequence[_Kind], start: int) -> int:
+def _names_columns(line: str, cut: Cut) -> bool:
+    """Whether a line of text has as many cells as a row."""
+    return len(cut.split(line)) in (cut.width, cut.width + 1)
+
+
+def _first_row(lines: Sequence[str], kinds: Sequence[_Kind], start: int, cut: Cut) -> int:
     """Return the first row that belongs to the table that has a row at ``start``.
 
-    Rows above belong to it where only damaged or empty lines lie between, and where there are so
-    many that they are no accident: a log that starts again, with its header or without.
+    Rows above belong to it where only damaged or empty lines lie between, where a header stands
+    right above them, and where there are so many that they are no accident: a log that starts
+    again, with its header or without.
     """
     first, run, broken = start, 0, False
     for index in range(start - 1, -1, -1):
-        if kinds[index] is _Kind.ROW:
+        kind = kinds[index]
+        if kind is _Kind.ROW:
             run += 1
             if not broken or run >= _ENOUGH:
                 first, broken = index, False
-        else:
-            run = 0
-            broken = broken or kinds[index] is _Kind.TEXT
+            continue
+        if kind is _Kind.TEXT:
+            if run and _names_columns(lines[index], cut):
+                first = index + 1
+            broken = True
+        run = 0
     return first
 
 
@@ -91,15 +104,16 @@ def _take_in_damaged(lines: Sequence[str], kinds: Sequence[_Kind], start: int, c
     """Return the start after giving back damaged rows that look like a header or a preamble.
 
     A line with numbers in it, below one that names the columns or at the top of the file, is a
-    row: its text has to be named, not swallowed.
+    row: its text has to be named, not swallowed. So are several, whatever stands above them.
     """
     first = start
-    for index in range(start - 1, max(-1, start - 12), -1):
-        fields = cut.split(lines[index])
-        if kinds[index] is not _Kind.DAMAGED:
-            named = kinds[index] is _Kind.TEXT and len(fields) in (cut.width, cut.width + 1)
-            return first if named else start
-        if index == 0 and 2 * sum(map(cut.is_value, fields)) > len(fields):
+    for index in range(start - 1, -1, -1):
+        if kinds[index] not in (_Kind.DAMAGED, _Kind.ROW):
+            named = kinds[index] is _Kind.TEXT and _names_columns(lines[index], cut)
+            return first if named or start - first >= _ENOUGH else start
+        cells = cut.split(lines[index])
+        single = _NUMBERS.fullmatch(lines[index]) and len(cells) == 1 != cut.width
+        if index == 0 and (single or 2 * sum(map(cut.is_value, cells)) > len(cells)):
             return 0
         first = index
-    return start
+    return first if start - first >= _ENOUGH else start

@@ -126,13 +126,11 @@ def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatAr
     columns: list[FloatArray] = []
     for index in range(layout.lead, layout.lead + layout.width):
         series = frame[index]
-        if series.dtype.kind not in "fiu":
-            # Text somewhere in the column. Booleans are text too: no logger means 1 by True.
-            text = series.astype("object").where(series.notna(), "").map(str).str.strip()
-            if layout.decimal == ",":
-                text = text.str.replace(",", ".", regex=False)
-            series = pd.to_numeric(text, errors="coerce")
-        column = series.to_numpy(dtype=np.float64)
+        if series.dtype.kind in "fiu":
+            column = series.to_numpy(dtype=np.float64)
+        else:  # text somewhere in the column; booleans are text too: no logger means 1 by True
+            text = series.astype("object").where(series.notna(), "").map(str)
+            column, _ = _to_numbers(text.tolist(), layout)
         if not np.isfinite(column).all():
             column = np.where(np.isfinite(column), column, np.nan)
         columns.append(column)
@@ -310,7 +308,8 @@ def _to_numbers(cells: Sequence[str], layout: Layout) -> tuple[FloatArray, dict[
         texts = [cell.replace(".", "?").replace(",", ".") for cell in cells]
     try:
         values = np.array([float(text) for text in texts], dtype=np.float64)
-        if np.isfinite(values).all() and not any("_" in text for text in texts):
+        plain = "".join(texts)  # Python reads digits of any script, and 1_000
+        if np.isfinite(values).all() and plain.isascii() and "_" not in plain:
             return values, {}
     except ValueError:
         pass

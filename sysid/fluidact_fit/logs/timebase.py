@@ -111,7 +111,7 @@ def make_run(rows: IndexArray, stamps: FloatArray, resolution: float, factor: fl
 
 def _in_seconds(value: FloatArray | float, factor: float) -> FloatArray:
     """Scale stamps; dividing keeps 10 ms at exactly 0.01 s where multiplying does not."""
-    divisor = round(1 / factor) if factor < 1 else 0
+    divisor = round(1 / factor) if 1e-30 < factor < 1 else 0
     if divisor and abs(divisor * factor - 1) < 1e-12:
         return np.asarray(value / divisor, dtype=np.float64)
     return np.asarray(value * factor, dtype=np.float64)

@@ -251,6 +251,15 @@ class LogFit(Part):
     details: Free | None = None
 
 
+class _KnownDetails(BaseModel):
+    """Those of the details that this program reads; whatever else stands there is left alone."""
+
+    model_config = ConfigDict(strict=True)
+
+    output_resolution: Annotated[Number, Field(ge=0.0)] | None = None
+    comparisons: dict[str, list[dict[str, Any]]] | None = None
+
+
 class Fit(Part):
     """How well the model describes the data it was fitted to."""
 
@@ -262,6 +271,12 @@ class Fit(Part):
     method: str | None = None
     logs: list[LogFit] = []
     details: Free | None = None
+
+    @field_validator("details")
+    @classmethod
+    def _holds_what_is_read(cls, details: Free | None) -> Free | None:
+        _KnownDetails.model_validate(details or {})
+        return details
 
 
 class WarningEntry(Part):
@@ -314,6 +329,15 @@ class LogSource(Part):
     details: Free | None = None
 
 
+class _Choices(Part):
+    """What a user chose for single parameters and roles [SI]; a check uses it again."""
+
+    fixed: dict[str, Number] = {}
+    start: dict[str, Number] = {}
+    bounds: dict[str, Pair] = {}
+    noise: dict[str, Annotated[Number, Field(ge=0.0)]] = {}
+
+
 class Provenance(Part):
     """Where the numbers came from."""
 
@@ -321,8 +345,14 @@ class Provenance(Part):
     created: str
     command: str | None = None
     logs: list[LogSource] = []
-    seed: int | None = None
+    seed: Count | None = None
     options: Free | None = None
+
+    @field_validator("options")
+    @classmethod
+    def _can_be_used_again(cls, options: Free | None) -> Free | None:
+        _Choices.model_validate(options or {})
+        return options
 
 
 class ParameterDocument(Part):

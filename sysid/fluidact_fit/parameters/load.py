@@ -10,9 +10,11 @@ import os
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeGuard, get_args
 
-from ..errors import FluidactError, ParameterFileError
+import numpy as np
+
+from ..errors import FluidactError, ParameterFileError, shortened
 from ..experiment import Hold
 from ..specification import Described
 from .atomic import write_atomically
@@ -22,10 +24,14 @@ from .problems import Location, Problems, format_path
 from .validation import Lookup, validate
 from .yaml_io import YamlText, dump_yaml, parse_yaml, read_yaml, to_plain
 
+Problem = tuple[Location, str]
+
 _REMEDY = "Correct these, or fit again and use the new file."
 _CHANGED = "One of the two was changed by hand. Fit again with --fix NAME=VALUE instead."
 _SAME = 1e-4  # relative; an edited parameter shows, one rounded to six digits does not
 _SMALL = 1e-9  # of the largest number of a list
+_LEAST = 1e-150  # an error whose square is no number any more
+_ALIKE = 0.05  # relative; an error may be rounded to two digits
 
 
 def read_document(path: str | os.PathLike[str], lookup: Lookup) -> ParameterDocument:
@@ -96,36 +102,88 @@ def _check(text: YamlText, lookup: Lookup, where: str) -> ParameterDocument:
 def check_agreement(
     document: ParameterDocument, family: Described, where: str = "the document"
 ) -> None:
-    """Compare the ``model`` part of a valid document with the one that its parameters give."""
+    """Compare the ``model`` part of a valid document with the one that its parameters give.
+
+    Standard errors are compared with the covariance.
+
+    Raises
+    ------
+    ParameterFileError
+        Naming every place that disagrees.
+    """
+    wrong = [
+        *_strange_model(document, family),
+        *_strange_offset(document, family),
+        *_strange_errors(document),
+    ]
+    if wrong:
+        raise ParameterFileError(where, [(format_path(p), words) for p, words in wrong], _CHANGED)
+
+
+def _strange_model(document: ParameterDocument, family: Described) -> Iterator[Problem]:
+    """Yield where the ``model`` part is not what the parameters give, its offset aside."""
     discrete = document.model.get("discrete")
     settings = {"sample_time": 0.0, "hold": "zoh"} if discrete is None else discrete
+    here = ("model", "discrete")
     if not isinstance(settings, Mapping):
-        raise ParameterFileError(where, [("model.discrete", "is not a mapping")], _CHANGED)
+        yield here, "is not a mapping"
+        return
     step: Any = settings.get("sample_time")
     hold: Any = settings.get("hold")
     if not _is_number(step) or (discrete is not None and step <= 0.0):
-        problems = [("model.discrete.sample_time", f"{step!r} is not a positive number")]
+        yield (*here, "sample_time"), f"{shortened(repr(step), 60)} is not a positive number"
     elif hold not in get_args(Hold):
-        problems = [("model.discrete.hold", f"{hold!r} is not known")]
+        yield (*here, "hold"), f"{shortened(repr(hold), 60)} is not known"
     else:
         try:
             due = family.model(document.plant(family), float(step), hold)
         except (FluidactError, ArithmeticError, ValueError) as error:
-            problems = [("model", f"cannot be made from the parameters: {error}")]
-        else:
-            wrong = disagreements(document.model, due, ("model",))
-            problems = [(format_path(place), words) for place, words in wrong]
-    if problems:
-        raise ParameterFileError(where, problems, _CHANGED)
+            yield ("model",), f"cannot be made from the parameters: {error}"
+            return
+        model = {key: part for key, part in document.model.items() if key != "output_offset"}
+        yield from disagreements(model, due, ("model",))
+
+
+def _strange_offset(document: ParameterDocument, family: Described) -> Iterator[Problem]:
+    """Yield what is wrong with the output at rest, which is a mean over the fitted logs."""
+    place, found = ("model", "output_offset"), document.model.get("output_offset")
+    offsets = [log.offset.value for log in document.fit.logs if log.offset is not None]
+    if not family.steady_offset or not offsets:
+        if found is not None:
+            yield place, "unknown key"
+    elif found is None:
+        yield place, "missing"
+    elif not _is_number(found):
+        yield place, f"{shortened(repr(found), 60)} is not a number"
+    else:
+        low, high = min(offsets), max(offsets)
+        slack = _SAME * max(abs(low), abs(high))
+        if not low - slack <= found <= high + slack:
+            words = f"{found!r} does not agree with the offsets of the logs"
+            yield place, f"{words}, {low:.6g} to {high:.6g}"
+
+
+def _strange_errors(document: ParameterDocument) -> Iterator[Problem]:
+    """Yield standard errors that are not the roots of the variances in the covariance."""
+    if document.covariance is None:
+        return
+    spread = dict(zip(document.covariance.order, np.sqrt(np.diag(document.covariance.matrix))))
+    for name, entry in document.parameters.items():
+        if entry.std_error is None:
+            continue
+        for index, error in np.ndenumerate(np.asarray(entry.std_error, dtype=float)):
+            due = spread.get(name + "".join(f"[{i}]" for i in index), error)
+            if abs(error - due) > _ALIKE * due + _LEAST:
+                words = f"{float(error)!r} does not agree with the covariance, {due:.6g}"
+                yield ("parameters", name, "std_error", *index), words
 
 
 def disagreements(
     found: Any, due: Any, place: Location = (), slack: float = 0.0
-) -> Iterator[tuple[Location, str]]:
-    """Yield every place where a part lacks something or has another value.
+) -> Iterator[Problem]:
+    """Yield every place where a part lacks something, has another value, or something more.
 
-    What ``found`` holds beyond ``due`` is left alone. A list is one place; its numbers may be
-    off by a ``slack``, a small part of its largest.
+    A list is one place; its numbers may be off by a ``slack``, a small part of its largest.
     """
     if isinstance(due, Mapping) and isinstance(found, Mapping):
         for key, value in due.items():
@@ -133,6 +191,8 @@ def disagreements(
                 yield from disagreements(found[key], value, (*place, key))
             else:
                 yield (*place, key), "missing"
+        for key in found.keys() - due.keys():
+            yield (*place, key), "unknown key"
         return
     if isinstance(due, (list, tuple)):
         slack = _SMALL * max((abs(v) for v in due if _is_number(v)), default=0.0)
@@ -143,10 +203,13 @@ def disagreements(
     else:
         same = found == due
     if not same:
-        yield place, "does not agree with the parameters"
+        numbers = _is_number(found) and _is_number(due)
+        said = f"{found!r} does" if numbers else "does"
+        given = f", which give {due!r}" if numbers else ""
+        yield place, f"{said} not agree with the parameters{given}"
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: Any) -> TypeGuard[float]:
     """Whether a value is a number that a float can hold."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     return number and abs(value) <= sys.float_info.max

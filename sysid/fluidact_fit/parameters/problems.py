@@ -6,7 +6,10 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from itertools import islice
 from typing import Any
+
+from ..errors import ParameterFileError
 
 Location = tuple[str | int, ...]
 
@@ -55,7 +58,8 @@ class Problems:
     """Problems by location, in the order they were found; one per location.
 
     Checks of meaning run on documents that may be broken elsewhere, so that one reading
-    names everything. ``intact`` tells them which parts they can rely on.
+    names everything. ``intact`` tells them which parts they can rely on. Once they are ``many``
+    nobody reads further ones, and looking for them may end.
     """
 
     found: dict[Location, str] = field(default_factory=dict)
@@ -63,6 +67,11 @@ class Problems:
     def add(self, location: Location, message: str) -> None:
         """Note a problem. The first one at a location is kept."""
         self.found.setdefault(location, message)
+
+    @property
+    def many(self) -> bool:
+        """Whether there are more than will be reported."""
+        return len(self.found) > ParameterFileError.MOST
 
     def intact(self, *location: str | int) -> bool:
         """Return whether nothing at, under or above the location is broken."""
@@ -73,9 +82,12 @@ class Problems:
         )
 
     def listed(self, lines: Mapping[Location, int]) -> list[tuple[str, str]]:
-        """Return ``(path, message)`` pairs, with line numbers where they are known."""
+        """Return ``(path, message)`` pairs, with line numbers where they are known.
+
+        Of ``many`` only as many as show that they are.
+        """
         pairs = []
-        for location, message in self.found.items():
+        for location, message in islice(self.found.items(), ParameterFileError.MOST + 1):
             # A missing key has no line of its own: take that of the part that lacks it.
             above = (location[:size] for size in range(len(location), 0, -1))
             line = next((lines[part] for part in above if part in lines), None)

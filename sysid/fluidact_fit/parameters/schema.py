@@ -125,6 +125,6 @@ def _parameter_schema(spec: ParameterSpec) -> dict[str, Any]:
         "description": spec.description,
         "properties": {
             "value": value,
-            "unit": {"type": "string"} if spec.any_unit else {"const": spec.unit},
+            "unit": {"type": "string"} if spec.ratio else {"const": spec.unit},
         },
     }

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from itertools import chain
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
@@ -75,6 +75,9 @@ def _check_structure(document: dict[str, Any], problems: Problems) -> ParameterD
     except ValidationError as error:
         for item in error.errors(include_url=False):
             place = tuple(part for part in item["loc"] if not str(part).startswith(TAG))
+            if problems.many:  # the place alone: other checks must not rely on it
+                problems.add(place, "")
+                continue
             found, key = item["input"], str(place[-1]) if place else ""
             form = _WORDS.get(item["type"], "{found}: {said}")
             if item["type"] == "float_type" and isinstance(found, str) and _is_number(found):
@@ -146,17 +149,22 @@ def _check_parameters(document: dict[str, Any], variant: Variant, problems: Prob
     if not isinstance(parameters, dict):
         return  # said already
     specs = {spec.name: spec for spec in variant.parameters}
+    units_of = _units_of_roles(document, variant)
     for name, spec in specs.items():
         if name not in parameters and not spec.optional:
             problems.add(("parameters", name), "missing")
     for name, entry in parameters.items():
+        if problems.many:
+            return
         here: Location = ("parameters", name)
         if name not in specs:
             hint = suggest(name, specs)
             problems.add(here, f"unknown to family {document['family']!r}{hint}")
             continue
         for place, unit in find_entries(entry, "unit", place=here):
-            _check_unit(unit, specs[name].unit, place, problems, free=specs[name].any_unit)
+            known, free = _possible_units(specs[name], units_of)
+            if unit not in known:
+                _check_unit(unit, known[0], place, problems, free=free)
         for place, value in find_entries(entry, "value", place=here):
             if problems.intact(*place):
                 _check_value(value, specs[name], place, problems)
@@ -187,13 +195,15 @@ def _check_options(document: dict[str, Any], family: Described, problems: Proble
     options = document.get("options", {})
     if not isinstance(options, dict):
         return  # said already
-    wrong = _refused(options, family)
-    each = {name: _refused({name: value}, family) for name, value in options.items()}
-    for name, words in each.items() if wrong else ():
-        if words:
+    wrong = together = _refused(options, family)
+    for name, value in options.items() if wrong else ():
+        if problems.many:
+            return
+        if words := _refused({name: value}, family):
             problems.add(("options", name), words)
-    if wrong and not any(each.values()):
-        problems.add(("options",), wrong)
+            together = ""
+    if together:
+        problems.add(("options",), together)
 
 
 def _refused(options: dict[str, Any], family: Described) -> str:
@@ -211,7 +221,7 @@ def _refused(options: dict[str, Any], family: Described) -> str:
 def _check_unit(
     unit: Any, expected: str, place: Location, problems: Problems, *, free: bool = False
 ) -> None:
-    if unit == expected or not isinstance(unit, str):
+    if unit == expected or not isinstance(unit, str) or problems.many:
         return  # without asking what units are, which may be slow
     if not units.is_known_unit(unit):
         problems.add(place, f"{unit!r} is not a known unit; expected {expected!r}")
@@ -223,11 +233,39 @@ def _check_unit(
         problems.add(place, f"{unit!r} has the wrong dimension; expected {expected!r}")
 
 
+def _units_of_roles(document: dict[str, Any], variant: Variant) -> dict[str, tuple[str, ...]]:
+    """SI units that each role may have: that of its range in the file, else all that it takes.
+
+    None for a raw reading without a range, which may be in any unit.
+    """
+    units_of = {}
+    for role in variant.roles:
+        accepted = (role.unit, *role.alternatives)
+        raw = role.unit == "1"
+        given = next((u for _, u in find_entries(document, "validity", role.name, "unit")), None)
+        if isinstance(given, str) and (raw or given in accepted):
+            accepted = (given,)
+        elif raw:
+            accepted = ()
+        units_of[role.name] = accepted
+    return units_of
+
+
+def _possible_units(
+    spec: ParameterSpec, units_of: dict[str, tuple[str, ...]]
+) -> tuple[list[str], bool]:
+    """Units that a parameter may have, and whether any other will do."""
+    roles = [role for role in spec.ratio or () if role != "1"]
+    choices = product(*(units_of[role] for role in roles))
+    known = [spec.unit_for(dict(zip(roles, chosen))) for chosen in choices]
+    return known or [spec.unit], not known
+
+
 def _check_units(document: dict[str, Any], variant: Variant, problems: Problems) -> None:
     """Check what is given per role, and the units of everything else."""
     accepted = {role.name: (role.unit, *role.alternatives) for role in variant.roles}
     for place, _ in find_entries(document, "validity", "*"):
-        if place[-1] not in accepted:
+        if place[-1] not in accepted and not problems.many:
             message = f"is not a role of the family{suggest(str(place[-1]), accepted)}"
             problems.add(place, message)
     for place, unit in find_entries(document, "validity", "*", "unit"):

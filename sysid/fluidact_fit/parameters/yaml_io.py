@@ -23,11 +23,12 @@ from yaml.composer import Composer
 from yaml.constructor import SafeConstructor
 from yaml.resolver import BaseResolver
 
-from ..errors import ParameterFileError
+from ..errors import ParameterFileError, visible
 from .problems import Location, Problems
 
 MAX_BYTES = 10_000_000
 MAX_DEPTH = 32
+MAX_NODES = 100_000  # keys and values; a fit of a thousand logs has fewer
 _MAX_KEY = 200  # YAML allows 1024, but a key of that size is a mistake
 _TAG = "tag:yaml.org,2002:"
 
@@ -75,8 +76,8 @@ def read_yaml(path: str | os.PathLike[str]) -> YamlText:
 def parse_yaml(text: str, where: str) -> YamlText:
     """Parse YAML strictly; ``where`` names the file in errors (``ParameterFileError``).
 
-    Refused are more than one document, aliases, nesting deeper than ``MAX_DEPTH``, and anything
-    but a mapping at the top.
+    Refused are more than one document, aliases, nesting deeper than ``MAX_DEPTH``, more than
+    ``MAX_NODES`` keys and values, and anything but a mapping at the top.
     """
     try:
         loader: Any = _Loader(text, where)
@@ -120,40 +121,51 @@ class _Loader(Composer, SafeConstructor, BaseResolver):
         self.where, self.problems = where, Problems()
         self.place: Location = ()
         self.lines: dict[Location, int] = {}
+        self.nodes = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         event = self.peek_event()
         above, key = self.place, isinstance(parent, yaml.MappingNode) and index is None
         if isinstance(event, yaml.AliasEvent):
             remedy = "Write the value out where it is used."
-            raise self._fatal(event, f"has an alias (*{event.anchor})", remedy)
+            raise self._fatal(event, f"has an alias, {event.anchor!r}", remedy)
         if key and not isinstance(event, yaml.ScalarEvent):
             raise self._fatal(event, "has a list or mapping as a key", "Keys are words.")
         if parent is not None:
             part = event.value if key else index.value if isinstance(index, yaml.Node) else index
             self.place = (*above, part)
+        self.nodes += 1
+        if self.nodes > MAX_NODES:
+            raise self._fatal(event, f"goes beyond {MAX_NODES} keys and values, too many for one")
         if len(self.place) > MAX_DEPTH:
             raise self._fatal(event, f"is nested deeper than {MAX_DEPTH} levels")
         self._note(event, key)
-        node = super().compose_node(parent, index)
+        if isinstance(event, yaml.ScalarEvent):
+            compose: Any = self.compose_scalar_node  # mistyped in the stubs
+            node: yaml.Node | None = compose(event.anchor)
+        else:
+            node = super().compose_node(parent, index)
         self.place = above
         return node
 
     def _note(self, event: Any, key: bool) -> None:
         if event.anchor is not None:
-            self.problems.add(self.place, f"has an anchor (&{event.anchor}); remove it")
+            self.problems.add(self.place, f"has an anchor, {event.anchor!r}; remove it")
         if event.tag is not None:
-            self.problems.add(self.place, f"has a tag ({event.tag}); remove it")
+            self.problems.add(self.place, f"has a tag, {event.tag!r}; remove it")
         event.anchor = event.tag = None
         line = event.start_mark.line + 1
         resolve: Any = self.resolve
         if key and resolve(yaml.ScalarNode, event.value, event.implicit) != f"{_TAG}str":
             self.problems.add(self.place, "key is not text; put it in quotes")
-        inside = any(self.place[:size] in self.problems.found for size in range(len(self.place)))
-        if key and not inside and self.place in self.lines:
+        if key and self.place in self.lines and not self._within_problem():
             lines = f"lines {self.lines[self.place]} and {line}"
             self.problems.add(self.place, f"duplicate key in {lines}")
         self.lines.setdefault(self.place, line)
+
+    def _within_problem(self) -> bool:
+        """Whether something above the present place is a problem already."""
+        return any(self.place[:size] in self.problems.found for size in range(len(self.place)))
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         mapping: dict[Any, Any] = {}
@@ -165,14 +177,19 @@ class _Loader(Composer, SafeConstructor, BaseResolver):
         return _refusal(f"{self.where}, line {event.start_mark.line + 1}", what, remedy)
 
 
-for _kind, _form in {
-    "null": r"(~|null|Null|NULL|)\Z",
-    "bool": r"(true|True|TRUE|false|False|FALSE)\Z",
-    "int": r"[-+]?(0|[1-9][0-9]{0,3999})\Z",
-    "float": r"[-+]?(([0-9]+\.[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+"
-    r"|[1-9][0-9]{4000,}|\.(inf|Inf|INF))\Z|\.(nan|NaN|NAN)\Z",  # Python reads 4300 digits
-}.items():
-    _Loader.add_implicit_resolver(f"{_TAG}{_kind}", re.compile(_form), None)
+_DIGITS = "-+0123456789"
+for _kind, _form, _first in (
+    ("null", r"(~|null|Null|NULL|)\Z", ["~", "n", "N", ""]),
+    ("bool", r"(true|True|TRUE|false|False|FALSE)\Z", "tTfF"),
+    ("int", r"[-+]?(0|[1-9][0-9]{0,3999})\Z", _DIGITS),
+    (
+        "float",
+        r"[-+]?(([0-9]+\.[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+"
+        r"|[1-9][0-9]{4000,}|\.(inf|Inf|INF))\Z|\.(nan|NaN|NAN)\Z",  # Python reads 4300 digits
+        f"{_DIGITS}.",
+    ),
+):
+    _Loader.add_implicit_resolver(f"{_TAG}{_kind}", re.compile(_form), list(_first))
 
 # ---------------------------------------------------------------------------- writing
 
@@ -237,7 +254,8 @@ def dump_yaml(document: Mapping[str, Any]) -> str:
     node = _Dumper(io.StringIO(), sort_keys=False).represent_data(plain)
     _set_style(node)
     text: str = yaml.serialize(node, Dumper=_Dumper, width=_WIDTH, allow_unicode=True)
-    return _HEADER + text
+    # What people would not see stands in quotes, where its escape means the same character.
+    return _HEADER + visible(text)
 
 
 # ------------------------------------------------------------------------- plain data

@@ -14,7 +14,7 @@ from ..outcome import Outcome, Simulation, agreement
 from . import panels
 from .numbers import choose_scale, count, percent, plain, short
 from .runs import choose, drive_role, instants
-from .style import FAINT, INK, LARGE, NORMAL, SETTINGS, VERDICT, legend
+from .style import FAINT, INK, LARGE, NORMAL, SETTINGS, VERDICT, legend, load_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +42,7 @@ def plot_result(result: Outcome) -> Figure:
     matplotlib.figure.Figure
         Belongs to no window and no global state.
     """
-    import matplotlib
+    matplotlib = load_matplotlib()
     from matplotlib.figure import Figure
 
     with matplotlib.rc_context(SETTINGS):
@@ -62,7 +62,7 @@ def plot_result(result: Outcome) -> Figure:
 
 def plot_validation(result: Outcome) -> Figure | None:
     """Draw the validation logs; ``None`` when there are none."""
-    import matplotlib
+    matplotlib = load_matplotlib()
     from matplotlib.figure import Figure
 
     if not result.validation or static_view(result) is not None:

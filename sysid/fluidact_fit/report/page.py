@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 from base64 import b64encode
 from collections.abc import Sequence
-from html import escape
+from html import escape as escape_html
 from pathlib import Path
+from typing import Any
 
-from ..errors import UsageError
+from ..errors import UsageError, visible
 from ..families import get_family
 from ..outcome import Outcome
 from ..parameters import ParameterDocument, dump_yaml, write_atomically
@@ -82,6 +83,11 @@ def write_document_html(
     """Write the report of a parameter file alone, without pictures; see :func:`write_html`."""
     _check_suffix(path)
     return write_atomically(path, document_page(document), overwrite=overwrite)
+
+
+def escape(text: str) -> str:
+    """Text from anywhere as HTML that shows it."""
+    return escape_html(visible(text))
 
 
 def _check_suffix(path: str | os.PathLike[str]) -> None:
@@ -203,8 +209,8 @@ def _comparisons(document: ParameterDocument) -> str:
     return out
 
 
-def _cell(value: str | float) -> str:
-    return escape(str(value) if isinstance(value, str | int) else short(float(value), 3))
+def _cell(value: Any) -> str:
+    return escape(short(value, 3) if isinstance(value, float) else str(value))
 
 
 def _logs(document: ParameterDocument) -> str:

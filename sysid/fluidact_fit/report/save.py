@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
 from ..parameters import write_atomically
+from .style import load_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,11 +23,9 @@ _METADATA: dict[str, dict[str, Any]] = {
 
 def render(figure: Figure, kind: str) -> bytes:
     """The figure as png, pdf or svg, without a date."""
-    import matplotlib
-
     buffer = io.BytesIO()
     fixed = {"svg.hashsalt": "fluidact-fit", "svg.fonttype": "path", "pdf.fonttype": 42}
-    with matplotlib.rc_context(fixed):
+    with load_matplotlib().rc_context(fixed):
         figure.savefig(buffer, format=kind, dpi=130, metadata=_METADATA[kind])
     return buffer.getvalue()
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from types import ModuleType
+
     from matplotlib.axes import Axes
 
 MEASURED = "#8E979E"
@@ -40,6 +45,23 @@ SETTINGS: dict[str, Any] = {
     "savefig.facecolor": "auto",
     "agg.path.chunksize": 20_000,
 }
+
+
+def load_matplotlib() -> ModuleType:
+    """Import matplotlib, which refuses to be where the environment asks for an unknown backend.
+
+    Figures here need none; a known one is left to what else draws in this process.
+    """
+    asked = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
+    try:
+        import matplotlib
+    finally:
+        if asked is not None:
+            os.environ["MPLBACKEND"] = asked
+    if asked:
+        with suppress(ValueError):
+            matplotlib.rcParams["backend"] = asked
+    return matplotlib
 
 
 def dress(axes: Axes, title: str = "") -> None:

@@ -18,13 +18,13 @@ from .samples import simulate_force
 
 
 class FrictionBlock(Block):
-    """Friction force over velocity, for feed-forward compensation.
+    """Friction over velocity, for feed-forward compensation: N over m/s, or N m over rad/s.
 
     Attributes
     ----------
     width
-        Speed over which the sign is rounded as ``tanh(v / width)`` [m/s]; 0: not at all. A
-        controller that compensates all friction at the exact sign chatters about rest.
+        Speed over which the sign is rounded as ``tanh(v / width)`` [m/s or rad/s]; 0: not at
+        all. A controller that compensates all friction at the exact sign chatters about rest.
     """
 
     def __init__(self, document: ParameterDocument, variant: Variant, width: float = 0.0) -> None:
@@ -36,7 +36,7 @@ class FrictionBlock(Block):
         return FrictionLaw.of(self.numbers())
 
     def __call__(self, velocity: npt.ArrayLike, width: float | None = None) -> FloatArray:
-        """Return the friction force, shape of ``velocity`` [N]; ``velocity`` in m/s."""
+        """Return the friction, shape of ``velocity`` [N or N m]; ``velocity`` in m/s or rad/s."""
         v = np.asarray(velocity, dtype=float)
         width = self.width if width is None else width
         if width <= 0.0:
@@ -46,7 +46,7 @@ class FrictionBlock(Block):
         return np.asarray(np.abs(level) * np.tanh(v / width) + viscous)
 
     def predict(self, experiment: Experiment) -> FloatArray:
-        """Force, or first pressure, that a motion needs; see :meth:`Block.predict`."""
+        """Force, torque or first pressure that a motion needs; see :meth:`Block.predict`."""
         signals = {r: s for r, s in experiment.signals.items() if r != self.variant.output.name}
         options = self.document.settled_options(FrictionOptions)
         plant = Plant(self.variant, self.parameters, options)

@@ -5,7 +5,8 @@
     F_f = A_1 p_1 - A_2 p_2 - m a            without: the pressures drive
 
 ``F`` is what drives the motion, positive along positive velocity; pressure forces and the
-inertia ``m a`` are subtracted when the areas and the mass are given. All levels are
+inertia ``m a`` are subtracted when the areas and the mass are given. Of a shaft, torque, moment of
+inertia and angular velocity stand in the same equation, with friction in N m. All levels are
 magnitudes. The regression uses moving samples only [1]_: near standstill friction is a
 matter of presliding and stiction, and a smoothed sign would bias the levels.
 
@@ -63,9 +64,11 @@ from ...family import (
     StaticView,
     Variant,
 )
+from ...parameters.problems import find_entries
+from .axis import LINEAR, PRESSURES, ROTARY, Axis, axis_of, is_place, motion_role
 from .block import FrictionBlock
 from .fit import LEVELS, SECOND_SPEED, fit_friction
-from .options import ONE_SIDED, PRESSURES, SIDES, FrictionOptions, motion_role
+from .options import ONE_SIDED, SIDES, FrictionOptions
 from .regression import System
 from .remarks import fit_details, remarks
 from .samples import (
@@ -82,81 +85,99 @@ _SLOWER = (
     "Record steady strokes at several speeds on either side of the one at which friction is least; "
     "leave --stribeck out if it does not rise towards rest."
 )
-_PARAMETERS = (
-    ParameterSpec(
-        "viscous",
-        "N s/m",
-        "viscous friction",
-        neutral=0.0,
-        minimum=0.0,
-        optional=True,
-        remedy="Add one stroke, or one log, at another speed in the same direction: "
-        f"{SECOND_SPEED:g} times faster or more.",
-    ),
-    *(
+
+
+def _parameters(axis: Axis) -> tuple[ParameterSpec, ...]:
+    """The friction of an axis."""
+    return (
         ParameterSpec(
-            f"viscous_{s}",
-            "N s/m",
-            f"viscous friction, {s} direction",
+            "viscous",
+            axis.viscous,
+            "viscous friction",
             neutral=0.0,
             minimum=0.0,
             optional=True,
-            general="viscous",
-            remedy=f"Record strokes in the {s} direction at two speeds, one of them "
-            f"{SECOND_SPEED:g} times the other or more.",
-        )
-        for s in SIDES
-    ),
-    *(
+            remedy="Add one stroke, or one log, at another speed in the same direction: "
+            f"{SECOND_SPEED:g} times faster or more.",
+        ),
+        *(
+            ParameterSpec(
+                f"viscous_{s}",
+                axis.viscous,
+                f"viscous friction, {s} direction",
+                neutral=0.0,
+                minimum=0.0,
+                optional=True,
+                general="viscous",
+                remedy=f"Record strokes in the {s} direction at two speeds, one of them "
+                f"{SECOND_SPEED:g} times the other or more.",
+            )
+            for s in SIDES
+        ),
+        *(
+            ParameterSpec(
+                f"coulomb_{s}",
+                axis.force_unit,
+                f"kinetic friction, {s} direction (magnitude)",
+                neutral=0.0,
+                minimum=0.0,
+                remedy=f"Record at least one stroke in the {s} direction, at steady speed.",
+            )
+            for s in SIDES
+        ),
         ParameterSpec(
-            f"coulomb_{s}",
-            "N",
-            f"kinetic friction, {s} direction (magnitude)",
+            "stribeck",
+            axis.force_unit,
+            "friction at the slowest motion, above the kinetic level",
             neutral=0.0,
             minimum=0.0,
-            remedy=f"Record at least one stroke in the {s} direction, at steady speed.",
-        )
-        for s in SIDES
-    ),
-    ParameterSpec(
-        "stribeck",
-        "N",
-        "friction at the slowest motion, above the kinetic level",
-        neutral=0.0,
-        minimum=0.0,
-        optional=True,
-        remedy=_SLOWER,
-    ),
-    ParameterSpec(
-        "stribeck_speed",
-        "m/s",
-        "speed at which 1/e of that is left",
-        neutral=0.0,
-        minimum=0.0,
-        optional=True,
-        remedy=_SLOWER,
-    ),
+            optional=True,
+            remedy=_SLOWER,
+        ),
+        ParameterSpec(
+            "stribeck_speed",
+            axis.speed_unit,
+            "speed at which 1/e of that is left",
+            neutral=0.0,
+            minimum=0.0,
+            optional=True,
+            remedy=_SLOWER,
+        ),
+    )
+
+
+_OPPOSING = Role(
+    "pressure", "Pa", "pressure whose force is not friction", required=False, gauge=True
 )
-_FORCE = Role(
-    "force", "N", "force that drives the motion, positive along positive velocity", output=True
+_DRIVING = Role(
+    "pressure", "Pa", "pressure that drives positive motion (with --area)", output=True, gauge=True
 )
-_OPPOSING = Role("pressure", "Pa", "pressure whose force is not friction", required=False)
-_DRIVING = Role("pressure", "Pa", "pressure that drives positive motion (with --area)", output=True)
 # with a hold, --step can stand for a pressure of which only the levels are known
-_OTHER = Role("pressure_2", "Pa", "pressure of the other chamber", required=False, hold="auto")
+_OTHER = Role(
+    "pressure_2", "Pa", "pressure of the other chamber", required=False, hold="auto", gauge=True
+)
 
 
-def _variant(motion: str, unit: str, pressures: bool) -> Variant:
-    """Velocity or position as the motion, which the force or the pressures drive."""
-    time = Role("time", "s", "time of each sample", required=motion == "position")
-    moved = Role(motion, unit, f"{motion} of the piston")
+def _variant(axis: Axis, motion: str, pressures: bool = False) -> Variant:
+    """Speed or place as the motion, which the force, the torque or the pressures drive."""
+    time = Role("time", "s", "time of each sample", required=is_place(motion))
+    unit = axis.place_unit if is_place(motion) else axis.speed_unit
+    moved = Role(motion, unit, f"{motion.replace('_', ' ')} of the {axis.body}")
+    parameters = _parameters(axis)
     if pressures:
-        return Variant(motion + PRESSURES, (time, moved, _DRIVING, _OTHER), _PARAMETERS)
-    return Variant(motion, (time, _FORCE, moved, _OPPOSING, _OTHER), _PARAMETERS)
+        return Variant(motion + PRESSURES, (time, moved, _DRIVING, _OTHER), parameters)
+    drive = Role(
+        axis.drive,
+        axis.force_unit,
+        f"{axis.drive} that drives the motion, positive along positive {axis.speed_words}",
+        output=True,
+    )
+    chambers = (_OPPOSING, _OTHER) if axis is LINEAR else ()
+    return Variant(motion, (time, drive, moved, *chambers), parameters)
 
 
 class CylinderFriction(Family[FrictionOptions]):
-    """Coulomb and viscous friction of a cylinder by regression on moving samples."""
+    """Coulomb and viscous friction of a cylinder or shaft by regression on moving samples."""
 
     name = "cylinder-friction"
     title = "Friction of a cylinder: Coulomb levels by direction and viscous friction"
@@ -164,12 +185,13 @@ class CylinderFriction(Family[FrictionOptions]):
         "force - (area * pressure - area_2 * pressure_2) - mass * acceleration = "
         "coulomb_positive [v > 0] - coulomb_negative [v < 0] + viscous * v "
         "+ sign(v) * stribeck * exp(-(v / stribeck_speed)^2); without a force, "
-        "area * pressure - area_2 * pressure_2 drives"
+        "area * pressure - area_2 * pressure_2 drives; torque, inertia and angular velocity of a "
+        "shaft alike"
     )
     variants = tuple(
-        _variant(motion, unit, pressures)
-        for pressures in (False, True)
-        for motion, unit in (("velocity", "m/s"), ("position", "m"))
+        _variant(axis, motion, pressures)
+        for axis, pressures in ((LINEAR, False), (LINEAR, True), (ROTARY, False))
+        for motion in (axis.speed, axis.place)
     )
     options_type = FrictionOptions
     steady_offset = True
@@ -187,7 +209,7 @@ class CylinderFriction(Family[FrictionOptions]):
         sides_moved(data)
         check_measured(data)
         notices: list[Notice] = []
-        if options.mass is None and not options.is_settled:
+        if options.moved is None and not options.is_settled:
             data, options, notices = leave_out_accelerations(data, options)
         quiet = count_kept(data)
         fit = fit_friction(variant, data, replace(request, options=options))
@@ -226,7 +248,7 @@ class CylinderFriction(Family[FrictionOptions]):
         )  # fmt: skip
         (d,), _ = prepare(moved, [experiment], free)
         slope = d.motion.acceleration
-        if free.mass is None and slope is not None:
+        if free.moved is None and slope is not None:
             d = replace(d, kept=d.kept & (np.abs(slope) <= 0.01 * float(np.abs(slope).max())))
         law = FrictionLaw.of(plant.numbers)
         low = (law.stribeck, law.stribeck_speed)
@@ -243,14 +265,19 @@ class CylinderFriction(Family[FrictionOptions]):
         """
         options = document.settled_options(FrictionOptions)
         details = document.fit.details or {}
-        fast = max((abs(v) for pair in details["speeds"].values() for v in pair), default=0.0)
-        if motion_role(variant) == "velocity":  # what noise the filter met, a design has not
+        speeds = [v for _, v in find_entries(details, "speeds", "*", "*")]
+        noise: Any = details.get("force_noise")
+        if not all(isinstance(v, float) for v in (noise, *speeds)):
+            return Excitation("none", "the file does not say how fast its logs moved, and with "
+                              "how much noise (fit.details.speeds and force_noise)")  # fmt: skip
+        fast = max(map(abs, speeds), default=0.0)
+        if not is_place(motion_role(variant)):  # what noise the filter met, a design has not
             options = replace(options, filter=None)
         return Excitation(
             "strokes",
             fastest=(-fast, fast),
             slowest=2.0 * (options.deadband or 0.0),
-            noise=float(details["force_noise"]),
+            noise=abs(noise),
             options=options,
         )
 
@@ -269,7 +296,7 @@ class CylinderFriction(Family[FrictionOptions]):
         self, plant: Plant[FrictionOptions], sample_time: float, hold: Hold
     ) -> dict[str, Any]:
         """The static map for feed-forward compensation."""
-        viscous = "viscous*v"
+        viscous, axis = "viscous*v", axis_of(plant.variant)
         if plant.options.viscous == "asymmetric":
             viscous = "viscous_positive*v*(v>0) + viscous_negative*v*(v<0)"
         return {
@@ -277,8 +304,8 @@ class CylinderFriction(Family[FrictionOptions]):
                 "equation": f"coulomb_positive*(v>0) - coulomb_negative*(v<0) + {viscous}"
                 + " + sign(v)*stribeck*exp(-(v/stribeck_speed)^2)"
                 * bool(plant.values.get("stribeck")),
-                "input": {"name": "velocity", "unit": "m/s"},
-                "output": {"name": "force", "unit": "N"},
+                "input": {"name": axis.speed, "unit": axis.speed_unit},
+                "output": {"name": axis.drive, "unit": axis.force_unit},
                 **plant.numbers,
             }
         }
@@ -289,7 +316,8 @@ class CylinderFriction(Family[FrictionOptions]):
         experiments: Sequence[Experiment],
         simulated: Sequence[Simulated],
     ) -> StaticView:
-        """Friction over velocity: force less pressure, inertia and offset, and the fitted lines."""
+        """Friction over velocity: drive less pressure, inertia and offset, and the fitted lines."""
+        axis = axis_of(plant.variant)
         data, _ = prepare(plant.variant, experiments, plant.options)
         law = FrictionLaw.of(plant.numbers)
         v = np.concatenate([d.motion.sharp for d in data])
@@ -303,8 +331,9 @@ class CylinderFriction(Family[FrictionOptions]):
                 x = sign * np.linspace(0.0, speeds.max(), 200 if law.stribeck else 2)
                 lines.append(Curve(f"fitted, {side}", x, law.moving(x, np.full(x.size, sign))))
         return StaticView(
-            "velocity", "m/s", "friction", "N", v, friction, law.moving(v), used, lines
-        )
+            axis.speed_words, axis.speed_unit, "friction", axis.force_unit,
+            v, friction, law.moving(v), used, lines,
+        )  # fmt: skip
 
     def block(self, variant: Variant, document: ParameterDocument) -> FrictionBlock:
         """The friction map that a controller calls with a velocity."""

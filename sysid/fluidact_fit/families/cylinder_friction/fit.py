@@ -12,6 +12,7 @@ from ...estimation.results import Refusal, Solved, determine
 from ...estimation.uncertainty import t_quantile
 from ...experiment import FloatArray
 from ...family import ParameterSpec, Quantity, Request, Variant
+from .axis import LINEAR, Axis
 from .options import ONE_SIDED, SIDES, FrictionOptions
 from .regression import Regression, System
 from .samples import Data, at_speeds, both_ways, group_by_log, half_range, sides_moved
@@ -27,7 +28,7 @@ class Fit:
     """A finished fit: ``data`` as fitted, ``options`` with everything settled.
 
     ``found`` is the regression in its own unknowns, ``solved`` the same by parameters and
-    offsets; ``ranges`` are the slowest and fastest speed by direction [m/s].
+    offsets; ``ranges`` are the slowest and fastest speed by direction [m/s or rad/s].
     """
 
     data: list[Data]
@@ -37,8 +38,18 @@ class Fit:
     ranges: Mapping[str, tuple[float, float]]
     notices: list[Notice]
 
+    @property
+    def axis(self) -> Axis:
+        """What drives and what moves."""
+        return self.data[0].axis
+
+    @property
+    def offset(self) -> str:
+        """Name of the offset of the drive among the derived numbers."""
+        return f"{self.axis.drive}_offset"
+
     def derived(self) -> dict[str, Quantity]:
-        """Mean and half difference of the levels, and the offset of the force."""
+        """Mean and half difference of the levels, and the offset of the force or torque."""
         known = not any(n in self.solved.refused for n in LEVELS)
         offsets = [n for n in self.solved.names if n.startswith("offset")]
 
@@ -49,10 +60,11 @@ class Fit:
                 out["coulomb_mean"] = 0.5 * (positive + negative)
                 out["coulomb_offset"] = 0.5 * (positive - negative)
             if offsets:
-                out["force_offset"] = sum(v[n] for n in offsets) / len(offsets)
+                out[self.offset] = sum(v[n] for n in offsets) / len(offsets)
             return out
 
-        units = dict.fromkeys(("coulomb_mean", "coulomb_offset", "force_offset"), "N")
+        names = ("coulomb_mean", "coulomb_offset", self.offset)
+        units = dict.fromkeys(names, self.axis.force_unit)
         return self.solved.derive(units, function)
 
 
@@ -67,15 +79,16 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
     if not asked and not fixed:
         _check_signs(data, moved)
     ranges, noise = _speed_ranges(data, moved), max(d.motion.noise for d in data)
-    specs = {p.name: _with_remedy(p, ranges) for p in variant.parameters}
+    specs = {p.name: _with_remedy(p, ranges, data[0].axis) for p in variant.parameters}
     limits = {p.name: request.bounds.get(p.name, (p.minimum, p.maximum)) for p in specs.values()}
     refusals = [r for s in SIDES if s not in moved for r in _idle(s, options)]
     low = free_names(options.stribeck == "estimate", fixed)
     known = {*fixed, *(r.parameter for r in refusals)}
     alike = [n for n in options.rates if n not in known and _one_speed(_of(n, ranges), noise)]
-    refusals += [_too_alike(n, _describe_speeds(_of(n, ranges)) + ".") for n in alike]
+    axis = data[0].axis
+    refusals += [_too_alike(n, _describe_speeds(_of(n, ranges), axis) + ".") for n in alike]
     if alike and _one_speed(ranges, noise):
-        refusals += [Refusal(n, _describe_speeds(ranges) + ".") for n in low]
+        refusals += [Refusal(n, _describe_speeds(ranges, axis) + ".") for n in low]
         if not options.is_settled:  # without the ends of the strokes, levels are of one speed
             near = {s: (0.9 * low, 1.1 * high) for s, (low, high) in ranges.items()}
             data = [replace(d, kept=d.kept & at_speeds(d.motion, near)) for d in data]
@@ -129,13 +142,15 @@ def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
     error = float(np.sqrt(max(float(found.covariance.sum()), 0.0))) / len(names)
     if mean + t_quantile(0.975, found.degrees) * error >= 0.0:
         return
-    one_sided = len(names) == 1
-    remedy = (
-        "Give --scale force=-1 if the sensor has the opposite sign. If the force comes "
-        "from one chamber's pressure, the other chamber is missing: give both as --column "
-        "pressure=HEADER --area=M2 --column pressure_2=HEADER --area-2=M2, without a force."
-    )
-    if not any("force" in d.experiment for d in data):
+    one_sided, axis = len(names) == 1, data[0].axis
+    remedy = f"Give --scale {axis.drive}=-1 if the sensor has the opposite sign."
+    if axis is LINEAR:
+        remedy += (
+            " If the force comes from one chamber's pressure, the other chamber is missing: give "
+            "both as --column pressure=HEADER --area=M2 --column pressure_2=HEADER --area-2=M2, "
+            "without a force."
+        )
+    if not any(axis.drive in d.experiment for d in data):
         remedy = (
             "pressure has to be that of the chamber that pushes in the positive direction, and "
             "pressure_2 that of the other one, recorded or as levels (--step "
@@ -143,20 +158,24 @@ def _check_signs(data: Sequence[Data], moved: Sequence[str]) -> None:
             "position=-1 (or velocity=-1) if the sensor has the opposite sign."
         )
     raise LogError(
-        f"friction would be negative ({mean:.4g} N): the force left after pressure and inertia "
-        "acts along the motion",
+        f"friction would be negative ({mean:.4g} {axis.force_unit}): the {axis.drive} left after "
+        f"{'pressure and ' * (axis is LINEAR)}inertia acts along the motion",
         where=", ".join(d.experiment.name for d in data),
-        expected="Force is positive along positive velocity and drives the motion.",
+        expected=f"The {axis.drive} is positive along positive velocity and drives the motion.",
         remedy=remedy
-        + (" If a constant force is added to it, record strokes in both directions." * one_sided),
+        + f" If a constant {axis.drive} is added to it, record strokes in both directions."
+        * one_sided,
     )
 
 
-def _with_remedy(spec: ParameterSpec, ranges: Mapping[str, tuple[float, float]]) -> ParameterSpec:
+def _with_remedy(
+    spec: ParameterSpec, ranges: Mapping[str, tuple[float, float]], axis: Axis
+) -> ParameterSpec:
     """The specification with a remedy in numbers, from the speeds that the logs have."""
+    unit = axis.speed_unit
     if spec.name in ("viscous", *ONE_SIDED):
         wanted = " or ".join(
-            f"at {SECOND_SPEED * high:.2g} m/s or faster, or {low / SECOND_SPEED:.2g} m/s or "
+            f"at {SECOND_SPEED * high:.2g} {unit} or faster, or {low / SECOND_SPEED:.2g} {unit} or "
             f"slower, in the {s} direction"
             for s, (low, high) in _of(spec.name, ranges).items()
         )
@@ -171,7 +190,7 @@ def _with_remedy(spec: ParameterSpec, ranges: Mapping[str, tuple[float, float]])
     remedy = f"Record at least one stroke in the {side} direction, at steady speed"
     if other in ranges:
         low, high = ranges[other]
-        remedy += f": at {low:.3g} to {high:.3g} m/s, as in the {other} direction"
+        remedy += f": at {low:.3g} to {high:.3g} {unit}, as in the {other} direction"
     return replace(spec, remedy=remedy + ".")
 
 
@@ -181,7 +200,7 @@ def _idle(side: str, options: FrictionOptions) -> list[Refusal]:
     nothing = f"nothing moves in the {side} direction."
     level = Refusal(
         f"coulomb_{side}",
-        f"{nothing} An offset of the force, if there is one, counts as friction of the {other} "
+        f"{nothing} An offset of the drive, if there is one, counts as friction of the {other} "
         "direction until it does.",
     )
     return [level, *(Refusal(n, nothing) for n in options.rates if n == f"viscous_{side}")]
@@ -214,12 +233,14 @@ def _undetermined(
     worst = max(doubts, key=lambda n: doubts[n], default="")
     if not worst or doubts[worst] <= 0.5 * half_range(data):
         return []
-    interval = f"{found.values[worst]:.3g} ± {found.half_width(worst):.2g} N s/m"
-    seen = _describe_speeds(_of(worst, ranges))
+    axis = data[0].axis
+    interval = f"{found.values[worst]:.3g} ± {found.half_width(worst):.2g} {axis.viscous}"
+    seen = _describe_speeds(_of(worst, ranges), axis)
     return [_too_alike(
         worst,
         f"its 95 % interval would be {interval}; {seen}, over which that is "
-        f"{doubts[worst]:.2g} N. Noise or coarse steps of the force hide it.",
+        f"{doubts[worst]:.2g} {axis.force_unit}. Noise or coarse steps of the {axis.drive} hide "
+        "it.",
     )]  # fmt: skip
 
 
@@ -242,7 +263,7 @@ class _Problem:
         if self.asked and not possible:
             kind = NotIdentifiedError if self.options.is_settled else UsageError
             raise kind(
-                "an offset of the force cannot be estimated here",
+                f"an offset of the {self.data[0].axis.drive} cannot be estimated here",
                 expected="This needs motion in both directions and free Coulomb levels.",
                 remedy="Leave --offset out, or record strokes in both directions.",
             )
@@ -325,7 +346,10 @@ def _one_speed(ranges: Mapping[str, tuple[float, float]], noise: float) -> bool:
     return all(twice + span < SECOND_SPEED * (twice - span) for twice, span in spans)
 
 
-def _describe_speeds(ranges: Mapping[str, tuple[float, float]]) -> str:
+def _describe_speeds(ranges: Mapping[str, tuple[float, float]], axis: Axis) -> str:
     """Say which speeds the logs have."""
-    parts = [f"{low:.3g} and {high:.3g} m/s ({s} direction)" for s, (low, high) in ranges.items()]
+    parts = [
+        f"{low:.3g} and {high:.3g} {axis.speed_unit} ({s} direction)"
+        for s, (low, high) in ranges.items()
+    ]
     return "all strokes, apart from their ends, are between " + " and between ".join(parts)

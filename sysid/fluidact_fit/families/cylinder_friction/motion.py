@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import LogError, UsageError
 from ...experiment import Experiment, FloatArray
+from .axis import is_place
 from .filters import (
     Mask,
     central_difference,
@@ -30,7 +31,7 @@ _FLATTENED = 0.8  # of the highest speed, left by a filter that is too long for 
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of one log: arrays of shape ``(n,)``, velocities and noise in m/s.
+    """Motion of one log: arrays of shape ``(n,)``, velocities and noise in m/s or rad/s.
 
     ``velocity`` is filtered; it gives the direction of a sample, and is the instrument of the
     regression: of a measured velocity, each sample's own reading is left out of it. ``regressor``
@@ -92,7 +93,7 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> Motion:
     noise = sensor_noise(experiment, role)
     if not experiment.time.size:
         return Motion(y, y, y, np.ones(y.size, dtype=bool), noise)
-    least = 1 if role == "position" else 2  # a parabola through three readings smooths nothing
+    least = 1 if is_place(role) else 2  # a parabola through three readings smooths nothing
     samples = round(half_width / experiment.sample_time) if experiment.sample_time else 0
     half = max(least, min(samples, (y.size - 1) // 2))
     rows, inside = differentiate(experiment, y, half)
@@ -102,7 +103,7 @@ def _filter(experiment: Experiment, role: str, half_width: float) -> Motion:
             where=experiment.name,
             remedy="Give a shorter --filter, or a longer log.",
         )
-    if role == "velocity":
+    if not is_place(role):
         return _smoothed_velocity(experiment, y, rows, inside, noise, half)
     v, kernel = fill(rows[1], inside), matched_kernel(half, 1)
     far = np.convolve(~inside, np.ones(kernel.size), "same") < 0.5
@@ -117,12 +118,12 @@ def _stepped(experiment: Experiment, role: str) -> Motion:
 
     A position is refused: where it steps, no velocity is known.
     """
-    if role == "position":
+    if is_place(role):
         raise UsageError(
-            "a position that steps cannot be simulated: its velocity is infinite at the step and "
-            "zero at all other times, and friction follows the velocity",
+            f"steps of the {role} cannot be simulated: the velocity is infinite at a step and zero "
+            "at all other times, and friction follows the velocity",
             where=experiment.name,
-            remedy="Give a LOG with a recorded position (a force need not be in it).",
+            remedy=f"Give a LOG with a recorded {role} (what drives it need not be in it).",
         )
     v = experiment.sampled(role)
     return Motion(v, v, v, np.ones(v.size, dtype=bool), 0.0, np.zeros(v.size), exact=True)
@@ -152,7 +153,7 @@ def _smoothed_velocity(
     return Motion(others, measured, smoothed, inside, noise, acceleration, half)
 
 
-def quiet_acceleration(experiment: Experiment, motion: Motion) -> FloatArray | None:
+def quiet_acceleration(experiment: Experiment, motion: Motion, role: str) -> FloatArray | None:
     """Acceleration with as little noise as the motion allows, shape ``(n,)`` [m/s2].
 
     That of a position is twice differentiated noise unless the filter is long. It is made
@@ -170,7 +171,7 @@ def quiet_acceleration(experiment: Experiment, motion: Motion) -> FloatArray | N
     while 32 * half <= experiment.samples:
         left = noise * float(np.linalg.norm(_second_derivative(half))) / step**2
         half *= 2
-        rows, inside = differentiate(experiment, experiment["position"], half)
+        rows, inside = differentiate(experiment, experiment[role], half)
         if not inside.any():
             break
         slope = sharpen(fill(rows[1], inside), matched_kernel(half, 1))
@@ -215,11 +216,11 @@ def _flattens(before: Motion, now: Motion) -> bool:
     return quiet and now.fast < _FLATTENED * (before.fast - 2.0 * before.noise)
 
 
-def _choose_slope(experiment: Experiment) -> float:
+def _choose_slope(experiment: Experiment, role: str) -> float:
     """Half-width for a position: quiet enough, and not too long for the strokes [s]."""
     chosen, before = _HALF_WIDTHS[0], None
     for half in _HALF_WIDTHS:
-        motion = _filter(experiment, "position", half * experiment.sample_time)
+        motion = _filter(experiment, role, half * experiment.sample_time)
         if before is not None and _flattens(before, motion):
             break
         chosen, before = half, motion
@@ -228,30 +229,30 @@ def _choose_slope(experiment: Experiment) -> float:
     return chosen * experiment.sample_time
 
 
-def _common_slope(experiments: Sequence[Experiment]) -> float:
+def _common_slope(experiments: Sequence[Experiment], role: str) -> float:
     """Half-width for the positions of several logs [s]."""
-    wanted = [_choose_slope(e) for e in experiments]
+    wanted = [_choose_slope(e, role) for e in experiments]
     half_width = max(wanted)
     for e, own in zip(experiments, wanted):  # what a slow log needs may flatten a fast one
-        before = _filter(e, "position", own)
-        while half_width > 1.5 * own and _flattens(before, _filter(e, "position", half_width)):
+        before = _filter(e, role, own)
+        while half_width > 1.5 * own and _flattens(before, _filter(e, role, half_width)):
             half_width *= 0.5
     return half_width
 
 
-def _common_smoothing(experiments: Sequence[Experiment]) -> float:
+def _common_smoothing(experiments: Sequence[Experiment], role: str) -> float:
     """Half-width for the velocities of all logs: least error of noise and flattening [s].
 
     ``mean((y - K y)^2) + 2 k_0 s^2`` is that error but for a constant (Mallows 1973); ``K``
     smooths, ``k_0`` is each reading's share in itself and ``s`` the noise of the readings.
     """
     step, samples = min(e.sample_time for e in experiments), min(e.samples for e in experiments)
-    noises = [sensor_noise(e, "velocity") for e in experiments]
+    noises = [sensor_noise(e, role) for e in experiments]
     best, chosen = np.inf, _HALF_WIDTHS[0]
     for half in _HALF_WIDTHS:
         if half > _HALF_WIDTHS[0] and 16 * half >= samples:
             break
-        motions = [_filter(e, "velocity", half * step) for e in experiments]
+        motions = [_filter(e, role, half * step) for e in experiments]
         error = sum(m.inside.size * _smoothing_error(m, s) for m, s in zip(motions, noises))
         if error < best:
             best, chosen = error, half
@@ -279,7 +280,7 @@ def make_motions(
     """
     measured = [e for e in experiments if e.time.size and e[role].size == e.samples]
     if half_width is None and measured:
-        choose = _common_smoothing if role == "velocity" else _common_slope
-        half_width = choose(measured)
+        choose = _common_slope if is_place(role) else _common_smoothing
+        half_width = choose(measured, role)
     half_width = half_width or 0.0
     return [_filter(e, role, half_width) for e in experiments], half_width

@@ -9,8 +9,8 @@ from ...errors import NotIdentifiedError, UsageError
 from ...experiment import Experiment
 from ...options import FamilyOptions, choice, number, settled
 from ...specification import Variant
+from .axis import LINEAR, ROTARY, axis_of, driven_by_pressure
 
-PRESSURES = "-pressures"  # variants without a load cell
 SIDES = ("positive", "negative")
 ONE_SIDED = ("viscous_positive", "viscous_negative")
 
@@ -22,18 +22,21 @@ class FrictionOptions(FamilyOptions):
     area: float | None = number(help="piston area that the pressure acts on", unit="m2", minimum=0)
     area_2: float | None = number(help="area that pressure_2 acts on", unit="m2", minimum=0)
     mass: float | None = number(help="moving mass, to subtract inertia", unit="kg", minimum=0)
+    inertia: float | None = number(
+        help="moment of inertia of what turns, to subtract it", unit="kg m2", minimum=0
+    )
     filter: float | None = number(
         help="half-width of the zero-phase velocity filter (default: from the noise)", unit="s",
         minimum=0,
     )  # fmt: skip
     deadband: float | None = number(
-        help="samples slower than this are left out (default: from noise and speed)", unit="m/s",
-        minimum=0,
+        help="samples slower than this are left out (default: from noise and speed)",
+        unit="m/s or rad/s", minimum=0,
     )  # fmt: skip
     offset: str = choice(
         "auto",
         ("auto", "estimate", "none"),
-        "constant offset of the force: estimated where the levels need one, always, or never",
+        "constant offset of what drives: estimated where the levels need one, always, or never",
     )
     stribeck: str = choice(
         "none",
@@ -51,19 +54,24 @@ class FrictionOptions(FamilyOptions):
         "flag", "whether every log has a force offset, about which the levels are equal"
     )
     acceleration_limit: float | None = settled(
-        "float", "acceleration above which an unknown mass would show", unit="m/s2"
+        "float", "acceleration above which an unknown mass would show", unit="m/s2 or rad/s2"
     )
     speeds_positive: tuple[float, float] | None = settled(
-        "range", "the only speeds described in the positive direction", unit="m/s"
+        "range", "the only speeds described in the positive direction", unit="m/s or rad/s"
     )
     speeds_negative: tuple[float, float] | None = settled(
-        "range", "the only speeds described in the negative direction", unit="m/s"
+        "range", "the only speeds described in the negative direction", unit="m/s or rad/s"
     )
 
     @property
     def rates(self) -> tuple[str, ...]:
         """Names of the viscous coefficients: one for both directions, or one for each."""
         return ONE_SIDED if self.viscous == "asymmetric" else ("viscous",)
+
+    @property
+    def moved(self) -> float | None:
+        """What is accelerated, a mass [kg] or a moment of inertia [kg m2]."""
+        return self.inertia if self.mass is None else self.mass
 
     @property
     def is_settled(self) -> bool:
@@ -77,16 +85,6 @@ class FrictionOptions(FamilyOptions):
         return {side: range_ for side, range_ in both.items() if range_ is not None}
 
 
-def motion_role(variant: Variant) -> str:
-    """Name of the role that a variant takes the motion from."""
-    return variant.name.removesuffix(PRESSURES)
-
-
-def driven_by_pressure(variant: Variant) -> bool:
-    """Whether the pressures stand in for a force."""
-    return variant.name.endswith(PRESSURES)
-
-
 def check_options(
     variant: Variant, experiments: Sequence[Experiment], options: FrictionOptions
 ) -> None:
@@ -95,6 +93,7 @@ def check_options(
     The output may be missing: without a force the pressure is what the model gives.
     """
     driven = driven_by_pressure(variant)
+    _check_axis(variant, options)
     if driven:
         _check_chambers(experiments)
     otherwise = (
@@ -124,13 +123,26 @@ def check_options(
     if driven and not options.area:
         raise UsageError("--area is zero", remedy="Give the piston area in m2.")
     untimed = [e.name for e in experiments if not e.time.size]
-    for name, value in (("mass", options.mass), ("filter", options.filter)):
+    for name in ("mass", "inertia", "filter"):
+        value = getattr(options, name)
         if value is not None and untimed and not options.is_settled:
             raise UsageError(
                 f"--{name} needs time, and {untimed[0]} has none",
                 remedy="Give --column time=HEADER or --sample-time SECONDS, "
                 f"or leave --{name} out.",
             )
+
+
+def _check_axis(variant: Variant, options: FrictionOptions) -> None:
+    """Refuse options that belong to the other kind of axis."""
+    axis = axis_of(variant)
+    other = ROTARY if axis is LINEAR else LINEAR
+    wrong = [other.inertia, *(["area", "area_2"] if axis is ROTARY else [])]
+    for name in (n for n in wrong if getattr(options, n) is not None):
+        raise UsageError(
+            f"--{name.replace('_', '-')} does not apply to the {axis.drive} of a {axis.body}",
+            remedy=f"Leave it out; what moves is given as --{axis.inertia} [{axis.inertia_unit}].",
+        )
 
 
 def _check_chambers(experiments: Sequence[Experiment]) -> None:

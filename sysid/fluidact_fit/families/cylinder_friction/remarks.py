@@ -12,6 +12,7 @@ from ...errors import LogError, Notice
 from ...estimation.results import Solved
 from ...experiment import Experiment
 from ...family import Variant
+from .axis import LINEAR
 from .filters import DEGREE
 from .fit import LEVELS, Fit, levels_impossible
 from .options import ONE_SIDED
@@ -35,10 +36,12 @@ def remarks(fit: Fit, variant: Variant, experiments: Sequence[Experiment]) -> It
 
 def _explain_levels(fit: Fit) -> Iterator[Notice]:
     """Name the offset of the force, or what of the levels could be one."""
+    drive, unit = fit.axis.drive, fit.axis.force_unit
+    chamber = "another chamber, " * (fit.axis is LINEAR)
     if fit.options.force_offset:
-        size = fit.derived()["force_offset"].number
+        size = fit.derived()[fit.offset].number
         lead = (
-            f"the force has an offset of {size:.4g} N (another chamber, gravity, a preload or "
+            f"the {drive} has an offset of {size:.4g} {unit} ({chamber}gravity, a preload or "
             "the sensor's zero), so a level about zero would be negative. "
         )
         asked = fit.options.offset == "estimate"
@@ -46,22 +49,24 @@ def _explain_levels(fit: Fit) -> Iterator[Notice]:
             "force-offset",
             lead
             * (not asked)
-            + f"The levels are taken as equal about the offset of {size:.4g} N: only their mean is "
-            "measured, and a difference between them cannot be separated from the offset. Remove "
-            "the offset (zero the load cell unloaded, or subtract the other chamber's pressure) "
-            "and give --offset=none.",
+            + f"The levels are taken as equal about the offset of {size:.4g} {unit}: only their "
+            "mean is measured, and a difference between them cannot be separated from the offset. "
+            f"Remove the offset (zero the {fit.axis.sensor} unloaded"
+            + ", or subtract the other chamber's pressure" * bool(chamber)
+            + ") and give --offset=none.",
         )
     elif levels_impossible(fit.found):
         if fit.options.offset == "none":
             raise LogError(
-                "a Coulomb level would be negative: the force has an offset",
+                f"a Coulomb level would be negative: the {drive} has an offset",
                 where=", ".join(d.experiment.name for d in fit.data),
-                remedy="Leave out --offset=none to estimate it, or subtract it from the force.",
+                remedy=f"Leave out --offset=none to estimate it, or subtract it from the {drive}.",
             )
         yield Notice(
             "negative-friction",
-            "a Coulomb level would be negative and was held at zero: the force has an offset, or "
-            "friction is not linear in speed. Record strokes in both directions at several speeds.",
+            f"a Coulomb level would be negative and was held at zero: the {drive} has an offset, "
+            "or friction is not linear in speed. Record strokes in both directions at several "
+            "speeds.",
         )
     elif fit.options.offset == "auto":
         yield from _warn_of_asymmetry(fit)
@@ -81,15 +86,15 @@ def _warn_of_asymmetry(fit: Fit) -> Iterator[Notice]:
     error = float(np.max(found["coulomb_offset"].std_error or 0.0))
     if abs(half) <= max(_TOLD * error, _NOTABLE * abs(mean)):
         return
-    share = abs(200.0 * half / mean)
+    share, unit = abs(200.0 * half / mean), fit.axis.force_unit
     yield Notice(
         "asymmetry-or-offset",
-        f"the Coulomb levels differ by {2.0 * half:+.3g} N ({share:.0f} % of their mean, "
-        f"{mean:.4g} N, which is measured either way). A constant force of "
-        f"{half:+.3g} N (the zero of the load cell, a converter that truncates, weight, a "
-        "preload) gives the same, and no stroke can tell the two apart. Read the load cell "
-        "unloaded: if it shows zero, give --offset=none; if friction is known to be the same both "
-        "ways, give --offset=estimate.",
+        f"the Coulomb levels differ by {2.0 * half:+.3g} {unit} ({share:.0f} % of their mean, "
+        f"{mean:.4g} {unit}, which is measured either way). A constant {fit.axis.drive} of "
+        f"{half:+.3g} {unit} (the zero of the {fit.axis.sensor}, a converter that truncates, "
+        "weight, a preload) gives the same, and no stroke can tell the two apart. Read the "
+        f"{fit.axis.sensor} unloaded: if it shows zero, give --offset=none; if friction is known "
+        "to be the same both ways, give --offset=estimate.",
     )
 
 
@@ -119,9 +124,9 @@ def _warn_of_spikes(fit: Fit) -> Iterator[Notice]:
     if count:
         yield Notice(
             "force-spikes",
-            f"{count} of {r.size} moving samples lie more than {limit:.3g} N off the fit: "
-            "spikes of the load cell, or contact at the end of the stroke. Look at the picture "
-            "(--plot) and leave them out with --window.",
+            f"{count} of {r.size} moving samples lie more than {limit:.3g} {fit.axis.force_unit} "
+            f"off the fit: spikes of the {fit.axis.sensor}, or contact at the end of the stroke. "
+            "Look at the picture (--plot) and leave them out with --window.",
         )
 
 
@@ -138,8 +143,10 @@ def _warn_of_disagreement(fit: Fit) -> Iterator[Notice]:
         yield Notice(
             "logs-disagree",
             f"the logs do not share one friction: in {log}, {side} direction, it is "
-            f"{off:.3g} N off the common fit. Friction of seals rises with pressure: fit logs "
-            "of different pressure separately.",
+            f"{off:.3g} {fit.axis.force_unit} off the common fit. "
+            + "Friction of seals rises with pressure: fit logs of different pressure separately."
+            * (fit.axis is LINEAR)
+            + "Fit logs of different load or temperature separately." * (fit.axis is not LINEAR),
         )
 
 
@@ -194,10 +201,10 @@ def _warn_of_flattening(
         change = max(changes.values(), key=abs)
         yield Notice(
             "velocity-flattened",
-            f"viscous friction changes by {change:+.3g} N s/m when the velocity filter is twice as "
-            f"wide (half-width {half_width:.3g} s): the motion is too fast for these samples, or "
-            "friction is not linear in speed. Sample faster, move more slowly, or give a measured "
-            "velocity; --filter sets the half-width.",
+            f"viscous friction changes by {change:+.3g} {fit.axis.viscous} when the velocity "
+            f"filter is twice as wide (half-width {half_width:.3g} s): the motion is too fast for "
+            "these samples, or friction is not linear in speed. Sample faster, move more slowly, "
+            "or give a measured velocity; --filter sets the half-width.",
         )
 
 
@@ -215,7 +222,7 @@ def fit_details(fit: Fit, counts: Mapping[str, int]) -> dict[str, Any]:
     matched = any(d.motion.reach > 0 for d in fit.data)
     instrument = "velocity of the neighbouring samples"
     if matched:
-        instrument = "slope of the position"
+        instrument = f"slope of the {fit.axis.place}"
     elif any(d.motion.shared > 0.0 for d in fit.data):
         instrument = "the velocity itself"
     return {

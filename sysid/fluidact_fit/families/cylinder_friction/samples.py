@@ -11,9 +11,10 @@ from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.friction_law import FrictionLaw, stribeck_share
 from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulated, Variant
+from .axis import Axis, axis_of, driven_by_pressure, motion_role
 from .filters import Mask
 from .motion import SLOW, Motion, make_motions, match_force, quiet_acceleration
-from .options import SIDES, FrictionOptions, check_options, driven_by_pressure, motion_role
+from .options import SIDES, FrictionOptions, check_options
 
 _LINGER = 1.5  # times the passage through rest that its slope predicts: longer is a rest
 _SMALL = 0.05  # share of the friction that inertia may have before it matters
@@ -23,7 +24,7 @@ _FEWEST_STEADY = 50  # samples that show it
 
 @dataclass(frozen=True)
 class Data:
-    """One run, ready for the regression.
+    """One run, ready for the regression; forces in N and speeds in m/s, or N m and rad/s.
 
     ``known`` is the part of the drive that is not friction, ``friction`` the rest (zero where
     no force was recorded), and ``matched`` that rest smoothed like the regressor, all of shape
@@ -45,6 +46,7 @@ class Data:
     kept: Mask
     scale: float
     driven: bool
+    axis: Axis
 
     @property
     def speed(self) -> FloatArray:
@@ -175,7 +177,7 @@ def _drive(
     recorded = variant.output.name in experiment
     if driven_by_pressure(variant):
         return first if recorded else None, second
-    return experiment.sampled("force") if recorded else None, first - second
+    return experiment.sampled(variant.output.name) if recorded else None, first - second
 
 
 def prepare(
@@ -191,9 +193,9 @@ def prepare(
     for e, motion in zip(experiments, motions):
         drive, pressure = _drive(variant, e, options)
         acceleration, inertia = motion.acceleration, np.zeros(motion.velocity.size)
-        if options.mass and acceleration is not None:
-            acceleration = quiet_acceleration(e, motion)
-            inertia = options.mass * np.asarray(acceleration)
+        if options.moved and acceleration is not None:
+            acceleration = quiet_acceleration(e, motion, motion_role(variant))
+            inertia = options.moved * np.asarray(acceleration)
         rest = np.zeros(inertia.size) if drive is None else drive - pressure
         if acceleration is motion.acceleration:  # filtered as the regressor is
             matched = match_force(e, motion, rest) - inertia
@@ -208,7 +210,7 @@ def prepare(
         reading = rest if drive is None else drive
         out.append(
             Data(e, motion, known, friction, matched, reading, resolution, direction, moving, kept,
-                 scale, driven)
+                 scale, driven, axis_of(variant))
         )  # fmt: skip
     return out, options
 
@@ -334,11 +336,13 @@ def check_measured(data: Sequence[Data]) -> None:
     span = float(np.ptp(force))
     if span > 1e-12 * float(np.abs(force).max()):
         return
+    axis = data[0].axis
     raise LogError(
-        f"the force is {force[0]:g} N in all {force.size} moving samples: no sensor does that",
+        f"the {axis.drive} is {force[0]:g} {axis.force_unit} in all {force.size} moving samples: "
+        "no sensor does that",
         where=", ".join(d.experiment.name for d in data),
-        expected="A measured force, with strokes in both directions. Nothing was written.",
-        remedy="Check --column of the force and the load cell.",
+        expected=f"A measured {axis.drive}, with strokes in both directions. Nothing was written.",
+        remedy=f"Check --column of the {axis.drive} and the {axis.sensor}.",
     )
 
 
@@ -359,7 +363,7 @@ def leave_out_accelerations(
     The mass is estimated along with friction, only to see where its force exceeds a share
     of the friction.
     """
-    unchanged = list(data), options
+    unchanged, axis = (list(data), options), data[0].axis
     rows = []
     for d in data:
         if d.motion.acceleration is None:
@@ -383,7 +387,8 @@ def leave_out_accelerations(
     if any(after[s] < 0.2 * before[s] for s in SIDES):
         message = (
             f"accelerating takes more than {100 * _SMALL:.0f} % of the friction in most of "
-            f"the moving samples (about {mass:.3g} kg). Give --mass=KG to subtract it."
+            f"the moving samples (about {mass:.3g} {axis.inertia_unit}). Give --{axis.inertia}="
+            f"{axis.inertia_unit.replace(' ', '').upper()} to subtract it."
         )
         return *unchanged, [Notice("inertia-matters", message)]
     return quiet, options, []

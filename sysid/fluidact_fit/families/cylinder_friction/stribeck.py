@@ -124,18 +124,20 @@ def undetermined(found: Solved, data: Sequence[Data]) -> list[Refusal]:
         return []
     level, speed = (found.values[n] for n in STRIBECK)
     low, high = slowest_and_fastest(data)
+    axis = data[0].axis
     half = {n: found.half_width(n) for n in STRIBECK if n in found.names}
-    seen = f"the logs show motion from {low:.2g} to {high:.2g} m/s"
+    seen = f"the logs show motion from {low:.2g} to {high:.2g} {axis.speed_unit}"
     speeds, needed = _count_speeds(data), 2 + len(half)
     if speeds < needed:
         reason = f"that takes {needed} clearly different speeds, and the strokes have {speeds}."
     elif level <= half.get("stribeck", 0.0):
-        rise = f"{level:.3g} ± {half.get('stribeck', 0.0):.2g} N"
+        rise = f"{level:.3g} ± {half.get('stribeck', 0.0):.2g} {axis.force_unit}"
         reason = f"friction does not rise beyond doubt at low speed ({rise}); {seen}."
     elif "stribeck_speed" in half and not (
         low < speed < 0.7 * high and half["stribeck_speed"] < 0.7 * speed
     ):
-        reason = f"its speed would be {speed:.2g} ± {half['stribeck_speed']:.2g} m/s; {seen}."
+        found_speed = f"{speed:.2g} ± {half['stribeck_speed']:.2g} {axis.speed_unit}"
+        reason = f"its speed would be {found_speed}; {seen}."
     else:
         return []
     return [Refusal(n, reason) for n in STRIBECK if n in found.names]

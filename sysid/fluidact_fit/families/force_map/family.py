@@ -62,12 +62,10 @@ from .training import fit_network, spike_notice, validation_notices
 
 
 def _spec(name: str, rank: Literal[0, 1, 2], text: str, optional: bool = False) -> ParameterSpec:
-    scaling = name.startswith(("input", "output"))
     minimum = 1e-300 if name.endswith("scale") else -np.inf
     return ParameterSpec(
         name, "1", text, rank=rank, optional=optional, minimum=minimum,
         remedy="Record command, position and force over their whole ranges.",
-        any_unit=scaling,
     )  # fmt: skip
 
 

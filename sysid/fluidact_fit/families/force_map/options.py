@@ -49,7 +49,7 @@ def _check_inputs(given: str) -> str:
 
 def _check_hidden(given: str) -> str:
     words = [w.strip() for w in given.lower().split(",")]
-    numbers = len(words) <= 2 and all(w.isdigit() and 1 <= int(w) <= 64 for w in words)
+    numbers = len(words) <= 2 and all(w.isdecimal() and 1 <= int(w) <= 64 for w in words)
     if words != ["auto"] and not numbers:
         raise ValueError("no such hidden layer")
     return ",".join(words)

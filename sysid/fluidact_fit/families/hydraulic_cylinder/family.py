@@ -109,7 +109,7 @@ def _specs() -> tuple[ParameterSpec, ...]:
     networks = [
         ParameterSpec(
             f"{net}_{layer}", "1", f"{layer.replace('_', ' ')} of the network of {net}",
-            optional=True, rank=2 if layer.startswith("weights") else 1, any_unit=True,
+            optional=True, rank=2 if layer.startswith("weights") else 1,
         )
         for net in NETWORKS
         for layer in LAYERS
@@ -134,8 +134,14 @@ def _specs() -> tuple[ParameterSpec, ...]:
 _ROLES = (
     Role("time", "s", "time of each sample"),
     Role("command", "V", "control signal of the servo valve", hold="zoh"),
-    Role("pressure_1", "Pa", "pressure in the chamber that extends the piston", required=False),
-    Role("pressure_2", "Pa", "pressure in the chamber on the rod side", required=False),
+    Role(
+        "pressure_1",
+        "Pa",
+        "pressure in the chamber that extends the piston",
+        required=False,
+        gauge=True,
+    ),
+    Role("pressure_2", "Pa", "pressure in the chamber on the rod side", required=False, gauge=True),
     Role("position", "m", "position of the piston, growing as it extends", output=True),
 )
 

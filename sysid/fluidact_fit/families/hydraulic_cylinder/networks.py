@@ -198,7 +198,7 @@ def flow_view(case: Case, parameters: Mapping[str, Value]) -> StaticView | None:
 
     The pressure goes up and down with the command's history, so that no single one belongs to a
     command: each curve is a running mean of what a model says of the measured windows.
-    ``None`` for a file without a network of the flow.
+    ``None`` for a file without a network of the flow, and without a window near zero.
     """
     chamber = case.chambers[0]
     net, values = network_of(parameters, f"flow_{chamber}"), scalars(parameters)
@@ -208,6 +208,8 @@ def flow_view(case: Case, parameters: Mapping[str, Value]) -> StaticView | None:
     reach = 2.0 * _near_zero(windows, values)
     inputs, flow = _flow_rows([w for w in windows if w.chamber == chamber], values)
     used = np.abs(inputs[:, 0]) <= reach
+    if not used.any():
+        return None
     seen, pressure = inputs[used].T
     command = np.linspace(seen.min(), seen.max(), 401)
     fitted = net(inputs)

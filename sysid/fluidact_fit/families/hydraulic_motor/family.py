@@ -22,7 +22,6 @@ from ...family import (
     Simulated,
     Variant,
 )
-from ...specification import quotient_unit
 from .block import MotorBlock
 from .command import command_noise, held_levels
 from .equation import static_speed
@@ -53,27 +52,27 @@ class HydraulicMotor(Family[MotorOptions]):
             (
                 ParameterSpec(
                     "dead_zone", "A", "command at which the motor begins to turn", neutral=0.0,
-                    minimum=0.0, any_unit=True, curved=True,
+                    minimum=0.0, ratio=("command", "1"), curved=True,
                     remedy="Record several small commands, going up and coming down.",
                 ),
                 ParameterSpec(
                     "gain", "rad/s/A", "slope of the speed just beyond the dead zone",
-                    minimum=0.0, any_unit=True,
+                    minimum=0.0, ratio=("speed", "command"),
                     remedy="Record three commands or more between dead zone and saturation.",
                 ),
                 ParameterSpec(
                     "curvature", "1/A", "rate at which the slope falls off with the command",
-                    neutral=0.0, minimum=0.0, any_unit=True,
+                    neutral=0.0, minimum=0.0, ratio=("1", "command"),
                     remedy="Record three commands or more between dead zone and saturation.",
                 ),
                 ParameterSpec(
                     "saturation_command", "A", "command from which the speed grows no more",
-                    minimum=0.0, any_unit=True, optional=True,
+                    minimum=0.0, ratio=("command", "1"), optional=True,
                     remedy="Record commands that rise until the speed grows no more.",
                 ),
                 ParameterSpec(
                     "hysteresis", "A", "width of the hysteresis, in command", neutral=0.0,
-                    minimum=0.0, any_unit=True,
+                    minimum=0.0, ratio=("command", "1"),
                     remedy="Record the same commands going up and coming down.",
                 ),
                 ParameterSpec(
@@ -108,20 +107,14 @@ class HydraulicMotor(Family[MotorOptions]):
             notices += _warn_of_noise(fitted, noise)
         if "saturation_command" not in fitted.values:
             notices.append(_remark_on_saturation(found))
-        signals = experiments[0].signals
-        command, speed = signals["command"].unit, signals["speed"].unit
-        units = {
-            "dead_zone": command, "saturation_command": command, "hysteresis": command,
-            "gain": quotient_unit(speed, command), "curvature": quotient_unit("1", command),
-        }  # fmt: skip
-        parameters, order, matrix = fitted.quantities(variant.parameters, units)
+        parameters, order, matrix = fitted.quantities(variant.parameters, experiments[0].units)
         counts = [
             int(np.sum(np.abs(e["speed"] - m) > limit))
             for e, m in zip(experiments, fitted.solution.simulated)
         ]
         return Estimate(
             parameters,
-            fitted.derive({"saturation_speed": speed}, _saturation_speed),
+            fitted.derive({"saturation_speed": experiments[0].units["speed"]}, _saturation_speed),
             order,
             matrix,
             replace(request.options, residual_limit=limit, command_noise=noise if levels else None),

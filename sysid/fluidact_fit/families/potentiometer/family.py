@@ -90,7 +90,7 @@ class Potentiometer(Family[PotentiometerOptions]):
                 ),
                 ParameterSpec(
                     "reading_range", "1", "lowest and highest reading of the calibration",
-                    rank=1, length=2, any_unit=True, increasing=True,
+                    rank=1, length=2, ratio=("reading", "1"), increasing=True,
                 ),
                 ParameterSpec(
                     "control_points_falling", "m",
@@ -104,7 +104,7 @@ class Potentiometer(Family[PotentiometerOptions]):
                 ParameterSpec(
                     "hysteresis_dead_band", "1",
                     "change of the reading after a reversal over which the branches change over",
-                    minimum=0.0, optional=True, any_unit=True,
+                    minimum=0.0, optional=True, ratio=("reading", "1"),
                 ),
             ),
         ),

@@ -10,7 +10,7 @@ from ...options import choice, flag, interval, settled, text
 
 def _check_degree(given: str) -> str:
     word = given.lower()
-    if word == "auto" or (word.isdigit() and 1 <= int(word) <= 8):
+    if word == "auto" or (word.isdecimal() and 1 <= int(word) <= 8):
         return word
     raise ValueError("no such degree")
 

@@ -27,7 +27,6 @@ from ...family import (
     StaticView,
     Variant,
 )
-from ...specification import quotient_unit
 from .block import SpringCylinderBlock
 from .data import Run, prepare
 from .equation import GAINS, LEVELS, SpringLaw
@@ -83,11 +82,12 @@ class SpringCylinder(Family[SpringOptions]):
             Role("command", "V", "command of the pressure valve", hold="zoh",
                  alternatives=("A", "1")),
             ParameterSpec("pressure_gain", "N/V", "force per command: valve gain times area",
-                          minimum=1e-300, any_unit=True,
+                          minimum=1e-300, ratio=("force", "command"),
                           remedy="Record the force while the command is raised and lowered."),
         ),
         _make_variant(
-            Role("pressure", "Pa", "pressure in the chamber, above atmosphere", hold="zoh"),
+            Role("pressure", "Pa", "pressure in the chamber, above atmosphere", hold="zoh",
+                 gauge=True),
             ParameterSpec("area", "m2", "piston area", minimum=1e-300,
                           remedy="Record the force while the pressure is raised and lowered."),
         ),
@@ -114,8 +114,7 @@ class SpringCylinder(Family[SpringOptions]):
                 remedy="Record cycles of the command, or check --dead-band and --settle.",
             )
         found, solved, notices = regress(variant, runs, replace(request, options=options))
-        units = {"pressure_gain": quotient_unit("N", experiments[0].signals[variant.name].unit)}
-        parameters, order, matrix = solved.quantities(variant.parameters, units)
+        parameters, order, matrix = solved.quantities(variant.parameters, experiments[0].units)
         derived = {}
         if not any(n in solved.refused for n in LEVELS):  # known whatever is assumed of the preload
             derived = solved.derive(

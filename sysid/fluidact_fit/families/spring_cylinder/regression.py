@@ -261,7 +261,7 @@ def _undetermined(found: Solved, specs: Mapping[str, ParameterSpec]) -> list[Ref
                 remedy=f"Check the sign of the {column}: --scale {column}=-1 reverses it.",
             )
         elif value <= 0.0 or half > _SENSIBLE * abs(value):
-            unit = specs[name].unit
+            unit = specs[LEVELS[0] if name == _EQUAL else name].unit
             reason = f"its 95 % interval would be {value:.3g} ± {half:.2g} {unit}."
             if value + half < 0.0:
                 reason = (

@@ -179,10 +179,6 @@ class TransferFamily(Family[T], Generic[T]):
         """States whose free response is a constant, which the offset already stands for."""
         return ()
 
-    def units(self, experiments: Sequence[Experiment]) -> dict[str, str]:
-        """Units of the parameters that depend on the log."""
-        return {}
-
     def transfer_model(
         self,
         variant: Variant,
@@ -244,9 +240,7 @@ class TransferFamily(Family[T], Generic[T]):
             unrecorded = unrecorded_time(experiments, variant.output.name, fitted.values, rest)
             if unrecorded is not None:
                 fitted, rest = run(unrecorded, rest)
-        parameters, order, covariance = fitted.quantities(
-            variant.parameters, self.units(experiments)
-        )
+        parameters, order, covariance = fitted.quantities(variant.parameters, experiments[0].units)
         table, drift = fitted.compare_logs(experiments)
         derived, said = self.derive(fitted, request.options)
         return Estimate(

@@ -27,6 +27,7 @@ from ...options import number
 from .base import Plan, Searched, TransferFamily, TransferOptions
 from .model import time_scales
 
+_SENSORS = ("V", "A", "1")  # of two alike, whose zeros are free and whose gain cancels
 _NEAR = 0.1  # sample times from a sample
 _FAST = 0.6  # sample times of a time constant below which samples show little of the response
 
@@ -52,8 +53,10 @@ class Line(TransferFamily[LineOptions]):
             "line",
             (
                 Role("time", "s", "time of each sample"),
-                Role("inlet", "Pa", "pressure at the valve side", hold="auto"),
-                Role("outlet", "Pa", "pressure at the far end", output=True),
+                Role("inlet", "Pa", "pressure at the valve side", hold="auto",
+                     alternatives=_SENSORS),
+                Role("outlet", "Pa", "pressure at the far end, in the unit of the inlet",
+                     output=True, alternatives=_SENSORS),
             ),
             (
                 ParameterSpec(
@@ -71,6 +74,7 @@ class Line(TransferFamily[LineOptions]):
                     "the time the wave needs to travel.",
                 ),
             ),
+            alike=("inlet", "outlet"),
         ),
     )  # fmt: skip
     options_type = LineOptions

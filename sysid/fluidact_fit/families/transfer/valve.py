@@ -24,7 +24,6 @@ from ...estimation.parametric import Fitted, Values
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice
-from ...specification import quotient_unit
 from .base import ASKED, Plan, Searched, TransferFamily, TransferOptions
 from .model import time_scales
 
@@ -61,7 +60,7 @@ class Valve(TransferFamily[ValveOptions]):
             ),
             (
                 ParameterSpec(
-                    "gain", "Pa/V", "steady outlet per command", any_unit=True,
+                    "gain", "Pa/V", "steady outlet per command", ratio=("outlet", "command"),
                     remedy="Record at least two levels of the command, each held until the "
                     "outlet settles.",
                 ),
@@ -144,11 +143,6 @@ class Valve(TransferFamily[ValveOptions]):
             for w, a in poles
             if w > 0
         ]
-
-    def units(self, experiments: Sequence[Experiment]) -> dict[str, str]:
-        """The gain is outlet per command."""
-        signals = experiments[0].signals
-        return {"gain": quotient_unit(signals["outlet"].unit, signals["command"].unit)}
 
     def derive(
         self, fitted: Fitted, options: ValveOptions

@@ -1,0 +1,93 @@
+"""A command group that loads nothing before it is needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+from importlib import import_module
+
+import click
+
+from fluidact_fit import __version__
+from fluidact_fit.families import family_names, family_title
+
+from .errors import Invocation, run_guarded
+from .options import DEBUG
+
+# Command, the module in ``commands``, and its line in the list.
+_COMMANDS = {
+    "inspect": "Show what is in a log and what is wrong with it.",
+    "check": "Check whether a parameter file still describes the machine.",
+    "simulate": "Simulate a parameter file with the inputs of a log.",
+    "design": "Design the next experiment from a parameter file.",
+    "demo": "Fit synthetic logs of every family, as an example.",
+    "schema": "Print the JSON Schema of the parameter file.",
+}
+_EPILOG = """\b
+Examples:
+  fluidact-fit line trial1.csv trial2.csv --unit inlet=bar --unit outlet=bar -o line.yaml
+  fluidact-fit inspect trial1.csv
+  fluidact-fit check line.yaml today.csv
+
+Exit status: 0 done; 1 a bug in the program; 2 wrong usage; 3 the log or file cannot be
+used; 4 the data cannot determine what was asked (or --strict); 5 check: the model no
+longer fits."""
+
+
+class Program(click.Group):
+    """The command group: one subcommand per model family, and some beside the fits."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of all commands."""
+        return [*family_names(), *_COMMANDS]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import and return a command."""
+        if cmd_name in family_names():
+            from .commands.fit import make_command
+
+            return make_command(cmd_name)
+        if cmd_name in _COMMANDS:
+            command: click.Command = import_module(f".commands.{cmd_name}", __package__).command
+            return command
+        return None
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; an unknown one gets a suggestion."""
+        name = args[0]
+        if name in self.list_commands(ctx) or name.startswith("-"):
+            return super().resolve_command(ctx, args)
+        close = get_close_matches(name, self.list_commands(ctx), 1)
+        hint = f" Did you mean {close[0]!r}?" if close else ""
+        known = ", ".join(self.list_commands(ctx))
+        raise click.UsageError(f"there is no command {name!r}.{hint}\nCommands: {known}.", ctx)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands from their one-line titles, importing none of them."""
+        with formatter.section("Model families (fluidact-fit FAMILY LOG... -o FILE.yaml)"):
+            formatter.write_dl([(name, family_title(name)) for name in family_names()])
+        with formatter.section("Other commands"):
+            formatter.write_dl(list(_COMMANDS.items()))
+
+
+program = Program(
+    "fluidact-fit",
+    help="System identification for fluid-powered actuators: CSV logs in, parameter files out.",
+    epilog=_EPILOG,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    params=[DEBUG],
+)
+click.version_option(__version__, prog_name="fluidact-fit", message="%(prog)s %(version)s")(program)
+
+
+def run(args: Sequence[str]) -> int:
+    """Run the program with the words after its name and return its exit status."""
+    invocation = Invocation(tuple(args))
+    return run_guarded(
+        lambda: program.main(
+            list(args), prog_name="fluidact-fit", standalone_mode=False, obj=invocation
+        ),
+        invocation,
+    )
