@@ -44,6 +44,14 @@ _READING = {
         "atmosphere.",
         "Subtract the pressure of the air on that day, or use a gauge sensor.",
     ),
+    "clock-midnight": _information(
+        "A clock without dates passes midnight; it was continued, a day later.",
+        "Nothing, if the recording went on; else give --sample-time, or record the date as well.",
+    ),
+    "clock-set-back": _information(
+        "A clock goes back by an hour, as at the end of summer time; it was continued.",
+        "Nothing, if the recording went on; record in UTC to avoid it.",
+    ),
     "constant-signal": _warning(
         "A signal has one and the same value in the whole log.",
         "Check that the right column was taken and that the sensor was connected.",
@@ -52,25 +60,25 @@ _READING = {
         "The last line of the log is incomplete and was left out.",
         "Nothing, if the recording was stopped by hand; otherwise check for lost data.",
     ),
+    "dates-doubtful": _warning(
+        "Dates may be day and month or month and day, and no row tells which.",
+        "Export the dates as 2024-05-31, or name another column of time.",
+    ),
+    "display-scale": _warning(
+        "Channels are scaled for display; the numbers were read as they are written.",
+        "Check a known value; where the export is not scaled, give --scale ROLE=FACTOR.",
+    ),
     "gap": _warning(
         "Samples are missing: the time between two of them is many times the usual sample time.",
         "Check what the inputs did during the gap, or keep to one side of it with `--window`.",
-    ),
-    "overprinted-lines": _warning(
-        "Lines with an impossible time stamp were left out: two lines were printed as one.",
-        "Look at the lines that are named; a slower or buffered serial output avoids them.",
     ),
     "header-again": _information(
         "The header stands again inside the table and was left out.",
         "Nothing, if the logger was started again; every run is an experiment of its own.",
     ),
-    "time-bases": _information(
-        "Columns were sampled at different instants.",
-        "Nothing: each is used at its own instants.",
-    ),
-    "variables-left-out": _information(
-        "Variables of another length than the columns of the log were left out.",
-        "Nothing, unless one that you need is among them: save it with the others' time.",
+    "overprinted-lines": _warning(
+        "Lines with an impossible time stamp were left out: two lines were printed as one.",
+        "Look at the lines that are named; a slower or buffered serial output avoids them.",
     ),
     "partial-lines": _information(
         "Lines with the wrong number of fields were left out.",
@@ -88,6 +96,10 @@ _READING = {
         "Single samples of a measured signal stand alone, far from their neighbours; they were "
         "replaced by what lies between these.",
         "Check cable, converter and logger; look at the samples that are named.",
+    ),
+    "time-bases": _information(
+        "Columns were sampled at different instants.",
+        "Nothing: each is used at its own instants.",
     ),
     "time-out-of-order": _warning(
         "Lines whose time is earlier than that of the line before were left out.",
@@ -128,6 +140,10 @@ _READING = {
     "unit-overridden": _warning(
         "`--unit` contradicts the unit in the header or the units row of the log; it was used.",
         "Leave `--unit` out if the header is right; correct the header if it is not.",
+    ),
+    "variables-left-out": _information(
+        "Variables of another length than the columns of the log were left out.",
+        "Nothing, unless one that you need is among them: save it with the others' time.",
     ),
 }
 

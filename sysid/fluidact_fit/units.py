@@ -30,6 +30,8 @@ from .unit_table import (
 # What no factor converts to SI, although it is a unit.
 _SCALE, _STANDARD = "a scale with an offset", "a flow of gas at a standard state"
 
+_TEMPERATURES = {"degC", "degF", "K"}
+
 # What may be asked of pint: names with small powers, as products and quotients, with one level
 # of brackets. Its own grammar computes what it reads, and 9^9^9 takes forever.
 _POWER = r"(?:\^-?(?:[1-9]|0\.5))?"
@@ -299,6 +301,17 @@ def is_doubtful_suffix(header: str) -> bool:
         return True
     suffix = text.rpartition("_")[2]
     return suffix in DOUBTFUL_SUFFIXES and parse_unit_from_header(header)[1] == suffix
+
+
+def looks_like_unit(text: str) -> bool:
+    """Return whether text that may as well be a name is a unit, one with an offset included.
+
+    Words have to be in the table: pint takes many a name for a unit.
+    """
+    unit = normalise_unit(text)
+    if unit in _TEMPERATURES or _is_common_unit(text):
+        return True
+    return bool(re.search(r"[/*^]", unit)) and "(" not in unit and is_unit(text)
 
 
 def _is_common_unit(text: str) -> bool:

@@ -17,9 +17,13 @@ pytestmark = pytest.mark.skipif(
 )
 
 TIME = Role("time", "s", "")
-TUBE = Variant("line", (TIME, Role("inlet", "Pa", "", hold="foh"), Role("outlet", "Pa", "")), ())
+TUBE = Variant(
+    "line", (TIME, Role("inlet", "Pa", "", hold="foh"), Role("outlet", "Pa", "", output=True)), ()
+)
 DRIVE = Variant(
-    "drive", (TIME, Role("torque", "N m", "", hold="zoh"), Role("velocity", "rad/s", "")), ()
+    "drive",
+    (TIME, Role("torque", "N m", "", hold="zoh"), Role("velocity", "rad/s", "", output=True)),
+    (),
 )
 POT = Variant("pot", (Role("reading", "1", ""), Role("reference", "m", "", output=True)), ())
 
@@ -87,7 +91,9 @@ def test_every_tube_log_splits() -> None:
 
 
 def test_headerless_and_uneven_logs() -> None:
-    static = Variant("s", (TIME, Role("command", "Pa", ""), Role("force", "N", "")), ())
+    static = Variant(
+        "s", (TIME, Role("command", "Pa", ""), Role("force", "N", "", output=True)), ()
+    )
     log = read_log(
         next((DATA / "muscle").glob("*.csv")),
         columns={"force": "#1", "command": "#2", "time": "#3"},

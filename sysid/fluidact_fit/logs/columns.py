@@ -147,14 +147,18 @@ def share_columns(logs: Sequence[Log]) -> list[Log]:
 
 
 def default_column(log: Log, role: str) -> Column | None:
-    """Return the column whose name, unit and case aside, is the role; ``None`` without one."""
+    """Return the column whose name, unit and case aside, is the role; ``None`` without one.
+
+    The one column of clock times is the time where no other is called so.
+    """
     for name in (role, *_SYNONYMS.get(role, ())):
         matches = [c for c in log.columns if c.header and name in (_fold(c.name), _fold(c.header))]
         if len(matches) > 1:
             raise _ambiguous(log, role, name, matches)
         if matches:
             return matches[0]
-    return None
+    clocks = [c for c in log.columns if c.clock] if role == "time" else []
+    return clocks[0] if len(clocks) == 1 else None
 
 
 def in_unit(role: Role, unit: str | None) -> Role:

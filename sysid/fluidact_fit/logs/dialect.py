@@ -13,11 +13,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ..errors import LogError
-from ..units import is_unit
-from . import controldesk
+from ..units import parse_unit_from_header, same_dimension
+from . import controldesk, labview, rigol, serial, twincat
+from .clock import find_clocks, join_fraction
 from .decimals import refuse_ambiguous
+from .header import find_header
 from .layout import NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
 from .source import Source
+from .stamps import is_stamp
 from .start import find_start
 
 MAX_COLUMNS = 4096
@@ -28,12 +31,11 @@ _CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")]
 _PUTTY_MARK = "=~=~=~=~="
 _SAMPLE = 120
 _HEAD = 1000
-_COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 
 
 def find_layout(source: Source, written: Written) -> Layout:
     """Find separator, decimal sign, first row and header; ``LogError`` without a table."""
-    if (found := controldesk.lay_out(source)) is not None:
+    if (found := _known_layout(source, written)) is not None:
         return found
     head, body, complete = _sample_lines(source)
     hints = _recognise(head[:40])
@@ -43,7 +45,18 @@ def find_layout(source: Source, written: Written) -> Layout:
     if complete and skipped:
         body = [line for line in head[skipped:] if line.strip()] or body
     body = [line for line in body if not hints.is_session(line)]
-    cut = _choose_cut(body, hints, written, source.name)
+    capture = serial.recognise(body)
+    if capture is not None:
+        hints = replace(
+            hints,
+            name=hints.name if hints.serial else "serial capture",
+            serial=True,
+            delimiter="\t" if capture.names else hints.delimiter,
+            names=capture.names,
+        )
+        cut = capture.around(_choose_cut(capture.values(body), hints, written, source.name))
+    else:
+        cut = join_fraction(body, _choose_cut(body, hints, written, source.name))
     if written.decimal is None and not cut.thousands:
         refuse_ambiguous(body, source.lines, cut, source.name)
     start = hints.data_from
@@ -54,7 +67,19 @@ def find_layout(source: Source, written: Written) -> Layout:
             start = find_start(_hidden(head, skipped), cut, complete=True)
         if start is None:
             raise _no_table(source.name)
-    return _lay_out(_hidden(head, written.skip_rows), start, cut, hints, written.header_row)
+    return _lay_out(_hidden(head, written.skip_rows), body, start, cut, hints, written.header_row)
+
+
+def _known_layout(source: Source, written: Written) -> Layout | None:
+    """The layout of a logger that writes more than a table, unless the user says where that is."""
+    if written.delimiter is not None or written.skip_rows or written.header_row is not None:
+        return None
+    return (
+        controldesk.lay_out(source)
+        or twincat.lay_out(source, written)
+        or labview.lay_out(source, written)
+        or rigol.lay_out(source)
+    )
 
 
 def _hidden(lines: Sequence[str], first: int) -> Sequence[str]:
@@ -185,7 +210,7 @@ def _rate_cut(
     if not cells:
         return None
     plain = map(cut.without_thousands, cells)
-    numeric = sum(pattern.match(cell) is not None for cell in plain) / len(cells)
+    numeric = sum(pattern.match(cell) is not None or is_stamp(cell) for cell in plain) / len(cells)
     score = numeric * share / len(rows)
     if width == 1:
         # One column is the last resort: "1,5" is two columns before it is one.
@@ -202,62 +227,46 @@ def _no_table(name: str) -> LogError:
     )
 
 
-def _lay_out(lines: Sequence[str], start: int, cut: Cut, hints: Hints, named: int | None) -> Layout:
-    """Look for a header and a row of units above the first row, or take the ``named`` line."""
-    header_row = units_row = None
-    headers = units = [""] * cut.width
-    above = [i for i in range(start - 1, -1, -1) if lines[i].strip()][:2]
-    if named is not None:
-        above = [i for i in above if i >= named - 1]
-    cells = [_header_cells(lines[i], cut) for i in above]
-    if hints.data_from is None and cells and cells[0] is not None:
-        header_row, headers = above[0], cells[0]
-        if len(cells) > 1 and cells[1] is not None and _are_units(headers):
-            units_row, units = header_row, [_clean_unit(cell) for cell in headers]
-            header_row, headers = above[1], cells[1]
-        if any(headers) and not headers[0]:
-            headers[0] = hints.first_header
+def _lay_out(
+    lines: Sequence[str],
+    body: Sequence[str],
+    start: int,
+    cut: Cut,
+    hints: Hints,
+    named: int | None,
+) -> Layout:
+    """Put together what was found: the columns of clock times, names and units among it."""
+    clocks = find_clocks([row for line in body if len(row := cut.split(line)) >= cut.width])
+    header = find_header(lines, start, cut, hints, named)
+    dates = [k for k in clocks.values() if k is not None]
+    if header.row is None and cut.delimiter == " " and dates:
+        # A blank separates day and time, too: one name stands for both.
+        header = find_header(lines, start, replace(cut, width=cut.width - 1), hints, named)
+        header.names.insert(dates[0], "")
+        header.units.insert(dates[0], "")
+    if hints.serial and header.row is None:
+        # What stands above the first whole line is a part of one, and is to be named.
+        start = next((i for i in range(start) if lines[i].strip()), start)
+        start = max(start, hints.data_from or 0)
+    names, units = header.names, header.units
+    for k in clocks:
+        units[k] = "s"
+        if not names[k] or is_stamp(names[k]):
+            names[k] = "clock" if any(map(_is_time, names)) else "time"
     return Layout(
         **vars(cut),
         first_row=start,
         hints=hints,
-        header_row=header_row,
-        units_row=units_row,
-        headers=headers,
+        header_row=header.row,
+        units_row=header.units_row,
+        headers=names,
         units=units,
-        again=frozenset(lines[i] for i in (header_row, units_row) if i is not None),
+        again=frozenset(lines[i] for i in (header.row, header.units_row) if i is not None),
+        clocks=clocks,
     )
 
 
-def _header_cells(line: str, cut: Cut) -> list[str] | None:
-    """Return the cells of a header line, ``None`` when the line is not one."""
-    width = cut.width
-    for text in (line, _COMMENT.sub("", line)):
-        fields = cut.split(text)
-        if cut.delimiter == " " and len(fields) != width:
-            fields = _merge_units(text, width)
-        if len(fields) > width and not any(fields[width:]):
-            fields = fields[:width]
-        if len(fields) != width or not any(fields):
-            continue
-        if sum(map(cut.is_number, fields)) > 0.5 * width:
-            return None
-        return [_COMMENT.sub("", fields[0]), *fields[1:]]
-    return None
-
-
-def _merge_units(line: str, width: int) -> list[str]:
-    """Cut a blank-separated header whose names or units hold blanks."""
-    by_gap = re.split(r"\s{2,}|\t", line.strip())
-    if len(by_gap) == width:
-        return by_gap
-    return re.findall(r'"[^"]*"|[^\s\[\(]+(?:\s*[\[\(][^\]\)]*[\]\)])?', line)
-
-
-def _are_units(cells: Sequence[str]) -> bool:
-    filled = [_clean_unit(cell) for cell in cells if _clean_unit(cell)]
-    return bool(filled) and all(is_unit(cell) for cell in filled)
-
-
-def _clean_unit(cell: str) -> str:
-    return cell.strip().strip("[]()").strip()
+def _is_time(header: str) -> bool:
+    """Whether a header names the time, or has a unit of it."""
+    name, unit = parse_unit_from_header(header)
+    return name.casefold() in ("time", "t") or (unit is not None and same_dimension(unit, "s"))

@@ -5,13 +5,17 @@ from __future__ import annotations
 import contextlib
 import csv
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ..errors import Notice
+from .stamps import is_stamp
 
 NUMBER = {
     decimal: re.compile(rf"[+-]?(\d+({sign}\d*)?|{sign}\d+)([eEdD][+-]?\d+)?$", re.ASCII)
     for decimal, sign in ((".", r"\."), (",", ","))
 }
+_QUOTED = re.compile(r'"([^"]*)"|([^\s"]+)')
 NO_VALUE = {"", "nan", "inf", "-inf", "+inf", "na", "n/a", "null", "none", "-"}
 
 
@@ -23,7 +27,7 @@ class Hints:
     each ``None`` when to be found. Lines of a ``serial`` log may be cut or overprinted. Lines that
     begin with ``session_mark`` are the logger's own, between data. ``first_header`` is the name of
     the first column where its header is empty. Empty cells of ``sparse`` columns are no samples:
-    what was not sampled then.
+    what was not sampled then. ``names`` are those that stand in every row.
     """
 
     name: str
@@ -33,6 +37,7 @@ class Hints:
     session_mark: str = ""
     first_header: str = ""
     sparse: bool = False
+    names: tuple[str, ...] = ()
 
     def is_session(self, line: str) -> bool:
         """Whether the logger itself wrote a line between data."""
@@ -60,7 +65,8 @@ class Cut:
 
     ``width`` is the number of columns, ``trailing`` whether rows end with one more separator,
     ``thousands`` the sign between groups of three digits, empty without one. ``lead`` cells stand
-    before those of the first column, and are not looked at.
+    before those of the first column, and are not looked at. ``tidy`` strips from a line what its
+    logger writes around the cells, and returns ``None`` for a line that is not of that form.
     """
 
     delimiter: str
@@ -69,14 +75,20 @@ class Cut:
     trailing: bool
     thousands: str
     lead: int
+    tidy: Callable[[str], str | None] | None = field(default=None, kw_only=True)
 
     def split(self, line: str) -> list[str]:
-        """Split a line into stripped fields; an empty line has none."""
-        return split_cells(line, self.delimiter)[self.lead :]
+        """Split a line into stripped fields; an empty line has none, nor one not of the form."""
+        tidied = self.tidy(line) if self.tidy else line
+        return [] if tidied is None else split_cells(tidied, self.delimiter)[self.lead :]
 
     def is_number(self, text: str) -> bool:
         """Return whether a cell is a finite number in the log's own notation."""
         return NUMBER[self.decimal].match(self.without_thousands(text)) is not None
+
+    def is_value(self, text: str) -> bool:
+        """Return whether a cell is a number, or an instant on a clock."""
+        return self.is_number(text) or is_stamp(text)
 
     def without_thousands(self, text: str) -> str:
         """The text of a number without the signs between its groups of three digits."""
@@ -95,7 +107,25 @@ class Cut:
         if len(fields) != self.width:
             return False
         values = [f for f in fields if f.casefold() not in NO_VALUE]
-        return sum(map(self.is_number, values)) >= max(1, needed * len(values))
+        return sum(map(self.is_value, values)) >= max(1, needed * len(values))
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Instants that were not written: from a line on (from 1), the first one and the step."""
+
+    line: int
+    start: float
+    step: float
+
+
+@dataclass(frozen=True)
+class Group:
+    """Indices of the columns of one time base: that of its instants, or how to count them."""
+
+    columns: tuple[int, ...]
+    time: int | None
+    counted: tuple[Counted, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -104,7 +134,12 @@ class Layout(Cut):
 
     Rows are indices of lines, from 0, ``None`` when absent; ``headers`` and ``units`` have one
     entry per column, empty text when absent. ``again`` are the lines of both, which loggers
-    repeat where they start again.
+    repeat where they start again. ``skipped`` has the lines, from 1, that are no data, each with
+    the reason, and ``notices`` what was noticed.
+
+    ``clocks`` are the indices of the columns of clock times, each with that of the column of its
+    dates. With ``groups`` the columns have time bases of their own: headers and units are then
+    those of one time and of the columns of all groups, and a group may end before the others.
     """
 
     first_row: int
@@ -114,14 +149,23 @@ class Layout(Cut):
     headers: Sequence[str]
     units: Sequence[str]
     again: frozenset[str]
+    clocks: Mapping[int, int | None] = field(default_factory=dict)
+    groups: tuple[Group, ...] = ()
+    skipped: Mapping[int, str] = field(default_factory=dict)
+    notices: tuple[Notice, ...] = ()
+
+    @property
+    def needed(self) -> int:
+        """Number of cells of a row in which every group has a sample."""
+        return max((g.columns[-1] + 1 for g in self.groups), default=self.width)
 
 
 def split_cells(line: str, delimiter: str) -> list[str]:
     """Split a line into stripped fields."""
     if delimiter == " ":
-        return line.split()
+        return [a or b for a, b in _QUOTED.findall(line)] if '"' in line else line.split()
     fields = line.split(delimiter)
     if '"' in line:
         with contextlib.suppress(csv.Error):
             fields = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
-    return [field.strip() for field in fields]
+    return [text.strip() for text in fields]

@@ -45,7 +45,8 @@ class Column:
     it is one small letter behind an underscore (``valve_m``), which is believed only where it fits
     the role. ``values`` are as written, shape ``(n_rows,)``, NaN where a cell is not a finite
     number; ``bad`` has the text of such cells by row (the first few thousand). A ``sparse`` one was
-    not sampled in every row: its NaN are no samples.
+    not sampled in every row: its NaN are no samples. A ``clock`` held dates or times of day, and
+    holds seconds since the first sample.
     """
 
     index: int
@@ -56,6 +57,7 @@ class Column:
     values: FloatArray
     bad: Mapping[int, str] = field(default_factory=dict)
     sparse: bool = False
+    clock: bool = False
 
     @property
     def label(self) -> str:

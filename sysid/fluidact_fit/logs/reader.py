@@ -200,7 +200,7 @@ def _checked_writing(written: Written) -> Written:
 def _account(source: Source, layout: Layout, table: Table) -> Account:
     """What every line was taken for; ``LogError`` if that does not add up."""
     total = source.data.count(b"\n") + (not source.data.endswith(b"\n"))
-    rows, above = int(table.lines.size), layout.first_row
+    rows, above = table.data_lines, layout.first_row
     blank = total - above - rows - len(table.left_out)
     found = _count_blank(source, above) if blank else 0
     if blank != found:
@@ -227,8 +227,9 @@ def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:
         name, unit = parse_unit_from_header(header)
         doubtful = not unit_in_row and is_doubtful_suffix(header)
         sparse = layout.hints.sparse and bool(bad) and not any(bad.values())
+        clock = index - 1 in layout.clocks
         columns.append(
-            Column(index, header, name, unit_in_row or unit, doubtful, values, bad, sparse)
+            Column(index, header, name, unit_in_row or unit, doubtful, values, bad, sparse, clock)
         )
     return tuple(columns)
 

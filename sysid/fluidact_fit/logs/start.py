@@ -65,8 +65,8 @@ def _kind(line: str, cut: Cut) -> _Kind:
     if cut.is_row(line, 1.0):
         return _Kind.ROW
     cells = cut.split(line)
-    numbers = sum(map(cut.is_number, cells))
     as_wide = len(cells) in (cut.width, cut.width + 1)
+    numbers = sum(map(cut.is_value if as_wide else cut.is_number, cells))
     if (numbers and as_wide) or 2 * numbers > len(cells) or _NUMBERS.fullmatch(line):
         return _Kind.DAMAGED
     return _Kind.TEXT
@@ -113,7 +113,7 @@ def _take_in_damaged(lines: Sequence[str], kinds: Sequence[_Kind], start: int, c
             return first if named or start - first >= _ENOUGH else start
         cells = cut.split(lines[index])
         single = _NUMBERS.fullmatch(lines[index]) and len(cells) == 1 != cut.width
-        if index == 0 and (single or 2 * sum(map(cut.is_number, cells)) > len(cells)):
+        if index == 0 and (single or 2 * sum(map(cut.is_value, cells)) > len(cells)):
             return 0
         first = index
     return first if start - first >= _ENOUGH else start

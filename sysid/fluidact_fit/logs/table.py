@@ -10,13 +10,15 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import LogError, Notice
 from ..experiment import FloatArray
+from .clock import read_clocks
+from .groups import complete, merge
 from .layout import Layout
 from .log import IntArray, count_of, name_lines
 from .source import Source
@@ -34,6 +36,7 @@ class Table:
     ``values`` has one array per column, shape ``(n_rows,)``, NaN where a cell is not a finite
     number; ``bad`` has the text of these cells by row. ``lines`` is the 1-based source line of
     every row, ``left_out`` those that are no rows with the reason, ``notices`` says so in words.
+    ``data_lines`` lines hold the rows: several in a line where columns have their own times.
     """
 
     values: tuple[FloatArray, ...]
@@ -41,6 +44,7 @@ class Table:
     lines: IntArray
     left_out: tuple[tuple[int, str], ...]
     notices: tuple[Notice, ...]
+    data_lines: int
 
 
 def read_table(source: Source, layout: Layout) -> Table:
@@ -59,8 +63,10 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     """Read a regular table with pandas; ``None`` when it is not regular after all.
 
     Also where it would read a number otherwise than line by line: with a sign between thousands,
-    or a point in a log of decimal commas.
+    or a point in a log of decimal commas; and where lines hold more than cells of numbers.
     """
+    if layout.tidy or layout.clocks or layout.groups or layout.skipped:
+        return None
     data, end = source.data, len(source.data)
     if layout.thousands or (layout.decimal == "," and data.find(b".", offset) >= 0):
         return None
@@ -91,7 +97,7 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         return None
     lines = np.arange(layout.first_row + 1, layout.first_row + 1 + rows, dtype=np.int64)
     bad = _collect_bad(columns, data, offset, layout)
-    return Table(tuple(columns), bad, lines, (), ())
+    return Table(tuple(columns), bad, lines, (), layout.notices, rows)
 
 
 def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatArray] | None:
@@ -152,7 +158,7 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
     rows, lines, ragged = split.rows, split.lines, split.ragged
     notices, cut = [], 0
     tail = text.rstrip("\n").rsplit("\n", 41)
-    if rows and _is_cut(tail[-1], tail[-41:-1], layout, not text.endswith("\n")):
+    if split.ends_with_data and _is_cut(tail[-1], tail[-41:-1], layout, not text.endswith("\n")):
         if ragged and ragged[-1][0] > lines[-1]:
             cut, _ = ragged.pop()
         else:
@@ -181,33 +187,70 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
                 "begins where the time starts again.",
             )
         )
-    left_out = [(n, f"{count_of(found, 'field')}") for n, found in ragged]
+    left_out = [(n, f"{count_of(found, 'field')}" if found else "broken") for n, found in ragged]
     left_out += [(n, "header again") for n in split.again]
     left_out += [(n, "written by the logger itself") for n in split.sessions]
     left_out += [(cut, "cut short")] if cut else []
-    values, bad = zip(*(_to_numbers(cells, layout) for cells in zip(*rows)))
-    numbers = np.array(lines, dtype=np.int64)
-    return Table(values, bad, numbers, tuple(sorted(left_out)), tuple(notices))
+    left_out += [(n, layout.skipped[n]) for n in split.skipped]
+    return _with_numbers(source.name, layout, split, left_out, [*layout.notices, *notices])
+
+
+def _with_numbers(
+    name: str,
+    layout: Layout,
+    split: _Lines,
+    left_out: list[tuple[int, str]],
+    notices: list[Notice],
+) -> Table:
+    """Turn the cells of the rows into numbers, and their clocks and groups into one time."""
+    columns = list(zip(*split.rows))
+    lines = np.array(split.lines, dtype=np.int64)
+    read = [
+        (np.empty(0), {}) if k in layout.clocks else _to_numbers(cells, layout)
+        for k, cells in enumerate(columns)
+    ]
+    if layout.clocks:
+        clocks, found = read_clocks(dict(enumerate(columns)), layout.clocks, lines, name)
+        notices += found
+        for k, seconds in clocks.items():
+            wrong = np.flatnonzero(np.isnan(seconds))
+            read[k] = seconds, {int(row): columns[k][row].strip() for row in wrong}
+    values, bad = tuple(v for v, _ in read), tuple(b for _, b in read)
+    data_lines = int(lines.size)
+    if layout.groups:
+        merged = merge(values, bad, lines, layout, name)
+        left_out += [(int(n), "empty cells") for n in lines[merged.empty]]
+        data_lines -= merged.empty.size
+        values, bad, lines = merged.values, merged.bad, merged.lines
+    return Table(values, bad, lines, tuple(sorted(left_out)), tuple(notices), data_lines)
 
 
 @dataclass(frozen=True)
 class _Lines:
     """Lines of a table: cells and line of every row, line and number of fields where that is
-    wrong, lines that repeat the header, and those of the logger itself."""
+    wrong, lines that repeat the header, those of the logger itself and those of segments."""
 
     rows: list[list[str]]
     lines: list[int]
     ragged: list[tuple[int, int]]
     again: list[int]
     sessions: list[int]
+    skipped: list[int]
+
+    @property
+    def ends_with_data(self) -> bool:
+        """Whether the last line is a row, whole or not, and there are others."""
+        others = [*self.again[-1:], *self.sessions[-1:], *self.skipped[-1:]]
+        return bool(self.rows) and max(others, default=0) < self.lines[-1]
 
 
 def _split_rows(text: str, layout: Layout) -> _Lines:
     """Sort the lines of a table."""
-    out = _Lines([], [], [], [], [])
+    out = _Lines([], [], [], [], [], [])
     rows, lines, ragged = out.rows, out.lines, out.ragged
-    width, delimiter = layout.width, layout.delimiter
-    simple = '"' not in text and delimiter != " " and not layout.lead
+    short: dict[int, int] = {}  # rows of groups that have ended, and their number of cells
+    width, delimiter, needed = layout.width, layout.delimiter, layout.needed
+    simple = '"' not in text and delimiter != " " and not layout.lead and not layout.tidy
     for number, line in enumerate(text.split("\n"), start=layout.first_row + 1):
         if not line or line.isspace():
             continue
@@ -217,15 +260,42 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
         if line in layout.again:
             out.again.append(number)
             continue
+        if number in layout.skipped:
+            out.skipped.append(number)
+            continue
         fields = line.split(delimiter) if simple else layout.split(line)
         while len(fields) > width and not fields[-1].strip():
             fields.pop()  # a separator too many at the end of the line
-        if len(fields) == width:
-            rows.append(fields)
+        filled = complete(fields, layout) if layout.groups else fields
+        if filled is not None and len(filled) == width:
+            rows.append(filled)
             lines.append(number)
         else:
             ragged.append((number, len(fields)))
+        if len(fields) < needed and filled is not None:
+            short[number] = len(fields)
+    if short:
+        _leave_out_broken(out, short, layout)
     return out
+
+
+def _leave_out_broken(out: _Lines, short: Mapping[int, int], layout: Layout) -> None:
+    """Leave out rows that end early although the next ones do not: no group ended there."""
+    longest, before, kept = 0, -1, []
+    segments = np.array(sorted(layout.skipped))
+    passed = np.searchsorted(segments, out.lines)
+    for k in range(len(out.lines) - 1, -1, -1):
+        line = out.lines[k]
+        if passed[k] != before:
+            longest, before = 0, passed[k]  # another segment: its groups begin anew
+        if short.get(line, layout.needed) < longest:
+            out.ragged.append((line, short[line]))
+            continue
+        longest = short.get(line, layout.needed)
+        kept.append(k)
+    kept.reverse()
+    out.rows[:], out.lines[:] = [out.rows[k] for k in kept], [out.lines[k] for k in kept]
+    out.ragged.sort()
 
 
 def _to_numbers(cells: Sequence[str], layout: Layout) -> tuple[FloatArray, dict[int, str]]:
@@ -244,14 +314,20 @@ def _to_numbers(cells: Sequence[str], layout: Layout) -> tuple[FloatArray, dict[
     except ValueError:
         pass
     values = np.full(len(cells), np.nan)
-    bad: dict[int, str] = {}
+    filled = [row for row, cell in enumerate(cells) if cell and not cell.isspace()]
+    if 0 < len(filled) < len(cells):
+        values[filled], texts_at = _to_numbers([cells[row] for row in filled], layout)
+        empty = np.setdiff1d(np.arange(len(cells)), filled)[:MAX_BAD_KEPT]
+        bad = dict.fromkeys(empty.tolist(), "") | {filled[k]: t for k, t in texts_at.items()}
+        return values, dict(sorted(bad.items()))
+    bad = {}
     for row, cell in enumerate(cells):
         text = cell.strip()
         if layout.is_number(text):
             values[row] = float(re.sub("[dD]", "e", text.replace(",", ".")))
         if not np.isfinite(values[row]):
             values[row] = np.nan
-            if len(bad) < MAX_BAD_KEPT:
+            if text or len(bad) < MAX_BAD_KEPT:
                 bad[row] = text
     return values, bad
 
@@ -263,6 +339,8 @@ def _is_cut(line: str, before: Sequence[str], layout: Layout, ends_open: bool) -
     unfinished last cell, or fewer decimals than all lines before agree on.
     """
     fields = layout.split(line)
+    if layout.groups:
+        return complete(fields, layout) is None and len(fields) < layout.width
     if layout.trailing and len(fields) > layout.width:
         return False
     if 0 < len(fields) < layout.width:

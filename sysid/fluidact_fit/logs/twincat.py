@@ -1,0 +1,222 @@
+"""CSV exports of TwinCAT Scope.
+
+A block on the export (``Name``, ``File``, ``Starttime of export``, ...), then one line per
+attribute of the channels (``Name``, ``SampleTime[ms]``, ``Unit``, ...). The key of an attribute
+stands above every column of time, in ms from the start or as FILETIME, and the channels of one
+sample time follow it. Without columns of time the samples are counted. Channels that end before
+the others leave cells blank or end their lines early. The decimal sign of the header is that of
+the machine, the one of the samples that of the export.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+from ..errors import LogError, Notice
+from .groups import group_columns
+from .layout import Counted, Group, Hints, Layout, Written, split_cells
+from .source import Source
+
+_HEAD = 1 << 22  # bytes in which the samples have to begin
+_TOP = 400  # lines in which the names of the channels have to stand
+_HINTS = Hints("TwinCAT Scope", sparse=True)
+_KEYS = {
+    "Starttime of export",
+    "Endtime of export",
+    "SymbolComment",
+    "Data-Type",
+    "SampleTime[ms]",
+    "SymbolName",
+}
+_PROJECT = {"File", "Starttime of export", "Endtime of export"}
+_NAME = re.compile(r'"?Name"?([\t ;,:])')
+_NUMBER = re.compile(r"[+-]?\d+([.,]\d*)?([eE][+-]?\d+)?")
+_FILETIME = re.compile(r"\d{17,19}")
+_NO_UNIT = {"(none)", "none", "-", "null"}
+_NEUTRAL = {"Offset": 0.0, "ScaleFactor": 1.0, "Unit Offset": 0.0, "Unit ScaleFactor": 1.0}
+
+
+def lay_out(source: Source, written: Written) -> Layout | None:
+    """The layout of an export, ``None`` where the text is none.
+
+    Raises
+    ------
+    LogError
+        When names or samples are missing, or commas both separate cells and decimals.
+    """
+    lines = source.data[:_HEAD].decode(errors="replace").split("\n")
+    tops = [k for k, line in enumerate(lines[:_TOP]) if _NAME.match(line)]
+    if not tops:
+        return None
+    delimiter = str(_NAME.match(lines[tops[-1]])[1])  # type: ignore[index]
+    rows = [split_cells(line, delimiter) for line in lines[:_TOP]]
+    names = rows[tops[-1]]
+    first = _first_row(lines, tops[-1], delimiter)
+    if not _is_export(rows[:first], names):
+        return None
+    while names and not names[-1]:
+        names = names[:-1]
+    cells = split_cells(lines[first], delimiter) if first < len(lines) else []
+    attributes = {row[0]: row for row in rows[tops[-1] : first] if row and row[0]}
+    _require_table(source.name, names, attributes, cells, delimiter)
+    return _build(source, written, names, attributes, cells, delimiter, tops[-1], first)
+
+
+def _first_row(lines: Sequence[str], top: int, delimiter: str) -> int:
+    """Index of the first line below the attributes whose first cell is a number, or blank."""
+    for k in range(top + 1, len(lines)):
+        cells = split_cells(lines[k], delimiter)
+        if any(cells) and (not cells[0] or _NUMBER.fullmatch(cells[0])):
+            return k
+    return len(lines)
+
+
+def _is_export(rows: Sequence[Sequence[str]], names: Sequence[str]) -> bool:
+    """Whether the lines above the samples are those of an export."""
+    return names.count("Name") > 1 or any(row and row[0] in _KEYS for row in rows)
+
+
+def _require_table(
+    name: str, names: Sequence[str], attributes: Iterable[str], cells: Sequence[str], delimiter: str
+) -> None:
+    """Refuse an export without channels or samples, and one that cannot be cut."""
+    if not cells or len(names) < 2 or not _PROJECT.isdisjoint(attributes):
+        raise LogError(
+            "a TwinCAT Scope export without channels or samples.",
+            where=name,
+            expected="Expected the names of the channels, and lines of numbers below them.",
+            remedy="Export the recording again, with its channels and their samples.",
+        )
+    filled = _filled(cells)
+    if filled > len(names):
+        both = delimiter == ","
+        raise LogError(
+            f"{filled} cells where the header has {len(names)}"
+            + (": commas separate the columns, and the decimals too." if both else "."),
+            where=name,
+            expected="Expected one cell per column.",
+            remedy="Export again with tabs or semicolons between the columns."
+            if both
+            else "Export the recording again.",
+        )
+
+
+def _filled(cells: Sequence[str]) -> int:
+    """Number of cells without the empty ones at the end."""
+    return max((k for k, cell in enumerate(cells, start=1) if cell), default=0)
+
+
+def _build(
+    source: Source,
+    written: Written,
+    names: Sequence[str],
+    attributes: Mapping[str, Sequence[str]],
+    cells: Sequence[str],
+    delimiter: str,
+    top: int,
+    first: int,
+) -> Layout:
+    """Put the layout together from the parts of the header and the first row."""
+    groups = group_columns(names, "Name")
+    held = [k for group in groups for k in group.columns]
+    times = [group.time for group in groups if group.time is not None]
+    width, clocks, time_unit = len(names), {}, "ms"
+    # Columns of time that are left out, or there but blank.
+    left_out = _filled(cells) == len(held)
+    if left_out or not any(cells[k] for k in times if k < len(cells)):
+        width = len(held) if left_out else len(names)
+        groups = _counted(held, attributes.get("SampleTime[ms]", ()), first, left_out)
+        held = [held[k] if left_out else k for group in groups for k in group.columns] or held
+        timed = bool(groups)
+    else:
+        timed = True
+        if _FILETIME.fullmatch(cells[times[0]]):
+            clocks, time_unit = dict.fromkeys(times), "s"
+        groups = groups if len(groups) > 1 else []
+    headers = [names[k] for k in held]
+    units = [_unit(attributes.get("Unit", ()), k) for k in held]
+    end = source.data.rstrip()
+    lines = end.count(b"\n") + 1
+    marked = end[end.rfind(b"\n") + 1 :].strip(b'" \t;,:') == b"EOF"
+    return Layout(
+        delimiter=delimiter,
+        decimal=written.decimal or _decimal(source.data, first, delimiter),
+        width=width,
+        trailing=not groups and len(cells) == width + 1 and not cells[-1],
+        thousands=written.thousands or "",
+        lead=0,
+        first_row=first,
+        hints=_HINTS,
+        header_row=top,
+        units_row=None,
+        headers=["time", *headers] if timed else headers,
+        units=[time_unit, *units] if timed else units,
+        again=frozenset(),
+        clocks=clocks,
+        groups=tuple(groups),
+        skipped={lines: "end mark"} if marked else {},
+        notices=_scaled(source.name, names, held, attributes),
+    )
+
+
+def _counted(
+    held: Sequence[int], periods: Sequence[str], first: int, left_out: bool
+) -> list[Group]:
+    """Groups whose samples are counted, one per sample time; none where that is not written.
+
+    ``held`` are the channels' places in the header, where the rows have the columns of time
+    ``left_out`` or not.
+    """
+    by_period: dict[float, list[int]] = {}
+    for place, column in enumerate(held):
+        text = periods[column] if column < len(periods) else ""
+        period = float(text.replace(",", ".")) if _NUMBER.fullmatch(text) else 0.0
+        by_period.setdefault(period, []).append(place if left_out else column)
+    if min(by_period) <= 0.0:
+        return []
+    return [
+        Group(tuple(columns), None, (Counted(first + 1, 0.0, period),))
+        for period, columns in by_period.items()
+    ]
+
+
+def _unit(cells: Sequence[str], column: int) -> str:
+    unit = cells[column] if column < len(cells) else ""
+    return "" if unit.casefold() in _NO_UNIT else unit
+
+
+def _decimal(data: bytes, first: int, delimiter: str) -> str:
+    """The decimal sign of the samples, whatever the one of the header."""
+    if delimiter == ",":
+        return "."
+    offset = 0
+    for _ in range(first):
+        offset = data.find(b"\n", offset) + 1
+    return "," if data.count(b",", offset) > data.count(b".", offset) else "."
+
+
+def _scaled(
+    name: str,
+    names: Sequence[str],
+    held: Sequence[int],
+    attributes: Mapping[str, Sequence[str]],
+) -> tuple[Notice, ...]:
+    """Say which channels are scaled for display, which is not applied."""
+    found = []
+    for k in held:
+        for key, neutral in _NEUTRAL.items():
+            text = attributes.get(key, ())[k : k + 1]
+            if text and _NUMBER.fullmatch(text[0]):
+                value = float(text[0].replace(",", "."))
+                if value != neutral:
+                    found.append(f"'{names[k]}' ({key} {value:g})")
+    if not found:
+        return ()
+    return (
+        Notice(
+            "display-scale",
+            f"{name}: Scope scales {', '.join(found)} for display; the numbers were read as they "
+            "are written. Where the export is not scaled, give --scale ROLE=FACTOR.",
+        ),
+    )

@@ -1,0 +1,139 @@
+"""Dates and times of day as a time column: seconds since the first sample."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fluidact_fit.family import Role, Variant
+from fluidact_fit.logs import Log, describe, experiments, read_log
+
+ROLES = (Role("time", "s", ""), Role("outlet", "1", "", output=True))
+
+
+def read(folder: Path, header: str, rows: list[str]) -> Log:
+    path = folder / "a.csv"
+    path.write_text("\n".join([header, *rows] if header else rows) + "\n", encoding="utf-8")
+    log = read_log(path)
+    assert log.account.total_lines == len(rows) + bool(header)
+    assert log.rows == len(rows)
+    return log
+
+
+def stamps(form: str, start: float = 43_200.0, step: float = 0.125, count: int = 40) -> list[str]:
+    """Times of day from a start [s] on, in a form with ``{clock}``, ``{ms}`` and ``{half}``."""
+    out = []
+    for k in range(count):
+        t = round(1000 * (start + k * step)) % 86_400_000
+        hour, minute, second, ms = t // 3_600_000, t // 60_000 % 60, t // 1000 % 60, t % 1000
+        out.append(
+            form.format(
+                clock=f"{hour:02}:{minute:02}:{second:02}",
+                civil=f"{(hour - 1) % 12 + 1}:{minute:02}:{second:02}",
+                half="PM" if hour >= 12 else "AM",
+                ms=f"{ms:03}",
+                k=k,
+            )
+        )
+    return out
+
+
+@pytest.mark.parametrize(
+    ("header", "form"),
+    [
+        ("time,p", "2024-05-01 {clock}.{ms},{k}.5"),
+        ("Timestamp,p", "2024-05-01T{clock}.{ms}Z,{k}.5"),
+        ("Timestamp,p", "2024-05-01T{clock}.{ms}+02:00,{k}.5"),
+        ("Zeit;p", "01.05.2024 {clock},{ms};{k},5"),
+        ("Time;p", "{clock},{ms};{k},5"),
+        ("Time;p", "{clock}.{ms};{k}.5"),
+        ("Time;p", "{clock}:{ms};{k}.5"),
+        ("time,p", "5/1/2024 {civil}.{ms} {half},{k}.5"),
+        ("asctime,p", "2024-05-01 {clock},{ms},{k}.5"),
+        ("asctime,p", "{clock},{ms},{k}.5"),
+        ("Date,Time,p", "2024-05-01,{clock}.{ms},{k}.5"),
+        ("Date;Time;p", "01.05.2024;{clock},{ms};{k},5"),
+        ("Time;Date;p", "{clock},{ms};01.05.2024;{k},5"),
+        ("", "2024-05-01 {clock}.{ms} {k}.5"),
+        ("time p", "2024-05-01 {clock}.{ms} {k}.5"),
+        ("", "{clock}.{ms}\t{k}.5"),
+        ("# time  p", "{clock}.{ms}  {k}.5"),
+    ],
+)
+def test_stamps_are_seconds_since_the_first(tmp_path: Path, header: str, form: str) -> None:
+    log = read(tmp_path, header, stamps(form))
+    (clock,) = [c for c in log.columns if c.clock]
+    assert clock.unit == "s"
+    np.testing.assert_array_equal(clock.values, 0.125 * np.arange(40))
+    outlet = log.columns[-1]
+    assert outlet.values.tolist() == [k + 0.5 for k in range(40)]
+    assert outlet.header == ("p" if header else "")
+    bound = read_log(log.path, columns={"outlet": f"#{outlet.index}"})
+    (one,), _ = experiments(bound, Variant("any", ROLES, ()))
+    assert one.sample_time == 0.125
+    assert describe(log)["time"]["column"] == clock.index
+
+
+def test_microseconds_of_a_date_are_kept(tmp_path: Path) -> None:
+    rows = [f"2024-05-01 12:00:00.{50 * k:06},{k}" for k in range(60)]
+    assert read(tmp_path, "time,p", rows).columns[0].values[7] == 0.00035
+
+
+def test_a_clock_beside_a_time_is_not_the_time(tmp_path: Path) -> None:
+    log = read(tmp_path, "Stamp,t [ms],p", stamps("{clock},{k},1.5", step=1.0))
+    bound = read_log(log.path, columns={"outlet": "p"})
+    (one,), _ = experiments(bound, Variant("any", ROLES, ()))
+    assert one.sample_time == 0.001
+
+
+@pytest.mark.parametrize("date", ["", "2024-05-01 "])
+def test_midnight(tmp_path: Path, date: str) -> None:
+    rows = stamps("{clock}.{ms},{k}", start=86_398.0)
+    rows = [f"{date.replace('1 ', '2 ') if k >= 16 else date}{row}" for k, row in enumerate(rows)]
+    log = read(tmp_path, "time,p", rows)
+    np.testing.assert_array_equal(log.columns[0].values, 0.125 * np.arange(40))
+    assert [n.code for n in log.notices] == ([] if date else ["clock-midnight"])
+    if not date:
+        assert "line 18" in log.notices[0].message
+
+
+@pytest.mark.parametrize("date", ["", "2024-10-27 "])
+def test_the_end_of_summer_time(tmp_path: Path, date: str) -> None:
+    rows = stamps(date + "{clock}.{ms},{k}", 10_798.0, count=16)
+    rows += stamps(date + "{clock}.{ms},{k}", 7_200.0, count=24)
+    log = read(tmp_path, "time,p", rows)
+    np.testing.assert_array_equal(log.columns[0].values, 0.125 * np.arange(40))
+    assert [n.code for n in log.notices] == ["clock-set-back"]
+
+
+@pytest.mark.parametrize(("days", "known"), [((1, 2, 3), False), ((11, 12, 13), True)])
+def test_days_and_months_are_not_guessed(
+    tmp_path: Path, days: tuple[int, ...], known: bool
+) -> None:
+    rows = [f"{d}/05/2024 12:00:{s:02},{s}" for d in days for s in range(20)]
+    log = read(tmp_path, "time,p", rows)
+    assert [n.code for n in log.notices] == ([] if known else ["dates-doubtful"])
+    if known:
+        assert log.columns[0].values[20] == 86_400.0
+    else:
+        assert log.columns[0].bad[0] == rows[0].partition(",")[0]
+
+
+def test_a_stamp_that_is_none_is_named(tmp_path: Path) -> None:
+    rows = stamps("{clock}.{ms},{k}")
+    rows[7] = "12:61:00.000,7"
+    assert read(tmp_path, "time,p", rows).columns[0].bad == {7: "12:61:00.000"}
+
+
+def test_a_stamp_of_another_century_is_named(tmp_path: Path) -> None:
+    rows = [f"2024-05-01 12:00:{s:02},{s}" for s in range(40)]
+    rows[7] = "1224-05-01 12:00:07,7"
+    log = read(tmp_path, "time,p", rows)
+    assert log.columns[0].bad == {7: "1224-05-01 12:00:07"}
+
+
+def test_ratios_and_versions_are_no_stamps(tmp_path: Path) -> None:
+    log = read(tmp_path, "t;mix;p", [f"{k};12:30;1.{k}" for k in range(40)])
+    assert not any(c.clock for c in log.columns)
