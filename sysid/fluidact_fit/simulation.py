@@ -13,7 +13,7 @@ from .errors import Notice, UsageError
 from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
-from .family import Role, Variant
+from .family import Variant
 from .logs import Log, StepInput, read_log, require_agreement, share_columns
 from .logs import experiments as experiments_of
 from .logs.columns import in_unit, matching
@@ -118,12 +118,6 @@ def recall_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Log]:
     return share_columns([recall_columns(document, log) for log in logs])
 
 
-def _as_fitted(role: Role, document: ParameterDocument) -> Role:
-    """A role in the one unit of the file, where the family could be fitted in several."""
-    known = document.validity.get(role.name)
-    return role if known is None else replace(role, unit=known.unit, alternatives=())
-
-
 def prepare_logs(
     document: ParameterDocument, logs: Sequence[Log]
 ) -> tuple[list[Experiment], list[Notice]]:
@@ -133,10 +127,7 @@ def prepare_logs(
     is refused (``UsageError``, ``LogError``).
     """
     variant = variant_of(document)
-    roles = tuple(
-        replace(_as_fitted(r, document), required=r.required and not r.output)
-        for r in variant.roles
-    )
+    roles = tuple(replace(r, required=r.required and not r.output) for r in variant.roles)
     variant = replace(variant, roles=roles)
     require_agreement(logs, variant, _units_of_file(document))
     runs: list[Experiment] = []

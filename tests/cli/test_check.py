@@ -189,5 +189,6 @@ def test_an_output_in_another_quantity_than_the_file_is_refused(
     for command in ("check", "simulate"):
         done = here(command, "valve.yaml", log, "--unit", "outlet=V")
         assert (done.status, done.out) == (3, "")
-        assert "unit 'V' is a voltage" in done.err
+        assert "'outlet' in V (valve.csv) is a voltage" in done.err
+        assert "--unit outlet=Pa" in done.err
         assert "no longer fits" not in done.err

@@ -76,7 +76,7 @@ def _require_one_quantity(stated: Sequence[_Stated]) -> None:
     if other is None:
         return
     first = stated[0]
-    wrong = first if first.assumed else other
+    wrong = first if first.assumed or other.log is None else other  # the file is as it is
     right = other if wrong is first else first
     raise UnitError(
         f"{first.text(other)} is {dimension_name(first.unit)}, and {other.text(first)} "
