@@ -93,7 +93,7 @@ DAMAGES: dict[str, Damage] = {
     "random-bytes": lambda h, r: np.random.default_rng(0).bytes(4000),
     "nul-bytes": lambda h, r: table(h, r).encode().replace(b"\n", b"\n\0\0", 8),
     "nul-tail": lambda h, r: table(h, r).encode() + b"\0" * 4096,
-    "gzip": lambda h, r: gzip.compress(table(h, r).encode()),
+    "gzip": lambda h, r: gzip.compress(table(h, r).encode())[:-9],
     "zip": zipped,
     "utf16-damaged": lambda h, r: b"\xff\xfe" + b"\x00\xd8" * 400,
     "html": lambda h, r: "<html><body><h1>404 Not Found</h1></body></html>\n" * 4,

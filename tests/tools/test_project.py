@@ -32,7 +32,9 @@ def normal(requirement: str) -> tuple[str, str]:
 def test_lock_is_of_these_requirements() -> None:
     metadata = locked("fluidact-fit")["metadata"]
     held = {(entry["name"], entry["specifier"]) for entry in metadata["requires-dist"]}
-    assert held == {*map(normal, PROJECT["project"]["dependencies"])}, "run: make lock"
+    extras = [r for extra in PROJECT["project"]["optional-dependencies"].values() for r in extra]
+    wanted = {*map(normal, [*PROJECT["project"]["dependencies"], *extras])}
+    assert held == wanted, "run: make lock"
     for group, held in metadata["requires-dev"].items():
         wanted = {normal(r) for r in PROJECT["dependency-groups"][group] if isinstance(r, str)}
         assert wanted <= {(entry["name"], entry["specifier"]) for entry in held}, "run: make lock"

@@ -105,7 +105,9 @@ class Optimum:
         for s in self.series:
             one = found[s.run]
             values = np.asarray(one.also.get(s.role, one.output), dtype=float)
-            out.append((values - s.simulated)[s.used] / s.scale)
+            more = (values - s.simulated)[s.used] / s.scale
+            # what another input leaves undescribed says nothing of the change
+            out.append(np.where(np.isnan(more), 0.0, more))
         return out
 
     @property
