@@ -9,12 +9,15 @@ OLDEST := .venv-oldest
 COG := $(BIN)/cog -P -I tools -p 'import docs_tables as docs' --verbosity 1
 PAGES := README.md $(wildcard docs/*.md)
 
-.PHONY: help demo test test-oldest lint format docs schema lock house acceptance study bench red-team soak clean
+MATRIX ?= 3.11 3.12 3.13
+
+.PHONY: help demo test test-oldest test-matrix lint format docs schema lock house acceptance study bench red-team soak clean
 
 help:
 	@echo "make demo         fit the datasets into demo-output/"
 	@echo "make test         style, types, layers, tests and notebooks, with the newest dependencies"
 	@echo "make test-oldest  part of the tests with the oldest dependencies that are supported"
+	@echo "make test-matrix  the demo and quick tests on every Python that is supported"
 	@echo "make lint         style, types, layers and generated pages only"
 	@echo "make format       fix the style where ruff can"
 	@echo "make docs         write what the pages and the JSON Schema take from the program"
@@ -45,6 +48,17 @@ test-oldest: $(OLDEST)/installed
 		tests/cli tests/control tests/logs tests/parameters tests/report tests/test_units.py \
 		--ignore tests/cli/test_broken_logs.py \
 		--deselect tests/parameters/test_schema.py::test_the_committed_schema_is_the_one_built
+
+# The newest dependencies there are, not those of uv.lock, on every Python that is installed here
+# as python3.N; MATRIX=3.13 takes one. The oldest dependencies have no wheels beyond the oldest one.
+test-matrix: test-oldest $(MATRIX:%=matrix-%)
+
+matrix-%: pyproject.toml
+	python$* -m venv --clear .venv-matrix-$*
+	.venv-matrix-$*/bin/python -m pip install --quiet --upgrade "pip>=25.1"
+	.venv-matrix-$*/bin/python -m pip install --quiet --editable . --group test
+	.venv-matrix-$*/bin/fluidact-fit demo .venv-matrix-$*/demo
+	.venv-matrix-$*/bin/python -m pytest -n 2 tests/logs tests/parameters tests/test_units.py
 
 lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
@@ -102,7 +116,7 @@ bench: $(INSTALLED)
 	$(BIN)/python bench/report.py
 
 clean:
-	rm -rf $(VENV) $(OLDEST) demo-output build dist .mypy_cache .ruff_cache .pytest_cache \
+	rm -rf $(VENV) $(OLDEST) .venv-matrix-* demo-output build dist .mypy_cache .ruff_cache .pytest_cache \
 		.hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
