@@ -116,6 +116,35 @@ def test_a_point_among_decimal_commas_is_no_number(
         assert np.isnan(column.values[5])
 
 
+@pytest.mark.parametrize("limit", [0, 10**9])
+def test_one_separator_too_many_is_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: int
+) -> None:
+    """Rows that end with a separator: one of the last may be missing, none may be too many."""
+    monkeypatch.setattr(table_module, "FAST_FROM_BYTES", limit)
+    rows = [f"{i}.25\t{i % 7}.5\t" for i in range(400)]
+    rows[3] = "3.25\t\t3.5\t"
+    assert left_out(read(tmp_path, rows)) == [4]
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["0.1\t5\t7", "garbled;", *(f"{i}.2\t5.1\t{i}" for i in range(300))],
+        ["0,1\t5,0\t7,5", *(f"{i}.2\t5.1\t{i}" for i in range(300))],
+        ["a\tb", "1.5\t2.5", *(f"{i}.2\t5.1\t{i}" for i in range(300))],
+    ],
+)
+def test_a_first_row_is_one_of_the_table_whatever_stands_below(
+    tmp_path: Path, lines: list[str]
+) -> None:
+    log = read(tmp_path, lines)
+    account = log.account
+    text = sum(line[0].isalpha() for line in lines[:1])
+    assert account.header_lines == text
+    assert account.data_rows + len(account.left_out) == len(lines) - text
+
+
 def test_header_and_rows_as_they_are_said_to_be(tmp_path: Path) -> None:
     body = [f"{i};4.{i};3" for i in ROWS]
     log = read(tmp_path, ["1;2;3", "4;5;6", "a;b;c", *body], header_row=3)

@@ -14,6 +14,7 @@ from .layout import Cut
 
 # Numbers and signs that separate them, whichever: a row that lost its separators.
 _NUMBERS = re.compile(r"(?=.*\d)[\d\s.,;|+\-eE]+")
+_DATE = re.compile(r"\d+-\d+-\d+")
 _ENOUGH = 3  # rows one below the other that no preamble holds by accident
 
 
@@ -97,6 +98,8 @@ def _first_row(lines: Sequence[str], kinds: Sequence[_Kind], start: int, cut: Cu
                 first = index + 1
             broken = True
         run = 0
+    if run and cut.width > 2 and not _names_columns(lines[run], cut):
+        return 0  # the very first lines; numbers above the names count columns
     return first
 
 
@@ -112,8 +115,11 @@ def _take_in_damaged(lines: Sequence[str], kinds: Sequence[_Kind], start: int, c
             named = kinds[index] is _Kind.TEXT and _names_columns(lines[index], cut)
             return first if named or start - first >= _ENOUGH else start
         cells = cut.split(lines[index])
-        single = _NUMBERS.fullmatch(lines[index]) and len(cells) == 1 != cut.width
-        if index == 0 and (single or 2 * sum(map(cut.is_value, cells)) > len(cells)):
+        numbers = sum(map(cut.is_value, cells))
+        plain = _NUMBERS.fullmatch(lines[index]) and not _DATE.fullmatch(lines[index].strip())
+        if index == 0 and (plain or 2 * numbers > len(cells)):
             return 0
         first = index
+        if numbers == len(cells) > 1:
+            start = index  # no preamble holds several numbers and nothing else
     return first if start - first >= _ENOUGH else start

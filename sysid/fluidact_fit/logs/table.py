@@ -84,7 +84,7 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         found = data.count(layout.delimiter.encode(), offset, end)
         # The trailing separator of the last line may have been stripped above.
         cells = layout.lead + layout.width + layout.trailing
-        if abs(found - rows * (cells - 1)) > layout.trailing:
+        if not 0 <= rows * (cells - 1) - found <= layout.trailing:
             return None
     if data[end:] not in (b"", b"\n"):
         data = data[:end]
