@@ -81,10 +81,13 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     if _is_cut(tail[-1], tail[-40:-1], layout, not data.endswith(b"\n")):
         return None
     if layout.delimiter != " ":
-        found = data.count(layout.delimiter.encode(), offset, end)
-        # The trailing separator of the last line may have been stripped above.
+        sign = layout.delimiter.encode()
+        stop = data.find(b"\n", end)
+        stop = len(data) if stop < 0 else stop
+        found = data.count(sign, offset, stop)
+        missing = layout.trailing and sign not in data[end - 1 : stop]  # behind the last cell
         cells = layout.lead + layout.width + layout.trailing
-        if not 0 <= rows * (cells - 1) - found <= layout.trailing:
+        if found != rows * (cells - 1) - missing:
             return None
     if data[end:] not in (b"", b"\n"):
         data = data[:end]
