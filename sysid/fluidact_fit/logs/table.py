@@ -77,7 +77,8 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     if data.find(b'"', offset) >= 0 or layout.hints.session_mark:
         return None
     rows = data.count(b"\n", offset, end) + 1
-    tail = data[data.rfind(b"\n", 0, end - 4096) + 1 : end].decode(errors="replace").split("\n")
+    first = max(data.rfind(b"\n", 0, max(end - 4096, 0)) + 1, offset)
+    tail = data[first:end].decode(errors="replace").split("\n")
     if _is_cut(tail[-1], tail[-40:-1], layout, not data.endswith(b"\n")):
         return None
     if layout.delimiter != " ":
