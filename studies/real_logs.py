@@ -65,7 +65,7 @@ _LINE = ["line", *_columns(time="#1; ms", inlet="#2; bar", outlet="#3; bar")]
 TASKS = (
     Task("EMPS axis", "emps/*.csv",
          ["ball-screw", *_columns(position="q_m", force="force_N")]),
-    Task("tubes, inlet and outlet", "tubes/*.csv", _LINE),
+    Task("tubes of 5 and 7 m, measured inlet", "tubes/tube_l[57]*.csv", _LINE),
     Task("hydraulic cylinder, A", "hydcyl/pA*.csv",
          ["hydraulic-cylinder", "--area-1", "2.0106e-4", "--area-2", "1.2252e-4",
           "--supply-pressure", "4.45e6",
