@@ -60,7 +60,8 @@ def test_tools_of_developers_are_pinned() -> None:
     wanted = {normal(r)[0] for group in groups for r in group if isinstance(r, str)}
     assert wanted == {*pins}
     assert all(re.fullmatch(r"[0-9][0-9a-z.]*", version) for version in pins.values())
-    assert MAKEFILE.count("tools/locked.py >") == MAKEFILE.count("--group ") == 2
+    environments, unpinned = MAKEFILE.count("--group "), 1  # test-matrix takes the newest
+    assert MAKEFILE.count("tools/locked.py >") == environments - unpinned == 2
 
 
 def test_help_names_every_target() -> None:
