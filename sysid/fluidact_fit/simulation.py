@@ -55,8 +55,8 @@ def recall_columns(document: ParameterDocument, log: Log) -> Log:
     }
     same = next((s for s in sources if s.sha256 == log.sha256), None)
     own = same.columns if same is not None else {}
-    if same is not None and not log.exclude and "exclude" in (same.details or {}):
-        log = without(log, [parse_exclusion(str(x)) for x in (same.details or {})["exclude"]])
+    if same is not None and not log.exclude:
+        log = without(log, [parse_exclusion(x) for x in (same.details or {}).get("exclude", ())])
     log = _recall_constants(log, named, {r: own[r] for r in named if r in own})
     fitting = [
         {r: c for r, c in _present(log, source.columns).items() if r not in named}

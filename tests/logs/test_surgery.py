@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import fluidact_fit as ff
-from fluidact_fit.errors import LogError, UnitError, UsageError
+from fluidact_fit.errors import LogError, ParameterFileError, UnitError, UsageError
 from fluidact_fit.families import get_family
 from fluidact_fit.logs import experiments, read_log
 from fluidact_fit.logs.surgery import find_in_name, parse_constant, parse_exclusion
@@ -94,7 +95,8 @@ def test_templates_need_braces_and_text(template: str) -> None:
 
 
 def test_exclusions_are_written_as_they_are_given() -> None:
-    for text in ("run=2", "time=3:3.5", "time=:2", "time=3:", "lines=120:130"):
+    short = ("run=2", "time=3:3.5", "time=:2", "time=3:", "lines=120:130")
+    for text in (*short, "lines=1234567:1234568", "time=1234.5678:1234.6"):
         assert parse_exclusion(text).text == text
 
 
@@ -153,6 +155,17 @@ def test_a_part_that_was_left_out_is_left_out_again(tmp_path: Path) -> None:
     assert document.provenance.logs[0].details["exclude"] == ["time=3:3.5"]
     again = recall_columns(document, read_log(DATA))
     assert [x.text for x in again.exclude] == ["time=3:3.5"]
+
+
+@pytest.mark.parametrize("spoilt", [5, "time=1:2", [5], {"a": 1}, ["rows=3"], ["run=1;x"]])
+def test_a_file_that_excludes_nonsense_is_refused(tmp_path: Path, spoilt: object) -> None:
+    path = tmp_path / "valve.yaml"
+    ff.fit("valve", read_log(DATA, columns=BOUND, exclude=["time=3:3.5"])).save(path)
+    raw = yaml.safe_load(path.read_text())
+    raw["provenance"]["logs"][0]["details"]["exclude"] = spoilt
+    path.write_text(yaml.safe_dump(raw))
+    with pytest.raises(ParameterFileError, match="exclude"):
+        ff.read_document(path)
 
 
 @pytest.mark.parametrize(

@@ -100,8 +100,8 @@ class Exclusion:
     def text(self) -> str:
         """As it is given: ``time=3:3.5``."""
         if self.kind == "run":
-            return f"run={self.low:g}"
-        ends = ("" if math.isinf(x) else f"{x:g}" for x in (self.low, self.high))
+            return f"run={self.low:.0f}"
+        ends = ("" if math.isinf(x) else f"{x:.15g}" for x in (self.low, self.high))
         return f"{self.kind}={':'.join(ends)}"
 
 

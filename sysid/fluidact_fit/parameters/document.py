@@ -63,6 +63,9 @@ AnyInterval = Annotated[
 ]
 Free = dict[str, Any]  # numbers, text and lists of them; what they mean is up to the family
 Count = Annotated[int, Field(ge=0)]
+_REAL = r"[-+]?[0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?"
+_EXCLUDED = rf"^(run=[0-9]+|lines=[0-9]+(:[0-9]+)?|time=({_REAL})?:({_REAL})?)$"  # of a log
+_IN_NAME = r"^([^{}]+\{[^{}]*\}[^{}]*|\{[^{}]*\}[^{}]+)$"  # text around {UNIT}
 Percent = Annotated[Number, Field(le=100.0)]
 Verdict = Literal["pass", "warn", "fail"]
 
@@ -311,11 +314,19 @@ class Column(Part):
 
     header: str | None = None
     step: Step | None = None
-    from_name: str | None = None
+    from_name: Annotated[str, Field(pattern=_IN_NAME, max_length=200)] | None = None
     unit: str
     scale: Number | None = None
     assumed: bool | None = None
     hold: Literal["zoh", "foh", "smooth"] | None = None
+
+
+class _KnownLogDetails(BaseModel):
+    """Those of the details of a log that this program reads."""
+
+    model_config = ConfigDict(strict=True)
+
+    exclude: list[Annotated[str, Field(pattern=_EXCLUDED, max_length=100)]] = []
 
 
 class LogSource(Part):
@@ -327,6 +338,12 @@ class LogSource(Part):
     sample_time: Annotated[Number, Field(ge=0.0)] | None = None
     columns: dict[str, Column] = {}
     details: Free | None = None
+
+    @field_validator("details")
+    @classmethod
+    def _holds_what_is_read(cls, details: Free | None) -> Free | None:
+        _KnownLogDetails.model_validate(details or {})
+        return details
 
 
 class _Choices(Part):
