@@ -157,13 +157,13 @@ def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
     given |= {name: params[name] for name in _WRITING if params[name] is not None}
     given |= {"from_name": params["from_name"], **by_role}
     known = [os.path.basename(p) for name in _LOGS for p in _listed(params.get(name))]
-    exclude = [_of_log("--exclude", text, known) for text in params["exclude"]]
-    constants = [_of_log("--set", text, known) for text in params["set"]]
+    exclude = _by_log("--exclude", params["exclude"], known)
+    constants = _by_log("--set", params["set"], known)
     logs = []
     for path in paths:
         name = os.path.basename(path)
-        values = dict(_assignment(text) for p, text in constants if fnmatchcase(name, p))
-        parts = [text for p, text in exclude if fnmatchcase(name, p)]
+        values = {role: value for p, role, value in constants if fnmatchcase(name, p)}
+        parts = [f"{kind}={what}" for p, kind, what in exclude if fnmatchcase(name, p)]
         logs.append(read_log(path, constants=values, exclude=parts, **given))
     return logs
 
@@ -172,28 +172,32 @@ def _listed(given: str | Iterable[str] | None) -> list[str]:
     return [given] if isinstance(given, str) else list(given or ())
 
 
-def _of_log(option: str, text: str, names: Iterable[str]) -> tuple[str, str]:
-    """Split ``[LOG:]NAME=VALUE`` into the pattern of the logs, ``*`` without one, and the rest."""
+def _by_log(option: str, given: Iterable[str], names: Iterable[str]) -> list[tuple[str, str, str]]:
+    """Read ``[LOG:]NAME=VALUE``: pattern of the logs, name and value; some log has to match."""
+    out = []
+    for text in given:
+        pattern, name, value = _split_part(text)
+        if not name or value is None:
+            raise UsageError(
+                f"{option} {text!r} is not understood.",
+                expected=f"Expected {option} [LOG:]NAME=VALUE.",
+                remedy="See --help for examples.",
+            )
+        if pattern is not None and not any(fnmatchcase(n, pattern) for n in names):
+            raise UsageError(
+                f"{option} {text!r} names a log that is not given.",
+                expected=f"The logs are: {', '.join(names)}.",
+                remedy="Give the name of one of them, with * for any part of it.",
+            )
+        out.append(("*" if pattern is None else pattern, name, value))
+    return out
+
+
+def _split_part(text: str) -> tuple[str | None, str, str | None]:
+    """Pattern, name and value of ``[LOG:]NAME=VALUE``; ``None`` for what is not there."""
     before, equals, value = text.partition("=")
     pattern, colon, name = before.rpartition(":")
-    if not equals or not name.strip():
-        raise UsageError(
-            f"{option} {text!r} is not understood.",
-            expected=f"Expected {option} [LOG:]NAME=VALUE.",
-            remedy="See --help for examples.",
-        )
-    if colon and not any(fnmatchcase(n, pattern) for n in names):
-        raise UsageError(
-            f"{option} {text!r} names a log that is not given.",
-            expected=f"The logs are: {', '.join(names)}.",
-            remedy="Give the name of one of them, with * for any part of it.",
-        )
-    return pattern if colon else "*", f"{name.strip()}={value}"
-
-
-def _assignment(text: str) -> tuple[str, str]:
-    role, _, value = text.partition("=")
-    return role, value
+    return pattern if colon else None, name.strip(), value if equals else None
 
 
 def check_role_names(params: Mapping[str, Any], known: Iterable[str]) -> None:
@@ -202,8 +206,7 @@ def check_role_names(params: Mapping[str, Any], known: Iterable[str]) -> None:
     for option in _ROLE_OPTIONS:
         check_names(f"--{option}", "role", params[option], known)
     check_names("--from-name", "role", params["from_name"], known)
-    given = [text.partition("=")[0].rpartition(":")[2].strip() for text in params["set"]]
-    check_names("--set", "role", given, known)
+    check_names("--set", "role", [_split_part(text)[1] for text in params["set"]], known)
 
 
 def check_names(option: str, noun: str, given: Iterable[str], known: Iterable[str]) -> None:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from ..errors import LogError, Notice
 from ..experiment import FloatArray
 from ..units import is_doubtful_suffix, parse_unit_from_header
+from .groups import united
 from .log import Account, Column, Dialect, Log, count_of
 
 _MOST_COLUMNS = 4096
@@ -180,10 +181,9 @@ def joined(parts: Sequence[Sequence[Named]], name: str) -> list[Named]:
     The first column of every part is its time [s], strictly increasing. The others say by
     ``sparse`` whether their holes are none.
     """
-    instants = np.unique(np.concatenate([np.asarray(p[0].values, dtype=float) for p in parts]))
+    instants, places = united([np.asarray(p[0].values, dtype=float) for p in parts])
     out = [Named(parts[0][0].header, instants, "s")]
-    for time, *columns in parts:
-        rows = np.searchsorted(instants, np.asarray(time.values, dtype=float))
+    for (time, *columns), rows in zip(parts, places):
         if np.any(np.diff(rows) <= 0):
             raise LogError(
                 f"'{time.header}' does not increase.",

@@ -50,8 +50,6 @@ def lay_out(source: Source) -> Layout | None:
         delimiter=",",
         decimal=".",
         width=width,
-        trailing=False,
-        thousands="",
         lead=1,
         first_row=len(lines) - 1,
         hints=_HINTS,
@@ -59,7 +57,6 @@ def lay_out(source: Source) -> Layout | None:
         units_row=units_row,
         headers=["time", *_told_apart(names, paths)[1:]],
         units=["s", *units[1:]],
-        again=frozenset(),
     )
 
 

@@ -205,7 +205,7 @@ def _rate_cut(
     if trailing:
         share += counts[width]
     pattern = NUMBER["."] if decimal == "." else _NUMBER_COMMA_STRICT
-    cut = Cut(delimiter, decimal, width, trailing, thousands, lead=0)
+    cut = Cut(delimiter, decimal, width, trailing=trailing, thousands=thousands)
     cells = [cell for row in usual for cell in row[:width] if cell.casefold() not in NO_VALUE]
     if not cells:
         return None

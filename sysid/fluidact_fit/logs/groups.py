@@ -86,8 +86,7 @@ def merge(
     else:
         for group, rows, time in zip(layout.groups, held, times):
             _require_order(group, rows, time, lines, name)
-        instants = np.unique(np.concatenate(times))
-        places = [np.searchsorted(instants, time) for time in times]
+        instants, places = united(times)
     line_of = np.zeros(instants.size, dtype=np.int64)
     for rows, place in zip(reversed(held), reversed(places)):
         line_of[place] = lines[rows]
@@ -99,6 +98,12 @@ def merge(
             out.append(spread)
             texts.append(_holes(spread, bad[column], rows, place))
     return Merged(tuple(out), tuple(texts), line_of, np.flatnonzero(~used))
+
+
+def united(times: Sequence[FloatArray]) -> tuple[FloatArray, list[IndexArray]]:
+    """Instants of several time bases, each once and in order, and the places of every base."""
+    instants = np.unique(np.concatenate(times))
+    return instants, [np.searchsorted(instants, time) for time in times]
 
 
 def _rows_of(

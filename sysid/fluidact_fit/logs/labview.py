@@ -140,16 +140,13 @@ def _build(
         delimiter=delimiter,
         decimal=written.decimal or _decimal(lines, body, delimiter),
         width=len(first.names) + first.commented,
-        trailing=False,
         thousands=written.thousands or "",
-        lead=0,
         first_row=start,
         hints=_HINTS,
         header_row=first.top,
         units_row=None,
         headers=[x_name, *(first.names[k] for k in held)],
         units=["s" if x_name == "time" else "", *(first.units[channels.index(k)] for k in held)],
-        again=frozenset(),
         groups=tuple(groups),
         skipped={
             k + 1: "header of a segment"

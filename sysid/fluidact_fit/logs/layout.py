@@ -72,9 +72,9 @@ class Cut:
     delimiter: str
     decimal: str
     width: int
-    trailing: bool
-    thousands: str
-    lead: int
+    trailing: bool = field(default=False, kw_only=True)
+    thousands: str = field(default="", kw_only=True)
+    lead: int = field(default=0, kw_only=True)
     tidy: Callable[[str], str | None] | None = field(default=None, kw_only=True)
 
     def split(self, line: str) -> list[str]:
@@ -148,7 +148,7 @@ class Layout(Cut):
     units_row: int | None
     headers: Sequence[str]
     units: Sequence[str]
-    again: frozenset[str]
+    again: frozenset[str] = frozenset()
     clocks: Mapping[int, int | None] = field(default_factory=dict)
     groups: tuple[Group, ...] = ()
     skipped: Mapping[int, str] = field(default_factory=dict)
