@@ -39,7 +39,7 @@ _SMALLEST, _LARGEST = 1e-30, 1e30
 
 def plausible(value: float) -> float:
     """Return a number of a size that a quantity can have in SI; ``ValueError`` for another."""
-    if not math.isfinite(value):
+    if not abs(value) <= sys.float_info.max:  # an integer can be beyond it
         raise ValueError("not finite")
     if abs(value) > _LARGEST:
         raise ValueError(f"too large: nothing in SI is above {_LARGEST:.0e}")
@@ -141,8 +141,6 @@ class Option:
             value = getattr(value, "item", lambda: value)()  # a numpy scalar
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError("not a number")
-        if not abs(value) <= sys.float_info.max:  # an integer can be beyond it
-            raise ValueError("not finite")
         plausible(value)
         if self.kind == "int" and value != int(value):
             raise ValueError("not a whole number")

@@ -125,7 +125,10 @@ def test_a_cylinder_of_few_rows(
     )
 
 
-@pytest.mark.parametrize("option", ["column=#2", "scale=2", "step=0:1", "hold=zoh", "--window 0:1"])
+_OF_LOGS = ["--window 0:1", "--exclude run=1", "--set command=3", "--decimal ,", "--skip-rows 3"]
+
+
+@pytest.mark.parametrize("option", ["column=#2", "scale=2", "step=0:1", "hold=zoh", *_OF_LOGS])
 def test_a_simulation_of_steps_reads_no_log(option: str, here: Run, inside: Path) -> None:
     assert here(*dataset("valve", 200, inside / "log.csv"), "-q", "--accept-failed").status == 0
     name, _, value = option.partition("=")

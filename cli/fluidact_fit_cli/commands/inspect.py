@@ -100,11 +100,11 @@ def _show_lines(lines: Mapping[str, Any], rows: int) -> None:
     parts = [f"{lines['header']} above the data", f"{rows} data"]
     parts += [f"{lines['blank']} empty"] if lines["blank"] else []
     parts += [f"{len(left_out)} left out"] if left_out else []
-    click.echo(f"{lines['total']} lines: {', '.join(parts)}")
+    echo(f"{lines['total']} lines: {', '.join(parts)}")
     for entry in left_out[:_LISTED]:
-        click.echo(f"  line {entry['line']} left out: {entry['reason']}")
+        echo(f"  line {entry['line']} left out: {entry['reason']}")
     if len(left_out) > _LISTED:
-        click.echo(f"  and {len(left_out) - _LISTED} more (--json lists them all)")
+        echo(f"  and {len(left_out) - _LISTED} more (--json lists them all)")
 
 
 def _show_time(time: Mapping[str, Any] | None) -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from fluidact_fit.outcome import Simulation
     from fluidact_fit.parameters import ParameterDocument
 
-_OF_LOGS = ("column", "scale", "step", "window", "hold")
+_OF_STEPS = ("unit", "sample_time")  # what --input takes of the options that read a log
 
 
 @click.command(
@@ -107,11 +107,12 @@ def _check_source(logs: Sequence[str], params: Mapping[str, Any]) -> None:
         )
     if not logs and not params["input"]:
         raise click.UsageError(f"there is nothing to simulate: give a LOG, or steps, {example}.")
-    needless = [name for name in _OF_LOGS if not logs and params[name]]
+    of_logs = [option for option in READING if option.name not in _OF_STEPS]
+    needless = [option for option in of_logs if not logs and params[str(option.name)]]
     if needless:
         raise click.UsageError(
-            f"--{needless[0]} is about reading a LOG, and there is none. Leave it out; the steps "
-            "of --input are in the --unit of their role."
+            f"{needless[0].opts[0]} is about reading a LOG, and there is none. Leave it out; the "
+            "steps of --input are in the --unit of their role."
         )
     if not logs and (params["duration"] is None or params["sample_time"] is None):
         raise click.UsageError(f"--input needs --duration and --sample-time, {example}.")
