@@ -177,6 +177,12 @@ class ParameterFileError(FluidactError):
         )
 
 
+class ConsumerError(FluidactError):
+    """What a controller reads cannot be found out (exit status 3)."""
+
+    exit_status = 3
+
+
 class OutputError(FluidactError):
     """A result cannot be written where it was asked for (exit status 3)."""
 
