@@ -6,8 +6,6 @@ from typing import Any
 
 import click
 
-from fluidact_fit.errors import UsageError
-
 from ..options import FORCE, VERBOSITY, Command, Option, flag
 from ..outputs import note_written
 from ..show import echo
@@ -58,8 +56,6 @@ def command(
     """
     from fluidact_fit.export import export
 
-    if not folder.strip() or "\0" in folder:
-        raise UsageError("-o has no folder name.", remedy="Give one, or . for the present one.")
     written = export(
         params_files, to, folder,
         force=params["force"], arithmetic=params["arithmetic"],

@@ -7,6 +7,7 @@ written by this program, and texts stand as plain signs in quotes or comments.
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -56,9 +57,8 @@ def _content(job: Job) -> dict[str, Any]:
         "validity_units": {r: plain_text(v.unit) for r, v in block.validity.items()},
     }
     if document.covariance is not None:
-        order = [plain_text(name.replace("[", "(").replace("]", ")"))
-                 for name in document.covariance.order]  # fmt: skip
         matrix = np.array(document.covariance.matrix, dtype=float)
+        order = [_from_one(name) for name in document.covariance.order]
         found["covariance"] = {"order": _texts(order), "matrix": matrix}
     for key, value in _beside(job):
         _put(found, key, _texts([value]) if isinstance(value, str) else _numbers(value))
@@ -70,6 +70,12 @@ def _beside(job: Job) -> Iterator[tuple[str, Any]]:
     for entry in flatten(job.block):
         if not entry.parameter and not entry.key.startswith("validity."):
             yield entry.key, entry.value
+
+
+def _from_one(name: str) -> str:
+    """Name of a number as MATLAB counts: ``weights_1[0][2]`` is ``weights_1(1,3)``."""
+    word, *indices = re.findall(r"\w+", name)
+    return f"{word}({','.join(str(int(i) + 1) for i in indices)})" if indices else word
 
 
 def _put(top: dict[str, Any], key: str, value: Any) -> None:
@@ -123,7 +129,7 @@ def _quantities(job: Job) -> Iterator[str]:
         if entry.std_error is not None:
             yield f"  model.std_errors.{name} = {_matrix(entry.std_error)};"
     if document.covariance is not None:
-        order = [n.replace("[", "(").replace("]", ")") for n in document.covariance.order]
+        order = [_from_one(name) for name in document.covariance.order]
         yield f"  model.covariance.order = {_cell(order)};"
         yield f"  model.covariance.matrix = {_matrix(document.covariance.matrix)};"
 

@@ -77,7 +77,7 @@ def _validation(entry: Entry) -> dict[str, list[float | int]]:
         found["lower_element_bounds<>" if array else "gt_eq<>"] = [low]
     elif math.isfinite(high):
         found["upper_element_bounds<>" if array else "lt_eq<>"] = [high]
-    if isinstance(entry.value, list) and entry.length is None:
+    if isinstance(entry.value, list):
         found["fixed_size<>"] = [len(entry.value)]
     return found
 

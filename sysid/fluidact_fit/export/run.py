@@ -67,6 +67,8 @@ def export(
         When a file exists and may not be replaced, or cannot be written.
     """
     files = [os.fspath(path) for path in paths]
+    if not os.fspath(folder).strip() or "\0" in os.fspath(folder):
+        raise UsageError("-o has no folder name.", remedy="Give one, or . for the present one.")
     target = get_target(to)
     if arithmetic is not None and not TARGETS[to].fixed_point:
         raise UsageError(

@@ -97,7 +97,8 @@ def safe_name(file: str) -> str:
     if not name[:1].isalpha():
         name = f"p_{name}".rstrip("_")
     name = name[:_LONGEST_NAME].rstrip("_")
-    return f"{name}_p" if name.lower() in _TAKEN else name
+    taken = name.lower() in _TAKEN or name.lower().startswith(("end_", "var_"))
+    return f"{name}_p" if taken else name
 
 
 def plain_text(text: str) -> str:
