@@ -202,6 +202,6 @@ class StrictError(FluidactError):
 
 
 class MismatchError(FluidactError):
-    """A parameter file no longer describes the machine (exit status 5)."""
+    """A parameter file no longer describes the machine or suits its controller (exit status 5)."""
 
     exit_status = 5

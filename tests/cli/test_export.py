@@ -131,6 +131,31 @@ def test_check_consumer(files: Path, here: Run) -> None:
     assert here("check-consumer", "line.yaml").status == 2
 
 
+def test_the_example_of_the_page(files: Path, here: Run) -> None:
+    """What docs/export.md shows of check-consumer is what it prints."""
+    page = (Path(__file__).parents[2] / "docs" / "export.md").read_text(encoding="utf-8")
+    _, _, shown = page.partition("    $ fluidact-fit check-consumer line.yaml controller.h\n")
+    assert shown
+    (files / "controller.h").write_text(
+        "#define LINE_GAIN 0.98f /* 1 */\n"
+        "static const float line_time_constant = 120.0f; /* [ms] */\n",
+        encoding="ascii",
+    )
+    done = here("check-consumer", "line.yaml", "controller.h")
+    due = [line.removeprefix("    ").rstrip() for line in shown.splitlines()]
+    assert (done.out + done.err).splitlines() == due
+
+
+def test_every_target_is_on_the_page_and_in_the_help(here: Run) -> None:
+    from fluidact_fit.export import TARGETS
+
+    page = (Path(__file__).parents[2] / "docs" / "export.md").read_text(encoding="utf-8")
+    text = here("export", "--help").out
+    for name in TARGETS:
+        assert f"\n## `{name}`\n" in page
+        assert f"\n  {name} " in text
+
+
 def test_export_loads_nothing_that_it_does_not_need() -> None:
     code = (
         "import sys\n"

@@ -61,7 +61,7 @@ def _content(job: Job) -> dict[str, Any]:
         order = [_from_one(name) for name in document.covariance.order]
         found["covariance"] = {"order": _texts(order), "matrix": matrix}
     for key, value in _beside(job):
-        _put(found, key, _texts([value]) if isinstance(value, str) else _numbers(value))
+        _put(found, key, value if isinstance(value, str) else _numbers(value))
     return found
 
 

@@ -71,15 +71,16 @@ Target = Callable[[Job], Mapping[str, bytes]]  # name of a file to its content
 
 def make_job(path: str | os.PathLike[str], block: Block, arithmetic: Arithmetic = "float32") -> Job:
     """Return the job of a block that was loaded from a file, everything in it accepted."""
-    return Job(safe_name(Path(path).name), block, arithmetic, tuple(_remarks(block)))
+    return Job(
+        safe_name(Path(path).name), block, arithmetic, tuple(map(plain_text, _remarks(block)))
+    )
 
 
 def _remarks(block: Block) -> Iterable[str]:
     if block.verdict == "fail":
         yield "VERDICT FAIL: the model did not describe its own logs; exported as accepted"
     for name in block.not_identified:
-        text = f"NOT IDENTIFIED: {name} holds a value that the data could not determine"
-        yield plain_text(f"{text}; exported as accepted")
+        yield f"NOT IDENTIFIED: {name} could not be determined from the data; exported as accepted"
 
 
 def safe_name(file: str) -> str:
