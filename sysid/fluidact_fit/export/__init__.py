@@ -1,0 +1,1 @@
+"""Parameter files in the languages of controllers."""
