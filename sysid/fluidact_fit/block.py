@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import copy
 from typing import Any, NamedTuple, Self
 
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from .errors import NotIdentifiedError, UsageError
 from .experiment import Experiment, FloatArray
 from .parameters.document import ParameterDocument
+from .routines.routine import Argument, Routine
 from .specification import Role, Value, Variant, scalars
 
 
@@ -118,11 +119,10 @@ class Block(ABC):
     def input(self) -> Port | None:
         """What drives the model: its first role with a hold, or the argument of a map.
 
-        ``None`` where nothing does.
+        Roles that a log may lack drive nothing. ``None`` where nothing does.
         """
-        roles = self.variant.driving or [
-            r for r in self.variant.roles if not r.output and r.name != "time"
-        ]
+        needed = [r for r in self.variant.roles if r.required and not r.output]
+        roles = [r for r in needed if r.hold] or [r for r in needed if r.name != "time"]
         return self._port(roles[0]) if roles else None
 
     @property
@@ -197,6 +197,30 @@ class Block(ABC):
     def reset(self) -> None:
         """Return to rest; a static map has nothing to return from."""
         return
+
+    def argument(self, role: str, about: str) -> Argument:
+        """Argument of a routine, with the range of a role that the data covered.
+
+        Raises
+        ------
+        UsageError
+            When the file holds no range of that role.
+        """
+        self.outside(role, 0.0)
+        known = self.validity[role]
+        return Argument(role, known.unit, about, known.low, known.high)
+
+    @abstractmethod
+    def routines(self) -> Sequence[Routine]:
+        """Return what a controller calls, in a form that ``export`` writes in other languages.
+
+        Raises
+        ------
+        NotIdentifiedError
+            When it needs a parameter that was not identified and not accepted.
+        UsageError
+            When the file lacks what it needs otherwise.
+        """
 
     @abstractmethod
     def predict(self, experiment: Experiment) -> FloatArray:

@@ -66,7 +66,9 @@ def test_texts_of_a_file_are_nothing_but_texts(to: str, edited: Edited, tmp_path
         if file.suffix != ".mat":
             text = file.read_text(encoding="utf-8")
             assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f\u2028]", text)
-    check = {"json": check_json, "ros2": check_ros2, "matlab": check_matlab}.get(to)
+    check = {
+        "json": check_json, "ros2": check_ros2, "matlab": check_matlab, "c": check_c,
+    }.get(to)  # fmt: skip
     assert check is not None, "a new target needs a check of its own"
     check(written)
     assert_only_here(tmp_path, set())
@@ -87,6 +89,18 @@ def check_ros2(written: dict[str, Path]) -> None:
     found = yaml.safe_load(written[".metadata"].read_text(encoding="utf-8"))
     assert found["provenance"]["command"] == EVIL
     assert found["warnings"][0]["message"] == EVIL
+
+
+def check_c(written: dict[str, Path]) -> None:
+    """The compiler finds no fault, and the self-test holds."""
+    for file in written.values():
+        assert "PWNED" not in file.read_text(encoding="ascii")
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    folder = written[".h"].parent
+    words = "-std=c99 -Wall -Wextra -Werror -pedantic edited.c edited_selftest.c -lm -o run"
+    subprocess.run(["gcc", *words.split()], cwd=folder, check=True)
+    subprocess.run([folder / "run"], check=True)
 
 
 def check_matlab(written: dict[str, Path]) -> None:
@@ -129,11 +143,14 @@ def test_names_of_files_become_identifiers(
     assert re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", stem)
     assert len(stem) < 60
     assert {p.parent for p in written} == {folder}
-    assert {p.name.partition(".")[0] for p in written} == {stem}
+    names = {p.name.partition(".")[0].removesuffix("_selftest") for p in written}
+    assert names == {stem}
     assert sorted(folder.iterdir()) == sorted(written)
     for file in written:
         if file.suffix in (".yaml", ".json"):
             assert yaml.safe_load(file.read_text(encoding="utf-8"))
+        elif file.suffix in (".c", ".h"):
+            assert f'#include "{stem}.h"' in file.read_text(encoding="ascii") or file.suffix == ".h"
         elif file.suffix == ".m":
             text = file.read_text(encoding="ascii")
             assert text.startswith(f"function model = {stem}()\n% {stem.upper()}  ")

@@ -40,10 +40,11 @@ def command(
     """Write the parameter files PARAMS in the language of a controller.
 
     \b
-    json    NAME.json: the whole document
+    c       NAME.h, NAME.c: what a controller calls; NAME_selftest.c
     ros2    NAME.ros2.yaml, NAME.declaration.yaml (for generate_parameter_library),
             NAME.metadata.yaml
     matlab  NAME.m: a function that makes the model; NAME.mat: the numbers
+    json    NAME.json: the whole document
 
     NAME is the name of the parameter file, as an identifier: ball-screw.yaml is exported as
     ball_screw. The files of one parameter file are written all or none; their names go to standard

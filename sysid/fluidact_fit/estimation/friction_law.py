@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
+from ..routines import Expression, choose, exp
 
 
 def stribeck_share(velocity: FloatArray, speed: float, exponent: float = 2.0) -> FloatArray:
@@ -108,3 +109,17 @@ class FrictionLaw:
         return np.clip(
             np.asarray(drive, dtype=float), -self.breakaway_negative, self.breakaway_positive
         )
+
+    def routine_value(self, velocity: Expression, rest: Expression | float = 0.0) -> Expression:
+        """:meth:`moving` as an expression, ``rest`` at zero velocity."""
+
+        def side(level: float, rate: float, sign: float) -> Expression:
+            moving = rate * velocity + sign * level
+            if self.stribeck > 0.0 and self.stribeck_speed > 0.0:
+                share = velocity * (1.0 / self.stribeck_speed)
+                moving = moving + sign * self.stribeck * exp(-(share * share))
+            return moving
+
+        forward = side(self.coulomb_positive, self.viscous_positive, 1.0)
+        backward = side(self.coulomb_negative, self.viscous_negative, -1.0)
+        return choose(velocity, ">", 0.0, forward, choose(velocity, "<", 0.0, backward, rest))

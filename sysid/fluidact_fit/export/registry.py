@@ -7,21 +7,23 @@ from importlib import import_module
 from typing import NamedTuple
 
 from ..errors import UsageError
-from .target import Target
+from .target import Arithmetic, Target
 
 
 class Entry(NamedTuple):
     """Where a target lives, and what it can be asked for.
 
-    ``module`` has a function ``write``; ``fixed_point`` says whether it knows ``arithmetic``.
+    ``module`` has a function ``write``; ``arithmetics`` are those that it can be told to use,
+    the first where it is not told.
     """
 
     module: str
     title: str
-    fixed_point: bool = False
+    arithmetics: tuple[Arithmetic, ...] = ()
 
 
 TARGETS: Mapping[str, Entry] = {
+    "c": Entry("c", "C99: header, source and self-test", ("float32",)),
     "ros2": Entry("ros2", "ROS 2 parameters, their declaration and metadata"),
     "matlab": Entry("matlab", "MATLAB, Simulink, dSPACE and Octave: a function and a .mat file"),
     "json": Entry("plain_json", "the whole document as JSON"),

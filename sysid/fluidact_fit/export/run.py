@@ -70,10 +70,12 @@ def export(
     if not os.fspath(folder).strip() or "\0" in os.fspath(folder):
         raise UsageError("-o has no folder name.", remedy="Give one, or . for the present one.")
     target = get_target(to)
-    if arithmetic is not None and not TARGETS[to].fixed_point:
+    known = TARGETS[to].arithmetics
+    if arithmetic is not None and arithmetic not in known:
         raise UsageError(
             f"--arithmetic {arithmetic} was given, which --to {to} does not know.",
-            remedy="Leave it out: this target writes every number in full.",
+            expected=f"It knows: {', '.join(known) or 'none, every number is written in full'}.",
+            remedy="Leave it out, or choose another target.",
         )
     blocks = [load(path, accept_failed=True, accept_not_identified=True) for path in files]
     _refuse_unaccepted(files, blocks, accept_failed, accept_not_identified)

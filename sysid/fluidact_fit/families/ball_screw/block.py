@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from math import copysign, inf, log1p
 
@@ -12,6 +13,7 @@ from ...block import SteppedBlock
 from ...estimation.friction_law import FrictionLaw
 from ...estimation.inputs import make_signal
 from ...experiment import Experiment, FloatArray, Hold
+from ...routines import Routine
 from ...specification import scalars
 from .model import BREAKAWAY, DriveModel, axis_of
 from .stick_slip import phi_real
@@ -119,6 +121,15 @@ class DriveBlock(SteppedBlock):
         if velocity != 0.0:
             return float(self._moving.moving(velocity))
         return float(self._law.at_rest(torque))
+
+    def routines(self) -> Sequence[Routine]:
+        """Feed-forward of a wanted motion, and friction in motion and at rest."""
+        from .routines import routines_of
+
+        output = self.output
+        drive = self.argument(self._port(self.variant.driving[0]).role, "input of the drive")
+        way = self.argument(output.role, "")
+        return routines_of(self._law, self._moving, self.inertia, drive, output, way.high - way.low)
 
     def feedforward(
         self, velocity: float, acceleration: float = 0.0, *, band: float = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -12,7 +13,9 @@ from ...block import Block
 from ...estimation.friction_law import FrictionLaw
 from ...experiment import Experiment, FloatArray
 from ...parameters.document import ParameterDocument
+from ...routines import Argument, Draft, Routine, exp
 from ...specification import Plant, Variant
+from .axis import axis_of
 from .options import FrictionOptions
 from .samples import simulate_force
 
@@ -44,6 +47,41 @@ class FrictionBlock(Block):
         level = replace(self._law, viscous_positive=0.0, viscous_negative=0.0).moving(v)
         viscous = self._law.moving(v) - level
         return np.asarray(np.abs(level) * np.tanh(v / width) + viscous)
+
+    def routines(self) -> Sequence[Routine]:
+        """Friction in motion with its exact sign, and with a rounded one."""
+        law = self._law
+        unit = self.output.unit
+        velocity = self._velocity()
+        exact = Draft("friction", "Friction against the motion; 0 at rest.", unit)
+        rounded = Draft(
+            "friction_rounded", "Friction with its sign rounded as tanh(steepness velocity).", unit
+        )
+        v, w = exact.argument(velocity), rounded.argument(velocity)
+        fastest = max(velocity.high, -velocity.low)
+        steepness = rounded.argument(
+            Argument("steepness", f"1/({velocity.unit})", "one over the speed of rounding",
+                     0.0, 1000.0 / fastest, recorded=False)
+        )  # fmt: skip
+        fading = rounded.let("fading", exp(abs(w) * steepness * -2.0))
+        share = rounded.let("share", (1.0 - fading) / (1.0 + fading))
+        level = replace(law, viscous_positive=0.0, viscous_negative=0.0)
+        viscous = replace(
+            law, coulomb_positive=0.0, coulomb_negative=0.0, stribeck=0.0, stribeck_speed=0.0
+        )
+        return (
+            exact.returns(law.routine_value(v)),
+            rounded.returns(level.routine_value(w) * share + viscous.routine_value(w)),
+        )
+
+    def _velocity(self) -> Argument:
+        """The velocity with its range; where it was computed, that of a stroke in 0.1 s."""
+        axis = axis_of(self.variant)
+        if axis.speed in self.validity:
+            return self.argument(axis.speed, "velocity")
+        way = self.argument(axis.place, "")
+        most = 10.0 * (way.high - way.low)
+        return Argument(axis.speed, f"{way.unit}/s", "velocity", -most, most, recorded=False)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Force, torque or first pressure that a motion needs; see :meth:`Block.predict`."""

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...block import Block
+from ...block import Block, Port
 from ...errors import UsageError
 from ...experiment import Experiment, FloatArray
 from ...family import Curve
 from ...parameters.document import ParameterDocument
+from ...routines import Argument, Routine
 from ...specification import Variant
 from .data import held_state
 from .equation import NetworkMap, predict_runs
@@ -47,6 +48,11 @@ class ForceMapBlock(Block):
         self.target = self.options.target
         self.activation = self.options.activation
 
+    @property
+    def input(self) -> Port:
+        """What the output has to rise with: the force for a command, the command for a force."""
+        return Port(self.options.driver, self._unit(self.options.driver))
+
     @cached_property
     def _map(self) -> NetworkMap:
         return NetworkMap.of(self.parameters, self.activation)
@@ -59,6 +65,25 @@ class ForceMapBlock(Block):
         x, shape = self._table(values)
         y = self._map.predict(x, self.inputs)
         return float(y[0]) if not shape else y.reshape(shape)
+
+    def routines(self) -> Sequence[Routine]:
+        """The map itself; its scalings are part of the first and the last layer."""
+        from .routines import map_routine
+
+        low, high = (np.asarray(self.parameters[f"input_{k}"]) for k in ("low", "high"))
+        unit = self.variant.output.unit if self.target == "force" else self._unit(self.target)
+        arguments = []
+        for name, a, b in zip(self.inputs, low.tolist(), high.tolist()):
+            if name == "direction":
+                about = "1 loading (or 0), -1 unloading"
+                arguments.append(Argument(name, "1", about, -1.0, 1.0))
+            else:
+                arguments.append(Argument(name, self._unit(name), "input of the network", a, b))
+        return (map_routine(self._map, arguments, (self.target, unit)),)
+
+    def _unit(self, role: str) -> str:
+        known = self.validity.get(role)
+        return known.unit if known else next(r.unit for r in self.variant.roles if r.name == role)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Output from the inputs of a recording; see :meth:`.Block.predict`."""

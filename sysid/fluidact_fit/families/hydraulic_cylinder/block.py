@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -12,12 +13,15 @@ from ...block import Block
 from ...errors import UsageError
 from ...estimation.friction_law import FrictionLaw
 from ...experiment import Experiment, FloatArray
+from ...routines import Routine
 from ...specification import scalars
 from .case import read_machine
 from .equations import EDGES, LOSSES, Machine, chamber_flow
-from .networks import Network, network_of
+from .networks import NETWORKS, Network, network_of
 from .options import HydraulicCylinderOptions
 from .simulation import simulate_run
+
+FRICTION = ("viscous", "coulomb")
 
 
 class HydraulicBlock(Block):
@@ -80,7 +84,7 @@ class HydraulicBlock(Block):
         v = np.asarray(velocity, float)
         if network:
             return self._network("friction", "friction")(v.reshape(-1, 1)).reshape(v.shape)
-        return FrictionLaw.of(self._values("viscous", "coulomb")).moving(v)
+        return FrictionLaw.of(self._values(*FRICTION)).moving(v)
 
     def _feeding(self, extending: bool, *pressures: float) -> tuple[int, float]:
         """Chamber that meters the flow in, the other one where that is not known; its pressure."""
@@ -118,6 +122,17 @@ class HydraulicBlock(Block):
             return sign * float("inf")
         edge = v["dead_zone_positive" if extending else "dead_zone_negative"]
         return edge + sign * flow / (v[f"valve_gain_{chamber}"] * float(np.sqrt(rest)))
+
+    def routines(self) -> Sequence[Routine]:
+        """Flows, steady speed, the command for a speed, friction, and the networks of the file."""
+        from .routines import CylinderRoutines
+
+        names = ("command", "pressure_1", "pressure_2")
+        known = {n: self.argument(n, "measured") for n in names if n in self.validity}
+        values = {i: self._of_chamber(i) for i in self._known}
+        nets = {n: network_of(self.parameters, n) for n in NETWORKS}
+        law = FrictionLaw.of(self._values(*(n for n in FRICTION if n in self.parameters)))
+        return CylinderRoutines(self._machine, values, known, law, nets).all()
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Position from the inputs of an experiment; see :meth:`.Block.predict`.

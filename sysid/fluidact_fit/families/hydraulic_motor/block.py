@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
 from ...block import Block
 from ...experiment import Experiment, FloatArray
+from ...routines import Routine
 from .equation import MotorModel, static_speed
 
 
@@ -44,6 +47,13 @@ class MotorBlock(Block):
         size = np.minimum(size, v.get("saturation_command", np.inf))
         shift = 0.5 * np.sign(direction) * v["hysteresis"]
         return np.asarray(np.where(n == 0.0, 0.0, np.sign(n) * size + shift))
+
+    def routines(self) -> Sequence[Routine]:
+        """Steady speed behind the play, the same for a given direction, and its inverse."""
+        from .routines import routines_of
+
+        command = self.argument("command", "command of the valve")
+        return routines_of(self.numbers(), command, self.output.unit)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Speed from the command, from rest and with the offset; see :meth:`.Block.predict`."""

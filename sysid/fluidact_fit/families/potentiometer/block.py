@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from ...block import Block
 from ...experiment import Experiment, FloatArray
 from ...parameters.document import ParameterDocument
+from ...routines import Routine
 from ...specification import Variant
 from .calibration import Calibration, rising_share
 
@@ -40,6 +42,13 @@ class PotentiometerBlock(Block):
         """Position of a reading or an array of readings [m]; clamped to the reading range."""
         y = self._calibration.position(np.asarray(reading, dtype=float), direction)
         return float(y) if y.ndim == 0 else y
+
+    def routines(self) -> Sequence[Routine]:
+        """Position of a reading, and the reading at a position of a monotone curve."""
+        from .routines import routines_of
+
+        unit = self.validity["reading"].unit if "reading" in self.validity else "1"
+        return routines_of(self._calibration, unit)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Positions of a recording; see :meth:`.Block.predict`."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy.typing as npt
 
 from ...block import Block
 from ...experiment import Experiment, FloatArray
+from ...routines import Argument, Draft, Routine
 from .data import prepare
 from .equation import SpringLaw
 from .options import SpringOptions
@@ -36,6 +38,33 @@ class SpringCylinderBlock(Block):
     ) -> FloatArray:
         """Command [V] or pressure [Pa] for a wanted force [N]; exact."""
         return self._law.command(force, position, direction, velocity)
+
+    def routines(self) -> Sequence[Routine]:
+        """Force of the rod, and the command or pressure for a wanted force."""
+        law, drive = self._law, self.argument(self._drive, "what drives the cylinder")
+        position, velocity = self.argument("position", "compression of the spring"), self._speed()
+        direction = Argument("direction", "1", "1 loading, -1 unloading, 0 between", -1.0, 1.0)
+        force = Draft("force", "Force of the rod.", "N")
+        u, x, s, v = map(force.argument, (drive, position, direction, velocity))
+        command = Draft("command_for", "What drives the cylinder to a wanted force.", drive.unit)
+        wanted = command.argument(self.argument("force", "wanted force of the rod"))
+        lost = law.routine_lost(*map(command.argument, (position, direction, velocity)))
+        return (
+            force.returns(law.gain * u - law.routine_lost(x, s, v)),
+            command.returns((wanted + lost) * (1.0 / law.gain)),
+        )
+
+    @property
+    def _drive(self) -> str:
+        return self.variant.driving[0].name
+
+    def _speed(self) -> Argument:
+        """The velocity with its range; where it was computed, that of a stroke in 0.1 s."""
+        if "velocity" in self.validity:
+            return self.argument("velocity", "velocity of the rod")
+        way = self.argument("position", "")
+        most = 10.0 * (way.high - way.low)
+        return Argument("velocity", "m/s", "velocity of the rod", -most, most, recorded=False)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Force from command or pressure and motion; see :meth:`Block.predict`."""

@@ -34,6 +34,7 @@ import numpy.typing as npt
 
 from ...estimation.friction_law import FrictionLaw
 from ...experiment import FloatArray
+from ...routines import Expression, choose
 
 _Array = npt.ArrayLike
 LEVELS = ("coulomb_loading", "coulomb_unloading")
@@ -60,6 +61,17 @@ class SpringLaw:
         """Force of the spring and of friction [N]."""
         spring = self.stiffness * np.asarray(position, dtype=float) + self.preload
         return np.asarray(spring + self.friction.moving(velocity, direction))
+
+    def routine_lost(
+        self, position: Expression, direction: Expression, velocity: Expression
+    ) -> Expression:
+        """Force of the spring and of friction as an expression, see :meth:`force`."""
+        f = self.friction
+        level = choose(direction, ">", 0.0, f.coulomb_positive,
+                       choose(direction, "<", 0.0, -f.coulomb_negative, 0.0))  # fmt: skip
+        viscous = choose(velocity, ">", 0.0, f.viscous_positive * velocity,
+                         f.viscous_negative * velocity)  # fmt: skip
+        return self.stiffness * position + self.preload + level + viscous
 
     def force(
         self, drive: _Array, position: _Array, direction: _Array, velocity: _Array

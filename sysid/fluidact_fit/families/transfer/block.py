@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,6 +16,7 @@ from ...estimation.inputs import PiecewiseInput, apply_dead_zone, make_signal, p
 from ...estimation.linear import forced_response
 from ...experiment import Experiment, FloatArray, Hold
 from ...parameters.document import ParameterDocument
+from ...routines import Routine
 from ...specification import Variant
 from .discrete import companion, discretise
 from .model import input_level
@@ -255,6 +256,17 @@ class TransferBlock(SteppedBlock):
         """Output from the input of an experiment, from rest; see :meth:`.Block.predict`."""
         signal = experiment.signals[self.variant.driving[0].name]
         return self._respond(piecewise(signal), experiment.time, input_level(signal), None)
+
+    def routines(self) -> Sequence[Routine]:
+        """One step of the model, and the inverse of its dead zone where it has one."""
+        from .routines import routines_of, sampled
+
+        self._need_sample_time("discrete model")
+        input, output, f = self._port(self.variant.driving[0]), self.output, self._linear
+        law = sampled(_balanced(f), self.sample_time, f.dead_time)
+        argument = self.argument(input.role, "input of this sample")
+        result = (output.role, output.unit, 0.0 if f.gain is None else self.offset)
+        return routines_of(argument, self.dead_zone, law, result, self.sample_time)
 
     def _respond(
         self, u: PiecewiseInput, instants: FloatArray, before: float, output: float | None

@@ -1,0 +1,166 @@
+"""Flow, speed and command of the cylinder as a controller runs them.
+
+With ``h = k r / 2`` the flow through orifice and line (:func:`.equations.orifice_flow`) is
+``k (sqrt(h^2 + drop) - h)``, which needs no division.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...estimation.friction_law import FrictionLaw
+from ...routines import (
+    Argument,
+    Draft,
+    Expression,
+    Routine,
+    choose,
+    maximum,
+    minimum,
+    sqrt,
+)
+from .equations import LOSSES, Machine, chamber_flow
+from .networks import Network
+
+_LEAST = 1e-3  # of the supply pressure has to be left to find a command for a speed
+
+
+@dataclass(frozen=True)
+class CylinderRoutines:
+    """What the routines are made of.
+
+    ``values`` holds gain, losses and dead zone by chamber, ``known`` the arguments with the
+    ranges of the logs, ``networks`` those of the file by name.
+    """
+
+    machine: Machine
+    values: Mapping[int, Mapping[str, float]]
+    known: Mapping[str, Argument]
+    law: FrictionLaw
+    networks: Mapping[str, Network | None]
+
+    def all(self) -> Sequence[Routine]:
+        """Return every routine that the file has the numbers for."""
+        chambers = [i for i in self.values if f"pressure_{i}" in self.known]
+        found = [self._flow(i) for i in chambers]
+        if chambers:
+            found += [self._speed(chambers), self._command(chambers)]
+        return (*found, self._friction(), *self._network_routines())
+
+    # ------------------------------------------------------------------------------ parts
+
+    def _one_way(self, chamber: int, u: Expression, p: Expression, extending: bool) -> Expression:
+        """Size of the flow of a chamber in one direction of the command."""
+        v, m = self.values[chamber], self.machine
+        edge = v["dead_zone_positive"] if extending else -v["dead_zone_negative"]
+        k = maximum((u if extending else -u) - edge, 0.0) * v[f"valve_gain_{chamber}"]
+        h = k * (0.5 * v[LOSSES[chamber][0 if extending else 1]])
+        fed = (chamber == 1) == extending
+        drop = m.supply - p if fed else p - m.tank
+        reach = self.known[f"pressure_{chamber}"]
+        turns = m.supply < reach.high if fed else reach.low < m.tank
+        flow = sqrt(h * h + maximum(drop, 0.0)) - h
+        if turns:  # the pressure was seen beyond that of supply or tank
+            flow = flow - (sqrt(h * h + maximum(-drop, 0.0)) - h)
+        return k * flow
+
+    def _flow_value(self, draft: Draft, chamber: int, u: Expression, p: Expression) -> Expression:
+        there = draft.let(f"forward_{chamber}", self._one_way(chamber, u, p, True))
+        back = draft.let(f"backward_{chamber}", self._one_way(chamber, u, p, False))
+        return there - back
+
+    def _flow(self, chamber: int) -> Routine:
+        draft = Draft(
+            f"flow_{chamber}",
+            "Flow into chamber 1." if chamber == 1 else "Flow out of chamber 2.", "m3/s",
+        )  # fmt: skip
+        u = draft.argument(self.known["command"])
+        p = draft.argument(self.known[f"pressure_{chamber}"])
+        return draft.returns(self._flow_value(draft, chamber, u, p))
+
+    def _feeding(self, chambers: Sequence[int], extending: bool) -> int:
+        """Chamber that meters the flow in; the other one where that is not known."""
+        wanted = 1 if extending else 2
+        return wanted if wanted in chambers else chambers[0]
+
+    def _take(self, draft: Draft, chambers: Sequence[int]) -> dict[int, Expression]:
+        return {i: draft.argument(self.known[f"pressure_{i}"]) for i in chambers}
+
+    def _speed(self, chambers: Sequence[int]) -> Routine:
+        draft = Draft("speed", "Steady speed for a command and measured pressures.", "m/s")
+        u = draft.argument(self.known["command"])
+        p = self._take(draft, chambers)
+        ways = []
+        for extending in (True, False):
+            i = self._feeding(chambers, extending)
+            flow = self._one_way(i, u, p[i], extending)
+            ways.append(flow * (1.0 / self.machine.area(i)))
+        return draft.returns(ways[0] - ways[1])
+
+    def _fastest(self, chamber: int, extending: bool) -> float:
+        """Speed at the end of the command's range, at the pressure that gives most."""
+        u, p = self.known["command"], self.known[f"pressure_{chamber}"]
+        ends = np.array([p.low, p.high])
+        command = np.full(2, u.high if extending else u.low)
+        flow = chamber_flow(chamber, command, ends, self.values[chamber], self.machine)
+        return float(np.abs(flow).max()) / self.machine.area(chamber)
+
+    def _command(self, chambers: Sequence[int]) -> Routine:
+        """Inverse of the speed; it ends at the range of the command and tells of that."""
+        u = self.known["command"]
+        draft = Draft("command_for", "Command for a speed and measured pressures.", u.unit)
+        feeding = {way: self._feeding(chambers, way) for way in (True, False)}
+        slowest, fastest = -self._fastest(feeding[False], False), self._fastest(feeding[True], True)
+        speed = draft.argument(
+            Argument("velocity", "m/s", "wanted speed", slowest, fastest, recorded=False)
+        )
+        p, found = self._take(draft, chambers), {}
+        for way, i in feeding.items():
+            v, sign, m = self.values[i], 1.0 if way else -1.0, self.machine
+            name = "forward" if way else "backward"
+            flow = draft.let(f"flow_{name}", maximum(speed * sign, 0.0) * m.area(i))
+            drop = m.supply - p[i] if (i == 1) == way else p[i] - m.tank
+            rest = draft.let(f"rest_{name}", drop - v[LOSSES[i][0 if way else 1]] * flow)
+            draft.flag(choose(flow, ">", 0.0, rest, m.supply), _LEAST * m.supply)
+            beyond = flow * (1.0 / v[f"valve_gain_{i}"]) / sqrt(maximum(rest, _LEAST * m.supply))
+            edge = v["dead_zone_positive" if way else "dead_zone_negative"]
+            found[way] = edge + sign * beyond
+        value = choose(speed, ">", 0.0, minimum(found[True], u.high),
+                       choose(speed, "<", 0.0, maximum(found[False], u.low), 0.0))  # fmt: skip
+        return draft.returns(value)
+
+    def _friction(self) -> Routine:
+        most = 0.0
+        for i in self.values:
+            if f"pressure_{i}" in self.known:
+                most = max(most, self._fastest(i, True), self._fastest(i, False))
+        draft = Draft("friction", "Friction of the moving piston.", "N")
+        v = draft.argument(
+            Argument("velocity", "m/s", "speed of the piston", -most, most, recorded=False)
+        )
+        return draft.returns(self.law.routine_value(v))
+
+    def _network_routines(self) -> Iterator[Routine]:
+        for name, net in self.networks.items():
+            if net is None:
+                continue
+            about = f"{name.replace('_', ' ').capitalize()} by the network of the file."
+            draft = Draft(f"{name}_network", about, "N" if name == "friction" else "m3/s")
+            chamber = name.removeprefix("flow_")
+            if name == "friction":
+                (of,) = (a for a in self._friction().arguments)
+                inputs = [draft.argument(of)]
+            else:
+                taken = (self.known["command"], self.known[f"pressure_{chamber}"])
+                inputs = [draft.argument(a) for a in taken]
+            first = net.weights_1 / net.input_scale
+            shifted = net.biases_1 - first @ net.input_offset
+            layer = draft.layer("layer_1", first, shifted, inputs, "relu")
+            last = draft.layer(
+                "layer_2", net.output_scale * net.weights_2,
+                net.output_offset + net.output_scale * net.biases_2, layer, "linear",
+            )  # fmt: skip
+            yield draft.returns(last[0])

@@ -1,0 +1,97 @@
+"""The curve of the motor and its inverse, as a controller runs them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import expm1
+
+from ...routines import (
+    Argument,
+    Draft,
+    Expression,
+    Routine,
+    choose,
+    exp,
+    log,
+    maximum,
+    minimum,
+    polynomial,
+)
+
+_NEAR = 0.3  # k x below which a series is used: an exponential would cancel
+_TERMS = 14  # of the series; the first one left out is below 1e-9 of it
+
+
+def _bend(x: Expression, k: float, most: float) -> Expression:
+    """``(1 - exp(-k x)) / k`` for ``0 <= x <= most``."""
+    if k * most >= _NEAR:
+        return (1.0 - exp(x * -k)) * (1.0 / k)
+    series, term = [1.0], 1.0
+    for n in range(2, _TERMS):
+        term *= -k / n
+        series.append(term)
+    return x * polynomial(series, x)
+
+
+def _unbend(y: Expression, k: float, most: float) -> Expression:
+    """Inverse of :func:`_bend` for ``0 <= y <= most``: ``-log(1 - k y) / k``."""
+    if k * most >= _NEAR:
+        return log(1.0 - y * k) * (-1.0 / k)
+    return y * polynomial([k**n / (n + 1.0) for n in range(_TERMS)], y)
+
+
+class _Curve:
+    """Steady speed over the spool's command behind the play."""
+
+    def __init__(self, values: Mapping[str, float], command: Argument) -> None:
+        self.gain, self.zone = values["gain"], values["dead_zone"]
+        self.k, self.width = values["curvature"] + 1e-12, values["hysteresis"]
+        reach = max(command.high, -command.low, self.zone) + 0.5 * self.width
+        self.top = min(values.get("saturation_command", reach), reach)
+        self.most = max(self.top - self.zone, 0.0)
+        self.fastest = self.gain * -expm1(-self.k * self.most) / self.k
+
+    def speed(self, spool: Expression) -> Expression:
+        """Odd about zero: one side is always at rest."""
+        sides = []
+        for way in (spool, -spool):
+            x = maximum(minimum(way, self.top) - self.zone, 0.0)
+            sides.append(_bend(x, self.k, self.most))
+        return (sides[0] - sides[1]) * self.gain
+
+    def command(self, speed: Expression) -> Expression:
+        """Magnitude of the command for the magnitude of a speed."""
+        return self.zone + _unbend(speed * (1.0 / self.gain), self.k, self.fastest / self.gain)
+
+
+def routines_of(
+    values: Mapping[str, float], command: Argument, unit: str
+) -> Sequence[Routine]:  # fmt: skip
+    """Return the routines; ``unit`` is that of the speed."""
+    curve, half = _Curve(values, command), 0.5 * values["hysteresis"]
+    direction = Argument(
+        "direction", "1", "1 where the command was last raised, -1 lowered, 0 between", -1.0, 1.0
+    )
+
+    def shift(way: Expression) -> Expression:
+        return choose(way, ">", 0.0, half, choose(way, "<", 0.0, -half, 0.0))
+
+    follow = Draft("step", "Steady speed; the play of the valve is kept between calls.", unit)
+    u = follow.argument(command)
+    spool, begun = follow.state("spool"), follow.state("begun")
+    near = minimum(maximum(spool, u - half), u + half)
+    follow.put(spool, choose(begun, ">", 0.5, near, u))
+    follow.put(begun, 1.0)
+    steady = Draft("speed", "Steady speed where the direction of the command is known.", unit)
+    at = steady.let("spool", steady.argument(command) - shift(steady.argument(direction)))
+    inverse = Draft("command_for", "Command for a steady speed.", command.unit)
+    wanted = inverse.argument(
+        Argument("speed", unit, "wanted speed without the offset of its sensor",
+                 -curve.fastest * (command.low < 0.0), curve.fastest, recorded=False)
+    )  # fmt: skip
+    size, moved = inverse.let("size", curve.command(abs(wanted))), inverse.argument(direction)
+    there = choose(wanted, ">", 0.0, size + shift(moved), shift(moved) - size)
+    back = choose(wanted, ">", 0.0, there, choose(wanted, "<", 0.0, there, 0.0))
+    return (
+        follow.returns(curve.speed(spool)), steady.returns(curve.speed(at)), inverse.returns(back),
+    )  # fmt: skip

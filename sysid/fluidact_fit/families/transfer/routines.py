@@ -1,0 +1,90 @@
+"""What a controller runs of a linear model: one step, and the inverse of its dead zone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...experiment import FloatArray
+from ...routines import Argument, Draft, Filter, Name, Routine, maximum, minimum
+from ...routines.routine import as_matrix
+
+StateSpace = tuple[FloatArray, FloatArray, FloatArray]
+Edges = tuple[float, float] | None
+
+
+def sampled(model: StateSpace, sample_time: float, dead_time: float) -> Filter:
+    """Exact difference equation of a state space ``(A, B, C)`` for a held input ``drive``.
+
+    With ``L = (d + g) Ts`` the input of ``d + 1`` samples ago acts for ``g Ts`` and that of ``d``
+    samples ago for the rest of the sample.
+    """
+    a, b, c = model
+    samples = dead_time / sample_time
+    whole = int(np.floor(samples + 1e-9))
+    share = min(max(samples - whole, 0.0), 1.0)
+    change, all_of_it = _held(a, b, sample_time)
+    first, early = _held(a, b, (1.0 - share) * sample_time)
+    _, part = _held(a, b, share * sample_time)
+    late = part + first @ part
+    soon = early if share > 0.0 else all_of_it
+    return Filter(
+        "moved", as_matrix(change), tuple(soon.tolist()), tuple(late.tolist()),
+        tuple(c.tolist()), whole, Name("drive"),
+    )  # fmt: skip
+
+
+def _held(a: FloatArray, b: FloatArray, span: float) -> tuple[FloatArray, FloatArray]:
+    """Return ``exp(A t) - 1`` without cancellation, and the integral of ``exp(A s) B``."""
+    from scipy.linalg import expm
+
+    n = b.size
+    big = np.zeros((2 * n, 2 * n))
+    big[:n, :n], big[:n, n:] = a * span, np.eye(n) * span
+    integral = expm(big)[:n, n:]
+    return a @ integral, integral @ b
+
+
+def step_routine(
+    argument: Argument, edges: Edges, law: Filter, output: tuple[str, str, float], period: float
+) -> Routine:
+    """One step of the model; ``output`` is its name, its unit and its offset at rest."""
+    name, unit, offset = output
+    draft = Draft("step", f"Take the input of this sample, return the {name}.", unit, period)
+    u = draft.argument(argument)
+    drive = u if edges is None else maximum(u - edges[1], 0.0) + minimum(u - edges[0], 0.0)
+    draft.let("drive", drive)
+    return draft.returns(draft.filter(law) + offset)
+
+
+def dead_zone_routine(role: str, unit: str, reach: tuple[float, float], edges: Edges) -> Routine:
+    """Input that makes a wanted one act behind the dead zone."""
+    low, high = edges or (0.0, 0.0)
+    largest = max(high, -low, 1e-9 * max(map(abs, reach)))
+    draft = Draft(
+        "dead_zone_inverse", "Input that makes the wanted one act behind the dead zone.", unit
+    )
+    wanted = draft.argument(
+        Argument("wanted", unit, f"{role} behind the dead zone",
+                 min(reach[0] - low, 0.0), max(reach[1] - high, 0.0), recorded=False)
+    )  # fmt: skip
+    steep = draft.argument(
+        Argument("steepness", f"1/{unit}", "one over the half-width of the band about zero in "
+                 "which the jump from edge to edge is a straight line",
+                 0.0, 1000.0 / largest, recorded=False)
+    )  # fmt: skip
+    rise = minimum(maximum(wanted, 0.0) * steep, 1.0) * high
+    fall = minimum(maximum(-wanted, 0.0) * steep, 1.0) * low
+    return draft.returns(wanted + rise + fall)
+
+
+def routines_of(
+    argument: Argument, edges: Edges, law: Filter, output: tuple[str, str, float], period: float
+) -> Sequence[Routine]:
+    """Return all of them; see :func:`step_routine`."""
+    found = [step_routine(argument, edges, law, output, period)]
+    if edges is not None:
+        reach = (argument.low, argument.high)
+        found.append(dead_zone_routine(argument.name, argument.unit, reach, edges))
+    return found

@@ -1,0 +1,20 @@
+"""What a controller calls, as routines that every target of ``export`` translates."""
+
+from .evaluate import Machine
+from .expression import (
+    Expression,
+    Name,
+    choose,
+    exp,
+    log,
+    maximum,
+    minimum,
+    polynomial,
+    sqrt,
+)
+from .routine import Argument, Draft, Filter, Routine, Solve
+
+__all__ = [
+    "Argument", "Draft", "Expression", "Filter", "Machine", "Name", "Routine", "Solve", "choose",
+    "exp", "log", "maximum", "minimum", "polynomial", "sqrt",
+]  # fmt: skip

@@ -1,0 +1,159 @@
+"""Expressions over single numbers, as plain data that every language can be written from.
+
+Only what all targets have: the four operations, minimum and maximum, and a few functions. There
+is no ``tanh`` and no ``expm1``: IEC 61131-3 has neither, and small C libraries lack the second.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+Function1 = Literal["neg", "abs", "sqrt", "exp", "log"]
+Function2 = Literal["+", "-", "*", "/", "min", "max"]
+Relation = Literal["<", "<=", ">", ">="]
+Operand: TypeAlias = "Expression | float"
+
+
+class Expression:
+    """A number that is computed; built with the operators of Python."""
+
+    def __add__(self, other: Operand) -> Expression:
+        """Sum."""
+        return Binary("+", self, wrap(other))
+
+    def __radd__(self, other: float) -> Expression:
+        """Sum."""
+        return Binary("+", wrap(other), self)
+
+    def __sub__(self, other: Operand) -> Expression:
+        """Difference."""
+        return Binary("-", self, wrap(other))
+
+    def __rsub__(self, other: float) -> Expression:
+        """Difference."""
+        return Binary("-", wrap(other), self)
+
+    def __mul__(self, other: Operand) -> Expression:
+        """Product."""
+        return Binary("*", self, wrap(other))
+
+    def __rmul__(self, other: float) -> Expression:
+        """Product."""
+        return Binary("*", wrap(other), self)
+
+    def __truediv__(self, other: Operand) -> Expression:
+        """Quotient."""
+        return Binary("/", self, wrap(other))
+
+    def __rtruediv__(self, other: float) -> Expression:
+        """Quotient."""
+        return Binary("/", wrap(other), self)
+
+    def __neg__(self) -> Expression:
+        """Opposite."""
+        return Unary("neg", self)
+
+    def __abs__(self) -> Expression:
+        """Magnitude."""
+        return Unary("abs", self)
+
+
+@dataclass(frozen=True)
+class Number(Expression):
+    """A constant."""
+
+    value: float
+
+
+@dataclass(frozen=True)
+class Name(Expression):
+    """An argument, a value computed before, or a state."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Item(Expression):
+    """One entry of the outputs of a layer."""
+
+    name: str
+    index: int
+
+
+@dataclass(frozen=True)
+class Unary(Expression):
+    """A function of one number."""
+
+    function: Function1
+    x: Expression
+
+
+@dataclass(frozen=True)
+class Binary(Expression):
+    """A function of two numbers."""
+
+    function: Function2
+    a: Expression
+    b: Expression
+
+
+@dataclass(frozen=True)
+class Choose(Expression):
+    """``yes`` where ``a relation b`` holds, otherwise ``no``; both are defined everywhere.
+
+    Compare only what carries no rounding (arguments, constants), or where both agree at the
+    boundary up to a jump that the equation has itself.
+    """
+
+    a: Expression
+    relation: Relation
+    b: Expression
+    yes: Expression
+    no: Expression
+
+
+def wrap(value: Operand) -> Expression:
+    """Return a constant as an expression."""
+    return value if isinstance(value, Expression) else Number(float(value))
+
+
+def minimum(a: Operand, b: Operand) -> Expression:
+    """Return the smaller one."""
+    return Binary("min", wrap(a), wrap(b))
+
+
+def maximum(a: Operand, b: Operand) -> Expression:
+    """Return the larger one."""
+    return Binary("max", wrap(a), wrap(b))
+
+
+def sqrt(x: Expression) -> Expression:
+    """Square root; the argument is never negative."""
+    return Unary("sqrt", x)
+
+
+def exp(x: Expression) -> Expression:
+    """Exponential function."""
+    return Unary("exp", x)
+
+
+def log(x: Expression) -> Expression:
+    """Natural logarithm; the argument is positive."""
+    return Unary("log", x)
+
+
+def choose(
+    a: Operand, relation: Relation, b: Operand, yes: Operand, no: Operand
+) -> Expression:  # fmt: skip
+    """Return ``yes`` where ``a relation b`` holds, otherwise ``no``."""
+    return Choose(wrap(a), relation, wrap(b), wrap(yes), wrap(no))
+
+
+def polynomial(coefficients: list[float], x: Expression) -> Expression:
+    """Sum of ``coefficients[k] x^k``, by the scheme of Horner."""
+    *rest, last = coefficients
+    value: Expression = Number(last)
+    for c in reversed(rest):
+        value = value * x + c
+    return value

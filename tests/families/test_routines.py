@@ -1,0 +1,150 @@
+"""What a controller calls, as routines: the same numbers as the blocks they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import fluidact_fit as ff
+from fluidact_fit.routines import Machine, Routine
+
+GOLDEN = Path(__file__).parents[1] / "golden" / "0.1.0"
+Array = npt.NDArray[np.float64]
+
+
+def routine_of(block: Any, name: str) -> Routine:
+    found: Routine = next(r for r in block.routines() if r.name == name)
+    return found
+
+
+def draw(routine: Routine, count: int) -> dict[str, Array]:
+    """Arguments within their ranges, with both ends and zero where it lies between."""
+    rng = np.random.default_rng(5)
+    values = {}
+    for a in routine.arguments:
+        v = rng.uniform(a.low, a.high, count)
+        v[:3] = a.low, a.high, np.clip(0.0, a.low, a.high)
+        values[a.name] = np.sign(v) + (v == 0.0) if a.name == "direction" else v
+    return values
+
+
+def one_by_one(f: Callable[..., float], *arrays: Array) -> Array:
+    return np.array([f(*map(float, row)) for row in zip(*arrays)])
+
+
+CALLS: Mapping[str, Mapping[str, Callable[[Any, Mapping[str, Array]], Any]]] = {
+    "ball-screw": {
+        "feedforward": lambda b, v: one_by_one(b.feedforward, v["velocity"], v["acceleration"]),
+        "friction": lambda b, v: one_by_one(b.friction, v["velocity"], v["torque"]),
+    },
+    "cylinder-friction": {
+        "friction": lambda b, v: b(v["velocity"]),
+        "friction_rounded": lambda b, v: one_by_one(
+            lambda x, s: float(b(x, 1.0 / s)), v["velocity"], v["steepness"] + 1e-9
+        ),
+    },
+    "force-map": {"map": lambda b, v: b(**v)},
+    "hydraulic-cylinder": {
+        "flow_1": lambda b, v: b.flow(1, v["command"], v["pressure_1"]),
+        "flow_2": lambda b, v: b.flow(2, v["command"], v["pressure_2"]),
+        "speed": lambda b, v: one_by_one(b, v["command"], v["pressure_1"], v["pressure_2"]),
+        "friction": lambda b, v: b.friction(v["velocity"]),
+    },
+    "hydraulic-motor": {
+        "speed": lambda b, v: one_by_one(b, v["command"], v["direction"]),
+        "command_for": lambda b, v: one_by_one(b.inverse, v["speed"], v["direction"]),
+    },
+    "potentiometer": {
+        "position": lambda b, v: b(v["reading"]),
+        "reading_at": lambda b, v: b.inverse(v["position"], clamp=True),
+    },
+    "spring-cylinder": {
+        "force": lambda b, v: b(v["command"], v["position"], v["direction"], v["velocity"]),
+        "command_for": lambda b, v: b.inverse(
+            v["force"], v["position"], v["direction"], v["velocity"]
+        ),
+    },
+}
+
+
+@pytest.mark.parametrize(("family", "name"), [(f, n) for f in CALLS for n in CALLS[f]])
+def test_a_map_gives_what_its_block_gives(family: str, name: str) -> None:
+    block = ff.load(GOLDEN / f"{family}.yaml", accept_not_identified=True)
+    routine = routine_of(block, name)
+    values = draw(routine, 300)
+    found, outside = Machine(routine)(**values)
+    wanted = CALLS[family][name](block, values)
+    tolerance = 2e-9 if name in ("reading_at", "friction_rounded") else 1e-11
+    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=tolerance * np.abs(wanted).max())
+    assert not np.any(outside)
+
+
+@pytest.mark.parametrize("family", ["valve", "line", "hydrostatic"])
+def test_a_step_gives_what_the_difference_equation_gives(family: str) -> None:
+    loaded: Any = ff.load(GOLDEN / f"{family}.yaml", accept_not_identified=True)
+    for period in (0.01, 0.0037):
+        block = loaded.with_sample_time(period)
+        routine = routine_of(block, "step")
+        (u,) = draw(routine, 400).values()
+        machine = Machine(routine)
+        block.reset()
+        found = np.array([float(machine(**{routine.arguments[0].name: x})[0]) for x in u])
+        wanted = np.array([block.step(x) for x in u.tolist()])
+        np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-9 * np.ptp(wanted))
+
+
+def test_the_command_for_a_speed_gives_that_speed_again() -> None:
+    block: Any = ff.load(GOLDEN / "hydraulic-cylinder.yaml", accept_not_identified=True)
+    back, there = routine_of(block, "command_for"), routine_of(block, "speed")
+    values = draw(back, 400)
+    command, outside = Machine(back)(**values)
+    speed, _ = Machine(there)(command=command, **{k: values[k] for k in values if k[0] == "p"})
+    (limit,) = (a for a in there.arguments if a.name == "command")
+    within = ~outside & (command > limit.low) & (command < limit.high)
+    assert within.sum() > 100
+    np.testing.assert_allclose(speed[within], values["velocity"][within], rtol=1e-9, atol=1e-12)
+
+
+def test_what_lies_beyond_a_range_is_clamped_and_told() -> None:
+    routine = routine_of(ff.load(GOLDEN / "potentiometer.yaml"), "position")
+    (a,) = routine.arguments
+    machine = Machine(routine)
+    ends = machine(reading=[a.low, a.high])
+    far = machine(reading=[a.low - 100.0, a.high + 1.0])
+    assert far[0].tolist() == ends[0].tolist()
+    assert (ends[1].tolist(), far[1].tolist()) == ([False, False], [True, True])
+    assert machine(reading=np.nan) == (ends[0][0], True)
+
+
+def test_a_play_and_a_tracked_direction_are_kept_between_calls() -> None:
+    motor: Any = ff.load(GOLDEN / "hydraulic-motor.yaml", accept_not_identified=True)
+    routine = routine_of(motor, "step")
+    machine = Machine(routine)
+    high = routine.arguments[0].high
+    up = [float(machine(command=u)[0]) for u in np.linspace(0.0, high, 50)]
+    down = [float(machine(command=u)[0]) for u in np.linspace(high, 0.0, 50)]
+    np.testing.assert_allclose(up[5:], motor(np.linspace(0.0, high, 50)[5:], 1), rtol=1e-9)
+    np.testing.assert_allclose(down[10:], motor(np.linspace(high, 0.0, 50)[10:], -1), rtol=1e-9)
+    machine.reset()
+    assert float(machine(command=0.0)[0]) == up[0]
+
+
+@pytest.mark.parametrize(
+    ("family", "ports"),
+    [
+        ("force-map", ("force", "command")),
+        ("cylinder-friction", ("velocity", "force")),
+        ("spring-cylinder", ("command", "force")),
+        ("potentiometer", ("reading", "reference")),
+        ("line", ("inlet", "outlet")),
+    ],
+)
+def test_a_block_says_what_drives_it_and_what_it_gives(family: str, ports: tuple[str, str]) -> None:
+    block = ff.load(GOLDEN / f"{family}.yaml", accept_not_identified=True)
+    assert block.input is not None
+    assert (block.input.role, block.output.role) == ports
