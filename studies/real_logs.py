@@ -111,7 +111,7 @@ TASKS = (
           *_columns(time="#1; ms", position="#5; mm", pressure="#6; bar", force="#7; N")]),
     Task("muscles, one repeat fitted, one validated", "muscle/*Test8.csv",
          ["force-map", "--target", "force", "--inputs", "command,position,length,direction",
-          "--hidden", "8", *_columns(force="#1; N", command="#2; kPa", direction="#4; 1"),
+          "--hidden", "4", *_columns(force="#1; N", command="#2; kPa", direction="#4; 1"),
           "--from-name", "position=kinked{%}", "--set", "*Unkink*:position=0 %",
           "--from-name", "length=_{cm}cm"], together=True, judged="muscle/*Test9.csv"),
     Task("dryer, first part fitted, second validated", "dryer/*.dat",
