@@ -95,7 +95,6 @@ TASKS = (
     Task("tube of 7 m, vented", "tubes/tube_l7*_end*.csv", _VENTED),
     Task("tube of 1 m, filled and vented, measured inlet",
          "tubes/tube_l1_p2.csv tubes/tube_l1_p[24]_[123].csv", _MEASURED),
-    Task("tube of 7 m, vented, measured inlet", "tubes/tube_l7*_end*.csv", _MEASURED),
     Task("hydraulic cylinder, A", "hydcyl/pA*.csv",
          ["hydraulic-cylinder", "--area-1", "2.0106e-4", "--area-2", "1.2252e-4",
           "--supply-pressure", "4.45e6",
