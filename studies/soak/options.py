@@ -150,7 +150,7 @@ def _proper(command: str, family: str) -> list[str]:
         "inspect": ["inspect", "log.csv", "--family", family, *of_reader],
         "check": ["check", "file.yaml", "log.csv", *of_reader],
         "simulate": ["simulate", "file.yaml", "log.csv", *of_reader],
-        "design": ["design", family, "--from", "file.yaml", "--duration", "1", "-o", "out.csv"],
+        "design": ["design", family, "--from", "file.yaml", "--duration", "0.2", "-o", "out.csv"],
     }[command]
 
 
