@@ -93,6 +93,14 @@ def test_thousands_or_decimals_are_asked_for(tmp_path: Path, cells: list[str], s
         assert values.max() < 5.0
 
 
+def test_more_cells_that_tell_otherwise_are_not_overruled(tmp_path: Path) -> None:
+    """Thousands grouped by points, decimal commas, and a few lines with decimal points."""
+    cells = [f"1.{100 + i};48055,0{i:02d}" for i in range(60)]
+    cells[30:33] = ["0.5;48055.000"] * 3
+    with pytest.raises(LogError, match=r"may be 1\.1.. or 11"):
+        read(tmp_path, cells)
+
+
 @pytest.mark.parametrize(
     "cells",
     [
@@ -283,3 +291,9 @@ def test_both_readers_read_the_same(
     for a, b in zip(quick.columns, careful.columns):
         np.testing.assert_array_equal(a.values, b.values)
         assert a.bad == b.bad
+
+
+def test_rows_of_which_half_are_numbers_are_named(tmp_path: Path) -> None:
+    log = read(tmp_path, ["a;b", "[s];[m]", *(f"{i}.5;10x7" for i in range(9)), "9.5;3"])
+    assert {*left_out(log), *log.lines.tolist()} == {*range(3, 13)}
+    assert [n.code for n in log.notices] == ["rows-above-table"]

@@ -22,7 +22,7 @@ from .layout import NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
 from .log import count_of, name_lines
 from .source import Source
 from .stamps import is_stamp
-from .start import Start, find_start, holds_numbers, mostly_numbers
+from .start import Start, find_start, holds_numbers, looks_like_row
 
 MAX_COLUMNS = 4096
 
@@ -253,7 +253,7 @@ def _lay_out(
         start = max(start, hints.data_from or 0)
     damaged = _damaged(lines, start, cut, header)
     if header.row is None:
-        stray |= {i for i in damaged if mostly_numbers(lines[i], cut)}
+        stray |= {i for i in damaged if looks_like_row(lines[i], cut)}
     else:
         start = min(damaged, default=start)
     names, units = header.names, header.units

@@ -84,7 +84,8 @@ def _below_damage(rows: Sequence[_Row]) -> _Row:
 def _look_at(index: int, line: str, cut: Cut) -> _Row:
     named, mixed = header_cells(line, cut), holds_numbers(line, cut)
     if named is not None:
-        return _Row(index, named, True, _are_units(named, 0.5), mixed)
+        # No column is called by a number, but the unit of the first may be 1.
+        return _Row(index, named, not cut.is_number(named[0]), _are_units(named, 0.5), mixed)
     cells: list[str] = []
     for text in (line, _COMMENT.sub("", line)):
         cells = cut.split(text)

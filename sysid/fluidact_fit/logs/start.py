@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from enum import Enum
 from typing import NamedTuple
 
 from .layout import Cut
@@ -26,25 +25,12 @@ class Start(NamedTuple):
     stray: tuple[int, ...]
 
 
-class _Kind(Enum):
-    ROW = 1  # as many cells as a row, all of them numbers
-    NUMBERS = 2  # numbers and nothing else, but too few cells or too many
-    MIXED = 3  # text and numbers: a row, a header, or a line of a preamble
-    TEXT = 4
-
-
 class _Block(NamedTuple):
-    """Indices of consecutive lines with numbers: all of them, those that are rows, by kind."""
+    """Indices of consecutive lines with numbers: all, rows, and those of nothing but numbers."""
 
     lines: list[int]
     rows: list[int]
-    kinds: list[_Kind]
-
-    @property
-    def whole(self) -> list[int]:
-        """The lines from the first one of nothing but numbers."""
-        first = next((k for k, kind in enumerate(self.kinds) if kind is not _Kind.MIXED), None)
-        return [] if first is None else self.lines[first:]
+    plain: list[int]
 
 
 def find_start(lines: Sequence[str], cut: Cut, complete: bool) -> Start | None:
@@ -68,26 +54,21 @@ def _blocks(lines: Sequence[str], cut: Cut, needed: float) -> list[_Block]:
     for index, line in enumerate(lines):
         if not line.strip():
             continue
-        kind, is_row = _kind(line, cut), cut.is_row(line, needed)
-        begins = is_row or kind in (_Kind.ROW, _Kind.NUMBERS)
-        if begins and not inside:
+        is_row, plain = cut.is_row(line, needed), _is_plain(line, cut)
+        if (is_row or plain) and not inside:
             blocks.append(_Block([], [], []))
-        inside = begins or (inside and kind is _Kind.MIXED)
+        inside = is_row or plain or (inside and holds_numbers(line, cut))
         if inside:
-            blocks[-1].lines.append(index)
-            blocks[-1].kinds.append(kind)
-            if is_row:
-                blocks[-1].rows.append(index)
+            block = blocks[-1]
+            block.lines.append(index)
+            block.rows.extend([index] * is_row)
+            block.plain.extend([index] * plain)
     return blocks
 
 
-def _kind(line: str, cut: Cut) -> _Kind:
-    """What a line with text is."""
-    if cut.is_row(line, 1.0):
-        return _Kind.ROW
-    if _NUMBERS.fullmatch(line) and not _DATE.fullmatch(line):
-        return _Kind.NUMBERS
-    return _Kind.MIXED if holds_numbers(line, cut) else _Kind.TEXT
+def _is_plain(line: str, cut: Cut) -> bool:
+    """Whether a line holds nothing but numbers, or dates where a row may."""
+    return cut.is_row(line, 1.0) or bool(_NUMBERS.fullmatch(line) and not _DATE.fullmatch(line))
 
 
 def holds_numbers(line: str, cut: Cut) -> bool:
@@ -97,10 +78,11 @@ def holds_numbers(line: str, cut: Cut) -> bool:
     return wide or 0 < 2 * sum(map(cut.is_number, cells)) >= len(cells)
 
 
-def mostly_numbers(line: str, cut: Cut) -> bool:
-    """Whether more than half of the cells of a line are numbers."""
+def looks_like_row(line: str, cut: Cut) -> bool:
+    """Whether a line begins with a number, as those of a preamble do not, or holds mostly such."""
     cells = cut.split(line)
-    return 2 * sum(map(cut.is_number, cells)) > len(cells)
+    values = list(map(cut.is_value, cells))
+    return values[:1] == [True] or (_is_wide(cells, cut) and 2 * sum(values) > len(cells))
 
 
 def _is_wide(cells: Sequence[str], cut: Cut) -> bool:
@@ -119,10 +101,10 @@ def _choose(lines: Sequence[str], blocks: Sequence[_Block], cut: Cut) -> Start:
         above = next((s for s in reversed(lines[: block.lines[0]]) if s.strip()), "")
         below = next((s for s in lines[block.lines[-1] + 1 :] if s.strip()), "")
         at_top = not above and cut.width > 2 and not _names_columns(below, cut)
-        certain = _Kind.ROW in block.kinds and (at_top or _names_columns(above, cut))
-        if certain or len(block.rows) >= max(1, enough):
+        certain = block.plain and (at_top or _names_columns(above, cut))
+        if block.rows and (certain or len(block.rows) >= enough):
             return Start(block.lines[0], tuple(stray))
-        stray += block.whole
+        stray += [i for i in block.lines if block.plain and i >= block.plain[0]]
     raise AssertionError("the longest block is one of several rows")
 
 
