@@ -140,6 +140,7 @@ def test_a_spoilt_file_is_read_or_refused(family: str, logs: Any, tmp_path: Path
         ("valve", "provenance/seed", -1, "-1: input should be greater"),
         ("valve", "provenance/logs/0/columns/command/step", 1, "not a mapping"),
         ("valve", "provenance/logs/0/columns/command/header", ["x"], "not text"),
+        ("valve", "provenance/logs/0/columns/COMMAND", {"header": "u"}, "not a role of the family"),
     ],
 )
 def test_what_was_read_once_is_refused(family: str, path: str, value: Any, words: str) -> None:
