@@ -88,6 +88,12 @@ _READING = {
         "Lines with the wrong number of fields were left out.",
         "Nothing, if they are few; otherwise check how the log was written.",
     ),
+    "rows-above-table": _warning(
+        "Lines above the table, or above its header, hold numbers and little else; they were left "
+        "out.",
+        "Look at the lines that are named: rows in another form are to be corrected, and "
+        "`--header-row` says that they are none.",
+    ),
     "run-too-short": _information(
         "Runs with too few samples to be fitted were left out.",
         "Nothing, unless a run that you need is among them.",

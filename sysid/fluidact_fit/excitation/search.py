@@ -105,10 +105,10 @@ class Search:
         u = rest + (high - rest) * np.maximum(shape, 0.0) + (rest - low) * np.minimum(shape, 0.0)
         most = None if limits.rate is None else limits.rate * limits.sample_time
         if self.task.drive.hold != "zoh":
-            # the steepest point of a Hann window is twice its mean
-            width = 2.0 * float(np.ptp(u)) / most if most else RISE
-            # a range that cannot be crossed within the run leaves the slope to the limit below
-            u = smooth_corners(u, max(RISE, int(np.ceil(min(width, u.size)))))
+            # The steepest point of a Hann window is twice its mean; one as long as the run is as
+            # smooth as can be, and the slope is limited below.
+            width = min(2.0 * float(np.ptp(u)) / most, u.size) if most else RISE
+            u = smooth_corners(u, max(RISE, int(np.ceil(width))))
         return u if most is None else limit_slope(u, most)
 
     def _simulate(self, command: FloatArray) -> FloatArray:

@@ -209,7 +209,8 @@ def _account(source: Source, layout: Layout, table: Table) -> Account:
             expected="This is a bug of the reader.",
             remedy="Report it with the log, and give --delimiter and --header-row meanwhile.",
         )
-    return Account(total, above, rows, blank, table.left_out)
+    stray = [(i + 1, "above the table") for i in layout.stray]
+    return Account(total, above - len(stray), rows, blank, (*stray, *table.left_out))
 
 
 def _count_blank(source: Source, above: int) -> int:
