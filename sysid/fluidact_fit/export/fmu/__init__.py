@@ -8,6 +8,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 
 from ...block import Block, SteppedBlock
+from ...errors import UsageError
 from ...specification import scalars
 from ..target import Job
 from .build import compile_library
@@ -51,7 +52,14 @@ def describe_unit(job: Job) -> tuple[bytes, Mapping[str, str]]:
 def _unit(job: Job) -> Unit:
     block, model = job.block, Model()
     add_plant(model, block)
-    add_maps(model, [r for r in block.routines() if not r.sample_time], job.name)
+    routines = block.routines()
+    if not model.outputs and any(r.sample_time for r in routines):
+        raise UsageError(
+            f"no unit can be made of the family {block.family}: a routine of it is called once a "
+            "sample, and it holds no continuous model",
+            remedy="Take another target.",
+        )
+    add_maps(model, [r for r in routines if not r.sample_time], job.name)
     about = f"Model of the family {block.family}, verdict of the fit: {block.verdict}"
     period = block.sample_time if isinstance(block, SteppedBlock) else 0.0
     return Unit(job.name, about, job.remarks, model, _constants(block), period)

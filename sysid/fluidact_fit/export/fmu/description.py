@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from xml.etree import ElementTree as ET
 
 from ...units import base_units
@@ -13,7 +13,7 @@ _BASE = {
     "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol",
     "candela": "cd", "radian": "rad",
 }  # fmt: skip
-_Attributes = Mapping[str, str]
+_Attributes = dict[str, str]
 
 
 def describe(unit: Unit, guid: str) -> bytes:

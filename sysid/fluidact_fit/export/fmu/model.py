@@ -72,7 +72,7 @@ class Model:
         Arguments of one name and unit are one input, whose range is that of all of them. A name
         that is taken otherwise gets that of the routine before it.
         """
-        taken = {r.name for r in (*self.outputs, *self.flags, *self.parameters)}
+        taken = {r.name for r in (*self.outputs, *self.flags)}
         for name in (argument.name, f"{routine}_{argument.name}"):
             known = [a for a in self.inputs if a.name == name]
             if known and known[0].unit == argument.unit:
