@@ -7,7 +7,8 @@ from xml.etree import ElementTree as ET
 
 from ...units import base_units
 from ...version import __version__
-from .model import Model, Result, Unit, guarded, start_of
+from ..target import plain_text
+from .model import Model, Result, Unit, start_of
 
 _BASE = {
     "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol",
@@ -21,7 +22,7 @@ def describe(unit: Unit, guid: str) -> bytes:
     name, model = unit.name, unit.model
     root = ET.Element("fmiModelDescription", {
         "fmiVersion": "2.0", "modelName": name, "guid": guid,
-        "description": guarded("; ".join([unit.about, *unit.remarks])),
+        "description": "; ".join(map(plain_text, [unit.about, *unit.remarks])),
         "version": __version__, "generationTool": f"fluidact-fit {__version__}",
         "variableNamingConvention": "structured",
     })  # fmt: skip
@@ -49,7 +50,7 @@ def _variables(unit: Unit) -> Iterator[tuple[str, _Attributes, _Attributes]]:
     model, reference = unit.model, 0
     for a in model.inputs:
         given = {"causality": "input", "variability": "continuous"}
-        values = {"unit": guarded(a.unit), "min": repr(a.low), "max": repr(a.high)}
+        values = {"unit": plain_text(a.unit), "min": repr(a.low), "max": repr(a.high)}
         start = {"start": repr(start_of(a))}
         yield "Real", _named(a.name, reference, a.about) | given, values | start
         reference += 1
@@ -57,13 +58,14 @@ def _variables(unit: Unit) -> Iterator[tuple[str, _Attributes, _Attributes]]:
         fixed = s in model.parameters
         given = {"causality": "parameter" if fixed else "local",
                  "variability": "fixed" if fixed else "constant", "initial": "exact"}  # fmt: skip
-        values = {"unit": guarded(s.unit), "start": repr(s.value)}
+        values = {"unit": plain_text(s.unit), "start": repr(s.value)}
         least = {} if s.minimum is None else {"min": repr(s.minimum)}
         yield "Real", _named(s.name, reference, s.about) | given, values | least
         reference += 1
     for r in model.outputs:
         given = {"causality": "output", "variability": "continuous", "initial": "calculated"}
-        yield "Real", _named(r.name, reference, r.about) | given, {"unit": guarded(r.unit or "1")}
+        values = {"unit": plain_text(r.unit or "1")}
+        yield "Real", _named(r.name, reference, r.about) | given, values
         reference += 1
     for k, r in enumerate(model.flags):
         given = {"causality": "output", "variability": "discrete", "initial": "calculated"}
@@ -71,7 +73,7 @@ def _variables(unit: Unit) -> Iterator[tuple[str, _Attributes, _Attributes]]:
 
 
 def _named(name: str, reference: int, about: str) -> dict[str, str]:
-    return {"name": name, "valueReference": str(reference), "description": guarded(about)}
+    return {"name": name, "valueReference": str(reference), "description": plain_text(about)}
 
 
 def _define_units(root: ET.Element, units: Sequence[str]) -> None:

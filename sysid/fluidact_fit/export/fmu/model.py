@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from ...routines import Argument
-
-_UNSAFE = re.compile(r"[^\x20-\x7e]|\\|\*/|/\*|\?\?|//")
-_LONGEST = 300
 
 
 @dataclass(frozen=True)
@@ -133,11 +129,6 @@ class Unit:
 def start_of(argument: Argument) -> float:
     """Value of an input until it is set: zero, where its range holds it."""
     return min(max(0.0, argument.low), argument.high)
-
-
-def guarded(text: str) -> str:
-    """A text as one line of ASCII that neither ends a comment of C nor begins one."""
-    return _UNSAFE.sub("_", text)[:_LONGEST]
 
 
 def table(name: str, rows: Sequence[Iterable[float]] | Iterable[float]) -> str:

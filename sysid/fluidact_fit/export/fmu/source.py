@@ -6,7 +6,8 @@ import sys
 from collections.abc import Sequence
 from importlib.resources import files
 
-from .model import Model, Unit, guarded, start_of, table
+from ..target import plain_text
+from .model import Model, Unit, start_of, table
 
 INTERFACE = ("fmi2_unit.h", "fmi2_variables.h", "fmi2_steps.h")
 
@@ -54,8 +55,8 @@ def source(unit: Unit, guid: str) -> str:
 
 
 def comment(lines: Sequence[str]) -> list[str]:
-    """A block comment that no text can end."""
-    return ["/*", *(f" * {guarded(line)}".rstrip() for line in lines), " */"]
+    """A block comment."""
+    return ["/*", *(f" * {plain_text(line)}".rstrip() for line in lines), " */"]
 
 
 def _functions(model: Model) -> list[str]:
