@@ -18,7 +18,7 @@ from scipy.io import loadmat
 
 import fluidact_fit as ff
 from fluidact_fit.export import TARGETS, export
-from fluidact_fit.export.target import plain_text, safe_name
+from fluidact_fit.export.target import file_stem, plain_text, safe_name
 
 Edited = Callable[..., Path]
 
@@ -153,15 +153,20 @@ def test_names_of_files_become_identifiers(
     stem = safe_name(name)
     assert re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", stem)
     assert len(stem) < 60
+    file_name = stem if to == "matlab" else file_stem(name)
+    assert re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", file_name)
     assert {p.parent for p in written} == {folder}
     names = {p.name.partition(".")[0].removesuffix("_selftest") for p in written}
-    assert names == {stem}
+    assert names == {file_name}
     assert sorted(folder.iterdir()) == sorted(written)
     for file in written:
         if file.suffix in (".yaml", ".json"):
             assert yaml.safe_load(file.read_text(encoding="utf-8"))
         elif file.suffix in (".c", ".h"):
-            assert f'#include "{stem}.h"' in file.read_text(encoding="ascii") or file.suffix == ".h"
+            assert (
+                f'#include "{file_name}.h"' in file.read_text(encoding="ascii")
+                or file.suffix == ".h"
+            )
         elif file.suffix == ".m":
             text = file.read_text(encoding="ascii")
             assert text.startswith(f"function model = {stem}()\n% {stem.upper()}  ")

@@ -134,7 +134,7 @@ def test_ros2_types_are_those_declared(parameter_file: Path, tmp_path: Path) -> 
     raw = yaml.load(written["ros2.yaml"].read_text(encoding="utf-8"), yaml.BaseLoader)
     text = written["declaration.yaml"].read_text(encoding="utf-8")
     ((name, node),), ((namespace, tree),) = raw.items(), yaml.safe_load(text).items()
-    assert name == namespace == written["ros2.yaml"].name.partition(".")[0]
+    assert name == namespace == parameter_file.stem.replace("-", "_")
     values, types = dict(leaves(node["ros__parameters"])), dict(declared(tree))
     assert set(values) == set(types)
     for key, entry in types.items():

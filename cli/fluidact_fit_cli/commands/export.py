@@ -47,8 +47,9 @@ def command(
     fmu     NAME.fmu: a unit for FMI 2.0 co-simulation, for Linux on x86-64
     json    NAME.json: the whole document
 
-    NAME is the name of the parameter file, as an identifier: ball-screw.yaml is exported as
-    ball_screw. The files of one parameter file are written all or none; their names go to standard
+    NAME is the name of the parameter file; functions and variables are called by it as an
+    identifier: ball-screw.yaml as ball_screw, and so are the files for MATLAB. The files of one
+    parameter file are written all or none; their names go to standard
     output, one a line.
 
     \b

@@ -20,4 +20,4 @@ def write(job: Job) -> dict[str, bytes]:
         *({"code": "exported-as-accepted", "message": remark} for remark in job.remarks),
     ]
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
-    return {f"{job.name}.json": text.encode("ascii")}
+    return {f"{job.file}.json": text.encode("ascii")}

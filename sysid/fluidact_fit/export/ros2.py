@@ -24,9 +24,9 @@ def write(job: Job) -> dict[str, bytes]:
     values = _nested((e.key, e.value) for e in entries)
     declared = _nested((e.key, _declaration(e)) for e in entries)
     return {
-        f"{job.name}.ros2.yaml": _text(job, {job.name: {"ros__parameters": values}}),
-        f"{job.name}.declaration.yaml": _text(job, {job.name: declared}),
-        f"{job.name}.metadata.yaml": _text(job, _metadata(job)),
+        f"{job.file}.ros2.yaml": _text(job, {job.name: {"ros__parameters": values}}),
+        f"{job.file}.declaration.yaml": _text(job, {job.name: declared}),
+        f"{job.file}.metadata.yaml": _text(job, _metadata(job)),
     }
 
 

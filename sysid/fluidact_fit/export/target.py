@@ -36,6 +36,8 @@ _DEVICES = "con prn aux nul " + " ".join(f"com{i} lpt{i}" for i in range(1, 10))
 _TAKEN = {w.lower() for w in (*keyword.kwlist, *keyword.softkwlist)} | {
     *_C.split(), *_ST.split(), *_MATLAB.split(), *_DEVICES.split(),
 }  # fmt: skip
+_END = re.compile(r"\.ya?ml$", re.IGNORECASE)
+_PLAIN_FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}")
 _LONGEST_NAME = 48  # MATLAB takes 63, and targets append words to it
 _LONGEST_TEXT = 300
 # Neither quotes nor brackets of any comment, no escape, no format and nothing that expands.
@@ -58,12 +60,21 @@ class Job:
     remarks
         What was accepted although the fit did not vouch for it: harmless lines that every
         export has to show.
+    file
+        What the files are called that need no identifier: the name of the parameter file
+        where that is harmless, otherwise ``name``.
     """
 
     name: str
     block: Block
     arithmetic: Arithmetic = "float32"
     remarks: tuple[str, ...] = ()
+    file: str = ""
+
+    def __post_init__(self) -> None:
+        """Call the files by the identifier where no other name was given."""
+        if not self.file:
+            object.__setattr__(self, "file", self.name)
 
 
 Target = Callable[[Job], Mapping[str, bytes]]  # name of a file to its content
@@ -71,9 +82,9 @@ Target = Callable[[Job], Mapping[str, bytes]]  # name of a file to its content
 
 def make_job(path: str | os.PathLike[str], block: Block, arithmetic: Arithmetic = "float32") -> Job:
     """Return the job of a block that was loaded from a file, everything in it accepted."""
-    return Job(
-        safe_name(Path(path).name), block, arithmetic, tuple(map(plain_text, _remarks(block)))
-    )
+    file = Path(path).name
+    remarks = tuple(map(plain_text, _remarks(block)))
+    return Job(safe_name(file), block, arithmetic, remarks, file_stem(file))
 
 
 def _remarks(block: Block) -> Iterable[str]:
@@ -81,6 +92,19 @@ def _remarks(block: Block) -> Iterable[str]:
         yield "VERDICT FAIL: the model did not describe its own logs; exported as accepted"
     for name in block.not_identified:
         yield f"NOT IDENTIFIED: {name} could not be determined from the data; exported as accepted"
+
+
+def file_stem(file: str) -> str:
+    """Return what exports of a file are called: its own name without its end, where harmless.
+
+    Examples
+    --------
+    >>> file_stem("ball-screw.yaml"), file_stem("a b.yaml"), file_stem("-o.yaml")
+    ('ball-screw', 'a_b', 'o')
+    """
+    stem = _END.sub("", file)
+    plain = _PLAIN_FILE.fullmatch(stem) and stem.lower() not in _DEVICES.split()
+    return stem if plain else safe_name(file)
 
 
 def safe_name(file: str) -> str:
@@ -91,7 +115,7 @@ def safe_name(file: str) -> str:
     >>> safe_name("ball-screw.yaml"), safe_name("2nd valve.v3.yaml"), safe_name("while.yaml")
     ('ball_screw', 'p_2nd_valve_v3', 'while_p')
     """
-    stem = re.sub(r"\.ya?ml$", "", file, flags=re.IGNORECASE)
+    stem = _END.sub("", file)
     ascii_only = unicodedata.normalize("NFKD", stem).encode("ascii", "ignore").decode()
     # Structured Text allows neither two underscores in a row nor one at an end.
     name = re.sub(r"[^A-Za-z0-9]+", "_", ascii_only).strip("_")
