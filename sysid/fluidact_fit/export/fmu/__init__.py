@@ -22,7 +22,7 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)  # the first time that an archive can tell
 
 
 def write(job: Job) -> Mapping[str, bytes]:
-    """Return ``NAME.fmu``.
+    """Return ``NAME.fmu``, in which everything is called by the identifier.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def write(job: Job) -> Mapping[str, bytes]:
     files = {"modelDescription.xml": xml}
     files[f"binaries/linux64/{job.name}.so"] = compile_library(job.name, sources)
     files |= {f"sources/{name}": text.encode("ascii") for name, text in sources.items()}
-    return {f"{job.name}.fmu": _archive(files)}
+    return {f"{job.file}.fmu": _archive(files)}
 
 
 def describe_unit(job: Job) -> tuple[bytes, Mapping[str, str]]:
