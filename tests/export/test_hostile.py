@@ -6,9 +6,11 @@ import json
 import re
 import shutil
 import subprocess
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import pytest
 import yaml
@@ -63,11 +65,12 @@ def test_texts_of_a_file_are_nothing_but_texts(to: str, edited: Edited, tmp_path
     written = {p.suffixes[-1] if to != "ros2" else p.suffixes[0]: p
                for p in export([path], to, tmp_path / "out")}  # fmt: skip
     for file in written.values():
-        if file.suffix != ".mat":
+        if file.suffix not in (".mat", ".fmu"):
             text = file.read_text(encoding="utf-8")
             assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f\u2028]", text)
     check = {
         "json": check_json, "ros2": check_ros2, "matlab": check_matlab, "c": check_c,
+        "fmu": check_fmu,
     }.get(to)  # fmt: skip
     assert check is not None, "a new target needs a check of its own"
     check(written)
@@ -101,6 +104,14 @@ def check_c(written: dict[str, Path]) -> None:
     words = "-std=c99 -Wall -Wextra -Werror -pedantic edited.c edited_selftest.c -lm -o run"
     subprocess.run(["gcc", *words.split()], cwd=folder, check=True)
     subprocess.run([folder / "run"], check=True)
+
+
+def check_fmu(written: dict[str, Path]) -> None:
+    """The description is XML, and what was compiled holds no text of the file either."""
+    with zipfile.ZipFile(written[".fmu"]) as unit:
+        assert ET.fromstring(unit.read("modelDescription.xml")).get("modelName") == "edited"
+        assert not any(b"PWNED" in unit.read(name) for name in unit.namelist())
+        assert all(re.fullmatch(r"[\w./]+", name) for name in unit.namelist())
 
 
 def check_matlab(written: dict[str, Path]) -> None:
@@ -160,6 +171,9 @@ def test_names_of_files_become_identifiers(
             text = file.read_text(encoding="ascii")
             assert text.startswith(f"function model = {stem}()\n% {stem.upper()}  ")
             assert all(CODE.fullmatch(line) for line in text.splitlines())
+        elif file.suffix == ".fmu":
+            with zipfile.ZipFile(file) as unit:
+                assert {f"binaries/linux64/{stem}.so", f"sources/{stem}.c"} < {*unit.namelist()}
         else:
             assert stem in loadmat(file)
 

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import pytest
 import yaml
@@ -82,6 +83,10 @@ def assert_says(files: list[Path], words: str) -> None:
             document = json.loads(file.read_text(encoding="ascii"))
             assert words in document["warnings"][-1]["message"]
             make_document(document, ff.get_family)  # is still a parameter document
+        elif file.suffix == ".fmu":
+            with ZipFile(file) as unit:
+                assert words in unit.read("modelDescription.xml").decode()
+                assert words in unit.read(f"sources/{file.stem}.c").decode()
         else:
             assert words in file.read_text(encoding="ascii").split("\n  model.")[0]
 

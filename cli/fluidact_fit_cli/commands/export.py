@@ -44,6 +44,7 @@ def command(
     ros2    NAME.ros2.yaml, NAME.declaration.yaml (for generate_parameter_library),
             NAME.metadata.yaml
     matlab  NAME.m: a function that makes the model; NAME.mat: the numbers
+    fmu     NAME.fmu: a unit for FMI 2.0 co-simulation, for Linux on x86-64
     json    NAME.json: the whole document
 
     NAME is the name of the parameter file; functions and variables are called by it as an

@@ -26,6 +26,7 @@ TARGETS: Mapping[str, Entry] = {
     "c": Entry("c", "C99: header, source and self-test", ("float32",)),
     "ros2": Entry("ros2", "ROS 2 parameters, their declaration and metadata"),
     "matlab": Entry("matlab", "MATLAB, Simulink, dSPACE and Octave: a function and a .mat file"),
+    "fmu": Entry("fmu", "a unit for FMI 2.0 co-simulation: sources and a library for Linux"),
     "json": Entry("plain_json", "the whole document as JSON"),
 }
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...block import SteppedBlock
+from ...block import LinearBlock, LinearModel
 from ...errors import UsageError
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, make_signal, piecewise
 from ...estimation.linear import forced_response
@@ -40,7 +40,7 @@ class TransferFunction:
 Coefficients = Callable[[Mapping[str, float]], tuple[list[float], list[float]]]
 
 
-class TransferBlock(SteppedBlock):
+class TransferBlock(LinearBlock):
     """A linear model that steps once per sample, with a dead zone before it where it has one.
 
     The difference equation is the exact sampling of the continuous model for an input that
@@ -74,6 +74,11 @@ class TransferBlock(SteppedBlock):
     def transfer_function(self) -> TransferFunction:
         """Return the continuous model (without a dead zone, which stands before it)."""
         return self._linear
+
+    def linear_model(self) -> LinearModel:
+        """Return the model in state space, in a time scale of its own."""
+        f = self._linear
+        return LinearModel(*_balanced(f), f.dead_time, self.dead_zone, f.gain)
 
     def difference_equation(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return numerator and denominator of the discrete model, rising powers of ``1/z``."""
