@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 
 import fluidact_fit as ff
 from fluidact_fit.demo import load_dataset
-from fluidact_fit.errors import OutputError, UsageError
+from fluidact_fit.errors import NotIdentifiedError, OutputError, UsageError
 from fluidact_fit.estimation.information import cramer_rao, optimal_measure
 from fluidact_fit.excitation import Design, design
 from fluidact_fit.excitation.waveforms import Waveform, limit_slope, smooth_corners, to_segments
@@ -244,6 +244,13 @@ def test_impossible_wishes_are_refused(
 ) -> None:
     with pytest.raises(UsageError, match=message):
         design(document_of(valve), **limits)
+
+
+def test_a_range_that_a_slow_sensor_cannot_cross_is_refused_at_once() -> None:
+    """Corners rounded over as long as the crossing takes would be 1e20 samples."""
+    line = document_of(fit_trial("line"))
+    with pytest.raises(NotIdentifiedError, match="no excitation"):
+        design(line, duration=0.3, sample_time=0.01, amplitude=(0.0, 1e9), rate=1e-9)
 
 
 def test_optimal_measure_of_a_line_is_its_two_ends() -> None:

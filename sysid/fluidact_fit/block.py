@@ -119,11 +119,10 @@ class Block(ABC):
     def input(self) -> Port | None:
         """What drives the model: its first role with a hold, or the argument of a map.
 
-        ``None`` where nothing does.
+        Roles that a log may lack drive nothing. ``None`` where nothing does.
         """
-        roles = self.variant.driving or [
-            r for r in self.variant.roles if not r.output and r.name != "time"
-        ]
+        needed = [r for r in self.variant.roles if r.required and not r.output]
+        roles = [r for r in needed if r.hold] or [r for r in needed if r.name != "time"]
         return self._port(roles[0]) if roles else None
 
     @property

@@ -80,6 +80,10 @@ _READING = {
         "Lines with an impossible time stamp were left out: two lines were printed as one.",
         "Look at the lines that are named; a slower or buffered serial output avoids them.",
     ),
+    "part-recalled": _information(
+        "A log was fitted before, and the part of it that was fitted is used again.",
+        "Nothing; give `--window` or `--exclude` to use another part.",
+    ),
     "partial-lines": _information(
         "Lines with the wrong number of fields were left out.",
         "Nothing, if they are few; otherwise check how the log was written.",

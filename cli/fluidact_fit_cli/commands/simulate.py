@@ -86,12 +86,14 @@ def command(
 
 def _show(runs: Sequence[Simulation], output: str | None) -> None:
     """Agreement with each log, on standard error: the table may stand on standard output."""
+    from fluidact_fit.outcome import percent_text
+
     for run in runs:
         if run.agreement.samples:
             left = f", {run.left_out} samples left out" if run.left_out else ""
             tell(
                 f"{run.experiment.name}: rmse {run.rmse:.6g}, fit "
-                f"{run.agreement.fit_percent:.2f} %{left}"
+                f"{percent_text(run.agreement.fit_percent)}{left}"
             )
     if output is not None:
         echo(f"written to {output}")

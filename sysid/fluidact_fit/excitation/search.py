@@ -44,7 +44,10 @@ class Search:
                 errors = self._errors(command)
                 score = self.task.score(errors)
                 return Trial(waveform, shape, command, output, errors, score)
-            share = self.task.limits.travel / float(np.ptp(output))
+            moved = float(np.ptp(output))
+            if not moved > 0.0:
+                break  # it rests outside the stroke, and does so however small the shape is
+            share = self.task.limits.travel / moved
             waveform = waveform.shrink(min(max(share, 0.4), 0.85))
         nothing = np.full(len(self.task.unknowns), np.inf)
         return Trial(waveform, shape, command, output, nothing, np.inf)
@@ -103,8 +106,9 @@ class Search:
         most = None if limits.rate is None else limits.rate * limits.sample_time
         if self.task.drive.hold != "zoh":
             # the steepest point of a Hann window is twice its mean
-            width = int(np.ceil(2.0 * float(np.ptp(u)) / most)) if most else RISE
-            u = smooth_corners(u, max(RISE, width))
+            width = 2.0 * float(np.ptp(u)) / most if most else RISE
+            # a range that cannot be crossed within the run leaves the slope to the limit below
+            u = smooth_corners(u, max(RISE, int(np.ceil(min(width, u.size)))))
         return u if most is None else limit_slope(u, most)
 
     def _simulate(self, command: FloatArray) -> FloatArray:

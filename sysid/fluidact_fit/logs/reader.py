@@ -17,7 +17,7 @@ from .dialect import find_layout
 from .layout import Layout, Written
 from .log import Account, Column, Dialect, Log, StepInput, check_hold
 from .merging import merged
-from .source import Source, make_source, name_of, read_bytes
+from .source import Source, files_of, make_source, name_of, read_bytes
 from .surgery import parse_exclusion, with_constants, without
 from .table import Table, read_table
 
@@ -113,9 +113,8 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
     if not isinstance(path, str | os.PathLike):
         return log_of(path)
     place = Path(path)
-    several = str(path).split("+")
-    if len(several) > 1 and not place.exists() and all(Path(p).is_file() for p in several):
-        return merged([_read(p, written) for p in several])
+    if len(files := files_of(place)) > 1:
+        return merged([_read(file, written) for file in files])
     raw, sha256 = read_bytes(place)
     found = read_binary(raw, name_of(place))
     if found is not None:

@@ -10,7 +10,17 @@ import numpy as np
 
 from ...routines import Routine
 from ...routines.expression import Binary, Choose, Expression, Item, Name, Number, Unary
-from ...routines.routine import Filter, Flag, Layer, Let, Put, Solve, Statement
+from ...routines.routine import (
+    Filter,
+    Flag,
+    Layer,
+    Let,
+    Matrix,
+    Put,
+    Solve,
+    Statement,
+    as_matrix,
+)
 
 _OPERATORS = {"+": "+", "-": "-", "*": "*", "/": "/"}
 _DEEPEST = 24  # halvings that single precision can tell apart
@@ -32,6 +42,29 @@ class Precision:
 
 
 SINGLE, DOUBLE = Precision("float", "f"), Precision("double", "")
+
+
+@dataclass(frozen=True)
+class Folded:
+    """A layer whose input of two values, if it has one, is part of its biases: a row for each."""
+
+    weights: Matrix
+    biases: Matrix
+    inputs: tuple[Expression, ...]
+    switch: Choose | None = None
+
+
+def fold(layer: Layer) -> Folded:
+    """Draw the first input that is one of two constants into the biases."""
+    for k, e in enumerate(layer.inputs):
+        if isinstance(e, Choose) and isinstance(e.yes, Number) and isinstance(e.no, Number):
+            column = np.array([row[k] for row in layer.weights])
+            biases = [layer.biases + column * end.value for end in (e.yes, e.no)]
+            rest = np.delete(np.array(layer.weights), k, axis=1)
+            inputs = layer.inputs[:k] + layer.inputs[k + 1 :]
+            if inputs:
+                return Folded(as_matrix(rest), as_matrix(biases), inputs, e)
+    return Folded(layer.weights, (layer.biases,), layer.inputs)
 
 
 @dataclass(frozen=True)
@@ -89,17 +122,17 @@ class Writer:
 
     def tables(self) -> Iterator[str]:
         """Constant arrays that the function reads."""
-        real, place = self.precision.type, f"{self.prefix.upper()}_TABLE"
         for s in self.routine.body:
             if isinstance(s, Layer):
-                where = f"{self.name}_{s.name}"
-                rows = ",\n    ".join(self._table(row) for row in s.weights)
-                shape = f"[{len(s.weights)}][{len(s.weights[0])}]"
-                yield f"static const {real} {where}_weights{shape} {place} = {{\n    {rows}}};"
-                yield (
-                    f"static const {real} {where}_biases[{len(s.biases)}] {place} =\n"
-                    f"    {self._table(s.biases)};"
-                )
+                folded = fold(s)
+                yield self._matrix(f"{self.name}_{s.name}_weights", folded.weights)
+                yield self._matrix(f"{self.name}_{s.name}_biases", folded.biases)
+
+    def _matrix(self, name: str, rows: Matrix) -> str:
+        real, place = self.precision.type, f"{self.prefix.upper()}_TABLE"
+        text = ",\n    ".join(self._table(row) for row in rows)
+        shape = f"[{len(rows)}][{len(rows[0])}]"
+        return f"static const {real} {name}{shape} {place} = {{\n    {text}}};"
 
     def _read(self, table: str) -> str:
         return f"{self.prefix.upper()}_READ({table})"
@@ -122,22 +155,26 @@ class Writer:
         raise TypeError(s)
 
     def _layer(self, s: Layer) -> list[str]:
-        real, n, m = self.precision.type, len(s.inputs), len(s.weights)
-        first = s.inputs[0]
-        handed = isinstance(first, Item) and all(
-            isinstance(e, Item) and (e.name, e.index) == (first.name, k)
-            for k, e in enumerate(s.inputs)
-        )
+        real, folded = self.precision.type, fold(s)
+        n, m = len(folded.inputs), len(s.biases)
+        first = folded.inputs[0]
         lines, x = [], f"{s.name}_inputs"
-        if isinstance(first, Item) and handed:
+        if isinstance(first, Item) and folded.inputs == tuple(
+            Item(first.name, k) for k in range(n)
+        ):
             x = first.name
         else:
             lines.append(f"const {real} {x}[{n}] = {{")
-            lines += [f"    {self.expression(e)}," for e in s.inputs]
+            lines += [f"    {self.expression(e)}," for e in folded.inputs]
             lines.append("};")
-        table = f"{self.name}_{s.name}"
+        side = "0"
+        if folded.switch:
+            e, side = folded.switch, f"{s.name}_side"
+            condition = f"{self.expression(e.a)} {e.relation} {self.expression(e.b)}"
+            lines.append(f"const int {side} = {condition} ? 0 : 1;")
+        zero, table = self.precision.literal(0.0), f"{self.name}_{s.name}"
         out = {
-            "relu": f"sum > {self.precision.literal(0.0)} ? sum : {self.precision.literal(0.0)}",
+            "relu": f"sum > {zero} ? sum : {zero}",
             "tanh": f"tanh{self.precision.suffix}(sum)",
             "linear": "sum",
         }[s.activation]
@@ -145,7 +182,7 @@ class Writer:
             *lines,
             f"{real} {s.name}[{m}];",
             f"for (row = 0; row < {m}; row++) {{",
-            f"    {real} sum = {self._read(f'{table}_biases[row]')};",
+            f"    {real} sum = {self._read(f'{table}_biases[{side}][row]')};",
             f"    for (column = 0; column < {n}; column++)",
             f"        sum += {self._read(f'{table}_weights[row][column]')} * {x}[column];",
             f"    {s.name}[row] = {out};",
@@ -175,17 +212,21 @@ class Writer:
         real, n, literal = self.precision.type, len(s.output), self.precision.literal
         x = f"state->{s.name}"
         sums = [f"{literal(c)} * {x}[{k}]" for k, c in enumerate(s.output) if c != 0.0]
-        lines = [f"const {real} {s.name} = {' + '.join(sums) or literal(0.0)};"]
+        sums += [f"{literal(s.direct)} * {s.name}_drive"] if s.direct else []
+        lines = [
+            f"const {real} {s.name}_drive = {self.expression(s.drive)};",
+            f"const {real} {s.name} = {' + '.join(sums) or literal(0.0)};",
+        ]
         moves = []
         for k in range(n):
             terms = [f"{literal(c)} * {x}[{j}]" for j, c in enumerate(s.change[k]) if c != 0.0]
-            terms += [f"{literal(s.late[k])} * late"] if s.late[k] != 0.0 else []
+            terms += [f"{literal(s.late[k])} * {s.name}_late"] if s.late[k] != 0.0 else []
             terms += [f"{literal(s.soon[k])} * soon"] if s.soon[k] != 0.0 else []
             moves.append(f"const {real} move_{k} = {' + '.join(terms) or literal(0.0)};")
         if any(s.late):
-            lines.append(f"const {real} late = {x}_line[state->{s.name}_at];")
+            lines.append(f"const {real} {s.name}_late = {x}_line[state->{s.name}_at];")
         lines += [
-            f"{x}_line[state->{s.name}_at] = {self.expression(s.drive)};",
+            f"{x}_line[state->{s.name}_at] = {s.name}_drive;",
             f"state->{s.name}_at = (state->{s.name}_at + 1) % {s.delay + 1};",
             "{",
             f"    const {real} soon = {x}_line[state->{s.name}_at];"
