@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 import yaml
 from scipy.io import loadmat
+from st_interpreter import Instance
+from st_parser import Parser
 
 import fluidact_fit as ff
 from fluidact_fit.export import TARGETS, export
@@ -68,6 +70,7 @@ def test_texts_of_a_file_are_nothing_but_texts(to: str, edited: Edited, tmp_path
             assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f\u2028]", text)
     check = {
         "json": check_json, "ros2": check_ros2, "matlab": check_matlab, "c": check_c,
+        "st": check_st,
     }.get(to)  # fmt: skip
     assert check is not None, "a new target needs a check of its own"
     check(written)
@@ -101,6 +104,13 @@ def check_c(written: dict[str, Path]) -> None:
     words = "-std=c99 -Wall -Wextra -Werror -pedantic edited.c edited_selftest.c -lm -o run"
     subprocess.run(["gcc", *words.split()], cwd=folder, check=True)
     subprocess.run([folder / "run"], check=True)
+
+
+def check_st(written: dict[str, Path]) -> None:
+    """It reads as constants and function blocks, and the self-test holds."""
+    text = written[".st"].read_text(encoding="ascii")
+    assert "PWNED" not in text
+    assert Instance(Parser(text), "FB_edited_selftest")() == {"passed": True, "failures": 0}
 
 
 def check_matlab(written: dict[str, Path]) -> None:
@@ -149,6 +159,8 @@ def test_names_of_files_become_identifiers(
     for file in written:
         if file.suffix in (".yaml", ".json"):
             assert yaml.safe_load(file.read_text(encoding="utf-8"))
+        elif file.suffix == ".st":
+            Parser(file.read_text(encoding="ascii"))
         elif file.suffix in (".c", ".h"):
             assert f'#include "{stem}.h"' in file.read_text(encoding="ascii") or file.suffix == ".h"
         elif file.suffix == ".m":

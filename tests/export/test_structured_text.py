@@ -21,7 +21,7 @@ from fluidact_fit.export.structured_text.words import Names, comment, literal
 from fluidact_fit.export.target import Job
 from fluidact_fit.routines import Argument, Machine, Routine, Solve, choose, exp, log, sqrt
 from fluidact_fit.routines.expression import Name
-from fluidact_fit.routines.routine import Draft, Let
+from fluidact_fit.routines.routine import Draft, Filter, Let, as_matrix
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "0.1.0"
 FAMILIES = sorted(p.stem for p in GOLDEN.glob("*.yaml"))
@@ -275,6 +275,17 @@ def test_delays_of_whole_and_of_broken_samples(period: float) -> None:
     (law,) = routine.filters
     assert law.delay == int(0.0147 / period)
     run_draft(routine, 2 * law.delay + 40)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_difference_equation_with_every_term(delay: int) -> None:
+    rng = np.random.default_rng(delay)
+    draft = Draft("step", "", "1", 0.01)
+    x = draft.argument(argument("u"))
+    change = as_matrix(0.2 * rng.normal(size=(3, 3)) - np.eye(3))
+    soon, late, output = (tuple(v) for v in rng.normal(size=(3, 3)).tolist())
+    y = draft.filter(Filter("moved", change, soon, late, output, delay, x * 2.0, -1.7))
+    run_draft(draft.returns(y + 1.0))
 
 
 def test_what_lies_beyond_a_range_and_what_is_no_number_is_clamped_and_told() -> None:

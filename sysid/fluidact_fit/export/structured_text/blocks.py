@@ -310,7 +310,7 @@ class FunctionBlock:
         self._assign(f"{line}[{at}]", s.drive)
         oldest, acting = f"{line}[({at} + 1) MOD {size}]", f"{line}[({at} + 2) MOD {size}]"
         self._say(
-            f"{y} := 0.0;",
+            f"{y} := {literal(s.direct)} * {line}[{at}];",
             f"FOR {i} := 0 TO {n - 1} DO",
             f"{INDENT}{y} := {y} + {out}[{i}] * {x}[{i}];",
             f"{INDENT}{step}[{i}] := {late}[{i}] * {oldest} + {soon}[{i}] * {acting};",
