@@ -30,6 +30,7 @@ def files(inside: Path) -> Path:
     ("to", "suffixes"),
     [
         ("json", ["json"]),
+        ("st", ["st"]),
         ("ros2", ["ros2.yaml", "declaration.yaml", "metadata.yaml"]),
         ("matlab", ["m", "mat"]),
     ],

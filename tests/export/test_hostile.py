@@ -15,6 +15,8 @@ from xml.etree import ElementTree as ET
 import pytest
 import yaml
 from scipy.io import loadmat
+from st_interpreter import Instance
+from st_parser import Parser
 
 import fluidact_fit as ff
 from fluidact_fit.export import TARGETS, export
@@ -71,6 +73,7 @@ def test_texts_of_a_file_are_nothing_but_texts(to: str, edited: Edited, tmp_path
     check = {
         "json": check_json, "ros2": check_ros2, "matlab": check_matlab, "c": check_c,
         "fmu": check_fmu,
+        "st": check_st,
     }.get(to)  # fmt: skip
     assert check is not None, "a new target needs a check of its own"
     check(written)
@@ -112,6 +115,13 @@ def check_fmu(written: dict[str, Path]) -> None:
         assert ET.fromstring(unit.read("modelDescription.xml")).get("modelName") == "edited"
         assert not any(b"PWNED" in unit.read(name) for name in unit.namelist())
         assert all(re.fullmatch(r"[\w./]+", name) for name in unit.namelist())
+
+
+def check_st(written: dict[str, Path]) -> None:
+    """It reads as constants and function blocks, and the self-test holds."""
+    text = written[".st"].read_text(encoding="ascii")
+    assert "PWNED" not in text
+    assert Instance(Parser(text), "FB_edited_selftest")() == {"passed": True, "failures": 0}
 
 
 def check_matlab(written: dict[str, Path]) -> None:
@@ -162,6 +172,8 @@ def test_names_of_files_become_identifiers(
     for file in written:
         if file.suffix in (".yaml", ".json"):
             assert yaml.safe_load(file.read_text(encoding="utf-8"))
+        elif file.suffix == ".st":
+            Parser(file.read_text(encoding="ascii"))
         elif file.suffix in (".c", ".h"):
             assert (
                 f'#include "{file_name}.h"' in file.read_text(encoding="ascii")

@@ -41,6 +41,7 @@ def command(
 
     \b
     c       NAME.h, NAME.c: what a controller calls; NAME_selftest.c
+    st      NAME.st: constants and function blocks for TwinCAT, with a self-test
     ros2    NAME.ros2.yaml, NAME.declaration.yaml (for generate_parameter_library),
             NAME.metadata.yaml
     matlab  NAME.m: a function that makes the model; NAME.mat: the numbers
