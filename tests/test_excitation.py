@@ -6,6 +6,7 @@ import importlib.util
 import re
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from fluidact_fit.parameters import ParameterDocument, make_document
 ROOT = Path(__file__).parents[1]
 
 
+@cache
 def fit_trial(family: str, trial: int = 0) -> ff.FitResult:
     """Fit one log of a dataset; its inputs are taken as exact, as a design takes them."""
     data = load_dataset(family)
@@ -37,6 +39,13 @@ def fit_trial(family: str, trial: int = 0) -> ff.FitResult:
 def document_of(result: ff.FitResult) -> ParameterDocument:
     """The result's document as a reader would see it."""
     return make_document(result.document.to_dict(), get_family)
+
+
+@pytest.fixture
+def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A short search, where what is asserted holds for any design and not for the best."""
+    monkeypatch.setattr("fluidact_fit.excitation.command._LEADERS", 1)
+    monkeypatch.setattr("fluidact_fit.excitation.command._TRIES", 40)
 
 
 @pytest.fixture(scope="module")
@@ -123,12 +132,14 @@ def load_study() -> Any:
     return sys.modules[name]
 
 
+@pytest.mark.usefixtures("hurried")
 def test_same_seed_same_design(valve: ff.FitResult) -> None:
     first, again = (design(document_of(valve), duration=0.4, seed=3) for _ in range(2))
     assert first.to_csv() == again.to_csv()
     assert first.to_dict() == again.to_dict()
 
 
+@pytest.mark.usefixtures("hurried")
 def test_rate_and_stroke_are_kept() -> None:
     data = fit_trial("hydrostatic")
     found = design(document_of(data), rate=60.0, stroke=(0.0, 0.004), duration=1.0)
@@ -144,6 +155,7 @@ def test_rate_and_stroke_are_kept() -> None:
     assert any("Start at position" in note for note in found.notes)
 
 
+@pytest.mark.usefixtures("hurried")
 def test_a_static_level_that_was_not_identified_becomes_so() -> None:
     result = fit_trial("ball-screw", 1)
     raw = document_of(result).to_dict()

@@ -25,8 +25,10 @@ class Agreement:
     sum_of_squares: float
 
 
-def percent_text(value: float, form: str = ".2f") -> str:
-    """A percentage for people: beyond a thousand its digits say nothing."""
+def percent_text(value: float | None, form: str = ".2f") -> str:
+    """A percentage for people: beyond a thousand its digits say nothing; ``-`` for none."""
+    if value is None:
+        return "-"
     if abs(value) > _MOST_PERCENT:
         return f"{'over ' if value > 0.0 else 'below -'}{_MOST_PERCENT} %"
     return f"{value:{form}} %"
