@@ -14,6 +14,7 @@ from .plants.base import Plant
 
 Course = Callable[[FloatArray], FloatArray]
 _MOST = 1_000_000
+_FAR = 1e4  # times as far off as the reference ever goes: the loop runs away
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,7 @@ def run_loop(
     samples = count_samples(duration, controller.sample_time)
     time = controller.sample_time * np.arange(samples, dtype=np.float64)
     wanted = reference(time)
+    far = _FAR * float(np.abs(wanted - start).max())
     plant.reset(start)
     controller.reset()
     rows: list[dict[str, float]] = []
@@ -101,9 +103,11 @@ def run_loop(
     for r in wanted.tolist():
         measured = dict(plant.measure())
         command = controller.step(measured, r)
-        if not all(map(np.isfinite, (*measured.values(), *command))):
+        off = abs(r - measured[plant.controlled.role])
+        if not (off <= far and all(map(np.isfinite, (*measured.values(), *command)))):
             raise UsageError(
-                f"the loop runs away: nothing is finite any more after {len(rows)} samples",
+                f"the loop runs away: after {time[len(rows)]:g} s it is {off:.3g} "
+                f"{plant.controlled.unit} off its reference",
                 remedy="Choose smaller gains, or set limits.",
             )
         rows.append(measured)
