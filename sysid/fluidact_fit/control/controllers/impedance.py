@@ -108,6 +108,7 @@ class ImpedanceController(Controller):
     ) -> None:  # fmt: skip
         super().__init__(sample_time, limits)
         self.impedance, self.pressures, self.friction = impedance, pressures, friction
+        self.cutoff = cutoff
         self._speed = Differentiator(cutoff, sample_time)
         self._wanted = Differentiator(cutoff, sample_time)
 

@@ -118,6 +118,7 @@ class PDController(Controller):
     ) -> None:  # fmt: skip
         super().__init__(sample_time, limits)
         self.gains, self.output, self.friction = gains, output, friction
+        self.cutoff = cutoff
         self._error_rate = Differentiator(cutoff, sample_time)
         self._speed = Differentiator(cutoff, sample_time)
 
