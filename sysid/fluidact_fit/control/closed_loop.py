@@ -9,7 +9,7 @@ tracking to expect of the true machine, not of one that the controller happens t
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -284,7 +284,7 @@ def draw_document(
         if ((found >= low) & (found <= high)).all():
             break
     found = np.clip(found, low, high)
-    return _with_values(document, dict(zip(covariance.order, found.tolist())))
+    return with_values(document, dict(zip(covariance.order, found.tolist())))
 
 
 def _scaled(matrix: Sequence[Sequence[float]]) -> FloatArray:
@@ -314,7 +314,8 @@ def _range(variant: Variant, name: str) -> tuple[float, float]:
     return spec.minimum, spec.maximum
 
 
-def _with_values(document: ParameterDocument, drawn: dict[str, float]) -> ParameterDocument:
+def with_values(document: ParameterDocument, drawn: Mapping[str, float]) -> ParameterDocument:
+    """The document with other parameters, those of lists by their places: ``weights_1[2][0]``."""
     parameters = dict(document.parameters)
     arrays = {n: np.array(parameters[n].value, dtype=float) for n in {_place(d)[0] for d in drawn}}
     for name, value in drawn.items():
