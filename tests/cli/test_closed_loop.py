@@ -236,3 +236,11 @@ def test_files_that_make_no_machine_are_refused(here: Here, tmp_path: Path) -> N
                 "--reference", "step")  # fmt: skip
     assert done.status == 2
     assert "takes a ball-screw file" in done.err
+
+
+def test_example_of_the_page_runs(here: Here, tmp_path: Path, screw: list[str]) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "closed-loop.md").read_text(encoding="utf-8")
+    file = controller(tmp_path, page.partition("```yaml\n")[2].partition("```")[0])
+    done = here("simulate", *screw, "--controller", file, "--reference", "sine", "--duration", "1")
+    assert done.status == 0, done.err
+    assert "rms error" in done.out + done.err
