@@ -177,16 +177,16 @@ def controller_file() -> str:
     """Keys of the controller file, section by section."""
     parts = []
     for kind, keys in controllers.KINDS.items():
-        parts += [f"**`controller`**, `kind: {kind}`", _keys(keys)]
+        parts += [f"**`controller`**, `kind: {kind}`", _section_keys(keys)]
     for name, keys in (
         ("machine", controllers.MachineKeys), ("tissue", controllers.TissueKeys),
         ("reference", controllers.ReferenceKeys), ("limits", controllers.LimitKeys),
     ):  # fmt: skip
-        parts += [f"**`{name}`**", _keys(keys)]
+        parts += [f"**`{name}`**", _section_keys(keys)]
     return _paragraphs(*parts)
 
 
-def _keys(section: type[FamilyOptions]) -> str:
+def _section_keys(section: type[FamilyOptions]) -> str:
     rows = [
         (_code(o.name.replace("-", "_")), o.expected, "" if o.default is None else str(o.default),
          o.help)
