@@ -178,11 +178,11 @@ def controller_file() -> str:
     parts = []
     for kind, keys in controllers.KINDS.items():
         parts += [f"**`controller`**, `kind: {kind}`", _section_keys(keys)]
-    for name, keys in (
+    for name, section in (
         ("machine", controllers.MachineKeys), ("tissue", controllers.TissueKeys),
         ("reference", controllers.ReferenceKeys), ("limits", controllers.LimitKeys),
     ):  # fmt: skip
-        parts += [f"**`{name}`**", _section_keys(keys)]
+        parts += [f"**`{name}`**", _section_keys(section)]
     return _paragraphs(*parts)
 
 

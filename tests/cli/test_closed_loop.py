@@ -141,7 +141,9 @@ def test_draws_widen_the_band_with_the_covariance(here: Here, tmp_path: Path) ->
         assert done.status == 0, done.err
         found = json.loads(done.out)["draws"]
         assert found["responses"] + found["failed"] == 15
-        low, high = found["tracking"]["rms_error"]
+        low, high = found["spread"]["rms_error"]
+        least, most = found["spread"]["gain_margin"]
+        assert 1.0 < least < most
         widths.append(high - low)
         again = here(*args, "--duration", "0.6", "--draws", "15", "--json")
         assert again.out == done.out
