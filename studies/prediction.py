@@ -5,8 +5,8 @@
 
 A rig is drawn, three short logs of it are simulated and fitted, and the closed loop is predicted
 from the parameter file with its uncertainty (``--draws`` of the command line). Then the true
-machine runs under the controller that the file gave. Nothing is refitted and no rig is left out: one
-that cannot be fitted is counted. ``--write`` writes ``docs/prediction.md``.
+machine runs under the controller that the file gave. No rig is left out: one that cannot be fitted
+is counted. ``--write`` writes ``docs/prediction.md``.
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import fluidact_fit as ff
+from fluidact_fit.control import controller_file as controllers
 from fluidact_fit.export import TARGETS, get_target, make_job
 from fluidact_fit.families import family_title
 from fluidact_fit.family import Family, FamilyOptions, ParameterSpec, Role, Variant
@@ -171,6 +172,28 @@ def fits() -> str:
         (command,) = re.findall(r"```sh\n.*?```", text, re.DOTALL)
         parts += [f"### {name}", command]
     return _paragraphs(*parts)
+
+
+def controller_file() -> str:
+    """Keys of the controller file, section by section."""
+    parts = []
+    for kind, keys in controllers.KINDS.items():
+        parts += [f"**`controller`**, `kind: {kind}`", _section_keys(keys)]
+    for name, section in (
+        ("machine", controllers.MachineKeys), ("tissue", controllers.TissueKeys),
+        ("reference", controllers.ReferenceKeys), ("limits", controllers.LimitKeys),
+    ):  # fmt: skip
+        parts += [f"**`{name}`**", _section_keys(section)]
+    return _paragraphs(*parts)
+
+
+def _section_keys(section: type[FamilyOptions]) -> str:
+    rows = [
+        (_code(o.name.replace("-", "_")), o.expected, "" if o.default is None else str(o.default),
+         o.help)
+        for o in describe(section)
+    ]  # fmt: skip
+    return table(("key", "expected", "default", "what"), rows)
 
 
 def exit_statuses() -> str:

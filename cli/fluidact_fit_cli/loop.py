@@ -87,7 +87,9 @@ def _show(found: ClosedLoop, written: Sequence[str]) -> None:
     if found.margins is not None:
         m = found.margins
         for name, value, of in (("gain margin", m.gain, ""), ("phase margin", m.phase, "degrees")):
-            rows.append([name, f"{value:.4g}", of, ""])
+            low, high = spread.get(name.replace(" ", "_"), (None, None))
+            edges = "" if low is None else f"{low:.4g} .. {high:.4g}"
+            rows.append([name, f"{value:.4g}", of, edges])
     echo_table(rows, right=(1,))
     if found.failed:
         echo(f"\n{found.failed} of {found.failed + len(found.drawn)} drawn machines run away")

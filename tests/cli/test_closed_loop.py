@@ -141,7 +141,9 @@ def test_draws_widen_the_band_with_the_covariance(here: Here, tmp_path: Path) ->
         assert done.status == 0, done.err
         found = json.loads(done.out)["draws"]
         assert found["responses"] + found["failed"] == 15
-        low, high = found["tracking"]["rms_error"]
+        low, high = found["spread"]["rms_error"]
+        least, most = found["spread"]["gain_margin"]
+        assert 1.0 < least < most
         widths.append(high - low)
         again = here(*args, "--duration", "0.6", "--draws", "15", "--json")
         assert again.out == done.out
@@ -236,3 +238,11 @@ def test_files_that_make_no_machine_are_refused(here: Here, tmp_path: Path) -> N
                 "--reference", "step")  # fmt: skip
     assert done.status == 2
     assert "takes a ball-screw file" in done.err
+
+
+def test_example_of_the_page_runs(here: Here, tmp_path: Path, screw: list[str]) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "closed-loop.md").read_text(encoding="utf-8")
+    file = controller(tmp_path, page.partition("```yaml\n")[2].partition("```")[0])
+    done = here("simulate", *screw, "--controller", file, "--reference", "sine", "--duration", "1")
+    assert done.status == 0, done.err
+    assert "rms error" in done.out + done.err

@@ -19,6 +19,7 @@ from fluidact_fit.control.plants.drive import (
 )
 from fluidact_fit.control.plants.force import ForcePlant
 from fluidact_fit.control.plants.hybrid import first_negative
+from fluidact_fit.control.plants.hydraulic import HydraulicCylinder, HydraulicPlant
 from fluidact_fit.control.plants.linear import Chain, make_chain
 from fluidact_fit.control.plants.pneumatic import Chamber, Cylinder, PneumaticPlant
 from fluidact_fit.control.plants.tissue import Tissue
@@ -289,3 +290,48 @@ def test_a_stribeck_rise_is_refused() -> None:
     law = FrictionLaw(1.0, 1.0, stribeck=0.5, stribeck_speed=0.01)
     with pytest.raises(UsageError, match="Stribeck"):
         DrivePlant(Drive(1.0, law), FORCE, PLACE, 0.01)
+
+
+def hydraulic(coulomb: float = 0.0, viscous: float = 0.0) -> HydraulicPlant:
+    """A cylinder with flows proportional to the command, whatever the pressures."""
+    cylinder = HydraulicCylinder(
+        (4.9e-4, 2.4e-4), (1.2e-4, 1.0e-4), 14.5, 1e9, 5e6, 0.0,
+        FrictionLaw(coulomb, coulomb, viscous, viscous),
+        lambda chamber, u, p: (4.9e-4 if chamber == 1 else 2.4e-4) * 0.02 * u,
+    )  # fmt: skip
+    return HydraulicPlant(cylinder, Port("command", "V"), 0.005)
+
+
+def test_hydraulic_cylinder_moves_as_the_oil_makes_it() -> None:
+    plant = hydraulic(viscous=600.0)
+    plant.reset(0.01)
+    for _ in range(100):
+        plant.advance([1.0])
+    seen = plant.measure()
+    assert seen["speed"] == pytest.approx(0.02, rel=1e-3)
+    # the oil gives way by the force of viscous friction, otherwise the piston takes its place
+    assert seen["position"] == pytest.approx(0.02, abs=2e-4)
+
+
+def test_hydraulic_stick_slip_equals_smaller_steps() -> None:
+    """With steps of a tenth, the same motion: events are solved for in both."""
+    places = []
+    for factor in (1.0, 0.1):
+        plant = hydraulic(coulomb=300.0, viscous=600.0)
+        plant._step *= factor
+        plant.reset(0.01)
+        seen = []
+        for k in range(60):
+            plant.advance([0.4 * np.sin(0.3 * k)])
+            seen.append(plant.measure()["position"])
+        places.append(np.array(seen))
+    assert np.ptp(places[1]) > 1e-4
+    np.testing.assert_allclose(places[0], places[1], atol=1e-5 * np.ptp(places[1]))
+
+
+def test_hydraulic_piston_rests_within_its_friction() -> None:
+    plant = hydraulic(coulomb=300.0)
+    plant.reset(0.01)
+    plant.advance([0.001])
+    assert plant.measure()["position"] == 0.01
+    assert plant.measure()["pressure_1"] > plant.cylinder.rest()[0]

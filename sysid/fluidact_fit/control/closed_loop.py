@@ -59,6 +59,8 @@ class ClosedLoop:
         Errors against the reference.
     margins
         ``None`` where the loop is not linear but for its friction.
+    drawn_margins
+        Those of the drawn machines with the same controller, as far as there are any.
     """
 
     plant: Plant
@@ -69,6 +71,7 @@ class ClosedLoop:
     step: StepMetrics | None
     tracking: TrackingMetrics
     margins: Margins | None
+    drawn_margins: tuple[Margins, ...] = ()
 
     def band(self, share: float = 0.9) -> tuple[FloatArray, FloatArray]:
         """Lower and upper edge ``(n,)`` of the middle share of the drawn outputs, pointwise."""
@@ -77,13 +80,18 @@ class ClosedLoop:
         return low, high
 
     def spread(self, share: float = 0.9) -> dict[str, tuple[float, float]]:
-        """Middle share of the tracking metrics over the drawn machines, by name."""
+        """Middle share of tracking metrics and finite margins over the drawn machines, by name."""
         rows = [tracking_metrics(r.reference, r.output).to_dict() for r in self.drawn]
         edges = [0.5 - 0.5 * share, 0.5 + 0.5 * share]
         found = {}
         for name in rows[0]:
             low, high = np.quantile([row[name] for row in rows], edges)
             found[name] = float(low), float(high)
+        for name in ("gain", "phase"):
+            values = [getattr(m, name) for m in self.drawn_margins]
+            if values and np.isfinite(values).all():
+                low, high = np.quantile(values, edges)
+                found[f"{name}_margin"] = float(low), float(high)
         return found
 
     def to_dict(self) -> dict[str, Any]:
@@ -102,7 +110,7 @@ class ClosedLoop:
         if self.drawn:
             out["draws"] = {
                 "share": 0.9, "responses": len(self.drawn), "failed": self.failed,
-                "tracking": {n: list(v) for n, v in self.spread().items()},
+                "spread": {n: list(v) for n, v in self.spread().items()},
             }  # fmt: skip
         return out
 
@@ -183,10 +191,13 @@ def simulate_loop(
     span = length if duration is None else duration
     nominal = run_loop(plant, controller, course, span, start)
     rng, drawn, failed = np.random.default_rng(seed), [], 0
+    margins: list[Margins] = []
     for _ in range(draws):
         other = build([draw_document(d, b.variant, rng) for d, b in zip(documents, blocks)])
+        machine = make_plant(file, other)
+        margins += filter(None, [_margins(machine, controller)])
         try:
-            drawn.append(run_loop(make_plant(file, other), controller, course, span, start))
+            drawn.append(run_loop(machine, controller, course, span, start))
         except UsageError:
             failed += 1
     if draws and not drawn:
@@ -202,6 +213,7 @@ def simulate_loop(
     return ClosedLoop(
         plant, controller, nominal, tuple(drawn), failed, metrics,
         tracking_metrics(nominal.reference, nominal.output), _margins(plant, controller),
+        tuple(margins),
     )  # fmt: skip
 
 
