@@ -1,0 +1,110 @@
+"""Layers of a network in fixed point: a row of products with one exponent, summed without shifts.
+
+The exponents of the weights absorb those of the inputs and the next layer those of the outputs, so
+that every output is the upper half of its sum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...experiment import FloatArray
+from ...routines.routine import Layer
+from ..ranges import Range, extreme
+from .fixed_code import Code, Value
+from .fixed_table import NotFixed, exponent_for
+from .language import Folded, fold
+
+_PRODUCTS = 2000  # of a layer: they are written one by one
+_HALF = 2**15  # of the units that are cut off below the upper half of a sum
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One output: integers, their common exponent, and the range of the sum."""
+
+    weights: tuple[int, ...]
+    biases: tuple[int, ...]
+    exponent: int
+    sum: Range
+
+
+def write_layer(code: Code, layer: Layer) -> list[Value]:
+    """Write the outputs of a layer down."""
+    if code.width.bits != 15:
+        raise NotFixed("a network is not computed with wider factors")
+    folded = fold(layer)
+    if len(layer.biases) * len(folded.inputs) > _PRODUCTS:
+        raise NotFixed(f"a layer of it has more than {_PRODUCTS} products")
+    inputs = [code.short(code.value(e)) for e in folded.inputs]
+    bits = 30 if layer.activation == "linear" else 31
+    count = len(layer.biases)
+    exponents = [_exponent(folded, k, inputs, bits) for k in range(count)]
+    if layer.activation == "tanh":
+        exponents = [max(exponents)] * count
+    rows = [_row(folded, k, inputs, exponents[k]) for k in range(count)]
+    side = ""
+    if folded.switch:
+        e = folded.switch
+        condition, _, _ = code.condition(e.a, e.relation, e.b)
+        side = code.name(f"const int {{}} = {condition};")
+    hulls = [row.sum.hull() for row in rows]
+    ends = [np.min([h.low for h in hulls]), np.max([h.high for h in hulls])]
+    whole = Range(*map(np.atleast_1d, [*ends, max(float(h.error[0]) for h in hulls)]))
+    return [_finish(code, layer, _write_sum(code, row, inputs, side), row, whole) for row in rows]
+
+
+def _exponent(folded: Folded, k: int, inputs: list[Value], bits: int) -> int:
+    """Smallest exponent where the sum and every weight fit."""
+    weights, biases = folded.weights[k], [b[k] for b in folded.biases]
+    reach = max(map(abs, biases)) + sum(abs(w) * x.range.reach for w, x in zip(weights, inputs))
+    exponent = exponent_for(reach * (1.0 + 2.0**-12), bits)  # room for what rounding adds
+    return max(exponent, *(exponent_for(abs(w), 15) + x.exponent
+                           for w, x in zip(weights, inputs) if w != 0.0), -10_000)  # fmt: skip
+
+
+def _row(folded: Folded, k: int, inputs: list[Value], exponent: int) -> _Row:
+    biases = [b[k] for b in folded.biases]
+    whole = tuple(round(b / 2.0**exponent) for b in biases)
+    low, high = np.array([min(biases)]), np.array([max(biases)])
+    off_low = off_high = np.zeros(1)  # the error that the rounded weights make, with its sign
+    carried: FloatArray = np.zeros(1)
+    weights = []
+    for w, x in zip(folded.weights[k], inputs):
+        weights.append(round(w / 2.0 ** (exponent - x.exponent)))
+        off = weights[-1] * 2.0 ** (exponent - x.exponent) - w
+        r = x.range
+        low = low + np.minimum(w * r.low, w * r.high)
+        high = high + np.maximum(w * r.low, w * r.high)
+        off_low = off_low + np.minimum(off * r.low, off * r.high)
+        off_high = off_high + np.maximum(off * r.low, off * r.high)
+        carried = carried + (abs(w) + abs(off)) * r.error
+    error = carried + np.maximum(np.abs(off_low), np.abs(off_high)) + 2.0 ** (exponent - 1)
+    return _Row(tuple(weights), whole, exponent, Range(low, high, error))
+
+
+def _write_sum(code: Code, row: _Row, inputs: list[Value], side: str) -> str:
+    literal = code.width.literal
+    bias = literal(row.biases[0])
+    if side:
+        bias = f"({side} ? {literal(row.biases[0])} : {literal(row.biases[1])})"
+    terms = [f"(int32_t){x.text} * {w}" if w >= 0 else f"(int32_t){x.text} * ({w})"
+             for w, x in zip(row.weights, inputs) if w]  # fmt: skip
+    return code.new(" + ".join([bias, *terms]), row.exponent, row.sum).text
+
+
+def _finish(code: Code, layer: Layer, total: str, row: _Row, whole: Range) -> Value:
+    """Activation of a sum; ``whole`` is the range of all sums, so that they share a table."""
+    if layer.activation == "linear":
+        return Value(total, row.exponent, row.sum, 30)
+    upper, unit = row.exponent + 16, 2.0**row.exponent
+    near = f"({total} + INT32_C({_HALF})) >> 16"
+    if layer.activation == "relu":
+        found = extreme(row.sum, Range(np.zeros(1), np.zeros(1), np.zeros(1)), "max")
+        text = f"(int16_t)({total} > 0 ? {near} : 0)"
+        return code.new(text, upper, found.wider(_HALF * unit), 15)
+    x = code.new(f"(int16_t)({near})", upper, row.sum.wider(_HALF * unit), 15)
+    half = replace(x, range=whole.wider(_HALF * unit))
+    return code.lookup(x, code.table(half, np.tanh))
