@@ -74,8 +74,9 @@ def fixed(routine: Routine, prefix: str) -> Fixed | Omitted:
         return Omitted(routine.name, "it keeps something from call to call")
     narrow = inward(routine)
     scale = _scale(narrow)
-    if scale == 0.0:
-        return Omitted(routine.name, "it has the same value everywhere")
+    if not (0.0 < scale < np.inf):
+        why = "is the same everywhere" if scale == 0.0 else "has no bound"
+        return Omitted(routine.name, f"its value {why}")
     best: Fixed | None = None
     why = ""
     for attempt in _attempts(narrow, prefix):

@@ -33,7 +33,7 @@ from ...routines.expression import (
 )
 from ...routines.routine import Argument, Layer, Let
 from ..ranges import Range, boxes, choose, extreme, minus, over, plus, times, unary
-from .fixed_table import NotFixed, Piece, Table, exponent_for, parts_of, tabulate, turns
+from .fixed_table import WANTED, NotFixed, Piece, Table, exponent_for, parts_of, tabulate, turns
 
 _LOWEST_POWER = 12.0  # exp falls to 6e-6 of its largest value over that; below it stays there
 _COSTS = {"exp": 6, "log": 6, "sqrt": 6, "/": 6, "*": 2, "min": 1, "max": 1, "abs": 1}
@@ -321,7 +321,7 @@ class Code:
                 return self.new(text, x.exponent, unary("abs", x.range))
             case "sqrt":
                 return self._root(x)
-        exact, cut = unary(e.function, x.range), 0.0
+        cut, exact = 0.0, unary(e.function, x.range)
         if e.function == "exp":
             lowest = float(x.range.high.max()) - _LOWEST_POWER
             if x.range.low.min() < lowest:
@@ -329,8 +329,8 @@ class Code:
                 x = self._at_least(x, lowest)
         near, alone = self.short(x, 15), Unary(e.function, Name("x"))
         table = self.table(near, lambda v: np.asarray(value_of(alone, {"x": v})))
-        found = self.lookup(near, table)
-        return replace(found, range=Range(exact.low, exact.high, found.range.error + cut))
+        found = unary(e.function, near.range).wider(table.error + cut)
+        return replace(self.lookup(near, table), range=replace(found, low=exact.low))
 
     def _at_least(self, x: Value, lowest: float) -> Value:
         level = self._constant(lowest)
@@ -423,7 +423,7 @@ class Code:
 
     def table(
         self, x: Value, curve: Callable[[FloatArray], FloatArray],
-        corners: Callable[[FloatArray], set[int]] = lambda v: set(),
+        corners: Callable[[FloatArray], set[int]] = lambda v: set(), wanted: float = WANTED,
     ) -> Table:  # fmt: skip
         """A table of a curve over all mantissas that a short value can have."""
         low, high = float(x.range.low.min()), float(x.range.high.max())
@@ -433,7 +433,7 @@ class Code:
         values = np.broadcast_to(curve(places), places.shape)
         if not np.all(np.isfinite(values)):
             raise NotFixed("a curve in it has no bound over the ranges of the arguments")
-        return tabulate(first, values, corners(places))
+        return tabulate(first, values, corners(places), wanted)
 
     def lookup(self, x: Value, table: Table) -> Value:
         """Read a table at a short value."""

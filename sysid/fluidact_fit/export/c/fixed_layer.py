@@ -18,6 +18,7 @@ from .fixed_table import NotFixed, exponent_for
 from .language import Folded, fold
 
 _PRODUCTS = 2000  # of a layer: they are written one by one
+_FINE = 2.0**-15  # error of the table of an activation that all outputs share
 _HALF = 2**15  # of the units that are cut off below the upper half of a sum
 
 
@@ -107,4 +108,7 @@ def _finish(code: Code, layer: Layer, total: str, row: _Row, whole: Range) -> Va
         return code.new(text, upper, found.wider(_HALF * unit), 15)
     x = code.new(f"(int16_t)({near})", upper, row.sum.wider(_HALF * unit), 15)
     half = replace(x, range=whole.wider(_HALF * unit))
-    return code.lookup(x, code.table(half, np.tanh))
+    table = code.table(half, np.tanh, wanted=_FINE)
+    r = x.range  # the slope is at most 1
+    found = Range(np.tanh(r.low), np.tanh(r.high), r.error + table.error)
+    return replace(code.lookup(x, table), range=found)

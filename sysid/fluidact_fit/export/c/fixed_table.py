@@ -137,7 +137,7 @@ def _nodes(values: FloatArray, allowed: float, largest: float) -> tuple[int, lis
         return -1, [float(values[0])]
     place = np.arange(values.size)
     best = (np.inf, 1, [0.0])
-    for shift in range(min(span.bit_length(), 16), 0, -1):
+    for shift in range(min(span.bit_length(), 16), -1, -1):
         step = 2**shift
         cells = span // step + 1
         if cells > _CELLS:
@@ -148,7 +148,7 @@ def _nodes(values: FloatArray, allowed: float, largest: float) -> tuple[int, lis
         line = np.interp(place, np.arange(cells + 1) * step, heights)
         steepest = float(np.abs(np.diff(heights)).max())
         off = float(np.abs(line - values).max())
-        if steepest > 0.999 * max(largest, float(np.abs(heights).max())):
+        if shift > 0 and steepest > 0.999 * max(largest, float(np.abs(heights).max())):
             continue  # a difference of two entries has to be an int16
         if off < best[0]:
             best = (off, shift, heights)
