@@ -116,6 +116,7 @@ class Code:
     width: Width
     written: list[tuple[str, list[str]]] = field(default_factory=list)
     tables: list[tuple[int, ...]] = field(default_factory=list)
+    biases: dict[str, tuple[tuple[int, ...], ...]] = field(default_factory=dict)
     done: dict[Expression, Value] = field(default_factory=dict)
     layers: dict[str, list[Value]] = field(default_factory=dict)
 

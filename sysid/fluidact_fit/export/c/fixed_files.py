@@ -102,9 +102,11 @@ def _macros(job: Job) -> list[str]:
         "#include <avr/pgmspace.h>",
         f"#define {name}_TABLE PROGMEM",
         f"#define {name}_READ(entry) ((int16_t)pgm_read_word(&(entry)))",
+        f"#define {name}_READ_LONG(entry) ((int32_t)pgm_read_dword(&(entry)))",
         "#else",
         f"#define {name}_TABLE",
         f"#define {name}_READ(entry) (entry)",
+        f"#define {name}_READ_LONG(entry) (entry)",
         "#endif",
         "",
     ]
@@ -128,6 +130,12 @@ def _source(job: Job, functions: Sequence[Fixed]) -> list[str]:
             name = f"{job.name}_{f.routine.name}_table_{number}"
             if f"{name}[" in text:
                 lines += _table(job, name, entries)
+        for layer, rows in f.code.biases.items():
+            name = f"{job.name}_{f.routine.name}_{layer}_biases"
+            text_of = ["{" + ", ".join(map(str, row)) + "}" for row in rows]
+            inside = ",\n    ".join(text_of)
+            head = f"static const int32_t {name}[{len(rows)}][{len(rows[0])}]"
+            lines += [f"{head} {job.name.upper()}_TABLE = {{\n    {inside}}};", ""]
         lines += function
     return lines
 

@@ -1,17 +1,20 @@
 """Layers of a network in fixed point: a row of products with one exponent, summed without shifts.
 
 The exponents of the weights absorb those of the inputs and the next layer those of the outputs, so
-that every output is the upper half of its sum.
+that every output is the upper half of its sum. Inputs count from the lower end of their range and
+the signs of the weights are those of the terms: products of unsigned numbers take an AVR half the
+time of signed ones.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 
 from ...experiment import FloatArray
-from ...routines.routine import Layer
+from ...routines.routine import Layer, as_matrix
 from ..ranges import Range, extreme
 from .fixed_code import Code, Value
 from .fixed_table import NotFixed, exponent_for
@@ -39,7 +42,11 @@ def write_layer(code: Code, layer: Layer) -> list[Value]:
     folded = fold(layer)
     if len(layer.biases) * len(folded.inputs) > _PRODUCTS:
         raise NotFixed(f"a layer of it has more than {_PRODUCTS} products")
-    inputs = [code.short(code.value(e)) for e in folded.inputs]
+    given = [code.short(code.value(e)) for e in folded.inputs]
+    inputs = [_from_zero(code, x) for x in given]
+    shift = np.array([float(x.range.low.min() - y.range.low.min()) for x, y in zip(given, inputs)])
+    biases = np.array(folded.biases) + np.array(folded.weights) @ shift
+    folded = replace(folded, biases=as_matrix(biases))
     bits = 30 if layer.activation == "linear" else 31
     count = len(layer.biases)
     exponents = [_exponent(folded, k, inputs, bits) for k in range(count)]
@@ -50,11 +57,30 @@ def write_layer(code: Code, layer: Layer) -> list[Value]:
     if folded.switch:
         e = folded.switch
         condition, _, _ = code.condition(e.a, e.relation, e.b)
-        side = code.name(f"const int {{}} = {condition};")
+        side = code.name(f"const int {{}} = {condition} ? 0 : 1;")
+        code.biases[layer.name] = tuple(zip(*(row.biases for row in rows)))
     hulls = [row.sum.hull() for row in rows]
     ends = [np.min([h.low for h in hulls]), np.max([h.high for h in hulls])]
     whole = Range(*map(np.atleast_1d, [*ends, max(float(h.error[0]) for h in hulls)]))
-    return [_finish(code, layer, _write_sum(code, row, inputs, side), row, whole) for row in rows]
+    found = []
+    for k, row in enumerate(rows):
+        bias = code.width.literal(row.biases[0])
+        if side:
+            table = f"{code.prefix}_{code.routine.name}_{layer.name}_biases"
+            bias = f"{code.prefix.upper()}_READ_LONG({table}[{side}][{k}])"
+        found.append(_finish(code, layer, _write_sum(code, row, inputs, bias), row, whole))
+    return found
+
+
+def _from_zero(code: Code, x: Value) -> Value:
+    """An input as an unsigned number that counts from the lower end of its range."""
+    first = ceil(float((x.range.low - x.range.error).min()) / x.unit - 1e-9)
+    if first == 0:
+        return x
+    off = first * x.unit
+    found = Range(x.range.low - off, x.range.high - off, x.range.error)
+    text = f"(uint16_t)({x.text} - {code.width.literal(first)})"
+    return replace(x, text=code.name(f"const uint16_t {{}} = {text};"), range=found, bits=16)
 
 
 def _exponent(folded: Folded, k: int, inputs: list[Value], bits: int) -> int:
@@ -62,7 +88,7 @@ def _exponent(folded: Folded, k: int, inputs: list[Value], bits: int) -> int:
     weights, biases = folded.weights[k], [b[k] for b in folded.biases]
     reach = max(map(abs, biases)) + sum(abs(w) * x.range.reach for w, x in zip(weights, inputs))
     exponent = exponent_for(reach * (1.0 + 2.0**-12), bits)  # room for what rounding adds
-    return max(exponent, *(exponent_for(abs(w), 15) + x.exponent
+    return max(exponent, *(exponent_for(abs(w), 16) + x.exponent
                            for w, x in zip(weights, inputs) if w != 0.0), -10_000)  # fmt: skip
 
 
@@ -86,14 +112,13 @@ def _row(folded: Folded, k: int, inputs: list[Value], exponent: int) -> _Row:
     return _Row(tuple(weights), whole, exponent, Range(low, high, error))
 
 
-def _write_sum(code: Code, row: _Row, inputs: list[Value], side: str) -> str:
-    literal = code.width.literal
-    bias = literal(row.biases[0])
-    if side:
-        bias = f"({side} ? {literal(row.biases[0])} : {literal(row.biases[1])})"
-    terms = [f"(int32_t){x.text} * {w}" if w >= 0 else f"(int32_t){x.text} * ({w})"
-             for w, x in zip(row.weights, inputs) if w]  # fmt: skip
-    return code.new(" + ".join([bias, *terms]), row.exponent, row.sum).text
+def _write_sum(code: Code, row: _Row, inputs: list[Value], bias: str) -> str:
+    text = bias
+    for w, x in zip(row.weights, inputs):
+        unsigned = x.text if x.bits == 16 else f"(uint16_t){x.text}"
+        if w:
+            text += f" {'+' if w > 0 else '-'} (int32_t)((uint32_t){unsigned} * {abs(w)}u)"
+    return code.new(text, row.exponent, row.sum).text
 
 
 def _finish(code: Code, layer: Layer, total: str, row: _Row, whole: Range) -> Value:
