@@ -129,8 +129,8 @@ def _finish(code: Code, layer: Layer, total: str, row: _Row, whole: Range) -> Va
     near = f"({total} + INT32_C({_HALF})) >> 16"
     if layer.activation == "relu":
         found = extreme(row.sum, Range(np.zeros(1), np.zeros(1), np.zeros(1)), "max")
-        text = f"(int16_t)({total} > 0 ? {near} : 0)"
-        return code.new(text, upper, found.wider(_HALF * unit), 15)
+        name = code.name(f"const uint16_t {{}} = (uint16_t)({total} > 0 ? {near} : 0);")
+        return Value(name, upper, found.wider(_HALF * unit), 15)
     x = code.new(f"(int16_t)({near})", upper, row.sum.wider(_HALF * unit), 15)
     half = replace(x, range=whole.wider(_HALF * unit))
     table = code.table(half, np.tanh, wanted=_FINE)
