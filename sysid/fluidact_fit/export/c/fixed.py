@@ -12,7 +12,8 @@ from ...routines import Machine, Routine
 from ...routines.expression import Expression
 from ...routines.routine import Flag, Layer, Let, Solve
 from ..ranges import boxes
-from .fixed_code import Code, Value, Width, exponent_of, inward
+from .fixed_code import Code
+from .fixed_sheet import Value, Width, exponent_of, inward
 from .fixed_table import NotFixed, turns
 
 WANTED = 1e-3  # of full scale: above this error wider factors are tried

@@ -16,7 +16,8 @@ import numpy as np
 from ...experiment import FloatArray
 from ...routines.routine import Layer, as_matrix
 from ..ranges import Range, extreme
-from .fixed_code import Code, Value
+from .fixed_code import Code
+from .fixed_sheet import Value
 from .fixed_table import NotFixed, exponent_for
 from .language import Folded, fold
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from ...experiment import FloatArray
 from ...routines.evaluate import RELATIONS, value_of
 from ...routines.expression import Binary, Choose, Expression, Unary
+from ..ranges import Range
 
 Integers = npt.NDArray[np.int64]
 
@@ -160,7 +161,7 @@ def _nodes(values: FloatArray, allowed: float, largest: float) -> tuple[int, lis
 
 
 def _read(entries: Integers, p: Piece) -> Integers:
-    """What the C code of :meth:`.fixed_code.Code.lookup` computes for every mantissa of a piece."""
+    """What the C code of :meth:`.Sheet.lookup` computes for every mantissa of a piece."""
     u = np.arange(p.last - p.first + 1, dtype=np.int64)
     if p.shift < 0:
         return np.full(u.size, entries[p.start])
@@ -168,3 +169,39 @@ def _read(entries: Integers, p: Piece) -> Integers:
     part = (u << (16 - p.shift)) & 0xFFFF
     low, above = entries[p.start + cell], entries[p.start + cell + 1]
     return np.asarray(low + (((above - low) * part + 0x8000) >> 16))
+
+
+def range_of(table: Table, place: Range, unit: float) -> Range:
+    """Range of a table's curve over the boxes, with what an error of the place does to it."""
+    first = table.pieces[0].first
+    last = table.values.size - 1
+    start = np.clip(np.floor(place.low / unit).astype(np.int64) - first, 0, last)
+    stop = np.clip(np.ceil(place.high / unit).astype(np.int64) - first, 0, last)
+    lows, highs = [table.values], [table.values]  # over windows of 1, 2, 4 ... places
+    while 2 ** len(lows) <= table.values.size:
+        half = 2 ** (len(lows) - 1)
+        lows.append(np.minimum(lows[-1][:-half], lows[-1][half:]))
+        highs.append(np.maximum(highs[-1][:-half], highs[-1][half:]))
+
+    def extremes(start: Integers, stop: Integers) -> tuple[FloatArray, FloatArray]:
+        level = np.floor(np.log2(stop - start + 1.0)).astype(int)
+        low, high = np.empty(start.shape), np.empty(start.shape)
+        for k in np.unique(level):
+            at = level == k
+            left, right = start[at], stop[at] - 2**k + 1
+            low[at] = np.minimum(lows[k][left], lows[k][right])
+            high[at] = np.maximum(highs[k][left], highs[k][right])
+        return low, high
+
+    low, high = extremes(start, stop)
+    error = np.full(low.shape, table.error)
+    off = place.error
+    if off.max() > 0.0:
+        reach = np.ceil(off / unit).astype(np.int64)
+        wide = extremes(np.clip(start - reach, 0, last), np.clip(stop + reach, 0, last))
+        places = np.arange(last + 1)
+        most = int(reach.max())
+        around = extremes(np.clip(places - most, 0, last), np.clip(places + most, 0, last))
+        steepest = float(np.max(np.maximum(around[1] - table.values, table.values - around[0])))
+        error = error + np.minimum(steepest, wide[1] - wide[0])
+    return Range(low, high, error)
