@@ -4,7 +4,7 @@
 
 Every routine of the golden parameter files and of the force network of the pneumatic paper
 (4 inputs, 7 hidden units), in single precision and in fixed point, is compiled with
-``avr-gcc -Os`` and run under simavr. Needs gcc, avr-gcc, avr-libc and simavr. ``--write`` writes
+``avr-gcc -O2`` (and ``-Os``) and run under simavr. Needs gcc, avr-gcc, avr-libc and simavr. ``--write`` writes
 ``docs/export-avr.md``.
 """
 
@@ -40,24 +40,27 @@ PAGE = ROOT / "docs" / "export-avr.md"
 NETWORK = "force-network"
 CLOCK = 16e6  # Hz
 DRAWS = 20_000
-_CHIP = ("avr-gcc", "-mmcu=atmega328p", "-Os", "-std=gnu99", "-ffunction-sections",
+_CHIP = ("avr-gcc", "-mmcu=atmega328p", "-std=gnu99", "-ffunction-sections",
          "-fdata-sections", "-Wl,--gc-sections")  # fmt: skip
 _EXPLAINED = """\
 # What the C exports cost on a small controller
 
-Written by `studies/avr.py`: `export --to c` for the golden parameter files and for the force network
-of the pneumatic paper (4 inputs, 7 hidden units, 1 output, fitted to `datasets/force-map`), compiled
-with `avr-gcc -Os`, as the Arduino tools do, for an ATmega328P and run under simavr.
+Written by `studies/avr.py`: `export --to c` for the golden parameter files and for the force
+network of the pneumatic paper (4 inputs, 7 hidden units, 1 output, fitted to
+`datasets/force-map`), compiled with `avr-gcc -O2` for an ATmega328P and run under simavr.
 
-- `cycles`: of one call, the worst over the golden vectors; `ms` at 16 MHz.
+- `cycles`: of one call, the worst over the golden vectors; `ms` at 16 MHz. `-Os`: cycles where it
+  is compiled for size, as the Arduino tools do.
 - `flash`: what linking the routine adds, with its tables and what it needs of the libraries.
 - `RAM`: deepest stack under the call, with what is kept between calls.
-- `bound`: largest error that the header states, in per cent of the range of the output; `found`: the
-  largest one over random arguments. A routine that keeps something: over its first 1000 calls.
-- What keeps something from call to call cannot be had in fixed point (`q15`).
+- `bound`: largest error that the header states, in per cent of the range of the output; `found`:
+  the largest one over random arguments. Where something is kept: over the first 1000 calls.
+- What keeps something from call to call cannot be had in fixed point (`q15`). Where 16 bits are
+  too few for a factor, as in the flows of the hydraulic cylinder whose roots cancel, factors have
+  32: that takes this controller longer than `float32`.
 
-| file | routine | arithmetic | cycles | ms | flash | RAM | bound | found |
-|---|---|---|---|---|---|---|---|---|
+| file | routine | arithmetic | cycles | ms | -Os | flash | RAM | bound | found |
+|---|---|---|---|---|---|---|---|---|---|
 """
 _MAIN = """
 #include <avr/interrupt.h>
@@ -120,7 +123,7 @@ int main(void)
             memcpy_P(&value, &given[k][j], sizeof value);
             in[j] = value;
         }}
-        for (place = &__heap_start; place < (unsigned char *)SP - 32; place++) *place = 0xa5;
+        for (place = &__heap_start; place < (unsigned char *)SP; place++) *place = 0xa5;
         cycles = measure();
         if (cycles > worst) worst = cycles;
     }}
@@ -199,8 +202,8 @@ def _flash(elf: str, folder: Path) -> int:
     return int(text) + int(data)
 
 
-def on_chip(c: Called, folder: Path) -> tuple[int, int, int]:
-    """Cycles of the worst call, bytes of flash and of RAM."""
+def on_chip(c: Called, folder: Path, size: str) -> tuple[int, int, int]:
+    """Cycles of the worst call, bytes of flash and of RAM, compiled with ``-O2`` or ``-Os``."""
     width = len(c.routine.arguments)
     first = "&state, " if c.routine.keeps else ""
     arguments = first + "".join(f"in[{j}], " for j in range(width))
@@ -220,7 +223,7 @@ def on_chip(c: Called, folder: Path) -> tuple[int, int, int]:
         (folder / file).write_text(_MAIN.format(**filled))
     cycles, stack = [], []
     for main in ("main", "empty"):
-        _run([*_CHIP, f"{main}.c", f"{c.name}.c", "-lm", "-o", f"{main}.elf"], folder)
+        _run([*_CHIP, size, f"{main}.c", f"{c.name}.c", "-lm", "-o", f"{main}.elf"], folder)
         said = _run(["simavr", "-m", "atmega328p", "-f", "16000000", f"{main}.elf"], folder)
         words = re.search(r"([0-9a-f]{8}) ([0-9a-f]{8})", said)
         if words is None:
@@ -290,11 +293,12 @@ def table(file: str, block: Any, arithmetic: Arithmetic, folder: Path) -> Iterat
     _run(["gcc", "-O2", "-std=c99", "-shared", "-fPIC", f"{name}.c", "-lm", "-o", f"{name}.so"],
          folder)  # fmt: skip
     for c in called(file, block, arithmetic):
-        cycles, flash, ram = on_chip(c, folder)
+        cycles, flash, ram = on_chip(c, folder, "-O2")
+        small, _, _ = on_chip(c, folder, "-Os")
         error, scale = here(c, folder)
         cells = [
             file, f"`{c.routine.name}`", arithmetic, f"{cycles:,}", f"{1e3 * cycles / CLOCK:.3f}",
-            f"{flash:,}", str(ram), f"{100.0 * c.bound / scale:.2g} %",
+            f"{small:,}", f"{flash:,}", str(ram), f"{100.0 * c.bound / scale:.2g} %",
             f"{100.0 * error / scale:.2g} %",
         ]  # fmt: skip
         yield "| " + " | ".join(cells) + " |"

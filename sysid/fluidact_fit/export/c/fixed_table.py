@@ -136,7 +136,6 @@ def _nodes(values: FloatArray, allowed: float, largest: float) -> tuple[int, lis
     span = values.size - 1
     if span == 0 or np.ptp(values) == 0.0:
         return -1, [float(values[0])]
-    place = np.arange(values.size)
     best = (np.inf, 1, [0.0])
     for shift in range(min(span.bit_length(), 16), -1, -1):
         step = 2**shift
@@ -146,9 +145,8 @@ def _nodes(values: FloatArray, allowed: float, largest: float) -> tuple[int, lis
         heights = values[::step].tolist()
         inside = max(span - (cells - 1) * step, 1)  # the last cell goes on beyond the curve
         heights.append(heights[-1] + (float(values[-1]) - heights[-1]) * step / inside)
-        line = np.interp(place, np.arange(cells + 1) * step, heights)
+        heights, off = _centred(values, heights, step)
         steepest = float(np.abs(np.diff(heights)).max())
-        off = float(np.abs(line - values).max())
         if shift > 0 and steepest > 0.999 * max(largest, float(np.abs(heights).max())):
             continue  # a difference of two entries has to be an int16
         if off < best[0]:
@@ -158,6 +156,17 @@ def _nodes(values: FloatArray, allowed: float, largest: float) -> tuple[int, lis
     if not np.isfinite(best[0]):
         raise NotFixed("a curve in it is too steep for a table")
     return best[1], best[2]
+
+
+def _centred(values: FloatArray, heights: list[float], step: int) -> tuple[list[float], float]:
+    """Heights moved so that a curve bends to both sides of its chords, and what is left."""
+    place = np.arange(values.size)
+    off = values - np.interp(place, np.arange(len(heights)) * step, heights)
+    cells = place[::step]
+    middle = 0.5 * (np.maximum.reduceat(off, cells) + np.minimum.reduceat(off, cells))
+    moved = heights + 0.5 * (np.append(middle[0], middle) + np.append(middle, middle[-1]))
+    left = values - np.interp(place, np.arange(len(heights)) * step, moved)
+    return moved.tolist(), float(np.abs(left).max())
 
 
 def _read(entries: Integers, p: Piece) -> Integers:
