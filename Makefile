@@ -99,6 +99,7 @@ study: $(INSTALLED_DEV)
 	$(BIN)/python studies/design.py --output docs/design-study.md
 	$(BIN)/python studies/friction_coverage.py --output docs/friction-coverage.md
 	$(BIN)/python studies/hydraulic_cylinder.py coverage
+	$(BIN)/python studies/avr.py --write
 
 # Half an hour on two cores; make red-team RED_TEAM='--family valve --verbose' runs a part.
 red-team: $(INSTALLED)

@@ -4,8 +4,8 @@
 
 Every routine of the golden parameter files and of the force network of the pneumatic paper
 (4 inputs, 7 hidden units), in single precision and in fixed point, is compiled with
-``avr-gcc -O2`` (and ``-Os``) and run under simavr. Needs gcc, avr-gcc, avr-libc and simavr. ``--write`` writes
-``docs/export-avr.md``.
+``avr-gcc -O2`` (and ``-Os``) and run under simavr. Needs gcc, avr-gcc, avr-libc and simavr.
+``--write`` writes ``docs/export-avr.md``.
 """
 
 # ruff: noqa: T201 (it prints its results)

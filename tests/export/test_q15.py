@@ -51,6 +51,9 @@ def test_the_header_says_what_was_left_out_and_what_the_integers_mean() -> None:
     assert "dead_step" not in header.replace("Left out: step", "")
     bound = re.search(r"by at most (\S+), (\S+) % of", header)
     assert bound is not None
+    found = fixed(load("hydrostatic").routines()[1], "x")
+    assert isinstance(found, Fixed)
+    assert found.bound <= float(bound[1]) < 1.1 * found.bound
     assert float(bound[2]) < 0.1
 
 
@@ -102,6 +105,18 @@ def test_a_jump_splits_a_table_and_leaves_no_error() -> None:
     assert found.bound <= 1.5 * found.output.unit
     ((entries),) = found.code.tables
     assert len(entries) == 5  # two straight lines and one value between them
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("relation", ["<", "<=", ">", ">="])
+def test_a_comparison_of_an_argument_with_a_number_is_exact(
+    relation: Any, turned: bool, compiled: Any
+) -> None:
+    d, x, y = draft()
+    level = 0.25 if relation in ("<", ">=") else 1.0 / 3.0  # on a mantissa, and between two
+    sides = (level, relation, x) if turned else (x, relation, level)
+    found = compiled(d.returns(choose(*sides, y, 1.0 - 0.5 * y)))
+    assert found.bound <= 1.5 * found.output.unit
 
 
 @pytest.mark.parametrize("reach", [1.0, 0.99999, 32767.0, 32767.4, 32767.6, 1e-9, 3e12])

@@ -56,6 +56,11 @@ class Fixed:
         return float(np.max(self.output.range.error)) * (1.0 + 1e-9)
 
     @property
+    def complete(self) -> bool:
+        """Whether the bound comes from going through every argument there is."""
+        return not self.code.done
+
+    @property
     def units(self) -> tuple[int, ...]:
         """Exponents of the arguments."""
         return tuple(exponent_of(a) for a in self.routine.arguments)

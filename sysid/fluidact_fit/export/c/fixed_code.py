@@ -28,10 +28,13 @@ from ...routines.expression import (
 )
 from ...routines.routine import Layer, Let
 from ..ranges import Range, boxes, choose, extreme, minus, over, plus, times, unary
+from .fixed_layer import write_layer
 from .fixed_sheet import Sheet, Value, exponent_of
 from .fixed_table import NotFixed, exponent_for, parts_of, turns
+from .language import fold
 
 _LOWEST_POWER = 12.0  # exp falls to 6e-6 of its largest value over that; below it stays there
+_MIRRORED: Mapping[Relation, Relation] = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 _COSTS = {"exp": 6, "log": 6, "sqrt": 6, "/": 6, "*": 2, "min": 1, "max": 1, "abs": 1}
 _DEAR = 6  # a curve of one number is a table from there on
 _GOOD = 2.0**-11  # of the range of a curve: error of a table that is worth having
@@ -100,11 +103,14 @@ class Code(Sheet):
         raise TypeError(e)
 
     def _item(self, e: Item) -> Value:
-        from .fixed_layer import write_layer
-
         if e.name not in self.layers:
             (layer,) = (s for s in self.routine.body if isinstance(s, Layer) and s.name == e.name)
-            self.layers[e.name] = write_layer(self, layer)
+            folded, condition = fold(layer), ""
+            inputs = [self.short(self.value(x)) for x in folded.inputs]
+            if folded.switch:
+                switch = folded.switch
+                condition, _, _ = self.condition(switch.a, switch.relation, switch.b)
+            self.layers[e.name] = write_layer(self, layer, folded, inputs, condition)
         return self.layers[e.name][e.index]
 
     def _binary(self, e: Binary) -> Value:
@@ -218,6 +224,9 @@ class Code(Sheet):
     ) -> tuple[str, Range, Range]:
         """Text and both sides of a comparison; that of an argument with a number is exact."""
         left, right = self.value(a), self.value(b)
+        if left.constant is not None and right.text in self.arguments:
+            text, x, y = self.condition(b, _MIRRORED[relation], a)
+            return text, y, x
         if right.constant is not None and left.text in self.arguments:
             ratio = min(max(right.constant / left.unit, -1e5), 1e5)
             edge = ceil(ratio) if relation in ("<", ">=") else floor(ratio)

@@ -12,7 +12,7 @@ from ...routines import Machine
 from ...routines.routine import Argument
 from ..golden import golden
 from ..target import Job
-from .files import comment
+from .files import at_most, comment
 from .fixed import Fixed, Omitted, fixed
 
 _CALLS = 24  # golden vectors of a routine
@@ -81,14 +81,22 @@ def _describe(f: Fixed) -> list[str]:
         lines.append(f"{a.name} [{a.unit}]: {a.about}; {a.low:.9g} to {a.high:.9g} ({kind}),")
         low, high = _ends(a, e)
         lines.append(f"    given as the integer nearest to {a.name} * 2^{-e}: {low} to {high}")
-    share = 100.0 * f.bound / f.scale
-    return [
-        *lines, "",
+    share = at_most(100.0 * f.bound / f.scale)
+    proof = "interval bounds over the ranges above"
+    if f.complete:
+        proof = "every one of them was tried"
+    lines += [
+        "",
         f"Returns [{r.unit}] * 2^{-f.output.exponent}: multiply by 2^{f.output.exponent}.",
-        f"Differs from the model in double precision by at most {f.bound:.2g}, {share:.2g} % of",
-        f"full scale ({f.scale:.4g}), at the arguments that the integers stand for (interval",
-        "bounds over the ranges above).",
-    ]  # fmt: skip
+        f"Differs from the model in double precision by at most {at_most(f.bound)}, {share} % of",
+        f"full scale ({f.scale:.4g}), at the arguments that the integers stand for",
+        f"({proof}).",
+    ]
+    if f.code.width.bits > 15:
+        lines.append(
+            "Factors of 16 bits are too few: 32 are used, slower than float on 8-bit chips."
+        )
+    return lines
 
 
 def _ends(a: Argument, exponent: int) -> tuple[int, int]:
