@@ -115,6 +115,7 @@ class Sheet:
         return [line for lines in reversed(found) for line in lines]
 
     def constant(self, value: float) -> Value:
+        """A number that takes the exponent of what it meets."""
         exact = np.array([value])
         return Value("", 0, Range(exact, exact, np.zeros(1)), 0, value)
 
