@@ -145,7 +145,6 @@ $(INSTALLED_DEV): $(INSTALLED) uv.lock tools/locked.py
 $(OLDEST)/installed: pyproject.toml tools/oldest.py uv.lock tools/locked.py
 	$(call make_environment,$(OLDEST))
 	$(PYTHON) tools/oldest.py > $(OLDEST)/constraints.txt
-	$(PYTHON) tools/locked.py >> $(OLDEST)/constraints.txt
 	$(OLDEST)/bin/python -m pip install --quiet --constraint $(OLDEST)/constraints.txt \
 		--editable . --group test
 	@touch $@

@@ -161,7 +161,7 @@ class Called:
 
 def blocks(only: Sequence[str]) -> Iterator[tuple[str, Any]]:
     """Every model with its name."""
-    files = {f.stem: f for f in sorted((ROOT / "tests" / "golden" / "0.1.0").glob("*.yaml"))}
+    files = {f.stem: f for f in sorted((ROOT / "tests" / "golden" / ff.__version__).glob("*.yaml"))}
     files[NETWORK] = Path(__file__).with_name("force_network.yaml")
     for name, file in files.items():
         if only and name not in only:

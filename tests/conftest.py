@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePosixPath
 from typing import Any
 
 import pytest
@@ -12,10 +13,11 @@ FAMILIES = sorted(ff.family_names(), key=len, reverse=True)
 
 
 def scope_of(test: str) -> str:
-    """What a test shares its fixtures with: the family in its brackets, or its file."""
+    """What a test shares its fits with: the family in its brackets or of its file, or the file."""
     path, _, name = test.partition("::")
     parameters = name.partition("[")[2]
-    return next((f for f in FAMILIES if parameters.startswith(f)), path)
+    told = PurePosixPath(path).stem.removeprefix("test_").replace("_", "-")
+    return next((f for f in FAMILIES if parameters.startswith(f) or told == f), path)
 
 
 @pytest.hookimpl(optionalhook=True)

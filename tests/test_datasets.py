@@ -5,29 +5,22 @@ from __future__ import annotations
 import hashlib
 import subprocess
 import sys
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import fluidact_fit as ff
+from dataset_fits import fit_dataset
 from fluidact_fit.demo import compare, load_dataset
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.family import Plant
-from fluidact_fit.result import FitResult
 
 ROOT = Path(__file__).parents[1] / "datasets"
 FAMILIES = ff.family_names()
 GENERATORS = [ROOT / "generate.py", *sorted((ROOT / "generators").glob("*.py"))]
 NORMAL_999 = 3.2905  # two-sided 99.9 % quantile of the normal distribution
 NORMAL_95 = 1.95996
-
-
-@cache
-def fitted(family: str) -> FitResult:
-    dataset = load_dataset(family)
-    return ff.fit(family, dataset.read(), **dataset.options)
 
 
 def test_every_family_has_a_dataset() -> None:
@@ -81,16 +74,16 @@ def test_readme_says_where_the_numbers_come_from(family: str) -> None:
 @pytest.mark.parametrize("family", FAMILIES)
 def test_truth_is_recovered(family: str) -> None:
     if not load_dataset(family).truth:  # a network has no true weights: it has to fit
-        assert fitted(family).document.fit.fit_percent > 98.0
+        assert fit_dataset(family).document.fit.fit_percent > 98.0
         return
-    rows = compare(load_dataset(family), fitted(family))
+    rows = compare(load_dataset(family), fit_dataset(family))
     assert rows
     assert all(row.good for row in rows), [row.cells for row in rows if not row.good]
 
 
 @pytest.mark.parametrize("family", [f for f in FAMILIES if f != "potentiometer"])
 def test_truth_lies_in_the_interval(family: str) -> None:
-    result = fitted(family)
+    result = fit_dataset(family)
     for name, truth in load_dataset(family).truth.items():
         found = result.parameters[name]
         assert found.status == "estimated", name
@@ -103,13 +96,13 @@ def test_truth_lies_in_the_interval(family: str) -> None:
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_logs_raise_no_warning(family: str) -> None:
-    result = fitted(family)
+    result = fit_dataset(family)
     assert [n.message for n in result.notices] == []
     assert result.verdict == "pass"
 
 
 def test_potentiometer_curve_is_the_true_one_everywhere() -> None:
-    dataset, result = load_dataset("potentiometer"), fitted("potentiometer")
+    dataset, result = load_dataset("potentiometer"), fit_dataset("potentiometer")
     family = ff.get_family("potentiometer")
     true = {name: entry["value"] for name, entry in dataset.truth.items()}
     reading = np.arange(40.0, 985.0)

@@ -6,6 +6,7 @@ import importlib.util
 import re
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from scipy.optimize import minimize
 
 import fluidact_fit as ff
 from fluidact_fit.demo import load_dataset
-from fluidact_fit.errors import OutputError, UsageError
+from fluidact_fit.errors import NotIdentifiedError, OutputError, UsageError
 from fluidact_fit.estimation.information import cramer_rao, optimal_measure
 from fluidact_fit.excitation import Design, design
 from fluidact_fit.excitation.waveforms import Waveform, limit_slope, smooth_corners, to_segments
@@ -26,6 +27,7 @@ from fluidact_fit.parameters import ParameterDocument, make_document
 ROOT = Path(__file__).parents[1]
 
 
+@cache
 def fit_trial(family: str, trial: int = 0) -> ff.FitResult:
     """Fit one log of a dataset; its inputs are taken as exact, as a design takes them."""
     data = load_dataset(family)
@@ -37,6 +39,13 @@ def fit_trial(family: str, trial: int = 0) -> ff.FitResult:
 def document_of(result: ff.FitResult) -> ParameterDocument:
     """The result's document as a reader would see it."""
     return make_document(result.document.to_dict(), get_family)
+
+
+@pytest.fixture
+def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A short search, where what is asserted holds for any design and not for the best."""
+    monkeypatch.setattr("fluidact_fit.excitation.command._LEADERS", 1)
+    monkeypatch.setattr("fluidact_fit.excitation.command._TRIES", 40)
 
 
 @pytest.fixture(scope="module")
@@ -123,12 +132,14 @@ def load_study() -> Any:
     return sys.modules[name]
 
 
+@pytest.mark.usefixtures("hurried")
 def test_same_seed_same_design(valve: ff.FitResult) -> None:
     first, again = (design(document_of(valve), duration=0.4, seed=3) for _ in range(2))
     assert first.to_csv() == again.to_csv()
     assert first.to_dict() == again.to_dict()
 
 
+@pytest.mark.usefixtures("hurried")
 def test_rate_and_stroke_are_kept() -> None:
     data = fit_trial("hydrostatic")
     found = design(document_of(data), rate=60.0, stroke=(0.0, 0.004), duration=1.0)
@@ -144,6 +155,7 @@ def test_rate_and_stroke_are_kept() -> None:
     assert any("Start at position" in note for note in found.notes)
 
 
+@pytest.mark.usefixtures("hurried")
 def test_a_static_level_that_was_not_identified_becomes_so() -> None:
     result = fit_trial("ball-screw", 1)
     raw = document_of(result).to_dict()
@@ -244,6 +256,13 @@ def test_impossible_wishes_are_refused(
 ) -> None:
     with pytest.raises(UsageError, match=message):
         design(document_of(valve), **limits)
+
+
+def test_a_range_that_a_slow_sensor_cannot_cross_is_refused_at_once() -> None:
+    """Corners rounded over as long as the crossing takes would be 1e20 samples."""
+    line = document_of(fit_trial("line"))
+    with pytest.raises(NotIdentifiedError, match="no excitation"):
+        design(line, duration=0.3, sample_time=0.01, amplitude=(0.0, 1e9), rate=1e-9)
 
 
 def test_optimal_measure_of_a_line_is_its_two_ends() -> None:

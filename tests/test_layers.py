@@ -14,6 +14,10 @@ ROOT = Path(__file__).parents[1]
 LINT = Path(sys.executable).with_name("lint-imports")
 PLANTED = {
     "Data flow one way": ("sysid/fluidact_fit/units.py", "fluidact_fit.fitting"),
+    "Plants and controllers know neither each other nor the loop": (
+        "sysid/fluidact_fit/control/plants/body.py",
+        "fluidact_fit.control.loop",
+    ),
     "Families know nothing of each other": (
         "sysid/fluidact_fit/families/hydraulic_motor.py",
         "fluidact_fit.families.potentiometer",

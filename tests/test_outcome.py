@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fluidact_fit.assessment.verdict import judge
 from fluidact_fit.experiment import Experiment
-from fluidact_fit.outcome import Simulation, agreement, common_level
+from fluidact_fit.outcome import Simulation, agreement, common_level, percent_text
 
 
 def run(measured: float, error: float, offset: float | None = None) -> Simulation:
@@ -32,3 +33,16 @@ def test_with_an_offset_of_its_own_a_run_is_judged_by_what_varies_in_it() -> Non
 def test_an_offset_that_all_runs_share_is_not_their_own() -> None:
     assert common_level([run(1.0, 0.0, 0.5), run(3.0, 0.0, 0.5)]) == pytest.approx(2.0)
     assert common_level([run(1.0, 0.0, 0.5)]) is None
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(99.318, "99.32 %"), (-1000.0, "-1000.00 %"), (-1e30, "below -1000 %"), (1e30, "over 1000 %")],
+)
+def test_a_percentage_of_thirty_digits_is_not_printed(value: float, shown: str) -> None:
+    assert percent_text(value) == shown
+
+
+def test_a_hopeless_fit_is_told_in_few_words() -> None:
+    _, (notice,) = judge(agreement([run(1.0, 1e28)], 1.0), [], None, None)
+    assert "by over 1000 % of what it moves" in notice.message

@@ -227,3 +227,22 @@ def test_common_units_do_not_import_pint() -> None:
 def test_a_change_of_nothing_has_no_share(change: float, value: float, text: str) -> None:
     """A friction at its bound of zero that differs by halves ended in a traceback."""
     assert units.as_share(change, value) == text
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "powers"),
+    [
+        ("V", 1.0, {"kilogram": 1, "meter": 2, "second": -3, "ampere": -1}),
+        ("kN s/m", 1e3, {"kilogram": 1, "second": -1}),
+        ("1/(m/s)", 1.0, {"meter": -1, "second": 1}),
+        ("rad/s2", 1.0, {"radian": 1, "second": -2}),
+        ("1", 1.0, {}),
+    ],
+)
+def test_base_units(unit: str, factor: float, powers: dict[str, int]) -> None:
+    assert units.base_units(unit) == (factor, powers)
+
+
+@pytest.mark.parametrize("unit", ["degC", "m3/(s V Pa^0.5)", "no unit", "x" * 1000, "__import__"])
+def test_what_has_no_whole_powers_of_base_units(unit: str) -> None:
+    assert units.base_units(unit) is None

@@ -24,6 +24,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import fluidact_fit as ff
+from fluidact_fit.export import TARGETS, get_target, make_job
 from fluidact_fit.families import family_title
 from fluidact_fit.family import Family, FamilyOptions, ParameterSpec, Role, Variant
 from fluidact_fit.notices import GROUPS, Code
@@ -256,6 +257,24 @@ def _part_text(name: str, field: FieldInfo) -> str:
     models = [_lower(inspect.getdoc(model) or "") for model in _models(field.annotation)]
     text = field.description or _PARTS.get(name) or " ".join(models)
     return " ".join(text.split()).rstrip(".")
+
+
+# ------------------------------------------------------------------------------- exports
+
+
+def targets() -> str:
+    """Every export target with what it gives."""
+    rows = [(_code(name), entry.title) for name, entry in TARGETS.items()]
+    return _paragraphs(table(("`--to`", "what"), rows))
+
+
+def exported(name: str, to: str, suffix: str, language: str, most: int = 40) -> str:
+    """A file of the export of a family's golden parameter file, or its first lines."""
+    path = ROOT / "tests" / "golden" / ff.__version__ / f"{name}.yaml"
+    job = make_job(path, ff.load(path))
+    lines = get_target(to)(job)[f"{job.name}{suffix}"].decode().splitlines()
+    more = ["..."] if len(lines) > most else []
+    return "\n".join(["", f"```{language}", *lines[:most], *more, "```", ""])
 
 
 # --------------------------------------------------------------------- sections of families

@@ -1,7 +1,7 @@
 """The oldest dependencies that ``pyproject.toml`` promises to work with, as constraints for pip.
 
-``make test-oldest`` installs with them and runs a part of the tests, so that a lower bound is a
-fact and not a hope.
+``make test-oldest`` installs with them, those of the extras too, and runs a part of the tests, so
+that a lower bound is a fact and not a hope. The tools are those of ``uv.lock``.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ import re
 import sys
 import tomllib
 from pathlib import Path
+
+from locked import locked
 
 _LOWER_BOUND = re.compile(r"([A-Za-z0-9_.-]+)>=([0-9.]+)")
 
@@ -33,9 +35,21 @@ def oldest(requirements: list[str]) -> list[str]:
 
 def main() -> None:
     """Print the constraints, one per line."""
-    path = Path(__file__).parents[1] / "pyproject.toml"
-    project = tomllib.loads(path.read_text(encoding="utf-8"))["project"]
-    sys.stdout.write("\n".join(oldest(project["dependencies"])) + "\n")
+    root = Path(__file__).parents[1]
+    project, lock = (
+        tomllib.loads((root / name).read_text(encoding="utf-8"))
+        for name in ("pyproject.toml", "uv.lock")
+    )
+    extras = project["project"]["optional-dependencies"].values()
+    pins = oldest([*project["project"]["dependencies"], *(r for e in extras for r in e)])
+    names = {name_of(pin) for pin in pins}
+    pins += [pin for pin in locked(lock) if name_of(pin) not in names]
+    sys.stdout.write("\n".join(pins) + "\n")
+
+
+def name_of(pin: str) -> str:
+    """Name of the package of ``name==version``, as the index writes it."""
+    return pin.partition("==")[0].lower().replace("_", "-")
 
 
 if __name__ == "__main__":

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
-from fnmatch import fnmatchcase
+from fnmatch import filter as filter_names
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -156,23 +156,33 @@ def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
     given = {name: params[name] for name in ("sample_time", "window")}
     given |= {name: params[name] for name in _WRITING if params[name] is not None}
     given |= {"from_name": params["from_name"], **by_role}
-    known = [os.path.basename(p) for name in _LOGS for p in _listed(params.get(name))]
+    known = [_names(p) for name in _LOGS for p in _listed(params.get(name))]
     exclude = _by_log("--exclude", params["exclude"], known)
     constants = _by_log("--set", params["set"], known)
     logs = []
     for path in paths:
-        name = os.path.basename(path)
-        values = {role: value for p, role, value in constants if fnmatchcase(name, p)}
-        parts = [f"{kind}={what}" for p, kind, what in exclude if fnmatchcase(name, p)]
+        names = _names(path)
+        values = {role: value for p, role, value in constants if filter_names(names, p)}
+        parts = [f"{kind}={what}" for p, kind, what in exclude if filter_names(names, p)]
         logs.append(read_log(path, constants=values, exclude=parts, **given))
     return logs
+
+
+def _names(path: str) -> list[str]:
+    """What a pattern may mean a log by: its name, and those of the files merged in it."""
+    from fluidact_fit.logs.source import files_of
+
+    files = [file.name for file in files_of(Path(path))]
+    return files if len(files) == 1 else ["+".join(files), *files]
 
 
 def _listed(given: str | Iterable[str] | None) -> list[str]:
     return [given] if isinstance(given, str) else list(given or ())
 
 
-def _by_log(option: str, given: Iterable[str], names: Iterable[str]) -> list[tuple[str, str, str]]:
+def _by_log(
+    option: str, given: Iterable[str], logs: Sequence[Sequence[str]]
+) -> list[tuple[str, str, str]]:
     """Read ``[LOG:]NAME=VALUE``: pattern of the logs, name and value; some log has to match."""
     out = []
     for text in given:
@@ -183,10 +193,10 @@ def _by_log(option: str, given: Iterable[str], names: Iterable[str]) -> list[tup
                 expected=f"Expected {option} [LOG:]NAME=VALUE.",
                 remedy="See --help for examples.",
             )
-        if pattern is not None and not any(fnmatchcase(n, pattern) for n in names):
+        if pattern is not None and not any(filter_names(n, pattern) for n in logs):
             raise UsageError(
                 f"{option} {text!r} names a log that is not given.",
-                expected=f"The logs are: {', '.join(names)}.",
+                expected=f"The logs are: {', '.join(names[0] for names in logs)}.",
                 remedy="Give the name of one of them, with * for any part of it.",
             )
         out.append(("*" if pattern is None else pattern, name, value))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from pathlib import Path
 
 import click
 
 from fluidact_fit.errors import OutputError, UsageError
-from fluidact_fit.parameters.atomic import names_directory, write_atomically
+from fluidact_fit.parameters.atomic import names_directory, write_together
 
 from .errors import Invocation
 
@@ -84,19 +83,13 @@ def _check_place(option: str, path: str, force: bool) -> None:
 
 
 def write_all(contents: Mapping[str, bytes | str], force: bool) -> None:
-    """Write files, each whole; when one fails, those that were new are removed again."""
-    new: list[str] = []
-    try:
-        for path, content in contents.items():
-            existed = os.path.lexists(path)
-            write_atomically(path, content, overwrite=force)
-            if not existed:
-                new.append(path)
-    except BaseException:
-        for path in new:
-            with suppress(OSError):
-                os.unlink(path)
-        raise
+    """Write files, each whole; when one fails, all are as they were before."""
+    write_together(contents, overwrite=force)
+    note_written(contents)
+
+
+def note_written(paths: Iterable[str]) -> None:
+    """Remember files that were written, for the message of an error that comes later."""
     invocation = click.get_current_context().find_object(Invocation)
     if invocation is not None:
-        invocation.written.extend(contents)
+        invocation.written.extend(paths)

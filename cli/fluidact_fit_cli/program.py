@@ -19,6 +19,8 @@ _COMMANDS = {
     "inspect": "Show what is in a log and what is wrong with it.",
     "check": "Check whether a parameter file still describes the machine.",
     "simulate": "Simulate a parameter file with the inputs of a log.",
+    "export": "Write a parameter file in the language of a controller.",
+    "check-consumer": "Compare a parameter file with what a controller reads.",
     "design": "Design the next experiment from a parameter file.",
     "demo": "Fit synthetic logs of every family, as an example.",
     "schema": "Print the JSON Schema of the parameter file.",
@@ -31,7 +33,7 @@ Examples:
 
 Exit status: 0 done; 1 a bug in the program; 2 wrong usage; 3 the log or file cannot be
 used; 4 the data cannot determine what was asked (or --strict); 5 check: the model no
-longer fits."""
+longer fits, check-consumer: the controller reads something else."""
 
 
 class Program(click.Group):
@@ -48,7 +50,8 @@ class Program(click.Group):
 
             return make_command(cmd_name)
         if cmd_name in _COMMANDS:
-            command: click.Command = import_module(f".commands.{cmd_name}", __package__).command
+            module = import_module(f".commands.{cmd_name.replace('-', '_')}", __package__)
+            command: click.Command = module.command
             return command
         return None
 

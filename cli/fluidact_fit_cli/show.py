@@ -144,6 +144,8 @@ def _row(name: str, value: float, spread: Any, ends: Any, entry: Mapping[str, An
 
 def echo_parameters(document: Mapping[str, Any], verbose: bool = False) -> None:
     """Print the parameters of a document, and how well they fit."""
+    from fluidact_fit.outcome import percent_text
+
     head = ["parameter", "value", "std error", "unit", "95 % interval", "status"]
     rows = quantity_rows(document["parameters"])
     if verbose and document.get("derived"):
@@ -153,7 +155,7 @@ def echo_parameters(document: Mapping[str, Any], verbose: bool = False) -> None:
     echo_table([head, *rows], right=(1,))
     fit = document["fit"]
     percent, rmse = fit.get("fit_percent"), fit["rmse"]
-    agreement = "" if percent is None else f"fit {percent:.2f} %   "
+    agreement = "" if percent is None else f"fit {percent_text(percent)}   "
     echo(
         f"\n{agreement}rmse {rmse['value']:.4g} {rmse['unit']}   samples {fit['samples']}   "
         f"verdict {fit['verdict'].upper()}"
@@ -169,9 +171,11 @@ def echo_parameters(document: Mapping[str, Any], verbose: bool = False) -> None:
 
 
 def _echo_logs(kind: str, entries: Sequence[Mapping[str, Any]]) -> None:
+    from fluidact_fit.outcome import percent_text
+
     for entry in entries:
         percent = entry.get("fit_percent")
-        shown = "" if percent is None else f"fit {percent:.2f} %, "
+        shown = "" if percent is None else f"fit {percent_text(percent)}, "
         rmse = entry.get("rmse")
         error = "" if rmse is None else f"rmse {rmse['value']:.4g} {rmse['unit']}"
         echo(f"{kind} {entry['file']}: {shown}{error}")

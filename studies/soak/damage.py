@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 from collections.abc import Callable, Iterable
 
 from .drafts import Draft, Line
@@ -175,7 +176,7 @@ def group_thousands(draft: Draft, rng: random.Random) -> str:
 
 def _grouped(cell: str, sign: str, decimal: str) -> str:
     whole, point, rest = cell.partition(decimal)
-    if not whole.strip().lstrip("-").isdigit() or abs(int(whole)) < 1000:
+    if not re.fullmatch(r"\s*-?\d+\s*", whole) or abs(int(whole)) < 1000:
         return cell
     return f"{int(whole):,}".replace(",", sign) + point + rest
 

@@ -58,6 +58,7 @@ _WORDS = (
     "#²",
     "x" * 3000,
 )
+_DESIGNED = ("valve", "cylinder-friction", "potentiometer")  # one of a kind, and quick about it
 _OPTIONAL_FILES = {"output", "plot", "report", "validate", "params_file"}
 
 
@@ -124,6 +125,7 @@ def drafted(rng: random.Random) -> tuple[str, str, int, list[str]]:
     command = (
         family if rng.random() < 0.7 else rng.choice(("inspect", "check", "simulate", "design"))
     )
+    family = rng.choice(_DESIGNED) if command == "design" else family
     rows = rng.choice((1, 4, 20, 60, 120, 120, 120))
     words = _proper(command, family)
     options = [p for p in _commands()[command].params if isinstance(p, click.Option)]
@@ -150,7 +152,7 @@ def _proper(command: str, family: str) -> list[str]:
         "inspect": ["inspect", "log.csv", "--family", family, *of_reader],
         "check": ["check", "file.yaml", "log.csv", *of_reader],
         "simulate": ["simulate", "file.yaml", "log.csv", *of_reader],
-        "design": ["design", family, "--from", "file.yaml", "--duration", "1", "-o", "out.csv"],
+        "design": ["design", family, "--from", "file.yaml", "--duration", "0.2", "-o", "out.csv"],
     }[command]
 
 

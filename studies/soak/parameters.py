@@ -18,10 +18,14 @@ from . import program
 from .case import LONGEST, WRONG, Case, Part, Result
 
 _VALUES: tuple[Any, ...] = (
-    None, True, False, "", "nan", "#²", [], {}, [[]], [5.0], {"value": 1.0}, -1, 0, 1, 1.5, 1e308,
-    -1e308, 5e-324, 10**400, float("nan"), float("inf"), "9^9^9^9", "kg", "x" * 20_000, "=1+1",
-    "\x1b[31mred", "\x85", 2**63, "2020-01-01", "1.0e+00", -0.0, [1.0] * 3000, [None], ["a"],
-    {"a": {"b": {"c": [1]}}}, "²", "１", "\ud7ff", "../../etc/passwd",
+    None, True, False, "", "text", "nan", "none", "auto", "zoh", "#1", "#²", "²", "١", "１", "1",
+    "1.0e+00", "64,64", ",", "%", "kg", "9^9^9^9", "(" * 26, "!!python/object:os.system",
+    "../../etc/passwd", "=1+1", "2020-01-01", "\x1b[31mred", "\x85", "\ud7ff", "#" + "9" * 5000,
+    "x" * 20_000, -1, 0, 1, 7, 2**63, 10**400, -1.0, -0.0, 1.5, 1e308, -1e308, 5e-324, 1e-320,
+    float("nan"), float("inf"), [], [[]], [5.0], [1.0, 2.0], [2.0, 1.0], [[1.0]], [[1.0], [2.0]],
+    [None], ["a"], [[["x"]]], [1.0] * 3000, [float("nan")] * 50, [{"file": "x"}], {}, {"": 1},
+    {"0": "²"}, {"value": 1.0}, {"value": 1.0, "unit": "m"}, {"a": {"b": {"c": [1]}}},
+    {"from": 0.0, "to": 1.0, "at": 0.0},
 )  # fmt: skip
 _UNITS = ("mol", "9^9^9^9", "bananas", "", "m/0", "kg*" * 200 + "mol", "%", "1e400 m", "((((m")
 _LINES = (
@@ -85,6 +89,32 @@ def replace(tree: Any, rng: random.Random) -> Done:
     return f"{_name(place)} = {repr(new)[:60]}", why
 
 
+def reshape(tree: Any, rng: random.Random) -> Done:
+    """Write the same thing in another form."""
+    place, old = _pick(tree, rng)
+    if isinstance(old, list) and old:
+        forms: list[Any] = [old[:1], old[:-1], old[::-1], old * 2, old[0], [old]]
+    elif isinstance(old, dict) and old:
+        forms = [[old], list(old), list(old.values()), str(old), {}]
+    elif isinstance(old, (int, float)) and not isinstance(old, bool):
+        forms = [-old, str(old), [old], 2 * old, old * 1e-200, int(old)]
+    else:
+        forms = [[old], {str(old): old}, f"{old}{old}", f" {old} "]
+    new = copy.deepcopy(rng.choice(forms))
+    _put(tree, place, new)
+    return f"{_name(place)} = {repr(new)[:60]}", ""
+
+
+def rename(tree: Any, rng: random.Random) -> Done:
+    """Give an entry another name."""
+    place = rng.choice([p for p, _ in places(tree) if isinstance(p[-1], str)])
+    above = _at(tree, place[:-1])
+    key = f"{place[-1]}_" if rng.random() < 0.5 else place[-1].upper()
+    above[key] = above.pop(place[-1])
+    strict = len(place) == 1 and key != place[-1]
+    return f"{_name(place)} is called {key!r}", "an unknown key" if strict else ""
+
+
 def delete(tree: Any, rng: random.Random) -> Done:
     """Delete an entry."""
     place, _ = _pick(tree, rng)
@@ -101,7 +131,7 @@ def add_key(tree: Any, rng: random.Random) -> Done:
     found = [((), tree), *((p, v) for p, v in places(tree) if isinstance(v, dict))]
     place, mapping = rng.choice(found)
     key = rng.choice(("extra", "", "valeu", 1, "\x1b[31m", "__class__", "x" * 190))
-    mapping[key] = copy.deepcopy(rng.choice(_VALUES[:20]))
+    mapping[key] = copy.deepcopy(rng.choice(_VALUES))
     strict = place[:1] in ((), ("parameters",), ("validity",), ("covariance",))
     return f"{_name(place)} has {key!r}", "an unknown key" if strict else ""
 
@@ -199,7 +229,8 @@ def damage_text(text: str, rng: random.Random) -> tuple[str, bytes]:
     """Damage the text of a file; returns what was done, and its bytes."""
     lines = text.split("\n")
     at = rng.randrange(len(lines))
-    how = rng.choice(("delete", "twice", "swap", "cut", "garble", "insert", "bytes", "encoding"))
+    how = rng.choice(("delete", "twice", "swap", "cut", "garble", "indent", "insert",
+                      "bytes", "encoding"))  # fmt: skip
     if how == "delete":
         del lines[at : at + rng.choice((1, 1, 5))]
     elif how == "twice":
@@ -209,11 +240,13 @@ def damage_text(text: str, rng: random.Random) -> tuple[str, bytes]:
         lines[at], lines[other] = lines[other], lines[at]
     elif how == "cut":
         lines = [*lines[:at], lines[at][: rng.randint(0, len(lines[at]))]]
+    elif how == "indent":
+        lines[at] = " " + lines[at]
     elif how == "garble":
         characters = list(lines[at])
         for _ in range(rng.choice((1, 3, 20))):
             if characters:
-                signs = "0123456789.-+e{}[]:,#&*!|>'\"%@ \tabc°\x07"
+                signs = "0123456789.-+e{}[]:,#&*!|>'\"%@`,? \tabc°²\x07\x1b\u2028\ufeff"
                 characters[rng.randrange(len(characters))] = rng.choice(signs)
         lines[at] = "".join(characters)
     elif how == "insert":
@@ -231,8 +264,8 @@ def damage_text(text: str, rng: random.Random) -> tuple[str, bytes]:
 
 
 _DAMAGES: tuple[Callable[[Any, random.Random], Done], ...] = (
-    replace, replace, replace, delete, delete, add_key, change_list, change_list, change_unit,
-    change_sign, scale_number,
+    replace, replace, replace, reshape, reshape, delete, delete, rename, add_key,
+    change_list, change_list, change_unit, change_sign, scale_number,
 )  # fmt: skip
 
 
@@ -240,9 +273,9 @@ def _name(place: Place) -> str:
     return ".".join(map(str, place)) or "the document"
 
 
-def drafted(rng: random.Random) -> tuple[str, str, str, bytes]:
+def drafted(rng: random.Random, family: str = "") -> tuple[str, str, str, bytes]:
     """A damaged file: its family, what was done, why it must be refused, and its bytes."""
-    family = rng.choice(sorted(program.golden()))
+    family = family or rng.choice(sorted(program.golden()))
     if rng.random() < 0.3:
         about, content = damage_text(program.golden()[family], rng)
         return family, about, "", content

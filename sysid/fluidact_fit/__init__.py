@@ -18,6 +18,7 @@ from .version import __version__
 if TYPE_CHECKING:
     from .control import load, read_document
     from .errors import (
+        ConsumerError,
         FluidactError,
         LogError,
         MismatchError,
@@ -37,8 +38,8 @@ if TYPE_CHECKING:
 _NAMES = {
     "control": ("load", "read_document"),
     "errors": (
-        "FluidactError", "LogError", "MismatchError", "NotIdentifiedError", "Notice",
-        "OutputError", "ParameterFileError", "StrictError", "UnitError", "UsageError",
+        "ConsumerError", "FluidactError", "LogError", "MismatchError", "NotIdentifiedError",
+        "Notice", "OutputError", "ParameterFileError", "StrictError", "UnitError", "UsageError",
     ),
     "families": ("family_names", "get_family"),
     "fitting": ("fit",),
@@ -48,10 +49,10 @@ _NAMES = {
 _HOMES = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "FitResult", "FluidactError", "Log", "LogError", "MismatchError", "NotIdentifiedError",
-    "Notice", "OutputError", "ParameterFileError", "StepInput", "StrictError", "UnitError",
-    "UsageError", "__version__", "family_names", "fit", "get_family", "load", "read_document",
-    "read_log",
+    "ConsumerError", "FitResult", "FluidactError", "Log", "LogError", "MismatchError",
+    "NotIdentifiedError", "Notice", "OutputError", "ParameterFileError", "StepInput",
+    "StrictError", "UnitError", "UsageError", "__version__", "family_names", "fit", "get_family",
+    "load", "read_document", "read_log",
 ]  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import copy
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -119,11 +120,10 @@ class Block(ABC):
     def input(self) -> Port | None:
         """What drives the model: its first role with a hold, or the argument of a map.
 
-        ``None`` where nothing does.
+        Roles that a log may lack drive nothing. ``None`` where nothing does.
         """
-        roles = self.variant.driving or [
-            r for r in self.variant.roles if not r.output and r.name != "time"
-        ]
+        needed = [r for r in self.variant.roles if r.required and not r.output]
+        roles = [r for r in needed if r.hold] or [r for r in needed if r.name != "time"]
         return self._port(roles[0]) if roles else None
 
     @property
@@ -272,3 +272,68 @@ class SteppedBlock(Block):
     @abstractmethod
     def step(self, value: float) -> float:
         """Take the input of this sample and return the output at the same instant."""
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """``x' = a x + b w(t - dead_time)``, ``y = c x``, with a dead zone before it.
+
+    Attributes
+    ----------
+    a, b, c
+        Shapes ``(n, n)``, ``(n,)`` and ``(n,)``.
+    dead_time
+        [s]
+    dead_zone
+        Negative and positive edge [unit of the input]; ``None`` without one.
+    gain
+        Steady output per input; ``None`` for an integrating model.
+    """
+
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    dead_time: float
+    dead_zone: tuple[float, float] | None
+    gain: float | None
+
+
+class LinearBlock(SteppedBlock):
+    """A block that is a continuous linear model but for its dead zone."""
+
+    @abstractmethod
+    def linear_model(self) -> LinearModel:
+        """Return the continuous model."""
+
+
+@dataclass(frozen=True)
+class DryDrive:
+    """``J v' = u - b v - F_k(sign v)`` in motion; at rest between the static levels.
+
+    Pairs hold the backward direction first; all friction is a magnitude.
+
+    Attributes
+    ----------
+    inertia
+        [unit of ``quantity``]
+    quantity
+        Name and unit of the inertia: a mass on a linear axis.
+    viscous
+        [unit of the input per velocity]
+    coulomb, breakaway
+        Kinetic and static levels [unit of the input].
+    """
+
+    inertia: float
+    quantity: Port
+    viscous: tuple[float, float]
+    coulomb: tuple[float, float]
+    breakaway: tuple[float, float]
+
+
+class DryDriveBlock(SteppedBlock):
+    """A block that is one mass or inertia with dry friction."""
+
+    @abstractmethod
+    def dry_drive(self) -> DryDrive:
+        """Return the continuous model."""

@@ -16,6 +16,7 @@ from .families import family_names, get_family
 from .family import Plant
 from .fitting import fit
 from .logs import Log, read_log
+from .outcome import percent_text
 from .result import FitResult
 from .units import after_number
 
@@ -118,7 +119,7 @@ def run_demo(directory: str | Path, echo: Callable[[str], None], *, overwrite: b
 
 def compare(dataset: Dataset, result: FitResult) -> list[Row]:
     """Compare a result with the truth, one row per parameter."""
-    fit_percent = f"{result.document.fit.fit_percent:.2f} %"
+    fit_percent = percent_text(result.document.fit.fit_percent)
     if dataset.curve:
         return [_compare_curve(dataset, result, fit_percent)]
     return list(_compare_numbers(dataset, result, fit_percent))

@@ -177,6 +177,12 @@ class ParameterFileError(FluidactError):
         )
 
 
+class ConsumerError(FluidactError):
+    """What a controller reads cannot be found out (exit status 3)."""
+
+    exit_status = 3
+
+
 class OutputError(FluidactError):
     """A result cannot be written where it was asked for (exit status 3)."""
 
@@ -196,6 +202,6 @@ class StrictError(FluidactError):
 
 
 class MismatchError(FluidactError):
-    """A parameter file no longer describes the machine (exit status 5)."""
+    """A parameter file no longer describes the machine or suits its controller (exit status 5)."""
 
     exit_status = 5

@@ -80,9 +80,19 @@ _READING = {
         "Lines with an impossible time stamp were left out: two lines were printed as one.",
         "Look at the lines that are named; a slower or buffered serial output avoids them.",
     ),
+    "part-recalled": _information(
+        "A log was fitted before, and the part of it that was fitted is used again.",
+        "Nothing; give `--window` or `--exclude` to use another part.",
+    ),
     "partial-lines": _information(
         "Lines with the wrong number of fields were left out.",
         "Nothing, if they are few; otherwise check how the log was written.",
+    ),
+    "rows-above-table": _warning(
+        "Lines above the table, or above its header, hold numbers and little else; they were left "
+        "out.",
+        "Look at the lines that are named: rows in another form are to be corrected, and "
+        "`--header-row` says that they are none.",
     ),
     "run-too-short": _information(
         "Runs with too few samples to be fitted were left out.",

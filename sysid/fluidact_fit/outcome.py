@@ -12,6 +12,8 @@ from .experiment import Experiment, FloatArray
 from .family import Estimate, FamilyOptions, Quantity, Simulated, StaticView, Variant
 from .parameters.document import ParameterDocument
 
+_MOST_PERCENT = 1000
+
 
 @dataclass(frozen=True)
 class Agreement:
@@ -21,6 +23,15 @@ class Agreement:
     fit_percent: float
     samples: int
     sum_of_squares: float
+
+
+def percent_text(value: float | None, form: str = ".2f") -> str:
+    """A percentage for people: beyond a thousand its digits say nothing; ``-`` for none."""
+    if value is None:
+        return "-"
+    if abs(value) > _MOST_PERCENT:
+        return f"{'over ' if value > 0.0 else 'below -'}{_MOST_PERCENT} %"
+    return f"{value:{form}} %"
 
 
 def common_level(runs: Sequence[Simulation]) -> float | None:

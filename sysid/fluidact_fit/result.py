@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from .errors import in_python
 from .experiment import FloatArray
 from .family import Quantity
-from .outcome import Outcome, Simulation
+from .outcome import Outcome, Simulation, percent_text
 from .parameters import save_document
 from .simulation import LogLike, open_logs, simulate_logs
 
@@ -50,7 +50,7 @@ class FitResult(Outcome):
         fit = self.document.fit
         lines = [
             f"{self.family}: verdict {fit.verdict}, rmse {fit.rmse.value:.4g} {fit.rmse.unit}"
-            + ("" if fit.fit_percent is None else f", fit {fit.fit_percent:.2f} %")
+            + ("" if fit.fit_percent is None else f", fit {percent_text(fit.fit_percent)}")
         ]
         rows = [_row(name, q) for name, q in self.parameters.items()]
         wide = [max(map(len, column)) for column in zip(*rows)]

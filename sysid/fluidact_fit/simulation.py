@@ -55,8 +55,8 @@ def recall_columns(document: ParameterDocument, log: Log) -> Log:
     }
     same = next((s for s in sources if s.sha256 == log.sha256), None)
     own = same.columns if same is not None else {}
-    if same is not None and not log.exclude:
-        log = without(log, [parse_exclusion(x) for x in (same.details or {}).get("exclude", ())])
+    if same is not None:
+        log = _recall_parts(log, same.details or {})
     log = _recall_constants(log, named, {r: own[r] for r in named if r in own})
     fitting = [
         {r: c for r, c in _present(log, source.columns).items() if r not in named}
@@ -68,6 +68,23 @@ def recall_columns(document: ParameterDocument, log: Log) -> Log:
     if not timed and log.sample_time is None and sources[best].sample_time:
         known = replace(known, sample_time=sources[best].sample_time)
     return known
+
+
+def _recall_parts(log: Log, details: Mapping[str, Any]) -> Log:
+    """The part of a log that was fitted, unless the user names another."""
+    recalled = []
+    if not log.exclude and (excluded := details.get("exclude")):
+        log = without(log, [parse_exclusion(text) for text in excluded])
+        recalled += [f"--exclude {text}" for text in excluded]
+    if log.window is None and (window := details.get("window")):
+        low, _, high = window.partition(":")
+        ends = (float(low) if low else None, float(high) if high else None)
+        log = replace(log, window=ends)
+        recalled.append(f"--window {window}")
+    if not recalled:
+        return log
+    message = f"{log.name}: it was fitted, and the same part of it is used: {', '.join(recalled)}."
+    return replace(log, notices=(*log.notices, Notice("part-recalled", message)))
 
 
 def _recall_constants(log: Log, named: Mapping[str, str], own: Mapping[str, Column]) -> Log:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -150,6 +151,32 @@ def is_known_unit(unit: str) -> bool:
     """Return whether a unit can be converted by a factor."""
     found = _look_up(unit)
     return found is not None and math.isfinite(found[0])
+
+
+def base_units(unit: str) -> tuple[float, Mapping[str, int]] | None:
+    """Return the factor to SI and the powers of its base units.
+
+    Examples
+    --------
+    >>> base_units("kN s/m")
+    (1000.0, {'kilogram': 1, 'second': -1})
+
+    Returns
+    -------
+    tuple or None
+        ``None`` where no factor converts the unit, or a power is not whole.
+    """
+    text, _ = _split_reference(normalise_unit(unit))
+    if len(text) > _LONGEST or not (text in _FOR_PINT or _EXPRESSION.fullmatch(text)):
+        return None
+    if not is_known_unit(text):
+        return None
+    registry, _ = _registry()
+    base = (1.0 * registry.parse_units(_FOR_PINT.get(text, text))).to_base_units()
+    powers = {name: power for name, power in base.unit_items() if name != "count"}
+    if any(power != int(power) for power in powers.values()):
+        return None
+    return float(base.magnitude), {name: int(powers[name]) for name in sorted(powers)}
 
 
 def same_dimension(a: str, b: str) -> bool:

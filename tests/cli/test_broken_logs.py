@@ -124,7 +124,7 @@ DAMAGES: dict[str, Damage] = {
         [c.split()[0] for c in h], [["??", *["@@"] * (len(h) - 1)], *r]
     ),
     "time-going-back-and-forth": lambda h, r: table(
-        h, [r[i] for i in np.random.default_rng(3).permutation(len(r))]
+        h, [r[i] for i in np.random.default_rng(3).permutation(16)]
     ),
     "time-constant": with_cells("0.5", column=0, at=slice(0, ROWS)),
     "all-zero": with_columns(lambda v: 0.0 * v),
@@ -258,6 +258,7 @@ def refuse(here: Callable[..., Any], tmp_path: Path) -> Refuse:
 
 
 def _cases() -> Iterator[tuple[str, str]]:
+    assert not set(LINES) - set(DAMAGES)
     for family in family_names():
         for damage in DAMAGES:
             if damage not in HARMLESS.get(family, set()):
@@ -265,15 +266,11 @@ def _cases() -> Iterator[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(("family", "damage"), list(_cases()))
-def test_broken_log_is_refused(family: str, damage: str, refuse: Refuse) -> None:
-    refuse(family, DAMAGES[damage](*base_table(family)))
-
-
-@pytest.mark.parametrize("damage", LINES)
-@pytest.mark.parametrize("family", family_names())
-def test_message_names_the_place(family: str, damage: str, refuse: Refuse) -> None:
+def test_broken_log_is_refused_and_its_place_named(
+    family: str, damage: str, refuse: Refuse
+) -> None:
     message = refuse(family, DAMAGES[damage](*base_table(family))).err
-    for pattern in LINES[damage]:
+    for pattern in LINES.get(damage, ()):
         assert re.search(pattern, message), message
 
 
@@ -329,11 +326,7 @@ def test_pipe_is_not_waited_for(here: Callable[..., Any], tmp_path: Path) -> Non
     assert_refused(here("valve", tmp_path / "log.csv", "-o", tmp_path / "o.yaml"), tmp_path, {})
 
 
-@pytest.mark.parametrize(
-    "damage",
-    ["empty", "binary", "gzip", "header-only", "nan", "huge", "tiny", "single-row", "all-zero",
-     "text-in-the-middle"],
-)  # fmt: skip
+@pytest.mark.parametrize("damage", ["binary", "all-zero", "text-in-the-middle"])
 def test_in_a_process_of_its_own(damage: str, apart: Callable[..., Any], tmp_path: Path) -> None:
     family = "hydrostatic"
     content = DAMAGES[damage](*base_table(family))
@@ -347,13 +340,13 @@ QUICK = {"force-map": ("--starts", "1", "--hidden", "1")}  # what the search for
 
 
 def _odd_options(family: str) -> list[list[str]]:
-    """Well-formed options that few logs go with, for every role and parameter."""
+    """Well-formed options that few logs go with; ``make soak`` draws them for every parameter."""
     variant = get_family(family).variants[0]
     odd = [["--window", "0:0.1"], ["--sample-time", "1e-14"], ["--sample-time", "1e200"]]
     for role in variant.roles:
         odd += [["--scale", f"{role.name}=1e300"], ["--step", f"{role.name}=0:1@0.1"]]
     odd += [["--hold", f"{role.name}=cubic"] for role in variant.roles[:2]]
-    odd += [["--fix", f"{parameter.name}=1e30"] for parameter in variant.parameters]
+    odd += [["--fix", f"{parameter.name}=1e30"] for parameter in variant.parameters[::3]]
     odd += [["--bounds", f"{variant.parameters[0].name}=1:1.001"]]
     return odd
 

@@ -15,6 +15,7 @@ from fluidact_fit.options import plausible
 
 Run = Callable[..., Any]
 DATASETS = Path(__file__).parents[2] / "datasets"
+GOLDEN = Path(__file__).parents[1] / "golden" / "0.1.0"
 
 
 def dataset(family: str, rows: int, target: Path, *, trial: int = 1, step: int = 1) -> list[str]:
@@ -138,3 +139,11 @@ def test_a_simulation_of_steps_reads_no_log(option: str, here: Run, inside: Path
     assert (done.status, done.out) == (2, "")
     assert f"{words[0]} is about reading a LOG" in done.err
     assert here("simulate", "valve.yaml", *steps).status == 0
+
+
+def test_a_rate_that_never_gets_anywhere_costs_no_memory(here: Run, inside: Path) -> None:
+    words = ["design", "hydrostatic", "--from", str(GOLDEN / "hydrostatic.yaml"), "-o", "next.csv"]
+    done = here(*words, "--duration", "0.2", "--rate", "1e-12")
+    assert done.status == 4
+    assert "no excitation within these limits" in done.err
+    assert not list(inside.iterdir())

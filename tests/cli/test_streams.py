@@ -161,7 +161,11 @@ def test_text_from_outside_is_shown_harmlessly(
         ["check", f"{EVIL}.yaml", evil],
         ["simulate", f"{EVIL}.yaml", evil],
         ["simulate", f"{EVIL}.yaml", evil, "-o", f"{EVIL}.csv"],
-        ["design", "valve", "--from", f"{EVIL}.yaml", "-o", f"d{EVIL}.csv"],
+        ["export", f"{EVIL}.yaml", "--to", "json", "-o", f"{EVIL}"],
+        ["export", f"{EVIL}.yaml", "--to", EVIL, "--accept-not-identified", EVIL],
+        ["check-consumer", f"{EVIL}.yaml", evil],
+        ["check-consumer", f"{EVIL}.yaml", f"{EVIL}.yaml"],
+        ["design", "valve", "--from", f"{EVIL}.yaml", "-o", f"d{EVIL}.csv", "--duration", "0.5"],
         ["design", EVIL, "--from", f"{EVIL}.yaml"],
         ["demo", f"{evil}/{EVIL}"],
         [EVIL],
@@ -176,7 +180,7 @@ def test_text_from_outside_is_shown_harmlessly(
                          "--zero", "--dead-time", "--controller-sample-time")),
     ):  # fmt: skip
         # a process of its own has an encoding of its own, and takes a second
-        done = apart(*args, cwd=inside) if "-o" in args else here(*args)
+        done = apart(*args, cwd=inside) if "--report" in args else here(*args)
         assert done.status in (0, 2, 3, 4, 5), (args, done.err)
         assert_harmless(done.out, done.err)
     assert_harmless((inside / "r.html").read_text(encoding="utf-8"))

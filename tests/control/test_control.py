@@ -286,3 +286,17 @@ def test_load_imports_no_plotting(write: Writer) -> None:
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert out.stdout.strip() == "[]"
+
+
+def test_a_drive_holds_its_torque_over_steps_of_any_length() -> None:
+    """A long step among short ones is a long step: nothing was lost."""
+    golden = Path(__file__).parents[1] / "golden" / "0.1.0" / "ball-screw.yaml"
+    block: Any = ff.load(golden).with_sample_time(0.001)
+    rng = np.random.default_rng(3)
+    counts = rng.choice([1, 1, 1, 3], 60)
+    torque = rng.uniform(-0.006, 0.006, 60)
+    time = 0.001 * np.concatenate(([0.0], np.cumsum(counts)[:-1]))
+    stepped = np.array([block.step(u) for u in np.repeat(torque, counts).tolist()])
+    places = np.concatenate(([0], np.cumsum(counts)[:-1]))
+    found = block.simulate(torque, time)
+    np.testing.assert_allclose(found, stepped[places], atol=1e-9 * np.ptp(stepped))

@@ -1,7 +1,8 @@
-"""Golden parameter files written as C, compiled once for all tests."""
+"""Parameter files of this version: one of every family, changed ones, and all as C."""
 
 from __future__ import annotations
 
+import copy
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import yaml
 
 import fluidact_fit as ff
 from fluidact_fit.export.c import write
@@ -18,7 +20,7 @@ from fluidact_fit.export.c.fixed import Fixed, fixed
 from fluidact_fit.export.target import Arithmetic, Job
 from fluidact_fit.routines import Routine
 
-GOLDEN = Path(__file__).parents[1] / "golden" / "0.1.0"
+GOLDEN = Path(__file__).parents[1] / "golden" / ff.__version__
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion")
 REPORT = """
 #include <avr/interrupt.h>
@@ -42,6 +44,37 @@ int main(void)
     return 0;
 }
 """
+
+
+@pytest.fixture(params=ff.family_names())
+def parameter_file(request: pytest.FixtureRequest) -> Path:
+    """The parameter file of a family."""
+    return GOLDEN / f"{request.param}.yaml"
+
+
+@pytest.fixture
+def edited(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a changed copy of a parameter file."""
+
+    def make(
+        family: str, change: Callable[[dict[str, Any]], object], name: str = "edited.yaml"
+    ) -> Path:
+        text = (GOLDEN / f"{family}.yaml").read_text(encoding="utf-8")
+        document = copy.deepcopy(yaml.safe_load(text))
+        change(document)
+        path = tmp_path / name
+        path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+        return path
+
+    return make
+
+
+@pytest.fixture(autouse=True)
+def _with_what_a_target_needs(request: pytest.FixtureRequest) -> None:
+    """Skip the exports that compile where there is no compiler."""
+    call = getattr(request.node, "callspec", None)
+    if call is not None and call.params.get("to") == "fmu" and shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
 
 
 def need(*programs: str) -> None:
@@ -106,7 +139,7 @@ Exporter = Callable[[str, Arithmetic], Export]
 
 
 @pytest.fixture(scope="session")
-def export(tmp_path_factory: pytest.TempPathFactory) -> Exporter:
+def as_c(tmp_path_factory: pytest.TempPathFactory) -> Exporter:
     """Write a golden file as C, once for every arithmetic."""
     done: dict[tuple[str, str], Export] = {}
 

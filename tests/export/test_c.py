@@ -13,12 +13,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+import fluidact_fit as ff
 from fluidact_fit.export.c.files import Function
 from fluidact_fit.export.c.fixed import Fixed, fixed
 from fluidact_fit.export.rounding import CALLS
 from fluidact_fit.routines import Machine, Routine
 
-GOLDEN = Path(__file__).parents[1] / "golden" / "0.1.0"
+GOLDEN = Path(__file__).parents[1] / "golden" / ff.__version__
 FAMILIES = sorted(f.stem for f in GOLDEN.glob("*.yaml"))
 STATIC = [f for f in FAMILIES if f not in ("line", "valve")]
 ALL = [(f, "float32") for f in FAMILIES] + [(f, "q15") for f in STATIC]
@@ -28,18 +29,18 @@ Array = npt.NDArray[np.float64]
 
 
 @pytest.mark.parametrize(("family", "arithmetic"), ALL)
-def test_the_self_test_passes(family: str, arithmetic: str, export: Any) -> None:
-    assert export(family, arithmetic).self_test("-O2") == 0
+def test_the_self_test_passes(family: str, arithmetic: str, as_c: Any) -> None:
+    assert as_c(family, arithmetic).self_test("-O2") == 0
 
 
 @pytest.mark.parametrize(("family", "arithmetic"), ALL)
-def test_the_self_test_passes_under_sanitizers(family: str, arithmetic: str, export: Any) -> None:
-    assert export(family, arithmetic).self_test(*SANITIZED) == 0
+def test_the_self_test_passes_under_sanitizers(family: str, arithmetic: str, as_c: Any) -> None:
+    assert as_c(family, arithmetic).self_test(*SANITIZED) == 0
 
 
 @pytest.mark.parametrize(("family", "arithmetic"), ALL)
-def test_the_self_test_passes_on_an_avr(family: str, arithmetic: str, export: Any) -> None:
-    assert "0!" in export(family, arithmetic).self_test_on_avr()
+def test_the_self_test_passes_on_an_avr(family: str, arithmetic: str, as_c: Any) -> None:
+    assert "0!" in as_c(family, arithmetic).self_test_on_avr()
 
 
 @pytest.mark.parametrize(
@@ -58,9 +59,9 @@ def test_the_self_test_passes_on_an_avr(family: str, arithmetic: str, export: An
     ],
 )
 def test_a_corrupted_constant_fails_the_self_test(
-    family: str, arithmetic: str, constant: str, wrong: float, export: Any
+    family: str, arithmetic: str, constant: str, wrong: float, as_c: Any
 ) -> None:
-    made = export(family, arithmetic)
+    made = as_c(family, arithmetic)
     source = made.file(".c").read_text()
     found = re.search(constant, source)
     assert found is not None
@@ -155,9 +156,9 @@ def model(c: Called, rows: Array) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize(("family", "arithmetic"), ALL)
-def test_the_bound_holds_and_is_not_absurd(family: str, arithmetic: str, export: Any) -> None:
+def test_the_bound_holds_and_is_not_absurd(family: str, arithmetic: str, as_c: Any) -> None:
     rng = np.random.default_rng(11)
-    for c in callables(export(family, arithmetic)):
+    for c in callables(as_c(family, arithmetic)):
         count = 2000 if c.routine.keeps else 100_000
         rows = rng.uniform(c.low, c.high, (count, c.low.size))
         edge = rng.uniform(0.0, 1.0, rows.shape)
@@ -174,9 +175,9 @@ def test_the_bound_holds_and_is_not_absurd(family: str, arithmetic: str, export:
 
 @pytest.mark.parametrize(("family", "arithmetic"), ALL)
 def test_what_lies_beyond_a_range_is_clamped_and_flagged(
-    family: str, arithmetic: str, export: Any
+    family: str, arithmetic: str, as_c: Any
 ) -> None:
-    for c in callables(export(family, arithmetic)):
+    for c in callables(as_c(family, arithmetic)):
         if c.routine.keeps:
             continue
         middle = np.round(0.5 * (c.low + c.high))
@@ -198,8 +199,8 @@ def test_what_lies_beyond_a_range_is_clamped_and_flagged(
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_what_is_not_a_number_is_the_lower_end(family: str, export: Any) -> None:
-    for c in callables(export(family, "float32")):
+def test_what_is_not_a_number_is_the_lower_end(family: str, as_c: Any) -> None:
+    for c in callables(as_c(family, "float32")):
         nan = np.full((1, c.low.size), np.nan)
         found, outside = c.call(nan)
         assert found[0] == c.call(c.low[None, :])[0][0]

@@ -17,7 +17,7 @@ from fluidact_fit.export.c.fixed_table import exponent_for, tabulate
 from fluidact_fit.export.target import Job
 from fluidact_fit.routines import Argument, Draft, Routine, choose, exp, log, sqrt
 
-GOLDEN = Path(__file__).parents[1] / "golden" / "0.1.0"
+GOLDEN = Path(__file__).parents[1] / "golden" / ff.__version__
 FAMILIES = sorted(f.stem for f in GOLDEN.glob("*.yaml"))
 
 

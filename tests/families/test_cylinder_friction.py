@@ -150,15 +150,15 @@ def _bound(e: Estimate[FrictionOptions], log: Experiment) -> float:
 
 @pytest.mark.parametrize("colour", [0.0, 0.9])
 def test_interval_holds_the_truth_95_times_in_100(colour: float) -> None:
-    runs = 200
+    runs = 80
     hits = dict.fromkeys(TRUTH, 0)
     for seed in range(1000, 1000 + runs):
         e = fit([record(2 * TWO_SPEEDS, 0.3, seed, colour, "velocity")])
         for name, true in TRUTH.items():
             low, high = e.parameters[name].ci95  # type: ignore[misc]
             hits[name] += low <= true <= high
-    # 1500 runs of each colour gave 0.937 to 0.951; three standard deviations of 200 are 0.046
-    assert min(hits.values()) >= 0.904 * runs, hits
+    # 1500 runs of each colour gave 0.937 to 0.951; three standard deviations of 80 are 0.073
+    assert min(hits.values()) >= 0.877 * runs, hits
 
 
 def by_hand(seed: int, colour: float = 0.0, pace: float = 2.2) -> Experiment:
@@ -180,7 +180,7 @@ def by_hand(seed: int, colour: float = 0.0, pace: float = 2.2) -> Experiment:
 
 @pytest.mark.parametrize(("colour", "filtered"), [(0.0, None), (0.9, None), (0.0, 0.04)])
 def test_fast_strokes_from_position_are_not_flattened(colour: float, filtered: float) -> None:
-    runs = 100
+    runs = 40
     off: dict[str, list[float]] = {n: [] for n in HAND}
     for seed in range(runs):
         e = fit([by_hand(seed, colour)], mass=0.14, filter=filtered)
@@ -188,7 +188,7 @@ def test_fast_strokes_from_position_are_not_flattened(colour: float, filtered: f
             off[name].append((number(e, name) - true) / e.parameters[name].std_error)  # type: ignore[operator]
     for name, z in off.items():
         # the quadratic filter alone put viscous friction 10 standard errors too high
-        assert abs(np.mean(z)) < 0.35, name
+        assert abs(np.mean(z)) < 3.5 / np.sqrt(runs), name
         hits = np.mean(np.abs(z) < 1.97)
         # 600 runs gave 0.95 (white) and 0.92 (coloured)
         assert hits > 0.95 - 4.0 * np.sqrt(0.95 * 0.05 / runs), (name, hits)

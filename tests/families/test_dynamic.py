@@ -163,15 +163,15 @@ def test_claims_match_the_bound() -> None:
 
 
 def test_intervals_hold_the_truth() -> None:
-    """Small version of the study: 40 repetitions, three parameters."""
+    """Small version of the study: 20 repetitions, three parameters."""
     truth = {"gain": 1.0, "time_constant": 0.12, "dead_time": 0.0147}
     hits = []
-    for seed in range(40):
+    for seed in range(20):
         found = fit("line", [line_log(100 + seed)])
         for name, value in truth.items():
             low, high = found.parameters[name].ci95
             hits.append(low <= value <= high)
-    assert np.mean(hits) > 0.95 - 3.0 * np.sqrt(0.05 * 0.95 / 40)
+    assert np.mean(hits) > 0.95 - 3.0 * np.sqrt(0.05 * 0.95 / 20)
 
 
 def test_noise_of_the_load_cell_is_allowed_for() -> None:

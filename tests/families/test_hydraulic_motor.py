@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 import fluidact_fit as ff
+from dataset_fits import fit_dataset
 from fluidact_fit.control import make_block
 from fluidact_fit.demo import load_dataset
 from fluidact_fit.errors import LogError, NotIdentifiedError
@@ -37,10 +38,8 @@ CURVE = {
 }
 
 
-@cache
 def fitted() -> FitResult:
-    dataset = load_dataset("hydraulic-motor")
-    return ff.fit("hydraulic-motor", dataset.read(), **dataset.options)
+    return fit_dataset("hydraulic-motor")
 
 
 def number(result: FitResult, name: str) -> float:

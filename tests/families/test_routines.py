@@ -132,3 +132,19 @@ def test_a_play_and_a_tracked_direction_are_kept_between_calls() -> None:
     np.testing.assert_allclose(down[10:], motor(np.linspace(high, 0.0, 50)[10:], -1), rtol=1e-9)
     machine.reset()
     assert float(machine(command=0.0)[0]) == up[0]
+
+
+@pytest.mark.parametrize(
+    ("family", "ports"),
+    [
+        ("force-map", ("force", "command")),
+        ("cylinder-friction", ("velocity", "force")),
+        ("spring-cylinder", ("command", "force")),
+        ("potentiometer", ("reading", "reference")),
+        ("line", ("inlet", "outlet")),
+    ],
+)
+def test_a_block_says_what_drives_it_and_what_it_gives(family: str, ports: tuple[str, str]) -> None:
+    block = ff.load(GOLDEN / f"{family}.yaml", accept_not_identified=True)
+    assert block.input is not None
+    assert (block.input.role, block.output.role) == ports

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import fluidact_fit as ff
+from dataset_fits import fit_dataset
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families.spring_cylinder.block import SpringCylinderBlock
@@ -31,11 +31,8 @@ TRUTH = {
 small = st.floats(-1e3, 1e3)
 
 
-@cache
 def fitted() -> FitResult:
-    return ff.fit(
-        "spring-cylinder", [ff.read_log(DATA / f"trial{i}.csv", columns=COLUMNS) for i in (1, 2, 3)]
-    )
+    return fit_dataset("spring-cylinder")
 
 
 def test_truth_of_the_dataset() -> None:

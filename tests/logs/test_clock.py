@@ -47,6 +47,8 @@ def stamps(form: str, start: float = 43_200.0, step: float = 0.125, count: int =
         ("Timestamp,p", "2024-05-01T{clock}.{ms}Z,{k}.5"),
         ("Timestamp,p", "2024-05-01T{clock}.{ms}+02:00,{k}.5"),
         ("Zeit;p", "01.05.2024 {clock},{ms};{k},5"),
+        ("Zeit;p", "21.11.26 {clock},{ms};{k},5"),
+        ("time,p", "11/21/26 {civil}.{ms} {half},{k}.5"),
         ("Time;p", "{clock},{ms};{k},5"),
         ("Time;p", "{clock}.{ms};{k}.5"),
         ("Time;p", "{clock}:{ms};{k}.5"),

@@ -93,6 +93,14 @@ def test_thousands_or_decimals_are_asked_for(tmp_path: Path, cells: list[str], s
         assert values.max() < 5.0
 
 
+def test_more_cells_that_tell_otherwise_are_not_overruled(tmp_path: Path) -> None:
+    """Thousands grouped by points, decimal commas, and a few lines with decimal points."""
+    cells = [f"1.{100 + i};48055,0{i:02d}" for i in range(60)]
+    cells[30:33] = ["0.5;48055.000"] * 3
+    with pytest.raises(LogError, match=r"may be 1\.1.. or 11"):
+        read(tmp_path, cells)
+
+
 @pytest.mark.parametrize(
     "cells",
     [
@@ -143,6 +151,80 @@ def test_a_first_row_is_one_of_the_table_whatever_stands_below(
     text = sum(line[0].isalpha() for line in lines[:1])
     assert account.header_lines == text
     assert account.data_rows + len(account.left_out) == len(lines) - text
+
+
+ROWS_OF_THREE = [f"{i}.2\t5.1\t{i}" for i in range(300)]
+
+
+@pytest.mark.parametrize(
+    ("above", "named", "header"),
+    [
+        (["1 2.5 3", "4 5.5 6", "started again", "a\tb\tc"], [1, 2], "abc"),
+        (["1\t2\t3", "a\tb\tc"], [1], "abc"),  # numbers of the columns
+        (["Recorder", "1.5\t2\t3", "7\tx\t5", "started again"], [2, 3], ""),
+        (["a,b,c", "0.1,5,3", "1.1\t5\t3", "a,b,c"], [2, 3], ""),
+        (["Recorder", "0.5\t7\tx\ty\t5"], [2], ""),
+        (["Recorder 3.1", "Rate\t100\tHz", "Gain 1.5 2.5 V", "2020-01-02", "a\tb\tc"], [], "abc"),
+    ],
+)
+def test_what_looks_like_a_row_above_the_table_is_named(
+    tmp_path: Path, above: list[str], named: list[int], header: str
+) -> None:
+    log = read(tmp_path, [*above, *ROWS_OF_THREE])
+    assert log.account.left_out == tuple((line, "above the table") for line in named)
+    assert log.account.header_lines == len(above) - len(named)
+    assert log.rows == 300
+    assert "".join(c.header for c in log.columns) == header
+    assert [n.code for n in log.notices] == ["rows-above-table"] * bool(named)
+    if named and header:
+        assert not read(tmp_path, [*above, *ROWS_OF_THREE], header_row=len(above)).notices
+
+
+@pytest.mark.parametrize("line", ["7.5\t4", "7.5\tx", "7.5\tx\ty", "7\t8\t9\tx", "x\ty\t9"])
+def test_a_damaged_line_below_the_header_is_no_header(tmp_path: Path, line: str) -> None:
+    log = read(tmp_path, ["a\tb\tc", line, *ROWS_OF_THREE])
+    assert "".join(c.header for c in log.columns) == "abc"
+    assert log.account.header_lines == 1
+    assert 2 in {*left_out(log), *log.lines.tolist()}
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["a,b,c", "0.1,5,3", *ROWS_OF_THREE[:4]],
+        ["a b c", "0 3.502,2 3,4", "10"],  # no separator shows: a cell is no row of three
+    ],
+)
+def test_a_log_in_two_forms_is_refused(tmp_path: Path, lines: list[str]) -> None:
+    with pytest.raises(LogError, match=r"line [23]: \d fields? where the table has"):
+        read(tmp_path, lines)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {3: "3.25\t3.5\tnan"},  # text behind the last separator
+        {0: "0.25\t0.5\t1.25\t1.5\t", 5: "5.25\t", 6: "6.25\t"},
+        {0: "\ufeff0.25\t5.5\t"},
+        {0: "0.25\t0.5\t7.5\t", 5: "5.25\t"},
+    ],
+)
+@pytest.mark.parametrize("header", [[], ["a\tb\t"]])
+def test_what_the_quick_reader_may_not_pass_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[int, str], header: list[str]
+) -> None:
+    rows = [f"{i}.25\t{i % 7}.5\t" for i in range(400)]
+    for row, text in change.items():
+        rows[row] = text
+    logs = []
+    for limit in (0, 10**9):
+        monkeypatch.setattr(table_module, "FAST_FROM_BYTES", limit)
+        logs.append(read(tmp_path, [*header, *rows]))
+    quick, careful = logs
+    assert quick.account == careful.account
+    for a, b in zip(quick.columns, careful.columns):
+        np.testing.assert_array_equal(a.values, b.values)
+        assert a.bad == b.bad
 
 
 def test_header_and_rows_as_they_are_said_to_be(tmp_path: Path) -> None:
@@ -209,3 +291,9 @@ def test_both_readers_read_the_same(
     for a, b in zip(quick.columns, careful.columns):
         np.testing.assert_array_equal(a.values, b.values)
         assert a.bad == b.bad
+
+
+def test_rows_of_which_half_are_numbers_are_named(tmp_path: Path) -> None:
+    log = read(tmp_path, ["a;b", "[s];[m]", *(f"{i}.5;10x7" for i in range(9)), "9.5;3"])
+    assert {*left_out(log), *log.lines.tolist()} == {*range(3, 13)}
+    assert [n.code for n in log.notices] == ["rows-above-table"]

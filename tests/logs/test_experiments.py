@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fluidact_fit.errors import LogError, Notice, UnitError, UsageError
-from fluidact_fit.experiment import Experiment
+from fluidact_fit.experiment import Experiment, FloatArray
 from fluidact_fit.family import Role, Variant
 from fluidact_fit.logs import (
     Log,
@@ -435,3 +435,30 @@ def test_describe(tmp_path: Path) -> None:
     assert [c["header"] for c in seen["columns"]] == ["t [ms]", "F [N]", "x"]
     assert seen["columns"][0]["resolution"] == 10
     assert seen["columns"][2]["invalid_cells"] == 0
+
+
+K = np.arange(60)
+EVEN = 0.02 * K
+JITTERED = np.cumsum(10 + 30 * ((7 * K) % 11 == 0))
+BENT = 0.008 * 1.06**K  # grows as time does, and is none
+
+
+@pytest.mark.parametrize(
+    ("header", "first", "found"),
+    [
+        ("", EVEN, True),
+        ("", JITTERED % 1000, True),  # a controller prints whole ms, and starts again
+        ("", BENT, False),
+        ("Zeit,y", EVEN, True),
+        ("time_stamp,y", BENT, True),
+        ("X [s],y", BENT, True),
+        ("deflection,load", EVEN, False),
+        ("reading,reference", JITTERED, False),
+    ],
+)
+def test_what_grows_is_time_only_if_its_name_or_its_steps_say_so(
+    tmp_path: Path, header: str, first: FloatArray, found: bool
+) -> None:
+    rows = "".join(f"{t},{np.sin(k):.4f}\n" for k, t in enumerate(first))
+    seen = describe(read_log(write(tmp_path, f"{header}\n{rows}".lstrip())))
+    assert (seen["time"] is not None) == found

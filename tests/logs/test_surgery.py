@@ -15,6 +15,7 @@ from fluidact_fit.logs import experiments, read_log
 from fluidact_fit.logs.surgery import find_in_name, parse_constant, parse_exclusion
 from fluidact_fit.simulation import recall_columns
 from fluidact_fit_cli.main import run
+from fluidact_fit_cli.options import read_logs
 
 VALVE = get_family("valve").variants[0]
 DATA = Path(__file__).parents[2] / "datasets/valve/trial1.csv"
@@ -96,7 +97,7 @@ def test_templates_need_braces_and_text(template: str) -> None:
 
 def test_exclusions_are_written_as_they_are_given() -> None:
     short = ("run=2", "time=3:3.5", "time=:2", "time=3:", "lines=120:130")
-    for text in (*short, "lines=1234567:1234568", "time=1234.5678:1234.6"):
+    for text in (*short, "lines=1234567:1234568", "time=1234.5678:123456.789012345"):
         assert parse_exclusion(text).text == text
 
 
@@ -147,6 +148,29 @@ def test_two_parts_of_one_file(tmp_path: Path) -> None:
     document = ff.read_document(out)
     assert document.fit.samples + document.validation[0].samples == 1000
     assert document.validation[0].fit_percent > 95.0
+
+
+@pytest.mark.parametrize("window", [(None, 6.0), (1.0, None), (0.1 + 0.2, 7.123456789)])
+def test_the_part_that_was_fitted_is_used_again(window: tuple[float | None, float | None]) -> None:
+    document = ff.fit("valve", read_log(DATA, columns=BOUND, window=window)).document
+    again = recall_columns(document, read_log(DATA))
+    assert again.window == window
+    assert "part-recalled" in [n.code for n in again.notices]
+    assert recall_columns(document, read_log(DATA, window=(6.0, 8.0))).window == (6.0, 8.0)
+    other = read_log(DATA.with_name("trial2.csv"))
+    assert recall_columns(document, other).window is None
+
+
+@pytest.mark.parametrize("spoilt", [6, "6", "a:b", "7:6", "1:2:3", ":", [0.0, 6.0]])
+def test_a_file_with_a_window_that_is_none_is_refused(tmp_path: Path, spoilt: object) -> None:
+    path = tmp_path / "valve.yaml"
+    ff.fit("valve", read_log(DATA, columns=BOUND, window=(None, 6.0))).save(path)
+    raw = yaml.safe_load(path.read_text())
+    assert raw["provenance"]["logs"][0]["details"]["window"] == ":6"
+    raw["provenance"]["logs"][0]["details"]["window"] = spoilt
+    path.write_text(yaml.safe_dump(raw))
+    with pytest.raises(ParameterFileError, match="window"):
+        ff.read_document(path)
 
 
 def test_a_part_that_was_left_out_is_left_out_again(tmp_path: Path) -> None:
@@ -202,6 +226,37 @@ def test_two_logs_of_one_experiment(tmp_path: Path) -> None:
     assert "time-bases" in [n.code for n in notices]
     document = ff.fit("valve", log).document
     assert document.provenance.logs[0].file == "a.csv+b.csv"
+
+
+@pytest.mark.parametrize("pattern", ["a_7V.csv", "b_*", "a_7V.csv+b_*"])
+def test_either_name_of_merged_logs_is_matched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pattern: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("in").mkdir()
+    rows = [f"{0.1 * k:.1f},{k % 3}" for k in range(30)]
+    Path("in/a_7V.csv").write_text("\n".join(["time [s],force [N]", *rows]))
+    Path("in/b_2.csv").write_text("\n".join(["time [s],outlet [bar]", *rows]))
+    params = read_params(set=[f"{pattern}:inlet=3 bar"], exclude=[f"{pattern}:time=1.05:"])
+    params["from_name"] = {"command": "a_{V}V"}
+    merged = f"{tmp_path / 'in/a_7V.csv'}+in/b_2.csv"
+    (log,) = read_logs([merged], {**params, "logs": [merged]})
+    assert log.name == "a_7V.csv+b_2.csv"
+    assert {role: step.start for role, step in log.steps.items()} == {"inlet": 3.0, "command": 7.0}
+    assert [x.text for x in log.exclude] == ["time=1.05:"]
+    Path("in/c+b_2.csv").write_text(Path("in/b_2.csv").read_text())  # one log with such a name
+    with pytest.raises(UsageError, match="not given"):
+        read_logs(
+            ["in/c+b_2.csv"], {**params, "set": ["b_2.csv:inlet=3"], "logs": ["in/c+b_2.csv"]}
+        )
+
+
+def read_params(**given: object) -> dict[str, object]:
+    """The options that read a log, as the command line holds them."""
+    usual = {"sample_time": None, "window": None, "exclude": [], "set": [], "from_name": {}}
+    signs = dict.fromkeys(("decimal", "thousands", "delimiter", "skip_rows", "header_row"))
+    by_role = {name: {} for name in ("column", "unit", "scale", "step", "hold")}
+    return {**usual, **signs, **by_role, **given}
 
 
 def test_logs_of_two_experiments_are_not_merged(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from fluidact_fit.parameters import (
     save_document,
     write_atomically,
 )
+from fluidact_fit.parameters.atomic import write_together
 
 
 def test_writes_text_and_bytes(tmp_path):
@@ -119,6 +120,27 @@ def test_modes(tmp_path):
     path.chmod(0o604)
     write_atomically(path, "y", overwrite=True)
     assert stat.S_IMODE(path.stat().st_mode) == 0o604
+
+
+def test_several_files_are_written_all_or_none(tmp_path):
+    new, old, link = tmp_path / "new", tmp_path / "old", tmp_path / "link"
+    old.write_text("before")
+    link.symlink_to("target")
+    (tmp_path / "folder").mkdir()
+    contents = {str(p): "x" for p in (new, old, link, tmp_path / "folder")}
+    with pytest.raises(OutputError, match="directory"):
+        write_together(contents, overwrite=True)
+    assert sorted(p.name for p in tmp_path.iterdir() if p.name != "target") == [
+        "folder", "link", "old",
+    ]  # fmt: skip
+    assert old.read_text() == "before"
+    del contents[str(tmp_path / "folder")]
+    with pytest.raises(OutputError, match="exists already"):
+        write_together(contents)
+    assert not new.exists()
+    assert write_together(contents, overwrite=True) == [new, old, link]
+    assert {p.read_text() for p in (new, old, link)} == {"x"}
+    assert link.is_symlink()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="POSIX links and devices")

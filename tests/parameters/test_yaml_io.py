@@ -55,7 +55,7 @@ def same(a: Any, b: Any) -> bool:
     return a == b and (not isinstance(a, float) or math.copysign(1, a) == math.copysign(1, b))
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(trees)
 @example({"a": {"b": [[]], "c": {}, "d": [{}, [], [[1.0], []]]}})
 @example({"x": "\x7f\x85\u2028\ufeff\ufffe\U0010ffff\U0001f600é"})
@@ -135,7 +135,7 @@ def test_layout(document, lookup):
 
 
 @settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
     value=st.floats(1e-12, 1e300),

@@ -355,6 +355,7 @@ def test_numbers_as_people_read_them() -> None:
     assert percent(100.0) == "100.00 %"
     assert percent(99.999999) == "99.999999 %"
     assert percent(None) == "–"
+    assert percent(-1e30) == "below −1000 %"
     assert pretty_unit("kg m2") == "kg·m²"
     assert pretty_unit("N s/m") == "N·s/m"
     assert pretty_unit("1") == ""

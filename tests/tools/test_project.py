@@ -61,7 +61,19 @@ def test_tools_of_developers_are_pinned() -> None:
     assert wanted == {*pins}
     assert all(re.fullmatch(r"[0-9][0-9a-z.]*", version) for version in pins.values())
     environments, unpinned = MAKEFILE.count("--group "), 1  # test-matrix takes the newest
-    assert MAKEFILE.count("tools/locked.py >") == environments - unpinned == 2
+    pinned = sum(MAKEFILE.count(f"tools/{name}.py >") for name in ("locked", "oldest"))
+    assert pinned == environments - unpinned == 2
+
+
+def test_oldest_environment_pins_extras_too_and_nothing_twice(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    oldest.main()
+    pins = capsys.readouterr().out.split()
+    names = [normal(oldest.name_of(pin))[0] for pin in pins]
+    assert len(set(names)) == len(names)
+    extras = PROJECT["project"]["optional-dependencies"].values()
+    assert {p.replace(">=", "==") for e in extras for p in e} <= {*pins}
 
 
 def test_help_names_every_target() -> None:

@@ -64,9 +64,11 @@ def command(params_file: str, logs: tuple[str, ...], as_json: bool, **params: An
 
 
 def _show(found: Check) -> None:
+    from fluidact_fit.outcome import percent_text
+
     head = ["log", "fit", "rmse", "limit", "unit", ""]
     rows = [
-        [log.file, f"{log.fit_percent:.2f} %", f"{log.rmse:.4g}", f"{log.limit:.4g}", log.unit,
+        [log.file, percent_text(log.fit_percent), f"{log.rmse:.4g}", f"{log.limit:.4g}", log.unit,
          "" if log.within else "TOO LARGE"]
         for log in found.logs
     ]  # fmt: skip
@@ -80,6 +82,8 @@ def _show(found: Check) -> None:
 
 
 def _drift_row(drift: Drift) -> list[str]:
+    from fluidact_fit.outcome import percent_text
+
     return [
         drift.name,
         format_number(drift.before, drift.combined_error),
@@ -87,6 +91,6 @@ def _drift_row(drift: Drift) -> list[str]:
         f"± {format_spread(drift.combined_error)}",
         drift.unit,
         f"{drift.sigmas:.1f} std errors",
-        "" if drift.percent is None else f"{drift.percent:+.2f} %",
+        "" if drift.percent is None else percent_text(drift.percent, "+.2f"),
         "MOVED" if drift.moved else "",
     ]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..loop import simulate_closed_loop
 from ..options import (
     FORCE,
     READING,
@@ -16,6 +17,7 @@ from ..options import (
     assignment,
     check_names,
     check_role_names,
+    json_option,
     parsed,
     read_logs,
 )
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
     from fluidact_fit.parameters import ParameterDocument
 
 _OF_STEPS = ("unit", "sample_time")  # what --input takes of the options that read a log
+_LOOP = "Closed loop"
+_OF_LOOPS = ("reference", "draws", "seed", "accept_not_identified", "plot", "as_json")
 
 
 @click.command(
@@ -35,7 +39,7 @@ _OF_STEPS = ("unit", "sample_time")  # what --input takes of the options that re
     cls=Command,
     params=[
         click.Argument(["params_file"], metavar="PARAMS"),
-        click.Argument(["logs"], metavar="[LOG...]", nargs=-1),
+        click.Argument(["logs"], metavar="[LOG...|PARAMS...]", nargs=-1),
         Option(["--output", "-o"], metavar="FILE.csv", group="Output",
                help="CSV file; without it the table goes to standard output."),
         FORCE,
@@ -43,7 +47,21 @@ _OF_STEPS = ("unit", "sample_time")  # what --input takes of the options that re
                    "An input that steps from FROM to TO (in its --unit, or SI) at T seconds.",
                    "Instead of a log"),
         parsed("--duration", "SECONDS", "2", parse_positive,
-               "How long to simulate (with --sample-time).", "Instead of a log"),
+               "How long to simulate (with --sample-time, or --controller).", "Instead of a log"),
+        Option(["--controller"], metavar="FILE", group=_LOOP,
+               help="A controller file: the machine of all PARAMS in closed loop."),
+        Option(["--reference"], metavar="KIND|FILE.csv", group=_LOOP,
+               help="step, triangle, sine, ramp-insertion (sizes in the controller file), or a "
+               "CSV with the columns time and reference."),
+        Option(["--draws"], type=click.IntRange(0, 10_000), metavar="N", group=_LOOP,
+               help="Simulate N machines drawn from the covariances as well."),
+        Option(["--seed"], type=click.IntRange(min=0), metavar="N", group=_LOOP,
+               help="Seed of the draws (default 0)."),
+        Option(["--accept-not-identified"], is_flag=True, group=_LOOP,
+               help="Use parameters that the data could not determine, at the values of the file."),
+        Option(["--plot"], metavar="FILE", group=_LOOP,
+               help="Picture of the response (png, pdf, svg)."),
+        json_option("Metrics of the closed loop"),
         *READING,
         *VERBOSITY,
     ],
@@ -59,11 +77,20 @@ def command(
     the model starts from rest, with the file's offset. A column `used` is 0 for samples that the
     model does not claim to describe, where there are any.
 
+    With --controller, several PARAMS make one machine, for example a ball screw and a hydrostatic
+    line, which follows a --reference in closed loop; metrics and margins are printed, and -o takes
+    the trajectories. With --draws the machine varies as its parameters are uncertain, and the
+    controller does not.
+
     \b
     Examples:
       fluidact-fit simulate valve.yaml trial1.csv -o simulated.csv
       fluidact-fit simulate valve.yaml --input command=0:2@0.1 --duration 1 --sample-time 0.001
+      fluidact-fit simulate screw.yaml line.yaml --controller pd.yaml --reference step --draws 100
     """
+    if params["controller"] is not None:
+        simulate_closed_loop([params_file, *logs], output, force, params)
+        return
     from fluidact_fit.control import read_document
     from fluidact_fit.simulation import to_csv, variant_of
 
@@ -86,12 +113,14 @@ def command(
 
 def _show(runs: Sequence[Simulation], output: str | None) -> None:
     """Agreement with each log, on standard error: the table may stand on standard output."""
+    from fluidact_fit.outcome import percent_text
+
     for run in runs:
         if run.agreement.samples:
             left = f", {run.left_out} samples left out" if run.left_out else ""
             tell(
                 f"{run.experiment.name}: rmse {run.rmse:.6g}, fit "
-                f"{run.agreement.fit_percent:.2f} %{left}"
+                f"{percent_text(run.agreement.fit_percent)}{left}"
             )
     if output is not None:
         echo(f"written to {output}")
@@ -99,6 +128,10 @@ def _show(runs: Sequence[Simulation], output: str | None) -> None:
 
 def _check_source(logs: Sequence[str], params: Mapping[str, Any]) -> None:
     """Either a log, or everything that replaces one."""
+    for name in _OF_LOOPS:
+        if params[name]:
+            option = "--json" if name == "as_json" else f"--{name.replace('_', '-')}"
+            raise click.UsageError(f"{option} is about a closed loop: give --controller as well.")
     example = "for example --input command=0:2@0.1 --duration 1 --sample-time 0.001"
     if logs and (params["input"] or params["duration"] is not None):
         raise click.UsageError(

@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.uncertainty import Whiteness, whiteness
 from ..notices import is_information
-from ..outcome import Agreement, Simulation
+from ..outcome import Agreement, Simulation, percent_text
 
 
 def residual_whiteness(fitted: Sequence[Simulation], unknowns: int) -> Whiteness:
@@ -27,11 +27,12 @@ def judge(
     reasons: list[Notice] = []
     structured = white is not None and white.p_value < 1e-3
     ratio = residual_to_noise or 0.0
+    missed = 100.0 - overall.fit_percent
     if ratio > 3.0 and structured and overall.fit_percent < 99.0:
         reasons.append(
             Notice(
                 "residuals-autocorrelated",
-                f"the model misses the output by {100.0 - overall.fit_percent:.1f} % of what it "
+                f"the model misses the output by {percent_text(missed, '.1f')} of what it "
                 f"moves (RMS), {ratio:.0f} times its noise, and not at random: the machine, a "
                 "sensor or a given number does something that the model does not. No interval "
                 "covers that. Look at the picture (--plot): a slow trend is a drift, peaks at "
@@ -42,7 +43,7 @@ def judge(
         reasons.append(
             Notice(
                 "poor-fit",
-                f"the model misses the output by {100.0 - overall.fit_percent:.0f} % of what it "
+                f"the model misses the output by {percent_text(missed, '.0f')} of what it "
                 "moves (RMS). "
                 "Check the columns, units and signs, or whether this family describes the machine.",
             )
@@ -52,7 +53,7 @@ def judge(
         reasons.append(
             Notice(
                 "weak-fit",
-                f"the model misses the output by {100.0 - overall.fit_percent:.0f} % of what it "
+                f"the model misses the output by {percent_text(missed, '.0f')} of what it "
                 "moves (RMS); look at the picture (--plot) before using the numbers.",
             )
         )

@@ -44,7 +44,10 @@ class Search:
                 errors = self._errors(command)
                 score = self.task.score(errors)
                 return Trial(waveform, shape, command, output, errors, score)
-            share = self.task.limits.travel / float(np.ptp(output))
+            moved = float(np.ptp(output))
+            if not moved > 0.0:
+                break  # it rests outside the stroke, and does so however small the shape is
+            share = self.task.limits.travel / moved
             waveform = waveform.shrink(min(max(share, 0.4), 0.85))
         nothing = np.full(len(self.task.unknowns), np.inf)
         return Trial(waveform, shape, command, output, nothing, np.inf)
@@ -102,9 +105,10 @@ class Search:
         u = rest + (high - rest) * np.maximum(shape, 0.0) + (rest - low) * np.minimum(shape, 0.0)
         most = None if limits.rate is None else limits.rate * limits.sample_time
         if self.task.drive.hold != "zoh":
-            # the steepest point of a Hann window is twice its mean
-            width = int(np.ceil(2.0 * float(np.ptp(u)) / most)) if most else RISE
-            u = smooth_corners(u, max(RISE, width))
+            # The steepest point of a Hann window is twice its mean; one as long as the run is as
+            # smooth as can be, and the slope is limited below.
+            width = min(2.0 * float(np.ptp(u)) / most, u.size) if most else RISE
+            u = smooth_corners(u, max(RISE, int(np.ceil(width))))
         return u if most is None else limit_slope(u, most)
 
     def _simulate(self, command: FloatArray) -> FloatArray:

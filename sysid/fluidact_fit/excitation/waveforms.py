@@ -19,6 +19,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import convolve
 
 from ..experiment import FloatArray
 
@@ -263,7 +264,8 @@ def smooth_corners(values: FloatArray, width: int) -> FloatArray:
         return values
     window = np.hanning(width + 2)[1:-1]
     padded = np.pad(values, width, mode="edge")
-    return np.convolve(padded, window / window.sum(), mode="same")[width:-width]
+    smooth = convolve(padded, window / window.sum(), mode="same")
+    return np.asarray(smooth[width:-width], dtype=np.float64)
 
 
 def limit_slope(values: FloatArray, most: float) -> FloatArray:

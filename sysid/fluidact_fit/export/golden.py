@@ -47,7 +47,8 @@ def golden(
     count
         Number of calls.
     rounded
-        To the numbers that the target's arithmetic holds, so that both get the same arguments.
+        Turns values ``(n,)`` into what the target's arithmetic holds, so that both get the
+        same arguments.
     """
     rng = np.random.default_rng(_SEED)
     columns = []

@@ -151,8 +151,8 @@ def _filter(s: Filter, drive: Range) -> Range:
     terms = len(output) + 5
     step = states + np.abs(change) @ states + reach
     local = terms * UNIT * step + (np.abs(soon) + np.abs(late)) * noise
-    error = through @ local + terms * UNIT * (output @ states)
-    most = float(output @ states)
+    most = float(output @ states) + abs(s.direct) * largest
+    error = through @ local + terms * UNIT * most + abs(s.direct) * noise
     return Range(np.array([-most]), np.array([most]), np.array([error]))
 
 

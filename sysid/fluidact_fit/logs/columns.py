@@ -18,6 +18,7 @@ TIME = Role("time", "s", "instants of the samples")
 # Time is the one role with a symbol that is in general use as a header.
 _SYNONYMS = {"time": ("t",)}
 _NUMBER = re.compile("#[0-9]{1,9}")
+_TIME_NAME = re.compile("time|zeit|temps|tiempo|stamp|clock|elapsed|seconds|millis|micros", re.I)
 
 
 @dataclass(frozen=True)
@@ -198,19 +199,36 @@ def bind_role(log: Log, role: Role) -> Binding | None:
 
 
 def time_candidate(log: Log) -> Binding | None:
-    """Return the time column: named, in a unit of time, or the first that only grows."""
+    """Return the time column: named, in a unit of time, or the first that grows as time does."""
     binding = bind_role(log, TIME)
     if binding is not None:
         return binding
     for column in log.columns:
         timed = column.unit is not None and same_dimension(column.unit, "s")
-        steps = np.diff(column.values)
-        grows = column.unit is None and steps.size > 2 and float(np.mean(steps > 0)) > 0.7
+        grows = column.unit is None and _grows_as_time(column)
         if (timed or grows) and np.isfinite(column.values).all():
             unit = column.unit or "s"
             to_si = conversion_factor(unit, "s")
             return Binding(TIME, column, unit, 1.0, to_si, assumed=column.unit is None)
     return None
+
+
+def _grows_as_time(column: Column) -> bool:
+    """Whether a column without a unit grows, and is called so or stamped as clocks stamp.
+
+    A calibration grows as well, as evenly as it was loaded; its name tells, if it has one.
+    """
+    steps = np.diff(column.values)
+    if steps.size < 3 or float(np.mean(steps > 0)) <= 0.7:
+        return False
+    if column.header:
+        return _TIME_NAME.search(column.header) is not None
+    steps = steps[steps > 0]
+    usual = float(np.median(steps))
+    even = float(np.mean(np.abs(steps - usual) <= 0.1 * usual)) > 0.5
+    # a controller prints the first column in whole ms, as its cycles come
+    counted = column.index == 1 and bool(np.all(column.values == np.round(column.values)))
+    return even or counted
 
 
 def _needs_column(log: Log, role: Role) -> bool:

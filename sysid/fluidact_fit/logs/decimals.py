@@ -6,9 +6,10 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 
 from ..errors import LogError
-from .layout import Cut
+from .layout import NUMBER, Cut
 
 _GROUPED = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}$") for sign in ".,"}
+_SURE = 1000  # cells that tell; no more are looked at
 _BLANK = re.compile(r"[+-]?[1-9]\d{0,2}([ \u00a0\u202f]\d{3})+$")
 
 
@@ -18,8 +19,9 @@ def refuse_ambiguous(
     """Refuse a sign that may stand before decimals or between thousands.
 
     ``3,502`` is 3.502 or 3502. One cell tells for the whole log: ``0,5`` and ``12,25`` hold
-    decimals. Where commas separate the columns a point is a decimal point. Lines of the
-    ``sample`` are looked at first, ``every`` line of the file where they do not tell.
+    decimals, unless more of them say the same of the other sign. Where commas separate the columns
+    a point is a decimal point. Lines of the ``sample`` are looked at first, ``every`` line of the
+    file where they do not tell.
 
     Raises
     ------
@@ -34,18 +36,24 @@ def refuse_ambiguous(
 
 
 def _doubtful(lines: Iterable[str], cut: Cut, name: str) -> str | None:
-    """A cell that can be read in two ways; ``None`` where another tells which it is."""
+    """A cell that can be read in two ways; ``None`` where others tell which it is."""
     found: str | None = None
+    told = 0  # cells with decimals, less those with decimals behind the other sign
+    other = "," if cut.decimal == "." else "."
     for line in lines:
         for cell in cut.split(line):
-            if cut.delimiter != " " and _BLANK.match(cell):
+            if told <= 0 and cut.delimiter != " " and _BLANK.match(cell):
                 raise _refusal(cell, re.sub(r"\D", "", cell), "' '", cut, name, blank=True)
-            if cut.decimal not in cell or not cut.is_number(cell):
-                continue
-            if not _GROUPED[cut.decimal].match(cell):
-                return None
-            found = found or cell
-    return found
+            if other in cell and other != cut.delimiter:
+                told -= bool(NUMBER[other].match(cell) and not _GROUPED[other].match(cell))
+            elif cut.decimal in cell and cut.is_number(cell):
+                if _GROUPED[cut.decimal].match(cell):
+                    found = found or cell
+                else:
+                    told += 1
+        if told >= _SURE:
+            return None
+    return found if told <= 0 else None
 
 
 def _refusal(
@@ -59,8 +67,8 @@ def _refusal(
             remedy="Give --thousands ' ' if it separates thousands, or --delimiter.",
         )
     return LogError(
-        f"'{cell}' may be {cell.replace(cut.decimal, '.')} or {whole}, and no cell of the log "
-        "tells which.",
+        f"'{cell}' may be {cell.replace(cut.decimal, '.')} or {whole}, and the other cells of "
+        "the log do not tell which.",
         where=name,
         expected=f"Expected one number with other than three digits behind the {sign}, such as "
         f"0{cut.decimal}5, to show that it stands before decimals.",

@@ -69,7 +69,7 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
     details: dict[str, Any] = {}
     if len(experiments) > 1:
         details["runs"] = len(experiments)
-    if log.window is not None:
+    if log.window_text.strip(":"):
         details["window"] = log.window_text
     if log.exclude:
         details["exclude"] = [x.text for x in log.exclude]

@@ -9,19 +9,20 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from ..errors import LogError
+from ..errors import LogError, Notice
 from ..units import parse_unit_from_header, same_dimension
 from . import controldesk, labview, rigol, serial, twincat
 from .clock import find_clocks, join_fraction
 from .decimals import refuse_ambiguous
-from .header import find_header
+from .header import Header, find_header
 from .layout import NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
+from .log import count_of, name_lines
 from .source import Source
 from .stamps import is_stamp
-from .start import find_start
+from .start import Start, find_start, holds_numbers, looks_like_row
 
 MAX_COLUMNS = 4096
 
@@ -59,15 +60,16 @@ def find_layout(source: Source, written: Written) -> Layout:
         cut = join_fraction(body, _choose_cut(body, hints, written, source.name))
     if written.decimal is None and not cut.thousands:
         refuse_ambiguous(body, source.lines, cut, source.name)
-    start = hints.data_from
-    if start is None or start < skipped:
+    start = None if hints.data_from is None else Start(hints.data_from, ())
+    if start is None or start.first < skipped:
         start = find_start(_hidden(head, skipped), cut, complete)
         if start is None and not complete:
             head = source.lines()
             start = find_start(_hidden(head, skipped), cut, complete=True)
         if start is None:
             raise _no_table(source.name)
-    return _lay_out(_hidden(head, written.skip_rows), body, start, cut, hints, written.header_row)
+    layout = _lay_out(_hidden(head, written.skip_rows), body, start, cut, hints, written.header_row)
+    return replace(layout, notices=(*layout.notices, *_stray_notice(layout, source.name)))
 
 
 def _known_layout(source: Source, written: Written) -> Layout | None:
@@ -230,13 +232,14 @@ def _no_table(name: str) -> LogError:
 def _lay_out(
     lines: Sequence[str],
     body: Sequence[str],
-    start: int,
+    found: Start,
     cut: Cut,
     hints: Hints,
     named: int | None,
 ) -> Layout:
     """Put together what was found: the columns of clock times, names and units among it."""
     clocks = find_clocks([row for line in body if len(row := cut.split(line)) >= cut.width])
+    start, stray = found.first, set(found.stray)
     header = find_header(lines, start, cut, hints, named)
     dates = [k for k in clocks.values() if k is not None]
     if header.row is None and cut.delimiter == " " and dates:
@@ -248,6 +251,11 @@ def _lay_out(
         # What stands above the first whole line is a part of one, and is to be named.
         start = next((i for i in range(start) if lines[i].strip()), start)
         start = max(start, hints.data_from or 0)
+    damaged = _damaged(lines, start, cut, header)
+    if header.row is None:
+        stray |= {i for i in damaged if looks_like_row(lines[i], cut)}
+    else:
+        start = min(damaged, default=start)
     names, units = header.names, header.units
     for k in clocks:
         units[k] = "s"
@@ -263,7 +271,30 @@ def _lay_out(
         units=units,
         again=frozenset(lines[i] for i in (header.row, header.units_row) if i is not None),
         clocks=clocks,
+        stray=tuple(sorted(stray - {header.row, header.units_row})),
     )
+
+
+def _damaged(lines: Sequence[str], start: int, cut: Cut, header: Header) -> list[int]:
+    """Return the lines with numbers right above the table that are not of the header."""
+    found: list[int] = []
+    for index in range(start - 1, -1, -1):
+        if lines[index].strip():
+            if index in header[:2] or not holds_numbers(lines[index], cut):
+                break
+            found.append(index)
+    return found
+
+
+def _stray_notice(layout: Layout, name: str) -> Iterator[Notice]:
+    """Name the lines above the table that look like rows."""
+    if layout.stray:
+        yield Notice(
+            "rows-above-table",
+            f"{name}: {count_of(len(layout.stray), 'line')} above the table with numbers left out "
+            f"({name_lines([i + 1 for i in layout.stray])}). If they are rows, correct them; "
+            "--header-row says where the header is.",
+        )
 
 
 def _is_time(header: str) -> bool:

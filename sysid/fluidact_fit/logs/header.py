@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from ..units import looks_like_unit
 from .layout import Cut, Hints
+from .start import holds_numbers
 
 _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 _BRACKETED = re.compile(r"\[.*\]|\(.*\)")
@@ -28,12 +29,16 @@ class Header(NamedTuple):
 
 @dataclass(frozen=True)
 class _Row:
-    """A line above the table: its index and cells, whether they can be names, or are units."""
+    """A line above the table: its index and cells, whether they can be names, or are units.
+
+    ``is_mixed`` says whether there are numbers among them.
+    """
 
     index: int
     cells: list[str]
     is_header: bool
     are_units: bool
+    is_mixed: bool
 
     @property
     def filled(self) -> int:
@@ -57,7 +62,7 @@ def find_header(
     if hints.data_from is not None or not above:
         return nothing
     rows = [_look_at(i, lines[i], cut) for i in above]
-    names, units = _pair(rows, cut) or (rows[0], None)
+    names, units = _pair(rows, cut) or (_below_damage(rows), None)
     if not names.is_header and units is None:
         return nothing
     said = names.cells
@@ -70,19 +75,26 @@ def find_header(
     return Header(names.index, units.index, said, [_clean_unit(cell) for cell in units.cells])
 
 
+def _below_damage(rows: Sequence[_Row]) -> _Row:
+    """Return the row right above the table, or the header above damaged rows."""
+    whole = next((row for row in rows if not row.is_mixed), rows[0])
+    return whole if whole.is_header else rows[0]
+
+
 def _look_at(index: int, line: str, cut: Cut) -> _Row:
-    named = header_cells(line, cut)
+    named, mixed = header_cells(line, cut), holds_numbers(line, cut)
     if named is not None:
-        return _Row(index, named, True, _are_units(named, 0.5))
+        # No column is called by a number, but the unit of the first may be 1.
+        return _Row(index, named, not cut.is_number(named[0]), _are_units(named, 0.5), mixed)
     cells: list[str] = []
     for text in (line, _COMMENT.sub("", line)):
         cells = cut.split(text)
         if cut.delimiter != " " and 0 < len(cells) < cut.width and _are_units(cells, 1.0):
             # Empty cells at the end were not written.
-            return _Row(index, cells + [""] * (cut.width - len(cells)), False, True)
+            return _Row(index, cells + [""] * (cut.width - len(cells)), False, True, mixed)
     while len(cells) > cut.width and not cells[-1]:
         cells.pop()
-    return _Row(index, cells if len(cells) == cut.width else [], False, False)
+    return _Row(index, cells if len(cells) == cut.width else [], False, False, mixed)
 
 
 def _pair(rows: Sequence[_Row], cut: Cut) -> tuple[_Row, _Row] | None:

@@ -135,7 +135,8 @@ class Layout(Cut):
     Rows are indices of lines, from 0, ``None`` when absent; ``headers`` and ``units`` have one
     entry per column, empty text when absent. ``again`` are the lines of both, which loggers
     repeat where they start again. ``skipped`` has the lines, from 1, that are no data, each with
-    the reason, and ``notices`` what was noticed.
+    the reason, and ``notices`` what was noticed. ``stray`` are the indices of lines above the table
+    that look like rows.
 
     ``clocks`` are the indices of the columns of clock times, each with that of the column of its
     dates. With ``groups`` the columns have time bases of their own: headers and units are then
@@ -153,6 +154,7 @@ class Layout(Cut):
     groups: tuple[Group, ...] = ()
     skipped: Mapping[int, str] = field(default_factory=dict)
     notices: tuple[Notice, ...] = ()
+    stray: tuple[int, ...] = ()
 
     @property
     def needed(self) -> int:

@@ -101,8 +101,7 @@ class Exclusion:
         """As it is given: ``time=3:3.5``."""
         if self.kind == "run":
             return f"run={self.low:.0f}"
-        ends = ("" if math.isinf(x) else f"{x:.15g}" for x in (self.low, self.high))
-        return f"{self.kind}={':'.join(ends)}"
+        return f"{self.kind}={_ends(self.low, self.high)}"
 
 
 @dataclass(frozen=True)
@@ -181,11 +180,17 @@ class Log:
     @property
     def window_text(self) -> str:
         """The window as on the command line: ``2:`` from 2 s on."""
-        return ":".join("" if end is None else f"{end:g}" for end in self.window or ())
+        return _ends(*(self.window or ()))
 
     def where(self, row: int) -> str:
         """Return where a row stands, for messages: ``pot.csv, line 214``."""
         return f"{self.name}, line {int(self.lines[row])}"
+
+
+def _ends(*ends: float | None) -> str:
+    """Ends of a part, to the last digit; one that is open is empty."""
+    known = (math.inf if x is None else float(x) for x in ends)
+    return ":".join(repr(x).removesuffix(".0") if math.isfinite(x) else "" for x in known)
 
 
 def name_lines(lines: Sequence[int] | IntArray, shown: int = 4) -> str:

@@ -17,7 +17,7 @@ from .dialect import find_layout
 from .layout import Layout, Written
 from .log import Account, Column, Dialect, Log, StepInput, check_hold
 from .merging import merged
-from .source import Source, make_source, name_of, read_bytes
+from .source import Source, files_of, make_source, name_of, read_bytes
 from .surgery import parse_exclusion, with_constants, without
 from .table import Table, read_table
 
@@ -113,9 +113,8 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
     if not isinstance(path, str | os.PathLike):
         return log_of(path)
     place = Path(path)
-    several = str(path).split("+")
-    if len(several) > 1 and not place.exists() and all(Path(p).is_file() for p in several):
-        return merged([_read(p, written) for p in several])
+    if len(files := files_of(place)) > 1:
+        return merged([_read(file, written) for file in files])
     raw, sha256 = read_bytes(place)
     found = read_binary(raw, name_of(place))
     if found is not None:
@@ -210,7 +209,8 @@ def _account(source: Source, layout: Layout, table: Table) -> Account:
             expected="This is a bug of the reader.",
             remedy="Report it with the log, and give --delimiter and --header-row meanwhile.",
         )
-    return Account(total, above, rows, blank, table.left_out)
+    stray = [(i + 1, "above the table") for i in layout.stray]
+    return Account(total, above - len(stray), rows, blank, (*stray, *table.left_out))
 
 
 def _count_blank(source: Source, above: int) -> int:

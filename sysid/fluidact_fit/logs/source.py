@@ -53,6 +53,13 @@ def name_of(path: Path) -> str:
     return "standard input" if str(path) == "-" else path.name
 
 
+def files_of(path: Path) -> list[Path]:
+    """The files of a log: itself, or those of ``a.csv+b.csv``."""
+    several = [Path(part) for part in str(path).split("+")]
+    merged = len(several) > 1 and not path.exists() and all(p.is_file() for p in several)
+    return several if merged else [path]
+
+
 def make_source(path: Path, raw: bytes, sha256: str) -> Source:
     """Turn the bytes of a text file into UTF-8 with plain line ends; ``LogError`` if not text."""
     name = name_of(path)

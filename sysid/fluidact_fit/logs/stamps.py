@@ -6,10 +6,12 @@ import re
 from datetime import date
 from typing import NamedTuple
 
+# Two digits of a year stand before a time of day; alone they may be a time (12.10.45).
+_YEAR = r"\d{4}|\d\d(?=\s+\d+:)"
 _DATE = (
     r"(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})"
-    r"|(?P<dd>\d{1,2})\.(?P<dm>\d{1,2})\.(?P<dy>\d{4})"
-    r"|(?P<a>\d{1,2})[/-](?P<b>\d{1,2})[/-](?P<c>\d{4})"
+    rf"|(?P<dd>\d{{1,2}})\.(?P<dm>\d{{1,2}})\.(?P<dy>{_YEAR})"
+    rf"|(?P<a>\d{{1,2}})[/-](?P<b>\d{{1,2}})[/-](?P<c>{_YEAR})"
 )
 _CLOCK = (
     r"(?P<hour>\d{1,3}):(?P<minute>\d\d)(?::(?P<second>\d\d)(?:[.,:](?P<part>\d+))?)?"
@@ -54,13 +56,13 @@ def read_stamp(text: str) -> Stamp | None:
     found = _STAMP.fullmatch(text)
     if found is None:
         return None
-    slashed = None if found["a"] is None else (int(found["a"]), int(found["b"]), int(found["c"]))
+    slashed = None if found["a"] is None else (int(found["a"]), int(found["b"]), _year(found["c"]))
     day = None
     try:
         if found["y"] is not None:
             day = date(int(found["y"]), int(found["m"]), int(found["d"])).toordinal()
         elif found["dy"] is not None:
-            day = date(int(found["dy"]), int(found["dm"]), int(found["dd"])).toordinal()
+            day = date(_year(found["dy"]), int(found["dm"]), int(found["dd"])).toordinal()
     except ValueError:
         return None
     dated = day is not None or slashed is not None
@@ -76,6 +78,10 @@ def read_stamp(text: str) -> Stamp | None:
     part = int((found["part"] or "0")[:9].ljust(9, "0"))
     time = ((hour * 60 + minute) * 60 + second) * SECOND + part
     return Stamp(day, time - _offset(found["zone"]), slashed)
+
+
+def _year(digits: str) -> int:
+    return int(digits) + (2000 if len(digits) == 2 else 0)
 
 
 def _offset(zone: str | None) -> int:

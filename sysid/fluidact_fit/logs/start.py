@@ -1,125 +1,114 @@
-"""Where the table of a log begins: below a preamble, and above every row.
+"""Where the table of a log begins, and which lines above it look as if they were rows.
 
-A preamble may hold numbers, and a table damaged lines. What looks like a row is believed to be
-one wherever it stands; rows are not given up because a line between them is damaged.
+Lines come in blocks: numbers here, text there. The table begins with the first block that can
+hardly be of a preamble; what looks like a row above that is named, for somebody to judge.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from enum import Enum
+from typing import NamedTuple
 
 from .layout import Cut
 
 # Numbers and signs that separate them, whichever: a row that lost its separators.
 _NUMBERS = re.compile(r"(?=.*\d)[\d\s.,;|+\-eE]+")
-_DATE = re.compile(r"\d+-\d+-\d+")
+_DATE = re.compile(r"\s*\d+-\d+-\d+\s*")
 _ENOUGH = 3  # rows one below the other that no preamble holds by accident
 
 
-class _Kind(Enum):
-    ROW = 1  # as many cells as a row, all of them numbers
-    DAMAGED = 2  # numbers, but too few cells, too many, or text among them
-    BLANK = 3
-    TEXT = 4
+class Start(NamedTuple):
+    """Index of the first line of the table, and those of lines above that look like rows."""
+
+    first: int
+    stray: tuple[int, ...]
 
 
-def find_start(lines: Sequence[str], cut: Cut, complete: bool) -> int | None:
-    """Return the index of the line where the table begins, ``None`` without one.
+class _Block(NamedTuple):
+    """Indices of consecutive lines with numbers: all, rows, and those of nothing but numbers."""
+
+    lines: list[int]
+    rows: list[int]
+    plain: list[int]
+
+
+def find_start(lines: Sequence[str], cut: Cut, complete: bool) -> Start | None:
+    """Return where the table begins, ``None`` without one.
 
     ``complete`` says whether the lines are all there are.
     """
-    main = _longest_run(lines, cut, complete)
-    if main is None:
-        return None
-    kinds = [_kind(line, cut) for line in lines[:main]]
-    return _take_in_damaged(lines, kinds, _first_row(lines, kinds, main, cut), cut)
-
-
-def _longest_run(lines: Sequence[str], cut: Cut, complete: bool) -> int | None:
-    """Return the first line of the first run of rows that is not tiny beside the longest one."""
     # "key value" looks like half a row of two, so two columns have to be numbers both, unless
     # that finds nothing (a date beside a number).
     for needed in (0.5,) if cut.width > 2 else (1.0, 0.5):
-        runs: list[list[int]] = []  # first line and number of rows
-        in_run = False
-        for index, line in enumerate(lines):
-            if not line.strip():
-                continue
-            is_row = cut.is_row(line, needed)
-            if is_row and in_run:
-                runs[-1][1] += 1
-            elif is_row:
-                runs.append([index, 1])
-            in_run = is_row
-        if runs and (complete or in_run or sum(runs[-1]) >= len(lines) - 50):
-            longest = max(length for _, length in runs)
-            return next(i for i, length in runs if length >= max(1, min(50, 0.2 * longest)))
+        blocks = _blocks(lines, cut, needed)
+        if any(b.rows for b in blocks) and (complete or blocks[-1].lines[-1] >= len(lines) - 50):
+            return _choose(lines, blocks, cut)
     return None
 
 
-def _kind(line: str, cut: Cut) -> _Kind:
-    """What a line above the table is."""
-    if not line.strip():
-        return _Kind.BLANK
-    if cut.is_row(line, 1.0):
-        return _Kind.ROW
+def _blocks(lines: Sequence[str], cut: Cut, needed: float) -> list[_Block]:
+    """Return the blocks; rows have at least the ``needed`` share of numbers."""
+    blocks: list[_Block] = []
+    inside = False
+    for index, line in enumerate(lines):
+        if not line.strip():
+            continue
+        is_row, plain = cut.is_row(line, needed), _is_plain(line, cut)
+        if (is_row or plain) and not inside:
+            blocks.append(_Block([], [], []))
+        inside = is_row or plain or (inside and holds_numbers(line, cut))
+        if inside:
+            block = blocks[-1]
+            block.lines.append(index)
+            block.rows.extend([index] * is_row)
+            block.plain.extend([index] * plain)
+    return blocks
+
+
+def _is_plain(line: str, cut: Cut) -> bool:
+    """Whether a line holds nothing but numbers, or dates where a row may."""
+    return cut.is_row(line, 1.0) or bool(_NUMBERS.fullmatch(line) and not _DATE.fullmatch(line))
+
+
+def holds_numbers(line: str, cut: Cut) -> bool:
+    """Whether half of the cells of a line are numbers, or one where it is as wide as a row."""
     cells = cut.split(line)
-    as_wide = len(cells) in (cut.width, cut.width + 1)
-    numbers = sum(map(cut.is_value if as_wide else cut.is_number, cells))
-    if (numbers and as_wide) or 2 * numbers > len(cells) or _NUMBERS.fullmatch(line):
-        return _Kind.DAMAGED
-    return _Kind.TEXT
+    wide = _is_wide(cells, cut) and any(map(cut.is_value, cells))
+    return wide or 0 < 2 * sum(map(cut.is_number, cells)) >= len(cells)
+
+
+def looks_like_row(line: str, cut: Cut) -> bool:
+    """Whether a line begins with a number, as those of a preamble do not, or holds mostly such."""
+    cells = cut.split(line)
+    values = list(map(cut.is_value, cells))
+    return values[:1] == [True] or (_is_wide(cells, cut) and 2 * sum(values) > len(cells))
+
+
+def _is_wide(cells: Sequence[str], cut: Cut) -> bool:
+    return len(cells) in (cut.width, cut.width + 1)
+
+
+def _choose(lines: Sequence[str], blocks: Sequence[_Block], cut: Cut) -> Start:
+    """Begin with the first block that is no preamble, and name the lines of those above it.
+
+    That is one of several rows, one below a line that names the columns, and one at the top of the
+    file, unless names stand below it: numbers above the names count the columns.
+    """
+    enough = min(_ENOUGH, 0.2 * max(len(b.rows) for b in blocks))
+    stray: list[int] = []
+    for block in blocks:
+        above = next((s for s in reversed(lines[: block.lines[0]]) if s.strip()), "")
+        below = next((s for s in lines[block.lines[-1] + 1 :] if s.strip()), "")
+        at_top = not above and cut.width > 2 and not _names_columns(below, cut)
+        certain = block.plain and (at_top or _names_columns(above, cut))
+        if block.rows and (certain or len(block.rows) >= enough):
+            return Start(block.lines[0], tuple(stray))
+        stray += [i for i in block.lines if block.plain and i >= block.plain[0]]
+    raise AssertionError("the longest block is one of several rows")
 
 
 def _names_columns(line: str, cut: Cut) -> bool:
-    """Whether a line of text has as many cells as a row."""
-    return len(cut.split(line)) in (cut.width, cut.width + 1)
-
-
-def _first_row(lines: Sequence[str], kinds: Sequence[_Kind], start: int, cut: Cut) -> int:
-    """Return the first row that belongs to the table that has a row at ``start``.
-
-    Rows above belong to it where only damaged or empty lines lie between, where a header stands
-    right above them, and where there are so many that they are no accident: a log that starts
-    again, with its header or without.
-    """
-    first, run, broken = start, 0, False
-    for index in range(start - 1, -1, -1):
-        kind = kinds[index]
-        if kind is _Kind.ROW:
-            run += 1
-            if not broken or run >= _ENOUGH:
-                first, broken = index, False
-            continue
-        if kind is _Kind.TEXT:
-            if run and _names_columns(lines[index], cut):
-                first = index + 1
-            broken = True
-        run = 0
-    if run and cut.width > 2 and not _names_columns(lines[run], cut):
-        return 0  # the very first lines; numbers above the names count columns
-    return first
-
-
-def _take_in_damaged(lines: Sequence[str], kinds: Sequence[_Kind], start: int, cut: Cut) -> int:
-    """Return the start after giving back damaged rows that look like a header or a preamble.
-
-    A line with numbers in it, below one that names the columns or at the top of the file, is a
-    row: its text has to be named, not swallowed. So are several, whatever stands above them.
-    """
-    first = start
-    for index in range(start - 1, -1, -1):
-        if kinds[index] not in (_Kind.DAMAGED, _Kind.ROW):
-            named = kinds[index] is _Kind.TEXT and _names_columns(lines[index], cut)
-            return first if named or start - first >= _ENOUGH else start
-        cells = cut.split(lines[index])
-        numbers = sum(map(cut.is_value, cells))
-        plain = _NUMBERS.fullmatch(lines[index]) and not _DATE.fullmatch(lines[index].strip())
-        if index == 0 and (plain or 2 * numbers > len(cells)):
-            return 0
-        first = index
-        if numbers == len(cells) > 1:
-            start = index  # no preamble holds several numbers and nothing else
-    return first if start - first >= _ENOUGH else start
+    """Whether a line without numbers has as many cells as a row."""
+    cells = cut.split(line)
+    return _is_wide(cells, cut) and not any(map(cut.is_value, cells))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
+from codecs import BOM_UTF8
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -26,6 +27,7 @@ from .source import Source
 FAST_FROM_BYTES = 6_000_000
 MAX_BAD_KEPT = 5000
 RAGGED_SHARE = 0.01
+_SEPARATED = re.compile(r"(?<=\S)[\s,;|]+(?=\S)")
 RAGGED_SHARE_SERIAL = 0.5
 
 
@@ -74,6 +76,8 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         return None
     while end > offset and data[end - 1] in b"\n\t ":
         end -= 1
+    if data.startswith(BOM_UTF8, offset):
+        return None  # pandas would read on behind it
     if data.find(b'"', offset) >= 0 or layout.hints.session_mark:
         return None
     rows = data.count(b"\n", offset, end) + 1
@@ -90,6 +94,8 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         cells = layout.lead + layout.width + layout.trailing
         if found != rows * (cells - 1) - missing:
             return None
+        if rows > 1 and data.count(sign, offset, data.find(b"\n", offset)) != cells - 1:
+            return None  # pandas would take the first of too many cells for names of the rows
     if data[end:] not in (b"", b"\n"):
         data = data[:end]
     columns = _parse_with_pandas(data, offset, layout)
@@ -101,6 +107,8 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         return None
     lines = np.arange(layout.first_row + 1, layout.first_row + 1 + rows, dtype=np.int64)
     bad = _collect_bad(columns, data, offset, layout)
+    if bad is None:
+        return None
     return Table(tuple(columns), bad, lines, (), layout.notices, rows)
 
 
@@ -127,6 +135,8 @@ def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatAr
             )
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError):
         return None
+    if layout.trailing and frame[width - 1].notna().any():
+        return None  # something stands behind the last separator
     columns: list[FloatArray] = []
     for index in range(layout.lead, layout.lead + layout.width):
         series = frame[index]
@@ -143,12 +153,16 @@ def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatAr
 
 def _collect_bad(
     columns: Sequence[FloatArray], data: bytes, offset: int, layout: Layout
-) -> tuple[dict[int, str], ...]:
-    """Fetch the text of cells that are not numbers."""
+) -> tuple[dict[int, str], ...] | None:
+    """Fetch the text of cells that are not numbers; ``None`` where a line ends before the last."""
     rows = [np.flatnonzero(np.isnan(column))[:MAX_BAD_KEPT] for column in columns]
     if not any(r.size for r in rows):
         return tuple({} for _ in columns)
     lines = data[offset:].split(b"\n")
+    if layout.delimiter != " ":
+        sign, needed = layout.delimiter.encode(), layout.lead + layout.width - 1
+        if any(lines[row].count(sign) < needed for row in np.flatnonzero(np.isnan(columns[-1]))):
+            return None
     return tuple(
         {int(row): layout.split(lines[row].decode(errors="replace"))[index] for row in found}
         for index, found in enumerate(rows)
@@ -270,6 +284,8 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
         fields = line.split(delimiter) if simple else layout.split(line)
         while len(fields) > width and not fields[-1].strip():
             fields.pop()  # a separator too many at the end of the line
+        if width == 1 and _SEPARATED.search(line) and not layout.is_value(fields[0]):
+            fields = _SEPARATED.split(line)  # no separator of one column is known
         filled = complete(fields, layout) if layout.groups else fields
         if filled is not None and len(filled) == width:
             rows.append(filled)

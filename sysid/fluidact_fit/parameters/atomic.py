@@ -8,7 +8,7 @@ import re
 import secrets
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO
 
@@ -70,6 +70,51 @@ def write_atomically(
     except (OSError, ValueError) as error:
         raise _explained(where, error) from error
     return Path(path)
+
+
+def write_together(contents: Mapping[str, str | bytes], *, overwrite: bool = False) -> list[Path]:
+    """Write several files, each whole; when one cannot be, all are as they were before.
+
+    Parameters
+    ----------
+    contents
+        Where to write what, as in :func:`write_atomically`.
+    overwrite
+        Whether existing files may be replaced.
+
+    Returns
+    -------
+    list of Path
+        The files, in the order given.
+
+    Raises
+    ------
+    OutputError
+        When a file exists and may not be replaced, or cannot be written.
+    """
+    written: list[tuple[str, bool, bytes | None]] = []
+    try:
+        for path in map(os.fspath, contents):
+            existed, before = os.path.lexists(path), _present(path)
+            write_atomically(path, contents[path], overwrite=overwrite)
+            written.append((path, existed, before))
+    except BaseException:
+        for path, existed, before in reversed(written):
+            with contextlib.suppress(OSError, OutputError):
+                if before is not None:
+                    write_atomically(path, before, overwrite=True)
+                elif not existed:
+                    os.unlink(path)
+        raise
+    return [Path(path) for path, *_ in written]
+
+
+def _present(path: str) -> bytes | None:
+    """Content of a file; ``None`` where there is none that could be read."""
+    try:
+        return Path(path).read_bytes() if os.path.isfile(path) else None
+    except (OSError, ValueError):
+        return None
 
 
 def names_directory(path: str) -> bool:

@@ -65,6 +65,7 @@ Free = dict[str, Any]  # numbers, text and lists of them; what they mean is up t
 Count = Annotated[int, Field(ge=0)]
 _REAL = r"[-+]?[0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?"
 _EXCLUDED = rf"^(run=[0-9]+|lines=[0-9]+(:[0-9]+)?|time=({_REAL})?:({_REAL})?)$"  # of a log
+_WINDOW = rf"^({_REAL}:({_REAL})?|:{_REAL})$"  # seconds that were used
 _IN_NAME = r"^([^{}]+\{[^{}]*\}[^{}]*|\{[^{}]*\}[^{}]+)$"  # text around {UNIT}
 Percent = Annotated[Number, Field(le=100.0)]
 Verdict = Literal["pass", "warn", "fail"]
@@ -327,6 +328,15 @@ class _KnownLogDetails(BaseModel):
     model_config = ConfigDict(strict=True)
 
     exclude: list[Annotated[str, Field(pattern=_EXCLUDED, max_length=100)]] = []
+    window: Annotated[str, Field(pattern=_WINDOW, max_length=100)] | None = None
+
+    @field_validator("window")
+    @classmethod
+    def _starts_first(cls, window: str | None) -> str | None:
+        low, _, high = (window or "").partition(":")
+        if low and high and float(low) >= float(high):
+            raise ValueError(f"the window '{window}' is empty")
+        return window
 
 
 class LogSource(Part):

@@ -264,9 +264,11 @@ def _possible_units(
 def _check_units(document: dict[str, Any], variant: Variant, problems: Problems) -> None:
     """Check what is given per role, and the units of everything else."""
     accepted = {role.name: (role.unit, *role.alternatives) for role in variant.roles}
-    for place, _ in find_entries(document, "validity", "*"):
-        if place[-1] not in accepted and not problems.many:
-            message = f"is not a role of the family{suggest(str(place[-1]), accepted)}"
+    columns = find_entries(document, "provenance", "logs", "*", "columns", "*")
+    for place, _ in chain(find_entries(document, "validity", "*"), columns):
+        known_roles = accepted if place[0] == "validity" else {**accepted, "time": ("s",)}
+        if place[-1] not in known_roles and not problems.many:
+            message = f"is not a role of the family{suggest(str(place[-1]), known_roles)}"
             problems.add(place, message)
     for place, unit in find_entries(document, "validity", "*", "unit"):
         known = accepted.get(str(place[1]), ())

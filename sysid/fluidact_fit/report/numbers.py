@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ..outcome import percent_text
+
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 # SI unit: (smallest typical size, factor, name), the largest that fits first
@@ -103,6 +105,8 @@ def percent(value: float | None) -> str:
     if value is None:
         return "–"
     decimals = 2
+    if value < 0.0:
+        return _minus(percent_text(value))
     while decimals < 8 and value < 100.0 <= round(value, decimals):
         decimals += 1
     return _minus(f"{value:.{decimals}f}") + " %"

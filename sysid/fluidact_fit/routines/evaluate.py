@@ -78,7 +78,7 @@ class Machine:
     def _step(self, f: Filter, drive: float) -> float:
         x, line = self.memory[f.name]
         line.append(drive)
-        y = float(np.array(f.output) @ x)
+        y = float(np.array(f.output) @ x) + f.direct * drive
         late, soon = line.pop(0), line[0]
         x += np.array(f.change) @ x + np.array(f.late) * late + np.array(f.soon) * soon
         return y

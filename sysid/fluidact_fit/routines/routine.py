@@ -100,7 +100,8 @@ class Solve:
 class Filter:
     """A linear difference equation in state space, its output under a name.
 
-        y[k] = output @ x[k],   x[k+1] = x[k] + change @ x[k] + late u[k-delay-1] + soon u[k-delay]
+        y[k] = output @ x[k] + direct u[k]
+        x[k+1] = x[k] + change @ x[k] + late u[k-delay-1] + soon u[k-delay]
 
     with ``change = A - 1`` so that an integrator stays one in any arithmetic. Before the first
     call everything is zero. Shapes are ``(n, n)``, ``(n,)``, ``(n,)`` and ``(n,)``.
@@ -113,6 +114,7 @@ class Filter:
     output: tuple[float, ...]
     delay: int
     drive: Expression
+    direct: float = 0.0
 
 
 @dataclass(frozen=True)

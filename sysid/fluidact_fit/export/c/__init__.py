@@ -21,6 +21,6 @@ def write(job: Job) -> Mapping[str, bytes]:
         return fixed_files.write(job)
     functions = [Function.of(r, job.name) for r in job.block.routines()]
     parts = {"h": header, "c": source}
-    files = {f"{job.name}.{end}": make(job, functions) for end, make in parts.items()}
-    files[f"{job.name}_selftest.c"] = self_test(job, functions)
+    files = {f"{job.file}.{end}": make(job, functions) for end, make in parts.items()}
+    files[f"{job.file}_selftest.c"] = self_test(job, functions)
     return {name: text.encode("ascii") for name, text in files.items()}

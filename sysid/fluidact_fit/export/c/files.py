@@ -97,7 +97,7 @@ def _macros(job: Job) -> list[str]:
 
 def source(job: Job, functions: Sequence[Function]) -> str:
     """``NAME.c``: the functions and their tables."""
-    lines = [f'#include "{job.name}.h"', "", "#include <math.h>", "", *_macros(job)]
+    lines = [f'#include "{job.file}.h"', "", "#include <math.h>", "", *_macros(job)]
     for name, relation in (("min", "<"), ("max", ">")):
         if any(uses(f.routine, name) for f in functions):
             lines += [
@@ -115,7 +115,7 @@ def self_test(job: Job, functions: Sequence[Function]) -> str:
     lines = [
         *comment([f"{job.name}: golden vectors of the Python model. main returns 0 when all hold,",
                   "otherwise the number of the function that failed."]),
-        f'#include "{job.name}.h"', "", "#include <math.h>", "", *_macros(job),
+        f'#include "{job.file}.h"', "", "#include <math.h>", "", *_macros(job),
     ]  # fmt: skip
     for number, f in enumerate(functions, start=1):
         lines += _test_of(job, f, number)

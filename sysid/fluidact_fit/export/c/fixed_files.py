@@ -38,9 +38,9 @@ def write(job: Job) -> Mapping[str, bytes]:
             remedy="Export it with --arithmetic float32.",
         )
     files = {
-        f"{job.name}.h": _header(job, functions, omitted),
-        f"{job.name}.c": _source(job, functions),
-        f"{job.name}_selftest.c": _self_test(job, functions),
+        f"{job.file}.h": _header(job, functions, omitted),
+        f"{job.file}.c": _source(job, functions),
+        f"{job.file}_selftest.c": _self_test(job, functions),
     }
     return {name: "\n".join([*lines, ""]).encode("ascii") for name, lines in files.items()}
 
@@ -122,7 +122,7 @@ def _macros(job: Job) -> list[str]:
 
 def _source(job: Job, functions: Sequence[Fixed]) -> list[str]:
     lines = [
-        f'#include "{job.name}.h"', "",
+        f'#include "{job.file}.h"', "",
         "#if (-3 >> 1) != -2",
         "#error a shift of a negative number to the right has to keep its sign",
         "#endif", "",
@@ -196,7 +196,7 @@ def _self_test(job: Job, functions: Sequence[Fixed]) -> list[str]:
     lines = [
         *comment([f"{job.name}: golden vectors of the Python model. main returns 0 when all hold,",
                   "otherwise the number of the function that failed."]),
-        f'#include "{job.name}.h"', "", *_macros(job),
+        f'#include "{job.file}.h"', "", *_macros(job),
     ]  # fmt: skip
     for number, f in enumerate(functions, start=1):
         lines += _test_of(job, f, number)

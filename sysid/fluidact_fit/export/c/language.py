@@ -212,17 +212,21 @@ class Writer:
         real, n, literal = self.precision.type, len(s.output), self.precision.literal
         x = f"state->{s.name}"
         sums = [f"{literal(c)} * {x}[{k}]" for k, c in enumerate(s.output) if c != 0.0]
-        lines = [f"const {real} {s.name} = {' + '.join(sums) or literal(0.0)};"]
+        sums += [f"{literal(s.direct)} * {s.name}_drive"] if s.direct else []
+        lines = [
+            f"const {real} {s.name}_drive = {self.expression(s.drive)};",
+            f"const {real} {s.name} = {' + '.join(sums) or literal(0.0)};",
+        ]
         moves = []
         for k in range(n):
             terms = [f"{literal(c)} * {x}[{j}]" for j, c in enumerate(s.change[k]) if c != 0.0]
-            terms += [f"{literal(s.late[k])} * late"] if s.late[k] != 0.0 else []
+            terms += [f"{literal(s.late[k])} * {s.name}_late"] if s.late[k] != 0.0 else []
             terms += [f"{literal(s.soon[k])} * soon"] if s.soon[k] != 0.0 else []
             moves.append(f"const {real} move_{k} = {' + '.join(terms) or literal(0.0)};")
         if any(s.late):
-            lines.append(f"const {real} late = {x}_line[state->{s.name}_at];")
+            lines.append(f"const {real} {s.name}_late = {x}_line[state->{s.name}_at];")
         lines += [
-            f"{x}_line[state->{s.name}_at] = {self.expression(s.drive)};",
+            f"{x}_line[state->{s.name}_at] = {s.name}_drive;",
             f"state->{s.name}_at = (state->{s.name}_at + 1) % {s.delay + 1};",
             "{",
             f"    const {real} soon = {x}_line[state->{s.name}_at];"

@@ -9,7 +9,7 @@ from math import copysign, inf, log1p
 import numpy as np
 import numpy.typing as npt
 
-from ...block import SteppedBlock
+from ...block import DryDrive, DryDriveBlock, Port
 from ...estimation.friction_law import FrictionLaw
 from ...estimation.inputs import make_signal
 from ...experiment import Experiment, FloatArray, Hold
@@ -19,7 +19,7 @@ from .model import BREAKAWAY, DriveModel, axis_of
 from .stick_slip import phi_real
 
 
-class DriveBlock(SteppedBlock):
+class DriveBlock(DryDriveBlock):
     """A mass or inertia with viscous and dry friction.
 
     ``J v' = tau - b v - F_k(sign v)`` while it moves; it rests while the input stays
@@ -51,6 +51,16 @@ class DriveBlock(SteppedBlock):
         """Friction in motion, which can be known without the static levels."""
         known = [n for n in self.parameters if n not in BREAKAWAY.values()]
         return FrictionLaw.of(scalars({n: self.parameters[n] for n in known}))
+
+    def dry_drive(self) -> DryDrive:
+        """Return inertia and friction as plain numbers."""
+        law, name = self._law, axis_of(self.variant).inertia
+        return DryDrive(
+            self.inertia, Port(name, self.document.parameters[name].unit),
+            (law.viscous_negative, law.viscous_positive),
+            (law.coulomb_negative, law.coulomb_positive),
+            (law.breakaway_negative, law.breakaway_positive),
+        )  # fmt: skip
 
     def reset(self, *, output: float | None = None, velocity: float = 0.0) -> None:
         """Put the drive at a position [unit of the output], at rest or moving."""
@@ -194,14 +204,14 @@ class DriveBlock(SteppedBlock):
         if signal.time.size == 1:
             return np.array([place])
         run = Experiment("record", 0, signal.time, {role.name: signal}, 0.0, False)
-        return place + self._follow(run, velocity)
+        return place + self._follow(run, velocity, logged=False)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Position from the input of an experiment, from rest; see :meth:`.Block.predict`."""
-        return self._follow(experiment, 0.0)
+        return self._follow(experiment, 0.0, logged=True)
 
-    def _follow(self, experiment: Experiment, velocity: float) -> FloatArray:
-        model = DriveModel([experiment], axis_of(self.variant))
+    def _follow(self, experiment: Experiment, velocity: float, *, logged: bool) -> FloatArray:
+        model = DriveModel([experiment], axis_of(self.variant), logged=logged)
         return np.real(model.columns(0, {**self.numbers(), "initial_speed[0]": velocity}).known)
 
 

@@ -92,15 +92,18 @@ class DriveModel:
 
     Static levels enter as ``excess_* = breakaway_* - coulomb_* >= 0`` unless a
     ``breakaway_*`` value is given. ``initial_speed[i]`` is a nuisance value of the runs
-    that do not start at rest.
+    that do not start at rest. ``logged`` says that a logger recorded the drive, which may have
+    lost rows; a drive that somebody chose has all of them, however uneven.
     """
 
     def __init__(
-        self, experiments: Sequence[Experiment], axis: Axis, compared: Compared | None = None
-    ) -> None:
+        self, experiments: Sequence[Experiment], axis: Axis, compared: Compared | None = None,
+        *, logged: bool = True,
+    ) -> None:  # fmt: skip
         self.axis, self.compared = axis, compared or Compared()
         self.times = [e.time for e in experiments]
-        self.drives = [fill_lost_rows(e.signals[axis.drive]) for e in experiments]
+        drives = [e.signals[axis.drive] for e in experiments]
+        self.drives = [fill_lost_rows(s) for s in drives] if logged else drives
         self.inputs = [_on_samples(s, t) for s, t in zip(self.drives, self.times)]
         motions = [e.signals[axis.motion] for e in experiments if axis.motion in e]
         self.measured = [self.compared.reduce(s.values) for s in motions]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...block import Block
+from ...block import Block, Port
 from ...errors import UsageError
 from ...experiment import Experiment, FloatArray
 from ...family import Curve
@@ -47,6 +47,11 @@ class ForceMapBlock(Block):
         self.inputs = self.options.names
         self.target = self.options.target
         self.activation = self.options.activation
+
+    @property
+    def input(self) -> Port:
+        """What the output has to rise with: the force for a command, the command for a force."""
+        return Port(self.options.driver, self._unit(self.options.driver))
 
     @cached_property
     def _map(self) -> NetworkMap:

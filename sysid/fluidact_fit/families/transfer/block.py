@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ...block import SteppedBlock
+from ...block import LinearBlock, LinearModel
+from ...errors import UsageError
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, make_signal, piecewise
 from ...estimation.linear import forced_response
 from ...experiment import Experiment, FloatArray, Hold
@@ -38,7 +40,7 @@ class TransferFunction:
 Coefficients = Callable[[Mapping[str, float]], tuple[list[float], list[float]]]
 
 
-class TransferBlock(SteppedBlock):
+class TransferBlock(LinearBlock):
     """A linear model that steps once per sample, with a dead zone before it where it has one.
 
     The difference equation is the exact sampling of the continuous model for an input that
@@ -73,12 +75,60 @@ class TransferBlock(SteppedBlock):
         """Return the continuous model (without a dead zone, which stands before it)."""
         return self._linear
 
+    def linear_model(self) -> LinearModel:
+        """Return the model in state space, in a time scale of its own."""
+        f = self._linear
+        return LinearModel(*_balanced(f), f.dead_time, self.dead_zone, f.gain)
+
     def difference_equation(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return numerator and denominator of the discrete model, rising powers of ``1/z``."""
         self._need_sample_time("discrete model")
         f = self._linear
         d = discretise(f.numerator, f.denominator, self.sample_time, f.dead_time)
         return tuple(d["numerator"]), tuple(d["denominator"])
+
+    def to_control(self, *, discrete: bool = False, pade: int = 0) -> Any:
+        """Return the model as a transfer function of python-control.
+
+        The dead zone stands before it, as in :meth:`transfer_function`, and is not part of it.
+
+        Parameters
+        ----------
+        discrete
+            The discrete model at :attr:`sample_time`, exact with its dead time.
+        pade
+            Order of the Pade approximation of the dead time, which python-control has no
+            other form of in continuous time.
+
+        Returns
+        -------
+        control.TransferFunction
+            Output per input [unit of the output/unit of the input].
+
+        Raises
+        ------
+        UsageError
+            When python-control is not installed, the file holds no discrete model, or a dead
+            time would be lost.
+        """
+        try:
+            import control
+        except ImportError:
+            raise UsageError(
+                "python-control is not installed.",
+                remedy="Install it with: pip install 'fluidact-fit[control]'",
+            ) from None
+        if discrete:
+            return control.tf(*map(list, self.difference_equation()), self.sample_time)
+        f = self._linear
+        if f.dead_time > 0.0 and pade < 1:
+            raise UsageError(
+                f"python-control has no dead time in continuous time, here {f.dead_time:g} s",
+                remedy="Give pade=3 for an approximation, or discrete=True for the exact discrete "
+                "model.",
+            )
+        delay = control.tf(*control.pade(f.dead_time, pade)) if f.dead_time > 0.0 else 1.0
+        return delay * control.tf(list(f.numerator), list(f.denominator))
 
     def actuate(self, value: float) -> float:
         """Return what reaches the linear model [unit of the input]."""

@@ -70,7 +70,7 @@ def dead_zone_routine(role: str, unit: str, reach: tuple[float, float], edges: E
                  min(reach[0] - low, 0.0), max(reach[1] - high, 0.0), recorded=False)
     )  # fmt: skip
     steep = draft.argument(
-        Argument("steepness", f"1/{unit}", "one over the half-width of the band about zero in "
+        Argument("steepness", f"1/({unit})", "one over the half-width of the band about zero in "
                  "which the jump from edge to edge is a straight line",
                  0.0, 1000.0 / largest, recorded=False)
     )  # fmt: skip

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Collection
 
-from .block import Block
-from .errors import StrictError
-from .families import get_family
-from .parameters import ParameterDocument
-from .parameters import read_document as _read
+from ..block import Block
+from ..errors import StrictError
+from ..families import get_family
+from ..parameters import ParameterDocument
+from ..parameters import read_document as _read
 
 
 def read_document(path: str | os.PathLike[str]) -> ParameterDocument:

@@ -1,0 +1,69 @@
+"""``fluidact-fit check-consumer``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from fluidact_fit.errors import MismatchError
+
+from .. import options
+from ..show import echo, echo_json, echo_table
+
+if TYPE_CHECKING:
+    from fluidact_fit.consumer import Comparison
+
+
+@click.command(
+    "check-consumer",
+    cls=options.Command,
+    params=[
+        click.Argument(["params_file"], metavar="PARAMS"),
+        click.Argument(["consumer"], metavar="CONSUMER"),
+        options.json_option("The comparison"),
+        *options.VERBOSITY,
+    ],
+)
+def command(params_file: str, consumer: str, as_json: bool, quiet: bool, verbose: bool) -> None:
+    """Compare the parameter file PARAMS with the keys that a controller reads.
+
+    \b
+    CONSUMER is
+      - a declaration of generate_parameter_library (.yaml), with the units of its keys in square
+        brackets in the descriptions,
+      - a C or C++ header (.h, .hpp, .c): #define NAME value /* unit */, constants and members
+        of structures with /* [unit] */ behind them, or
+      - a list (.txt, .csv): `name [unit]` or `name,unit` a line.
+
+    Names are compared without regard to case and to the name of the file or family before them.
+    Parameters that the controller ignores, keys that the file lacks and keys in another unit end
+    the command with exit status 5. -v also lists what agrees.
+    """
+    from fluidact_fit.consumer import compare, read_consumer
+    from fluidact_fit.control import load
+
+    block = load(params_file, accept_failed=True, accept_not_identified=True)
+    found = compare(block, read_consumer(consumer), params_file)
+    if as_json:
+        echo_json(found.to_dict())
+    elif not quiet:
+        _show(found, verbose)
+    if not found.agrees:
+        raise MismatchError(
+            "the controller does not read what the file holds.",
+            where=consumer,
+            expected="\n".join(found.reasons),
+            remedy="Correct the list of the controller, or convert where it reads.",
+        )
+
+
+def _show(found: Comparison, verbose: bool) -> None:
+    shown = [row for row in found.rows if verbose or row.finding != "agrees"]
+    head = ["file", "unit", "controller", "its unit", "finding"]
+    rows = [[r.parameter, r.unit, r.consumer, r.consumer_unit, r.finding] for r in shown]
+    if rows:
+        echo_table([head, *rows])
+        echo()
+    count = sum(row.finding == "agrees" for row in found.rows)
+    echo(f"{count} of {len(found.rows)} keys agree")

@@ -1,0 +1,141 @@
+"""Names and units of a controller against those of a parameter file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from difflib import get_close_matches
+from pathlib import PurePath
+from typing import Any, Literal
+
+from ..block import Block
+from ..export.flat import Entry, flatten
+from ..export.target import safe_name
+from ..units import conversion_factor, is_known_unit, normalise_unit, same_dimension
+from .read import Key
+
+Finding = Literal["agrees", "ignored", "lacking", "other unit"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One key of the file, the controller, or both.
+
+    Attributes
+    ----------
+    parameter, consumer
+        Its name there; empty where it is missing.
+    unit, consumer_unit
+        Its unit there; empty where there is none or none is said.
+    finding
+        ``"ignored"`` is a parameter that the controller does not read, ``"lacking"`` a key that
+        the file does not hold.
+    message
+        What is wrong, a whole sentence; empty where nothing is.
+    """
+
+    parameter: str
+    consumer: str
+    unit: str
+    consumer_unit: str
+    finding: Finding
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All keys of a file and a controller."""
+
+    rows: tuple[Row, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the controller reads every parameter, nothing else, and in the same units."""
+        return not self.reasons
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What is wrong, one sentence for each key."""
+        return tuple(row.message for row in self.rows if row.message)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the comparison as plain data."""
+        return {"agrees": self.agrees, "keys": [asdict(row) for row in self.rows]}
+
+
+def compare(block: Block, keys: Sequence[Key], path: str = "") -> Comparison:
+    """Compare the keys that a controller reads with a parameter file.
+
+    A controller has to read every parameter. What the file says besides (model, options,
+    ranges) it may read. Names agree without regard to case, hyphens and dots, and to the
+    name of the file or its family before them.
+
+    Parameters
+    ----------
+    block
+        The parameter file, loaded.
+    keys
+        What the controller reads.
+    path
+        Name of the parameter file.
+    """
+    entries = {_plain(entry.key): entry for entry in flatten(block)}
+    prefixes = [_plain(p) for p in (safe_name(PurePath(path).name), block.family) if p]
+    rows, read = [], set()
+    for key in keys:
+        name = _find(key.name, entries, prefixes)
+        if name is None:
+            rows.append(_lacking(key, entries.values()))
+        else:
+            read.add(name)
+            rows.append(_compare_units(entries[name], key))
+    rows += [
+        _ignored(entry)
+        for name, entry in entries.items()
+        if entry.key == entry.parameter and name not in read
+    ]
+    return Comparison(tuple(rows))
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def _find(name: str, known: Iterable[str], prefixes: Iterable[str]) -> str | None:
+    """Name of the entry that a controller means."""
+    plain = _plain(name)
+    tried = [plain, *(plain.removeprefix(f"{prefix}_") for prefix in prefixes)]
+    tried += [t.removeprefix("parameters_") for t in tried]
+    return next((t for t in tried if t in known), None)
+
+
+def _lacking(key: Key, entries: Iterable[Entry]) -> Row:
+    close = get_close_matches(_plain(key.name), [_plain(e.key) for e in entries], 1)
+    hint = f" Is {close[0]} meant?" if close else ""
+    message = f"{key.name}: the file holds no such key.{hint}"
+    return Row("", key.name, "", key.unit, "lacking", message)
+
+
+def _ignored(entry: Entry) -> Row:
+    message = f"{entry.key}: the controller does not read it."
+    return Row(entry.key, "", entry.unit, "", "ignored", message)
+
+
+def _compare_units(entry: Entry, key: Key) -> Row:
+    """Compare units; a controller that does not name one is taken to read that of the file."""
+    row = Row(entry.key, key.name, entry.unit, key.unit, "agrees")
+    mine, theirs = normalise_unit(entry.unit or "1"), normalise_unit(key.unit)
+    if not key.unit or mine == theirs:
+        return row
+    if not is_known_unit(key.unit):
+        why = f"the controller reads {key.unit!r}, which is not known as a unit"
+    elif not same_dimension(mine, key.unit):
+        why = f"the controller reads {key.unit}, which measures something else"
+    else:
+        factor = conversion_factor(mine, key.unit)
+        if abs(factor - 1.0) < 1e-12:
+            return row
+        why = f"the controller reads {key.unit}: {factor:.6g} times the number in the file"
+    message = f"{entry.key} is in {entry.unit or '1'}; {why}."
+    return Row(entry.key, key.name, entry.unit, key.unit, "other unit", message)

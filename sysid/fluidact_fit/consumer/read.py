@@ -1,0 +1,175 @@
+"""The keys of a controller: from a ROS 2 declaration, a C header or a plain list."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import PurePath
+from typing import Any, NamedTuple
+
+from ..errors import ConsumerError, ParameterFileError
+from ..parameters.yaml_io import parse_yaml
+from ..units import is_unit
+
+_MAX_BYTES = 10_000_000
+_HEADERS = (".h", ".hpp", ".hh", ".c", ".cpp", ".ino")
+_YAML = (".yaml", ".yml")
+
+_BRACKETS = re.compile(r"\[([^\[\]]{0,60})\]")
+_COMMENT = r"(?P<comment>[ \t]*(?:/\*[^\n]*?\*/|//[^\n]*))?"
+_DEFINE = re.compile(
+    r"^[ \t]*#[ \t]*define[ \t]+(?P<name>[A-Za-z_]\w*)[ \t]+"
+    rf"(?P<value>[-+({{.0-9][^\n/]*){_COMMENT}",
+    re.MULTILINE,
+)
+_QUALIFIERS = "static|extern|const|constexpr|volatile|inline"
+_DECLARED = re.compile(
+    rf"(?:^|(?<=[;{{}}/]))[ \t]*(?P<constant>(?:(?:{_QUALIFIERS})[ \t]+)*)"
+    r"(?:float|double|long[ \t]+double|float32_t|float64_t|real_t|int16_t|int32_t|int|uint16_t)"
+    r"(?:[ \t]+const)?[ \t]+(?P<name>[A-Za-z_]\w*)[ \t]*(?:\[[^\]\n]{0,40}\][ \t]*){0,2}"
+    rf"(?:[A-Z]+[ \t]*)?(?P<value>=[^;=]*)?;{_COMMENT}",
+    re.MULTILINE,
+)
+_LISTED = re.compile(
+    r"(?P<name>[A-Za-z_][\w.-]*)\s*(?:\[(?P<unit>[^\]]*)\]|[,;\t](?P<cell>.*))?\s*"
+)
+
+
+class Key(NamedTuple):
+    """A key that a controller reads; ``unit`` is empty where its list does not say."""
+
+    name: str
+    unit: str = ""
+
+
+def read_consumer(path: str | os.PathLike[str]) -> list[Key]:
+    """Read the keys of a controller.
+
+    Parameters
+    ----------
+    path
+        A declaration of generate_parameter_library (``.yaml``), with units in square brackets in
+        the descriptions; a C or C++ header, with units in comments; or a list of ``name [unit]``
+        or ``name,unit``.
+
+    Returns
+    -------
+    list of Key
+        In the order of the file.
+
+    Raises
+    ------
+    ConsumerError
+        When the file cannot be read or holds no keys.
+    """
+    where = os.fspath(path)
+    text, suffix = _text(where), PurePath(where).suffix.lower()
+    if suffix in _YAML:
+        keys = list(_declared(_mapping(text, where)))
+        kind = "keys with a type, as a declaration of generate_parameter_library has them"
+    elif suffix in _HEADERS:
+        keys = list(_header(text))
+        kind = "#define NAME value, constants or members with a [unit] behind them"
+    else:
+        keys = list(_lines(text, where))
+        kind = "name [unit] on each line"
+    if not keys:
+        raise ConsumerError("holds no keys.", where=where, expected=f"Expected {kind}.")
+    return list(dict.fromkeys(keys))
+
+
+def _text(where: str) -> str:
+    try:
+        with open(where, "rb") as file:
+            content = file.read(_MAX_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        raise ConsumerError(
+            f"cannot be read: {reason}.", where=where, remedy="Check the name of the file."
+        ) from None
+    if len(content) > _MAX_BYTES or b"\0" in content:
+        raise ConsumerError(
+            "is binary, or too large for a list of keys.",
+            where=where,
+            remedy="Give the declaration, header or list that the controller is built with.",
+        )
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("cp1252", "replace")
+
+
+# --------------------------------------------------------------------------- ROS 2
+
+
+def _mapping(text: str, where: str) -> Mapping[str, Any]:
+    try:
+        return parse_yaml(text, where).data
+    except ParameterFileError as error:
+        raise ConsumerError(
+            "; ".join(words for _, words in error.problems) + ".",
+            where=error.where,
+            expected="Expected a declaration of generate_parameter_library.",
+        ) from None
+
+
+def _declared(tree: Mapping[str, Any]) -> Iterator[Key]:
+    """Yield the leaves below the namespace: mappings with a type."""
+    for part in tree.values():
+        if isinstance(part, Mapping):
+            yield from _leaves(part, "")
+
+
+def _leaves(tree: Mapping[str, Any], above: str) -> Iterator[Key]:
+    for name, part in tree.items():
+        if not isinstance(part, Mapping):
+            continue
+        if isinstance(part.get("type"), str):
+            units = _BRACKETS.findall(str(part.get("description", "")))
+            yield Key(above + name, units[-1].strip() if units else "")
+        else:
+            yield from _leaves(part, f"{above}{name}.")
+
+
+# ------------------------------------------------------------------------------- C
+
+
+def _header(text: str) -> Iterator[Key]:
+    """Yield constants in the order of the file; members and variables only with a unit."""
+    text = text.replace("\r\n", "\n")
+    found = [(m, True) for m in _DEFINE.finditer(text)]
+    found += [(m, bool(m["constant"] and m["value"])) for m in _DECLARED.finditer(text)]
+    for match, constant in sorted(found, key=lambda pair: pair[0].start()):
+        unit = _unit_of(match["comment"] or "")
+        if constant or unit:
+            yield Key(match["name"], unit)
+
+
+def _unit_of(comment: str) -> str:
+    """Unit in a comment: in square brackets, or all of it."""
+    if units := _BRACKETS.findall(comment):
+        return str(units[0]).strip()
+    words = comment.strip().removeprefix("//").removeprefix("/*").removesuffix("*/").strip()
+    return words if words and is_unit(words) else ""
+
+
+# ---------------------------------------------------------------------------- list
+
+
+def _lines(text: str, where: str) -> Iterator[Key]:
+    for number, line in enumerate(text.splitlines(), 1):
+        line = line.partition("#")[0].strip()
+        if not line:
+            continue
+        match = _LISTED.fullmatch(line)
+        if match is None:
+            raise ConsumerError(
+                f"{line[:60]!r} is not a key.",
+                where=f"{where}, line {number}",
+                expected="Expected name [unit] or name,unit on each line.",
+            )
+        unit = match["unit"] if match["unit"] is not None else match["cell"] or ""
+        key = Key(match["name"], unit.strip().strip('"[]').strip())
+        if (key.name.lower(), key.unit.lower()) not in (("name", "unit"), ("key", "unit")):
+            yield key

@@ -1,0 +1,141 @@
+"""Proportional-derivative position control with compensation of static friction.
+
+    T = K_p e + K_d e' + T_s,    e = r - x                                         (figure 20)
+    T_s = C_s H(v_tol - |x'|)                                                       (17)
+    C_s = C_s+ for e > 0, 0 for e = 0, -C_s- for e < 0                              (18)
+
+The derivative acts on the error; both rates are differences followed by the velocity filter
+(:mod:`..filters`). Kinetic friction is left alone: it damps [1]_.
+
+Gains follow the reasoning of the thesis. With ``M x'' + B x' = K T``, friction compensated,
+
+    X/R = (K_d s + K_p) / (M s^2 + (B + K_d) s + K_p)                               (12)
+    E/R = (M s^2 + B s) / (M s^2 + (B + K_d) s + K_p)                               (13)
+    e_ss = A B / K_p    after a ramp of slope A                                     (15)
+    zeta = (B + K_d) / (2 sqrt(M K_p))                                              (16)
+
+(gains times ``K`` in them): ``K_p`` follows from the error that a ramp may leave or from the
+bandwidth ``sqrt(K_p / M)``, and ``K_d`` from the damping ratio, not below zero. Sampling, hold and
+filter take from the damping what these equations promise; the margins tell how much.
+
+References
+----------
+.. [1] D. B. Comber (thesis, 2013), "Fluid power actuation for MRI-guided interventions",
+   section 4.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf, pi, sqrt
+from typing import Self
+
+from ..filters import Differentiator
+from .base import Controller
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Proportional [command per m or rad] and derivative gain [command s per m or rad]."""
+
+    proportional: float
+    derivative: float
+
+    @classmethod
+    def for_ramp(
+        cls, mass: float, damping: float, leverage: float, *,
+        slope: float, error: float, damping_ratio: float,
+    ) -> Self:  # fmt: skip
+        """Gains that leave ``error`` [m] behind a ramp of ``slope`` [m/s] (equation 15).
+
+        ``mass`` and ``damping`` are those of the plant, ``leverage`` its force per command.
+        """
+        return cls._damped(mass, damping, leverage, slope * damping / error, damping_ratio)
+
+    @classmethod
+    def for_bandwidth(
+        cls, mass: float, damping: float, leverage: float, *,
+        bandwidth: float, damping_ratio: float,
+    ) -> Self:  # fmt: skip
+        """Gains with the natural frequency ``bandwidth`` [Hz] of equation 12."""
+        stiffness = mass * (2.0 * pi * bandwidth) ** 2
+        return cls._damped(mass, damping, leverage, stiffness, damping_ratio)
+
+    @classmethod
+    def with_damping(
+        cls, mass: float, damping: float, leverage: float, *,
+        proportional: float, damping_ratio: float,
+    ) -> Self:  # fmt: skip
+        """A given proportional gain, with the derivative gain of equation 16."""
+        return cls._damped(mass, damping, leverage, proportional * leverage, damping_ratio)
+
+    @classmethod
+    def _damped(
+        cls, mass: float, damping: float, leverage: float, stiffness: float, ratio: float
+    ) -> Self:
+        derivative = max(2.0 * ratio * sqrt(mass * stiffness) - damping, 0.0)
+        return cls(stiffness / leverage, derivative / leverage)
+
+
+@dataclass(frozen=True)
+class StaticFriction:
+    """Levels that are added at rest [command], and the speed below which it is rest [1/s]."""
+
+    positive: float = 0.0
+    negative: float = 0.0
+    tolerance: float = 0.0
+
+    def compensate(self, error: float, speed: float) -> float:
+        """Equations 17 and 18."""
+        if abs(speed) >= self.tolerance or error == 0.0:
+            return 0.0
+        return self.positive if error > 0.0 else -self.negative
+
+
+class PDController(Controller):
+    """The controller of the hydrostatic rig.
+
+    Parameters
+    ----------
+    gains
+    output
+        Role that is measured and controlled.
+    sample_time
+        [s]
+    friction
+        What is added at rest.
+    cutoff
+        Of the velocity filter [Hz].
+    limits
+        Of the command.
+    """
+
+    def __init__(
+        self, gains: Gains, output: str, sample_time: float,
+        friction: StaticFriction = StaticFriction(), *,
+        cutoff: float = 10.0, limits: tuple[float, float] = (-inf, inf),
+    ) -> None:  # fmt: skip
+        super().__init__(sample_time, limits)
+        self.gains, self.output, self.friction = gains, output, friction
+        self.cutoff = cutoff
+        self._error_rate = Differentiator(cutoff, sample_time)
+        self._speed = Differentiator(cutoff, sample_time)
+
+    def reset(self) -> None:
+        """Forget what was measured."""
+        self._error_rate.reset()
+        self._speed.reset()
+
+    def step(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
+        """Return the torque or force for this sample; see :meth:`.Controller.step`."""
+        place = measured[self.output]
+        error = reference - place
+        rate, speed = self._error_rate.step(error), self._speed.step(place)
+        command = self.gains.proportional * error + self.gains.derivative * rate
+        return (self.limit(command + self.friction.compensate(error, speed)),)
+
+    def response(self, z: complex) -> tuple[complex, ...]:
+        """Response of the command to the error."""
+        rate = self._error_rate.response(z)
+        return (self.gains.proportional + self.gains.derivative * rate,)

@@ -1,0 +1,131 @@
+"""The controllers as routines: what ``export`` writes for the machine that runs them.
+
+The same arithmetic as ``step`` of the classes beside, sample by sample.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from ...routines import Argument, Draft, Expression, Filter, Name, Routine, choose, maximum, minimum
+from ...routines.routine import as_matrix
+from ..filters import Butterworth
+from .base import Controller
+from .impedance import ImpedanceController
+from .pd import PDController
+
+_FAR = 10.0  # strokes beyond what the logs covered: nothing that is measured lies there
+
+
+@dataclass(frozen=True)
+class Travel:
+    """Role, unit and range of what is measured and controlled, as the logs covered it."""
+
+    role: str
+    unit: str
+    low: float
+    high: float
+
+    def arguments(self) -> tuple[Argument, Argument]:
+        """Reference and measurement; the ranges only tell what cannot be true."""
+        far = _FAR * (self.high - self.low)
+        low, high = self.low - far, self.high + far
+        return (
+            Argument("reference", self.unit, f"wanted {self.role}", low, high, recorded=False),
+            Argument(self.role, self.unit, f"measured {self.role}", low, high, recorded=False),
+        )
+
+
+def routines_of(controller: Controller, travel: Travel, unit: str) -> tuple[Routine, ...]:
+    """Return what has to be called, in order; ``unit`` is that of the commands.
+
+    Raises
+    ------
+    NotImplementedError
+        For a controller that has no routines.
+    """
+    if isinstance(controller, PDController):
+        return (_pd(controller, travel, unit),)
+    if isinstance(controller, ImpedanceController):
+        force = _force(controller, travel)
+        return (force, *_commands(controller, unit))
+    raise NotImplementedError(f"a {type(controller).__name__} cannot be exported")
+
+
+def _rate(draft: Draft, name: str, value: Expression, low_pass: Butterworth, period: float) -> Name:
+    """Rate of change of a value: difference, then the filter in the form of a state space."""
+    last, begun = draft.state(f"{name}_last"), draft.state(f"{name}_begun")
+    now = draft.let(f"{name}_of", value)
+    before = draft.let(f"{name}_before", choose(begun, ">", 0.5, last, now))
+    change = (now - before) * (1.0 / period)
+    draft.put(last, now)
+    draft.put(begun, 1.0)
+    b, a = np.array(low_pass.numerator), np.array(low_pass.denominator)
+    matrix = np.array([[-a[1], 1.0], [-a[2], 0.0]])  # the transposed direct form
+    return draft.filter(
+        Filter(
+            name, as_matrix(matrix - np.eye(2)), tuple((b[1:] - a[1:] * b[0]).tolist()),
+            (0.0, 0.0), (1.0, 0.0), 0, change, float(b[0]),
+        )
+    )  # fmt: skip
+
+
+def _limited(value: Expression, limits: tuple[float, float]) -> Expression:
+    low, high = limits
+    value = maximum(value, low) if isfinite(low) else value
+    return minimum(value, high) if isfinite(high) else value
+
+
+def _pd(c: PDController, travel: Travel, unit: str) -> Routine:
+    draft = Draft("step", "Command of this sample.", unit, c.sample_time)
+    reference, measured = map(draft.argument, travel.arguments())
+    error = draft.let("error", reference - measured)
+    low_pass = Butterworth(c.cutoff, c.sample_time)
+    rate = _rate(draft, "error_rate", error, low_pass, c.sample_time)
+    command = c.gains.proportional * error + c.gains.derivative * rate
+    f = c.friction
+    if f.tolerance > 0.0 and (f.positive or f.negative):
+        speed = _rate(draft, "speed", measured, low_pass, c.sample_time)
+        push = choose(error, ">", 0.0, f.positive, choose(error, "<", 0.0, -f.negative, 0.0))
+        command = command + choose(abs(speed), "<", f.tolerance, push, 0.0)
+    return draft.returns(_limited(command, c.limits))
+
+
+def _force(c: ImpedanceController, travel: Travel) -> Routine:
+    draft = Draft("force", "Force that is wanted at this sample.", "N", c.sample_time)
+    reference, measured = map(draft.argument, travel.arguments())
+    low_pass = Butterworth(c.cutoff, c.sample_time)
+    speed = _rate(draft, "speed", measured, low_pass, c.sample_time)
+    wanted = _rate(draft, "wanted_speed", reference, low_pass, c.sample_time)
+    z, f = c.impedance, c.friction
+    force = z.stiffness * (reference - measured) + z.damping * (wanted - speed)
+    force = force + f.viscous * speed
+    if f.coulomb_positive or f.coulomb_negative:
+        sign = choose(speed, ">", f.tolerance, f.coulomb_positive,
+                      choose(speed, "<", -f.tolerance, -f.coulomb_negative, 0.0))  # fmt: skip
+        force = force + sign
+    return draft.returns(_limited(force, c.limits))
+
+
+def _commands(c: ImpedanceController, unit: str) -> tuple[Routine, Routine]:
+    """Commands of both valves for a force: equation 22."""
+    p = c.pressures
+    one, two = p.area
+    most = max(p.total, p.atmosphere) * max(one, two)
+    bias = p.total * two + p.atmosphere * (one - two)
+    found = []
+    for chamber in (1, 2):
+        draft = Draft(f"command_{chamber}", f"Command of the valve of chamber {chamber}.", unit)
+        force = draft.argument(
+            Argument("force", "N", "wanted force", -most, most, recorded=False)
+        )  # fmt: skip
+        pressure = draft.let("pressure", (force + bias) * (1.0 / (one + two)))
+        if chamber == 2:
+            pressure = draft.let("other", p.total - pressure)
+        limited = _limited(pressure, p.range)
+        gain, offset = p.gain[chamber - 1], p.offset[chamber - 1]
+        found.append(draft.returns((limited - offset) * (1.0 / gain)))
+    return found[0], found[1]

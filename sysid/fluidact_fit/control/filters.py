@@ -1,0 +1,96 @@
+"""The velocity filter of the rigs: a difference followed by a second-order Butterworth filter.
+
+    H(s) = w_c^2 / (s^2 + sqrt(2) w_c s + w_c^2)
+
+is made discrete by the bilinear transformation, prewarped so that the attenuation at the cut-off
+frequency ``f_c`` is 3 dB to the last digit: with ``K = tan(pi f_c T)``,
+
+    H(z) = b_0 (1 + 2/z + 1/z^2) / (1 + a_1/z + a_2/z^2),     b_0 = K^2 / (1 + sqrt(2) K + K^2).
+
+The thesis names order and cut-off frequency (10 Hz at 100 Hz) and not the way to a difference
+equation [1]_.
+
+References
+----------
+.. [1] D. B. Comber (thesis, 2013), "Fluid power actuation for MRI-guided interventions",
+   section 4.3.
+"""
+
+from __future__ import annotations
+
+from math import pi, sqrt, tan
+
+from ..errors import UsageError
+
+
+class Butterworth:
+    """Low-pass filter of second order with gain 1 at rest.
+
+    Parameters
+    ----------
+    cutoff
+        Frequency at which 3 dB are lost [Hz].
+    sample_time
+        [s]
+
+    Raises
+    ------
+    UsageError
+        When the cut-off frequency is not between 0 and half the sampling frequency.
+    """
+
+    def __init__(self, cutoff: float, sample_time: float) -> None:
+        if not 0.0 < cutoff * sample_time < 0.5:
+            raise UsageError(
+                f"a filter cannot cut off at {cutoff:g} Hz in steps of {sample_time:g} s",
+                expected=f"Expected a frequency between 0 and {0.5 / sample_time:g} Hz, half the "
+                "sampling frequency.",
+            )
+        k = tan(pi * cutoff * sample_time)
+        scale = 1.0 + sqrt(2.0) * k + k * k
+        b = k * k / scale
+        self.numerator = (b, 2.0 * b, b)
+        self.denominator = (1.0, 2.0 * (k * k - 1.0) / scale, (1.0 - sqrt(2.0) * k + k * k) / scale)
+        self.reset()
+
+    def reset(self, value: float = 0.0) -> None:
+        """Be at rest at a value, as if nothing else had ever come in."""
+        b, a = self.numerator, self.denominator
+        self._state = [value * (1.0 - b[0]), value * (b[2] - a[2])]
+
+    def step(self, value: float) -> float:
+        """Take a sample and return the filtered one."""
+        b, a, state = self.numerator, self.denominator, self._state
+        y = b[0] * value + state[0]
+        state[0] = b[1] * value - a[1] * y + state[1]
+        state[1] = b[2] * value - a[2] * y
+        return y
+
+    def response(self, z: complex) -> complex:
+        """Return ``H(z)``."""
+        b, a = self.numerator, self.denominator
+        return (b[0] + (b[1] + b[2] / z) / z) / (a[0] + (a[1] + a[2] / z) / z)
+
+
+class Differentiator:
+    """Rate of change of a signal: difference between samples, then :class:`Butterworth`."""
+
+    def __init__(self, cutoff: float, sample_time: float) -> None:
+        self._filter = Butterworth(cutoff, sample_time)
+        self._sample_time = sample_time
+        self.reset()
+
+    def reset(self) -> None:
+        """Be at rest; the first sample to come sets where."""
+        self._last: float | None = None
+        self._filter.reset()
+
+    def step(self, value: float) -> float:
+        """Take a sample and return the rate at it [per second]."""
+        last = value if self._last is None else self._last
+        self._last = value
+        return self._filter.step((value - last) / self._sample_time)
+
+    def response(self, z: complex) -> complex:
+        """Return the transfer function at ``z`` [1/s]."""
+        return (1.0 - 1.0 / z) / self._sample_time * self._filter.response(z)

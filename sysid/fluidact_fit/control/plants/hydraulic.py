@@ -1,0 +1,151 @@
+"""A double-acting hydraulic cylinder behind a servo valve: pressures, motion, dry friction.
+
+    p1' = beta (Q1(u, p1) - A1 v) / (V1 + A1 y),      p2' = beta (A2 v - Q2(u, p2)) / (V2 - A2 y)
+    M v' = p1 A1 - p2 A2 - F_e - b v - F_c sgn v      while it moves,  v = 0 while it rests
+
+The flows are not linear: a Runge-Kutta scheme of fourth order with fixed steps, in which the
+instant of every stop and break-away is solved for and another step begins. The flows and the
+friction are those of the parameter file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil, pi, sqrt
+
+import numpy as np
+
+from ...block import Port
+from ...errors import UsageError
+from ...estimation.friction_law import FrictionLaw
+from .base import Plant
+
+_State = tuple[float, float, float, float]  # p1, p2, y, v
+_EVENTS = 8  # within a step; a piston that rattles faster rests for what is left of it
+_BISECTIONS = 50
+
+
+@dataclass(frozen=True)
+class HydraulicCylinder:
+    """Areas [m2], volumes at position 0 [m3], mass [kg], bulk modulus and pressures [Pa].
+
+    ``flow(chamber, command, pressure)`` is the flow into chamber 1 or out of chamber 2 [m3/s].
+    """
+
+    area: tuple[float, float]
+    volume: tuple[float, float]
+    mass: float
+    bulk_modulus: float
+    supply: float
+    tank: float
+    friction: FrictionLaw
+    flow: Callable[[int, float, float], float]
+
+    def rest(self) -> tuple[float, float]:
+        """Pressures of a piston at rest, as close to half-way from tank to supply as can be."""
+        one, two = self.area
+        share = 0.5 * (self.supply + self.tank) * (one + two) / (one**2 + two**2)
+        return share * two, share * one
+
+    def step(self, sample_time: float) -> float:
+        """Runge-Kutta step that divides a sample: a fortieth of the oil's own period [s]."""
+        stiffness = sum(a * a / v for a, v in zip(self.area, self.volume)) * self.bulk_modulus
+        period = 2.0 * pi * sqrt(self.mass / stiffness)
+        return sample_time / ceil(40.0 * sample_time / period)
+
+
+class HydraulicPlant(Plant):
+    """Position of a :class:`HydraulicCylinder`; the command is that of its valve [V]."""
+
+    def __init__(self, cylinder: HydraulicCylinder, command: Port, sample_time: float) -> None:
+        self.cylinder, self.sample_time = cylinder, sample_time
+        self.commands, self.controlled = (command,), Port("position", "m")
+        self._step = cylinder.step(sample_time)
+        self.reset()
+
+    def reset(self, output: float = 0.0) -> None:
+        """Be at rest there with the valve closed."""
+        self._state: _State = (*self.cylinder.rest(), output, 0.0)
+        self._way = 0
+
+    def measure(self) -> Mapping[str, float]:
+        """Position, speed and both pressures."""
+        p1, p2, y, v = self._state
+        return {"position": y, "speed": v, "pressure_1": p1, "pressure_2": p2}
+
+    def advance(self, command: Sequence[float]) -> None:
+        """Hold the command for one sample."""
+        for _ in range(round(self.sample_time / self._step)):
+            rest = self._step
+            for _ in range(_EVENTS):
+                rest = self._follow(command[0], rest)
+                if rest <= 0.0:
+                    break
+            else:
+                self._way = 0
+                self._state = self._integrate((*self._state[:3], 0.0), command[0], rest, 0)
+        if min(self._volumes(self._state)) <= 0.0:
+            raise UsageError(
+                f"the piston is at {self._state[2]:.4g} m, beyond where a chamber holds oil",
+                remedy="Choose a smaller reference or smaller gains, or limit the command.",
+            )
+
+    def _volumes(self, state: _State) -> tuple[float, float]:
+        c = self.cylinder
+        return c.volume[0] + c.area[0] * state[2], c.volume[1] - c.area[1] * state[2]
+
+    def _push(self, state: _State) -> float:
+        return state[0] * self.cylinder.area[0] - state[1] * self.cylinder.area[1]
+
+    def _leaving(self, state: _State) -> int:
+        push, law = self._push(state), self.cylinder.friction
+        return 1 if push > law.breakaway_positive else -1 if push < -law.breakaway_negative else 0
+
+    def _follow(self, command: float, span: float) -> float:
+        """Advance until the span ends or an event comes; returns what is left [s]."""
+        if self._way == 0:
+            self._way = self._leaving(self._state)
+        way, start = self._way, self._state
+        over = self._breaks if way == 0 else lambda s: s[3] * way < 0.0
+        end = self._integrate(start, command, span, way)
+        if not over(end):
+            self._state = end
+            return 0.0
+        low, high = 0.0, span
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            beyond = over(self._integrate(start, command, middle, way))
+            low, high = (low, middle) if beyond else (middle, high)
+        state = self._integrate(start, command, high, way)
+        self._state = state if way == 0 else (*state[:3], 0.0)
+        self._way = self._leaving(self._state)
+        return span - high
+
+    def _breaks(self, state: _State) -> bool:
+        return self._leaving(state) != 0
+
+    def _integrate(self, state: _State, command: float, span: float, way: int) -> _State:
+        """One step of the classical Runge-Kutta scheme in one mode of motion."""
+        x = np.array(state)
+        k1 = self._rates(x, command, way)
+        k2 = self._rates(x + 0.5 * span * k1, command, way)
+        k3 = self._rates(x + 0.5 * span * k2, command, way)
+        k4 = self._rates(x + span * k3, command, way)
+        p1, p2, y, v = (x + span / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)).tolist()
+        return p1, p2, y, v
+
+    def _rates(self, x: np.ndarray, command: float, way: int) -> np.ndarray:
+        c, law = self.cylinder, self.cylinder.friction
+        p1, p2, y, v = x.tolist()
+        first, second = self._volumes((p1, p2, y, v))
+        in_1 = c.flow(1, command, p1) - c.area[0] * v
+        in_2 = c.area[1] * v - c.flow(2, command, p2)
+        force = 0.0
+        if way:
+            level = law.coulomb_positive if way > 0 else -law.coulomb_negative
+            viscous = law.viscous_positive if way > 0 else law.viscous_negative
+            force = self._push((p1, p2, y, v)) - level - viscous * v
+        return np.array(
+            [c.bulk_modulus * in_1 / first, c.bulk_modulus * in_2 / second, v, force / c.mass]
+        )

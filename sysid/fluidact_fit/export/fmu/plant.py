@@ -1,0 +1,120 @@
+"""The continuous model of a block that moves by itself, followed exactly over every step."""
+
+from __future__ import annotations
+
+import sys
+
+from ...block import Block, DryDriveBlock, LinearBlock, Port
+from ...routines import Argument
+from .model import Model, Result, Setting, number, table
+
+_CHANGES = 16384  # of the input that can be on their way through a dead time
+
+
+def add_plant(model: Model, block: Block) -> None:
+    """Add the plant of a block that is one; others are left to their routines.
+
+    Sampling the routine of the controller would be simpler, and would put a delay of up to a
+    sample time into a loop that the block is not part of. The continuous model needs no sample
+    time: where the steps are one sample long, it gives the same numbers.
+    """
+    if isinstance(block, LinearBlock):
+        _add_linear(model, block)
+    elif isinstance(block, DryDriveBlock):
+        _add_drive(model, block)
+
+
+def _driven(model: Model, block: LinearBlock | DryDriveBlock) -> tuple[Argument, str]:
+    """Take the input; returns it with its C."""
+    assert block.input is not None
+    argument = block.argument(block.input.role, "input, held over a communication step")
+    return argument, model.take(argument, "plant")[1]
+
+
+def _flag(argument: Argument) -> Result:
+    about = f"whether {argument.name} is beyond its range; it is then taken at the end of it"
+    return Result("outside", None, about, (argument.name,))
+
+
+def _add_linear(model: Model, block: LinearBlock) -> None:
+    law, out = block.linear_model(), block.output
+    argument, drive = _driven(model, block)
+    place, flag = model.output(Result(out.role, out.unit, "output of the model"), _flag(argument))
+    rest = out if law.gain is None else Port(argument.name, argument.unit)
+    about = f"{rest.role} at rest before the start"
+    start = model.parameter(Setting(f"initial_{rest.role}", rest.unit, about, 0.0))
+    model.constants += [
+        f"#define LINEAR_ORDER {law.b.size}",
+        table("linear_a", law.a.tolist()),
+        table("linear_b", law.b.tolist()),
+        table("linear_c", law.c.tolist()),
+        table("linear_edges", law.dead_zone or (0.0, 0.0)),
+        table("linear_range", (argument.low, argument.high)),
+    ]
+    if law.gain is None:
+        model.constants.append("#define LINEAR_INTEGRATING")
+    else:
+        model.constants += [
+            f"static const double linear_gain = {number(law.gain)};",
+            f"static const double linear_offset = {number(block.offset)};",
+        ]
+    if law.dead_time > 0.0:
+        model.constants += [
+            f"#define LINEAR_QUEUE {_CHANGES}",
+            f"static const double linear_dead_time = {number(law.dead_time)};",
+        ]
+    model.headers.append("linear.h")
+    model.memory.append("linear_memory plant;")
+    model.begin.append(f"linear_begin(&memory->plant, {start});")
+    model.evaluate += [
+        f"(void)linear_clamped({drive}, &{flag});",
+        f"{place} = linear_output(&memory->plant);",
+    ]
+    model.advance += [
+        f"problem = linear_advance(&memory->plant, {drive}, time, span);",
+        "if (problem) return problem;",
+    ]
+
+
+def _add_drive(model: Model, block: DryDriveBlock) -> None:
+    out = block.output
+    argument, drive = _driven(model, block)
+    place, flag = model.output(Result(out.role, out.unit, "position"), _flag(argument))
+    rate = Port(f"{out.role}_rate", f"{out.unit}/s")
+    model.outputs.append(Result(rate.role, rate.unit, "velocity"))
+    law = [model.parameter(s) for s in _drive_settings(block, argument)]
+    starts = [model.parameter(Setting(f"initial_{p.role}", p.unit, "at the start", 0.0))
+              for p in (out, rate)]  # fmt: skip
+    model.constants.append(table("drive_range", (argument.low, argument.high)))
+    model.headers.append("drive.h")
+    model.memory += ["drive_memory plant;", "drive_law law;"]
+    fields = ("inertia", *(f"{what}[{way}]" for what in ("viscous", "coulomb", "breakaway")
+                           for way in (0, 1)))  # fmt: skip
+    model.begin += [f"memory->law.{name} = {value};" for name, value in zip(fields, law)]
+    model.begin += [
+        f"memory->plant.position = {starts[0]};",
+        f"memory->plant.velocity = {starts[1]};",
+    ]
+    model.evaluate += [
+        f"(void)drive_clamped({drive}, &{flag});",
+        f"{place} = memory->plant.position;",
+        f"{model.place(1)} = memory->plant.velocity;",
+    ]
+    model.advance.append(f"drive_advance(&memory->plant, &memory->law, {drive}, span);")
+
+
+def _drive_settings(block: DryDriveBlock, argument: Argument) -> list[Setting]:
+    """Parameters of the law, in the order of the fields of ``drive_law``."""
+    law = block.dry_drive()
+    least = sys.float_info.min
+    name, unit = law.quantity
+    settings = [Setting(f"plant.{name}", unit, f"{name} that is moved", law.inertia, least)]
+    per_speed = f"{argument.unit} s/{block.output.unit}"
+    for word, unit, pair in (
+        ("viscous", per_speed, law.viscous),
+        ("coulomb", argument.unit, law.coulomb),
+        ("breakaway", argument.unit, law.breakaway),
+    ):
+        for way, value in zip(("negative", "positive"), pair):
+            settings.append(Setting(f"plant.{word}_{way}", unit, f"{word} friction", value, 0.0))
+    return settings

@@ -1,0 +1,103 @@
+"""ROS 2: a parameter file, its declaration for generate_parameter_library, and metadata.
+
+A double without a decimal point ends a node at its start, arrays have to be of one type and
+cannot be nested, and there is no empty value: numbers are written as the parameter file writes
+them, matrices are flattened by rows with their shape beside.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from ..parameters import dump_yaml
+from .flat import Entry, Plain, flatten
+from .target import Job, plain_text
+
+
+def write(job: Job) -> dict[str, bytes]:
+    """Return ``NAME.ros2.yaml``, ``NAME.declaration.yaml`` and ``NAME.metadata.yaml``."""
+    entries = flatten(job.block)
+    values = _nested((e.key, e.value) for e in entries)
+    declared = _nested((e.key, _declaration(e)) for e in entries)
+    return {
+        f"{job.file}.ros2.yaml": _text(job, {job.name: {"ros__parameters": values}}),
+        f"{job.file}.declaration.yaml": _text(job, {job.name: declared}),
+        f"{job.file}.metadata.yaml": _text(job, _metadata(job)),
+    }
+
+
+def _text(job: Job, content: Mapping[str, Any]) -> bytes:
+    remarks = "".join(f"# {remark}\n" for remark in job.remarks)
+    return (remarks + dump_yaml(content)).encode()
+
+
+def _nested(entries: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Keys with dots as maps within maps."""
+    top: dict[str, Any] = {}
+    for key, value in entries:
+        *path, last = key.split(".")
+        place = top
+        for word in path:
+            place = place.setdefault(word, {})
+        place[last] = value
+    return top
+
+
+def _declaration(entry: Entry) -> dict[str, Any]:
+    """How generate_parameter_library declares an entry; without a default, so it must be given."""
+    unit = f" [{plain_text(entry.unit)}]" if entry.unit else ""
+    found = {
+        "type": _type(entry),
+        "description": plain_text(entry.description) + unit,
+        "read_only": True,
+    }
+    validation = _validation(entry)
+    return {**found, "validation": validation} if validation else found
+
+
+def _type(entry: Entry) -> str:
+    if isinstance(entry.value, list):
+        fixed = entry.length is not None
+        return f"double_array_fixed_{entry.length}" if fixed else "double_array"
+    return {bool: "bool", int: "int", float: "double", str: "string"}[type(entry.value)]
+
+
+def _validation(entry: Entry) -> dict[str, list[float | int]]:
+    """Built-in validators: the closed range of the specification, and the length of a list."""
+    array = isinstance(entry.value, list)
+    low, high = entry.minimum, entry.maximum
+    found: dict[str, list[float | int]] = {}
+    if math.isfinite(low) and math.isfinite(high):
+        found["element_bounds<>" if array else "bounds<>"] = [low, high]
+    elif math.isfinite(low):
+        found["lower_element_bounds<>" if array else "gt_eq<>"] = [low]
+    elif math.isfinite(high):
+        found["upper_element_bounds<>" if array else "lt_eq<>"] = [high]
+    if isinstance(entry.value, list):
+        found["fixed_size<>"] = [len(entry.value)]
+    return found
+
+
+def _metadata(job: Job) -> dict[str, Any]:
+    """Everything of the document that a controller does not need but its engineer does."""
+    document = job.block.document.to_dict()
+    parameters = {
+        name: {key: part for key, part in entry.items() if key != "value"} | _shape(entry["value"])
+        for name, entry in document["parameters"].items()
+    }
+    kept = ("options", "derived", "covariance", "validity", "fit", "validation", "warnings",
+            "provenance")  # fmt: skip
+    return {
+        "family": document["family"],
+        "remarks": list(job.remarks),
+        "parameters": parameters,
+        **{key: document[key] for key in kept if key in document},
+    }
+
+
+def _shape(value: Plain) -> dict[str, list[int]]:
+    return {"shape": [*np.shape(value)]} if isinstance(value, list) else {}

@@ -1,0 +1,161 @@
+"""From parameter files to the files of a target: read, accept, make, write."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import Path
+
+from ..block import Block
+from ..control import load
+from ..errors import NotIdentifiedError, OutputError, StrictError, UsageError
+from ..parameters.atomic import write_together
+from .registry import TARGETS, get_target
+from .target import Arithmetic, Job, make_job
+
+PathLike = str | os.PathLike[str]
+
+
+def export(
+    paths: Iterable[PathLike],
+    to: str,
+    folder: PathLike,
+    *,
+    force: bool = False,
+    arithmetic: Arithmetic | None = None,
+    accept_failed: bool = False,
+    accept_not_identified: bool | Collection[str] = False,
+) -> list[Path]:
+    """Export parameter files for a controller.
+
+    Everything is read and made before anything is written, and the files of one parameter
+    file are written all or none.
+
+    Parameters
+    ----------
+    paths
+        Parameter files. The exports are named after them.
+    to
+        Name of a target: one of ``TARGETS``.
+    folder
+        Where to write; made when it does not exist.
+    force
+        Whether existing files may be replaced.
+    arithmetic
+        ``"float32"`` (as without it) or ``"q15"``, of the targets that know both.
+    accept_failed
+        Export files whose verdict is FAIL; the export says so.
+    accept_not_identified
+        Names of parameters to export although the data could not determine them, or ``True``
+        for all; the export says so.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    ParameterFileError
+        When a file cannot be read or does not agree with itself.
+    StrictError, NotIdentifiedError
+        When a fit failed, or a parameter was not identified, and that was not accepted.
+    UsageError
+        When the target is not known or does not know the arithmetic, when two exports would
+        have one name, or when one would replace a file that is read.
+    OutputError
+        When a file exists and may not be replaced, or cannot be written.
+    """
+    files = [os.fspath(path) for path in paths]
+    if not os.fspath(folder).strip() or "\0" in os.fspath(folder):
+        raise UsageError("-o has no folder name.", remedy="Give one, or . for the present one.")
+    target = get_target(to)
+    known = TARGETS[to].arithmetics
+    if arithmetic is not None and arithmetic not in known:
+        raise UsageError(
+            f"--arithmetic {arithmetic} was given, which --to {to} does not know.",
+            expected=f"It knows: {', '.join(known) or 'none, every number is written in full'}.",
+            remedy="Leave it out, or choose another target.",
+        )
+    blocks = [load(path, accept_failed=True, accept_not_identified=True) for path in files]
+    _refuse_unaccepted(files, blocks, accept_failed, accept_not_identified)
+    jobs = [make_job(p, b, arithmetic or "float32") for p, b in zip(files, blocks)]
+    _refuse_same_names(files, jobs)
+    made = [{str(Path(folder, n)): data for n, data in target(job).items()} for job in jobs]
+    _check_places(made, files, force)
+    _make_folder(folder)
+    return [path for contents in made for path in write_together(contents, overwrite=force)]
+
+
+def _refuse_unaccepted(
+    files: Sequence[str],
+    blocks: Sequence[Block],
+    accept_failed: bool,
+    accept_not_identified: bool | Collection[str],
+) -> None:
+    """Refuse failed fits and parameters without a value, unless they were accepted."""
+    everything = accept_not_identified is True
+    accepted = set() if isinstance(accept_not_identified, bool) else {*accept_not_identified}
+    known = {name for block in blocks for name in block.parameters}
+    if unknown := sorted(accepted - known):
+        raise UsageError(
+            f"--accept-not-identified {unknown[0]} names no parameter of these files.",
+            expected=f"Parameters: {', '.join(sorted(known))}.",
+        )
+    for path, block in zip(files, blocks):
+        if block.verdict == "fail" and not accept_failed:
+            raise StrictError(
+                "the fit of this file failed: its model does not describe the logs it was "
+                "fitted to.",
+                where=path,
+                remedy="Fit again, or give --accept-failed to export it anyway.",
+            )
+        open_ones = [n for n in block.not_identified if not everything and n not in accepted]
+        if open_ones:
+            raise NotIdentifiedError(
+                f"not identified: {', '.join(open_ones)}.",
+                where=path,
+                expected=block.variant.parameter(open_ones[0]).remedy,
+                remedy=f"To export the value of the file anyway, give --accept-not-identified "
+                f"{open_ones[0]} (or all).",
+            )
+
+
+def _refuse_same_names(files: Sequence[str], jobs: Sequence[Job]) -> None:
+    first: dict[str, str] = {}
+    for path, job in zip(files, jobs):
+        other = first.setdefault(job.name.lower(), path)  # some file systems ignore case
+        if other != path or files.count(path) > 1:
+            raise UsageError(
+                f"{other} and {path} would both be exported as {job.name}.",
+                remedy="Rename one of them, or export them to different folders.",
+            )
+
+
+def _check_places(made: Iterable[Mapping[str, bytes]], files: Iterable[str], force: bool) -> None:
+    """Refuse before anything is written what would replace a file without leave."""
+    read = {os.path.realpath(path) for path in files}
+    for path in (path for contents in made for path in contents):
+        if os.path.realpath(path) in read:
+            raise UsageError(
+                f"{path} is one of the files read and would be overwritten.",
+                remedy="Give another folder with -o.",
+            )
+        if os.path.lexists(path) and not force:
+            raise OutputError(
+                "exists already and was kept.",
+                where=path,
+                remedy="Give --force to replace it, or another folder.",
+            )
+
+
+def _make_folder(folder: PathLike) -> None:
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        raise OutputError(
+            f"cannot be made: {reason}.",
+            where=os.fspath(folder),
+            remedy="Give the name of a folder that exists, or that can be made.",
+        ) from error

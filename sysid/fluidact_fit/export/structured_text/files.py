@@ -1,0 +1,124 @@
+"""The whole text of a Structured Text export: header, constants, function blocks, self-test."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...parameters.document import Parameter
+from ...specification import Value
+from ..golden import Golden, golden
+from ..target import Job
+from .blocks import FunctionBlock, described
+from .words import INDENT, Names, array, block_comment, comment, literal, section, wrapped
+
+# Of the largest output: far above what libraries of controllers differ by, and the resolution
+# of a search by halving.
+_TOLERANCE = 1e-8
+_CALLS = 12  # golden vectors of a routine, and one for each sample of a delay
+
+
+def text_of(job: Job) -> str:
+    """Return the text of ``NAME.st``."""
+    names = Names()
+    blocks = [FunctionBlock(names.new(f"FB_{job.name}_{r.name}"), r) for r in job.block.routines()]
+    test = names.new(f"FB_{job.name}_selftest")
+    parts = [block_comment(_header(job, blocks, test)), _constants(job)]
+    parts += [b.lines() for b in blocks]
+    parts.append(_self_test(test, blocks))
+    return "\n\n".join("\n".join(p) for p in parts) + "\n"
+
+
+def _header(job: Job, blocks: Sequence[FunctionBlock], test: str) -> list[str]:
+    lines = [
+        f"{job.name}: {job.block.family}, in double precision (LREAL), for IEC 61131-3 Structured "
+        "Text as TwinCAT 3 reads it.",
+        f"Verdict of the fit: {job.block.verdict}.",
+        *job.remarks,
+        "",
+        "All quantities are SI. An argument beyond its range is clamped and sets the output "
+        "outside. Of the texts of the parameter file only those above and its units are in "
+        "here, as plain ASCII.",
+        "",
+        f"Put the constants into a global variable list and every function block into one of its "
+        f"own. Call {test} once: passed is TRUE when every golden vector of the Python model "
+        "holds on this controller.",
+    ]
+    for b in blocks:
+        lines += ["", f"{b.name} [{b.routine.unit}]: {b.routine.about}"]
+        lines += [f"- {name} {described(a)}" for name, a in zip(b.inputs, b.routine.arguments)]
+    return lines
+
+
+def _constants(job: Job) -> list[str]:
+    names, lines = Names(), ["{attribute 'qualified_only'}", "VAR_GLOBAL CONSTANT"]
+    specification, found = job.block.variant, job.block.document.parameters
+    for name, value in job.block.parameters.items():
+        about = specification.parameter(name).description
+        lines += _constant(names.new(name), value, f"[{found[name].unit}] {about}", found[name])
+    return [*lines, "END_VAR"]
+
+
+def _constant(name: str, value: Value, about: str, parameter: Parameter) -> list[str]:
+    words = [f"{about}; {parameter.status.replace('_', ' ')}"]
+    if isinstance(parameter.std_error, float):
+        words.append(f"standard error {parameter.std_error:.3g}")
+    note = f"{INDENT}{comment(', '.join(words))}"
+    if isinstance(value, list):
+        flat = [literal(v) for v in np.ravel(value)]
+        return [note, *array(name, flat, np.shape(value), "LREAL")]
+    return [note, f"{INDENT}{name} : LREAL := {literal(value)};"]
+
+
+def _self_test(name: str, blocks: Sequence[FunctionBlock]) -> list[str]:
+    names, tables, instances, body = Names(), list[str](), list[str](), list[str]()
+    for own in ("passed", "failures", "k"):
+        names.new(own)
+    for b in blocks:
+        late = max((f.delay for f in b.routine.filters), default=0)
+        vectors = golden(b.routine, _CALLS + late)
+        block = names.new(f"{b.routine.name}_block")
+        kept = [names.new(f"{b.routine.name}_{w}") for w in (*b.inputs, "value", "outside")]
+        instances.append(f"{INDENT}{block} : {b.name};")
+        tables += _tables(kept, vectors)
+        body += _calls(b, block, kept, vectors)
+    about = ["Golden vectors of the Python model, run in one call. failures counts those missed."]
+    return [
+        *block_comment(about),
+        f"FUNCTION_BLOCK {name}",
+        *section("VAR_OUTPUT", [f"{INDENT}passed : BOOL;", f"{INDENT}failures : DINT;"]),
+        *section("VAR", instances),
+        *section("VAR CONSTANT", tables),
+        *section("VAR_TEMP", [f"{INDENT}k : DINT;"]),
+        "failures := 0;",
+        *body,
+        "passed := (failures = 0);",
+        "END_FUNCTION_BLOCK",
+    ]
+
+
+def _tables(kept: Sequence[str], vectors: Golden) -> list[str]:
+    """One table for each argument, one for the outputs and one for the flags."""
+    count, lines = [len(vectors.outputs)], list[str]()
+    for name, column in zip(kept, [*vectors.arguments.T, vectors.outputs]):
+        lines += array(name, [literal(v) for v in column], count, "LREAL")
+    flags = ["TRUE" if out else "FALSE" for out in vectors.outside]
+    return [*lines, *array(kept[-1], flags, count, "BOOL")]
+
+
+def _calls(b: FunctionBlock, block: str, kept: Sequence[str], vectors: Golden) -> list[str]:
+    given = [f"{name} := {table}[k]" for name, table in zip(b.inputs, kept)]
+    if b.routine.keeps:
+        given.append("reset := (k = 0)")
+    allowed = literal(_TOLERANCE * np.abs(vectors.outputs).max())
+    wanted, beyond = kept[-2:]
+    test = f"NOT (ABS({block}.value - {wanted}[k]) <= {allowed}) OR {block}.outside <> {beyond}[k]"
+    return [
+        f"FOR k := 0 TO {len(vectors.outputs) - 1} DO",
+        *wrapped(f"{block}({', '.join(given)});", 1),
+        *wrapped(f"IF {test} THEN", 1),
+        f"{INDENT * 2}failures := failures + 1;",
+        f"{INDENT}END_IF",
+        "END_FOR",
+    ]

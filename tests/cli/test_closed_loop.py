@@ -1,0 +1,238 @@
+"""``simulate --controller``: from parameter files to a closed loop."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fluidact_fit.families import get_family
+from fluidact_fit.family import Plant
+from fluidact_fit.parameters import make_document, save_document
+
+Here = Callable[..., Any]
+VALUES: dict[str, tuple[str | None, dict[str, float]]] = {
+    "hydrostatic": (
+        "hydrostatic",
+        {"mass": 53.7, "damping": 1720.5, "dead_zone_negative": 0.0, "dead_zone_positive": 0.0},
+    ),
+    "ball-screw": (
+        "rotary",
+        {
+            "inertia": 11.71e-7, "viscous": 0.0,
+            "coulomb_positive": 2.0e-3, "coulomb_negative": 1.6e-3,
+            "breakaway_positive": 2.9e-3, "breakaway_negative": 1.9e-3,
+        },
+    ),
+    "valve": (
+        "valve",
+        {"gain": 1.0, "natural_frequency": 60.0, "damping_ratio": 0.7, "dead_time": 0.0},
+    ),
+    "cylinder-friction": (
+        "velocity", {"viscous": 45.0, "coulomb_positive": 2.4, "coulomb_negative": 2.4}
+    ),
+}  # fmt: skip
+PD = """
+format: fluidact-controller
+format_version: 1
+kind: pd
+sample_time: 0.01
+controller: {proportional: 4.0, damping_ratio: 0.8, friction: static, velocity_tolerance: 1.0e-3}
+machine: {lever: 5.6e-5, transmission: 27646.0}
+"""
+
+
+def save(folder: Path, name: str, deviation: float = 0.0) -> str:
+    """A parameter file with given values; ``deviation`` is the share they are uncertain by."""
+    variant_name, values = VALUES[name]
+    family = get_family(name)
+    variant = family.variant(variant_name)
+    specs = {s.name: s for s in variant.parameters}
+    plant = Plant(variant, values, family.options_type())
+    data: dict[str, Any] = {
+        "format": "fluidact-parameters", "format_version": 1, "family": name,
+        "variant": variant_name,
+        "parameters": {
+            n: {"value": v, "unit": specs[n].unit, "status": "fixed"} for n, v in values.items()
+        },
+        "options": plant.options.given(),
+        "model": family.model(plant, 0.01, "zoh"),
+        "validity": {
+            r.name: {"low": -1.0, "high": 2.0, "unit": r.unit}
+            for r in variant.roles if r.name != "time"
+        },
+        "fit": {
+            "samples": 10, "rmse": {"value": 0.1, "unit": variant.output.unit},
+            "fit_percent": 90.0, "verdict": "pass",
+        },
+        "provenance": {
+            "tool": {"name": "fluidact-fit", "version": "0.1.0"},
+            "created": "2026-11-20T22:00:00Z",
+        },
+    }  # fmt: skip
+    if deviation:
+        order = [n for n, v in values.items() if v]
+        data["covariance"] = {
+            "order": order,
+            "matrix": np.diag([(deviation * values[n]) ** 2 for n in order]).tolist(),
+        }  # fmt: skip
+        for n in order:
+            sd, v = deviation * abs(values[n]), values[n]
+            data["parameters"][n] |= {
+                "status": "estimated", "std_error": sd, "ci95": [v - 2.0 * sd, v + 2.0 * sd]
+            }  # fmt: skip
+    path = folder / f"{name}.yaml"
+    return str(save_document(make_document(data, get_family), path, overwrite=True))
+
+
+def controller(folder: Path, text: str = PD) -> str:
+    path = folder / "controller.yaml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+@pytest.fixture
+def screw(tmp_path: Path) -> list[str]:
+    return [save(tmp_path, "ball-screw"), save(tmp_path, "hydrostatic")]
+
+
+def test_thesis_machine_follows_a_step(here: Here, tmp_path: Path, screw: list[str]) -> None:
+    table, picture = tmp_path / "out.csv", tmp_path / "out.svg"
+    done = here(
+        "simulate", *screw, "--controller", controller(tmp_path), "--reference", "step",
+        "--json", "-o", str(table), "--plot", str(picture),
+    )  # fmt: skip
+    assert done.status == 0, done.err
+    found = json.loads(done.out)
+    assert found["controlled"] == {"role": "position", "unit": "m"}
+    assert found["step"]["target"] == 5e-4
+    assert abs(found["step"]["steady_state_error"]) < 1e-4
+    assert found["margins"]["gain"] > 2.0
+    rows = np.genfromtxt(table, delimiter=",", names=True, deletechars="")
+    assert rows.size == found["samples"] == 1001
+    assert rows["position_[m]"][-1] == pytest.approx(found["step"]["final"], rel=1e-2)
+    assert picture.read_bytes().startswith(b"<?xml")
+
+
+def test_a_stiffer_proportional_gain_follows_a_triangle_closer(
+    here: Here, tmp_path: Path, screw: list[str]
+) -> None:
+    errors = []
+    for gain in ("4.0", "8.0"):
+        file = controller(tmp_path, PD.replace("4.0", gain))
+        done = here("simulate", *screw, "--controller", file, "--reference", "triangle", "--json")
+        errors.append(json.loads(done.out)["tracking"]["largest_error"])
+    # moving, only the level of kinetic friction and the viscous force are left: equation 15
+    level = (2.0e-3 + 0.056e-3 * 1720.5 * 0.005) / 4.0
+    assert errors[0] > level
+    assert errors[1] < 0.7 * errors[0]
+
+
+def test_draws_widen_the_band_with_the_covariance(here: Here, tmp_path: Path) -> None:
+    widths = []
+    for deviation in (0.01, 0.1):
+        files = [save(tmp_path, "ball-screw", deviation), save(tmp_path, "hydrostatic", deviation)]
+        args = ["simulate", *files, "--controller", controller(tmp_path), "--reference", "step"]
+        done = here(*args, "--duration", "0.6", "--draws", "15", "--json")
+        assert done.status == 0, done.err
+        found = json.loads(done.out)["draws"]
+        assert found["responses"] + found["failed"] == 15
+        low, high = found["tracking"]["rms_error"]
+        widths.append(high - low)
+        again = here(*args, "--duration", "0.6", "--draws", "15", "--json")
+        assert again.out == done.out
+    assert widths[0] > 0.0
+    assert widths[1] > 3.0 * widths[0]
+
+
+def test_reference_from_a_file_in_its_unit(here: Here, tmp_path: Path, screw: list[str]) -> None:
+    wanted = tmp_path / "wanted.csv"
+    wanted.write_text("time [s],reference [mm]\n0,1\n1,1\n2,3\n3,3\n", encoding="utf-8")
+    out = tmp_path / "out.csv"
+    done = here("simulate", *screw, "--controller", controller(tmp_path), "--reference",
+                str(wanted), "-o", str(out))  # fmt: skip
+    assert done.status == 0, done.err
+    rows = np.genfromtxt(out, delimiter=",", names=True, deletechars="")
+    assert rows["reference_[m]"][[0, 150, -1]] == pytest.approx([1e-3, 2e-3, 3e-3])
+    assert rows["position_[m]"][0] == 1e-3
+
+
+def test_impedance_pushes_through_tissue(here: Here, tmp_path: Path) -> None:
+    files = [save(tmp_path, "cylinder-friction"), save(tmp_path, "valve")]
+    file = controller(tmp_path, """
+format: fluidact-controller
+format_version: 1
+kind: impedance
+sample_time: 0.001
+controller: {stiffness: 1000.0, damping: 20.0, sum_of_pressures: 8.0e+5, cutoff: 80.0}
+machine: {mass: 0.14, area_1: 3.0e-4, area_2: 2.5e-4}
+tissue: {surface: 0.01, stiffness: 2000.0, puncture_force: 5.0, residual_stiffness: 20.0}
+reference: {size: 0.02, speed: 0.01}
+""")  # fmt: skip
+    out = tmp_path / "out.csv"
+    done = here("simulate", *files, "--controller", file, "--reference", "ramp-insertion",
+                "--duration", "3", "-o", str(out))  # fmt: skip
+    assert done.status == 0, done.err
+    rows = np.genfromtxt(out, delimiter=",", names=True, deletechars="")
+    force, lag = rows["resistance_[N]"], rows["reference_[m]"] - rows["position_[m]"]
+    assert 4.8 < force.max() <= 5.0
+    # F_d = 1000 N/m times the lag carries tissue, friction and damping just before the puncture
+    at = int(force.argmax())
+    speed = rows["speed_[m/s]"][at]
+    wanted = 5.0 + 2.4 + 45.0 * speed - 20.0 * (0.01 - speed)
+    assert 1000.0 * lag[at] == pytest.approx(wanted, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("kind: pd", "kind: lqg"), "is not one of pd"),
+        (("damping_ratio: 0.8, ", ""), "expected one of derivative, damping_ratio"),
+        (("proportional: 4.0", "proportional: -4.0"), "above 0"),
+        (("proportional: 4.0", "proportinal: 4.0"), "did you mean 'proportional'"),
+        (("sample_time: 0.01", "sample_time: true"), "number of seconds"),
+        (("format_version: 1", "format_version: 2"), "only one there is"),
+        (("friction: static", "friction: [static]"), "controller.friction"),
+        (("machine: {", "tissue: {surface: 1.0}\nmachine: {"), "tissue.stiffness: is missing"),
+        (("machine: {lever: 5.6e-5, ", "machine: {"), "machine.lever"),
+        (("sample_time: 0.01", "sample_time: 0.01\nsample_time: 0.02"), "sample_time"),
+    ],
+)
+def test_a_wrong_controller_file_is_refused(
+    change: tuple[str, str], words: str, here: Here, tmp_path: Path, screw: list[str]
+) -> None:
+    file = controller(tmp_path, PD.replace(*change))
+    done = here("simulate", *screw, "--controller", file, "--reference", "step")
+    assert done.status in (2, 3)
+    assert words in done.err
+    assert "Traceback" not in done.err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--reference", "step"], "give --controller"),
+        (["--controller", "C"], "needs --reference"),
+        (["--controller", "C", "--reference", "square"], "neither a kind of reference nor a file"),
+        (["--controller", "C", "--reference", "step", "--window", "0:1"], "about reading a LOG"),
+        (["--controller", "C", "--reference", "step", "--duration", "1e9"], "samples"),
+    ],
+)
+def test_a_wrong_command_is_refused(
+    options: list[str], words: str, here: Here, tmp_path: Path, screw: list[str]
+) -> None:
+    file = controller(tmp_path)
+    done = here("simulate", *screw, *(file if o == "C" else o for o in options))
+    assert done.status == 2
+    assert words in done.err
+
+
+def test_files_that_make_no_machine_are_refused(here: Here, tmp_path: Path) -> None:
+    done = here("simulate", save(tmp_path, "valve"), "--controller", controller(tmp_path),
+                "--reference", "step")  # fmt: skip
+    assert done.status == 2
+    assert "takes a ball-screw file" in done.err

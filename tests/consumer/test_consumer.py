@@ -1,0 +1,153 @@
+"""Keys that a controller ignores, lacks, or reads in another unit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import fluidact_fit as ff
+from fluidact_fit.consumer import Comparison, Key, compare, read_consumer
+from fluidact_fit.errors import ConsumerError
+from fluidact_fit.export import export
+
+GOLDEN = Path(__file__).parents[1] / "golden" / ff.__version__
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def against(family: str, *keys: Key) -> Comparison:
+    path = GOLDEN / f"{family}.yaml"
+    return compare(ff.load(path), keys, str(path))
+
+
+HEADER = """\
+#ifndef LINE_H
+#define LINE_H
+#include <stdint.h>
+#define LINE_SAMPLES 10 + x
+#define LINE_GAIN 0.98f /* 1 */
+#define LINE_KIND "gain"
+static const float line_time_constant = 119.9f; /* filled volume [ms] */
+typedef struct { float state[4]; int16_t flags; float pressure; /* [bar] */
+    double line_dead_time; // [s]
+} line_t;
+extern const double weights[2][3] = {
+    {1.0, 2.0, 3.0},
+    {1.0, 2.0, 3.0},
+}; /* [1] */
+static const float lookup[] PROGMEM = {1.0f}; // table of 3 [not a line
+float line_step(line_t *s, float input);
+#endif
+"""
+
+
+def test_a_header_is_read(tmp_path: Path) -> None:
+    found = read_consumer(write(tmp_path / "line.h", HEADER.replace("\n", "\r\n")))
+    assert found == [
+        Key("LINE_SAMPLES"), Key("LINE_GAIN", "1"), Key("line_time_constant", "ms"),
+        Key("pressure", "bar"), Key("line_dead_time", "s"), Key("weights", "1"), Key("lookup"),
+    ]  # fmt: skip
+
+
+def test_a_declaration_is_read(tmp_path: Path) -> None:
+    text = """\
+controller:
+  gain: {type: double, default_value: 1.0, description: "steady gain [Pa/V]"}
+  limits:
+    stroke: {type: double_array_fixed_2, description: "of the piston (full) [mm]"}
+    names: {type: string_array, validation: {unique<>: null, subset_of<>: [[a, b]]}}
+"""
+    assert read_consumer(write(tmp_path / "c.yaml", text)) == [
+        Key("gain", "Pa/V"), Key("limits.stroke", "mm"), Key("limits.names"),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# what it reads\ngain [Pa/V]\n\ndead_time[s]   # late\nlimit\n",
+        "name,unit\ngain,Pa/V\ndead_time,s\nlimit,\n",
+        'key;unit\ngain;"Pa/V"\ndead_time;[s]\nlimit;\n',
+        "gain\tPa/V\ndead_time\ts\nlimit\n",
+    ],
+)
+def test_a_list_is_read(text: str, tmp_path: Path) -> None:
+    due = [Key("gain", "Pa/V"), Key("dead_time", "s"), Key("limit")]
+    assert read_consumer(write(tmp_path / "keys.csv", text)) == due
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("none.h", None, "cannot be read"),
+        ("a.h", b"int main(void);\n", "no keys"),
+        ("a.h", b"\0\1", "binary"),
+        ("a.h", b"float x;\n" * 2_000_000, "too large"),
+        ("a.yaml", b"a: &x 1\nb: *x\n", "alias"),
+        ("a.yaml", b"a: [1\n", "not YAML"),
+        ("a.yaml", b"a: {b: 1}\n", "no keys"),
+        ("a.txt", b"gain 3 4\n", r"line 1: 'gain 3 4' is not a key"),
+        ("a.txt", b"\n# nothing\n", "no keys"),
+        ("a.txt", b"x'); system('x')\n", "is not a key"),
+    ],
+)
+def test_what_cannot_be_read_is_said(
+    name: str, content: bytes | None, words: str, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ConsumerError, match=words) as caught:
+        read_consumer(path)
+    assert caught.value.exit_status == 3
+
+
+def test_a_long_header_does_not_take_forever(tmp_path: Path) -> None:
+    """Declarations that never end are given up at the next one."""
+    text = "static const float a =\n" * 100_000 + "static const float b = 1.0f; /* [m] */\n"
+    assert read_consumer(write(tmp_path / "a.h", text))[-1] == Key("b", "m")
+
+
+def test_findings() -> None:
+    found = against(
+        "line", Key("LINE_GAIN", "1"), Key("time-constant", "ms"), Key("dead_tme", "s"),
+        Key("validity.inlet.low", "bar"), Key("continuous.numerator"),
+    )  # fmt: skip
+    assert [(r.parameter, r.consumer, r.finding) for r in found.rows] == [
+        ("gain", "LINE_GAIN", "agrees"),
+        ("time_constant", "time-constant", "other unit"),
+        ("", "dead_tme", "lacking"),
+        ("validity.inlet.low", "validity.inlet.low", "other unit"),
+        ("continuous.numerator", "continuous.numerator", "agrees"),
+        ("dead_time", "", "ignored"),
+    ]
+    assert not found.agrees
+    assert "1000 times the number" in found.reasons[0]
+    assert "Is dead_time meant?" in found.reasons[1]
+    assert "1e-05 times" in found.reasons[2]
+    assert len(found.reasons) == 4
+
+
+def test_units_that_are_the_same_written_otherwise_agree() -> None:
+    for unit in ("N*s/m", "N s/m", "N.s/m", "kg/s", ""):
+        keys = [Key("mass", "kg"), Key("damping", unit), Key("dead_zone_negative", "N"),
+                Key("DEAD_ZONE_POSITIVE", "kg m/s^2")]  # fmt: skip
+        assert against("hydrostatic", *keys).agrees, unit
+    for unit in ("N/m", "kN s/m", "lbf s/in", "furlongs"):
+        rows = against("hydrostatic", Key("damping", unit)).rows
+        assert rows[0].finding == "other unit"
+
+
+@pytest.mark.parametrize("family", ff.family_names())
+def test_a_file_agrees_with_its_own_declaration_and_no_other(family: str, tmp_path: Path) -> None:
+    path = GOLDEN / f"{family}.yaml"
+    declaration = export([path], "ros2", tmp_path)[1]
+    keys = read_consumer(declaration)
+    assert compare(ff.load(path), keys, str(path)).agrees
+    assert not compare(ff.load(path), keys[1:], str(path)).agrees
+    other = GOLDEN / ("valve.yaml" if family != "valve" else "line.yaml")
+    assert not compare(ff.load(other), keys, str(other)).agrees

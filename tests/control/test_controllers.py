@@ -1,0 +1,306 @@
+"""Controllers, filters, margins and metrics against closed forms."""
+
+from __future__ import annotations
+
+from math import exp, pi, sqrt
+
+import numpy as np
+import pytest
+
+from fluidact_fit.block import Port
+from fluidact_fit.control.controllers import (
+    FeedforwardForceController,
+    Gains,
+    ImpedanceController,
+    MotionState,
+    PDController,
+    Smoothing,
+    allocate,
+)
+from fluidact_fit.control.controllers.impedance import Impedance, KnownFriction, Pressures
+from fluidact_fit.control.controllers.pd import StaticFriction
+from fluidact_fit.control.filters import Butterworth, Differentiator
+from fluidact_fit.control.loop import run_loop
+from fluidact_fit.control.margins import loop_margins
+from fluidact_fit.control.metrics import step_metrics, tracking_metrics
+from fluidact_fit.control.plants.drive import Drive, DrivePlant
+from fluidact_fit.control.references import Reference, SampledReference
+from fluidact_fit.errors import UsageError
+from fluidact_fit.estimation.friction_law import FrictionLaw
+
+MASS, DAMPING = 53.7, 1720.5
+
+
+def line_plant(step: float, coulomb: float = 0.0, static: float = 0.0) -> DrivePlant:
+    law = FrictionLaw(coulomb, coulomb, DAMPING, DAMPING, static, static)
+    return DrivePlant(Drive(MASS, law), Port("force", "N"), Port("position", "m"), step)
+
+
+def test_filter_is_that_of_scipy_and_loses_3_db_at_its_cutoff() -> None:
+    from scipy.signal import butter
+
+    ours = Butterworth(10.0, 0.01)
+    numerator, denominator = butter(2, 10.0, fs=100.0)
+    np.testing.assert_allclose(ours.numerator, numerator, rtol=1e-12)
+    np.testing.assert_allclose(ours.denominator, denominator, rtol=1e-12)
+    assert abs(ours.response(np.exp(2j * pi * 0.1))) == pytest.approx(1.0 / sqrt(2.0))
+
+
+def test_filter_steps_as_its_response_says_and_rests_where_it_is_put() -> None:
+    ours = Butterworth(5.0, 0.01)
+    ours.reset(3.0)
+    assert [ours.step(3.0) for _ in range(5)] == pytest.approx([3.0] * 5)
+    ours.reset()
+    pulse = [ours.step(float(k == 0)) for k in range(400)]
+    z = np.exp(0.4j)
+    assert sum(p * z**-k for k, p in enumerate(pulse)) == pytest.approx(ours.response(z))
+
+
+@pytest.mark.parametrize("cutoff", [0.0, 50.0, float("nan")])
+def test_filter_refuses_a_frequency_it_cannot_cut(cutoff: float) -> None:
+    with pytest.raises(UsageError, match="Hz"):
+        Butterworth(cutoff, 0.01)
+
+
+def test_rate_of_a_ramp() -> None:
+    rate = Differentiator(10.0, 0.01)
+    seen = [rate.step(5.0 + 0.3 * k) for k in range(200)]
+    assert seen[0] == 0.0
+    assert seen[-1] == pytest.approx(30.0, rel=1e-9)
+
+
+def test_gains_follow_the_equations_of_the_thesis() -> None:
+    lever = 1.0 / 0.056e-3
+    for gains in (
+        Gains.for_ramp(MASS, DAMPING, lever, slope=0.005, error=1e-4, damping_ratio=1.2),
+        Gains.for_bandwidth(MASS, DAMPING, lever, bandwidth=6.4, damping_ratio=1.2),
+        Gains.with_damping(MASS, DAMPING, lever, proportional=4.0, damping_ratio=1.2),
+    ):
+        k_p, k_d = gains.proportional * lever, gains.derivative * lever
+        assert (DAMPING + k_d) / (2.0 * sqrt(MASS * k_p)) == pytest.approx(1.2)
+    ramp = Gains.for_ramp(MASS, DAMPING, lever, slope=0.005, error=1e-4, damping_ratio=1.2)
+    assert 0.005 * DAMPING / (ramp.proportional * lever) == pytest.approx(1e-4)
+
+
+def test_a_derivative_gain_is_not_negative() -> None:
+    gains = Gains.for_bandwidth(MASS, DAMPING, 1.0, bandwidth=1.0, damping_ratio=0.1)
+    assert gains.derivative == 0.0
+
+
+def test_loop_without_friction_is_the_second_order_response() -> None:
+    """Equation 12 with K_d = 0, sampled so fast that the hold is of no account."""
+    step, k_p = 1e-4, 6e4
+    loop = PDController(Gains(k_p, 0.0), "position", step)
+    found = run_loop(line_plant(step), loop, Reference("step", size=1e-3), 0.4, 0.0)
+    w, zeta = sqrt(k_p / MASS), DAMPING / (2.0 * sqrt(MASS * k_p))
+    damped = w * sqrt(1.0 - zeta**2)
+    t = found.time
+    expected = 1.0 - np.exp(-zeta * w * t) * (
+        np.cos(damped * t) + zeta * w / damped * np.sin(damped * t)
+    )
+    np.testing.assert_allclose(found.output, 1e-3 * expected, atol=1e-3 * 2e-3)
+    metrics = step_metrics(t, found.output, 1e-3, final=1e-3)
+    assert metrics.overshoot == pytest.approx(
+        100.0 * exp(-pi * zeta / sqrt(1.0 - zeta**2)), rel=5e-3
+    )
+
+
+def test_derivative_on_the_error_damps_as_equation_16_says() -> None:
+    """With a filter far above the loop, the response has the zero and the damping of (12)."""
+    step, k_p, k_d = 1e-4, 6e4, 900.0
+    loop = PDController(Gains(k_p, k_d), "position", step, cutoff=1500.0)
+    found = run_loop(line_plant(step), loop, Reference("step", size=1e-3, at=step), 0.3, 0.0)
+    from scipy.signal import lti
+    from scipy.signal import step as response
+
+    t = found.time[1:] - step
+    _, y = response(lti([k_d, k_p], [MASS, DAMPING + k_d, k_p]), T=t)
+    np.testing.assert_allclose(found.output[1:], 1e-3 * y, atol=1e-3 * 1e-2)
+
+
+def test_ramp_leaves_the_error_of_equation_15() -> None:
+    step, k_p = 0.01, 2e4
+    loop = PDController(Gains(k_p, 0.0), "position", step)
+    ramp = Reference("ramp-insertion", size=1.0, speed=0.005)
+    found = run_loop(line_plant(step), loop, ramp, 4.0, 0.0)
+    assert found.error[-1] == pytest.approx(0.005 * DAMPING / k_p, rel=1e-6)
+
+
+def test_coulomb_friction_adds_its_level_to_the_ramp_error() -> None:
+    step, k_p, level = 0.01, 2e4, 12.0
+    loop = PDController(Gains(k_p, 0.0), "position", step)
+    ramp = Reference("ramp-insertion", size=1.0, speed=0.005)
+    found = run_loop(line_plant(step, level), loop, ramp, 6.0, 0.0)
+    assert found.error[-1] == pytest.approx((0.005 * DAMPING + level) / k_p, rel=1e-6)
+
+
+def test_static_friction_stops_short_and_compensation_goes_on() -> None:
+    """A step of less than F_s / K_p does nothing unless friction is compensated."""
+    step, k_p, level = 0.01, 2e4, 20.0
+    size = 0.5 * level / k_p
+    friction = StaticFriction(level * 1.001, level * 1.001, 1e-4)
+    for compensation, moves in ((StaticFriction(), False), (friction, True)):
+        loop = PDController(Gains(k_p, 0.0), "position", step, compensation)
+        plant = line_plant(step, 0.6 * level, level)
+        found = run_loop(plant, loop, Reference("step", size=size), 1.0, 0.0)
+        assert bool(found.output[-1] > 0.2 * size) is moves
+
+
+@pytest.mark.parametrize(
+    ("error", "speed", "expected"),
+    [(1.0, 0.0, 2.9), (-1.0, 0.0, -1.9), (0.0, 0.0, 0.0), (1.0, 0.1, 0.0), (-1.0, -0.2, 0.0)],
+)
+def test_compensation_is_equations_17_and_18(error: float, speed: float, expected: float) -> None:
+    assert StaticFriction(2.9, 1.9, 0.1).compensate(error, speed) == expected
+
+
+def test_margins_of_a_loop_that_is_known() -> None:
+    """Raised by its gain margin, the loop keeps oscillating; at half that it settles."""
+    step, k_p = 0.01, 2e4
+    margins = loop_margins(line_plant(step), PDController(Gains(k_p, 0.0), "position", step))
+    assert margins.gain > 1.0
+    rates = {}
+    for factor in (0.9, 1.0, 1.1):
+        gains = Gains(k_p * margins.gain * factor, 0.0)
+        loop = PDController(gains, "position", step)
+        found = run_loop(line_plant(step), loop, Reference("step", size=1e-3), 6.0, 0.0)
+        size = np.abs(found.error)
+        rates[factor] = size[-100:].max() / size[200:300].max()
+    assert rates[0.9] < 0.5
+    assert rates[1.0] == pytest.approx(1.0, abs=0.02)
+    assert rates[1.1] > 2.0
+    # without a hold the phase margin of K / (s (M s + B)) is 90 - atan(w M / B), less w T / 2
+    w = 2.0 * pi * margins.phase_frequency
+    expected = 90.0 - np.degrees(np.arctan(w * MASS / DAMPING) + 0.5 * w * step)
+    assert margins.phase == pytest.approx(expected, abs=0.2)
+
+
+def test_pressures_have_the_set_sum_and_give_the_force() -> None:
+    one, two = allocate(12.0, 4.0e-4, 3.4e-4, 8e5, 101325.0)
+    assert one + two == pytest.approx(8e5)
+    assert one * 4.0e-4 - two * 3.4e-4 - 101325.0 * 0.6e-4 == pytest.approx(12.0)
+
+
+def test_impedance_is_a_spring_against_a_held_rod() -> None:
+    controller = ImpedanceController(
+        Impedance.with_damping_ratio(0.14, 4000.0, 1.0),
+        Pressures((4.0e-4, 3.4e-4), 8e5, 0.0, (2.0, 4.0), (100.0, 0.0)),
+        0.01,
+        KnownFriction(45.0, 2.4, 2.4, 1e-3),
+    )
+    for _ in range(50):
+        u_1, u_2 = controller.step({"position": 0.01}, 0.0125)
+    p_1, p_2 = 2.0 * u_1 + 100.0, 4.0 * u_2
+    assert p_1 * 4.0e-4 - p_2 * 3.4e-4 == pytest.approx(4000.0 * 0.0025)
+    assert p_1 + p_2 == pytest.approx(8e5)
+
+
+def test_friction_that_is_known_has_the_sign_of_a_speed_beyond_the_tolerance() -> None:
+    friction = KnownFriction(45.0, 2.4, 2.0, 0.01)
+    assert friction.compensate(0.1) == pytest.approx(6.9)
+    assert friction.compensate(-0.1) == pytest.approx(-6.5)
+    assert friction.compensate(0.005) == pytest.approx(0.225)
+
+
+def test_held_smoothing_is_a_straight_line() -> None:
+    smoothing = Smoothing(10)
+    smoothing.begin()
+    assert [smoothing.step(5.0) for _ in range(12)] == pytest.approx(
+        [0.5 * min(i, 10) for i in range(1, 13)]
+    )
+    smoothing.begin()  # from where it is
+    assert smoothing.step(0.0) == pytest.approx(4.5)
+
+
+def test_recursive_smoothing_is_half_way_long_before_half_time() -> None:
+    smoothing = Smoothing(30, "recursive")
+    smoothing.begin()
+    seen = np.array([smoothing.step(1.0) for _ in range(30)])
+    rest = np.cumprod(1.0 - np.arange(1, 31) / 30.0)
+    np.testing.assert_allclose(seen, 1.0 - rest, atol=1e-12)
+    assert int(np.argmax(seen >= 0.98)) + 1 == 14
+    assert seen[-1] == 1.0
+
+
+@pytest.mark.parametrize("reading", ["held", "recursive"])
+def test_one_step_of_smoothing_is_none(reading: str) -> None:
+    smoothing = Smoothing(1, reading)  # type: ignore[arg-type]
+    smoothing.begin()
+    assert smoothing.step(3.0) == 3.0
+
+
+def test_motion_state_is_held() -> None:
+    state = MotionState()
+    assert [state.step(v) for v in (1.0, 1.0, 0.5, 0.5, 0.6)] == [1, 1, -1, -1, 1]
+
+
+def test_force_controller_asks_the_branch_of_its_motion_state() -> None:
+    controller = FeedforwardForceController(
+        lambda f, x, s: (f + 2.0 * s + 100.0 * x) / 10.0, 0.01, Smoothing(2),
+        lambda u, x, s: 10.0 * u - 2.0 * s - 100.0 * x,
+    )  # fmt: skip
+    at = {"position": 0.1}
+    assert controller.step(at, 28.0) == pytest.approx((2.0,))  # half of 4.0
+    assert controller.observed == pytest.approx(8.0)
+    assert controller.step(at, 28.0) == pytest.approx((4.0,))
+    assert controller.step(at, 22.0) == pytest.approx((3.5,))  # half-way to 3.0
+    assert controller.step(at, 22.0) == pytest.approx((3.0,))
+    assert controller.observed == pytest.approx(22.0)
+
+
+def test_step_metrics_of_a_response_that_is_known() -> None:
+    t = np.linspace(0.0, 10.0, 2001)
+    y = 2.0 + 0.96 * (1.0 - np.exp(-(t - 1.0))) * (t > 1.0)
+    found = step_metrics(t, y, 3.0, at=1.0, window=0.01)
+    assert found.initial == 2.0
+    assert found.rise_time == pytest.approx(np.log(9.0), rel=1e-3)
+    assert found.steady_state_error == pytest.approx(0.04, abs=2e-4)
+    assert found.settling_time is None  # 4 % off the target for ever
+    assert found.settling_time_final == pytest.approx(np.log(50.0), rel=5e-3)
+    assert found.overshoot == pytest.approx(0.0, abs=0.05)
+    assert found.overshoot_target == 0.0
+
+
+def test_overshoot_is_told_apart_and_a_step_down_is_no_different() -> None:
+    t = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
+    y = np.array([0.0, 5.0, 12.0, 11.0, 11.0])
+    for way in (1.0, -1.0):
+        found = step_metrics(t, way * y, way * 10.0, band=0.15, final=way * 11.0)
+        assert found.overshoot == pytest.approx(100.0 / 11.0)
+        assert found.overshoot_target == pytest.approx(20.0)
+        assert found.steady_state_error == pytest.approx(-way)
+        assert found.peak_time == 2.0
+        # 10 to 90 % of 11 along the lines: 1.1 at 0.22 s, 9.9 at 1.7 s
+        assert found.rise_time == pytest.approx(1.7 - 0.22)
+        assert found.settling_time == pytest.approx(2.5)
+
+
+def test_a_step_that_is_none_is_refused() -> None:
+    with pytest.raises(UsageError, match="no step"):
+        step_metrics(np.array([0.0, 1.0]), np.zeros(2), 0.0)
+
+
+def test_tracking_metrics() -> None:
+    found = tracking_metrics(np.array([1.0, 2.0, 3.0]), np.array([1.0, 1.0, 5.0]))
+    assert found.rms_error == pytest.approx(sqrt(5.0 / 3.0))
+    assert (found.largest_error, found.final_error) == (2.0, -2.0)
+
+
+def test_references_go_where_they_say() -> None:
+    t = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 6.0])
+    triangle = Reference("triangle", start=1.0, size=2.0, speed=1.0, at=1.0)
+    assert triangle(t).tolist() == [1.0, 1.0, 2.0, 3.0, 2.0, 2.0]
+    down = Reference("ramp-insertion", size=-2.0, speed=1.0, at=1.0)
+    assert down(t).tolist() == [0.0, 0.0, -1.0, -2.0, -2.0, -2.0]
+    assert Reference("step", size=3.0, at=2.0)(t).tolist() == [0.0, 0.0, 3.0, 3.0, 3.0, 3.0]
+    sine = Reference("sine", start=1.0, size=2.0, frequency=0.25, at=1.0)
+    np.testing.assert_allclose(sine(t), [1.0, 1.0, 3.0, 1.0, -1.0, 3.0], atol=1e-12)
+    sampled = SampledReference(np.array([1.0, 3.0]), np.array([0.0, 4.0]))
+    assert sampled(t).tolist() == [0.0, 0.0, 2.0, 4.0, 4.0, 4.0]
+
+
+def test_a_loop_that_runs_away_is_ended() -> None:
+    step = 0.01
+    loop = PDController(Gains(1e12, 0.0), "position", step)
+    with pytest.raises(UsageError, match="runs away"):
+        run_loop(line_plant(step), loop, Reference("step", size=1.0), 100.0, 0.0)
