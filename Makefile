@@ -100,6 +100,8 @@ study: $(INSTALLED_DEV)
 	$(BIN)/python studies/friction_coverage.py --output docs/friction-coverage.md
 	$(BIN)/python studies/hydraulic_cylinder.py coverage
 	$(BIN)/python studies/replay.py --output docs/replay.md
+	$(BIN)/python studies/avr.py --write
+	$(BIN)/python studies/prediction.py --write
 
 # Half an hour on two cores; make red-team RED_TEAM='--family valve --verbose' runs a part.
 red-team: $(INSTALLED)

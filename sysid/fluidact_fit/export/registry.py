@@ -23,7 +23,7 @@ class Entry(NamedTuple):
 
 
 TARGETS: Mapping[str, Entry] = {
-    "c": Entry("c", "C99: header, source and self-test", ("float32",)),
+    "c": Entry("c", "C99: header, source and self-test", ("float32", "q15")),
     "st": Entry("structured_text", "IEC 61131-3 Structured Text for TwinCAT: constants and blocks"),
     "ros2": Entry("ros2", "ROS 2 parameters, their declaration and metadata"),
     "matlab": Entry("matlab", "MATLAB, Simulink, dSPACE and Octave: a function and a .mat file"),

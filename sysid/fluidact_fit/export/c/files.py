@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, Context
 
 import numpy as np
 
@@ -29,6 +30,12 @@ class Function:
         """Make the function of a routine."""
         narrow = inward(routine)
         return cls(narrow, Writer(narrow, prefix, SINGLE), error_bound(narrow))
+
+
+def at_most(value: float) -> str:
+    """A bound to two digits, rounded up."""
+    upwards = Context(prec=2, rounding=ROUND_CEILING).create_decimal_from_float(value)
+    return f"{float(upwards):.2g}"
 
 
 def comment(lines: Sequence[str]) -> list[str]:
@@ -64,7 +71,9 @@ def _describe(f: Function) -> list[str]:
         lines.append(f"Call it every {r.sample_time:.9g} s.")
     within = f" in the first {CALLS} calls after a reset" if r.keeps else ""
     if np.isfinite(f.bound):
-        lines.append(f"Differs from the model in double precision by at most {f.bound:.2g}{within}")
+        lines.append(
+            f"Differs from the model in double precision by at most {at_most(f.bound)}{within}"
+        )
         lines.append("(rounding analysis over the ranges above).")
     else:
         lines.append("The ranges above allow no bound of the rounding errors.")

@@ -1,0 +1,242 @@
+"""The three files of a C export in fixed point: header, source and self-test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import floor
+
+import numpy as np
+
+from ...errors import UsageError
+from ...routines import Machine
+from ...routines.routine import Argument
+from ..golden import golden
+from ..target import Job
+from .files import at_most, comment
+from .fixed import Fixed, Omitted, fixed
+
+_CALLS = 24  # golden vectors of a routine
+_TABLE_LINE = 12
+
+
+def write(job: Job) -> Mapping[str, bytes]:
+    """Return ``NAME.h``, ``NAME.c`` and ``NAME_selftest.c``.
+
+    Raises
+    ------
+    UsageError
+        If no routine of the file can be had in fixed point.
+    """
+    tried = [fixed(r, job.name) for r in job.block.routines()]
+    functions = [f for f in tried if isinstance(f, Fixed)]
+    omitted = [f for f in tried if isinstance(f, Omitted)]
+    if not functions:
+        raise UsageError(
+            f"nothing of this {job.block.family} file can be had in fixed point: "
+            + "; ".join(f"{o.name}, because {o.why}" for o in omitted),
+            expected="A static map within one per cent of full scale was expected.",
+            remedy="Export it with --arithmetic float32.",
+        )
+    files = {
+        f"{job.file}.h": _header(job, functions, omitted),
+        f"{job.file}.c": _source(job, functions),
+        f"{job.file}_selftest.c": _self_test(job, functions),
+    }
+    return {name: "\n".join([*lines, ""]).encode("ascii") for name, lines in files.items()}
+
+
+def signature(f: Fixed) -> str:
+    """The function without its end."""
+    arguments = "".join(f"int16_t {a.name}, " for a in f.routine.arguments)
+    return f"int16_t {f.name}({arguments}int *outside)"
+
+
+def _header(job: Job, functions: Sequence[Fixed], omitted: Sequence[Omitted]) -> list[str]:
+    guard = f"{job.name.upper()}_H"
+    words = [
+        f"{job.name}: {job.block.family}, in fixed point",
+        "",
+        *job.remarks,
+        "",
+        "All quantities are SI. Each is an int16_t times a power of two whose exponent is given",
+        "below. An argument beyond its range is clamped and sets *outside to 1, which may be a",
+        "null pointer. No memory is allocated and no function is recursive.",
+        *(f"Left out: {o.name}, because {o.why}." for o in omitted),
+    ]
+    lines = [*comment(words), f"#ifndef {guard}", f"#define {guard}", "", "#include <stdint.h>"]
+    for f in functions:
+        base = f"{job.name}_{f.routine.name}".upper()
+        lines += ["", *comment(_describe(f))]
+        lines += [f"#define {base}_{a.name.upper()}_EXPONENT ({e})"
+                  for a, e in zip(f.routine.arguments, f.units)]  # fmt: skip
+        lines += [f"#define {base}_EXPONENT ({f.output.exponent})", f"{signature(f)};"]
+    return [*lines, "", "#endif"]
+
+
+def _describe(f: Fixed) -> list[str]:
+    r = f.routine
+    lines = [r.about, ""]
+    for a, e in zip(r.arguments, f.units):
+        kind = "range of the logs" if a.recorded else "not recorded, derived"
+        lines.append(f"{a.name} [{a.unit}]: {a.about}; {a.low:.9g} to {a.high:.9g} ({kind}),")
+        low, high = _ends(a, e)
+        lines.append(f"    given as the integer nearest to {a.name} * 2^{-e}: {low} to {high}")
+    share = at_most(100.0 * f.bound / f.scale)
+    proof = "interval bounds over the ranges above"
+    if f.complete:
+        proof = "every one of them was tried"
+    lines += [
+        "",
+        f"Returns [{r.unit}] * 2^{-f.output.exponent}: multiply by 2^{f.output.exponent}.",
+        f"Differs from the model in double precision by at most {at_most(f.bound)}, {share} % of",
+        f"full scale ({f.scale:.4g}), at the arguments that the integers stand for",
+        f"({proof}).",
+    ]
+    if f.code.width.bits > 15:
+        lines.append(
+            "Factors of 16 bits are too few: 32 are used, slower than float on 8-bit chips."
+        )
+    return lines
+
+
+def _ends(a: Argument, exponent: int) -> tuple[int, int]:
+    return round(a.low / 2.0**exponent), round(a.high / 2.0**exponent)
+
+
+def _macros(job: Job) -> list[str]:
+    name = job.name.upper()
+    return [
+        "#if defined(__AVR__)",
+        "#include <avr/pgmspace.h>",
+        f"#define {name}_TABLE PROGMEM",
+        f"#define {name}_READ(entry) ((int16_t)pgm_read_word(&(entry)))",
+        f"#define {name}_READ_LONG(entry) ((int32_t)pgm_read_dword(&(entry)))",
+        "#else",
+        f"#define {name}_TABLE",
+        f"#define {name}_READ(entry) (entry)",
+        f"#define {name}_READ_LONG(entry) (entry)",
+        "#endif",
+        "",
+    ]
+
+
+def _source(job: Job, functions: Sequence[Fixed]) -> list[str]:
+    lines = [
+        f'#include "{job.file}.h"', "",
+        "#if (-3 >> 1) != -2",
+        "#error a shift of a negative number to the right has to keep its sign",
+        "#endif", "",
+        *_macros(job),
+    ]  # fmt: skip
+    written = [(f, _function(f)) for f in functions]
+    text = "\n".join(line for _, function in written for line in function)
+    for bits in (15, 31):
+        if f"{job.name}_sqrt{bits}(" in text:
+            lines += _square_root(job.name, bits)
+    for f, function in written:
+        for number, entries in enumerate(f.code.tables):
+            name = f"{job.name}_{f.routine.name}_table_{number}"
+            if f"{name}[" in text:
+                lines += _table(job, name, entries)
+        for layer, rows in f.code.biases.items():
+            name = f"{job.name}_{f.routine.name}_{layer}_biases"
+            text_of = ["{" + ", ".join(map(str, row)) + "}" for row in rows]
+            inside = ",\n    ".join(text_of)
+            head = f"static const int32_t {name}[{len(rows)}][{len(rows[0])}]"
+            lines += [f"{head} {job.name.upper()}_TABLE = {{\n    {inside}}};", ""]
+        lines += function
+    return lines
+
+
+def _table(job: Job, name: str, entries: Sequence[int]) -> list[str]:
+    rows = [entries[k : k + _TABLE_LINE] for k in range(0, len(entries), _TABLE_LINE)]
+    inside = ",\n    ".join(", ".join(map(str, row)) for row in rows)
+    head = f"static const int16_t {name}[{len(entries)}] {job.name.upper()}_TABLE"
+    return [f"{head} = {{\n    {inside}}};", ""]
+
+
+def _square_root(name: str, bits: int) -> list[str]:
+    """Whole part of a square root, two bits of the radicand at a time."""
+    long, short = 2 * bits + 2, bits + 1
+    kind = f"uint{long}_t"
+    return [
+        f"static int{short}_t {name}_sqrt{bits}(int{long}_t radicand)",
+        "{",
+        f"    {kind} rest = radicand > 0 ? ({kind})radicand : 0;",
+        f"    {kind} root = 0, bit = UINT{long}_C(1) << {2 * bits - 2};",
+        "",
+        "    while (bit) {",
+        "        if (rest >= root + bit) {",
+        "            rest -= root + bit;",
+        "            root = (root >> 1) + bit;",
+        "        } else {",
+        "            root >>= 1;",
+        "        }",
+        "        bit >>= 2;",
+        "    }",
+        f"    return (int{short}_t)root;",
+        "}",
+        "",
+    ]
+
+
+def _function(f: Fixed) -> list[str]:
+    lines = ["int beyond = 0;"]
+    for a, e in zip(f.routine.arguments, f.units):
+        low, high = _ends(a, e)
+        lines.append(f"if ({a.name} < {low}) {{ {a.name} = {low}; beyond = 1; }}")
+        lines.append(f"if ({a.name} > {high}) {{ {a.name} = {high}; beyond = 1; }}")
+    lines += f.code.lines(" ".join([f.output.text, *f.flags]))
+    lines += [f"if ({condition}) beyond = 1;" for condition in f.flags]
+    lines += ["if (outside) *outside = beyond;", f"return {f.output.text};"]
+    return [signature(f), "{", *(f"    {line}" for line in lines), "}", ""]
+
+
+def _self_test(job: Job, functions: Sequence[Fixed]) -> list[str]:
+    lines = [
+        *comment([f"{job.name}: golden vectors of the Python model. main returns 0 when all hold,",
+                  "otherwise the number of the function that failed."]),
+        f'#include "{job.file}.h"', "", *_macros(job),
+    ]  # fmt: skip
+    for number, f in enumerate(functions, start=1):
+        lines += _test_of(job, f, number)
+    lines += ["int main(void)", "{"]
+    lines += [f"    if (!test_{n}()) return {n};" for n in range(1, len(functions) + 1)]
+    return [*lines, "    return 0;", "}"]
+
+
+def vectors_of(f: Fixed, count: int = _CALLS) -> list[list[int]]:
+    """Golden vectors in mantissas: arguments, output and flag."""
+    units = 2.0 ** np.array(f.units)
+    given = np.clip(np.round(golden(f.routine, count).arguments / units), -32768, 32767)
+    names = [a.name for a in f.routine.arguments]
+    found, outside = Machine(f.routine)(**dict(zip(names, (given * units).T)))
+    outputs = np.round(np.asarray(found) / f.output.unit)
+    rows = np.column_stack([given, np.clip(outputs, -32768, 32767), outside]).astype(int)
+    return [list(map(int, row)) for row in rows]
+
+
+def _test_of(job: Job, f: Fixed, number: int) -> list[str]:
+    rows = vectors_of(f)
+    width = len(rows[0])
+    allowed = floor(f.bound / f.output.unit + 0.5)
+    text = ",\n    ".join("{" + ", ".join(map(str, row)) + "}" for row in rows)
+    read = [f"{job.name.upper()}_READ(vectors_{number}[k][{j}])" for j in range(width)]
+    table = f"{job.name.upper()}_TABLE"
+    return [
+        f"static const int16_t vectors_{number}[{len(rows)}][{width}] {table} = {{\n    {text}}};",
+        "",
+        f"static int test_{number}(void)",
+        "{",
+        "    int k, outside;",
+        "",
+        f"    for (k = 0; k < {len(rows)}; k++) {{",
+        f"        const int32_t found = {f.name}({', '.join(read[:-2])}, &outside);",
+        f"        const int32_t off = found - {read[-2]};",
+        "",
+        f"        if (off > {allowed} || off < -{allowed} || outside != {read[-1]}) return 0;",
+        "    }",
+        "    return 1;",
+        "}",
+        "",
+    ]
