@@ -26,6 +26,9 @@ _ACCEPTED = "What the fit does not vouch for"
         Option(["--arithmetic"], type=click.Choice(["float32", "q15"]), group="Output",
                help="Floating point, or 16-bit fixed point for static maps, of the languages "
                "that know both (default: float32)."),
+        Option(["--controller"], metavar="FILE", group="Output",
+               help="A controller file: with --to c it is exported instead, for the machine that "
+               "PARAMS together describe."),
         flag("--accept-failed", group=_ACCEPTED,
              help="Export a file whose verdict is FAIL; the export says so."),
         Option(["--accept-not-identified", "accepted"], metavar="NAME|all", multiple=True,
@@ -57,6 +60,7 @@ def command(
     Examples:
       fluidact-fit export valve.yaml --to matlab -o controller
       fluidact-fit export *.yaml --to ros2 -o config -f
+      fluidact-fit export line.yaml --controller pd.yaml --to c -o firmware
     """
     from fluidact_fit.export import export
 
@@ -65,6 +69,7 @@ def command(
         force=params["force"], arithmetic=params["arithmetic"],
         accept_failed=params["accept_failed"],
         accept_not_identified=True if "all" in accepted else accepted,
+        controller=params["controller"],
     )  # fmt: skip
     note_written(map(str, written))
     if not params["quiet"]:

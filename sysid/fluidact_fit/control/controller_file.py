@@ -112,6 +112,10 @@ class MachineKeys(FamilyOptions):
         unit="Pa", minimum=0.0,
     )  # fmt: skip
     position: float = number(0.0, help="where the rod of a force loop is held", unit="m")
+    travel_from: float | None = number(
+        help="where the travel begins, for an exported controller of files that do not hold it"
+    )
+    travel_to: float | None = number(help="where the travel ends")
 
 
 @dataclass(frozen=True)
@@ -220,6 +224,9 @@ def _read(data: Mapping[str, Any], problems: Problems) -> ControllerFile | None:
     if low is not None and high is not None and low >= high:
         problems.add(("limits",), f"low {low:g} is not below high {high:g}")
     _check_choices(found.controller, problems)
+    begin, end = found.machine.travel_from, found.machine.travel_to
+    if (begin is None) != (end is None) or (begin is not None and end is not None and begin >= end):
+        problems.add(("machine",), "travel_from and travel_to belong together, the lower one first")
     return found
 
 

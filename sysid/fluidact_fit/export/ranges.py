@@ -15,7 +15,7 @@ import numpy as np
 
 from ..experiment import FloatArray
 from ..routines import Routine
-from ..routines.expression import Relation
+from ..routines.expression import Choose
 
 _BOXES = {0: 1, 1: 4096, 2: 80, 3: 20, 4: 10}  # along each argument
 
@@ -115,10 +115,9 @@ def unary(function: str, x: Range) -> Range:
         return Range(np.log(x.low), np.log(x.high), x.error / least)
 
 
-def choose(
-    relation: Relation, sides: tuple[Range, Range], yes: Range, no: Range
-) -> Range:  # fmt: skip
+def choose(e: Choose, sides: tuple[Range, Range], yes: Range, no: Range) -> Range:
     """One of two; where what is compared carries an error, also the other one."""
+    relation = e.relation
     a, b = sides
     if relation in (">", ">="):
         a, b = b, a  # now it asks whether a lies below b
@@ -127,7 +126,8 @@ def choose(
     surely = a.high + slack < b.low if strict else a.high + slack <= b.low
     never = a.low - slack >= b.high if strict else a.low - slack > b.high
     jump = np.maximum(np.abs(yes.high - no.low), np.abs(no.high - yes.low))
-    both = np.maximum(yes.error, no.error) + np.where(slack > 0.0, jump, 0.0)
+    wrong = (slack > 0.0) & (not e.jumps)
+    both = np.maximum(yes.error, no.error) + np.where(wrong, jump, 0.0)
     pick = [surely, never]
     return Range(
         np.select(pick, [yes.low, no.low], np.minimum(yes.low, no.low)),

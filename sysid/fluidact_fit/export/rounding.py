@@ -73,7 +73,7 @@ def range_of(e: Expression, names: Mapping[str, Range | list[Range]]) -> Range:
             return found if e.function in ("neg", "abs") else found.rounded(LIBRARY)
         case Choose():
             sides = range_of(e.a, names), range_of(e.b, names)
-            return choose(e.relation, sides, range_of(e.yes, names), range_of(e.no, names))
+            return choose(e, sides, range_of(e.yes, names), range_of(e.no, names))
         case Binary():
             a, b = range_of(e.a, names), range_of(e.b, names)
             match e.function:

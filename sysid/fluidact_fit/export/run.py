@@ -25,8 +25,9 @@ def export(
     arithmetic: Arithmetic | None = None,
     accept_failed: bool = False,
     accept_not_identified: bool | Collection[str] = False,
+    controller: PathLike | None = None,
 ) -> list[Path]:
-    """Export parameter files for a controller.
+    """Export parameter files for a controller, or the controller itself.
 
     Everything is read and made before anything is written, and the files of one parameter
     file are written all or none.
@@ -49,6 +50,10 @@ def export(
         Names of parameters to export although the data could not determine them, or ``True``
         for all; the export says so.
 
+    controller
+        A controller file: it is exported instead, named after it, with what the parameter files
+        together say of its machine.
+
     Returns
     -------
     list of Path
@@ -60,9 +65,11 @@ def export(
         When a file cannot be read or does not agree with itself.
     StrictError, NotIdentifiedError
         When a fit failed, or a parameter was not identified, and that was not accepted.
+    ControllerFileError
+        When the controller file cannot be used.
     UsageError
-        When the target is not known or does not know the arithmetic, when two exports would
-        have one name, or when one would replace a file that is read.
+        When the target is not known, or knows no such arithmetic or no controllers, when two
+        exports would have one name, or when one would replace a file that is read.
     OutputError
         When a file exists and may not be replaced, or cannot be written.
     """
@@ -79,12 +86,30 @@ def export(
         )
     blocks = [load(path, accept_failed=True, accept_not_identified=True) for path in files]
     _refuse_unaccepted(files, blocks, accept_failed, accept_not_identified)
-    jobs = [make_job(p, b, arithmetic or "float32") for p, b in zip(files, blocks)]
-    _refuse_same_names(files, jobs)
-    made = [{str(Path(folder, n)): data for n, data in target(job).items()} for job in jobs]
+    if controller is None:
+        jobs = [make_job(p, b, arithmetic or "float32") for p, b in zip(files, blocks)]
+        _refuse_same_names(files, jobs)
+        contents = [target(job) for job in jobs]
+    else:
+        contents = [_controller(to, controller, blocks, arithmetic or "float32")]
+        files.append(os.fspath(controller))
+    made = [{str(Path(folder, n)): data for n, data in c.items()} for c in contents]
     _check_places(made, files, force)
     _make_folder(folder)
     return [path for contents in made for path in write_together(contents, overwrite=force)]
+
+
+def _controller(
+    to: str, path: PathLike, blocks: Sequence[Block], arithmetic: Arithmetic
+) -> Mapping[str, bytes]:
+    if to != "c":
+        raise UsageError(
+            f"--to {to} does not know controllers.", remedy="Give --to c, or no --controller."
+        )
+    from .c import write_code
+    from .controller import controller_code
+
+    return write_code(controller_code(path, blocks, arithmetic))
 
 
 def _refuse_unaccepted(

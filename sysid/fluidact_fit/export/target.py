@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from ..block import Block
+from ..routines import Routine
 
 Arithmetic = Literal["float32", "q15"]
 
@@ -77,17 +78,40 @@ class Job:
             object.__setattr__(self, "file", self.name)
 
 
+@dataclass(frozen=True)
+class Code:
+    """Routines on their way to a language that can run them: those of a block or a controller.
+
+    ``title`` says what they are, the rest is as in :class:`Job`.
+    """
+
+    name: str
+    file: str
+    title: str
+    routines: tuple[Routine, ...]
+    arithmetic: Arithmetic = "float32"
+    remarks: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, job: Job) -> Code:
+        """Everything that a controller calls of the block."""
+        block = job.block
+        routines = tuple(block.routines())
+        return cls(job.name, job.file, block.family, routines, job.arithmetic, job.remarks)
+
+
 Target = Callable[[Job], Mapping[str, bytes]]  # name of a file to its content
 
 
 def make_job(path: str | os.PathLike[str], block: Block, arithmetic: Arithmetic = "float32") -> Job:
     """Return the job of a block that was loaded from a file, everything in it accepted."""
     file = Path(path).name
-    remarks = tuple(map(plain_text, _remarks(block)))
+    remarks = tuple(map(plain_text, remarks_of(block)))
     return Job(safe_name(file), block, arithmetic, remarks, file_stem(file))
 
 
-def _remarks(block: Block) -> Iterable[str]:
+def remarks_of(block: Block) -> Iterable[str]:
+    """Yield what was accepted of a block although the fit does not vouch for it."""
     if block.verdict == "fail":
         yield "VERDICT FAIL: the model did not describe its own logs; exported as accepted"
     for name in block.not_identified:

@@ -102,8 +102,8 @@ class Binary(Expression):
 class Choose(Expression):
     """``yes`` where ``a relation b`` holds, otherwise ``no``; both are defined everywhere.
 
-    Compare only what carries no rounding (arguments, constants), or where both agree at the
-    boundary up to a jump that the equation has itself.
+    ``jumps`` says that the equation itself jumps there: on which side a number falls that is
+    computed, and lies within rounding of the boundary, is then nobody's error.
     """
 
     a: Expression
@@ -111,6 +111,7 @@ class Choose(Expression):
     b: Expression
     yes: Expression
     no: Expression
+    jumps: bool = False
 
 
 def wrap(value: Operand) -> Expression:
@@ -144,10 +145,10 @@ def log(x: Expression) -> Expression:
 
 
 def choose(
-    a: Operand, relation: Relation, b: Operand, yes: Operand, no: Operand
-) -> Expression:  # fmt: skip
-    """Return ``yes`` where ``a relation b`` holds, otherwise ``no``."""
-    return Choose(wrap(a), relation, wrap(b), wrap(yes), wrap(no))
+    a: Operand, relation: Relation, b: Operand, yes: Operand, no: Operand, *, jumps: bool = False
+) -> Expression:
+    """Return ``yes`` where ``a relation b`` holds, otherwise ``no``; see :class:`Choose`."""
+    return Choose(wrap(a), relation, wrap(b), wrap(yes), wrap(no), jumps)
 
 
 def polynomial(coefficients: list[float], x: Expression) -> Expression:

@@ -89,8 +89,9 @@ def _pd(c: PDController, travel: Travel, unit: str) -> Routine:
     f = c.friction
     if f.tolerance > 0.0 and (f.positive or f.negative):
         speed = _rate(draft, "speed", measured, low_pass, c.sample_time)
-        push = choose(error, ">", 0.0, f.positive, choose(error, "<", 0.0, -f.negative, 0.0))
-        command = command + choose(abs(speed), "<", f.tolerance, push, 0.0)
+        push = choose(error, "<", 0.0, -f.negative, 0.0, jumps=True)
+        push = choose(error, ">", 0.0, f.positive, push, jumps=True)
+        command = command + choose(abs(speed), "<", f.tolerance, push, 0.0, jumps=True)
     return draft.returns(_limited(command, c.limits))
 
 
@@ -104,8 +105,8 @@ def _force(c: ImpedanceController, travel: Travel) -> Routine:
     force = z.stiffness * (reference - measured) + z.damping * (wanted - speed)
     force = force + f.viscous * speed
     if f.coulomb_positive or f.coulomb_negative:
-        sign = choose(speed, ">", f.tolerance, f.coulomb_positive,
-                      choose(speed, "<", -f.tolerance, -f.coulomb_negative, 0.0))  # fmt: skip
+        sign = choose(speed, "<", -f.tolerance, -f.coulomb_negative, 0.0, jumps=True)
+        sign = choose(speed, ">", f.tolerance, f.coulomb_positive, sign, jumps=True)
         force = force + sign
     return draft.returns(_limited(force, c.limits))
 

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..target import Job
+from ..target import Code, Job
 from . import fixed_files
 from .files import Function, header, self_test, source
 
 
 def write(job: Job) -> Mapping[str, bytes]:
-    """Return ``NAME.h``, ``NAME.c`` and ``NAME_selftest.c``.
+    """Return ``NAME.h``, ``NAME.c`` and ``NAME_selftest.c``; see :func:`write_code`."""
+    return write_code(Code.of(job))
+
+
+def write_code(code: Code) -> Mapping[str, bytes]:
+    """Return the three files of some routines.
 
     Raises
     ------
     UsageError
-        If fixed point is asked for and no routine of the file can be had in it.
+        If fixed point is asked for and none of them can be had in it.
     """
-    if job.arithmetic == "q15":
-        return fixed_files.write(job)
-    functions = [Function.of(r, job.name) for r in job.block.routines()]
+    if code.arithmetic == "q15":
+        return fixed_files.write(code)
+    functions = [Function.of(r, code.name) for r in code.routines]
     parts = {"h": header, "c": source}
-    files = {f"{job.file}.{end}": make(job, functions) for end, make in parts.items()}
-    files[f"{job.file}_selftest.c"] = self_test(job, functions)
+    files = {f"{code.file}.{end}": make(code, functions) for end, make in parts.items()}
+    files[f"{code.file}_selftest.c"] = self_test(code, functions)
     return {name: text.encode("ascii") for name, text in files.items()}

@@ -11,7 +11,7 @@ import numpy as np
 from ...routines import Routine
 from ..golden import golden
 from ..rounding import CALLS, UNIT, error_bound, inward, single
-from ..target import Job
+from ..target import Code
 from .language import SINGLE, Writer, uses
 
 _CALLS = 24  # golden vectors of a routine
@@ -43,14 +43,14 @@ def comment(lines: Sequence[str]) -> list[str]:
     return ["/*", *(f" * {line}".rstrip() for line in lines), " */"]
 
 
-def header(job: Job, functions: Sequence[Function]) -> str:
+def header(code: Code, functions: Sequence[Function]) -> str:
     """``NAME.h``: what can be called, with ranges, units and the bounds of the errors."""
-    guard = f"{job.name.upper()}_H"
+    guard = f"{code.name.upper()}_H"
     words = [
-        f"{job.name}: {job.block.family}, in single precision",
+        f"{code.name}: {code.title}, in single precision",
         "",
-        *job.remarks,
-        "",
+        *code.remarks,
+        *([""] if code.remarks else []),
         "All quantities are SI. An argument beyond its range is clamped and sets *outside to 1,",
         "which may be a null pointer. No memory is allocated and no function is recursive.",
     ]
@@ -80,8 +80,8 @@ def _describe(f: Function) -> list[str]:
     return lines
 
 
-def _macros(job: Job) -> list[str]:
-    name = job.name.upper()
+def _macros(code: Code) -> list[str]:
+    name = code.name.upper()
     return [
         "#if defined(__AVR__)",
         "#include <avr/pgmspace.h>",
@@ -95,13 +95,13 @@ def _macros(job: Job) -> list[str]:
     ]
 
 
-def source(job: Job, functions: Sequence[Function]) -> str:
+def source(code: Code, functions: Sequence[Function]) -> str:
     """``NAME.c``: the functions and their tables."""
-    lines = [f'#include "{job.file}.h"', "", "#include <math.h>", "", *_macros(job)]
+    lines = [f'#include "{code.file}.h"', "", "#include <math.h>", "", *_macros(code)]
     for name, relation in (("min", "<"), ("max", ">")):
         if any(uses(f.routine, name) for f in functions):
             lines += [
-                f"static float {job.name}_{name}(float a, float b)", "{",
+                f"static float {code.name}_{name}(float a, float b)", "{",
                 f"    return a {relation} b ? a : b;", "}", "",
             ]  # fmt: skip
     for f in functions:
@@ -110,29 +110,29 @@ def source(job: Job, functions: Sequence[Function]) -> str:
     return "\n".join(lines)
 
 
-def self_test(job: Job, functions: Sequence[Function]) -> str:
+def self_test(code: Code, functions: Sequence[Function]) -> str:
     """``NAME_selftest.c``: ``main`` returns 0 when every golden vector holds."""
     lines = [
-        *comment([f"{job.name}: golden vectors of the Python model. main returns 0 when all hold,",
+        *comment([f"{code.name}: golden vectors of the Python model. main returns 0 when all hold,",
                   "otherwise the number of the function that failed."]),
-        f'#include "{job.file}.h"', "", "#include <math.h>", "", *_macros(job),
+        f'#include "{code.file}.h"', "", "#include <math.h>", "", *_macros(code),
     ]  # fmt: skip
     for number, f in enumerate(functions, start=1):
-        lines += _test_of(job, f, number)
+        lines += _test_of(code, f, number)
     lines += ["int main(void)", "{"]
     lines += [f"    if (!test_{n}()) return {n};" for n in range(1, len(functions) + 1)]
     return "\n".join([*lines, "    return 0;", "}", ""])
 
 
-def _test_of(job: Job, f: Function, number: int) -> list[str]:
-    r, table = f.routine, f"{job.name.upper()}_TABLE"
+def _test_of(code: Code, f: Function, number: int) -> list[str]:
+    r, table = f.routine, f"{code.name.upper()}_TABLE"
     vectors = golden(r, _CALLS, single)
     columns = np.column_stack((vectors.arguments, vectors.outputs, vectors.outside))
     rows = ",\n    ".join("{" + ", ".join(map(SINGLE.literal, row)) + "}" for row in columns)
     count, width = columns.shape
     largest = np.abs(vectors.outputs).max()
     allowed = SINGLE.literal((f.bound + UNIT * largest) * (1.0 + 4.0 * UNIT))
-    read = [f"{job.name.upper()}_READ(vectors_{number}[k][{j}])" for j in range(width)]
+    read = [f"{code.name.upper()}_READ(vectors_{number}[k][{j}])" for j in range(width)]
     call = ", ".join((["&state"] if r.keeps else []) + read[:-2] + ["&outside"])
     state = [f"    {f.writer.name}_state state;"] if r.keeps else []
     reset = [f"    {f.writer.name}_reset(&state);"] if r.keeps else []

@@ -225,8 +225,8 @@ class Code(Sheet):
         """Text and both sides of a comparison; that of an argument with a number is exact."""
         left, right = self.value(a), self.value(b)
         if left.constant is not None and right.text in self.arguments:
-            text, x, y = self.condition(b, _MIRRORED[relation], a)
-            return text, y, x
+            text, second, first = self.condition(b, _MIRRORED[relation], a)
+            return text, first, second
         if right.constant is not None and left.text in self.arguments:
             ratio = min(max(right.constant / left.unit, -1e5), 1e5)
             edge = ceil(ratio) if relation in ("<", ">=") else floor(ratio)
@@ -243,13 +243,13 @@ class Code(Sheet):
     def _choose(self, e: Choose) -> Value:
         text, *sides = self.condition(e.a, e.relation, e.b)
         yes, no = self.value(e.yes), self.value(e.no)
-        both = choose(e.relation, (sides[0], sides[1]), yes.range, no.range)
+        both = choose(e, (sides[0], sides[1]), yes.range, no.range)
         if yes.constant is not None and no.constant is not None:
             exponent = exponent_for(both.reach, self.width.bits)
         else:
             exponent = self.common([yes, no], both.reach)
         (left, x), (right, y) = self.long(yes, exponent), self.long(no, exponent)
-        found = choose(e.relation, (sides[0], sides[1]), x, y)
+        found = choose(e, (sides[0], sides[1]), x, y)
         return self.new(f"{text} ? {left} : {right}", exponent, found)
 
     # --------------------------------------------------------------------------- curves

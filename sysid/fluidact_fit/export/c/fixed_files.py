@@ -11,7 +11,7 @@ from ...errors import UsageError
 from ...routines import Machine
 from ...routines.routine import Argument
 from ..golden import golden
-from ..target import Job
+from ..target import Code
 from .files import at_most, comment
 from .fixed import Fixed, Omitted, fixed
 
@@ -19,7 +19,7 @@ _CALLS = 24  # golden vectors of a routine
 _TABLE_LINE = 12
 
 
-def write(job: Job) -> Mapping[str, bytes]:
+def write(code: Code) -> Mapping[str, bytes]:
     """Return ``NAME.h``, ``NAME.c`` and ``NAME_selftest.c``.
 
     Raises
@@ -27,20 +27,20 @@ def write(job: Job) -> Mapping[str, bytes]:
     UsageError
         If no routine of the file can be had in fixed point.
     """
-    tried = [fixed(r, job.name) for r in job.block.routines()]
+    tried = [fixed(r, code.name) for r in code.routines]
     functions = [f for f in tried if isinstance(f, Fixed)]
     omitted = [f for f in tried if isinstance(f, Omitted)]
     if not functions:
         raise UsageError(
-            f"nothing of this {job.block.family} file can be had in fixed point: "
+            f"nothing of this {code.title} file can be had in fixed point: "
             + "; ".join(f"{o.name}, because {o.why}" for o in omitted),
             expected="A static map within one per cent of full scale was expected.",
             remedy="Export it with --arithmetic float32.",
         )
     files = {
-        f"{job.file}.h": _header(job, functions, omitted),
-        f"{job.file}.c": _source(job, functions),
-        f"{job.file}_selftest.c": _self_test(job, functions),
+        f"{code.file}.h": _header(code, functions, omitted),
+        f"{code.file}.c": _source(code, functions),
+        f"{code.file}_selftest.c": _self_test(code, functions),
     }
     return {name: "\n".join([*lines, ""]).encode("ascii") for name, lines in files.items()}
 
@@ -51,13 +51,13 @@ def signature(f: Fixed) -> str:
     return f"int16_t {f.name}({arguments}int *outside)"
 
 
-def _header(job: Job, functions: Sequence[Fixed], omitted: Sequence[Omitted]) -> list[str]:
-    guard = f"{job.name.upper()}_H"
+def _header(code: Code, functions: Sequence[Fixed], omitted: Sequence[Omitted]) -> list[str]:
+    guard = f"{code.name.upper()}_H"
     words = [
-        f"{job.name}: {job.block.family}, in fixed point",
+        f"{code.name}: {code.title}, in fixed point",
         "",
-        *job.remarks,
-        "",
+        *code.remarks,
+        *([""] if code.remarks else []),
         "All quantities are SI. Each is an int16_t times a power of two whose exponent is given",
         "below. An argument beyond its range is clamped and sets *outside to 1, which may be a",
         "null pointer. No memory is allocated and no function is recursive.",
@@ -65,7 +65,7 @@ def _header(job: Job, functions: Sequence[Fixed], omitted: Sequence[Omitted]) ->
     ]
     lines = [*comment(words), f"#ifndef {guard}", f"#define {guard}", "", "#include <stdint.h>"]
     for f in functions:
-        base = f"{job.name}_{f.routine.name}".upper()
+        base = f"{code.name}_{f.routine.name}".upper()
         lines += ["", *comment(_describe(f))]
         lines += [f"#define {base}_{a.name.upper()}_EXPONENT ({e})"
                   for a, e in zip(f.routine.arguments, f.units)]  # fmt: skip
@@ -103,8 +103,8 @@ def _ends(a: Argument, exponent: int) -> tuple[int, int]:
     return round(a.low / 2.0**exponent), round(a.high / 2.0**exponent)
 
 
-def _macros(job: Job) -> list[str]:
-    name = job.name.upper()
+def _macros(code: Code) -> list[str]:
+    name = code.name.upper()
     return [
         "#if defined(__AVR__)",
         "#include <avr/pgmspace.h>",
@@ -120,38 +120,38 @@ def _macros(job: Job) -> list[str]:
     ]
 
 
-def _source(job: Job, functions: Sequence[Fixed]) -> list[str]:
+def _source(code: Code, functions: Sequence[Fixed]) -> list[str]:
     lines = [
-        f'#include "{job.file}.h"', "",
+        f'#include "{code.file}.h"', "",
         "#if (-3 >> 1) != -2",
         "#error a shift of a negative number to the right has to keep its sign",
         "#endif", "",
-        *_macros(job),
+        *_macros(code),
     ]  # fmt: skip
     written = [(f, _function(f)) for f in functions]
     text = "\n".join(line for _, function in written for line in function)
     for bits in (15, 31):
-        if f"{job.name}_sqrt{bits}(" in text:
-            lines += _square_root(job.name, bits)
+        if f"{code.name}_sqrt{bits}(" in text:
+            lines += _square_root(code.name, bits)
     for f, function in written:
         for number, entries in enumerate(f.code.tables):
-            name = f"{job.name}_{f.routine.name}_table_{number}"
+            name = f"{code.name}_{f.routine.name}_table_{number}"
             if f"{name}[" in text:
-                lines += _table(job, name, entries)
+                lines += _table(code, name, entries)
         for layer, rows in f.code.biases.items():
-            name = f"{job.name}_{f.routine.name}_{layer}_biases"
+            name = f"{code.name}_{f.routine.name}_{layer}_biases"
             text_of = ["{" + ", ".join(map(str, row)) + "}" for row in rows]
             inside = ",\n    ".join(text_of)
             head = f"static const int32_t {name}[{len(rows)}][{len(rows[0])}]"
-            lines += [f"{head} {job.name.upper()}_TABLE = {{\n    {inside}}};", ""]
+            lines += [f"{head} {code.name.upper()}_TABLE = {{\n    {inside}}};", ""]
         lines += function
     return lines
 
 
-def _table(job: Job, name: str, entries: Sequence[int]) -> list[str]:
+def _table(code: Code, name: str, entries: Sequence[int]) -> list[str]:
     rows = [entries[k : k + _TABLE_LINE] for k in range(0, len(entries), _TABLE_LINE)]
     inside = ",\n    ".join(", ".join(map(str, row)) for row in rows)
-    head = f"static const int16_t {name}[{len(entries)}] {job.name.upper()}_TABLE"
+    head = f"static const int16_t {name}[{len(entries)}] {code.name.upper()}_TABLE"
     return [f"{head} = {{\n    {inside}}};", ""]
 
 
@@ -192,14 +192,14 @@ def _function(f: Fixed) -> list[str]:
     return [signature(f), "{", *(f"    {line}" for line in lines), "}", ""]
 
 
-def _self_test(job: Job, functions: Sequence[Fixed]) -> list[str]:
+def _self_test(code: Code, functions: Sequence[Fixed]) -> list[str]:
     lines = [
-        *comment([f"{job.name}: golden vectors of the Python model. main returns 0 when all hold,",
+        *comment([f"{code.name}: golden vectors of the Python model. main returns 0 when all hold,",
                   "otherwise the number of the function that failed."]),
-        f'#include "{job.file}.h"', "", *_macros(job),
+        f'#include "{code.file}.h"', "", *_macros(code),
     ]  # fmt: skip
     for number, f in enumerate(functions, start=1):
-        lines += _test_of(job, f, number)
+        lines += _test_of(code, f, number)
     lines += ["int main(void)", "{"]
     lines += [f"    if (!test_{n}()) return {n};" for n in range(1, len(functions) + 1)]
     return [*lines, "    return 0;", "}"]
@@ -216,13 +216,13 @@ def vectors_of(f: Fixed, count: int = _CALLS) -> list[list[int]]:
     return [list(map(int, row)) for row in rows]
 
 
-def _test_of(job: Job, f: Fixed, number: int) -> list[str]:
+def _test_of(code: Code, f: Fixed, number: int) -> list[str]:
     rows = vectors_of(f)
     width = len(rows[0])
     allowed = floor(f.bound / f.output.unit + 0.5)
     text = ",\n    ".join("{" + ", ".join(map(str, row)) + "}" for row in rows)
-    read = [f"{job.name.upper()}_READ(vectors_{number}[k][{j}])" for j in range(width)]
-    table = f"{job.name.upper()}_TABLE"
+    read = [f"{code.name.upper()}_READ(vectors_{number}[k][{j}])" for j in range(width)]
+    table = f"{code.name.upper()}_TABLE"
     return [
         f"static const int16_t vectors_{number}[{len(rows)}][{width}] {table} = {{\n    {text}}};",
         "",

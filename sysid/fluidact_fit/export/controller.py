@@ -1,0 +1,59 @@
+"""A controller on its way to the machine: gains and compensation that parameter files gave it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..block import Block, Port
+from ..control.controller_file import ControllerFile, read_controller_file
+from ..control.controllers.routines import Travel, routines_of
+from ..control.machines import make_controller, make_plant
+from ..errors import UsageError
+from .target import Arithmetic, Code, file_stem, plain_text, remarks_of, safe_name
+
+
+def controller_code(
+    path: str | os.PathLike[str], blocks: Sequence[Block], arithmetic: Arithmetic = "float32"
+) -> Code:
+    """Return the routines of a controller file for the machine that the blocks describe.
+
+    Raises
+    ------
+    ControllerFileError, UsageError
+        When the file cannot be used, does not fit the machine, or has no routines.
+    """
+    file = read_controller_file(path)
+    plant = make_plant(file, blocks)
+    controller = make_controller(file, blocks, plant)
+    travel = _travel(file, blocks, plant.controlled)
+    try:
+        routines = routines_of(controller, travel, plant.commands[0].unit)
+    except NotImplementedError:
+        raise UsageError(
+            f"a controller of kind {file.kind} cannot be exported",
+            expected="Kinds that can: pd, impedance.",
+            remedy="Export the parameter files: the maps that it calls are functions of them.",
+        ) from None
+    name = Path(path).name
+    families = plain_text(", ".join(b.family for b in blocks))
+    remarks = tuple(plain_text(r) for b in blocks for r in remarks_of(b))
+    return Code(
+        safe_name(name), file_stem(name), f"{file.kind} controller of {families}", routines,
+        arithmetic, remarks,
+    )  # fmt: skip
+
+
+def _travel(file: ControllerFile, blocks: Sequence[Block], controlled: Port) -> Travel:
+    """Range of what is controlled: that of the controller file, or of the logs."""
+    role, unit = controlled
+    if file.machine.travel_from is not None and file.machine.travel_to is not None:
+        return Travel(role, unit, file.machine.travel_from, file.machine.travel_to)
+    for block in blocks:
+        if role in block.validity:
+            return Travel(role, unit, block.validity[role].low, block.validity[role].high)
+    raise UsageError(
+        f"no parameter file holds a range of {role!r}, which the controller measures",
+        remedy="Give machine.travel_from and machine.travel_to in the controller file.",
+    )
