@@ -109,7 +109,9 @@ class Code(Sheet):
             inputs = [self.short(self.value(x)) for x in folded.inputs]
             if folded.switch:
                 switch = folded.switch
-                condition, _, _ = self.condition(switch.a, switch.relation, switch.b)
+                condition, a, b = self.condition(switch.a, switch.relation, switch.b)
+                if np.any(a.error + b.error > 0.0):
+                    raise NotFixed("what chooses between the biases of a layer is rounded")
             self.layers[e.name] = write_layer(self, layer, folded, inputs, condition)
         return self.layers[e.name][e.index]
 
@@ -225,8 +227,8 @@ class Code(Sheet):
         """Text and both sides of a comparison; that of an argument with a number is exact."""
         left, right = self.value(a), self.value(b)
         if left.constant is not None and right.text in self.arguments:
-            text, x, y = self.condition(b, _MIRRORED[relation], a)
-            return text, y, x
+            text, second, first = self.condition(b, _MIRRORED[relation], a)
+            return text, first, second
         if right.constant is not None and left.text in self.arguments:
             ratio = min(max(right.constant / left.unit, -1e5), 1e5)
             edge = ceil(ratio) if relation in ("<", ">=") else floor(ratio)
