@@ -109,7 +109,9 @@ class Code(Sheet):
             inputs = [self.short(self.value(x)) for x in folded.inputs]
             if folded.switch:
                 switch = folded.switch
-                condition, _, _ = self.condition(switch.a, switch.relation, switch.b)
+                condition, a, b = self.condition(switch.a, switch.relation, switch.b)
+                if np.any(a.error + b.error > 0.0):
+                    raise NotFixed("what chooses between the biases of a layer is rounded")
             self.layers[e.name] = write_layer(self, layer, folded, inputs, condition)
         return self.layers[e.name][e.index]
 
