@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from fluidact_fit import family_names
+
 from .command import ROOT, execute, fit
 from .figures import Figure, codes, number, parameter, quantity, rmse, words
 from .task import Task
@@ -20,12 +22,12 @@ GROUP = "readme"
 
 @cache
 def commands() -> dict[str, list[str]]:
-    """The commands of README.md by family, without what they write."""
+    """The fits of README.md by family, without what they write."""
     page = (ROOT / "README.md").read_text(encoding="utf-8")
     found = {}
     for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL):
         given = shlex.split(block.replace("\\\n", " "))
-        if given[:1] == ["fluidact-fit"] and "-o" in given:
+        if given[:1] == ["fluidact-fit"] and given[1] in family_names() and "-o" in given:
             at = given.index("-o")
             found[given[1]] = given[1:at] + given[at + 2 :]
     return found
