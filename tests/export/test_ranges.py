@@ -10,8 +10,10 @@ import pytest
 
 from fluidact_fit.export import ranges
 from fluidact_fit.export.ranges import Range
+from fluidact_fit.routines.expression import Choose, Name
 
 Array = npt.NDArray[np.float64]
+LOWER = Choose(Name("a"), "<", Name("b"), Name("a"), Name("b"))
 TWO: dict[str, tuple[Callable[[Range, Range], Range], Callable[[Array, Array], Array]]] = {
     "plus": (ranges.plus, np.add),
     "minus": (ranges.minus, np.subtract),
@@ -19,7 +21,7 @@ TWO: dict[str, tuple[Callable[[Range, Range], Range], Callable[[Array, Array], A
     "over": (ranges.over, np.divide),
     "min": (lambda a, b: ranges.extreme(a, b, "min"), np.minimum),
     "max": (lambda a, b: ranges.extreme(a, b, "max"), np.maximum),
-    "choose": (lambda a, b: ranges.choose("<", (a, b), a, b), lambda a, b: np.where(a < b, a, b)),
+    "choose": (lambda a, b: ranges.choose(LOWER, (a, b), a, b), lambda a, b: np.where(a < b, a, b)),
 }
 ONE: dict[str, Callable[[Array], Array]] = {
     "neg": np.negative, "abs": np.abs, "sqrt": np.sqrt, "exp": np.exp, "log": np.log,

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from ...experiment import FloatArray
 from .base import Plant
 from .body import Body, Dynamics
 from .delay import HeldCommands
-from .linear import sampled_response
+from .linear import Sampled, sample
 from .tissue import Tissue
 
 
@@ -128,9 +129,14 @@ class DrivePlant(Plant):
             self.body.state[2] = value
             self.body.advance(span)
 
-    def response(self, z: complex) -> FloatArray:
-        """Response of the position to the command; dry friction apart."""
+    @cached_property
+    def _linear(self) -> Sampled:
+        """The drive without its dry friction."""
         d = self.drive
         a = np.array([[0.0, 1.0], [-d.stiffness / d.mass, -d.damping / d.mass]])
         b, c = np.array([0.0, d.leverage / d.mass]), np.array([1.0, 0.0])
-        return np.array([sampled_response(a, b, c, d.dead_time, self.sample_time, z)])
+        return sample(a, b, c, d.dead_time, self.sample_time)
+
+    def response(self, z: complex) -> FloatArray:
+        """Response of the position to the command; dry friction apart."""
+        return np.array([self._linear.response(z)])

@@ -70,10 +70,26 @@ def _companion(link: Transfer) -> tuple[FloatArray, FloatArray, FloatArray]:
     return a, num, np.eye(n)[0]
 
 
-def sampled_response(
-    a: FloatArray, b: FloatArray, c: FloatArray, dead_time: float, sample_time: float, z: complex
-) -> complex:
-    """Response in ``z`` of ``c x``, ``x' = a x + b u(t - dead_time)``, for an input that is held.
+@dataclass(frozen=True)
+class Sampled:
+    """``x[k+1] = phi x[k] + new u[k-whole] + old u[k-whole-1]``, ``y[k] = output x[k]``."""
+
+    phi: FloatArray
+    new: FloatArray
+    old: FloatArray
+    output: FloatArray
+    whole: int
+
+    def response(self, z: complex) -> complex:
+        """Response in ``z``, on the unit circle and no pole of the system."""
+        drive = z ** -float(self.whole) * (self.new + self.old / z)
+        return complex(self.output @ np.linalg.solve(z * np.eye(self.new.size) - self.phi, drive))
+
+
+def sample(
+    a: FloatArray, b: FloatArray, c: FloatArray, dead_time: float, sample_time: float
+) -> Sampled:
+    """Sample ``y = c x``, ``x' = a x + b u(t - dead_time)`` exactly, for an input that is held.
 
     Parameters
     ----------
@@ -81,20 +97,15 @@ def sampled_response(
     b, c : (n,)
     dead_time, sample_time
         [s]; the dead time may be any fraction of a sample.
-    z
-        On the unit circle, and no pole of the system.
 
     Returns
     -------
-    complex
-        What reaches the end of a sample of what was held during it, and before.
+    Sampled
+        With what reaches the end of a sample of what was held during it, and before.
     """
     whole = floor(dead_time / sample_time + 1e-9)
     late = max(dead_time - whole * sample_time, 0.0)
-    steps = np.array([sample_time, sample_time - late])
-    phi, gamma = transition(a, b, steps)
+    phi, gamma = transition(a, b, np.array([sample_time, sample_time - late]))
     assert gamma is not None
     new = gamma[1, :, 0]  # the sample's own command, once it arrives
-    old = gamma[0, :, 0] - new
-    drive = z ** -float(whole) * (new + old / z)
-    return complex(c @ np.linalg.solve(z * np.eye(a.shape[0]) - phi[0], drive))
+    return Sampled(phi[0], new, gamma[0, :, 0] - new, c, whole)

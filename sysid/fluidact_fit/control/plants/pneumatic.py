@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from ...experiment import FloatArray
 from .base import Plant
 from .body import Body, Dynamics
 from .delay import HeldCommands
-from .linear import Chain, sampled_response
+from .linear import Chain, Sampled, sample
 from .tissue import Tissue
 
 
@@ -142,17 +143,20 @@ class PneumaticPlant(Plant):
             self.body.state[self._inputs] = values
             self.body.advance(span)
 
-    def response(self, z: complex) -> FloatArray:
-        """Response of the position to the command of each valve; dry friction apart."""
+    @cached_property
+    def _linear(self) -> tuple[Sampled, ...]:
+        """The cylinder behind each valve, without its dry friction."""
         law, mass = self.cylinder.friction, self.cylinder.mass
         n = self._inputs.start
         a = self._actuator()
         a[0, 1], a[1] = 1.0, self._drive() / mass
         a[1, 1] -= 0.5 * (law.viscous_positive + law.viscous_negative) / mass
         c = np.eye(n)[0]
-        return np.array([
-            sampled_response(
-                a[:n, :n], a[:n, n + i], c, chamber.supply.dead_time, self.sample_time, z
-            )
+        return tuple(
+            sample(a[:n, :n], a[:n, n + i], c, chamber.supply.dead_time, self.sample_time)
             for i, chamber in enumerate(self.cylinder.chambers)
-        ])  # fmt: skip
+        )
+
+    def response(self, z: complex) -> FloatArray:
+        """Response of the position to the command of each valve; dry friction apart."""
+        return np.array([one.response(z) for one in self._linear])
