@@ -108,7 +108,7 @@ def test_an_interrupt_that_is_ignored_stays_ignored(valve: Log, inside: Path) ->
     assert b"written to valve.yaml" in out
 
 
-@pytest.mark.parametrize("backend", ["nonsense", "", "agg"])
+@pytest.mark.parametrize("backend", ["nonsense", ""])
 def test_pictures_need_no_backend(backend: str, valve: Log, inside: Path) -> None:
     valve()
     environment = {**os.environ, "MPLBACKEND": backend}

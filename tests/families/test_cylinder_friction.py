@@ -148,7 +148,7 @@ def _bound(e: Estimate[FrictionOptions], log: Experiment) -> float:
     return 0.05 * float(np.sqrt(np.linalg.inv(a.T @ a)[2, 2]))
 
 
-@pytest.mark.parametrize("colour", [0.0, 0.9])
+@pytest.mark.parametrize("colour", [pytest.param(0.0, marks=pytest.mark.slow), 0.9])
 def test_interval_holds_the_truth_95_times_in_100(colour: float) -> None:
     runs = 80
     hits = dict.fromkeys(TRUTH, 0)
@@ -205,7 +205,11 @@ def by_velocity(seed: int, noise: float, pace: float = 1.0, colour: float = 0.0)
     return make_experiment(e.time, force=e["force"], velocity=v)
 
 
-@pytest.mark.parametrize("colour", [0.0, 0.9])
+# The repetitions that autocorrelated noise does not make harder are left to `make study`.
+WHITE = pytest.param(0.0, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("colour", [WHITE, 0.9])
 def test_noise_of_a_velocity_neither_biases_nor_narrows(colour: float) -> None:
     runs, z = 100, []
     for seed in range(runs):

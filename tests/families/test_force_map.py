@@ -103,6 +103,7 @@ def test_command_network_on_the_test_positions() -> None:
     check_branches(gain * error, state, since)
 
 
+@pytest.mark.slow  # the network of the command is trained and judged in the same way
 def test_force_network_on_the_test_positions() -> None:
     error, _, state, since = errors("force")
     check_branches(error, state, since)

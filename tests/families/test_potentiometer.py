@@ -288,7 +288,7 @@ def test_automatic_degree_finds_the_true_one() -> None:
 
 
 @pytest.mark.parametrize("repeats", [30, pytest.param(200, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("endpoints", ["free", "fixed"])
+@pytest.mark.parametrize("endpoints", ["free", pytest.param("fixed", marks=pytest.mark.slow)])
 def test_intervals_cover_the_truth(endpoints: str, repeats: int) -> None:
     rng = np.random.default_rng(5)
     hits, normalised = np.zeros(5), []
