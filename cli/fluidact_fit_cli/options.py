@@ -24,6 +24,8 @@ from .parse import (
     parse_step,
     parse_text,
     parse_window,
+    split_rows,
+    split_runs,
 )
 
 if TYPE_CHECKING:
@@ -117,15 +119,19 @@ READING: list[click.Parameter] = [
     assignment("--step", "ROLE=FROM:TO[@T]", "command=0:2.5@0.1", parse_step,
                "For an input that was not recorded: constant at FROM, then constant at TO (in "
                "its --unit, or SI) from T seconds on (default 0).", _READING),
-    parsed("--window", "START:END", "0.5:3", parse_window,
-           "Part of the log to use, in seconds; either side may be empty.", _READING),
+    Option(["--window", "--fit-window", "window"], group=_READING,
+           type=Parsed("START:END", "--window 0.5:3", parse_window),
+           help="Part of the log to use, in seconds; either side may be empty."),
     assignment("--hold", "ROLE=zoh|foh|smooth|auto", "force=foh", parse_hold,
                "How an input behaves between its samples: zoh is held, foh follows straight "
                "lines, smooth a smooth curve through the samples; auto chooses foh or smooth "
                "(zoh for a signal of two levels), and the file says which.", _READING),
     Option(["--exclude"], metavar="[LOG:]PART", multiple=True, group=_READING,
-           help="Leave out run=2, time=3:3.5 (seconds) or lines=120:130, of all logs or of those "
-           "whose name matches LOG (* stands for anything). Repeatable."),
+           help="Leave out runs (2 or 2,5), time=3:3.5 (seconds) or lines=120:130 of the file, of "
+           "all logs or of those whose name matches LOG (* stands for anything). Repeatable."),
+    Option(["--exclude-rows"], metavar="[LOG:]ROWS", multiple=True, group=_READING,
+           help="Leave out rows of the data, counted from 1: 7, or 120:130, or both with a comma. "
+           "Repeatable."),
     Option(["--set"], metavar="[LOG:]ROLE=VALUE", multiple=True, group=_READING,
            help="A role that was constant, with its unit: --set 'a*.csv:position=25 %'. "
            "Repeatable."),
@@ -157,7 +163,8 @@ def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
     given |= {name: params[name] for name in _WRITING if params[name] is not None}
     given |= {"from_name": params["from_name"], **by_role}
     known = [_names(p) for name in _LOGS for p in _listed(params.get(name))]
-    exclude = _by_log("--exclude", params["exclude"], known)
+    exclude = _by_log("--exclude", split_runs(params["exclude"]), known)
+    exclude += _by_log("--exclude-rows", split_rows(params["exclude_rows"]), known)
     constants = _by_log("--set", params["set"], known)
     logs = []
     for path in paths:

@@ -41,6 +41,8 @@ def two_runs(path: Path) -> Path:
         (["lines=402:701"], [400]),
         (["lines=10:12"], [397, 300]),
         (["lines=10", "run=2"], [399]),
+        (["rows=9:11"], [397, 300]),
+        (["rows=401:700"], [400]),
         (["time=100:200"], [400, 300]),
     ],
 )
@@ -59,7 +61,7 @@ def test_lines_left_out_are_accounted_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "exclude", ["run=3", "time=:", "time=3:2", "lines=0", "rows=3", "run", "lines=1:9999999"]
+    "exclude", ["run=3", "time=:", "time=3:2", "lines=0", "rows=0", "run", "lines=1:9999999"]
 )
 def test_impossible_parts_are_refused(tmp_path: Path, exclude: str) -> None:
     path = two_runs(tmp_path / "a.csv")
@@ -181,7 +183,7 @@ def test_a_part_that_was_left_out_is_left_out_again(tmp_path: Path) -> None:
     assert [x.text for x in again.exclude] == ["time=3:3.5"]
 
 
-@pytest.mark.parametrize("spoilt", [5, "time=1:2", [5], {"a": 1}, ["rows=3"], ["run=1;x"]])
+@pytest.mark.parametrize("spoilt", [5, "time=1:2", [5], {"a": 1}, ["row=3"], ["run=1;x"]])
 def test_a_file_that_excludes_nonsense_is_refused(tmp_path: Path, spoilt: object) -> None:
     path = tmp_path / "valve.yaml"
     ff.fit("valve", read_log(DATA, columns=BOUND, exclude=["time=3:3.5"])).save(path)
@@ -253,10 +255,40 @@ def test_either_name_of_merged_logs_is_matched(
 
 def read_params(**given: object) -> dict[str, object]:
     """The options that read a log, as the command line holds them."""
-    usual = {"sample_time": None, "window": None, "exclude": [], "set": [], "from_name": {}}
+    usual = {"sample_time": None, "window": None, "exclude": [], "exclude_rows": [], "set": [],
+             "from_name": {}}  # fmt: skip
     signs = dict.fromkeys(("decimal", "thousands", "delimiter", "skip_rows", "header_row"))
     by_role = {name: {} for name in ("column", "unit", "scale", "step", "hold")}
     return {**usual, **signs, **by_role, **given}
+
+
+@pytest.mark.parametrize(
+    ("given", "left_out"),
+    [
+        ({"exclude": ["2"]}, ["run=2"]),
+        ({"exclude": ["1,3", "time=:2"]}, ["run=1", "run=3", "time=:2"]),
+        ({"exclude": ["a*.csv:1, 2"]}, ["run=1", "run=2"]),
+        ({"exclude_rows": ["7"]}, ["rows=7:7"]),
+        ({"exclude_rows": ["a.csv:3:5,9"]}, ["rows=3:5", "rows=9:9"]),
+        ({"exclude_rows": ["3:5"], "exclude": ["a.csv:2"]}, ["run=2", "rows=3:5"]),
+    ],
+)
+def test_runs_and_rows_by_their_numbers(
+    tmp_path: Path, given: dict[str, list[str]], left_out: list[str]
+) -> None:
+    path = str(two_runs(tmp_path / "a.csv"))
+    (log,) = read_logs([path], {**read_params(**given), "logs": [path]})
+    assert [x.text for x in log.exclude] == left_out
+
+
+def test_two_parts_of_one_file_by_the_names_of_the_contract(tmp_path: Path) -> None:
+    out = tmp_path / "v.yaml"
+    parts = ["--fit-window", ":5", "--validate-window", "5:", "--exclude-rows", "3:5"]
+    assert run(["valve", str(DATA), *WORDS, *parts, "-q", "-o", str(out)]) == 0
+    document = ff.load(out).document
+    assert document.provenance.logs[0].details["exclude"] == ["rows=3:5"]
+    assert document.fit.samples == 498
+    assert len(document.validation) == 1
 
 
 def test_logs_of_two_experiments_are_not_merged(tmp_path: Path) -> None:

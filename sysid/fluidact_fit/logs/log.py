@@ -89,7 +89,8 @@ class Dialect:
 class Exclusion:
     """What is left out of a log: from ``low`` to ``high`` of its ``kind``, both included.
 
-    ``kind`` is ``run`` (counted from 1), ``time`` [s, on each run's own time] or ``lines``.
+    ``kind`` is ``run`` (counted from 1), ``time`` [s, on each run's own time], ``rows`` of the
+    data (counted from 1) or ``lines`` of the file.
     """
 
     kind: str

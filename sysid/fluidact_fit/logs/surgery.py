@@ -1,8 +1,8 @@
 """Parts of a log that are left out, and what was constant while it was recorded.
 
-``run=2``, ``time=3:3.5`` and ``lines=120:130`` leave out a run, seconds of every run, and lines of
-the file. A constant is ``25 %`` or ``0.3 m``; it may stand in the name of the file, where
-``kinked{%}`` finds the number of ``kinked25_Test8.csv``.
+``run=2``, ``time=3:3.5``, ``rows=7:9`` and ``lines=120:130`` leave out a run, seconds of every run,
+rows of the data and lines of the file. A constant is ``25 %`` or ``0.3 m``; it may stand in the
+name of the file, where ``kinked{%}`` finds the number of ``kinked25_Test8.csv``.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from .log import BoolArray, Column, Exclusion, Log, StepInput
 from .timebase import MIN_RUN, Run
 
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
-_FORMS = "run=2, time=3:3.5 (seconds, either end may be empty) or lines=120:130"
+_FORMS = "run=2, time=3:3.5 (seconds, either end may be empty), rows=7:9 or lines=120:130"
 
 
 def parse_exclusion(text: str) -> Exclusion:
-    """Read ``run=2``, ``time=3:3.5`` or ``lines=120:130``; ``UsageError`` for anything else."""
+    """Read ``run=2``, ``time=3:3.5``, ``rows=7:9`` or ``lines=120:130`` (else ``UsageError``)."""
     kind, _, what = text.strip().partition("=")
     low, colon, high = what.partition(":")
     try:
         if kind == "run" and not colon:
             return Exclusion(kind, _whole(low), _whole(low))
-        if kind == "lines":
+        if kind in ("lines", "rows"):
             return Exclusion(kind, _whole(low), _whole(high if colon else low))
         if kind == "time" and colon:
             ends = float(low or "-inf"), float(high or "inf")
@@ -97,12 +97,13 @@ def with_constants(log: Log, constants: Mapping[str, str], from_name: Mapping[st
 
 
 def without(log: Log, exclusions: Sequence[Exclusion]) -> Log:
-    """The log without the lines that are excluded; runs and seconds are noted for later."""
+    """The log without the rows and lines excluded; runs and seconds are noted for later."""
     log = replace(log, exclude=tuple(exclusions))
     kept: BoolArray = np.ones(log.rows, dtype=np.bool_)
+    places = {"lines": log.lines, "rows": 1 + np.arange(log.rows)}
     for x in exclusions:
-        if x.kind == "lines":
-            kept &= (log.lines < x.low) | (log.lines > x.high)
+        if x.kind in places:
+            kept &= (places[x.kind] < x.low) | (places[x.kind] > x.high)
     if kept.all():
         return log
     if not kept.any():

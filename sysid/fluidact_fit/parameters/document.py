@@ -64,7 +64,7 @@ AnyInterval = Annotated[
 Free = dict[str, Any]  # numbers, text and lists of them; what they mean is up to the family
 Count = Annotated[int, Field(ge=0)]
 _REAL = r"[-+]?[0-9]+(\.[0-9]+)?(e[-+]?[0-9]+)?"
-_EXCLUDED = rf"^(run=[0-9]+|lines=[0-9]+(:[0-9]+)?|time=({_REAL})?:({_REAL})?)$"  # of a log
+_EXCLUDED = rf"^(run=[0-9]+|(lines|rows)=[0-9]+(:[0-9]+)?|time=({_REAL})?:({_REAL})?)$"  # of a log
 _WINDOW = rf"^({_REAL}:({_REAL})?|:{_REAL})$"  # seconds that were used
 _IN_NAME = r"^([^{}]+\{[^{}]*\}[^{}]*|\{[^{}]*\}[^{}]+)$"  # text around {UNIT}
 Percent = Annotated[Number, Field(le=100.0)]
