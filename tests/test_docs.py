@@ -37,10 +37,11 @@ def shell_commands(text: str) -> Iterator[list[str]]:
 
 
 COMMANDS = list(shell_commands(README))
+FITS = [words for words in COMMANDS if words[0] in ff.family_names()]
 
 
 def test_readme_has_a_command_for_every_family() -> None:
-    assert [words[0] for words in COMMANDS] == list(ff.family_names())
+    assert [words[0] for words in FITS] == list(ff.family_names())
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=lambda words: words[0])
@@ -49,6 +50,10 @@ def test_readme_commands_exist(words: list[str]) -> None:
     assert command is not None
     known = {flag for parameter in command.params for flag in parameter.opts}
     assert {word for word in words if word.startswith("-")} <= known
+
+
+@pytest.mark.parametrize("words", FITS, ids=lambda words: words[0])
+def test_logs_of_the_readme_have_the_columns(words: list[str]) -> None:
     logs = [ff.read_log(ROOT / word) for word in words if word.endswith(".csv")]
     assert len(logs) == 3
     columns = {a.split("=")[1] for o, a in pairwise(words) if o == "--column"}

@@ -91,7 +91,7 @@ def test_constants_are_the_parameters(family: str, texts: Mapping[str, str]) -> 
 # Its parser takes from seconds to half a minute for a file: most are left to `make study`.
 @pytest.mark.parametrize(
     "family",
-    [f if f in ("line", "valve") else pytest.param(f, marks=pytest.mark.slow) for f in FAMILIES],
+    [f if f == "line" else pytest.param(f, marks=pytest.mark.slow) for f in FAMILIES],
 )
 def test_blark_parses_every_export(family: str, texts: Mapping[str, str]) -> None:
     parse = pytest.importorskip("blark.parse", reason="blark is not installed")
