@@ -28,11 +28,11 @@ import numpy as np
 
 from ...block import Port
 from ...estimation.friction_law import FrictionLaw
+from ...estimation.sampled import Sampled, sample
 from ...experiment import FloatArray
 from .base import Plant
 from .body import Body, Dynamics
 from .delay import HeldCommands
-from .linear import Sampled, sample
 from .tissue import Tissue
 
 

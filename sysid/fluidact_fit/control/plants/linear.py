@@ -1,15 +1,13 @@
-"""Chains of transfer functions as state space, and their response between samples."""
+"""Chains of transfer functions as state space."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import floor
 from typing import Protocol
 
 import numpy as np
 
-from ...estimation.linear import transition
 from ...experiment import FloatArray
 
 
@@ -68,44 +66,3 @@ def _companion(link: Transfer) -> tuple[FloatArray, FloatArray, FloatArray]:
     a[:, 0] = -den[1:]
     a[:-1, 1:] = np.eye(n - 1)
     return a, num, np.eye(n)[0]
-
-
-@dataclass(frozen=True)
-class Sampled:
-    """``x[k+1] = phi x[k] + new u[k-whole] + old u[k-whole-1]``, ``y[k] = output x[k]``."""
-
-    phi: FloatArray
-    new: FloatArray
-    old: FloatArray
-    output: FloatArray
-    whole: int
-
-    def response(self, z: complex) -> complex:
-        """Response in ``z``, on the unit circle and no pole of the system."""
-        drive = z ** -float(self.whole) * (self.new + self.old / z)
-        return complex(self.output @ np.linalg.solve(z * np.eye(self.new.size) - self.phi, drive))
-
-
-def sample(
-    a: FloatArray, b: FloatArray, c: FloatArray, dead_time: float, sample_time: float
-) -> Sampled:
-    """Sample ``y = c x``, ``x' = a x + b u(t - dead_time)`` exactly, for an input that is held.
-
-    Parameters
-    ----------
-    a : (n, n)
-    b, c : (n,)
-    dead_time, sample_time
-        [s]; the dead time may be any fraction of a sample.
-
-    Returns
-    -------
-    Sampled
-        With what reaches the end of a sample of what was held during it, and before.
-    """
-    whole = floor(dead_time / sample_time + 1e-9)
-    late = max(dead_time - whole * sample_time, 0.0)
-    phi, gamma = transition(a, b, np.array([sample_time, sample_time - late]))
-    assert gamma is not None
-    new = gamma[1, :, 0]  # the sample's own command, once it arrives
-    return Sampled(phi[0], new, gamma[0, :, 0] - new, c, whole)

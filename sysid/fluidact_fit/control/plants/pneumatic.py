@@ -28,11 +28,12 @@ import numpy as np
 
 from ...block import Port
 from ...estimation.friction_law import FrictionLaw
+from ...estimation.sampled import Sampled, sample
 from ...experiment import FloatArray
 from .base import Plant
 from .body import Body, Dynamics
 from .delay import HeldCommands
-from .linear import Chain, Sampled, sample
+from .linear import Chain
 from .tissue import Tissue
 
 

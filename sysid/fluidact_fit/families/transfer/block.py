@@ -14,6 +14,7 @@ from ...block import LinearBlock, LinearModel
 from ...errors import UsageError
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, make_signal, piecewise
 from ...estimation.linear import forced_response
+from ...estimation.sampled import sample
 from ...experiment import Experiment, FloatArray, Hold
 from ...parameters.document import ParameterDocument
 from ...routines import Routine
@@ -264,11 +265,11 @@ class TransferBlock(LinearBlock):
 
     def routines(self) -> Sequence[Routine]:
         """One step of the model, and the inverse of its dead zone where it has one."""
-        from .routines import routines_of, sampled
+        from .routines import difference_equation, routines_of
 
         self._need_sample_time("discrete model")
         input, output, f = self._port(self.variant.driving[0]), self.output, self._linear
-        law = sampled(_balanced(f), self.sample_time, f.dead_time)
+        law = difference_equation(sample(*_balanced(f), f.dead_time, self.sample_time))
         argument = self.argument(input.role, "input of this sample")
         result = (output.role, output.unit, 0.0 if f.gain is None else self.offset)
         return routines_of(argument, self.dead_zone, law, result, self.sample_time)

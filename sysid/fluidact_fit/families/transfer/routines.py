@@ -6,44 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...experiment import FloatArray
+from ...estimation.sampled import Sampled
 from ...routines import Argument, Draft, Filter, Name, Routine, maximum, minimum
 from ...routines.routine import as_matrix
 
-StateSpace = tuple[FloatArray, FloatArray, FloatArray]
 Edges = tuple[float, float] | None
 
 
-def sampled(model: StateSpace, sample_time: float, dead_time: float) -> Filter:
-    """Exact difference equation of a state space ``(A, B, C)`` for a held input ``drive``.
-
-    With ``L = (d + g) Ts`` the input of ``d + 1`` samples ago acts for ``g Ts`` and that of ``d``
-    samples ago for the rest of the sample.
-    """
-    a, b, c = model
-    samples = dead_time / sample_time
-    whole = int(np.floor(samples + 1e-9))
-    share = min(max(samples - whole, 0.0), 1.0)
-    change, all_of_it = _held(a, b, sample_time)
-    first, early = _held(a, b, (1.0 - share) * sample_time)
-    _, part = _held(a, b, share * sample_time)
-    late = part + first @ part
-    soon = early if share > 0.0 else all_of_it
+def difference_equation(model: Sampled) -> Filter:
+    """The sampled model as it stands in a routine, its input named ``drive``."""
+    change = model.phi - np.eye(model.new.size)
     return Filter(
-        "moved", as_matrix(change), tuple(soon.tolist()), tuple(late.tolist()),
-        tuple(c.tolist()), whole, Name("drive"),
+        "moved", as_matrix(change), tuple(model.new.tolist()), tuple(model.old.tolist()),
+        tuple(model.output.tolist()), model.whole, Name("drive"),
     )  # fmt: skip
-
-
-def _held(a: FloatArray, b: FloatArray, span: float) -> tuple[FloatArray, FloatArray]:
-    """Return ``exp(A t) - 1`` without cancellation, and the integral of ``exp(A s) B``."""
-    from scipy.linalg import expm
-
-    n = b.size
-    big = np.zeros((2 * n, 2 * n))
-    big[:n, :n], big[:n, n:] = a * span, np.eye(n) * span
-    integral = expm(big)[:n, n:]
-    return a @ integral, integral @ b
 
 
 def step_routine(
