@@ -19,7 +19,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import convolve
 
 from ..experiment import FloatArray
 
@@ -262,6 +261,8 @@ def smooth_corners(values: FloatArray, width: int) -> FloatArray:
     """Round the corners with a Hann window of ``width`` samples, as slow as a sensor sees them."""
     if width < 2:
         return values
+    from scipy.signal import convolve  # slow to load, and held commands have no corners to smooth
+
     window = np.hanning(width + 2)[1:-1]
     padded = np.pad(values, width, mode="edge")
     smooth = convolve(padded, window / window.sum(), mode="same")
