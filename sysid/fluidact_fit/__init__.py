@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .control import load, read_document
     from .errors import (
         ConsumerError,
+        ControllerFileError,
         FluidactError,
         LogError,
         MismatchError,
@@ -38,8 +39,9 @@ if TYPE_CHECKING:
 _NAMES = {
     "control": ("load", "read_document"),
     "errors": (
-        "ConsumerError", "FluidactError", "LogError", "MismatchError", "NotIdentifiedError",
-        "Notice", "OutputError", "ParameterFileError", "StrictError", "UnitError", "UsageError",
+        "ConsumerError", "ControllerFileError", "FluidactError", "LogError", "MismatchError",
+        "NotIdentifiedError", "Notice", "OutputError", "ParameterFileError", "StrictError",
+        "UnitError", "UsageError",
     ),
     "families": ("family_names", "get_family"),
     "fitting": ("fit",),
@@ -49,7 +51,8 @@ _NAMES = {
 _HOMES = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "ConsumerError", "FitResult", "FluidactError", "Log", "LogError", "MismatchError",
+    "ConsumerError", "ControllerFileError", "FitResult", "FluidactError", "Log", "LogError",
+    "MismatchError",
     "NotIdentifiedError", "Notice", "OutputError", "ParameterFileError", "StepInput",
     "StrictError", "UnitError", "UsageError", "__version__", "family_names", "fit", "get_family",
     "load", "read_document", "read_log",

@@ -177,6 +177,12 @@ class ParameterFileError(FluidactError):
         )
 
 
+class ControllerFileError(FluidactError):
+    """A controller file cannot be used (exit status 3)."""
+
+    exit_status = 3
+
+
 class ConsumerError(FluidactError):
     """What a controller reads cannot be found out (exit status 3)."""
 

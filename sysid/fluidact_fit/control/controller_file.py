@@ -20,19 +20,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from ..errors import FluidactError
+from ..errors import ControllerFileError
 from ..options import FamilyOptions, choice, describe, number, whole
 from ..parameters.problems import Location, Problems, format_path, suggest
 from ..parameters.yaml_io import read_yaml
 
 FORMAT, VERSION = "fluidact-controller", 1
 SectionT = TypeVar("SectionT", bound=FamilyOptions)
-
-
-class ControllerFileError(FluidactError):
-    """A controller file cannot be used (exit status 3)."""
-
-    exit_status = 3
 
 
 def _cutoff() -> Any:
