@@ -186,14 +186,18 @@ class Block(ABC):
         UsageError
             When the file holds no range of that role.
         """
+        v, r = np.asarray(value, dtype=float), self._range(role)
+        out = ~((v >= r.low) & (v <= r.high))
+        return bool(out) if out.ndim == 0 else out
+
+    def _range(self, role: str) -> ValidRange:
+        """Range of a role (``UsageError`` when the file holds none)."""
         if role not in self.validity:
             raise UsageError(
                 f"the parameter file holds no range of {role!r}",
                 expected="Ranges it holds: " + (", ".join(self.validity) or "none") + ".",
             )
-        v, r = np.asarray(value, dtype=float), self.validity[role]
-        out = ~((v >= r.low) & (v <= r.high))
-        return bool(out) if out.ndim == 0 else out
+        return self.validity[role]
 
     def reset(self) -> None:
         """Return to rest; a static map has nothing to return from."""
@@ -207,9 +211,22 @@ class Block(ABC):
         UsageError
             When the file holds no range of that role.
         """
-        self.outside(role, 0.0)
-        known = self.validity[role]
+        known = self._range(role)
         return Argument(role, known.unit, about, known.low, known.high)
+
+    def rate_argument(self, role: str, place: str, about: str) -> Argument:
+        """Argument that is a velocity; a stroke in 0.1 s where it was computed from a place.
+
+        Raises
+        ------
+        UsageError
+            When the file holds no range of either role.
+        """
+        if role in self.validity:
+            return self.argument(role, about)
+        way = self._range(place)
+        most = 10.0 * (way.high - way.low)
+        return Argument(role, f"{way.unit}/s", about, -most, most, recorded=False)
 
     @abstractmethod
     def routines(self) -> Sequence[Routine]:

@@ -27,7 +27,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
-from ..routines import Expression, choose, exp
+from ..routines import Expression, by_sign, choose, exp
+from ..routines.expression import Operand, wrap
 
 
 def stribeck_share(velocity: FloatArray, speed: float, exponent: float = 2.0) -> FloatArray:
@@ -110,16 +111,25 @@ class FrictionLaw:
             np.asarray(drive, dtype=float), -self.breakaway_negative, self.breakaway_positive
         )
 
-    def routine_value(self, velocity: Expression, rest: Expression | float = 0.0) -> Expression:
-        """:meth:`moving` as an expression, ``rest`` at zero velocity."""
+    def routine_value(
+        self, velocity: Expression, rest: Operand = 0.0, direction: Expression | None = None
+    ) -> Expression:
+        """:meth:`moving` as an expression.
 
-        def side(level: float, rate: float, sign: float) -> Expression:
-            moving = rate * velocity + sign * level
-            if self.stribeck > 0.0 and self.stribeck_speed > 0.0:
-                share = velocity * (1.0 / self.stribeck_speed)
-                moving = moving + sign * self.stribeck * exp(-(share * share))
-            return moving
+        ``rest`` is what it is at zero velocity; a motion state that is known (``direction``) leaves
+        nothing to rest.
+        """
+        forward, backward = self._level(velocity, 1.0), self._level(velocity, -1.0)
+        up, down = self.viscous_positive * velocity, self.viscous_negative * velocity
+        if direction is not None:
+            viscous = choose(velocity, ">", 0.0, up, down)
+            return by_sign(direction, forward, backward) + viscous
+        return by_sign(velocity, up + forward, down + backward, rest)
 
-        forward = side(self.coulomb_positive, self.viscous_positive, 1.0)
-        backward = side(self.coulomb_negative, self.viscous_negative, -1.0)
-        return choose(velocity, ">", 0.0, forward, choose(velocity, "<", 0.0, backward, rest))
+    def _level(self, velocity: Expression, sign: float) -> Expression:
+        """Dry friction of one direction, with its sign."""
+        level = sign * (self.coulomb_positive if sign > 0.0 else self.coulomb_negative)
+        if self.stribeck <= 0.0 or self.stribeck_speed <= 0.0:
+            return wrap(level)
+        share = velocity * (1.0 / self.stribeck_speed)
+        return level + sign * self.stribeck * exp(-(share * share))

@@ -4,6 +4,7 @@ from .evaluate import Machine
 from .expression import (
     Expression,
     Name,
+    by_sign,
     choose,
     exp,
     log,
@@ -15,6 +16,6 @@ from .expression import (
 from .routine import Argument, Draft, Filter, Routine, Solve
 
 __all__ = [
-    "Argument", "Draft", "Expression", "Filter", "Machine", "Name", "Routine", "Solve", "choose",
-    "exp", "log", "maximum", "minimum", "polynomial", "sqrt",
+    "Argument", "Draft", "Expression", "Filter", "Machine", "Name", "Routine", "Solve", "by_sign",
+    "choose", "exp", "log", "maximum", "minimum", "polynomial", "sqrt",
 ]  # fmt: skip

@@ -151,6 +151,14 @@ def choose(
     return Choose(wrap(a), relation, wrap(b), wrap(yes), wrap(no), jumps)
 
 
+def by_sign(
+    x: Expression, positive: Operand, negative: Operand, zero: Operand = 0.0, *, jumps: bool = False
+) -> Expression:
+    """Return one of three by the sign of ``x``; for ``jumps`` see :class:`Choose`."""
+    other = choose(x, "<", 0.0, negative, zero, jumps=jumps)
+    return choose(x, ">", 0.0, positive, other, jumps=jumps)
+
+
 def polynomial(coefficients: list[float], x: Expression) -> Expression:
     """Sum of ``coefficients[k] x^k``, by the scheme of Horner."""
     *rest, last = coefficients

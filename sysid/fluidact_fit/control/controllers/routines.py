@@ -10,7 +10,18 @@ from math import isfinite
 
 import numpy as np
 
-from ...routines import Argument, Draft, Expression, Filter, Name, Routine, choose, maximum, minimum
+from ...routines import (
+    Argument,
+    Draft,
+    Expression,
+    Filter,
+    Name,
+    Routine,
+    by_sign,
+    choose,
+    maximum,
+    minimum,
+)
 from ...routines.routine import as_matrix
 from ..filters import Butterworth
 from .base import Controller
@@ -89,8 +100,7 @@ def _pd(c: PDController, travel: Travel, unit: str) -> Routine:
     f = c.friction
     if f.tolerance > 0.0 and (f.positive or f.negative):
         speed = _rate(draft, "speed", measured, low_pass, c.sample_time)
-        push = choose(error, "<", 0.0, -f.negative, 0.0, jumps=True)
-        push = choose(error, ">", 0.0, f.positive, push, jumps=True)
+        push = by_sign(error, f.positive, -f.negative, jumps=True)
         command = command + choose(abs(speed), "<", f.tolerance, push, 0.0, jumps=True)
     return draft.returns(_limited(command, c.limits))
 

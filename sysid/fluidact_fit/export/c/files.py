@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, Context
 
@@ -15,6 +15,7 @@ from ..target import Code
 from .language import SINGLE, Writer, uses
 
 _CALLS = 24  # golden vectors of a routine
+_READERS = {"READ": "pgm_read_float"}
 
 
 @dataclass(frozen=True)
@@ -80,16 +81,20 @@ def _describe(f: Function) -> list[str]:
     return lines
 
 
-def _macros(code: Code) -> list[str]:
+def macros(code: Code, readers: Mapping[str, str]) -> list[str]:
+    """Where tables are kept, and how they are read: on an AVR from flash.
+
+    ``readers`` are functions of ``avr/pgmspace.h`` by the name of the macro.
+    """
     name = code.name.upper()
     return [
         "#if defined(__AVR__)",
         "#include <avr/pgmspace.h>",
         f"#define {name}_TABLE PROGMEM",
-        f"#define {name}_READ(entry) pgm_read_float(&(entry))",
+        *(f"#define {name}_{macro}(entry) {f}(&(entry))" for macro, f in readers.items()),
         "#else",
         f"#define {name}_TABLE",
-        f"#define {name}_READ(entry) (entry)",
+        *(f"#define {name}_{macro}(entry) (entry)" for macro in readers),
         "#endif",
         "",
     ]
@@ -97,7 +102,7 @@ def _macros(code: Code) -> list[str]:
 
 def source(code: Code, functions: Sequence[Function]) -> str:
     """``NAME.c``: the functions and their tables."""
-    lines = [f'#include "{code.file}.h"', "", "#include <math.h>", "", *_macros(code)]
+    lines = [f'#include "{code.file}.h"', "", "#include <math.h>", "", *macros(code, _READERS)]
     for name, relation in (("min", "<"), ("max", ">")):
         if any(uses(f.routine, name) for f in functions):
             lines += [
@@ -115,7 +120,7 @@ def self_test(code: Code, functions: Sequence[Function]) -> str:
     lines = [
         *comment([f"{code.name}: golden vectors of the Python model. main returns 0 when all hold,",
                   "otherwise the number of the function that failed."]),
-        f'#include "{code.file}.h"', "", "#include <math.h>", "", *_macros(code),
+        f'#include "{code.file}.h"', "", "#include <math.h>", "", *macros(code, _READERS),
     ]  # fmt: skip
     for number, f in enumerate(functions, start=1):
         lines += _test_of(code, f, number)

@@ -12,10 +12,11 @@ from ...routines import Machine
 from ...routines.routine import Argument
 from ..golden import golden
 from ..target import Code
-from .files import at_most, comment
+from .files import at_most, comment, macros
 from .fixed import Fixed, Omitted, fixed
 
 _CALLS = 24  # golden vectors of a routine
+_READERS = {"READ": "(int16_t)pgm_read_word", "READ_LONG": "(int32_t)pgm_read_dword"}
 _TABLE_LINE = 12
 
 
@@ -103,30 +104,13 @@ def _ends(a: Argument, exponent: int) -> tuple[int, int]:
     return round(a.low / 2.0**exponent), round(a.high / 2.0**exponent)
 
 
-def _macros(code: Code) -> list[str]:
-    name = code.name.upper()
-    return [
-        "#if defined(__AVR__)",
-        "#include <avr/pgmspace.h>",
-        f"#define {name}_TABLE PROGMEM",
-        f"#define {name}_READ(entry) ((int16_t)pgm_read_word(&(entry)))",
-        f"#define {name}_READ_LONG(entry) ((int32_t)pgm_read_dword(&(entry)))",
-        "#else",
-        f"#define {name}_TABLE",
-        f"#define {name}_READ(entry) (entry)",
-        f"#define {name}_READ_LONG(entry) (entry)",
-        "#endif",
-        "",
-    ]
-
-
 def _source(code: Code, functions: Sequence[Fixed]) -> list[str]:
     lines = [
         f'#include "{code.file}.h"', "",
         "#if (-3 >> 1) != -2",
         "#error a shift of a negative number to the right has to keep its sign",
         "#endif", "",
-        *_macros(code),
+        *macros(code, _READERS),
     ]  # fmt: skip
     written = [(f, _function(f)) for f in functions]
     text = "\n".join(line for _, function in written for line in function)
@@ -196,7 +180,7 @@ def _self_test(code: Code, functions: Sequence[Fixed]) -> list[str]:
     lines = [
         *comment([f"{code.name}: golden vectors of the Python model. main returns 0 when all hold,",
                   "otherwise the number of the function that failed."]),
-        f'#include "{code.file}.h"', "", *_macros(code),
+        f'#include "{code.file}.h"', "", *macros(code, _READERS),
     ]  # fmt: skip
     for number, f in enumerate(functions, start=1):
         lines += _test_of(code, f, number)

@@ -138,8 +138,8 @@ class DriveBlock(DryDriveBlock):
 
         output = self.output
         drive = self.argument(self._port(self.variant.driving[0]).role, "input of the drive")
-        way = self.argument(output.role, "")
-        return routines_of(self._law, self._moving, self.inertia, drive, output, way.high - way.low)
+        low, high, _ = self._range(output.role)
+        return routines_of(self._law, self._moving, self.inertia, drive, output, high - low)
 
     def feedforward(
         self, velocity: float, acceleration: float = 0.0, *, band: float = 0.0

@@ -7,7 +7,7 @@ from math import sqrt
 
 from ...block import Port
 from ...estimation.friction_law import FrictionLaw
-from ...routines import Argument, Draft, Routine, choose, maximum, minimum
+from ...routines import Argument, Draft, Routine, by_sign, maximum, minimum
 
 
 def reach_of(
@@ -46,8 +46,7 @@ def routines_of(
         drive.unit,
     )  # fmt: skip
     v, a = ahead.argument(velocity), ahead.argument(acceleration)
-    starting = choose(a, ">", 0.0, moving.coulomb_positive,
-                      choose(a, "<", 0.0, -moving.coulomb_negative, 0.0))  # fmt: skip
+    starting = by_sign(a, moving.coulomb_positive, -moving.coulomb_negative)
     friction = Draft(
         "friction", "Friction against the motion; at rest what it balances.", drive.unit
     )

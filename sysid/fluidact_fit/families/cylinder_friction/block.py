@@ -52,7 +52,8 @@ class FrictionBlock(Block):
         """Friction in motion with its exact sign, and with a rounded one."""
         law = self._law
         unit = self.output.unit
-        velocity = self._velocity()
+        axis = axis_of(self.variant)
+        velocity = self.rate_argument(axis.speed, axis.place, "velocity")
         exact = Draft("friction", "Friction against the motion; 0 at rest.", unit)
         rounded = Draft(
             "friction_rounded", "Friction with its sign rounded as tanh(steepness velocity).", unit
@@ -73,15 +74,6 @@ class FrictionBlock(Block):
             exact.returns(law.routine_value(v)),
             rounded.returns(level.routine_value(w) * share + viscous.routine_value(w)),
         )
-
-    def _velocity(self) -> Argument:
-        """The velocity with its range; where it was computed, that of a stroke in 0.1 s."""
-        axis = axis_of(self.variant)
-        if axis.speed in self.validity:
-            return self.argument(axis.speed, "velocity")
-        way = self.argument(axis.place, "")
-        most = 10.0 * (way.high - way.low)
-        return Argument(axis.speed, f"{way.unit}/s", "velocity", -most, most, recorded=False)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Force, torque or first pressure that a motion needs; see :meth:`Block.predict`."""

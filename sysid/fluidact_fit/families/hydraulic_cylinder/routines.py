@@ -17,6 +17,7 @@ from ...routines import (
     Draft,
     Expression,
     Routine,
+    by_sign,
     choose,
     maximum,
     minimum,
@@ -128,9 +129,8 @@ class CylinderRoutines:
             beyond = flow * (1.0 / v[f"valve_gain_{i}"]) / sqrt(maximum(rest, _LEAST * m.supply))
             edge = v["dead_zone_positive" if way else "dead_zone_negative"]
             found[way] = edge + sign * beyond
-        value = choose(speed, ">", 0.0, minimum(found[True], u.high),
-                       choose(speed, "<", 0.0, maximum(found[False], u.low), 0.0))  # fmt: skip
-        return draft.returns(value)
+        ends = minimum(found[True], u.high), maximum(found[False], u.low)
+        return draft.returns(by_sign(speed, *ends))
 
     def _friction(self) -> Routine:
         most = 0.0

@@ -10,6 +10,7 @@ from ...routines import (
     Draft,
     Expression,
     Routine,
+    by_sign,
     choose,
     exp,
     log,
@@ -64,9 +65,7 @@ class _Curve:
         return self.zone + _unbend(speed * (1.0 / self.gain), self.k, self.fastest / self.gain)
 
 
-def routines_of(
-    values: Mapping[str, float], command: Argument, unit: str
-) -> Sequence[Routine]:  # fmt: skip
+def routines_of(values: Mapping[str, float], command: Argument, unit: str) -> Sequence[Routine]:
     """Return the routines; ``unit`` is that of the speed."""
     curve, half = _Curve(values, command), 0.5 * values["hysteresis"]
     direction = Argument(
@@ -74,7 +73,7 @@ def routines_of(
     )
 
     def shift(way: Expression) -> Expression:
-        return choose(way, ">", 0.0, half, choose(way, "<", 0.0, -half, 0.0))
+        return by_sign(way, half, -half)
 
     follow = Draft("step", "Steady speed; the play of the valve is kept between calls.", unit)
     u = follow.argument(command)
@@ -90,8 +89,7 @@ def routines_of(
                  -curve.fastest * (command.low < 0.0), curve.fastest, recorded=False)
     )  # fmt: skip
     size, moved = inverse.let("size", curve.command(abs(wanted))), inverse.argument(direction)
-    there = choose(wanted, ">", 0.0, size + shift(moved), shift(moved) - size)
-    back = choose(wanted, ">", 0.0, there, choose(wanted, "<", 0.0, there, 0.0))
+    back = by_sign(wanted, size + shift(moved), shift(moved) - size)
     return (
         follow.returns(curve.speed(spool)), steady.returns(curve.speed(at)), inverse.returns(back),
     )  # fmt: skip

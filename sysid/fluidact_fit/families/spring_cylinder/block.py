@@ -41,8 +41,10 @@ class SpringCylinderBlock(Block):
 
     def routines(self) -> Sequence[Routine]:
         """Force of the rod, and the command or pressure for a wanted force."""
-        law, drive = self._law, self.argument(self._drive, "what drives the cylinder")
-        position, velocity = self.argument("position", "compression of the spring"), self._speed()
+        law, role = self._law, self.variant.driving[0].name
+        drive = self.argument(role, "what drives the cylinder")
+        position = self.argument("position", "compression of the spring")
+        velocity = self.rate_argument("velocity", "position", "velocity of the rod")
         direction = Argument("direction", "1", "1 loading, -1 unloading, 0 between", -1.0, 1.0)
         force = Draft("force", "Force of the rod.", "N")
         u, x, s, v = map(force.argument, (drive, position, direction, velocity))
@@ -53,18 +55,6 @@ class SpringCylinderBlock(Block):
             force.returns(law.gain * u - law.routine_lost(x, s, v)),
             command.returns((wanted + lost) * (1.0 / law.gain)),
         )
-
-    @property
-    def _drive(self) -> str:
-        return self.variant.driving[0].name
-
-    def _speed(self) -> Argument:
-        """The velocity with its range; where it was computed, that of a stroke in 0.1 s."""
-        if "velocity" in self.validity:
-            return self.argument("velocity", "velocity of the rod")
-        way = self.argument("position", "")
-        most = 10.0 * (way.high - way.low)
-        return Argument("velocity", "m/s", "velocity of the rod", -most, most, recorded=False)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Force from command or pressure and motion; see :meth:`Block.predict`."""

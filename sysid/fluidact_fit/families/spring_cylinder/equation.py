@@ -34,7 +34,7 @@ import numpy.typing as npt
 
 from ...estimation.friction_law import FrictionLaw
 from ...experiment import FloatArray
-from ...routines import Expression, choose
+from ...routines import Expression
 
 _Array = npt.ArrayLike
 LEVELS = ("coulomb_loading", "coulomb_unloading")
@@ -66,12 +66,8 @@ class SpringLaw:
         self, position: Expression, direction: Expression, velocity: Expression
     ) -> Expression:
         """Force of the spring and of friction as an expression, see :meth:`force`."""
-        f = self.friction
-        level = choose(direction, ">", 0.0, f.coulomb_positive,
-                       choose(direction, "<", 0.0, -f.coulomb_negative, 0.0))  # fmt: skip
-        viscous = choose(velocity, ">", 0.0, f.viscous_positive * velocity,
-                         f.viscous_negative * velocity)  # fmt: skip
-        return self.stiffness * position + self.preload + level + viscous
+        spring = self.stiffness * position + self.preload
+        return spring + self.friction.routine_value(velocity, direction=direction)
 
     def force(
         self, drive: _Array, position: _Array, direction: _Array, velocity: _Array
