@@ -32,7 +32,7 @@ from fluidact_fit.errors import FluidactError
 
 PAGE = Path(__file__).parents[1] / "docs" / "prediction.md"
 SEED, DRAWS, DURATION, SAMPLES, NOISE = 8811, 60, 4.0, 400, 0.1
-METRICS = ("rms error", "largest error")
+METRICS = ("rms_error", "largest_error")
 CONTROLLER = ControllerFile(
     "pd", 0.01, PDKeys(bandwidth=1.0, damping_ratio=0.8),
     reference=ReferenceKeys(size=5e-3, speed=1e-2),
@@ -79,10 +79,8 @@ def one(number: int) -> Mapping[str, Any]:
     course, start, _ = make_reference("triangle", CONTROLLER.reference, plant.controlled.unit)
     true = run_loop(plant, loop.controller, course, DURATION, start)
     found = tracking_metrics(true.reference, true.output).to_dict()
-    return {
-        name: (*loop.spread()[name.replace(" ", "_")], found[name.replace(" ", "_")])
-        for name in METRICS
-    }
+    spread = loop.spread()
+    return {name: (*spread[name], found[name]) for name in METRICS}
 
 
 def rows(outcomes: list[Mapping[str, Any]]) -> Iterator[str]:
@@ -92,7 +90,8 @@ def rows(outcomes: list[Mapping[str, Any]]) -> Iterator[str]:
         low, high, true = np.array([o[name] for o in good]).T
         held = np.mean((low <= true) & (true <= high))
         width = np.median(0.5 * (high - low) / true)
-        yield f"| {name} | {len(good)} | {100.0 * held:.0f} % | {100.0 * width:.2g} % |"
+        words = name.replace("_", " ")
+        yield f"| {words} | {len(good)} | {100.0 * held:.0f} % | {100.0 * width:.2g} % |"
     refused = Counter(o["refused"] for o in outcomes if "refused" in o)
     for reason, count in refused.items():
         yield f"\nNot fitted, {count}: {reason}"

@@ -8,7 +8,7 @@ import re
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+import block_calls
 import fluidact_fit as ff
 from fluidact_fit.block import Block
 from fluidact_fit.errors import OutputError, UsageError
@@ -166,30 +167,15 @@ def close(found: Array, wanted: Array) -> None:
     np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9 * np.ptp(wanted))
 
 
-CALLS: Mapping[str, Mapping[str, Callable[[Any, Mapping[str, Array]], Array]]] = {
-    "cylinder-friction": {"friction": lambda b, v: b(v["velocity"])},
-    "force-map": {"map": lambda b, v: b(**v)},
-    "hydraulic-cylinder": {
-        "flow_1": lambda b, v: b.flow(1, v["command"], v["pressure_1"]),
-        "flow_2": lambda b, v: b.flow(2, v["command"], v["pressure_2"]),
-        "friction": lambda b, v: b.friction(v["velocity"]),
-    },
-    "hydraulic-motor": {
-        "speed": lambda b, v: np.array(
-            [float(b(u, d)) for u, d in zip(v["command"], v["direction"])]
-        ),
-    },
-    "potentiometer": {
-        "position": lambda b, v: b(v["reading"]),
-        "reading_at": lambda b, v: b.inverse(v["position"], clamp=True),
-    },
-    "spring-cylinder": {
-        "force": lambda b, v: b(v["command"], v["position"], v["direction"], v["velocity"]),
-        "command_for": lambda b, v: b.inverse(
-            v["force"], v["position"], v["direction"], v["velocity"]
-        ),
-    },
+SHOWN = {
+    "cylinder-friction": ("friction",),
+    "force-map": ("map",),
+    "hydraulic-cylinder": ("flow_1", "flow_2", "friction"),
+    "hydraulic-motor": ("speed",),
+    "potentiometer": ("position", "reading_at"),
+    "spring-cylinder": ("force", "command_for"),
 }
+CALLS = {f: {name: block_calls.CALLS[f][name] for name in names} for f, names in SHOWN.items()}
 
 
 def inputs_of(block: Block, names: Any) -> dict[str, Array]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy.typing as npt
 import pytest
 
 import fluidact_fit as ff
+from block_calls import CALLS
 from fluidact_fit.routines import Machine, Routine
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "0.1.0"
@@ -31,45 +31,6 @@ def draw(routine: Routine, count: int) -> dict[str, Array]:
         v[:3] = a.low, a.high, np.clip(0.0, a.low, a.high)
         values[a.name] = np.sign(v) + (v == 0.0) if a.name == "direction" else v
     return values
-
-
-def one_by_one(f: Callable[..., float], *arrays: Array) -> Array:
-    return np.array([f(*map(float, row)) for row in zip(*arrays)])
-
-
-CALLS: Mapping[str, Mapping[str, Callable[[Any, Mapping[str, Array]], Any]]] = {
-    "ball-screw": {
-        "feedforward": lambda b, v: one_by_one(b.feedforward, v["velocity"], v["acceleration"]),
-        "friction": lambda b, v: one_by_one(b.friction, v["velocity"], v["torque"]),
-    },
-    "cylinder-friction": {
-        "friction": lambda b, v: b(v["velocity"]),
-        "friction_rounded": lambda b, v: one_by_one(
-            lambda x, s: float(b(x, 1.0 / s)), v["velocity"], v["steepness"] + 1e-9
-        ),
-    },
-    "force-map": {"map": lambda b, v: b(**v)},
-    "hydraulic-cylinder": {
-        "flow_1": lambda b, v: b.flow(1, v["command"], v["pressure_1"]),
-        "flow_2": lambda b, v: b.flow(2, v["command"], v["pressure_2"]),
-        "speed": lambda b, v: one_by_one(b, v["command"], v["pressure_1"], v["pressure_2"]),
-        "friction": lambda b, v: b.friction(v["velocity"]),
-    },
-    "hydraulic-motor": {
-        "speed": lambda b, v: one_by_one(b, v["command"], v["direction"]),
-        "command_for": lambda b, v: one_by_one(b.inverse, v["speed"], v["direction"]),
-    },
-    "potentiometer": {
-        "position": lambda b, v: b(v["reading"]),
-        "reading_at": lambda b, v: b.inverse(v["position"], clamp=True),
-    },
-    "spring-cylinder": {
-        "force": lambda b, v: b(v["command"], v["position"], v["direction"], v["velocity"]),
-        "command_for": lambda b, v: b.inverse(
-            v["force"], v["position"], v["direction"], v["velocity"]
-        ),
-    },
-}
 
 
 @pytest.mark.parametrize(("family", "name"), [(f, n) for f in CALLS for n in CALLS[f]])
@@ -148,3 +109,11 @@ def test_a_block_says_what_drives_it_and_what_it_gives(family: str, ports: tuple
     block = ff.load(GOLDEN / f"{family}.yaml", accept_not_identified=True)
     assert block.input is not None
     assert (block.input.role, block.output.role) == ports
+
+
+def test_an_integrator_stays_one() -> None:
+    """What is left of ``A - 1`` in its column is nothing, not a rounding error."""
+    loaded: Any = ff.load(GOLDEN / "hydrostatic.yaml", accept_not_identified=True)
+    for period in (1e-4, 0.0037, 0.01, 0.5):
+        (equation,) = routine_of(loaded.with_sample_time(period), "step").filters
+        assert [row[0] for row in equation.change] == [0.0, 0.0]
