@@ -49,8 +49,13 @@ def run_guarded(action: Callable[[], Any], invocation: Invocation) -> int:
             sys.stdout.flush()
         return status if isinstance(status, int) else 0
     except SystemExit as error:
-        # click ends a broken pipe itself, with status 1.
-        return PIPE_CLOSED if error.code else 0
+        if not error.code:
+            return 0
+        # click ends a broken pipe itself, with status 1, and leaves wrappers about the streams
+        # that cannot be flushed where one of them is closed.
+        sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__  # type: ignore[assignment]
+        drop(sys.stdout)
+        return PIPE_CLOSED
     except BaseException as error:
         if invocation.debug:
             tell(traceback.format_exc(), after="")

@@ -108,6 +108,18 @@ def test_an_interrupt_that_is_ignored_stays_ignored(valve: Log, inside: Path) ->
     assert b"written to valve.yaml" in out
 
 
+@pytest.mark.parametrize("words", [["--version"], ["schema"], ["line", "--help"]])
+def test_an_output_cut_off_while_errors_are_closed(words: list[str], inside: Path) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "fluidact_fit_cli.main", *words],
+        stdout=writing, preexec_fn=lambda: os.close(2), check=False, timeout=60,
+    )  # fmt: skip
+    os.close(writing)
+    assert done.returncode == 141
+
+
 @pytest.mark.parametrize("backend", ["nonsense", ""])
 def test_pictures_need_no_backend(backend: str, valve: Log, inside: Path) -> None:
     valve()
