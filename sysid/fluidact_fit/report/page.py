@@ -3,52 +3,22 @@
 from __future__ import annotations
 
 import os
-from base64 import b64encode
 from collections.abc import Sequence
-from html import escape as escape_html
 from pathlib import Path
 from typing import Any
 
-from ..errors import UsageError, visible
+from ..errors import UsageError
 from ..families import get_family
 from ..outcome import Outcome
 from ..parameters import ParameterDocument, dump_yaml, write_atomically
 from ..parameters.document import Derived, Measure
 from .figure import plot_result, plot_validation
+from .html import code, escape, pictures, section, table, whole_page
 from .numbers import count, flatten, percent, pretty_unit, short, show
 from .save import render
 
 _MOST_CORRELATED = 24
 _QUANTITY = ("name", "value ± standard error", "unit", "95 % interval")
-
-_CSS = """
-:root { color-scheme: light; }
-* { box-sizing: border-box; }
-body { font: 15px/1.5 system-ui, -apple-system, "Segoe UI", "DejaVu Sans", sans-serif;
-  color: #22262a; background: #fff; max-width: 1120px; margin: 0 auto; padding: 24px 28px 64px; }
-h1 { font-size: 25px; margin: 0; } h2 { font-size: 17px; margin: 34px 0 8px; }
-header { display: flex; justify-content: space-between; align-items: flex-start; gap: 24px;
-  border-bottom: 1px solid #d9dcdf; padding-bottom: 14px; }
-.sub { color: #5f666c; margin: 4px 0 0; }
-.verdict { font-weight: 700; color: #fff; border-radius: 8px; padding: 4px 14px; font-size: 19px; }
-.pass { background: #007a5a; } .warn { background: #9a6700; } .fail { background: #b3261e; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 14px; }
-th, td { padding: 4px 14px 4px 0; text-align: left; vertical-align: top; }
-th { font-weight: 600; color: #5f666c; border-bottom: 1px solid #d9dcdf; white-space: nowrap; }
-td { border-bottom: 1px solid #eef0f1; }
-td.n, th.n { text-align: right; white-space: nowrap; }
-.heat td { text-align: center; padding: 4px 8px; border: 1px solid #fff; min-width: 54px; }
-.heat th { border: 0; } .heat th.row { text-align: right; }
-.bad { color: #b3261e; font-weight: 600; } .faint { color: #5f666c; }
-img { width: 100%; height: auto; margin-top: 16px; }
-ul { padding-left: 20px; margin: 6px 0; } li { margin: 6px 0; overflow-wrap: anywhere; }
-code, pre { font: 13px/1.45 ui-monospace, "DejaVu Sans Mono", monospace; }
-pre { background: #f5f6f7; border-radius: 6px; padding: 12px 14px; overflow-x: auto; }
-td code { overflow-wrap: anywhere; }
-@media print { body { max-width: none; padding: 0; } h2 { break-after: avoid; }
-  tr { break-inside: avoid; } }
-"""
 
 
 def write_html(result: Outcome, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
@@ -85,11 +55,6 @@ def write_document_html(
     return write_atomically(path, document_page(document), overwrite=overwrite)
 
 
-def escape(text: str) -> str:
-    """Text from anywhere as HTML that shows it."""
-    return escape_html(visible(text))
-
-
 def _check_suffix(path: str | os.PathLike[str]) -> None:
     if Path(path).suffix.lower() not in (".html", ".htm"):
         raise UsageError(
@@ -110,25 +75,12 @@ def result_page(result: Outcome) -> str:
 
 def document_page(document: ParameterDocument, figures: Sequence[tuple[str, bytes]] = ()) -> str:
     """The page of a parameter document; ``figures`` are description and SVG of each picture."""
-    pictures = "".join(
-        f'<img alt="{escape(text)}" src="data:image/svg+xml;base64,{b64encode(svg).decode()}">\n'
-        for text, svg in figures
-    )
     sections = (
         _warnings, _parameters, _derived, _comparisons, _logs, _validity, _correlation, _model,
         _provenance,
     )  # fmt: skip
-    parts = [_header(document), pictures, *(section(document) for section in sections)]
-    title = escape(f"{document.family}: {document.fit.verdict}")
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
-        "img-src data:; style-src 'unsafe-inline'\">\n"
-        f"<title>{title}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n"
-        + "\n".join(p for p in parts if p)
-        + "\n</body>\n</html>\n"
-    )
+    parts = [_header(document), pictures(figures), *(part(document) for part in sections)]
+    return whole_page(f"{document.family}: {document.fit.verdict}", parts)
 
 
 def _header(document: ParameterDocument) -> str:
@@ -156,7 +108,7 @@ def _rmse(rmse: Measure) -> str:
 
 
 def _warnings(document: ParameterDocument) -> str:
-    items = "".join(f"<li>{_code(w.code)}: {escape(w.message)}</li>" for w in document.warnings)
+    items = "".join(f"<li>{code(w.code)}: {escape(w.message)}</li>" for w in document.warnings)
     return f"<h2>Warnings, and what to do</h2><ul>{items}</ul>" if items else ""
 
 
@@ -170,12 +122,12 @@ def _parameters(document: ParameterDocument) -> str:
             remedy = escape(specs[name].remedy)
             text += f'<br><span class="faint">{remedy}</span>' if remedy else ""
         rows.append([*_quantity(name, q), shown, text])
-    return _section("Parameters", (*_QUANTITY, "status", "meaning"), rows, numeric=(1, 3))
+    return section("Parameters", (*_QUANTITY, "status", "meaning"), rows, numeric=(1, 3))
 
 
 def _derived(document: ParameterDocument) -> str:
     rows = [_quantity(name, q) for name, q in document.derived.items()]
-    return _section("Derived from the parameters", _QUANTITY, rows, numeric=(1, 3))
+    return section("Derived from the parameters", _QUANTITY, rows, numeric=(1, 3))
 
 
 def _quantity(name: str, q: Derived) -> list[str]:
@@ -185,7 +137,7 @@ def _quantity(name: str, q: Derived) -> list[str]:
     if q.ci95 is not None and not listed:
         low, high = flatten(q.ci95)
         interval = f"{short(low, 5)} … {short(high, 5)}"
-    return [_code(name), value, escape(pretty_unit(q.unit)), interval]
+    return [code(name), value, escape(pretty_unit(q.unit)), interval]
 
 
 def _list_table(q: Derived) -> str:
@@ -205,7 +157,7 @@ def _comparisons(document: ParameterDocument) -> str:
         heads = list(dict.fromkeys(key for row in rows for key in row))
         numeric = [k for k, h in enumerate(heads) if isinstance(rows[0].get(h), int | float)]
         cells = [[_cell(row.get(h, "")) for h in heads] for row in rows]
-        out += _section(title, [h.replace("_", " ") for h in heads], cells, numeric)
+        out += section(title, [h.replace("_", " ") for h in heads], cells, numeric)
     return out
 
 
@@ -222,10 +174,10 @@ def _logs(document: ParameterDocument) -> str:
     ]  # fmt: skip
     if not rows:
         return ""
-    table = _table(("log or run", "use", "samples", "rmse", "fit"), rows, numeric=(2, 3, 4))
+    shown = table(("log or run", "use", "samples", "rmse", "fit"), rows, numeric=(2, 3, 4))
     if len(rows) > 12:
-        table = f"<details><summary>{len(rows)} runs</summary>{table}</details>"
-    return f"<h2>Agreement with each log</h2>{table}{_whiteness(document)}"
+        shown = f"<details><summary>{len(rows)} runs</summary>{shown}</details>"
+    return f"<h2>Agreement with each log</h2>{shown}{_whiteness(document)}"
 
 
 def _whiteness(document: ParameterDocument) -> str:
@@ -242,11 +194,11 @@ def _whiteness(document: ParameterDocument) -> str:
 
 def _validity(document: ParameterDocument) -> str:
     rows = [
-        [_code(role), short(r.low, 5), short(r.high, 5), escape(pretty_unit(r.unit))]
+        [code(role), short(r.low, 5), short(r.high, 5), escape(pretty_unit(r.unit))]
         for role, r in document.validity.items()
     ]
     title = "Range of the data: outside it the model extrapolates"
-    return _section(title, ("role", "low", "high", "unit"), rows, numeric=(1, 2))
+    return section(title, ("role", "low", "high", "unit"), rows, numeric=(1, 2))
 
 
 def _correlation(document: ParameterDocument) -> str:
@@ -279,7 +231,7 @@ def _heat(covariance: float, scale: float) -> str:
 
 
 def _model(document: ParameterDocument) -> str:
-    equation = f"<h2>Model</h2><p>{_code(get_family(document.family).equation)}</p>"
+    equation = f"<h2>Model</h2><p>{code(get_family(document.family).equation)}</p>"
     if not document.model:
         return equation
     # as it stands in the file, without the file's first comment
@@ -295,7 +247,7 @@ def _provenance(document: ParameterDocument) -> str:
         ["on", escape(p.created)],
     ]
     if p.command is not None:
-        rows.append(["command", _code(p.command)])
+        rows.append(["command", code(p.command)])
     if p.seed is not None:
         rows.append(["seed", str(p.seed)])
     for log in p.logs:
@@ -307,29 +259,4 @@ def _provenance(document: ParameterDocument) -> str:
             ["log", f"{escape(log.file)} · {count(log.rows)} rows · {escape(columns)}<br>"
              f'<span class="faint"><code>sha256 {log.sha256}</code></span>']
         )  # fmt: skip
-    return _section("Provenance", ("", ""), rows)
-
-
-def _code(text: str) -> str:
-    return f"<code>{escape(text)}</code>"
-
-
-def _section(
-    title: str, heads: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[int] = ()
-) -> str:
-    """A heading and a table; nothing when the table has no rows."""
-    return f"<h2>{escape(title)}</h2>{_table(heads, rows, numeric)}" if rows else ""
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[int] = ()) -> str:
-    """A table of cells that are HTML already."""
-
-    def cells(tag: str, row: Sequence[str]) -> str:
-        return "".join(
-            f'<{tag} class="n">{c}</{tag}>' if k in numeric else f"<{tag}>{c}</{tag}>"
-            for k, c in enumerate(row)
-        )
-
-    top = f"<tr>{cells('th', [escape(h) for h in heads])}</tr>" if any(heads) else ""
-    body = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
-    return f'<div class="scroll"><table>{top}{body}</table></div>'
+    return section("Provenance", ("", ""), rows)
