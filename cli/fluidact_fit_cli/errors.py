@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -39,10 +40,7 @@ def run_guarded(action: Callable[[], Any], invocation: Invocation) -> int:
     The action returns the exit status, or anything else for 0.
     """
     try:
-        with warnings.catch_warnings():
-            # Warnings of numpy, such as an overflow, mean nothing to a user.
-            if not invocation.debug and not sys.warnoptions:
-                warnings.simplefilter("ignore")
+        with silenced(invocation):
             status = action()
         # A broken pipe has to show up here, where it is handled.
         if sys.stdout is not None:
@@ -53,7 +51,7 @@ def run_guarded(action: Callable[[], Any], invocation: Invocation) -> int:
             return 0
         # click ends a broken pipe itself, with status 1, and leaves wrappers about the streams
         # that cannot be flushed where one of them is closed.
-        sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__  # type: ignore[assignment]
+        sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__
         drop(sys.stdout)
         return PIPE_CLOSED
     except BaseException as error:
@@ -66,6 +64,15 @@ def run_guarded(action: Callable[[], Any], invocation: Invocation) -> int:
         tell(message)
         _flush()
         return status
+
+
+@contextmanager
+def silenced(invocation: Invocation) -> Iterator[None]:
+    """Keep back warnings of numpy, such as an overflow, that mean nothing to a user."""
+    with warnings.catch_warnings():
+        if not invocation.debug and not sys.warnoptions:
+            warnings.simplefilter("ignore")
+        yield
 
 
 def _flush() -> None:

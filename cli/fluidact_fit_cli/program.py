@@ -22,6 +22,7 @@ _COMMANDS = {
     "export": "Write a parameter file in the language of a controller.",
     "check-consumer": "Compare a parameter file with what a controller reads.",
     "design": "Design the next experiment from a parameter file.",
+    "batch": "Run many fits: a parameter file each, a summary of all.",
     "demo": "Fit synthetic logs of every family, as an example.",
     "schema": "Print the JSON Schema of the parameter file.",
 }

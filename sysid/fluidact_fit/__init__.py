@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         ConsumerError,
         ControllerFileError,
         FluidactError,
+        JobsFileError,
         LogError,
         MismatchError,
         Notice,
@@ -39,9 +40,9 @@ if TYPE_CHECKING:
 _NAMES = {
     "control": ("load", "read_document"),
     "errors": (
-        "ConsumerError", "ControllerFileError", "FluidactError", "LogError", "MismatchError",
-        "NotIdentifiedError", "Notice", "OutputError", "ParameterFileError", "StrictError",
-        "UnitError", "UsageError",
+        "ConsumerError", "ControllerFileError", "FluidactError", "JobsFileError", "LogError",
+        "MismatchError", "NotIdentifiedError", "Notice", "OutputError",
+        "ParameterFileError", "StrictError", "UnitError", "UsageError",
     ),
     "families": ("family_names", "get_family"),
     "fitting": ("fit",),
@@ -51,11 +52,10 @@ _NAMES = {
 _HOMES = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "ConsumerError", "ControllerFileError", "FitResult", "FluidactError", "Log", "LogError",
-    "MismatchError",
-    "NotIdentifiedError", "Notice", "OutputError", "ParameterFileError", "StepInput",
-    "StrictError", "UnitError", "UsageError", "__version__", "family_names", "fit", "get_family",
-    "load", "read_document", "read_log",
+    "ConsumerError", "ControllerFileError", "FitResult", "FluidactError", "JobsFileError", "Log",
+    "LogError", "MismatchError", "NotIdentifiedError", "Notice", "OutputError",
+    "ParameterFileError", "StepInput", "StrictError", "UnitError", "UsageError",
+    "__version__", "family_names", "fit", "get_family", "load", "read_document", "read_log",
 ]  # fmt: skip
 
 

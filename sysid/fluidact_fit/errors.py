@@ -189,6 +189,12 @@ class ConsumerError(FluidactError):
     exit_status = 3
 
 
+class JobsFileError(FluidactError):
+    """A list of jobs cannot be used (exit status 3)."""
+
+    exit_status = 3
+
+
 class OutputError(FluidactError):
     """A result cannot be written where it was asked for (exit status 3)."""
 

@@ -83,7 +83,8 @@ def _read_hdf5(raw: bytes, name: str) -> Found:
 
 
 def _read_parquet(raw: bytes, name: str) -> Found:
-    parquet = _optional("pyarrow.parquet", "parquet", name)
+    from pyarrow import parquet
+
     table = parquet.read_table(io.BytesIO(raw))
     columns = []
     for header, column in zip(table.column_names, table.columns):

@@ -9,6 +9,7 @@ import secrets
 import stat
 import time
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import IO
 
@@ -174,7 +175,7 @@ def _temporary(folder: str) -> Iterator[tuple[str, IO[bytes]]]:
         try:
             with os.fdopen(descriptor, "wb") as file:
                 # Until it is locked, another run may take it for an abandoned one.
-                if _lock(descriptor) is not False and os.path.exists(path):
+                if locked(descriptor) is not False and os.path.exists(path):
                     yield path, file
                     return
         finally:
@@ -182,7 +183,7 @@ def _temporary(folder: str) -> Iterator[tuple[str, IO[bytes]]]:
                 os.unlink(path)
 
 
-def _lock(descriptor: int) -> bool | None:
+def locked(descriptor: int) -> bool | None:
     """Lock a file until it is closed or its process ends; ``None`` where that is impossible."""
     if fcntl is None:
         return None
@@ -195,6 +196,7 @@ def _lock(descriptor: int) -> bool | None:
     return True
 
 
+@cache  # once a process: in a folder of ten thousand files each look takes milliseconds
 def _remove_abandoned(folder: str) -> None:
     """Remove what killed runs left: files named as here that no process has locked."""
     with contextlib.suppress(OSError):
@@ -215,7 +217,7 @@ def _remove_if_abandoned(path: str) -> None:
     descriptor = os.open(path, os.O_RDWR)
     try:
         # Removed while it is locked: its owner would otherwise lock it in between.
-        if _lock(descriptor) or (old and _lock(descriptor) is None):
+        if locked(descriptor) or (old and locked(descriptor) is None):
             os.unlink(path)
     finally:
         os.close(descriptor)

@@ -1,0 +1,164 @@
+"""``fluidact-fit batch``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fluidact_fit.errors import StrictError, UsageError
+
+from ..options import VERBOSITY, Command, Option, flag
+from ..outputs import note_written
+from ..progress import Progress
+from ..show import echo, echo_table
+
+if TYPE_CHECKING:
+    from fluidact_fit.batch import Job
+    from fluidact_fit.batch.pools import Pool
+
+_ALIKE = "Instead of JOBS: logs that are named alike"
+_WHERE = "Where it runs"
+# What every fit of a worker needs, imported once for all of them.
+_PRELOAD = ("fluidact_fit_cli.commands.batch_job", "fluidact_fit.fitting",
+            "fluidact_fit.logs.reader", "pandas", "scipy.signal", "scipy.optimize")  # fmt: skip
+
+
+@click.command(
+    "batch",
+    cls=Command,
+    params=[
+        click.Argument(["jobs_file"], metavar="[JOBS]", required=False),
+        Option(["--output", "-o", "folder"], metavar="FOLDER", required=True, group="Output",
+               help="Where to write; made when it does not exist."),
+        flag("--force", "-f", group="Output",
+             help="Run finished jobs again, and replace files that no earlier run wrote."),
+        Option(["--family"], metavar="FAMILY", group=_ALIKE, help="Family of all jobs."),
+        Option(["--logs"], metavar="PATTERN", multiple=True, group=_ALIKE,
+               help="Which logs, for example 'fleet/**/*.csv'. Repeatable."),
+        Option(["--group-by"], metavar="file|folder|PATTERN", group=_ALIKE,
+               help="Which logs make a job: each one (default), those of a folder, or those whose "
+               "names have the same text in the place of {job}: 'unit{job}_*.csv'."),
+        Option(["--options"], metavar="'OPTIONS'", group=_ALIKE,
+               help="Options of every fit, in quotes: --options '--unit inlet=bar'."),
+        Option(["--workers"], type=click.IntRange(1, 10_000), metavar="N", group=_WHERE,
+               help="How many processes (default: one for each processor)."),
+        Option(["--scheduler"], metavar="tcp://HOST:PORT", group=_WHERE,
+               help="Run on the workers of this Dask scheduler; they have to see the same files."),
+        Option(["--cluster"], type=click.Choice(["local", "slurm", "kubernetes"]), group=_WHERE,
+               help="Start Dask workers on a cluster, as dask's configuration files describe it, "
+               "and stop them afterwards."),
+        flag("--strict", group="Verdict",
+             help="A job without a parameter file ends the command with exit status 4."),
+        *VERBOSITY,
+    ],
+)  # fmt: skip
+def command(jobs_file: str | None, folder: str, **params: Any) -> None:
+    """Run the fits that the table JOBS lists, each as one command line.
+
+    \b
+    JOBS is CSV, or YAML with the same keys, one row a parameter file FOLDER/JOB.yaml:
+      job      its name
+      family   valve, line, ...
+      logs     paths or patterns, separated by ; and seen from the folder of JOBS
+      options  as on the command line, without -o
+
+    FOLDER/summary.csv and summary.parquet have one row a job (status, exit status, verdict,
+    every number with its standard error, message), FOLDER/index.html shows them, FOLDER/logs
+    keeps what every job said. Run again, it goes on where it stopped: a finished job with the
+    same logs, options and version is not run again. A job that fails stops no other, and the
+    exit status is 0 when every job has an outcome.
+
+    \b
+    Examples:
+      fluidact-fit batch jobs.csv -o fleet --workers 8
+      fluidact-fit batch --family valve --logs 'units/*/*.csv' --group-by folder -o fleet
+      fluidact-fit batch jobs.csv -o fleet --scheduler tcp://node1:8786
+    """
+    from fluidact_fit.batch import run_batch, write_summary
+
+    from .batch_job import execute
+
+    jobs, base = _jobs(jobs_file, params)
+    target = Path(folder)
+    _check_folder(target, params["force"])
+    note_written([folder])  # an interrupted batch keeps what it has, and goes on from there
+    with closing(Progress(params["quiet"], params["verbose"])) as progress, _pool(params) as pool:
+        outcomes = run_batch(
+            jobs, base, target, execute, pool, again=params["force"], progress=progress
+        )
+    written = [str(path) for path in write_summary(jobs, outcomes, target)]
+    failed = sum(outcome.exit != 0 for outcome in outcomes)
+    if not params["quiet"]:
+        _show([outcome.status for outcome in outcomes])
+        echo("written to " + ", ".join(written))
+    if failed and params["strict"]:
+        raise StrictError(
+            f"{failed} of {len(jobs)} jobs have no parameter file.",
+            remedy=f"See {target / 'index.html'}, or what each said in {target / 'logs'}.",
+        )
+
+
+def _jobs(jobs_file: str | None, params: Any) -> tuple[list[Job], Path]:
+    """Jobs, and the folder from which their logs are seen."""
+    from fluidact_fit.batch import group_logs, read_jobs
+
+    alike = [f"--{name.replace('_', '-')}" for name in ("family", "logs", "group_by", "options")
+             if params[name]]  # fmt: skip
+    if jobs_file is not None:
+        if alike:
+            raise UsageError(f"{alike[0]} makes jobs, and JOBS lists them already.",
+                             remedy="Give one of both.")  # fmt: skip
+        return read_jobs(jobs_file), Path(jobs_file).parent
+    if not (params["family"] and params["logs"]):
+        raise UsageError(
+            "there are no jobs.", expected="Expected a table JOBS, or --family and --logs.",
+            remedy="See --help for both.",
+        )  # fmt: skip
+    here = Path()
+    jobs = group_logs(params["family"], params["logs"], params["group_by"] or "file",
+                      params["options"] or "", here)  # fmt: skip
+    return jobs, here
+
+
+def _check_folder(folder: Path, force: bool) -> None:
+    """Refuse a folder whose files would be replaced and are of no earlier batch."""
+    from fluidact_fit.batch.journal import NAME
+    from fluidact_fit.batch.summary import FILES
+
+    if force or (folder / NAME).exists():
+        return
+    for name in FILES:
+        if (folder / name).exists():
+            raise UsageError(
+                f"{folder / name} exists already and is of no batch here; it was kept.",
+                remedy="Give another folder with -o, or --force to replace it.",
+            )
+
+
+@contextmanager
+def _pool(params: Any) -> Iterator[Pool]:
+    """Where the jobs run."""
+    from fluidact_fit.batch.pools import LocalPool, dask_pool
+
+    scheduler, cluster = params["scheduler"], params["cluster"]
+    if scheduler and (cluster or params["workers"]):
+        other = "--cluster" if cluster else "--workers"
+        raise UsageError(f"--scheduler has workers of its own, and {other} is given.",
+                         remedy="Give one of both.")  # fmt: skip
+    workers = params["workers"] or os.cpu_count() or 1
+    if scheduler or cluster:
+        with dask_pool(scheduler, cluster, workers) as pool:
+            yield pool
+    else:
+        yield LocalPool(workers, _PRELOAD)
+
+
+def _show(statuses: Sequence[str]) -> None:
+    names = list(dict.fromkeys(sorted(statuses, key=statuses.count, reverse=True)))
+    echo_table([["jobs", ""], *([str(statuses.count(n)), n] for n in names)], right=(0,))
+    echo()

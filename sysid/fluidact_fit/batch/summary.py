@@ -1,0 +1,122 @@
+"""What came of a batch, as a table and as a page."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..estimation.random_effects import estimate_spread
+from ..parameters.atomic import write_together
+from ..report.fleet import FleetQuantity, Reason, fleet_page
+from .jobs import Job
+from .outcome import STATUS, Outcome
+from .run import RECORDS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FILES = ("summary.csv", "summary.parquet", "index.html")
+_VARYING = re.compile(r"'[^']*'|\"[^\"]*\"|[-+]?\d[\d.,]*(?:e[-+]?\d+)?|\S*/\S*")
+
+
+def write_summary(jobs: Sequence[Job], outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
+    """Write ``summary.csv``, ``summary.parquet`` and ``index.html``, all or none.
+
+    Parameters
+    ----------
+    jobs, outcomes
+        In the same order.
+    folder
+        Where; older ones are replaced.
+
+    Raises
+    ------
+    OutputError
+        When they cannot be written.
+    """
+    table = summary_table(jobs, outcomes)
+    packed: bytes = table.to_parquet(None, index=False)
+    contents: tuple[str | bytes, ...] = (table.to_csv(index=False), packed, _page(jobs, outcomes))
+    named = {str(folder / name): content for name, content in zip(FILES, contents)}
+    return write_together(named, overwrite=True)
+
+
+def summary_table(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> pd.DataFrame:
+    """One row a job: what came of it, and every number with its standard error.
+
+    A list gives one column an entry, ``control_points[0]``; a number that a job has not is
+    empty. Times are not in it: the same jobs give the same table.
+    """
+    import pandas as pd
+
+    rows = []
+    for job, outcome in zip(jobs, outcomes):
+        row: dict[str, Any] = {
+            "job": job.name, "family": job.family, "status": outcome.status, "exit": outcome.exit,
+            "verdict": outcome.verdict, "warnings": " ".join(outcome.warnings),
+            "message": " ".join(outcome.message.split()),
+        }  # fmt: skip
+        for name, _, value, error, status in _numbers(outcome):
+            row |= {name: value, f"{name}_std_error": error, f"{name}_status": status}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _numbers(outcome: Outcome) -> Iterator[tuple[str, str, float, float | None, str]]:
+    """Name, unit, value, standard error and status of every number."""
+    for name, entry in outcome.parameters.items():
+        values, errors = entry["value"], entry.get("std_error")
+        for place, value in np.ndenumerate(np.asarray(values, dtype=float)):
+            label = name + "".join(f"[{k}]" for k in place)
+            error = None if errors is None else float(np.asarray(errors, dtype=float)[place])
+            yield label, entry["unit"], float(value), error, entry["status"]
+
+
+def _page(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> str:
+    verdicts, ends = (Counter(x) for x in zip(*((o.verdict, o.status) for o in outcomes)))
+    counts = {f"verdict {v}": verdicts[v] for v in ("pass", "warn", "fail")}
+    counts |= {text: ends[text] for status, text in STATUS.items() if status}
+    warned: dict[str, list[str]] = {}
+    for outcome in outcomes:
+        for name in dict.fromkeys(outcome.warnings):
+            warned.setdefault(name, []).append(outcome.job)
+    return fleet_page(
+        {name: number for name, number in counts.items() if number},
+        fleet_quantities(jobs, outcomes),
+        _reasons(outcomes),
+        dict(sorted(warned.items(), key=lambda item: -len(item[1]))),
+        RECORDS,
+    )
+
+
+def fleet_quantities(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> list[FleetQuantity]:
+    """Distribution of every number that has a standard error, by family and name."""
+    found: dict[tuple[str, str, str], list[tuple[str, float, float]]] = {}
+    for job, outcome in zip(jobs, outcomes):
+        for name, unit, value, error, status in _numbers(outcome):
+            if status == "estimated" and error is not None and error > 0.0:
+                found.setdefault((job.family, name, unit), []).append((job.name, value, error))
+    out = []
+    for (family, name, unit), entries in found.items():
+        names, values, errors = zip(*entries)
+        y, s = np.array(values), np.array(errors)
+        out.append(FleetQuantity(family, name, unit, names, y, s, estimate_spread(y, s)))
+    return out
+
+
+def _reasons(outcomes: Sequence[Outcome]) -> list[Reason]:
+    """Jobs without a file by what was found; numbers, names and paths in it are no difference."""
+    groups: dict[tuple[str, str], list[Outcome]] = {}
+    for outcome in outcomes:
+        if outcome.exit:
+            key = outcome.status, _VARYING.sub("…", outcome.reason)
+            groups.setdefault(key, []).append(outcome)
+    return [
+        Reason(status, text if len(group) > 1 else group[0].reason, [o.job for o in group])
+        for (status, text), group in sorted(groups.items(), key=lambda item: -len(item[1]))
+    ]

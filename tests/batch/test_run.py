@@ -1,0 +1,107 @@
+"""What is run, what is not run again, and what a death on the way costs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from batch_jobs import note
+from fluidact_fit.batch import Job, run_batch
+from fluidact_fit.batch.journal import NAME, open_journal
+from fluidact_fit.batch.outcome import Outcome
+from fluidact_fit.batch.pools import LocalPool
+from fluidact_fit.errors import OutputError
+
+
+def _jobs(*options: Sequence[str]) -> list[Job]:
+    return [Job(f"j{k}", "line", ("a.csv",), tuple(words)) for k, words in enumerate(options)]
+
+
+def _run(jobs: list[Job], folder: Path, workers: int = 2, **more: bool) -> list[Outcome]:
+    (folder / "a.csv").touch()
+    return run_batch(jobs, folder, folder / "out", note, LocalPool(workers), **more)
+
+
+def _ran(folder: Path) -> list[str]:
+    path = folder / "ran.txt"
+    lines = sorted(path.read_text(encoding="utf-8").split()) if path.exists() else []
+    path.unlink(missing_ok=True)
+    return lines
+
+
+def test_what_is_finished_is_not_run_again(tmp_path: Path) -> None:
+    jobs = _jobs((), ("refuse",), ("refuse", "again"), ("slow",))
+    assert [o.exit for o in _run(jobs, tmp_path)] == [0, 4, 4, 0]
+    assert _ran(tmp_path) == ["j0", "j1", "j2", "j3"]
+    assert [o.exit for o in _run(jobs, tmp_path)] == [0, 4, 4, 0]
+    assert _ran(tmp_path) == ["j2"]  # another try may end otherwise
+    (tmp_path / "out" / "j3.yaml").unlink()
+    _run(jobs, tmp_path)
+    assert _ran(tmp_path) == ["j2", "j3"]
+    _run(jobs[:2], tmp_path, again=True)
+    assert _ran(tmp_path) == ["j0", "j1"]
+
+
+@pytest.mark.parametrize("changed", ["log", "options", "file of an option", "merged log"])
+def test_what_has_changed_is_run_again(changed: str, tmp_path: Path) -> None:
+    for name in ("b.csv", "v.csv"):
+        (tmp_path / name).touch()
+    merged = Job("m", "line", ("a.csv+b.csv",))
+    jobs = [merged, *_jobs(("--validate=v.csv",))]
+    _run(jobs, tmp_path)
+    _ran(tmp_path)
+    target = {"log": "a.csv", "file of an option": "v.csv", "merged log": "b.csv"}.get(changed)
+    if target:
+        (tmp_path / target).write_text("changed", encoding="utf-8")
+    else:
+        jobs[1] = _jobs(("--gain", "2"))[0]
+    _run(jobs, tmp_path)
+    expected = {"log": ["j0", "m"], "merged log": ["m"]}.get(changed, ["j0"])
+    assert _ran(tmp_path) == expected
+
+
+def test_a_job_that_ends_its_process_costs_itself_alone(tmp_path: Path) -> None:
+    jobs = _jobs(*[("slow",)] * 6, ("die",), *[("slow",)] * 6)
+    outcomes = _run(jobs, tmp_path)
+    assert [o.exit for o in outcomes] == [0] * 6 + [1] + [0] * 6
+    assert "more memory" in outcomes[6].message
+    ran = _ran(tmp_path)
+    assert set(ran) == {job.name for job in jobs}
+    assert ran.count("j6") == 2
+
+
+def test_a_line_cut_short_is_no_outcome(tmp_path: Path) -> None:
+    jobs = _jobs((), (), ())
+    _run(jobs, tmp_path)
+    _ran(tmp_path)
+    journal = tmp_path / "out" / NAME
+    whole = journal.read_bytes()
+    lost = whole.splitlines(keepends=True)[-1]
+    journal.write_bytes(whole[: -len(lost) // 2])
+    _run(jobs, tmp_path)
+    assert len(_ran(tmp_path)) == 1
+    assert not _ran(tmp_path)
+    _run(jobs, tmp_path)
+    assert not _ran(tmp_path)
+
+
+@pytest.mark.parametrize("line", [b"null", b"[]", b'{"job": "j0"}', b"\xff\xfe", b"{" * 5000])
+def test_a_damaged_journal_costs_what_is_damaged(line: bytes, tmp_path: Path) -> None:
+    _run(_jobs((), ()), tmp_path)
+    _ran(tmp_path)
+    with (tmp_path / "out" / NAME).open("ab") as file:
+        file.write(line + b"\n")
+    _run(_jobs((), ()), tmp_path)
+    assert not _ran(tmp_path)
+
+
+def test_two_batches_cannot_share_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    with (
+        open_journal(tmp_path / "out"),
+        pytest.raises(OutputError, match="another batch is writing"),
+    ):
+        _run(_jobs(()), tmp_path)
+    assert not _ran(tmp_path)
