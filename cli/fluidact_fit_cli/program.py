@@ -9,6 +9,7 @@ from importlib import import_module
 import click
 
 from fluidact_fit import __version__
+from fluidact_fit.errors import UsageError
 from fluidact_fit.families import family_names, family_title
 
 from .errors import Invocation, run_guarded
@@ -89,9 +90,13 @@ click.version_option(__version__, prog_name="fluidact-fit", message="%(prog)s %(
 def run(args: Sequence[str]) -> int:
     """Run the program with the words after its name and return its exit status."""
     invocation = Invocation(tuple(args))
-    return run_guarded(
-        lambda: program.main(
-            list(args), prog_name="fluidact-fit", standalone_mode=False, obj=invocation
-        ),
-        invocation,
+    return run_guarded(lambda: _run(args, invocation), invocation)
+
+
+def _run(args: Sequence[str], invocation: Invocation) -> int | None:
+    if any("\0" in word for word in args):  # from Python: the system passes none on
+        raise UsageError("a word of the command holds a NUL.", remedy="Leave it out.")
+    status: int | None = program.main(
+        list(args), prog_name="fluidact-fit", standalone_mode=False, obj=invocation
     )
+    return status

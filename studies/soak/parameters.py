@@ -197,7 +197,9 @@ def scale_number(tree: Any, rng: random.Random) -> Done:
         for p, v in places(tree)
         if p[0] in ("parameters", "model") and isinstance(v, float) and v
         and (p[0] == "model" or p[2] == "value")
-        and p[1] != "output_offset"  # of the logs, not of the machine
+        # of the logs, not of the machine; and a setting, where nothing is computed from it
+        and p[1] != "output_offset"
+        and (p[-1] != "sample_time" or len(tree["model"]["discrete"]) > 2)
     ]  # fmt: skip
     if not found:
         return leave(tree, rng)
@@ -210,6 +212,8 @@ def scale_number(tree: Any, rng: random.Random) -> Done:
 def flood(tree: Any, rng: random.Random) -> Done:
     """Fill the file with very many entries."""
     how = rng.choice(("keys", "covariance", "nan"))
+    if how == "covariance" and "covariance" not in tree:
+        how = "nan"
     if how == "keys":
         tree.update({f"k{i}": 1 for i in range(100_000)})
     elif how == "covariance":

@@ -147,3 +147,10 @@ def test_a_rate_that_never_gets_anywhere_costs_no_memory(here: Run, inside: Path
     assert done.status == 4
     assert "no excitation within these limits" in done.err
     assert not list(inside.iterdir())
+
+
+@pytest.mark.parametrize("words", [["line", "a\0b"], ["design", "line", "--from", "a\0b"]])
+def test_a_nul_is_blamed(words: list[str], here: Run) -> None:
+    done = here(*words)
+    assert done.status == 2
+    assert "holds a NUL" in done.err

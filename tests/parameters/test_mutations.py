@@ -264,3 +264,14 @@ def test_a_tag_or_anchor_is_quoted() -> None:
     with pytest.raises(ParameterFileError) as caught:
         parse_document(text_of("valve") + "k: !<%1b[31mx> 1\n", get_family)
     assert "\x1b" not in str(caught.value)
+
+
+@pytest.mark.parametrize("missing", ["area-1", "supply-pressure", "mass", "dead-volume-2"])
+def test_a_file_without_what_its_simulation_needs(missing: str, tmp_path: Path) -> None:
+    document = yaml.safe_load(text_of("hydraulic-cylinder"))
+    del document["options"][missing]
+    path = tmp_path / "file.yaml"
+    path.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(ParameterFileError, match="cannot be made from the parameters") as error:
+        ff.load(path)
+    assert missing.replace("-", "_") in str(error.value)

@@ -250,7 +250,7 @@ def _make_job(row: Mapping[str, Any], place: str) -> Job:
     logs = [part for part in logs if part]
     if not logs:
         raise JobsFileError("names no log.", where=place, remedy="Give its logs.")
-    if any(part == "-" or "\0" in part for part in logs):
+    if "-" in logs:
         raise JobsFileError("a log is the name of no file.", where=place,
                             remedy="Give a path or a pattern.")  # fmt: skip
     given = row.get("options")
@@ -262,8 +262,9 @@ def _make_job(row: Mapping[str, Any], place: str) -> Job:
 
 
 def _text(value: Any, key: str, place: str) -> str:
-    if isinstance(value, str | int | float) and not isinstance(value, bool) and str(value):
-        return str(value)
+    text = "" if isinstance(value, bool | list | dict) or value is None else str(value)
+    if text and "\0" not in text:
+        return text
     found = "is empty" if value in (None, "") else "is no text"
     raise JobsFileError(f"{key!r} {found}.", where=place, remedy="Give it as text.")
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import LogError, UsageError
 from ...estimation.separable import Mask
 from ...experiment import Experiment, FloatArray
-from ...family import Request, Variant
+from ...family import Plant, Request, Variant
 from ...signals import smooth
 from .equations import SIGN, Machine
 from .options import HydraulicCylinderOptions
@@ -196,6 +196,17 @@ def read_machine(options: HydraulicCylinderOptions, chambers: Sequence[int]) -> 
     return Machine(
         o.area_1, o.area_2, o.dead_volume_1, o.dead_volume_2, o.mass, supply, o.tank_pressure
     )
+
+
+def check_settled(plant: Plant[HydraulicCylinderOptions]) -> None:
+    """Refuse a file without what its own simulation needs of the machine (``UsageError``)."""
+    chambers = tuple(i for i in (1, 2) if f"valve_gain_{i}" in plant.values)
+    machine = read_machine(plant.options, chambers)
+    if plant.options.stage == "gray-box" and not machine.complete:
+        raise UsageError(
+            "--mass, --dead-volume-1 and --dead-volume-2 are needed with --stage gray-box",
+            remedy="Give them, or fit again.",
+        )
 
 
 def check_volumes(machine: Machine, experiments: Sequence[Experiment]) -> None:

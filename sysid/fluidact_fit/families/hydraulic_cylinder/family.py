@@ -64,7 +64,7 @@ from ...family import (
     scalars,
 )
 from .block import HydraulicBlock
-from .case import Case, make_case
+from .case import Case, check_settled, make_case
 from .equations import GRAY_NAMES
 from .gray_fit import fit_gray
 from .networks import LAYERS, NETWORKS, fit_networks, flow_view
@@ -208,6 +208,7 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         self, plant: Plant[HydraulicCylinderOptions], sample_time: float, hold: Hold
     ) -> dict[str, Any]:
         """The equations' numbers, and sums of magnitudes of the layers of the networks."""
+        check_settled(plant)
         v = plant.numbers
         layers = {n: float(np.abs(x).sum()) for n, x in plant.values.items() if n not in v}
         return {
