@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 from fluidact_fit.assessment.diagnosis import _cross_correlation
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
-from fluidact_fit.logs.spikes import replace_spikes
+from fluidact_fit.logs.spikes import _left_when_removed, replace_spikes
 from fluidact_fit.outcome import Simulation
 
 VARIANT = get_family("ball-screw").variants[0]
@@ -48,3 +48,16 @@ def test_feedback_is_said_where_the_input_answers_and_not_where_the_model_misses
     table, said = _cross_correlation(VARIANT, [opened], ())
     assert table["torque"]["input_follows_residual"] < 1e-5
     assert said == []
+
+
+def test_what_is_left_when_spikes_are_gone_is_the_largest_other_jump() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        values = rng.standard_normal(rng.integers(20, 60))
+        order = rng.permutation(values.size)[: rng.integers(1, 8)]
+        left = _left_when_removed(np.abs(np.diff(values)), order)
+        for m in range(order.size):
+            gone = set(order[: m + 1])
+            pairs = [k for k in range(values.size - 1) if not {k, k + 1} & gone]
+            due = max((abs(values[k + 1] - values[k]) for k in pairs), default=0.0)
+            assert left[m] == due

@@ -76,13 +76,24 @@ def find_spikes(values: FloatArray, moved: BoolArray) -> IndexArray:
     most = max(3, int(_SHARE * values.size))
     order = np.argsort(-height)[:most]
     order = order[height[order] > 0.0]
-    count = 0
-    for m in range(1, order.size + 1):
-        beside = np.unique(np.concatenate((order[:m] - 1, order[:m])))
-        rest = np.delete(size, beside[(beside >= 0) & (beside < size.size)])
-        if height[order[m - 1]] > _FARTHER * rest.max(initial=0.0):
-            count = m
+    far = height[order] > _FARTHER * _left_when_removed(size, order)
+    count = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
     return np.sort(order[:count])
+
+
+def _left_when_removed(size: FloatArray, order: IndexArray) -> FloatArray:
+    """Largest jump that is left when the first 1, 2, ... samples of ``order`` are gone.
+
+    Shape ``(m,)``; every sample takes the jumps on both its sides with it.
+    """
+    gone = np.full(size.size, order.size)  # place in the order at which a jump goes, or never
+    for side in (order - 1, order):
+        inside = (side >= 0) & (side < size.size)
+        np.minimum.at(gone, side[inside], np.flatnonzero(inside))
+    largest = np.zeros(order.size + 1)
+    np.maximum.at(largest, gone, size)
+    left: FloatArray = np.maximum.accumulate(largest[::-1])[::-1][1:]
+    return left
 
 
 def _where_inputs_move(experiment: Experiment, variant: Variant) -> BoolArray:
