@@ -9,13 +9,15 @@ import tempfile
 import time
 from pathlib import Path
 
-from . import logs, options, parameters, processes
+from . import batches, logs, options, parameters, processes
 from .case import SEED, Part, Result
 from .pool import run_case, run_part
 from .table import page, shown
 
 PAGE = Path(__file__).parents[2] / "docs" / "soak.md"
-PARTS: tuple[Part, ...] = (*logs.PARTS, *parameters.PARTS, *options.PARTS, *processes.PARTS)
+PARTS: tuple[Part, ...] = (
+    *logs.PARTS, *parameters.PARTS, *options.PARTS, *processes.PARTS, *batches.PARTS,
+)  # fmt: skip
 
 
 def main() -> int:

@@ -25,7 +25,7 @@ from . import program
 from .case import EXIT_1, HANG, TRACEBACK, WRONG, Case, Part, Result
 
 _OLD = Path(__file__).parents[2] / "tests" / "golden" / "0.1.0" / "line.yaml"
-_PROGRAM = (sys.executable, "-m", "fluidact_fit_cli.main")
+PROGRAM = (sys.executable, "-m", "fluidact_fit_cli.main")
 _ROWS = 150
 # Ends its own process before the n-th thing that it does to a file of this folder.
 _KILLER = """
@@ -75,14 +75,14 @@ def _prepare(existing: bool = True) -> list[str]:
     return ["line", "log.csv", *program.arguments("line"), "-o", output, *force]
 
 
-def _start(words: Sequence[str], **how: Any) -> subprocess.Popen[bytes]:
+def start(words: Sequence[str], **how: Any) -> subprocess.Popen[bytes]:
     how.setdefault("stdout", subprocess.PIPE)
     how.setdefault("stderr", subprocess.PIPE)
     how.setdefault("stdin", subprocess.DEVNULL)
     return subprocess.Popen(words, **how)
 
 
-def _wait(process: subprocess.Popen[bytes], case: Case, result: Result) -> str:
+def wait(process: subprocess.Popen[bytes], case: Case, result: Result) -> str:
     """Wait for the end of a process; returns what it printed."""
     try:
         out, err = process.communicate(timeout=6 * case.limit)
@@ -105,7 +105,7 @@ def _duration() -> float:
     """Seconds that an undisturbed fit takes now."""
     words = _prepare()
     began = time.perf_counter()
-    subprocess.run([*_PROGRAM, *words], check=True, capture_output=True)
+    subprocess.run([*PROGRAM, *words], check=True, capture_output=True)
     return time.perf_counter() - began
 
 
@@ -135,15 +135,15 @@ def kill(case: Case) -> Result:
         instant = case.rng.uniform(0.0, 1.1) * _duration()
         _prepare()
         case.tell(f"killed after {instant:.3f} s")
-        process = _start([*_PROGRAM, *words])
+        process = start([*PROGRAM, *words])
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(instant)
         process.kill()
     else:
         step = case.rng.randrange(6)
         case.tell(f"killed before step {step} of writing")
-        process = _start([sys.executable, "-c", _KILLER, str(Path.cwd()), str(step), *words])
-    _wait(process, case, result)
+        process = start([sys.executable, "-c", _KILLER, str(Path.cwd()), str(step), *words])
+    wait(process, case, result)
     result.outcome = judge_file(Path("out.yaml"), _old(), result)
     if Path("log.csv").read_bytes() != log:
         result.fail(WRONG, "the log was changed")
@@ -158,7 +158,7 @@ def _judge_rest(words: Sequence[str], result: Result) -> None:
         return
     for path in left:
         os.utime(path, (time.time() - 100_000,) * 2)
-    subprocess.run([*_PROGRAM, *words], check=True, capture_output=True)
+    subprocess.run([*PROGRAM, *words], check=True, capture_output=True)
     if _strangers():
         result.fail(WRONG, "a temporary file is left for ever")
 
@@ -174,11 +174,11 @@ def interrupt(case: Case) -> Result:
     _prepare()
     case.tell(f"interrupted after {instant:.3f} s")
     result = Result("")
-    process = _start([*_PROGRAM, *words])
+    process = start([*PROGRAM, *words])
     with contextlib.suppress(subprocess.TimeoutExpired):
         process.wait(instant)
     process.send_signal(signal.SIGINT)
-    _wait(process, case, result)
+    wait(process, case, result)
     found = judge_file(Path("out.yaml"), _old(), result)
     if process.returncode not in (0, 130, -signal.SIGINT):
         result.fail(WRONG, f"exit status {process.returncode}")
@@ -209,9 +209,9 @@ def streams(case: Case) -> Result:
     with contextlib.ExitStack() as stack:
         ends = {n: stack.enter_context(_stream(way)) for n, way in how.items()}
         closed = [n for n, way in how.items() if way == "closed"]
-        process = _start([*_PROGRAM, *words], stdout=ends[1], stderr=ends[2],
+        process = start([*PROGRAM, *words], stdout=ends[1], stderr=ends[2],
                          preexec_fn=lambda: [os.close(n) for n in closed])  # fmt: skip
-        _wait(process, case, result)
+        wait(process, case, result)
     found = judge_file(Path("out.yaml"), None, result)
     if process.returncode not in (0, 1, 2, 3, 4, 141):
         result.fail(WRONG, f"exit status {process.returncode}")
@@ -256,8 +256,8 @@ def environment(case: Case) -> Result:
     words = case.rng.choice((words, ["line", "--help"], ["inspect", "log.csv"]))
     case.tell(f"{chosen}: {words[:2]}")
     result = Result("")
-    process = _start([*_PROGRAM, *words], env={**os.environ, **chosen})
-    _wait(process, case, result)
+    process = start([*PROGRAM, *words], env={**os.environ, **chosen})
+    wait(process, case, result)
     if process.returncode > 1:
         result.fail(WRONG, f"exit status {process.returncode}")
     return result
@@ -265,7 +265,7 @@ def environment(case: Case) -> Result:
 
 def disk(case: Case) -> Result:
     """Let the disk be full at any size of the file."""
-    with _small_disk(case.rng) as (folder, limit, what):
+    with small_disk(case.rng) as (folder, limit, what):
         os.chdir(folder)
         try:
             return _fit_on(case, limit, what)
@@ -283,8 +283,8 @@ def _fit_on(case: Case, limit: Callable[[], None] | None, what: str) -> Result:
     case.tell(f"{what}, {'over' if existing else 'without'} a file, {' '.join(more)}")
     log = Path("log.csv").read_bytes()
     result = Result("")
-    process = _start([*_PROGRAM, *words, *more, "-q"], preexec_fn=limit)
-    _wait(process, case, result)
+    process = start([*PROGRAM, *words, *more, "-q"], preexec_fn=limit)
+    wait(process, case, result)
     found = judge_file(Path("out.yaml"), _old() if existing else None, result)
     if process.returncode not in (0, 1, 3):
         result.fail(WRONG, f"exit status {process.returncode}")
@@ -298,7 +298,7 @@ def _fit_on(case: Case, limit: Callable[[], None] | None, what: str) -> Result:
 
 
 @contextlib.contextmanager
-def _small_disk(rng: random.Random) -> Iterator[tuple[Path, Callable[[], None] | None, str]]:
+def small_disk(rng: random.Random) -> Iterator[tuple[Path, Callable[[], None] | None, str]]:
     """A folder on a disk of few pages; where none can be mounted, a limit to the size of files."""
     here, pages = Path.cwd(), rng.randrange(6, 14)
     place = here / "disk"
@@ -332,11 +332,11 @@ def writers(case: Case) -> Result:
     result, ended = Result(""), []
     meeting = case.folder.parent / f"meeting-{case.folder.name}"
     meeting.mkdir()
-    start = [sys.executable, "-c", _MEETER, str(meeting)] if meet else _PROGRAM
-    first = _start([*start, *words, "--seed", "1"])
-    second = _start([*start, *words, "--seed", "2"])
+    start = [sys.executable, "-c", _MEETER, str(meeting)] if meet else PROGRAM
+    first = start([*start, *words, "--seed", "1"])
+    second = start([*start, *words, "--seed", "2"])
     for process in (first, second):
-        _wait(process, case, result)
+        wait(process, case, result)
         ended.append(process.returncode)
     result.outcome = " and ".join(map(str, sorted(ended)))
     found = judge_file(Path("out.yaml"), None, result)
@@ -353,12 +353,12 @@ def writers(case: Case) -> Result:
     return result
 
 
-_PATIENCE = {"limit": 10.0, "wait": 300.0}
+PATIENCE = {"limit": 10.0, "wait": 300.0}
 PARTS = (
-    Part("kill", "kills", 100, kill, **_PATIENCE),
-    Part("interrupt", "interrupts", 60, interrupt, **_PATIENCE),
-    Part("streams", "closed, full and cut streams", 100, streams, **_PATIENCE),
-    Part("environment", "odd environments", 60, environment, **_PATIENCE),
-    Part("disk", "full disks", 60, disk, **_PATIENCE),
-    Part("writers", "two writers at once", 20, writers, **_PATIENCE),
+    Part("kill", "kills", 100, kill, **PATIENCE),
+    Part("interrupt", "interrupts", 60, interrupt, **PATIENCE),
+    Part("streams", "closed, full and cut streams", 100, streams, **PATIENCE),
+    Part("environment", "odd environments", 60, environment, **PATIENCE),
+    Part("disk", "full disks", 60, disk, **PATIENCE),
+    Part("writers", "two writers at once", 20, writers, **PATIENCE),
 )
