@@ -175,6 +175,8 @@ def _best_cut(body: Sequence[str], hints: Hints, written: Written) -> tuple[floa
         score = round(score, 2) - (0.005 if decimal == "," else 0)
         if chosen is None or score > best:
             best, chosen = score, cut
+        if best >= 1.0:  # nothing can be better
+            break
     return best, chosen
 
 

@@ -54,7 +54,9 @@ def _blocks(lines: Sequence[str], cut: Cut, needed: float) -> list[_Block]:
     for index, line in enumerate(lines):
         if not line.strip():
             continue
-        is_row, plain = cut.is_row(line, needed), _is_plain(line, cut)
+        whole = cut.is_row(line, 1.0)  # as most lines are, and then they are all the rest too
+        is_row = whole or cut.is_row(line, needed)
+        plain = whole or _is_plain(line)
         if (is_row or plain) and not inside:
             blocks.append(_Block([], [], []))
         inside = is_row or plain or (inside and holds_numbers(line, cut))
@@ -66,9 +68,9 @@ def _blocks(lines: Sequence[str], cut: Cut, needed: float) -> list[_Block]:
     return blocks
 
 
-def _is_plain(line: str, cut: Cut) -> bool:
-    """Whether a line holds nothing but numbers, or dates where a row may."""
-    return cut.is_row(line, 1.0) or bool(_NUMBERS.fullmatch(line) and not _DATE.fullmatch(line))
+def _is_plain(line: str) -> bool:
+    """Whether a line that is no whole row holds nothing but numbers, however separated."""
+    return bool(_NUMBERS.fullmatch(line) and not _DATE.fullmatch(line))
 
 
 def holds_numbers(line: str, cut: Cut) -> bool:
