@@ -115,7 +115,7 @@ class Run:
     def times_run(self) -> Counter[str]:
         """How often each job was run to its end, by the journal."""
         lines = (self.out / "journal.jsonl").read_bytes().split(b"\n")
-        whole = [line for line in lines if line.startswith(b"{") and line.endswith(b"}")]
+        whole = [line for line in lines if line.startswith(b'{"job"') and line.endswith(b"}")]
         return Counter(json.loads(line)["job"] for line in whole)
 
 
@@ -164,7 +164,7 @@ def on_dask(fleet: Path, out: Path, jobs: int) -> Run:
 
 def _lines(out: Path) -> int:
     journal = out / "journal.jsonl"
-    return journal.read_bytes().count(b"\n") if journal.exists() else 0
+    return journal.read_bytes().count(b'{"job"') if journal.exists() else 0
 
 
 def judge(fleet: Path, run: Run) -> dict[str, str]:

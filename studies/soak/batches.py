@@ -108,7 +108,7 @@ def _finished(out: Path) -> Counter[str]:
             entry = json.loads(line)
         except ValueError:
             continue
-        if entry["lasting"]:
+        if entry.get("lasting"):
             found.append(entry["job"])
     return Counter(found)
 
@@ -158,11 +158,12 @@ def journal(case: Case) -> Result:
     how = case.rng.choice(("cut", "garbled", "line lost", "strange line"))
     case.tell(how)
     lines = content.splitlines(keepends=True)
-    at = case.rng.randrange(len(lines))
+    # but for the first, without which files are no longer known as the batch's own
+    at, first = case.rng.randrange(1, len(lines)), len(lines[0])
     if how == "cut":
-        content = content[: case.rng.randrange(len(content))]
+        content = content[: case.rng.randrange(first, len(content))]
     elif how == "garbled":
-        k = case.rng.randrange(len(content))
+        k = case.rng.randrange(first, len(content))
         content = content[:k] + case.rng.randbytes(4) + content[k + 4 :]
     elif how == "line lost":
         content = b"".join(lines[:at] + lines[at + 1 :])

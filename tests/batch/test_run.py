@@ -105,3 +105,21 @@ def test_two_batches_cannot_share_a_folder(tmp_path: Path) -> None:
     ):
         _run(_jobs(()), tmp_path)
     assert not _ran(tmp_path)
+
+
+def test_a_file_written_just_before_a_kill_is_known(tmp_path: Path) -> None:
+    _run(_jobs((), ()), tmp_path)
+    journal = tmp_path / "out" / NAME
+    claimed, *finished = journal.read_bytes().splitlines(keepends=True)
+    assert len(finished) == 2
+    journal.write_bytes(claimed)  # both files are there, and neither job is known to have ended
+    _ran(tmp_path)
+    assert [o.exit for o in _run(_jobs((), ()), tmp_path)] == [0, 0]
+    assert _ran(tmp_path) == ["j0", "j1"]
+
+
+def test_files_of_somebody_else_are_kept(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "j0.yaml").touch()
+    assert [o.exit for o in _run(_jobs((), ()), tmp_path)] == [2, 0]
+    assert [o.exit for o in _run(_jobs((), ()), tmp_path, again=True)] == [0, 0]

@@ -149,7 +149,11 @@ def _many(valve: Log, folder: Path, jobs: int) -> list[str]:
 def _finished(out: Path) -> list[str]:
     journal = out / "journal.jsonl"
     lines = journal.read_bytes().splitlines() if journal.exists() else []
-    return [json.loads(line)["job"] for line in lines if line.endswith(b"}")]
+    return [
+        json.loads(line)["job"]
+        for line in lines
+        if line.startswith(b'{"job"') and line.endswith(b"}")
+    ]
 
 
 @pytest.mark.parametrize("way", [signal.SIGKILL, signal.SIGINT])

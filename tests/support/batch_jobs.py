@@ -19,6 +19,8 @@ def note(task: Task) -> Outcome:
     if "slow" in task.words:
         time.sleep(0.05)
     failed = 4 if "refuse" in task.words else 0
+    if Path(task.output).exists() and not task.replace:
+        failed = 2
     if not failed:
         Path(task.output).write_text(task.key, encoding="utf-8")
     return Outcome(task.job, task.key, failed, lasting="again" not in task.words)

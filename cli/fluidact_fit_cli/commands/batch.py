@@ -86,8 +86,8 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
     jobs, base = _jobs(jobs_file, params)
     target = Path(folder)
     _check_folder(target, params["force"])
-    note_written([folder])  # an interrupted batch keeps what it has, and goes on from there
     with closing(Progress(params["quiet"], params["verbose"])) as progress, _pool(params) as pool:
+        note_written([folder])  # an interrupted batch keeps what it has, and goes on from there
         outcomes = run_batch(
             jobs, base, target, execute, pool, again=params["force"], progress=progress
         )

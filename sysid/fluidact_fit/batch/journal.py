@@ -1,13 +1,15 @@
 """The journal of a batch: one line a finished job, appended, so that a kill loses none of them.
 
-It is the only memory of a batch. A line that a kill cut short is none; the job is run again.
+It is the only memory of a batch. A line that a kill cut short is none; the job is run again. Before
+any job runs, those whose parameter files are the batch's own are named: a file that was written
+just before a kill is then known, and one of somebody else is never replaced.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
@@ -27,17 +29,31 @@ class Journal:
         self._file, self._where = file, where
         content = file.read()
         self.outcomes: dict[str, Outcome] = {}
+        self.claimed: set[str] = set()
         for line in content.split(b"\n"):
-            found = _outcome(line)
-            if found is not None:
+            found = _entry(line)
+            if isinstance(found, Outcome):
                 self.outcomes[found.job] = found
+                self.claimed |= {found.job} if found.exit == 0 else set()
+            else:
+                self.claimed |= found
         # The next line must not continue one that was cut short.
         self._ahead = b"" if not content or content.endswith(b"\n") else b"\n"
 
+    def claim(self, jobs: Iterable[str]) -> None:
+        """Name jobs whose parameter files this batch may write and replace."""
+        more = sorted(set(jobs) - self.claimed)
+        if more:
+            self._append({"claimed": more})
+        self.claimed.update(more)
+
     def add(self, outcome: Outcome) -> None:
-        """Append an outcome; it is on its way to the disk before this returns."""
-        text = json.dumps(outcome.to_dict(), allow_nan=False)
-        left = self._ahead + text.encode() + b"\n"
+        """Append an outcome; it has left this process when this returns."""
+        self._append(outcome.to_dict())
+        self.outcomes[outcome.job] = outcome
+
+    def _append(self, entry: Mapping[str, Any]) -> None:
+        left = self._ahead + json.dumps(entry, allow_nan=False).encode() + b"\n"
         try:
             while left:  # a disk that fills up takes a part first, and refuses the rest
                 left = left[self._file.write(left) :]
@@ -48,7 +64,6 @@ class Journal:
                 remedy="Free some space, and run the same command again: it goes on from here.",
             ) from error  # fmt: skip
         self._ahead = b""
-        self.outcomes[outcome.job] = outcome
 
 
 @contextmanager
@@ -78,9 +93,13 @@ def open_journal(folder: Path) -> Iterator[Journal]:
             os.fsync(file.fileno())
 
 
-def _outcome(line: bytes) -> Outcome | None:
+def _entry(line: bytes) -> Outcome | set[str]:
+    """What a line says; of one that is damaged, nothing."""
     try:
         data: Any = json.loads(line)
-        return Outcome(**data)
+        if "claimed" in data:
+            return {str(name) for name in data["claimed"]}
+        found = Outcome(**data)
     except (ValueError, TypeError, RecursionError):
-        return None
+        return set()
+    return found if isinstance(found.job, str) and isinstance(found.exit, int) else set()

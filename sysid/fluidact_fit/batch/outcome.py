@@ -29,7 +29,7 @@ class Task:
     output, record
         Absolute paths of the parameter file and of the text that keeps what was said.
     replace
-        Whether ``output`` may be replaced: it is of an earlier run of this batch.
+        Whether ``output`` may be replaced: it is of this batch.
     """
 
     job: str
@@ -38,7 +38,7 @@ class Task:
     folder: str
     output: str
     record: str
-    replace: bool
+    replace: bool = False
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ..errors import OutputError
@@ -60,8 +61,10 @@ def run_batch(
                           remedy="Give another folder with -o.") from error  # fmt: skip
     with open_journal(folder) as journal:
         progress("looking at what is done")
-        tasks = [_task(job, base, folder, journal) for job in jobs]
+        tasks = [_task(job, base, folder) for job in jobs]
         left = [t for t in tasks if again or not _finished(t, journal)]
+        journal.claim(t.job for t in left if again or not Path(t.output).exists())
+        left = [replace(t, replace=t.job in journal.claimed) for t in left]
         clock = _Clock(len(left), len(jobs) - len(left))
         for outcome in pool.run(execute, left):
             journal.add(outcome)
@@ -69,12 +72,12 @@ def run_batch(
         return [journal.outcomes[task.job] for task in tasks]
 
 
-def _task(job: Job, base: Path, folder: Path, journal: Journal) -> Task:
+def _task(job: Job, base: Path, folder: Path) -> Task:
     logs = job.found_logs(base)
     output = folder / f"{job.name}.yaml"
     return Task(
         job.name, _fingerprint(job, logs, base), (job.family, *logs, *job.options), str(base),
-        str(output), str(folder / RECORDS / f"{job.name}.txt"), job.name in journal.outcomes,
+        str(output), str(folder / RECORDS / f"{job.name}.txt"),
     )  # fmt: skip
 
 
