@@ -134,6 +134,11 @@ def test_a_parameter_file_of_somebody_else_is_kept(fleet: Path, apart: Run) -> N
     assert (fleet / "out" / "one.yaml").read_text(encoding="utf-8") == "mine"
     table = pd.read_csv(fleet / "out" / "summary.csv", index_col="job")
     assert "exists already" in table.loc["one", "message"]
+    (fleet / "out" / "one.yaml").unlink()
+    (fleet / "one.html").unlink(missing_ok=True)
+    assert apart("batch", fleet / "jobs.csv", "-o", fleet / "out").status == 0
+    table = pd.read_csv(fleet / "out" / "summary.csv", index_col="job")
+    assert table.loc["one", "status"] == "done"
 
 
 def _many(valve: Log, folder: Path, jobs: int) -> list[str]:

@@ -44,7 +44,7 @@ def execute(task: Task) -> Outcome:
         warnings=[w["code"] for w in document.get("warnings", ())],
         parameters={name: _number(entry) for name, entry in document.get("parameters", {}).items()},
         seconds=round(time.perf_counter() - began, 3),
-        lasting=not isinstance(error, (OutputError, OSError, MemoryError)),
+        lasting=status != 2 and not isinstance(error, (OutputError, OSError, MemoryError)),
     )  # fmt: skip
     return _keep(task, outcome, said.getvalue() + _table(document))
 
