@@ -15,6 +15,7 @@ import h5py
 import nptdms
 import numpy as np
 import pandas as pd
+import pyarrow
 import pytest
 from scipy.io import savemat
 
@@ -88,7 +89,12 @@ def test_the_same_data_have_the_same_checksum(columns: dict[str, np.ndarray]) ->
     assert read_log(columns).sha256 != read_log(other).sha256
 
 
-@pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, lzma.compress])
+def zstd(content: bytes) -> bytes:
+    packed: bytes = pyarrow.compress(content, codec="zstd", asbytes=True)
+    return packed
+
+
+@pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, lzma.compress, zstd])
 def test_packed_files_are_unpacked(tmp_path: Path, pack: Any) -> None:
     path = tmp_path / "log.csv.packed"
     path.write_bytes(pack(CSV.read_bytes()))

@@ -47,8 +47,8 @@ class Outcome:
 
     ``parameters`` map names to ``value``, ``std_error``, ``unit`` and ``status`` as in the
     parameter file; ``warnings`` are codes; ``reason`` is what was found, without where.
-    ``lasting`` is false where another try may end otherwise: a full disk, a process that died, a file
-    in the way.
+    ``lasting`` is false where another try may end otherwise: a full disk, a process that died, a
+    file in the way.
     """
 
     job: str

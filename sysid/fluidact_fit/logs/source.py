@@ -12,6 +12,7 @@ import zlib
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from ..errors import LogError
 
@@ -25,7 +26,7 @@ _FOREIGN = (
 )
 
 
-_PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\xfd7zXZ": "lzma"}
+_PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\xfd7zXZ": "lzma", b"\x28\xb5\x2f\xfd": "zstd"}
 _LARGEST = 1 << 32
 
 
@@ -86,18 +87,26 @@ def read_bytes(path: Path) -> tuple[bytes, str]:
 
 
 def _unpack(raw: bytes, name: str) -> bytes:
-    """Bytes out of gzip, bzip2 or xz, up to a limit: a small archive may hold a lot of nothing."""
+    """Unpacked bytes, up to a limit: a small archive may hold a lot of nothing."""
     packed = next((module for magic, module in _PACKED.items() if raw.startswith(magic)), None)
     if packed is None:
         return raw
     try:
-        with import_module(packed).open(io.BytesIO(raw)) as stream:
+        with _open_packed(raw, packed) as stream:
             unpacked: bytes = stream.read(_LARGEST + 1)
     except (OSError, EOFError, ValueError, zlib.error, lzma.LZMAError) as error:
         raise _refusal(f"the archive is damaged ({error}).", name, "Pack it again.") from None
     if len(unpacked) > _LARGEST:
         raise _refusal("the archive holds more than 4 GB.", name, "Unpack and split it.")
     return unpacked
+
+
+def _open_packed(raw: bytes, packed: str) -> Any:
+    if packed == "zstd":
+        import pyarrow
+
+        return pyarrow.CompressedInputStream(pyarrow.BufferReader(raw), packed)
+    return import_module(packed).open(io.BytesIO(raw))
 
 
 def _read_raw(path: Path) -> bytes:
