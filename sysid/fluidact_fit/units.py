@@ -57,6 +57,7 @@ def normalise_unit(unit: str) -> str:
     text = text.replace("°", "deg").replace("·", " ").replace("⋅", " ").replace("**", "^")
     text = re.sub(r"\s*([/*^])\s*", r"\1", re.sub(r"\s+", " ", text))
     text = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", " ", text)  # in-lb
+    text = re.sub(r"(?<=[^\W_])\.(?=[^\W\d_])", " ", text)  # kg.m2
     # "m2", "s2": an exponent that lost its caret. "1/s" and "1" stay as they are.
     text = re.sub(r"(?<=[A-Za-z])([23])\b", r"^\1", text)
     if text not in TABLE:
