@@ -163,7 +163,7 @@ def compiled(tmp_path: Path) -> Callable[[Routine], Fixed]:
     """Fixed point of a routine made by hand, after its self-test has passed."""
 
     def make(routine: Routine) -> Fixed:
-        block: Any = SimpleNamespace(family="by hand", routines=lambda: (routine,))
+        block: Any = SimpleNamespace(family="by hand", routines=lambda: (routine,), parameters={})
         for file, content in write(Job("hand", block, "q15")).items():
             (tmp_path / file).write_bytes(content)
         flags = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")

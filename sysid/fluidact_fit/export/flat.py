@@ -16,6 +16,7 @@ import numpy as np
 from ..block import Block
 from ..families import get_family
 from ..options import describe
+from ..parameters.document import Parameter
 from ..specification import ParameterSpec
 from .target import plain_text
 
@@ -56,10 +57,18 @@ class Entry:
 
 def flatten(block: Block) -> list[Entry]:
     """Return parameters, model, options and validity of a block as a flat list."""
-    return [*_parameters(block), *_model(block), *_options(block), *_validity(block)]
+    return [*parameters_of(block), *_model(block), *_options(block), *_validity(block)]
 
 
-def _parameters(block: Block) -> Iterator[Entry]:
+def known_how(parameter: Parameter) -> str:
+    """How a parameter came to its value: its status and its standard error, if it has one."""
+    words = parameter.status.replace("_", " ")
+    error = parameter.std_error
+    return f"{words}, standard error {error:.3g}" if isinstance(error, float) else words
+
+
+def parameters_of(block: Block) -> Iterator[Entry]:
+    """Yield the parameters of a block, matrices with their shape."""
     for name, value in block.parameters.items():
         spec, unit = block.variant.parameter(name), block.document.parameters[name].unit
         numbers = np.asarray(value, dtype=float)

@@ -44,7 +44,7 @@ def comment(lines: Sequence[str]) -> list[str]:
     return ["/*", *(f" * {line}".rstrip() for line in lines), " */"]
 
 
-def header(code: Code, functions: Sequence[Function]) -> str:
+def header(code: Code, functions: Sequence[Function], numbers: Sequence[str]) -> str:
     """``NAME.h``: what can be called, with ranges, units and the bounds of the errors."""
     guard = f"{code.name.upper()}_H"
     words = [
@@ -56,6 +56,7 @@ def header(code: Code, functions: Sequence[Function]) -> str:
         "which may be a null pointer. No memory is allocated and no function is recursive.",
     ]
     lines = [*comment(words), f"#ifndef {guard}", f"#define {guard}", ""]
+    lines += [*numbers, ""] if numbers else []
     for f in functions:
         lines += [*comment(_describe(f)), *f.writer.structure(), f"{f.writer.signature};", ""]
     return "\n".join([*lines, "#endif", ""])

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...parameters.document import Parameter
 from ...specification import Value
+from ..flat import known_how
 from ..golden import Golden, golden
 from ..target import Job
 from .blocks import FunctionBlock, described
@@ -61,10 +62,7 @@ def _constants(job: Job) -> list[str]:
 
 
 def _constant(name: str, value: Value, about: str, parameter: Parameter) -> list[str]:
-    words = [f"{about}; {parameter.status.replace('_', ' ')}"]
-    if isinstance(parameter.std_error, float):
-        words.append(f"standard error {parameter.std_error:.3g}")
-    note = f"{INDENT}{comment(', '.join(words))}"
+    note = f"{INDENT}{comment(f'{about}; {known_how(parameter)}')}"
     if isinstance(value, list):
         flat = [literal(v) for v in np.ravel(value)]
         return [note, *array(name, flat, np.shape(value), "LREAL")]
