@@ -11,8 +11,8 @@ from pathlib import PurePath
 from typing import Any, Literal
 
 from ..block import Block
-from ..export.flat import Entry, flatten
-from ..export.target import safe_name
+from ..export.flat import flatten
+from ..export.target import Entry, safe_name
 from ..unit_table import SUFFIXES
 from ..units import conversion_factor, is_known_unit, normalise_unit, same_dimension
 from .read import Key

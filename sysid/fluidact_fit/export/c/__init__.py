@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
+from ..flat import code_of
 from ..target import Code, Job
 from . import fixed_files
-from .constants import macros_of
 from .files import Function, header, self_test, source
 
 
 def write(job: Job) -> Mapping[str, bytes]:
     """Return ``NAME.h``, ``NAME.c`` and ``NAME_selftest.c``; see :func:`write_code`."""
-    return write_code(Code.of(job), macros_of(job.name, job.block))
+    return write_code(code_of(job))
 
 
-def write_code(code: Code, numbers: Sequence[str] = ()) -> Mapping[str, bytes]:
-    """Return the three files of some routines; ``numbers`` are lines that the header adds.
+def write_code(code: Code) -> Mapping[str, bytes]:
+    """Return the three files of some routines.
 
     Raises
     ------
@@ -24,10 +24,10 @@ def write_code(code: Code, numbers: Sequence[str] = ()) -> Mapping[str, bytes]:
         If fixed point is asked for and none of them can be had in it.
     """
     if code.arithmetic == "q15":
-        return fixed_files.write(code, numbers)
+        return fixed_files.write(code)
     functions = [Function.of(r, code.name) for r in code.routines]
     files = {
-        f"{code.file}.h": header(code, functions, numbers),
+        f"{code.file}.h": header(code, functions),
         f"{code.file}.c": source(code, functions),
         f"{code.file}_selftest.c": self_test(code, functions),
     }

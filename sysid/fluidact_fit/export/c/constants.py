@@ -1,4 +1,4 @@
-"""The parameters of a file as macros, for code that a controller already has."""
+"""The numbers that functions were made from as macros, for code that a controller already has."""
 
 from __future__ import annotations
 
@@ -6,37 +6,34 @@ import textwrap
 
 import numpy as np
 
-from ...block import Block
-from ..flat import Entry, known_how, parameters_of
-from ..target import plain_text
+from ..target import Code, Entry, plain_text
 
 _WIDTH = 96
 
 
-def macros_of(name: str, block: Block) -> list[str]:
-    """``#define NAME_PARAMETER value`` for every parameter, with its unit behind it.
+def macros_of(code: Code) -> list[str]:
+    """``#define NAME_PARAMETER value`` for every number, with its unit behind it.
 
-    A number keeps all digits of the file and becomes a ``float``; a matrix is a list by rows,
-    its shape beside it.
+    A number keeps all digits and becomes a ``float``; a matrix is a list by rows, its shape
+    beside it. Words are left out.
     """
-    lines = []
-    for entry in parameters_of(block):
-        lines += _macro(f"{name}_{entry.key}".upper(), entry, block)
-    if not lines:
-        return []
-    about = "What was identified, for code of your own: the functions hold these numbers already."
-    return [f"/* {about} */", *lines]
+    about = "What the functions were made from and hold already, for code of your own."
+    lines = [f"/* {about} */"]
+    for entry in code.numbers:
+        if not isinstance(entry.value, str):
+            lines += _macro(f"{code.name}_{entry.key}".upper(), entry)
+    return lines
 
 
-def _macro(name: str, entry: Entry, block: Block) -> list[str]:
-    how = known_how(block.document.parameters[entry.parameter])
+def _macro(name: str, entry: Entry) -> list[str]:
     unit = f"[{plain_text(entry.unit)}] " if entry.unit else ""
-    note = f"/* {unit}{plain_text(f'{entry.description}, {how}')} */"
+    about = plain_text(f"{entry.description}{f', {entry.how}' if entry.how else ''}")
+    note = f"/* {unit}{about} */"
     if isinstance(entry.value, list):
         numbers = textwrap.wrap(", ".join(map(_literal, entry.value)), _WIDTH)
         rows = [f"#define {name} {{", *(f"    {row}" for row in numbers)]
         return [*(f"{row} \\" for row in rows), f"}} {note}"]
-    text = _literal(entry.value) if isinstance(entry.value, float) else str(entry.value)
+    text = _literal(entry.value) if isinstance(entry.value, float) else f"{entry.value:d}"
     return [f"#define {name} {f'({text})' if text.startswith('-') else text} {note}"]
 
 

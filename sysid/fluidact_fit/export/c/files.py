@@ -12,6 +12,7 @@ from ...routines import Routine
 from ..golden import golden
 from ..rounding import CALLS, UNIT, error_bound, inward, single
 from ..target import Code
+from .constants import macros_of
 from .language import SINGLE, Writer, uses
 
 _CALLS = 24  # golden vectors of a routine
@@ -44,7 +45,7 @@ def comment(lines: Sequence[str]) -> list[str]:
     return ["/*", *(f" * {line}".rstrip() for line in lines), " */"]
 
 
-def header(code: Code, functions: Sequence[Function], numbers: Sequence[str]) -> str:
+def header(code: Code, functions: Sequence[Function]) -> str:
     """``NAME.h``: what can be called, with ranges, units and the bounds of the errors."""
     guard = f"{code.name.upper()}_H"
     words = [
@@ -56,7 +57,7 @@ def header(code: Code, functions: Sequence[Function], numbers: Sequence[str]) ->
         "which may be a null pointer. No memory is allocated and no function is recursive.",
     ]
     lines = [*comment(words), f"#ifndef {guard}", f"#define {guard}", ""]
-    lines += [*numbers, ""] if numbers else []
+    lines += [*macros_of(code), ""] if code.numbers else []
     for f in functions:
         lines += [*comment(_describe(f)), *f.writer.structure(), f"{f.writer.signature};", ""]
     return "\n".join([*lines, "#endif", ""])

@@ -12,6 +12,7 @@ from ...routines import Machine
 from ...routines.routine import Argument
 from ..golden import golden
 from ..target import Code
+from .constants import macros_of
 from .files import at_most, comment, macros
 from .fixed import Fixed, Omitted, fixed
 
@@ -20,7 +21,7 @@ _READERS = {"READ": "(int16_t)pgm_read_word", "READ_LONG": "(int32_t)pgm_read_dw
 _TABLE_LINE = 12
 
 
-def write(code: Code, numbers: Sequence[str]) -> Mapping[str, bytes]:
+def write(code: Code) -> Mapping[str, bytes]:
     """Return ``NAME.h``, ``NAME.c`` and ``NAME_selftest.c``.
 
     Raises
@@ -39,7 +40,7 @@ def write(code: Code, numbers: Sequence[str]) -> Mapping[str, bytes]:
             remedy="Export it with --arithmetic float32.",
         )
     files = {
-        f"{code.file}.h": _header(code, functions, omitted, numbers),
+        f"{code.file}.h": _header(code, functions, omitted),
         f"{code.file}.c": _source(code, functions),
         f"{code.file}_selftest.c": _self_test(code, functions),
     }
@@ -52,9 +53,7 @@ def signature(f: Fixed) -> str:
     return f"int16_t {f.name}({arguments}int *outside)"
 
 
-def _header(
-    code: Code, functions: Sequence[Fixed], omitted: Sequence[Omitted], numbers: Sequence[str]
-) -> list[str]:
+def _header(code: Code, functions: Sequence[Fixed], omitted: Sequence[Omitted]) -> list[str]:
     guard = f"{code.name.upper()}_H"
     words = [
         f"{code.name}: {code.title}, in fixed point",
@@ -67,7 +66,7 @@ def _header(
         *(f"Left out: {o.name}, because {o.why}." for o in omitted),
     ]
     lines = [*comment(words), f"#ifndef {guard}", f"#define {guard}", "", "#include <stdint.h>"]
-    lines += ["", *numbers] if numbers else []
+    lines += ["", *macros_of(code)] if code.numbers else []
     for f in functions:
         base = f"{code.name}_{f.routine.name}".upper()
         lines += ["", *comment(_describe(f))]
