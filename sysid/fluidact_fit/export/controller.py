@@ -8,11 +8,18 @@ from pathlib import Path
 
 from ..block import Block, Port
 from ..control.controller_file import ControllerFile, read_controller_file
-from ..control.controllers import FeedforwardForceController, ImpedanceController, PDController
+from ..control.controllers import (
+    Controller,
+    FeedforwardForceController,
+    ImpedanceController,
+    PDController,
+)
 from ..control.controllers.routines import Travel, force_routines, routines_of
 from ..control.force_maps import force_maps
 from ..control.machines import make_controller, make_plant
+from ..control.margins import loop_margins
 from ..control.parts import sort_parts
+from ..control.plants.base import Plant
 from ..errors import UsageError
 from ..routines import Routine
 from .controller_numbers import numbers_of
@@ -43,11 +50,21 @@ def controller_code(
         assert isinstance(controller, PDController | ImpedanceController)
         routines = routines_of(controller, travel, command)
     name, families = Path(path).name, plain_text(", ".join(b.family for b in blocks))
+    remarks = [r for b in blocks for r in remarks_of(b)] + _stability(plant, controller)
     return Code(
         safe_name(name), file_stem(name), f"{file.kind} controller of {families}", routines,
-        arithmetic, tuple(plain_text(r) for b in blocks for r in remarks_of(b)),
+        arithmetic, tuple(map(plain_text, remarks)),
         tuple(numbers_of(controller, travel.unit, command)),
     )  # fmt: skip
+
+
+def _stability(plant: Plant, controller: Controller) -> list[str]:
+    """What the margins warn of; nothing of a loop that has none."""
+    try:
+        warning = loop_margins(plant, controller).warning
+    except NotImplementedError:
+        return []
+    return [f"UNSTABLE: {warning}"] if warning else []
 
 
 def _travel(file: ControllerFile, blocks: Sequence[Block], controlled: Port) -> Travel:

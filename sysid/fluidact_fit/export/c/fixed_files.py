@@ -34,7 +34,7 @@ def write(code: Code) -> Mapping[str, bytes]:
     omitted = [f for f in tried if isinstance(f, Omitted)]
     if not functions:
         raise UsageError(
-            f"nothing of this {code.title} file can be had in fixed point: "
+            f"nothing of {code.file} ({code.title}) can be had in fixed point: "
             + "; ".join(f"{o.name}, because {o.why}" for o in omitted),
             expected="A static map within one per cent of full scale was expected.",
             remedy="Export it with --arithmetic float32.",
