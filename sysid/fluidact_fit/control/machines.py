@@ -98,7 +98,7 @@ def _position_plant(file: ControllerFile, parts: Parts) -> Plant:
     if oil is not None and axis is None and line is None:
         if file.tissue is not None:
             raise UsageError("the hydraulic cylinder knows no tissue", remedy="Leave it out.")
-        return HydraulicPlant(_hydraulic(oil), oil.input, file.sample_time)
+        return HydraulicPlant(hydraulic_cylinder(oil), oil.input, file.sample_time)
     if axis is None and line is None:
         raise refuse(file.kind)
     if axis is None:
@@ -117,7 +117,8 @@ def _position_plant(file: ControllerFile, parts: Parts) -> Plant:
     return DrivePlant(drive, command, out, file.sample_time, _tissue(file))
 
 
-def _hydraulic(block: Any) -> HydraulicCylinder:
+def hydraulic_cylinder(block: Any) -> HydraulicCylinder:
+    """The cylinder of a file that knows masses, volumes and both flows (``UsageError``)."""
     given = block.document.options or {}
     names = ("area-1", "area-2", "dead-volume-1", "dead-volume-2", "mass", "supply-pressure")
     if any(given.get(n) is None for n in names) or "valve_gain_2" not in block.parameters:
