@@ -99,7 +99,7 @@ study: $(INSTALLED_DEV)
 	$(BIN)/python studies/design.py --output docs/design-study.md
 	$(BIN)/python studies/friction_coverage.py --output docs/friction-coverage.md
 	$(BIN)/python studies/hydraulic_cylinder.py coverage
-	$(BIN)/python studies/replay.py --output docs/replay.md
+	$(BIN)/python -m studies.replay --write
 	$(BIN)/python studies/avr.py --write
 	$(BIN)/python studies/prediction.py --write
 

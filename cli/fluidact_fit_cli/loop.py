@@ -9,7 +9,7 @@ import click
 
 from .options import READING
 from .outputs import check_targets, write_all
-from .show import echo, echo_json, echo_table
+from .show import echo, echo_json, echo_table, tell
 
 if TYPE_CHECKING:
     from fluidact_fit.control.closed_loop import ClosedLoop
@@ -38,6 +38,8 @@ def simulate_closed_loop(
     if params["plot"] is not None:
         contents[params["plot"]] = _picture(found, params["plot"])
     write_all(contents, force)
+    if found.margins is not None and found.margins.warning:
+        tell(f"warning: {found.margins.warning}")
     if params["as_json"]:
         echo_json(found.to_dict())
     elif not params["quiet"]:
@@ -65,9 +67,9 @@ def _picture(found: ClosedLoop, path: str) -> bytes:
     from fluidact_fit.report import plot_response, render
 
     r, controlled = found.nominal, found.plant.controlled
-    commands = {str(p): values for p, values in zip(found.plant.commands, r.commands.T)}
+    commands = list(zip(found.plant.commands, r.commands.T))
     band = found.band() if found.drawn else None
-    figure = plot_response(r.time, r.reference, r.output, str(controlled), commands, band)
+    figure = plot_response(r.time, r.reference, r.output, controlled, commands, band)
     return render(figure, Path(path).suffix.lower().removeprefix("."))
 
 
@@ -77,7 +79,7 @@ def _show(found: ClosedLoop, written: Sequence[str]) -> None:
     echo(f"{found.plant.controlled}: {found.nominal.time.size} samples in closed loop\n")
     units = {"rise_time": "s", "settling_time": "s", "settling_time_final": "s", "peak_time": "s",
              "overshoot": "%", "overshoot_target": "%"}  # fmt: skip
-    rows = [["metric", "value", "unit", "90 % of draws"]]
+    rows = [["metric", "value", "unit", "90 % of draws" if found.drawn else ""]]
     spread = found.spread() if found.drawn else {}
     metrics = {**(found.step.to_dict() if found.step else {}), **found.tracking.to_dict()}
     for name, value in metrics.items():

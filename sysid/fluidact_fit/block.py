@@ -348,6 +348,20 @@ class DryDrive:
     breakaway: tuple[float, float]
 
 
+class FlowBlock(Block):
+    """A block of a cylinder whose two chambers are fed through flows that are known."""
+
+    @abstractmethod
+    def plant_flows(self) -> tuple[Routine, Routine]:
+        """Flow into chamber 1 and out of chamber 2, of command and its pressure, at any pressure.
+
+        Raises
+        ------
+        UsageError
+            When the file does not know both.
+        """
+
+
 class DryDriveBlock(SteppedBlock):
     """A block that is one mass or inertia with dry friction."""
 

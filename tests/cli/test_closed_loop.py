@@ -246,3 +246,40 @@ def test_example_of_the_page_runs(here: Here, tmp_path: Path, screw: list[str]) 
     done = here("simulate", *screw, "--controller", file, "--reference", "sine", "--duration", "1")
     assert done.status == 0, done.err
     assert "rms error" in done.out + done.err
+
+
+@pytest.mark.parametrize(("gain", "warns"), [("4.0", False), ("80.0", True)])
+def test_a_loop_that_only_friction_holds_is_warned_of(
+    gain: str, warns: bool, here: Here, tmp_path: Path, screw: list[str]
+) -> None:
+    """On standard error, as JSON, and in what is exported."""
+    file = controller(tmp_path, PD.replace("4.0", gain) + "limits: {low: -0.02, high: 0.02}\n")
+    command = ["simulate", *screw, "--controller", file, "--reference", "step", "--duration", "1"]
+    assert ("not stable" in here(*command).err) == warns
+    found = json.loads(here(*command, "--json").out)
+    assert bool(found["warnings"]) == warns == (found["margins"]["gain"] < 1.0)
+    out = tmp_path / "out"
+    done = here("export", *screw, "--controller", file, "--to", "c", "-o", str(out))
+    assert done.status == 0, done.err
+    (header,) = out.glob("*.h")
+    assert ("UNSTABLE" in header.read_text()) == warns
+
+
+def test_files_given_in_the_place_of_others_are_told_apart(
+    here: Here, tmp_path: Path, screw: list[str]
+) -> None:
+    done = here("simulate", *screw, "--controller", screw[0], "--reference", "step")
+    assert done.status == 3
+    assert "is a parameter file, not a controller file" in done.err
+    done = here("simulate", *screw, "--controller", str(tmp_path / "no"), "--reference", "step")
+    assert done.status == 3
+    assert "does not exist" in done.err
+    assert "parameter file" not in done.err
+
+
+def test_draws_have_a_column_where_there_are_any(
+    here: Here, tmp_path: Path, screw: list[str]
+) -> None:
+    command = ["simulate", *screw, "--controller", controller(tmp_path), "--reference", "step"]
+    assert "of draws" not in here(*command).out
+    assert "of draws" in here(*command, "--draws", "2").out

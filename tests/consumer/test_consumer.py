@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import fluidact_fit as ff
 from fluidact_fit.consumer import Comparison, Key, compare, read_consumer
 from fluidact_fit.errors import ConsumerError
 from fluidact_fit.export import export
+from fluidact_fit.export.target import Arithmetic
 
 GOLDEN = Path(__file__).parents[1] / "golden" / ff.__version__
 
@@ -49,8 +51,76 @@ def test_a_header_is_read(tmp_path: Path) -> None:
     found = read_consumer(write(tmp_path / "line.h", HEADER.replace("\n", "\r\n")))
     assert found == [
         Key("LINE_SAMPLES"), Key("LINE_GAIN", "1"), Key("line_time_constant", "ms"),
-        Key("pressure", "bar"), Key("line_dead_time", "s"), Key("weights", "1"), Key("lookup"),
+        Key("state", "", False), Key("flags", "", False), Key("pressure", "bar"),
+        Key("line_dead_time", "s"), Key("weights", "1"), Key("lookup"),
     ]  # fmt: skip
+
+
+CONTROLLER = """\
+/* Forces in [N] unless said otherwise. */
+#pragma once
+#include "x.h" // [m]
+#define LOOP_HZ 100
+#define RIG_SHIFT_EXPONENT (-5)
+#define HYDROSTATIC_MASS 53.7f
+/* Damping
+   of the line [N s/m] */
+#define HYDROSTATIC_DAMPING (1720.5f)
+// half of the dead zone [kN]
+// with the sign of it
+static const float kDeadZoneNegative = -3e-3f, kDeadZonePositive = 1e-3f;
+
+#define SPLIT \\
+    3.5 /* see [3], a [mm] */
+/* #define OLD 3.0f
+#define OLDER 4.0f // [m] */
+typedef struct __attribute__((packed)) {
+    float mass; ///< kg
+    float damping; /*!< [N s/mm] */ float other /* [s] */;
+} rig_t;
+static const rig_t rig = {.mass = 53.7f, /* [g] */ .damping = 2.0f, // [kg/s]
+};
+static const char *const text = "#define QUOTED 1.0f /* [m] */ ; const float quoted = 1.0f;";
+static inline float step(float gain) { const float local = 1.0f; /* [m] */ if (gain) { } }
+constexpr std::array<double, 2> pair{1.2, 3.4};  // N
+const int count = 3, most = 4;
+extern double const limit;
+"""
+
+
+def test_units_stand_beside_or_above(tmp_path: Path) -> None:
+    found = read_consumer(write(tmp_path / "rig.hpp", CONTROLLER))
+    assert found == [
+        Key("LOOP_HZ", "", False), Key("HYDROSTATIC_MASS"), Key("HYDROSTATIC_DAMPING", "N s/m"),
+        Key("kDeadZoneNegative", "kN"), Key("kDeadZonePositive", "kN"), Key("SPLIT", "mm"),
+        Key("mass", "kg"), Key("damping", "N s/mm"), Key("other", "s"), Key("mass", "g"),
+        Key("damping", "kg/s"), Key("pair", "N"), Key("count", "", False),
+        Key("most", "", False), Key("limit", "", False),
+    ]  # fmt: skip
+
+
+def test_what_may_be_anything_is_a_key_where_the_file_has_one() -> None:
+    """A pin or a buffer is not missing from the file; what has its name before it is."""
+    found = against("line", Key("gain", "", False), Key("PIN", "", False), Key("PORT", "", False),
+                    Key("LINE_TIME", "", False), Key("dead_time", "s"))  # fmt: skip
+    assert [(r.consumer, r.finding) for r in found.rows] == [
+        ("gain", "agrees"), ("LINE_TIME", "lacking"), ("dead_time", "agrees"), ("", "ignored"),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("names", "finding"),
+    [
+        (("RIG_GAIN", "RIG_TIME_CONSTANT", "RIG_DEAD_TIME"), "agrees"),
+        (("kGain", "kTimeConstant", "kDeadTime"), "agrees"),
+        (("gain", "time_constant_s", "DEAD_TIME_S"), "agrees"),
+        (("gain_bar", "TIME_CONSTANT_MS", "dead_time_us"), "other unit"),
+        (("loop_gain", "timeConst", "RIG_DEAD_TIME"), "lacking"),
+    ],
+)
+def test_names_agree_whatever_stands_about_them(names: tuple[str, ...], finding: str) -> None:
+    rows = against("line", *map(Key, names)).rows
+    assert {row.finding for row in rows if row.consumer} == {finding}
 
 
 def test_a_declaration_is_read(tmp_path: Path) -> None:
@@ -108,8 +178,10 @@ def test_what_cannot_be_read_is_said(
 
 def test_a_long_header_does_not_take_forever(tmp_path: Path) -> None:
     """Declarations that never end are given up at the next one."""
-    text = "static const float a =\n" * 100_000 + "static const float b = 1.0f; /* [m] */\n"
+    text = "static const float a =\n" * 100_000 + ";\nstatic const float b = 1.0f; /* [m] */\n"
     assert read_consumer(write(tmp_path / "a.h", text))[-1] == Key("b", "m")
+    for text in ("/*", "// [m]\n", "{", "){", '"', "#define A ", "const float a[1],", "const "):
+        read_consumer(write(tmp_path / "a.h", "float a;\n" + text * 500_000))
 
 
 def test_findings() -> None:
@@ -151,3 +223,23 @@ def test_a_file_agrees_with_its_own_declaration_and_no_other(family: str, tmp_pa
     assert not compare(ff.load(path), keys[1:], str(path)).agrees
     other = GOLDEN / ("valve.yaml" if family != "valve" else "line.yaml")
     assert not compare(ff.load(other), keys, str(other)).agrees
+
+
+@pytest.mark.parametrize(
+    ("family", "arithmetic"),
+    [(f, "float32") for f in ff.family_names()]
+    + [(f, "q15") for f in ff.family_names() if f not in ("line", "valve")],
+)
+def test_a_file_agrees_with_its_own_header(
+    family: str, arithmetic: Arithmetic, tmp_path: Path
+) -> None:
+    path = GOLDEN / f"{family}.yaml"
+    header = export([path], "c", tmp_path, arithmetic=arithmetic)[0]
+    found = compare(ff.load(path), read_consumer(header), str(path))
+    assert found.reasons == ()
+    text = header.read_text()
+    first = re.search(rf"#define {family.replace('-', '_').upper()}_(\w+) .*\[", text, re.DOTALL)
+    assert first is not None
+    header.write_text(text.replace(first[1], "SOMETHING_ELSE"))
+    found = compare(ff.load(path), read_consumer(header), str(path))
+    assert {row.finding for row in found.rows if row.message} == {"ignored", "lacking"}

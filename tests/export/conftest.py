@@ -8,16 +8,15 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import yaml
 
 import fluidact_fit as ff
-from fluidact_fit.export.c import write
+from fluidact_fit.export.c import write, write_code
 from fluidact_fit.export.c.fixed import Fixed, fixed
-from fluidact_fit.export.target import Arithmetic, Job
+from fluidact_fit.export.target import Arithmetic, Code, Job
 from fluidact_fit.routines import Routine
 
 GOLDEN = Path(__file__).parents[1] / "golden" / ff.__version__
@@ -163,11 +162,11 @@ def compiled(tmp_path: Path) -> Callable[[Routine], Fixed]:
     """Fixed point of a routine made by hand, after its self-test has passed."""
 
     def make(routine: Routine) -> Fixed:
-        block: Any = SimpleNamespace(family="by hand", routines=lambda: (routine,))
-        for file, content in write(Job("hand", block, "q15")).items():
+        code = Code("hand", "hand", "by hand", (routine,), "q15")
+        for file, content in write_code(code).items():
             (tmp_path / file).write_bytes(content)
         flags = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-        assert Export(tmp_path, "hand", "q15", block).self_test(*flags) == 0
+        assert Export(tmp_path, "hand", "q15", None).self_test(*flags) == 0
         found = fixed(routine, "hand")
         assert isinstance(found, Fixed)
         return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import re
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,6 +73,27 @@ def test_a_corrupted_constant_fails_the_self_test(
         assert made.self_test("-O2") != 0
     finally:
         made.file(".c").write_text(source)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_macros_hold_the_parameters(family: str, as_c: Any) -> None:
+    made = as_c(family, "float32")
+    names = {n: f"{made.name}_{n}".upper() for n in made.block.parameters}
+    lists = {n: isinstance(v, list) for n, v in made.block.parameters.items()}
+    kept = [
+        f"    static const float {n}[] = {macro if lists[n] else f'{{{macro}}}'};"
+        for n, macro in names.items()
+    ]
+    said = [f'    for (k = 0; k < sizeof {n} / 4; k++) printf("%a ", {n}[k]);' for n in names]
+    made.file("_print.c").write_text("\n".join([
+        f'#include "{made.name}.h"', "#include <stdio.h>", "int main(void)", "{", *kept,
+        "    unsigned k;", *said, "    return 0;", "}", "",
+    ]))  # fmt: skip
+    program = made.compile(sources=(f"{made.name}_print.c",), to="print")
+    printed = subprocess.run([program], capture_output=True, text=True, check=True).stdout
+    found = [float.fromhex(word) for word in printed.split()]
+    due = np.concatenate([np.ravel(v) for v in made.block.parameters.values()])
+    assert found == due.astype(np.float32).tolist()
 
 
 # ------------------------------------------------------------------------------ arguments

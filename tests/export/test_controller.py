@@ -11,6 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from st_interpreter import Instance
+from st_parser import Parser
 
 import fluidact_fit as ff
 from fluidact_fit.block import Block
@@ -21,6 +24,10 @@ from fluidact_fit.control.machines import make_controller, make_plant
 from fluidact_fit.control.references import Reference
 from fluidact_fit.errors import UsageError
 from fluidact_fit.export import export
+from fluidact_fit.export.c.files import Function
+from fluidact_fit.export.controller import controller_code
+from fluidact_fit.export.rounding import CALLS, UNIT
+from fluidact_fit.routines import Machine
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "0.1.0"
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion"]
@@ -38,61 +45,105 @@ IMPEDANCE = HEAD + (
     "machine: {mass: 0.5, area_1: 3.1e-4, area_2: 2.6e-4, atmosphere: 0.0, travel_from: 0.0,\n"
     "  travel_to: 0.02}\n"
 )
+FORCE = HEAD + (
+    "kind: feedforward-force\n"
+    "controller: {smoothing_steps: 12, smoothing: %s}\n"
+    "machine: {position: 0.012}\n"
+    "limits: {low: 0.0, high: 3.0}\n"
+)
 LOOPS = {
     "pd": (PD, ["hydrostatic"]),
     "impedance": (IMPEDANCE, ["cylinder-friction", "valve", "line"]),
+    "force": (FORCE % "held", ["spring-cylinder", "valve"]),
+    "recursive": (FORCE % "recursive", ["spring-cylinder", "valve"]),
+}
+COURSES = {
+    "pd": (Reference("triangle", 0.0, 4e-3, 0.1, 8e-3, 0.1), 0.0),
+    "impedance": (Reference("triangle", 0.0, 4e-3, 0.1, 8e-3, 0.1), 0.0),
+    "force": (Reference("triangle", 15.0, 30.0, 0.1, 40.0, 0.1), 15.0),
+    "recursive": (Reference("step", 15.0, 20.0, 0.1), 15.0),
 }
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+Call = Callable[..., float]
 
 
-class Compiled(Controller):
-    """A controller that calls the exported code, float by float."""
+class Exported(Controller):
+    """A controller that calls what was exported of it, in the order that the page says."""
 
-    def __init__(self, library: ctypes.CDLL, name: str, like: Controller, role: str) -> None:
+    def __init__(self, kind: str, call: Call, like: Controller, role: str) -> None:
         super().__init__(like.sample_time)
-        self.role, self.kind = role, name
-        first = "step" if name == "pd" else "force"
-        self._state = ctypes.create_string_buffer(256)  # more than the structure
-        self._reset = getattr(library, f"loop_{first}_reset")
-        self._first = getattr(library, f"loop_{first}")
-        self._first.restype = ctypes.c_float
-        self._then = [getattr(library, f"loop_command_{k}") for k in (1, 2) if name != "pd"]
-        for function in self._then:
-            function.restype = ctypes.c_float
+        self.kind, self.call, self.role, self.first = kind, call, role, True
 
     def reset(self) -> None:
-        self._reset(self._state)
+        self.first = True
 
     def step(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
-        outside = ctypes.c_int()
-        x, r = ctypes.c_float(measured[self.role]), ctypes.c_float(reference)
-        found = float(self._first(self._state, r, x, ctypes.byref(outside)))
+        kept, self.first = {"reset": self.first}, False
+        if self.kind == "pd":
+            return (self.call("step", reference, measured[self.role], **kept),)
+        if self.kind == "impedance":
+            force = self.call("force", reference, measured[self.role], **kept)
+            return tuple(self.call(f"command_{k}", force) for k in (1, 2))
+        state = self.call("direction", reference, **kept)
+        target = self.call("command_for", reference, measured["position"], state, 0.0)
+        return (self.call("step", reference, target, **kept),)
+
+
+def compiled(library: ctypes.CDLL) -> Call:
+    """Functions of a library, float by float."""
+    states: dict[str, Any] = {}
+
+    def call(name: str, *values: float, reset: bool | None = None) -> float:
+        function, outside = getattr(library, f"loop_{name}"), ctypes.c_int()
+        function.restype = ctypes.c_float
+        if reset:
+            states[name] = ctypes.create_string_buffer(256)  # more than the structure
+            getattr(library, f"loop_{name}_reset")(states[name])
+        first = [] if reset is None else [states[name]]
+        found = float(function(*first, *map(ctypes.c_float, values), ctypes.byref(outside)))
         assert outside.value == 0
-        if not self._then:
-            return (found,)
-        return tuple(float(f(ctypes.c_float(found), None)) for f in self._then)
+        return found
+
+    return call
+
+
+def interpreted(text: str) -> Call:
+    """Function blocks of a text, called with their inputs in order."""
+    parser = Parser(text)
+    blocks = {name: Instance(parser, name) for name in parser.blocks if "SELFTEST" not in name}
+
+    def call(name: str, *values: float, reset: bool | None = None) -> float:
+        instance = blocks[f"FB_LOOP_{name.upper()}"]
+        inputs = [k for k, d in instance.block.variables.items() if d.section == "VAR_INPUT"]
+        kept = {} if reset is None else {"reset": reset}
+        out = instance(**dict(zip(inputs, values)), **kept)
+        assert not out["outside"]
+        return float(out["value"])
+
+    return call
 
 
 def blocks_of(names: list[str]) -> list[Block]:
     return [ff.load(GOLDEN / f"{n}.yaml", accept_not_identified=True) for n in names]
 
 
-def exported(tmp_path: Path, kind: str) -> Path:
+def exported(tmp_path: Path, kind: str, to: str = "c") -> list[Path]:
     text, names = LOOPS[kind]
     (tmp_path / "loop.yaml").write_text(text, encoding="utf-8")
     files = [GOLDEN / f"{n}.yaml" for n in names]
-    export(files, "c", tmp_path, accept_not_identified=True, controller=tmp_path / "loop.yaml")
-    return tmp_path / "loop.c"
+    controller = tmp_path / "loop.yaml"
+    return export(files, to, tmp_path, accept_not_identified=True, controller=controller)
 
 
-def loop_of(
-    tmp_path: Path, kind: str, controller: Callable[[Any, Controller], Controller]
-) -> Response:
+def loop_of(tmp_path: Path, kind: str, call: Call | None = None) -> Response:
+    """The loop with what was exported, or with the Python controller."""
     file, blocks = read_controller_file(tmp_path / "loop.yaml"), blocks_of(LOOPS[kind][1])
     plant = make_plant(file, blocks)
-    used = controller(plant, make_controller(file, blocks, plant))
-    course = Reference("triangle", 0.0, 4e-3, 0.1, 8e-3, 0.1)
-    return run_loop(plant, used, course, 3.0, 0.0)
+    controller = make_controller(file, blocks, plant)
+    if call is not None:
+        controller = Exported(kind, call, controller, plant.controlled.role)
+    course, start = COURSES[kind]
+    return run_loop(plant, controller, course, 3.0, start)
 
 
 @needs_gcc
@@ -100,13 +151,11 @@ def loop_of(
 def test_compiled_controller_moves_the_machine_as_its_python_does(
     kind: str, tmp_path: Path
 ) -> None:
-    source = exported(tmp_path, kind)
-    shared = tmp_path / "loop.so"
+    source, shared = exported(tmp_path, kind)[1], tmp_path / "loop.so"
     command = ["gcc", "-O1", "-shared", "-fPIC", *STRICT, str(source), "-lm", "-o", str(shared)]
     subprocess.run(command, check=True)
-    library = ctypes.CDLL(str(shared))
-    found = loop_of(tmp_path, kind, lambda p, c: Compiled(library, kind, c, p.controlled.role))
-    wanted = loop_of(tmp_path, kind, lambda p, c: c)
+    found = loop_of(tmp_path, kind, compiled(ctypes.CDLL(str(shared))))
+    wanted = loop_of(tmp_path, kind)
     assert np.ptp(wanted.output) > 2e-3
     np.testing.assert_allclose(found.output, wanted.output, atol=2e-5 * np.ptp(wanted.output))
     # compensation jumps: a sample on whose rounding it depends may be pushed the other way
@@ -114,26 +163,100 @@ def test_compiled_controller_moves_the_machine_as_its_python_does(
     assert off.any(axis=1).mean() < 0.02
 
 
+@pytest.mark.parametrize("kind", LOOPS)
+def test_structured_text_moves_the_machine_as_its_python_does(kind: str, tmp_path: Path) -> None:
+    text = exported(tmp_path, kind, "st")[0].read_text(encoding="ascii")
+    assert Instance(Parser(text), "FB_loop_selftest")() == {"passed": True, "failures": 0}
+    found, wanted = loop_of(tmp_path, kind, interpreted(text)), loop_of(tmp_path, kind)
+    assert np.ptp(wanted.output) > 2e-3
+    np.testing.assert_allclose(found.output, wanted.output, atol=1e-9 * np.ptp(wanted.output))
+
+
+@pytest.mark.parametrize("kind", LOOPS)
+def test_constants_are_the_numbers_of_the_controller(kind: str, tmp_path: Path) -> None:
+    """The same in Structured Text and for a ROS 2 node, and those that Python controls with."""
+    constants = Parser(exported(tmp_path, kind, "st")[0].read_text(encoding="ascii")).constants
+    values, declaration, _ = (
+        yaml.safe_load(path.read_text(encoding="ascii"))
+        for path in exported(tmp_path, kind, "ros2")
+    )
+    parameters = values["loop"]["ros__parameters"]
+    kept = {n.lower(): d.initial[0] for n, d in constants.items() if d.initial}
+    assert kept == {n: v for n, v in parameters.items() if not isinstance(v, str)}
+    assert [*declaration["loop"]] == [*parameters]
+    file, blocks = read_controller_file(tmp_path / "loop.yaml"), blocks_of(LOOPS[kind][1])
+    controller: Any = make_controller(file, blocks, make_plant(file, blocks))
+    assert parameters["sample_time"] == controller.sample_time
+    if kind == "pd":
+        for name in ("proportional", "derivative"):
+            assert parameters[name] == getattr(controller.gains, name) > 0.0
+        assert parameters["command_high"] == 200.0
+        assert declaration["loop"]["derivative"]["description"].endswith("[N s/m]")
+    elif kind == "impedance":
+        assert parameters["damping"] == controller.impedance.damping
+        assert parameters["area_2"] == 2.6e-4
+        assert "force_low" not in parameters
+    else:
+        assert parameters["smoothing_steps"] == 12
+        assert parameters["smoothing"] == controller.smoothing.reading
+
+
 @needs_gcc
 @pytest.mark.parametrize("kind", LOOPS)
 def test_self_test_of_a_controller_passes(kind: str, tmp_path: Path) -> None:
-    source, test = exported(tmp_path, kind), tmp_path / "loop_selftest.c"
+    sources = [str(path) for path in exported(tmp_path, kind)[1:]]
     sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    files = [str(source), str(test), "-lm", "-o", str(tmp_path / "run")]
-    command = ["gcc", "-O1", *STRICT, *sanitizers, *files]
+    command = ["gcc", "-O1", *STRICT, *sanitizers, *sources, "-lm", "-o", str(tmp_path / "run")]
     subprocess.run(command, check=True)
     assert subprocess.run([tmp_path / "run"], check=False).returncode == 0
 
 
-def test_only_c_knows_controllers(tmp_path: Path) -> None:
+def test_a_target_without_controllers_says_so(tmp_path: Path) -> None:
     (tmp_path / "loop.yaml").write_text(PD, encoding="utf-8")
     with pytest.raises(UsageError, match="does not know controllers"):
-        export([GOLDEN / "hydrostatic.yaml"], "st", tmp_path, controller=tmp_path / "loop.yaml")
+        export([GOLDEN / "hydrostatic.yaml"], "json", tmp_path, controller=tmp_path / "loop.yaml")
     assert [p.name for p in tmp_path.iterdir()] == ["loop.yaml"]
 
 
-def test_force_controller_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    text = HEAD + "kind: feedforward-force\n"
+@needs_gcc
+@pytest.mark.parametrize("steps", [2, 7, 300])
+@pytest.mark.parametrize("reading", ["held", "recursive"])
+def test_what_smoothing_rounds_fades(steps: int, reading: str, tmp_path: Path) -> None:
+    """The bound holds for references that change at every call, and for those that rest."""
+    text = (FORCE % reading).replace("steps: 12", f"steps: {steps}")
     (tmp_path / "loop.yaml").write_text(text, encoding="utf-8")
-    with pytest.raises(UsageError, match="cannot be exported"):
-        export([GOLDEN / "spring-cylinder.yaml"], "c", tmp_path, controller=tmp_path / "loop.yaml")
+    files = [GOLDEN / "spring-cylinder.yaml", GOLDEN / "valve.yaml"]
+    source = export(files, "c", tmp_path, controller=tmp_path / "loop.yaml")[1]
+    code = controller_code(tmp_path / "loop.yaml", [ff.load(f) for f in files])
+    function = Function.of(code.routines[-1], "loop")
+    target = function.routine.arguments[1]
+    span = min(target.high, 3.0) - max(target.low, 0.0)
+    assert function.bound < (steps + 1) * 8.0 * UNIT * span
+    shared = tmp_path / "loop.so"
+    subprocess.run(["gcc", "-O2", "-shared", "-fPIC", str(source), "-o", str(shared)], check=True)
+    call, rng, worst = compiled(ctypes.CDLL(str(shared))), np.random.default_rng(3), 0.0
+    for rests in (1, 4, 2 * steps):
+        machine = Machine(function.routine)
+        wanted = np.repeat(rng.uniform(10.0, 60.0, CALLS), rests)[:CALLS]
+        goals = np.repeat(rng.uniform(0.0, 3.0, CALLS), rests)[:CALLS]
+        rows = np.float32([wanted, goals]).T.tolist()
+        for k, (r, u) in enumerate(rows):
+            exact, _ = machine(wanted=r, target=u)
+            worst = max(worst, abs(call("step", r, u, reset=k == 0) - float(exact)))
+    assert 0.0 < worst < function.bound
+
+
+@pytest.mark.parametrize("target", ["force", "command"])
+def test_force_controller_calls_a_network(target: str, tmp_path: Path) -> None:
+    """The map of the command gives the command itself, whatever supplies the cylinder."""
+    (tmp_path / "loop.yaml").write_text(FORCE % "held", encoding="utf-8")
+    network = ff.load(GOLDEN / "force-map.yaml")
+    spring = ff.load(GOLDEN / "spring-cylinder.yaml")
+    blocks = [spring, network] if target == "command" else [spring]
+    code = controller_code(tmp_path / "loop.yaml", blocks)
+    found = Machine(code.routines[1])
+    assert [r.name for r in code.routines] == ["direction", "command_for", "step"]
+    values: dict[str, float] = {"force": 30.0, "position": 0.012, "direction": 1.0}
+    due: Any = network(**values) if target == "command" else spring.inverse(30.0, 0.012, 1.0)
+    given = {a.name: values.get(a.name, 0.0) for a in code.routines[1].arguments}
+    assert float(found(**given)[0]) == pytest.approx(float(due), rel=1e-9)

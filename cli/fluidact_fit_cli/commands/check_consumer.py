@@ -32,11 +32,12 @@ def command(params_file: str, consumer: str, as_json: bool, quiet: bool, verbose
     CONSUMER is
       - a declaration of generate_parameter_library (.yaml), with the units of its keys in square
         brackets in the descriptions,
-      - a C or C++ header (.h, .hpp, .c): #define NAME value /* unit */, constants and members
-        of structures with /* [unit] */ behind them, or
+      - a C or C++ header (.h, .hpp, .c): #define NAME value, constants, variables and members
+        of structures, with /* unit */ behind them or above; that of `export --to c` as well, or
       - a list (.txt, .csv): `name [unit]` or `name,unit` a line.
 
-    Names are compared without regard to case and to the name of the file or family before them.
+    Names are compared without regard to case, to the name of the file or family before them, and
+    to a unit behind them, as in TIME_CONSTANT_MS.
     Parameters that the controller ignores, keys that the file lacks and keys in another unit end
     the command with exit status 5. -v also lists what agrees.
     """

@@ -27,8 +27,8 @@ _ACCEPTED = "What the fit does not vouch for"
                help="Floating point, or 16-bit fixed point for static maps, of the languages "
                "that know both (default: float32)."),
         Option(["--controller"], metavar="FILE", group="Output",
-               help="A controller file: with --to c it is exported instead, for the machine that "
-               "PARAMS together describe."),
+               help="A controller file: with --to c, st or ros2 it is exported instead, for the "
+               "machine that PARAMS together describe."),
         flag("--accept-failed", group=_ACCEPTED,
              help="Export a file whose verdict is FAIL; the export says so."),
         Option(["--accept-not-identified", "accepted"], metavar="NAME|all", multiple=True,

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from difflib import get_close_matches
+from itertools import takewhile
 from pathlib import PurePath
 from typing import Any, Literal
 
 from ..block import Block
-from ..export.flat import Entry, flatten
-from ..export.target import safe_name
+from ..export.flat import flatten
+from ..export.target import Entry, safe_name
+from ..unit_table import SUFFIXES
 from ..units import conversion_factor, is_known_unit, normalise_unit, same_dimension
 from .read import Key
+
+# Words behind a name that say a unit, the longest first: a macro has no small letters.
+_SUFFIXES = {
+    suffix.lower(): unit for suffix, unit in sorted(SUFFIXES.items(), key=lambda p: -len(p[0]))
+}
 
 Finding = Literal["agrees", "ignored", "lacking", "other unit"]
 
@@ -68,8 +75,8 @@ def compare(block: Block, keys: Sequence[Key], path: str = "") -> Comparison:
     """Compare the keys that a controller reads with a parameter file.
 
     A controller has to read every parameter. What the file says besides (model, options,
-    ranges) it may read. Names agree without regard to case, hyphens and dots, and to the
-    name of the file or its family before them.
+    ranges) it may read. Names agree without regard to case, hyphens and dots, to the name of
+    the file or its family before them or whatever all keys begin with, and to a unit behind.
 
     Parameters
     ----------
@@ -81,15 +88,17 @@ def compare(block: Block, keys: Sequence[Key], path: str = "") -> Comparison:
         Name of the parameter file.
     """
     entries = {_plain(entry.key): entry for entry in flatten(block)}
-    prefixes = [_plain(p) for p in (safe_name(PurePath(path).name), block.family) if p]
+    own = [block.family, *([safe_name(PurePath(path).name)] if path else [])]
+    own_prefixes = tuple(f"{_plain(name)}_" for name in own)
+    prefixes = (*own_prefixes, *_shared_prefixes(keys))
     rows, read = [], set()
     for key in keys:
-        name = _find(key.name, entries, prefixes)
-        if name is None:
-            rows.append(_lacking(key, entries.values()))
-        else:
+        name, unit = _find(key, entries, prefixes)
+        if name:
             read.add(name)
-            rows.append(_compare_units(entries[name], key))
+            rows.append(_compare_units(entries[name], key._replace(unit=unit)))
+        elif key.surely or _plain(key.name).startswith(own_prefixes):
+            rows.append(_lacking(key, entries.values()))
     rows += [
         _ignored(entry)
         for name, entry in entries.items()
@@ -99,15 +108,30 @@ def compare(block: Block, keys: Sequence[Key], path: str = "") -> Comparison:
 
 
 def _plain(name: str) -> str:
-    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
+    return re.sub(r"[^a-z0-9]+", "_", words.lower()).strip("_")
 
 
-def _find(name: str, known: Iterable[str], prefixes: Iterable[str]) -> str | None:
-    """Name of the entry that a controller means."""
-    plain = _plain(name)
-    tried = [plain, *(plain.removeprefix(f"{prefix}_") for prefix in prefixes)]
-    tried += [t.removeprefix("parameters_") for t in tried]
-    return next((t for t in tried if t in known), None)
+def _shared_prefixes(keys: Sequence[Key]) -> Iterator[str]:
+    """What all keys begin with, and the ``k`` of constants such as ``kGain``."""
+    names = sorted(_plain(key.name).split("_") for key in keys if key.surely)
+    if len(names) > 1:
+        both = takewhile(lambda words: words[0] == words[1], zip(names[0], names[-1]))
+        yield "".join(f"{word}_" for word, _ in both)
+    yield "k_"
+
+
+def _find(key: Key, known: Container[str], prefixes: Sequence[str]) -> tuple[str, str]:
+    """Name of the entry that a controller means, empty where there is none, and its unit."""
+    whole = _plain(key.name)
+    suffix = next((s for s in _SUFFIXES if whole.endswith(f"_{s}")), "")
+    bare = whole.removesuffix(f"_{suffix}")
+    for name, unit in ((whole, key.unit), (bare, key.unit or _SUFFIXES.get(suffix, ""))):
+        tried = [name, *(name.removeprefix(prefix) for prefix in prefixes)]
+        tried += [t.removeprefix("parameters_") for t in tried]
+        if found := next((t for t in tried if t in known), ""):
+            return found, unit
+    return "", key.unit
 
 
 def _lacking(key: Key, entries: Iterable[Entry]) -> Row:

@@ -10,37 +10,27 @@ from typing import Any, NamedTuple
 
 from ..errors import ConsumerError, ParameterFileError
 from ..parameters.yaml_io import parse_yaml
-from ..units import is_unit
+from .c_header import BRACKETS, names_in
 
 _MAX_BYTES = 10_000_000
-_HEADERS = (".h", ".hpp", ".hh", ".c", ".cpp", ".ino")
+_HEADERS = (".h", ".hpp", ".hh", ".hxx", ".c", ".cpp", ".cc", ".ino")
 _YAML = (".yaml", ".yml")
 
-_BRACKETS = re.compile(r"\[([^\[\]]{0,60})\]")
-_COMMENT = r"(?P<comment>[ \t]*(?:/\*[^\n]*?\*/|//[^\n]*))?"
-_DEFINE = re.compile(
-    r"^[ \t]*#[ \t]*define[ \t]+(?P<name>[A-Za-z_]\w*)[ \t]+"
-    rf"(?P<value>[-+({{.0-9][^\n/]*){_COMMENT}",
-    re.MULTILINE,
-)
-_QUALIFIERS = "static|extern|const|constexpr|volatile|inline"
-_DECLARED = re.compile(
-    rf"(?:^|(?<=[;{{}}/]))[ \t]*(?P<constant>(?:(?:{_QUALIFIERS})[ \t]+)*)"
-    r"(?:float|double|long[ \t]+double|float32_t|float64_t|real_t|int16_t|int32_t|int|uint16_t)"
-    r"(?:[ \t]+const)?[ \t]+(?P<name>[A-Za-z_]\w*)[ \t]*(?:\[[^\]\n]{0,40}\][ \t]*){0,2}"
-    rf"(?:[A-Z]+[ \t]*)?(?P<value>=[^;=]*)?;{_COMMENT}",
-    re.MULTILINE,
-)
 _LISTED = re.compile(
     r"(?P<name>[A-Za-z_][\w.-]*)\s*(?:\[(?P<unit>[^\]]*)\]|[,;\t](?P<cell>.*))?\s*"
 )
 
 
 class Key(NamedTuple):
-    """A key that a controller reads; ``unit`` is empty where its list does not say."""
+    """A key that a controller reads; ``unit`` is empty where its list does not say.
+
+    ``surely`` is false of what C code may hold for any purpose: a key only where the parameter
+    file has one of that name.
+    """
 
     name: str
     unit: str = ""
+    surely: bool = True
 
 
 def read_consumer(path: str | os.PathLike[str]) -> list[Key]:
@@ -50,8 +40,8 @@ def read_consumer(path: str | os.PathLike[str]) -> list[Key]:
     ----------
     path
         A declaration of generate_parameter_library (``.yaml``), with units in square brackets in
-        the descriptions; a C or C++ header, with units in comments; or a list of ``name [unit]``
-        or ``name,unit``.
+        the descriptions; a C or C++ header, with units in the comments beside or above; or a
+        list of ``name [unit]`` or ``name,unit``.
 
     Returns
     -------
@@ -69,8 +59,8 @@ def read_consumer(path: str | os.PathLike[str]) -> list[Key]:
         keys = list(_declared(_mapping(text, where)))
         kind = "keys with a type, as a declaration of generate_parameter_library has them"
     elif suffix in _HEADERS:
-        keys = list(_header(text))
-        kind = "#define NAME value, constants or members with a [unit] behind them"
+        keys = [Key(*found) for found in names_in(text)]
+        kind = "#define NAME value, constants, variables or members"
     else:
         keys = list(_lines(text, where))
         kind = "name [unit] on each line"
@@ -126,32 +116,10 @@ def _leaves(tree: Mapping[str, Any], above: str) -> Iterator[Key]:
         if not isinstance(part, Mapping):
             continue
         if isinstance(part.get("type"), str):
-            units = _BRACKETS.findall(str(part.get("description", "")))
+            units = BRACKETS.findall(str(part.get("description", "")))
             yield Key(above + name, units[-1].strip() if units else "")
         else:
             yield from _leaves(part, f"{above}{name}.")
-
-
-# ------------------------------------------------------------------------------- C
-
-
-def _header(text: str) -> Iterator[Key]:
-    """Yield constants in the order of the file; members and variables only with a unit."""
-    text = text.replace("\r\n", "\n")
-    found = [(m, True) for m in _DEFINE.finditer(text)]
-    found += [(m, bool(m["constant"] and m["value"])) for m in _DECLARED.finditer(text)]
-    for match, constant in sorted(found, key=lambda pair: pair[0].start()):
-        unit = _unit_of(match["comment"] or "")
-        if constant or unit:
-            yield Key(match["name"], unit)
-
-
-def _unit_of(comment: str) -> str:
-    """Unit in a comment: in square brackets, or all of it."""
-    if units := _BRACKETS.findall(comment):
-        return str(units[0]).strip()
-    words = comment.strip().removeprefix("//").removeprefix("/*").removesuffix("*/").strip()
-    return words if words and is_unit(words) else ""
 
 
 # ---------------------------------------------------------------------------- list

@@ -102,11 +102,13 @@ class ClosedLoop:
             "step": self.step.to_dict() if self.step else None,
             "tracking": self.tracking.to_dict(),
             "margins": None,
+            "warnings": [],
         }
         if self.margins is not None:
             out["margins"] = {
                 n: v if np.isfinite(v) else None for n, v in vars(self.margins).items()
             }
+            out["warnings"] = [self.margins.warning] if self.margins.warning else []
         if self.drawn:
             out["draws"] = {
                 "share": 0.9, "responses": len(self.drawn), "failed": self.failed,

@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from ..errors import ControllerFileError
+from ..errors import ControllerFileError, ParameterFileError
 from ..options import FamilyOptions, choice, describe, number, whole
 from ..parameters.problems import Location, Problems, format_path, suggest
 from ..parameters.yaml_io import read_yaml
@@ -173,11 +173,23 @@ def read_controller_file(path: str | os.PathLike[str]) -> ControllerFile:
     Raises
     ------
     ControllerFileError
-        Naming every problem with its path and line.
-    ParameterFileError
-        When it cannot be read, or is not YAML.
+        When it cannot be read or is not YAML, or naming every problem with its path and line.
     """
-    text = read_yaml(path)
+    try:
+        text = read_yaml(path)
+    except ParameterFileError as error:
+        raise ControllerFileError(
+            "; ".join(words for _, words in error.problems),
+            where=error.where,
+            expected="Expected a controller file, a YAML of numbers and words.",
+        ) from None
+    if "family" in text.data and "parameters" in text.data:
+        raise ControllerFileError(
+            "is a parameter file, not a controller file",
+            where=os.fspath(path),
+            remedy="Name it among PARAMS, and give --controller a file with the format "
+            f"{FORMAT}: docs/closed-loop.md says what is in it.",
+        )
     problems = text.problems
     found = _read(text.data, problems)
     if problems.found or found is None:
@@ -199,7 +211,8 @@ def _read(data: Mapping[str, Any], problems: Problems) -> ControllerFile | None:
         problems.add(("format_version",), f"is not {VERSION}, the only one there is")
     kind = data.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
-        problems.add(("kind",), f"is not one of {', '.join(KINDS)}")
+        given = f"{kind!r} " if isinstance(kind, str) and len(kind) < 40 else ""
+        problems.add(("kind",), f"{given}is not one of {', '.join(KINDS)}")
         return None
     sample_time = _positive(data.get("sample_time"), problems)
     tissue = None

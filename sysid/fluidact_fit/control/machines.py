@@ -6,12 +6,11 @@ not asked.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from math import inf
 from typing import Any
 
-from ..block import Block, Port
+from ..block import Block
 from ..errors import UsageError
 from ..estimation.friction_law import FrictionLaw
 from .controller_file import (
@@ -29,9 +28,10 @@ from .controllers import (
     PDController,
     Smoothing,
 )
-from .controllers.force import ForceMap
 from .controllers.impedance import Impedance, KnownFriction, Pressures
 from .controllers.pd import StaticFriction
+from .force_maps import force_block, force_maps, forward_of
+from .parts import Parts, refuse, sort_parts, supplies_of
 from .plants.base import Plant
 from .plants.drive import Drive, DrivePlant, behind_screw, rigid_line
 from .plants.force import Branches, ForcePlant
@@ -39,59 +39,6 @@ from .plants.hydraulic import HydraulicCylinder, HydraulicPlant
 from .plants.linear import Chain, make_chain
 from .plants.pneumatic import Chamber, Cylinder, PneumaticPlant
 from .plants.tissue import Tissue
-
-# A part is what has these parameters; the first that fits.
-_SIGNS: tuple[tuple[str, frozenset[str]], ...] = (
-    ("cylinder", frozenset({"bulk_modulus"})),
-    ("axis", frozenset({"inertia", "coulomb_positive"})),
-    ("axis", frozenset({"mass", "coulomb_positive"})),
-    ("line", frozenset({"mass", "damping"})),
-    ("spring", frozenset({"stiffness", "preload"})),
-    ("network", frozenset({"weights_1", "input_offset"})),
-    ("friction", frozenset({"coulomb_positive"})),
-    ("supply", frozenset({"gain", "natural_frequency"})),
-    ("supply", frozenset({"gain", "time_constant"})),
-)
-_WANTED = {
-    "pd": "a ball-screw file, a hydrostatic file, both, or a hydraulic-cylinder file",
-    "impedance": "a cylinder-friction file and, for each chamber in turn, a valve file and a line "
-    "file; those of one chamber serve both",
-    "feedforward-force": "a spring-cylinder file or force-map files (one of the force; one of the "
-    "command for the controller), with a valve file and a line file where there are any",
-}
-
-
-@dataclass(frozen=True)
-class Parts:
-    """Blocks by the part they play, in the order given."""
-
-    kind: str
-    blocks: Mapping[str, tuple[Any, ...]]
-
-    def one(self, part: str) -> Any:
-        """The only block of a part, ``None`` without any (``UsageError`` for several)."""
-        found = self.blocks.get(part, ())
-        if len(found) > 1:
-            raise UsageError(
-                f"{len(found)} of the parameter files are of one kind: {found[0].family}",
-                expected=f"A loop of kind {self.kind} takes {_WANTED[self.kind]}.",
-            )
-        return found[0] if found else None
-
-
-def sort_parts(kind: str, blocks: Sequence[Block]) -> Parts:
-    """Find out what part each block plays (``UsageError`` for one that plays none)."""
-    found: dict[str, tuple[Any, ...]] = {}
-    for block in blocks:
-        names = set(block.parameters)
-        part = next((p for p, signs in _SIGNS if signs <= names), None)
-        if part is None:
-            raise UsageError(
-                f"a file of {block.family} has no place in a closed loop",
-                expected=f"A loop of kind {kind} takes {_WANTED[kind]}.",
-            )
-        found[part] = (*found.get(part, ()), block)
-    return Parts(kind, found)
 
 
 def make_plant(file: ControllerFile, blocks: Sequence[Block]) -> Plant:
@@ -139,13 +86,6 @@ def _need(file: ControllerFile, section: str, *names: str) -> list[float]:
     return [float(getattr(holder, n)) for n in names]
 
 
-def _refuse(kind: str) -> UsageError:
-    return UsageError(
-        "the parameter files do not make a machine for this controller",
-        expected=f"A loop of kind {kind} takes {_WANTED[kind]}.",
-    )
-
-
 def _tissue(file: ControllerFile) -> Tissue | None:
     t = file.tissue
     if t is None or t.surface is None or t.stiffness is None or t.puncture_force is None:
@@ -158,9 +98,9 @@ def _position_plant(file: ControllerFile, parts: Parts) -> Plant:
     if oil is not None and axis is None and line is None:
         if file.tissue is not None:
             raise UsageError("the hydraulic cylinder knows no tissue", remedy="Leave it out.")
-        return HydraulicPlant(_hydraulic(oil), oil.input, file.sample_time)
+        return HydraulicPlant(hydraulic_cylinder(oil), oil.input, file.sample_time)
     if axis is None and line is None:
-        raise _refuse(file.kind)
+        raise refuse(file.kind)
     if axis is None:
         drive, command, out = rigid_line(line.numbers()), line.input, line.output
     elif line is None:
@@ -177,7 +117,8 @@ def _position_plant(file: ControllerFile, parts: Parts) -> Plant:
     return DrivePlant(drive, command, out, file.sample_time, _tissue(file))
 
 
-def _hydraulic(block: Any) -> HydraulicCylinder:
+def hydraulic_cylinder(block: Any) -> HydraulicCylinder:
+    """The cylinder of a file that knows masses, volumes and both flows (``UsageError``)."""
     given = block.document.options or {}
     names = ("area-1", "area-2", "dead-volume-1", "dead-volume-2", "mass", "supply-pressure")
     if any(given.get(n) is None for n in names) or "valve_gain_2" not in block.parameters:
@@ -196,30 +137,10 @@ def _hydraulic(block: Any) -> HydraulicCylinder:
     )  # fmt: skip
 
 
-def _supplies(parts: Parts) -> list[tuple[Chain, float, Port]]:
-    """Chains of valve and line in the order given; each begins with a valve or a lone line."""
-    chains: list[list[Any]] = []
-    for block in parts.blocks.get("supply", ()):
-        valve = "natural_frequency" in block.parameters
-        if valve or not chains or "natural_frequency" not in chains[-1][-1].parameters:
-            chains.append([block])
-        else:
-            chains[-1].append(block)
-    found = []
-    for links in chains:
-        chain = make_chain([block.transfer_function() for block in links])
-        offset = 0.0
-        for block in links:
-            gain = block.transfer_function().gain
-            offset = gain * offset + block.offset
-        found.append((chain, offset, links[0].input))
-    return found
-
-
 def _pneumatic_plant(file: ControllerFile, parts: Parts) -> Plant:
-    friction, supplies = parts.one("friction"), _supplies(parts)
+    friction, supplies = parts.one("friction"), supplies_of(parts)
     if friction is None or len(supplies) not in (1, 2):
-        raise _refuse(file.kind)
+        raise refuse(file.kind)
     keys, machine = file.controller, file.machine
     assert isinstance(keys, ImpedanceKeys)
     assert keys.sum_of_pressures is not None
@@ -238,10 +159,11 @@ def _pneumatic_plant(file: ControllerFile, parts: Parts) -> Plant:
 
 
 def _force_plant(file: ControllerFile, parts: Parts) -> Plant:
-    supplies = _supplies(parts)
+    supplies = supplies_of(parts)
     if len(supplies) > 1:
-        raise _refuse(file.kind)
-    force, drive = force_map(parts)
+        raise refuse(file.kind)
+    block, drive = force_block(parts)
+    force = forward_of(block)
     place = file.machine.position
     chain, offset, command = supplies[0] if supplies else (make_chain([]), 0.0, drive)
     if supplies and drive.role == "command":  # the map knows the valve's gain
@@ -256,27 +178,6 @@ def _force_plant(file: ControllerFile, parts: Parts) -> Plant:
     if file.tissue is not None:
         raise UsageError("the rod of a force loop is held: there is no tissue", remedy="Leave it.")
     return ForcePlant(found, chain, command, file.sample_time, offset=offset, position=place)
-
-
-def _call_network(block: Any, **values: float) -> float:
-    return float(block(**{name: values.get(name, 0.0) for name in block.inputs}))
-
-
-def force_map(parts: Parts) -> tuple[ForceMap, Port]:
-    """Force of a drive, position and motion state, and what the drive is (``UsageError``)."""
-    spring = parts.one("spring")
-    if spring is not None:
-        return lambda u, x, s: float(spring(u, x, s)), spring.input
-    networks = [b for b in parts.blocks.get("network", ()) if b.target == "force"]
-    if len(networks) != 1:
-        raise _refuse(parts.kind)
-    network = networks[0]
-    role = "pressure" if "pressure" in network.inputs else "command"
-    port = Port(role, network.validity[role].unit if role in network.validity else "")
-    return (
-        lambda u, x, s: _call_network(network, **{role: u}, position=x, direction=s),
-        port,
-    )
 
 
 def _pd(
@@ -351,25 +252,8 @@ def _impedance(
 def _force(
     file: ControllerFile, keys: ForceKeys, parts: Parts, limits: tuple[float, float]
 ) -> Controller:
-    observer, drive = force_map(parts)
-    supplies = _supplies(parts)
-    chain, offset, _ = supplies[0] if supplies else (make_chain([]), 0.0, drive)
-    gain = 1.0 if drive.role == "command" else chain.gain
-    offset = 0.0 if drive.role == "command" else offset
-    networks = [b for b in parts.blocks.get("network", ()) if b.target != "force"]
-    spring = parts.one("spring")
-    if len(networks) > 1 or not (networks or spring):
-        raise _refuse(file.kind)
-
-    def command_for(force: float, place: float, state: float) -> float:
-        if networks:
-            return _call_network(networks[0], force=force, position=place, direction=state)
-        return (float(spring.inverse(force, place, state)) - offset) / gain
-
-    def observe(command: float, place: float, state: float) -> float:
-        return observer(gain * command + offset, place, state)
-
+    maps = force_maps(parts)
     smoothing = Smoothing(keys.smoothing_steps, "held" if keys.smoothing == "held" else "recursive")
     return FeedforwardForceController(
-        command_for, file.sample_time, smoothing, observe, limits=limits
+        maps.command_for, file.sample_time, smoothing, maps.force_of, limits=limits
     )

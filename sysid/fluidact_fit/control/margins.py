@@ -32,6 +32,16 @@ class Margins:
     phase: float
     phase_frequency: float
 
+    @property
+    def warning(self) -> str:
+        """What both margins say of a loop that is not stable without its friction, or nothing."""
+        if self.gain >= 1.0 or self.phase >= 0.0:
+            return ""
+        return (
+            f"the loop is not stable by its margins (gain {self.gain:.3g}, phase {self.phase:.3g} "
+            "degrees): only dry friction and limits could hold it. Choose smaller gains."
+        )
+
 
 def loop_margins(plant: Plant, controller: Controller) -> Margins:
     """Margins of the loop of a plant and a controller.

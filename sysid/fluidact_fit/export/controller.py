@@ -8,9 +8,21 @@ from pathlib import Path
 
 from ..block import Block, Port
 from ..control.controller_file import ControllerFile, read_controller_file
-from ..control.controllers.routines import Travel, routines_of
+from ..control.controllers import (
+    Controller,
+    FeedforwardForceController,
+    ImpedanceController,
+    PDController,
+)
+from ..control.controllers.routines import Travel, force_routines, routines_of
+from ..control.force_maps import force_maps
 from ..control.machines import make_controller, make_plant
+from ..control.margins import loop_margins
+from ..control.parts import sort_parts
+from ..control.plants.base import Plant
 from ..errors import UsageError
+from ..routines import Routine
+from .controller_numbers import numbers_of
 from .target import Arithmetic, Code, file_stem, plain_text, remarks_of, safe_name
 
 
@@ -22,27 +34,37 @@ def controller_code(
     Raises
     ------
     ControllerFileError, UsageError
-        When the file cannot be used, does not fit the machine, or has no routines.
+        When the file cannot be used or does not fit the machine.
     """
     file = read_controller_file(path)
     plant = make_plant(file, blocks)
     controller = make_controller(file, blocks, plant)
-    travel = _travel(file, blocks, plant.controlled)
-    try:
-        routines = routines_of(controller, travel, plant.commands[0].unit)
-    except NotImplementedError:
-        raise UsageError(
-            f"a controller of kind {file.kind} cannot be exported",
-            expected="Kinds that can: pd, impedance.",
-            remedy="Export the parameter files: the maps that it calls are functions of them.",
-        ) from None
-    name = Path(path).name
-    families = plain_text(", ".join(b.family for b in blocks))
-    remarks = tuple(plain_text(r) for b in blocks for r in remarks_of(b))
+    travel, command = _travel(file, blocks, plant.controlled), plant.commands[0].unit
+    if isinstance(controller, FeedforwardForceController):
+        maps = force_maps(sort_parts(file.kind, blocks))
+        found, target = maps.inverse_routine()
+        routines: tuple[Routine, ...] = force_routines(
+            controller, travel, found, target, maps.to_command, command
+        )
+    else:
+        assert isinstance(controller, PDController | ImpedanceController)
+        routines = routines_of(controller, travel, command)
+    name, families = Path(path).name, plain_text(", ".join(b.family for b in blocks))
+    remarks = [r for b in blocks for r in remarks_of(b)] + _stability(plant, controller)
     return Code(
         safe_name(name), file_stem(name), f"{file.kind} controller of {families}", routines,
-        arithmetic, remarks,
+        arithmetic, tuple(map(plain_text, remarks)),
+        tuple(numbers_of(controller, travel.unit, command)),
     )  # fmt: skip
+
+
+def _stability(plant: Plant, controller: Controller) -> list[str]:
+    """What the margins warn of; nothing of a loop that has none."""
+    try:
+        warning = loop_margins(plant, controller).warning
+    except NotImplementedError:
+        return []
+    return [f"UNSTABLE: {warning}"] if warning else []
 
 
 def _travel(file: ControllerFile, blocks: Sequence[Block], controlled: Port) -> Travel:

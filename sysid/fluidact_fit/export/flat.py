@@ -6,76 +6,59 @@ compared with it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..block import Block
+from ..experiment import FloatArray
 from ..families import get_family
 from ..options import describe
+from ..parameters.document import Parameter
 from ..specification import ParameterSpec
-from .target import plain_text
-
-Plain = float | int | bool | str | list[float]
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A key with its value, as a controller may read it.
-
-    Attributes
-    ----------
-    key
-        Words with dots between levels: ``mass``, ``validity.force.low``.
-    value
-        [``unit``]; a matrix is flattened by rows, its shape stands in two entries of its own.
-    unit
-        SI; empty where there is none to speak of.
-    description
-        What it is, in the words of the specification.
-    parameter
-        The parameter that it holds; empty for what stands beside the parameters.
-    minimum, maximum
-        Closed range of the specification, infinite where there is none.
-    length
-        Length of a list that the specification prescribes.
-    """
-
-    key: str
-    value: Plain
-    unit: str
-    description: str
-    parameter: str = ""
-    minimum: float = -math.inf
-    maximum: float = math.inf
-    length: int | None = None
+from .target import Code, Entry, Job, Plain, plain_text
 
 
 def flatten(block: Block) -> list[Entry]:
     """Return parameters, model, options and validity of a block as a flat list."""
-    return [*_parameters(block), *_model(block), *_options(block), *_validity(block)]
+    return [*parameters_of(block), *_model(block), *_options(block), *_validity(block)]
 
 
-def _parameters(block: Block) -> Iterator[Entry]:
+def code_of(job: Job) -> Code:
+    """Everything that a controller calls of a block, and its parameters."""
+    block = job.block
+    return Code(
+        job.name, job.file, block.family, tuple(block.routines()), job.arithmetic, job.remarks,
+        tuple(parameters_of(block)), f"Verdict of the fit: {block.verdict}.",
+    )  # fmt: skip
+
+
+def _known_how(parameter: Parameter) -> str:
+    """How a parameter came to its value: its status and its standard error, if it has one."""
+    words = parameter.status.replace("_", " ")
+    error = parameter.std_error
+    return f"{words}, standard error {error:.3g}" if isinstance(error, float) else words
+
+
+def parameters_of(block: Block) -> Iterator[Entry]:
+    """Yield the parameters of a block, matrices with their shape."""
     for name, value in block.parameters.items():
-        spec, unit = block.variant.parameter(name), block.document.parameters[name].unit
+        spec, found = block.variant.parameter(name), block.document.parameters[name]
         numbers = np.asarray(value, dtype=float)
-        flat: Plain = float(numbers) if numbers.ndim == 0 else numbers.ravel().tolist()
-        yield _entry(spec, flat, unit)
+        yield _entry(spec, numbers, found.unit, _known_how(found))
         if numbers.ndim == 2:
-            rows, columns = numbers.shape
-            about = f"of {name}, which is flattened by rows"
-            yield Entry(f"{name}_rows", rows, "", f"rows {about}", name)
-            yield Entry(f"{name}_columns", columns, "", f"columns {about}", name)
+            for word, count in zip(("rows", "columns"), numbers.shape):
+                about = f"{word} of {name}, which is flattened by rows"
+                yield Entry(f"{name}_{word}", count, "", about, name)
 
 
-def _entry(spec: ParameterSpec, value: Plain, unit: str) -> Entry:
-    low, high = float(spec.minimum), float(spec.maximum)
-    length = spec.length if spec.rank == 1 else None
-    return Entry(spec.name, value, unit, spec.description, spec.name, low, high, length)
+def _entry(spec: ParameterSpec, numbers: FloatArray, unit: str, how: str) -> Entry:
+    flat: Plain = float(numbers) if numbers.ndim == 0 else numbers.ravel().tolist()
+    return Entry(
+        spec.name, flat, unit, spec.description, spec.name, float(spec.minimum),
+        float(spec.maximum), spec.length if spec.rank == 1 else None, numbers.shape, how,
+    )  # fmt: skip
 
 
 def _model(block: Block) -> Iterator[Entry]:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
-from ..routines import Machine, Routine
+from ..routines import Argument, Machine, Routine
 
 _BEYOND = 0.2  # of a range: how far arguments go over its ends
 _SEED = 20_260
+_RESTS = 4  # calls for which what is held stays as it is
 
 
 @dataclass(frozen=True)
@@ -51,18 +52,7 @@ def golden(
         same arguments.
     """
     rng = np.random.default_rng(_SEED)
-    columns = []
-    for a in routine.arguments:
-        span = a.high - a.low
-        values = a.low + span * rng.uniform(0.0, 1.0, count)
-        if a.name == "direction":
-            values = rng.choice([-1.0, 1.0], count)
-        else:
-            ends = [a.low, a.high, np.clip(0.0, a.low, a.high)]
-            far = [a.low - _BEYOND * span, a.high + _BEYOND * span]
-            place = rng.permutation(count)[:5]
-            values[place] = [*ends, *far]
-        columns.append(rounded(values))
+    columns = [rounded(_column(a, count, rng)) for a in routine.arguments]
     arguments = np.column_stack(columns)
     machine = Machine(routine)
     names = [a.name for a in routine.arguments]
@@ -72,3 +62,19 @@ def golden(
         np.array([float(y) for y, _ in calls]),
         np.array([bool(out) for _, out in calls]),
     )
+
+
+def _column(a: Argument, count: int, rng: np.random.Generator) -> FloatArray:
+    """Values of an argument, ``(count,)``."""
+    if a.held:
+        values = _column(replace(a, held=False), -(-count // _RESTS), rng)
+        return np.repeat(values, _RESTS)[:count]
+    span = a.high - a.low
+    values = a.low + span * rng.uniform(0.0, 1.0, count)
+    if a.name == "direction":
+        return rng.choice([-1.0, 1.0], count)
+    ends = [a.low, a.high, np.clip(0.0, a.low, a.high)]
+    far = [a.low - _BEYOND * span, a.high + _BEYOND * span]
+    place = rng.permutation(count)[:5]
+    values[place] = [*ends, *far][: len(place)]
+    return values

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..specification import Value
-from .flat import Entry, flatten
-from .target import Job, plain_text
+from .flat import flatten
+from .target import Entry, Job, plain_text
 
 _ACROSS = 6  # numbers on a line
 _HEADER = 116  # bytes of text at the head of a .mat file

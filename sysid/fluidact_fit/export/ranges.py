@@ -22,11 +22,15 @@ _BOXES = {0: 1, 1: 4096, 2: 80, 3: 20, 4: 10}  # along each argument
 
 @dataclass(frozen=True)
 class Range:
-    """Lowest and highest exact value, and largest error of the computed one; shape ``(boxes,)``."""
+    """Lowest and highest exact value, and largest error of the computed one; shape ``(boxes,)``.
+
+    ``whole`` says that both are whole numbers, as those of a counter are.
+    """
 
     low: FloatArray
     high: FloatArray
     error: FloatArray
+    whole: bool = False
 
     @property
     def size(self) -> FloatArray:
@@ -40,26 +44,33 @@ class Range:
 
     def wider(self, error: float | FloatArray) -> Range:
         """After an operation that adds an error."""
-        return replace(self, error=self.error + error)
+        return replace(self, error=self.error + error, whole=False)
 
     def rounded(self, unit: float) -> Range:
-        """After a last rounding of the computed value, relative to it."""
+        """After a last rounding of the computed value, relative to it.
+
+        Whole numbers up to one over the unit need none.
+        """
+        if self.whole and self.reach <= 1.0 / unit:
+            return self
         return self.wider(unit * (self.size + self.error))
 
     def hull(self) -> Range:
         """All boxes as one."""
-        ends = self.low.min(), self.high.max(), self.error.max()
-        return Range(*(np.array([float(e)]) for e in ends))
+        low, high, error = (
+            np.array([float(end)]) for end in (self.low.min(), self.high.max(), self.error.max())
+        )
+        return Range(low, high, error, self.whole)
 
 
 def plus(a: Range, b: Range) -> Range:
     """Sum."""
-    return Range(a.low + b.low, a.high + b.high, a.error + b.error)
+    return Range(a.low + b.low, a.high + b.high, a.error + b.error, a.whole and b.whole)
 
 
 def minus(a: Range, b: Range) -> Range:
     """Difference."""
-    return Range(a.low - b.high, a.high - b.low, a.error + b.error)
+    return Range(a.low - b.high, a.high - b.low, a.error + b.error, a.whole and b.whole)
 
 
 def times(a: Range, b: Range) -> Range:
@@ -67,7 +78,7 @@ def times(a: Range, b: Range) -> Range:
     ends = np.stack(np.broadcast_arrays(
         a.low * b.low, a.low * b.high, a.high * b.low, a.high * b.high))  # fmt: skip
     error = a.size * b.error + b.size * a.error + a.error * b.error
-    return Range(ends.min(axis=0), ends.max(axis=0), error)
+    return Range(ends.min(axis=0), ends.max(axis=0), error, a.whole and b.whole)
 
 
 def over(a: Range, b: Range) -> Range:
@@ -92,17 +103,17 @@ def extreme(a: Range, b: Range, pick: str) -> Range:
     b_below = b.high + b.error < a.low - a.error
     only_a, only_b = (a_below, b_below) if pick == "min" else (b_below, a_below)
     error = np.select([only_a, only_b], [a.error, b.error], np.maximum(a.error, b.error))
-    return Range(low, high, error)
+    return Range(low, high, error, a.whole and b.whole)
 
 
 def unary(function: str, x: Range) -> Range:
     """Function of one number."""
     if function == "neg":
-        return Range(-x.high, -x.low, x.error)
+        return Range(-x.high, -x.low, x.error, x.whole)
     if function == "abs":
         low = np.where((x.low <= 0.0) & (x.high >= 0.0), 0.0,
                        np.minimum(np.abs(x.low), np.abs(x.high)))  # fmt: skip
-        return Range(low, x.size, x.error)
+        return Range(low, x.size, x.error, x.whole)
     if function == "sqrt":
         low, high = np.sqrt(np.maximum(x.low, 0.0)), np.sqrt(np.maximum(x.high, 0.0))
         error = np.minimum(np.sqrt(x.error), x.error / np.maximum(low, 1e-300))
@@ -133,6 +144,7 @@ def choose(e: Choose, sides: tuple[Range, Range], yes: Range, no: Range) -> Rang
         np.select(pick, [yes.low, no.low], np.minimum(yes.low, no.low)),
         np.select(pick, [yes.high, no.high], np.maximum(yes.high, no.high)),
         np.select(pick, [yes.error, no.error], both),
+        yes.whole and no.whole,
     )
 
 

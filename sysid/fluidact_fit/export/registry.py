@@ -7,29 +7,33 @@ from importlib import import_module
 from typing import NamedTuple
 
 from ..errors import UsageError
-from .target import Arithmetic, Target
+from .target import Arithmetic, ControllerTarget, Target
 
 
 class Entry(NamedTuple):
     """Where a target lives, and what it can be asked for.
 
-    ``module`` has a function ``write``; ``arithmetics`` are those that it can be told to use,
-    the first where it is not told.
+    ``module`` has a function ``write``, and ``write_code`` where it knows ``controllers``;
+    ``arithmetics`` are those that it can be told to use, the first where it is not told.
     """
 
     module: str
     title: str
     arithmetics: tuple[Arithmetic, ...] = ()
+    controllers: bool = False
 
 
+# fmt: off
 TARGETS: Mapping[str, Entry] = {
-    "c": Entry("c", "C99: header, source and self-test", ("float32", "q15")),
-    "st": Entry("structured_text", "IEC 61131-3 Structured Text for TwinCAT: constants and blocks"),
-    "ros2": Entry("ros2", "ROS 2 parameters, their declaration and metadata"),
+    "c": Entry("c", "C99: header, source and self-test", ("float32", "q15"), True),
+    "st": Entry("structured_text", "IEC 61131-3 Structured Text for TwinCAT: constants and blocks",
+                controllers=True),
+    "ros2": Entry("ros2", "ROS 2 parameters, their declaration and metadata", controllers=True),
     "matlab": Entry("matlab", "MATLAB, Simulink, dSPACE and Octave: a function and a .mat file"),
     "fmu": Entry("fmu", "a unit for FMI 2.0 co-simulation: sources and a library for Linux"),
     "json": Entry("plain_json", "the whole document as JSON"),
 }
+# fmt: on
 
 
 def get_target(name: str) -> Target:
@@ -45,4 +49,23 @@ def get_target(name: str) -> Target:
             f"there is no export target {name!r}.", expected=f"Targets: {', '.join(TARGETS)}."
         )
     target: Target = import_module(f".{TARGETS[name].module}", __package__).write
+    return target
+
+
+def get_controller_target(name: str) -> ControllerTarget:
+    """Return the function that makes the files of a controller.
+
+    Raises
+    ------
+    UsageError
+        When the target knows no controllers.
+    """
+    if not TARGETS[name].controllers:
+        known = ", ".join(n for n, entry in TARGETS.items() if entry.controllers)
+        raise UsageError(
+            f"--to {name} does not know controllers.",
+            expected=f"Targets that do: {known}.",
+            remedy="Choose one of them, or give no --controller.",
+        )
+    target: ControllerTarget = import_module(f".{TARGETS[name].module}", __package__).write_code
     return target

@@ -8,31 +8,43 @@ them, matrices are flattened by rows with their shape beside.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..parameters import dump_yaml
-from .flat import Entry, Plain, flatten
-from .target import Job, plain_text
+from .flat import flatten
+from .target import Code, Entry, Job, Plain, plain_text
 
 
 def write(job: Job) -> dict[str, bytes]:
     """Return ``NAME.ros2.yaml``, ``NAME.declaration.yaml`` and ``NAME.metadata.yaml``."""
-    entries = flatten(job.block)
+    return _files(job, flatten(job.block), _metadata(job))
+
+
+def write_code(code: Code) -> dict[str, bytes]:
+    """Return the same three files of the numbers of a controller."""
+    keys = {e.key: {"unit": e.unit, "description": e.description} for e in code.numbers}
+    metadata = {"controller": code.title, "remarks": list(code.remarks), "parameters": keys}
+    return _files(code, code.numbers, metadata)
+
+
+def _files(
+    named: Job | Code, entries: Sequence[Entry], metadata: Mapping[str, Any]
+) -> dict[str, bytes]:
     values = _nested((e.key, e.value) for e in entries)
     declared = _nested((e.key, _declaration(e)) for e in entries)
-    return {
-        f"{job.file}.ros2.yaml": _text(job, {job.name: {"ros__parameters": values}}),
-        f"{job.file}.declaration.yaml": _text(job, {job.name: declared}),
-        f"{job.file}.metadata.yaml": _text(job, _metadata(job)),
+    contents = {
+        "ros2": {named.name: {"ros__parameters": values}},
+        "declaration": {named.name: declared},
+        "metadata": metadata,
     }
-
-
-def _text(job: Job, content: Mapping[str, Any]) -> bytes:
-    remarks = "".join(f"# {remark}\n" for remark in job.remarks)
-    return (remarks + dump_yaml(content)).encode()
+    remarks = "".join(f"# {remark}\n" for remark in named.remarks)
+    return {
+        f"{named.file}.{part}.yaml": (remarks + dump_yaml(content)).encode()
+        for part, content in contents.items()
+    }
 
 
 def _nested(entries: Iterable[tuple[str, Any]]) -> dict[str, Any]:

@@ -38,7 +38,8 @@ def single(values: FloatArray) -> FloatArray:
 def constant(value: float) -> Range:
     """A number of the source code."""
     v = np.array([value])
-    return Range(v, v, np.abs(single(v) - v))
+    error = np.abs(single(v) - v)
+    return Range(v, v, error, bool(float(value).is_integer() and not error))
 
 
 def inward(routine: Routine) -> Routine:
@@ -204,7 +205,7 @@ def _join(a: Range, b: Range | list[Range]) -> Range:
     assert isinstance(b, Range)
     b = b.hull()
     return Range(np.minimum(a.low, b.low), np.maximum(a.high, b.high),
-                 np.maximum(a.error, b.error))  # fmt: skip
+                 np.maximum(a.error, b.error), a.whole and b.whole)  # fmt: skip
 
 
 def _same(a: Range, b: Range) -> bool:

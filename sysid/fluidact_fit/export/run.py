@@ -10,7 +10,7 @@ from ..block import Block
 from ..control import load
 from ..errors import NotIdentifiedError, OutputError, StrictError, UsageError
 from ..parameters.atomic import write_together
-from .registry import TARGETS, get_target
+from .registry import TARGETS, get_controller_target, get_target
 from .target import Arithmetic, Job, make_job
 
 PathLike = str | os.PathLike[str]
@@ -102,14 +102,9 @@ def export(
 def _controller(
     to: str, path: PathLike, blocks: Sequence[Block], arithmetic: Arithmetic
 ) -> Mapping[str, bytes]:
-    if to != "c":
-        raise UsageError(
-            f"--to {to} does not know controllers.", remedy="Give --to c, or no --controller."
-        )
-    from .c import write_code
     from .controller import controller_code
 
-    return write_code(controller_code(path, blocks, arithmetic))
+    return get_controller_target(to)(controller_code(path, blocks, arithmetic))
 
 
 def _refuse_unaccepted(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import keyword
+import math
 import os
 import re
 import unicodedata
@@ -15,6 +16,7 @@ from ..block import Block
 from ..routines import Routine
 
 Arithmetic = Literal["float32", "q15"]
+Plain = float | int | bool | str | list[float]
 
 _C = """auto break case char const continue default do double else enum extern float for goto if
     inline int long register restrict return short signed sizeof static struct switch typedef
@@ -79,10 +81,49 @@ class Job:
 
 
 @dataclass(frozen=True)
+class Entry:
+    """A key with its value, as a controller may read it.
+
+    Attributes
+    ----------
+    key
+        Words with dots between levels: ``mass``, ``validity.force.low``.
+    value
+        [``unit``]; a matrix is flattened by rows, its shape stands in two entries of its own.
+    unit
+        SI; empty where there is none to speak of.
+    description
+        What it is, in the words of the specification.
+    parameter
+        The parameter that it holds; empty for what stands beside the parameters.
+    minimum, maximum
+        Closed range of the specification, infinite where there is none.
+    length
+        Length of a list that the specification prescribes.
+    shape
+        Of the value before it was flattened.
+    how
+        How a parameter came to its value.
+    """
+
+    key: str
+    value: Plain
+    unit: str
+    description: str
+    parameter: str = ""
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    length: int | None = None
+    shape: tuple[int, ...] = ()
+    how: str = ""
+
+
+@dataclass(frozen=True)
 class Code:
     """Routines on their way to a language that can run them: those of a block or a controller.
 
-    ``title`` says what they are, the rest is as in :class:`Job`.
+    ``title`` says what they are, ``about`` more of that, and ``numbers`` what they were made
+    from; the rest is as in :class:`Job`.
     """
 
     name: str
@@ -91,16 +132,12 @@ class Code:
     routines: tuple[Routine, ...]
     arithmetic: Arithmetic = "float32"
     remarks: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, job: Job) -> Code:
-        """Everything that a controller calls of the block."""
-        block = job.block
-        routines = tuple(block.routines())
-        return cls(job.name, job.file, block.family, routines, job.arithmetic, job.remarks)
+    numbers: tuple[Entry, ...] = ()
+    about: str = ""
 
 
 Target = Callable[[Job], Mapping[str, bytes]]  # name of a file to its content
+ControllerTarget = Callable[[Code], Mapping[str, bytes]]
 
 
 def make_job(path: str | os.PathLike[str], block: Block, arithmetic: Arithmetic = "float32") -> Job:

@@ -48,8 +48,8 @@ def find_entries(part: Any, *keys: str, place: Location = ()) -> Iterator[tuple[
 
 
 def suggest(word: str, known: Iterable[str]) -> str:
-    """Return ``"; did you mean 'x'?"`` when a known word is close, else an empty string."""
-    close = get_close_matches(word, list(known), n=1)
+    """Return ``"; did you mean 'x'?"`` when another known word is close, else an empty string."""
+    close = get_close_matches(word, [name for name in known if name != word], n=1)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 

@@ -4,6 +4,7 @@ from .evaluate import Machine
 from .expression import (
     Expression,
     Name,
+    Operand,
     by_sign,
     choose,
     exp,
@@ -16,6 +17,6 @@ from .expression import (
 from .routine import Argument, Draft, Filter, Routine, Solve
 
 __all__ = [
-    "Argument", "Draft", "Expression", "Filter", "Machine", "Name", "Routine", "Solve", "by_sign",
-    "choose", "exp", "log", "maximum", "minimum", "polynomial", "sqrt",
+    "Argument", "Draft", "Expression", "Filter", "Machine", "Name", "Operand", "Routine", "Solve",
+    "by_sign", "choose", "exp", "log", "maximum", "minimum", "polynomial", "sqrt",
 ]  # fmt: skip

@@ -31,6 +31,8 @@ class Argument:
         Range [unit].
     recorded
         Whether the range is what the logs covered; otherwise it follows from other numbers.
+    held
+        Whether it rests for several calls in a row, as what is wanted does.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Argument:
     low: float
     high: float
     recorded: bool = True
+    held: bool = False
 
 
 @dataclass(frozen=True)

@@ -95,13 +95,14 @@ class FeedforwardForceController(Controller):
         observer: ForceMap | None = None, *, limits: tuple[float, float] = (-inf, inf),
     ) -> None:  # fmt: skip
         super().__init__(sample_time, limits)
-        self._command_for, self._smoothing, self._observer = command_for, smoothing, observer
+        self.smoothing = smoothing
+        self._command_for, self._observer = command_for, observer
         self._wanted, self._applied = MotionState(), MotionState()
         self.reset()
 
     def reset(self) -> None:
         """Forget what was wanted and applied; the command rests at 0."""
-        self._smoothing.reset()
+        self.smoothing.reset()
         self._wanted.reset()
         self._applied.reset()
         self._reference: float | None = None
@@ -116,10 +117,10 @@ class FeedforwardForceController(Controller):
         place = measured["position"]
         state = self._wanted.step(reference)
         if reference != self._reference:
-            self._smoothing.begin()
+            self.smoothing.begin()
             self._reference = reference
         target = self.limit(self._command_for(reference, place, state))
-        command = self._smoothing.step(target)
+        command = self.smoothing.step(target)
         if self._observer is not None:
             self.observed = self._observer(command, place, self._applied.step(command))
         return (command,)

@@ -5,7 +5,7 @@ The same arithmetic as ``step`` of the classes beside, sample by sample.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 
 import numpy as np
@@ -16,6 +16,7 @@ from ...routines import (
     Expression,
     Filter,
     Name,
+    Operand,
     Routine,
     by_sign,
     choose,
@@ -24,7 +25,7 @@ from ...routines import (
 )
 from ...routines.routine import as_matrix
 from ..filters import Butterworth
-from .base import Controller
+from .force import FeedforwardForceController
 from .impedance import ImpedanceController
 from .pd import PDController
 
@@ -41,29 +42,50 @@ class Travel:
     high: float
 
     def arguments(self) -> tuple[Argument, Argument]:
-        """Reference and measurement; the ranges only tell what cannot be true."""
+        """What is wanted and what is measured; the ranges only tell what cannot be true."""
         far = _FAR * (self.high - self.low)
         low, high = self.low - far, self.high + far
         return (
-            Argument("reference", self.unit, f"wanted {self.role}", low, high, recorded=False),
+            Argument("wanted", self.unit, f"wanted {self.role}", low, high, recorded=False),
             Argument(self.role, self.unit, f"measured {self.role}", low, high, recorded=False),
         )
 
 
-def routines_of(controller: Controller, travel: Travel, unit: str) -> tuple[Routine, ...]:
+def routines_of(
+    controller: PDController | ImpedanceController, travel: Travel, unit: str
+) -> tuple[Routine, ...]:
     """Return what has to be called, in order; ``unit`` is that of the commands.
 
-    Raises
-    ------
-    NotImplementedError
-        For a controller that has no routines.
+    A force controller needs its maps as well: :func:`force_routines`.
     """
     if isinstance(controller, PDController):
         return (_pd(controller, travel, unit),)
-    if isinstance(controller, ImpedanceController):
-        force = _force(controller, travel)
-        return (force, *_commands(controller, unit))
-    raise NotImplementedError(f"a {type(controller).__name__} cannot be exported")
+    return (_force(controller, travel), *_commands(controller, unit))
+
+
+def force_routines(
+    controller: FeedforwardForceController, travel: Travel, drive_for: Routine, target: Argument,
+    supply: tuple[float, float], unit: str,
+) -> tuple[Routine, Routine, Routine]:  # fmt: skip
+    """Return what a force controller calls, in order: motion state, map and smoothing.
+
+    Parameters
+    ----------
+    controller, travel
+        ``travel`` is the range of the wanted force.
+    drive_for, target
+        The map from the force, and what it gives as an argument of the last routine.
+    supply
+        Gain and offset of ``drive = gain command + offset`` for what the map gives.
+    unit
+        Of the command.
+    """
+    reference = replace(travel.arguments()[0], held=True)
+    return (
+        _direction(reference),
+        drive_for,
+        _smoothed(controller, reference, target, supply, unit),
+    )
 
 
 def _rate(draft: Draft, name: str, value: Expression, low_pass: Butterworth, period: float) -> Name:
@@ -140,3 +162,53 @@ def _commands(c: ImpedanceController, unit: str) -> tuple[Routine, Routine]:
         gain, offset = p.gain[chamber - 1], p.offset[chamber - 1]
         found.append(draft.returns((limited - offset) * (1.0 / gain)))
     return found[0], found[1]
+
+
+def _direction(reference: Argument) -> Routine:
+    """Motion state of what is wanted; the first value is a change from zero."""
+    about = "Motion state of the wanted force: 1 loading, -1 unloading."
+    draft = Draft("direction", about, "1")
+    wanted = draft.argument(reference)
+    last, state = draft.state("last"), draft.state("moved", 1.0)
+    draft.put(state, _by_change(wanted, last, -1.0, 1.0, state))
+    draft.put(last, wanted)
+    return draft.returns(state)
+
+
+def _by_change(
+    value: Expression, last: Expression, fell: Operand, rose: Operand, rests: Operand
+) -> Expression:
+    return choose(value, ">", last, rose, choose(value, "<", last, fell, rests))
+
+
+def _smoothed(
+    c: FeedforwardForceController, reference: Argument, target: Argument,
+    supply: tuple[float, float], unit: str,
+) -> Routine:  # fmt: skip
+    """Equation 8, written as a mean of two values, so that what was rounded before fades.
+
+    A mean never leaves what both lie in: the last step says so to those who bound its errors, and
+    changes nothing.
+    """
+    draft = Draft("step", "Command of this sample.", unit, c.sample_time)
+    wanted, drive = draft.argument(reference), draft.argument(target)
+    gain, offset = supply
+    steps, held = float(c.smoothing.steps), c.smoothing.reading == "held"
+    last, begun, count = draft.state("last"), draft.state("begun"), draft.state("count", steps)
+    now = draft.state("now")
+    goal = drive if supply == (1.0, 0.0) else (drive - offset) * (1.0 / gain)
+    goal = draft.let("goal", _limited(goal, c.limits))
+    changed = draft.let("changed", choose(begun, "<", 0.5, 1.0, _by_change(wanted, last, 1, 1, 0)))
+    draft.put(begun, 1.0)
+    draft.put(last, wanted)
+    draft.put(count, choose(changed, ">", 0.5, 1.0, minimum(count + 1.0, steps)))
+    base: Expression = now
+    if held:
+        base = draft.state("start")
+        draft.put(base, choose(changed, ">", 0.5, now, base))
+    share = draft.let("share", count * (1.0 / steps))
+    mean = base * (1.0 - share) + goal * share
+    ends = sorted((x - offset) / gain for x in (target.low, target.high))
+    low, high = (min(max(x, c.limits[0]), c.limits[1]) for x in ends)
+    draft.put(now, minimum(maximum(mean, min(low, 0.0)), max(high, 0.0)))
+    return draft.returns(now)

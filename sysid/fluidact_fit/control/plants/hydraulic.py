@@ -48,11 +48,15 @@ class HydraulicCylinder:
         share = 0.5 * (self.supply + self.tank) * (one + two) / (one**2 + two**2)
         return share * two, share * one
 
+    @property
+    def period(self) -> float:
+        """The oil's own period, the piston between both chambers at position 0 [s]."""
+        stiffness = sum(a * a / v for a, v in zip(self.area, self.volume)) * self.bulk_modulus
+        return 2.0 * pi * sqrt(self.mass / stiffness)
+
     def step(self, sample_time: float) -> float:
         """Runge-Kutta step that divides a sample: a fortieth of the oil's own period [s]."""
-        stiffness = sum(a * a / v for a, v in zip(self.area, self.volume)) * self.bulk_modulus
-        period = 2.0 * pi * sqrt(self.mass / stiffness)
-        return sample_time / ceil(40.0 * sample_time / period)
+        return sample_time / ceil(40.0 * sample_time / self.period)
 
 
 class HydraulicPlant(Plant):

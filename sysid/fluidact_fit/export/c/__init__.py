@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ..flat import code_of
 from ..target import Code, Job
 from . import fixed_files
 from .files import Function, header, self_test, source
@@ -11,7 +12,7 @@ from .files import Function, header, self_test, source
 
 def write(job: Job) -> Mapping[str, bytes]:
     """Return ``NAME.h``, ``NAME.c`` and ``NAME_selftest.c``; see :func:`write_code`."""
-    return write_code(Code.of(job))
+    return write_code(code_of(job))
 
 
 def write_code(code: Code) -> Mapping[str, bytes]:
@@ -25,7 +26,9 @@ def write_code(code: Code) -> Mapping[str, bytes]:
     if code.arithmetic == "q15":
         return fixed_files.write(code)
     functions = [Function.of(r, code.name) for r in code.routines]
-    parts = {"h": header, "c": source}
-    files = {f"{code.file}.{end}": make(code, functions) for end, make in parts.items()}
-    files[f"{code.file}_selftest.c"] = self_test(code, functions)
+    files = {
+        f"{code.file}.h": header(code, functions),
+        f"{code.file}.c": source(code, functions),
+        f"{code.file}_selftest.c": self_test(code, functions),
+    }
     return {name: text.encode("ascii") for name, text in files.items()}

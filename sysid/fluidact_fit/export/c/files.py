@@ -12,6 +12,7 @@ from ...routines import Routine
 from ..golden import golden
 from ..rounding import CALLS, UNIT, error_bound, inward, single
 from ..target import Code
+from .constants import macros_of
 from .language import SINGLE, Writer, uses
 
 _CALLS = 24  # golden vectors of a routine
@@ -56,6 +57,7 @@ def header(code: Code, functions: Sequence[Function]) -> str:
         "which may be a null pointer. No memory is allocated and no function is recursive.",
     ]
     lines = [*comment(words), f"#ifndef {guard}", f"#define {guard}", ""]
+    lines += [*macros_of(code), ""] if code.numbers else []
     for f in functions:
         lines += [*comment(_describe(f)), *f.writer.structure(), f"{f.writer.signature};", ""]
     return "\n".join([*lines, "#endif", ""])

@@ -12,6 +12,7 @@ from ...routines import Machine
 from ...routines.routine import Argument
 from ..golden import golden
 from ..target import Code
+from .constants import macros_of
 from .files import at_most, comment, macros
 from .fixed import Fixed, Omitted, fixed
 
@@ -33,7 +34,7 @@ def write(code: Code) -> Mapping[str, bytes]:
     omitted = [f for f in tried if isinstance(f, Omitted)]
     if not functions:
         raise UsageError(
-            f"nothing of this {code.title} file can be had in fixed point: "
+            f"nothing of {code.file} ({code.title}) can be had in fixed point: "
             + "; ".join(f"{o.name}, because {o.why}" for o in omitted),
             expected="A static map within one per cent of full scale was expected.",
             remedy="Export it with --arithmetic float32.",
@@ -65,6 +66,7 @@ def _header(code: Code, functions: Sequence[Fixed], omitted: Sequence[Omitted]) 
         *(f"Left out: {o.name}, because {o.why}." for o in omitted),
     ]
     lines = [*comment(words), f"#ifndef {guard}", f"#define {guard}", "", "#include <stdint.h>"]
+    lines += ["", *macros_of(code)] if code.numbers else []
     for f in functions:
         base = f"{code.name}_{f.routine.name}".upper()
         lines += ["", *comment(_describe(f))]

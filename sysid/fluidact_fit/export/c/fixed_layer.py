@@ -70,8 +70,10 @@ def write_layer(
         side = sheet.name(f"const int {{}} = {condition} ? 0 : 1;")
         sheet.biases[layer.name] = tuple(zip(*(row.biases for row in rows)))
     hulls = [row.sum.hull() for row in rows]
-    ends = [np.min([h.low for h in hulls]), np.max([h.high for h in hulls])]
-    whole = Range(*map(np.atleast_1d, [*ends, max(float(h.error[0]) for h in hulls)]))
+    whole = Range(
+        np.min([h.low for h in hulls], axis=0), np.max([h.high for h in hulls], axis=0),
+        np.max([h.error for h in hulls], axis=0),
+    )  # fmt: skip
     found = []
     for k, row in enumerate(rows):
         bias = sheet.width.literal(row.biases[0])

@@ -125,8 +125,15 @@ class Writer:
         for s in self.routine.body:
             if isinstance(s, Layer):
                 folded = fold(s)
-                yield self._matrix(f"{self.name}_{s.name}_weights", folded.weights)
+                yield self._list(f"{self.name}_{s.name}_weights", folded.weights)
                 yield self._matrix(f"{self.name}_{s.name}_biases", folded.biases)
+
+    def _list(self, name: str, rows: Matrix) -> str:
+        """A matrix as one list, its rows in order: walking along it takes no index of two."""
+        real, place = self.precision.type, f"{self.prefix.upper()}_TABLE"
+        text = ",\n    ".join(self._table(row)[1:-1] for row in rows)
+        size = len(rows) * len(rows[0])
+        return f"static const {real} {name}[{size}] {place} = {{\n    {text}}};"
 
     def _matrix(self, name: str, rows: Matrix) -> str:
         real, place = self.precision.type, f"{self.prefix.upper()}_TABLE"
@@ -180,11 +187,12 @@ class Writer:
         }[s.activation]
         return [
             *lines,
+            f"const {real} *{s.name}_weight = {table}_weights;",
             f"{real} {s.name}[{m}];",
             f"for (row = 0; row < {m}; row++) {{",
             f"    {real} sum = {self._read(f'{table}_biases[{side}][row]')};",
-            f"    for (column = 0; column < {n}; column++)",
-            f"        sum += {self._read(f'{table}_weights[row][column]')} * {x}[column];",
+            f"    for (column = 0; column < {n}; column++, {s.name}_weight++)",
+            f"        sum += {self._read(f'*{s.name}_weight')} * {x}[column];",
             f"    {s.name}[row] = {out};",
             "}",
         ]

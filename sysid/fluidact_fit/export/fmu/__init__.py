@@ -51,7 +51,7 @@ def describe_unit(job: Job) -> tuple[bytes, Mapping[str, str]]:
 
 def _unit(job: Job) -> Unit:
     block, model = job.block, Model()
-    add_plant(model, block)
+    add_plant(model, block, job.name)
     routines = block.routines()
     if not model.outputs and any(r.sample_time for r in routines):
         raise UsageError(

@@ -10,14 +10,15 @@ from .model import Model, Result
 
 
 def add_maps(model: Model, routines: Sequence[Routine], name: str) -> None:
-    """Add an output and a flag for every routine.
+    """Add an output and a flag for every routine, and the functions that the plant calls.
 
     A routine that keeps something between its calls is called once in every communication step;
     asking for its output in between changes nothing.
     """
     writers = [Writer(r, name, DOUBLE) for r in routines]
-    model.functions += _helpers(routines, name)
-    for writer in writers:
+    called = [Writer(r, name, DOUBLE) for r in model.called]
+    model.functions += _helpers([*model.called, *routines], name)
+    for writer in (*called, *writers):
         for lines in (writer.structure()[:-1], list(writer.tables()), writer.reset()):
             model.functions += [*lines, ""] if lines else []
         model.functions += [*writer.function(), ""]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from ...routines import Argument
+from ...routines import Argument, Routine
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,8 @@ class Model:
         Files of the library that the code includes, each after the ``constants`` before it.
     constants, functions
         Lines of C: what comes before the headers, and after them.
+    called
+        Routines that the headers call.
     memory
         Fields of the struct of what is kept between steps.
     begin, evaluate, advance
@@ -57,6 +59,7 @@ class Model:
     headers: list[str] = field(default_factory=list)
     constants: list[str] = field(default_factory=list)
     functions: list[str] = field(default_factory=list)
+    called: list[Routine] = field(default_factory=list)
     memory: list[str] = field(default_factory=list)
     begin: list[str] = field(default_factory=list)
     evaluate: list[str] = field(default_factory=list)

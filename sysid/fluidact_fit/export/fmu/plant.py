@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import sys
 
-from ...block import Block, DryDriveBlock, LinearBlock, Port
+from ...block import Block, DryDriveBlock, FlowBlock, LinearBlock, Port
+from ...control.machines import hydraulic_cylinder
+from ...control.plants.hydraulic import HydraulicCylinder
+from ...errors import UsageError
 from ...routines import Argument
+from ..c.language import DOUBLE, Writer
 from .model import Model, Result, Setting, number, table
 
 _CHANGES = 16384  # of the input that can be on their way through a dead time
 
 
-def add_plant(model: Model, block: Block) -> None:
+def add_plant(model: Model, block: Block, name: str) -> None:
     """Add the plant of a block that is one; others are left to their routines.
+
+    ``name`` begins those of all functions.
 
     Sampling the routine of the controller would be simpler, and would put a delay of up to a
     sample time into a loop that the block is not part of. The continuous model needs no sample
@@ -22,9 +28,11 @@ def add_plant(model: Model, block: Block) -> None:
         _add_linear(model, block)
     elif isinstance(block, DryDriveBlock):
         _add_drive(model, block)
+    elif isinstance(block, FlowBlock):
+        _add_cylinder(model, block, name)
 
 
-def _driven(model: Model, block: LinearBlock | DryDriveBlock) -> tuple[Argument, str]:
+def _driven(model: Model, block: Block) -> tuple[Argument, str]:
     """Take the input; returns it with its C."""
     assert block.input is not None
     argument = block.argument(block.input.role, "input, held over a communication step")
@@ -118,3 +126,56 @@ def _drive_settings(block: DryDriveBlock, argument: Argument) -> list[Setting]:
         for way, value in zip(("negative", "positive"), pair):
             settings.append(Setting(f"plant.{word}_{way}", unit, f"{word} friction", value, 0.0))
     return settings
+
+
+def _add_cylinder(model: Model, block: FlowBlock, name: str) -> None:
+    """The cylinder between its valve and its load; of a file without volumes only the maps."""
+    try:
+        cylinder, flows = hydraulic_cylinder(block), block.plant_flows()
+    except UsageError:
+        return
+    argument, drive = _driven(model, block)
+    place, flag = model.output(Result("position", "m", "of the piston"), _flag(argument))
+    measured = (Port("position_rate", "m/s"), Port("plant.pressure_1", "Pa"),
+                Port("plant.pressure_2", "Pa"))  # fmt: skip
+    for port, about in zip(measured, ("velocity", "of chamber 1", "of chamber 2")):
+        model.outputs.append(Result(port.role, port.unit, about))
+    start = model.parameter(Setting("initial_position", "m", "at rest before the start", 0.0))
+    model.constants += [table("hydraulic_range", (argument.low, argument.high))]
+    model.constants += _cylinder_constants(cylinder)
+    for number_of, flow in enumerate(flows, 1):
+        writer = Writer(flow, name, DOUBLE)
+        model.constants += [
+            f"{writer.signature};",
+            f"#define HYDRAULIC_FLOW_{number_of}(u, p) {writer.name}(u, p, NULL)",
+        ]
+    model.called += flows
+    model.headers.append("hydraulic.h")
+    model.memory.append("hydraulic_memory plant;")
+    model.begin.append(f"hydraulic_begin(&memory->plant, {start});")
+    model.evaluate += [
+        f"(void)hydraulic_clamped({drive}, &{flag});",
+        f"{place} = memory->plant.x[HYDRAULIC_Y];",
+        f"{model.place(1)} = memory->plant.x[HYDRAULIC_V];",
+        f"{model.place(2)} = memory->plant.x[HYDRAULIC_P1];",
+        f"{model.place(3)} = memory->plant.x[HYDRAULIC_P2];",
+    ]
+    model.advance += [
+        f"problem = hydraulic_advance(&memory->plant, {drive}, span);",
+        "if (problem) return problem;",
+    ]
+
+
+def _cylinder_constants(c: HydraulicCylinder) -> list[str]:
+    law = c.friction
+    pairs = {
+        "area": c.area, "volume": c.volume, "rest": c.rest(),
+        "viscous": (law.viscous_negative, law.viscous_positive),
+        "coulomb": (law.coulomb_negative, law.coulomb_positive),
+        "breakaway": (law.breakaway_negative, law.breakaway_positive),
+    }  # fmt: skip
+    single = {"mass": c.mass, "bulk_modulus": c.bulk_modulus, "period": c.period}
+    return [
+        *(table(f"hydraulic_{name}", pair) for name, pair in pairs.items()),
+        *(f"static const double hydraulic_{n} = {number(value)};" for n, value in single.items()),
+    ]

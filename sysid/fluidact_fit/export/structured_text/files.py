@@ -6,10 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...parameters.document import Parameter
-from ...specification import Value
 from ..golden import Golden, golden
-from ..target import Job
+from ..target import Code, Entry
 from .blocks import FunctionBlock, described
 from .words import INDENT, Names, array, block_comment, comment, literal, section, wrapped
 
@@ -19,23 +17,23 @@ _TOLERANCE = 1e-8
 _CALLS = 12  # golden vectors of a routine, and one for each sample of a delay
 
 
-def text_of(job: Job) -> str:
+def text_of(code: Code) -> str:
     """Return the text of ``NAME.st``."""
     names = Names()
-    blocks = [FunctionBlock(names.new(f"FB_{job.name}_{r.name}"), r) for r in job.block.routines()]
-    test = names.new(f"FB_{job.name}_selftest")
-    parts = [block_comment(_header(job, blocks, test)), _constants(job)]
+    blocks = [FunctionBlock(names.new(f"FB_{code.name}_{r.name}"), r) for r in code.routines]
+    test = names.new(f"FB_{code.name}_selftest")
+    parts = [block_comment(_header(code, blocks, test)), _constants(code)]
     parts += [b.lines() for b in blocks]
     parts.append(_self_test(test, blocks))
     return "\n\n".join("\n".join(p) for p in parts) + "\n"
 
 
-def _header(job: Job, blocks: Sequence[FunctionBlock], test: str) -> list[str]:
+def _header(code: Code, blocks: Sequence[FunctionBlock], test: str) -> list[str]:
     lines = [
-        f"{job.name}: {job.block.family}, in double precision (LREAL), for IEC 61131-3 Structured "
+        f"{code.name}: {code.title}, in double precision (LREAL), for IEC 61131-3 Structured "
         "Text as TwinCAT 3 reads it.",
-        f"Verdict of the fit: {job.block.verdict}.",
-        *job.remarks,
+        *([code.about] if code.about else []),
+        *code.remarks,
         "",
         "All quantities are SI. An argument beyond its range is clamped and sets the output "
         "outside. Of the texts of the parameter file only those above and its units are in "
@@ -51,24 +49,24 @@ def _header(job: Job, blocks: Sequence[FunctionBlock], test: str) -> list[str]:
     return lines
 
 
-def _constants(job: Job) -> list[str]:
+def _constants(code: Code) -> list[str]:
+    """Numbers as global constants: a matrix as it is, without the shape beside it; no words."""
     names, lines = Names(), ["{attribute 'qualified_only'}", "VAR_GLOBAL CONSTANT"]
-    specification, found = job.block.variant, job.block.document.parameters
-    for name, value in job.block.parameters.items():
-        about = specification.parameter(name).description
-        lines += _constant(names.new(name), value, f"[{found[name].unit}] {about}", found[name])
+    for entry in code.numbers:
+        if not isinstance(entry.value, str) and entry.parameter in ("", entry.key):
+            lines += _constant(names.new(entry.key), entry)
     return [*lines, "END_VAR"]
 
 
-def _constant(name: str, value: Value, about: str, parameter: Parameter) -> list[str]:
-    words = [f"{about}; {parameter.status.replace('_', ' ')}"]
-    if isinstance(parameter.std_error, float):
-        words.append(f"standard error {parameter.std_error:.3g}")
-    note = f"{INDENT}{comment(', '.join(words))}"
-    if isinstance(value, list):
-        flat = [literal(v) for v in np.ravel(value)]
-        return [note, *array(name, flat, np.shape(value), "LREAL")]
-    return [note, f"{INDENT}{name} : LREAL := {literal(value)};"]
+def _constant(name: str, entry: Entry) -> list[str]:
+    how = f"; {entry.how}" if entry.how else ""
+    note = f"{INDENT}{comment(f'[{entry.unit or 1}] {entry.description}{how}')}"
+    if isinstance(entry.value, list):
+        flat = [literal(v) for v in entry.value]
+        return [note, *array(name, flat, entry.shape, "LREAL")]
+    if isinstance(entry.value, int):
+        return [note, f"{INDENT}{name} : DINT := {entry.value:d};"]
+    return [note, f"{INDENT}{name} : LREAL := {literal(float(entry.value))};"]
 
 
 def _self_test(name: str, blocks: Sequence[FunctionBlock]) -> list[str]:

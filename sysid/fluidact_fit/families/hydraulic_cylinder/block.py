@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from ...block import Block
+from ...block import FlowBlock
 from ...errors import UsageError
 from ...estimation.friction_law import FrictionLaw
 from ...experiment import Experiment, FloatArray
-from ...routines import Routine
+from ...routines import Argument, Routine
 from ...specification import scalars
 from .case import read_machine
 from .equations import EDGES, LOSSES, Machine, chamber_flow
@@ -21,10 +22,14 @@ from .networks import NETWORKS, Network, network_of
 from .options import HydraulicCylinderOptions
 from .simulation import simulate_run
 
+if TYPE_CHECKING:
+    from .routines import CylinderRoutines
+
 FRICTION = ("viscous", "coulomb")
+_FAR = 100.0  # supply pressures: nothing that oil does goes as far
 
 
-class HydraulicBlock(Block):
+class HydraulicBlock(FlowBlock):
     """Static part of the cylinder for a controller: flow, speed, and the command for a speed."""
 
     @cached_property
@@ -125,14 +130,25 @@ class HydraulicBlock(Block):
 
     def routines(self) -> Sequence[Routine]:
         """Flows, steady speed, the command for a speed, friction, and the networks of the file."""
-        from .routines import CylinderRoutines
-
         names = ("command", "pressure_1", "pressure_2")
         known = {n: self.argument(n, "measured") for n in names if n in self.validity}
+        return self._routines(known).all()
+
+    def plant_flows(self) -> tuple[Routine, Routine]:
+        """Flows of both chambers at any pressure; see :meth:`.FlowBlock.plant_flows`."""
+        far = _FAR * self._machine.supply
+        known = {"command": self.argument("command", "of the valve")}
+        for name in ("pressure_1", "pressure_2"):
+            known[name] = Argument(name, "Pa", "of the chamber", -far, far, recorded=False)
+        return self._routines(known).flows()
+
+    def _routines(self, known: Mapping[str, Argument]) -> CylinderRoutines:
+        from .routines import CylinderRoutines
+
         values = {i: self._of_chamber(i) for i in self._known}
         nets = {n: network_of(self.parameters, n) for n in NETWORKS}
         law = FrictionLaw.of(self._values(*(n for n in FRICTION if n in self.parameters)))
-        return CylinderRoutines(self._machine, values, known, law, nets).all()
+        return CylinderRoutines(self._machine, values, known, law, nets)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Position from the inputs of an experiment; see :meth:`.Block.predict`.

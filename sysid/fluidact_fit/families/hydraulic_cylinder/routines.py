@@ -7,7 +7,7 @@ With ``h = k r / 2`` the flow through orifice and line (:func:`.equations.orific
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,11 @@ class CylinderRoutines:
         if chambers:
             found += [self._speed(chambers), self._command(chambers)]
         return (*found, self._friction(), *self._network_routines())
+
+    def flows(self) -> tuple[Routine, Routine]:
+        """Return the flows of both chambers, named as those of a plant."""
+        one, two = (replace(self._flow(i), name=f"plant_flow_{i}") for i in (1, 2))
+        return one, two
 
     # ------------------------------------------------------------------------------ parts
 

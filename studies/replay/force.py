@@ -1,0 +1,78 @@
+"""Force steps of the pneumatic paper: a single-acting cylinder with its rod held."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from fluidact_fit.block import Port
+from fluidact_fit.control.controllers import FeedforwardForceController, Smoothing
+from fluidact_fit.control.controllers.force import Reading
+from fluidact_fit.control.loop import Response, run_loop
+from fluidact_fit.control.metrics import StepMetrics, step_metrics
+from fluidact_fit.control.plants.force import ForcePlant
+from fluidact_fit.control.plants.linear import Chain, make_chain
+from fluidact_fit.control.references import Reference
+
+from .table import STEP, row, second_order
+
+AT = 0.1  # [s], of the steps
+SOURCE = {10.0: 0.56, 30.0: 1.56, 50.0: 2.14}  # size to steady error of the paper, n_s = 1 [N]
+Key = tuple[float, int, Reading]  # size [N], n_s, reading of equation 8
+READINGS: tuple[Reading, ...] = ("held", "recursive")
+KEYS: tuple[Key, ...] = (
+    *((size, 1, "held") for size in SOURCE),
+    (50.0, 10, "held"),
+    *((50.0, 30, reading) for reading in READINGS),
+)
+
+
+def force_step(size: float, steps: int, reading: Reading = "held") -> Response:
+    """A step of the force of the paper's cylinder at 23.2 mm."""
+    place, gain, spring, preload, level = 23.2e-3, 18.09, 300.0, 5.0, 2.4
+    rest = spring * place + preload
+    supply: Chain = make_chain([second_order(2.13 / 0.03, 0.7)])
+    plant = ForcePlant(
+        lambda u: (gain * u - rest - level, gain * u - rest + level),
+        supply, Port("command", "V"), STEP, position=place,
+    )  # fmt: skip
+    controller = FeedforwardForceController(
+        lambda f, x, s: (f + spring * x + preload + level * s) / gain,
+        STEP, Smoothing(steps, reading),
+    )  # fmt: skip
+    return run_loop(plant, controller, Reference("step", size=size, at=AT), 1.0, 0.0)
+
+
+def metrics(r: Response) -> StepMetrics:
+    """Metrics of a step of the force."""
+    return step_metrics(r.time, r.output, float(r.reference[-1]), at=AT)
+
+
+def run() -> dict[Key, Response]:
+    """Every step of the page."""
+    return {key: force_step(*key) for key in KEYS}
+
+
+def rows(runs: Mapping[Key, Response]) -> list[str]:
+    """Steps against the paper."""
+    found = []
+    for size, source in SOURCE.items():
+        m = metrics(runs[size, 1, "held"])
+        found.append(row(f"{size:g} N, n_s = 1: steady error", f"{source:g} N",
+                         f"{abs(m.steady_state_error):.2f} N"))  # fmt: skip
+        found.append(row(f"{size:g} N, n_s = 1: rise time", "about 0.03 s", f"{m.rise_time:.3f} s"))
+    plain = metrics(runs[50.0, 1, "held"])
+    for reading in READINGS:
+        smooth = metrics(runs[50.0, 30, reading])
+        over = 100.0 * (smooth.overshoot_target / plain.overshoot_target - 1.0)
+        error = 100.0 * (abs(smooth.steady_state_error / plain.steady_state_error) - 1.0)
+        settled = "never" if smooth.settling_time is None else f"{smooth.settling_time:.2f} s"
+        name = f"50 N, n_s 1 to 30, {reading}"
+        found += [
+            row(f"{name}: overshoot", "-88.1 %", f"{over:.1f} %"),
+            row(f"{name}: steady error", "-80.3 %", f"{error:.1f} %"),
+            row(f"{name}: settling time (2 % of the target)", "about 0.25 s", settled),
+        ]
+    middle = metrics(runs[50.0, 10, "held"])
+    found.append(row("50 N, n_s = 10: steady error", "between",
+                     f"{abs(middle.steady_state_error):.2f} N"))  # fmt: skip
+    return found

@@ -1,0 +1,28 @@
+"""What every section of the page needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+STEP = 0.01  # [s], of the controllers
+HEAD = ["| what | source | here |", "|---|---|---|"]
+
+
+def row(what: str, source: str, ours: str) -> str:
+    """A row of a table."""
+    return f"| {what} | {source} | {ours} |"
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """A transfer function by its coefficients."""
+
+    numerator: tuple[float, ...]
+    denominator: tuple[float, ...]
+    dead_time: float = 0.0
+
+
+def second_order(frequency: float, ratio: float) -> Transfer:
+    """Valve of gain 1."""
+    w = frequency
+    return Transfer((w * w,), (1.0, 2.0 * ratio * w, w * w))

@@ -1,0 +1,113 @@
+"""The maps that a force controller and its machine are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..block import Port
+from ..errors import UsageError
+from ..routines import Argument, Routine
+from .controllers.force import ForceMap
+from .parts import Parts, refuse, supplies_of
+
+
+@dataclass(frozen=True)
+class ForceMaps:
+    """What a force controller knows of its machine.
+
+    Attributes
+    ----------
+    forward, inverse
+        Blocks of the force, and of what drives the cylinder to it; one spring is both.
+    gain, offset
+        Steady drive of ``forward`` per command, and without any: those of valve and line where
+        the map takes what comes out of them.
+    """
+
+    forward: Any
+    inverse: Any
+    gain: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def to_command(self) -> tuple[float, float]:
+        """Gain and offset with which ``drive = gain command + offset`` is what ``inverse`` gives.
+
+        A network of the command gives the command itself.
+        """
+        return (self.gain, self.offset) if self.inverse is self.forward else (1.0, 0.0)
+
+    def command_for(self, force: float, place: float, state: float) -> float:
+        """Command for a force [N] at a position [m] in a motion state."""
+        gain, offset = self.to_command
+        if self.inverse is self.forward:
+            return (float(self.inverse.inverse(force, place, state)) - offset) / gain
+        return call_network(self.inverse, force=force, position=place, direction=state)
+
+    def force_of(self, command: float, place: float, state: float) -> float:
+        """Force [N] of a command that has been applied for long."""
+        return forward_of(self.forward)(self.gain * command + self.offset, place, state)
+
+    def inverse_routine(self) -> tuple[Routine, Argument]:
+        """What a controller calls for the drive or command of a force, and what that gives.
+
+        Raises
+        ------
+        UsageError
+            When the file of the map does not say which commands its logs held.
+        """
+        routines = self.inverse.routines()
+        found = next((r for r in routines if r.name == "command_for"), routines[0])
+        role = self.inverse.input.role if self.inverse is self.forward else self.inverse.target
+        covered = self.inverse.validity.get(role)
+        if covered is None:
+            raise UsageError(
+                f"the file of {self.inverse.family} holds no range of {role!r}",
+                remedy="Fit it again: files of today hold it.",
+            )
+        span = covered.high - covered.low
+        about = "what command_for gives"
+        target = Argument("target", found.unit, about, covered.low - span, covered.high + span,
+                          recorded=False)  # fmt: skip
+        return replace(found, name="command_for"), target
+
+
+def force_maps(parts: Parts) -> ForceMaps:
+    """The maps of a force controller (``UsageError`` where there are none, or too many)."""
+    forward, drive = force_block(parts)
+    networks = [b for b in parts.blocks.get("network", ()) if b.target != "force"]
+    spring = parts.one("spring")
+    if len(networks) > 1 or not (networks or spring):
+        raise refuse(parts.kind)
+    inverse, supplies = networks[0] if networks else spring, supplies_of(parts)
+    if drive.role == "command" or not supplies:
+        return ForceMaps(forward, inverse)
+    chain, offset, _ = supplies[0]
+    return ForceMaps(forward, inverse, chain.gain, offset)
+
+
+def force_block(parts: Parts) -> tuple[Any, Port]:
+    """The block of the force, and what drives it (``UsageError``)."""
+    spring = parts.one("spring")
+    if spring is not None:
+        return spring, spring.input
+    networks = [b for b in parts.blocks.get("network", ()) if b.target == "force"]
+    if len(networks) != 1:
+        raise refuse(parts.kind)
+    network = networks[0]
+    role = "pressure" if "pressure" in network.inputs else "command"
+    return network, Port(role, network.validity[role].unit if role in network.validity else "")
+
+
+def forward_of(block: Any) -> ForceMap:
+    """Force of a drive, position and motion state."""
+    if "preload" in block.parameters:
+        return lambda u, x, s: float(block(u, x, s))
+    role = "pressure" if "pressure" in block.inputs else "command"
+    return lambda u, x, s: call_network(block, **{role: u}, position=x, direction=s)
+
+
+def call_network(block: Any, **values: float) -> float:
+    """Output of a network for those of its inputs that are known; the rest are zero."""
+    return float(block(**{name: values.get(name, 0.0) for name in block.inputs}))
