@@ -37,6 +37,8 @@ def force(p: Mapping[str, float], u: Array, x: Array, v: Array, s: Array) -> Arr
     """Force of the rod."""
     gain = p.get("pressure_gain", p.get("area", 0.0))
     lost = np.where(s > 0.0, p["coulomb_loading"], -p["coulomb_unloading"])
+    if "stribeck" in p:
+        lost = lost + s * p["stribeck"] * np.exp(-((v / p["stribeck_speed"]) ** 2))
     return gain * u - p["stiffness"] * x - p["preload"] - lost - p["viscous"] * v
 
 

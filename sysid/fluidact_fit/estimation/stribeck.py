@@ -7,7 +7,7 @@ for over the range of the motion first.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -190,7 +190,7 @@ def undetermined(
     half = {n: found.half_width(n) for n in STRIBECK if n in found.names}
     seen = f"the logs show motion from {low:.2g} to {high:.2g} {units[1]}"
     if least and low == least:
-        seen += ", and slower motion is lost in its noise"
+        seen += ", and slower motion is lost in its noise: record it with less"
     speeds, needed = _count_speeds(speed, least), 2 + len(half)
     if speeds < needed:
         reason = f"that takes {needed} clearly different speeds, and the strokes have {speeds}."
@@ -204,4 +204,5 @@ def undetermined(
         reason = f"its speed would be {found_speed}; {seen}."
     else:
         return []
+    reason += " What rise there is counts as Coulomb and viscous friction."
     return [Refusal(n, reason) for n in STRIBECK if n in found.names]
