@@ -70,9 +70,9 @@ def free_names(asked: bool, fixed: Mapping[str, float]) -> tuple[str, ...]:
     return tuple(n for n in STRIBECK if asked and n not in fixed)
 
 
-def rise_words(values: Mapping[str, Any], sign: str) -> str:
-    """The term in the equation of a file, empty where there is no rise; ``sign`` is its sign."""
-    return f" + {sign}*stribeck*exp(-(v/stribeck_speed)^2)" * bool(values.get("stribeck"))
+def rise_words(values: Mapping[str, Any], sign: str, speed: str = "v") -> str:
+    """The term in the equation of a file, empty where there is no rise; its sign and speed."""
+    return f" + {sign}*stribeck*exp(-({speed}/stribeck_speed)^2)" * bool(values.get("stribeck"))
 
 
 def slowest_and_fastest(speed: FloatArray, least: float = 0.0) -> tuple[float, float]:

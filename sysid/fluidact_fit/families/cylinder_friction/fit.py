@@ -24,7 +24,7 @@ from .samples import (
     half_range,
     moving_speeds,
     sides_moved,
-)
+)  # fmt: skip
 from .stribeck import linearise
 
 LEVELS = ("coulomb_positive", "coulomb_negative")

@@ -16,12 +16,10 @@ from ...experiment import Experiment, FloatArray
 from ...routines import Routine
 from ...specification import scalars
 from .case import read_machine
-from .equations import EDGES, LOSSES, Machine, chamber_flow
+from .equations import EDGES, FRICTION, LOSSES, Machine, chamber_flow
 from .networks import NETWORKS, Network, network_of
 from .options import HydraulicCylinderOptions
 from .simulation import simulate_run
-
-FRICTION = ("viscous", "coulomb")
 
 
 class HydraulicBlock(Block):
@@ -41,6 +39,10 @@ class HydraulicBlock(Block):
 
     def _values(self, *names: str) -> dict[str, float]:
         return scalars({n: self.parameters[n] for n in names})
+
+    @property
+    def _law(self) -> FrictionLaw:
+        return FrictionLaw.of(self._values(*(n for n in FRICTION if n in self.parameters)))
 
     def _of_chamber(self, chamber: int) -> dict[str, float]:
         """What the flow of one chamber depends on."""
@@ -84,7 +86,7 @@ class HydraulicBlock(Block):
         v = np.asarray(velocity, float)
         if network:
             return self._network("friction", "friction")(v.reshape(-1, 1)).reshape(v.shape)
-        return FrictionLaw.of(self._values(*FRICTION)).moving(v)
+        return self._law.moving(v)
 
     def _feeding(self, extending: bool, *pressures: float) -> tuple[int, float]:
         """Chamber that meters the flow in, the other one where that is not known; its pressure."""
@@ -131,8 +133,7 @@ class HydraulicBlock(Block):
         known = {n: self.argument(n, "measured") for n in names if n in self.validity}
         values = {i: self._of_chamber(i) for i in self._known}
         nets = {n: network_of(self.parameters, n) for n in NETWORKS}
-        law = FrictionLaw.of(self._values(*(n for n in FRICTION if n in self.parameters)))
-        return CylinderRoutines(self._machine, values, known, law, nets).all()
+        return CylinderRoutines(self._machine, values, known, self._law, nets).all()
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Position from the inputs of an experiment; see :meth:`.Block.predict`.

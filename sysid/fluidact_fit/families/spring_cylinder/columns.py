@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -79,7 +80,8 @@ def make_columns(names: Sequence[str], d: Run, rise: Rise) -> FloatArray:
 
 def instrumented(d: Run) -> Run:
     """The run with the instruments of its noisy columns in their place."""
-    return replace(d, instruments={}, **{n: i.values for n, i in d.instruments.items()})
+    columns: dict[str, Any] = {name: i.values for name, i in d.instruments.items()}
+    return replace(d, instruments={}, **columns)
 
 
 def disturbances(names: Sequence[str], runs: Sequence[Run], rise: Rise) -> Iterator[FloatArray]:
