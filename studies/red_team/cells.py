@@ -24,6 +24,8 @@ CELLS = (
     ("line", "noise on the inlet", "multisine, 0.1 bar of 2"),
     ("line", "noise on the inlet", "multisine, 0.2 bar of 2"),
     ("spring-cylinder", "noise of the position", "0.2 mm, stroke 3 mm"),
+    ("spring-cylinder", "Stribeck asked for", "2 N, 4 mm/s"),
+    ("spring-cylinder", "Stribeck asked for", "2 N, 4 mm/s, noise of the velocity, 1 mm/s"),
     ("hydraulic-motor", "noise of the command", "0.05 % of range"),
     ("line", "cut in motion, long dead time"),
     ("cylinder-friction", "force in steps", "0.2 N, quiet, strokes"),

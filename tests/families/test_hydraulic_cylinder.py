@@ -241,15 +241,25 @@ def test_friction_sticks_slips_and_turns_like_an_independent_simulation(coulomb:
     assert np.abs(states[:, 2] - rows[:, 2]).max() < 1e-6
 
 
-def test_sensitivities_go_through_stops_and_break_aways() -> None:
-    plant = replace(attacks.Plant(), coulomb=900.0)
+@pytest.mark.parametrize(
+    ("plant", "free"),
+    [
+        (replace(attacks.Plant(), coulomb=900.0), ("coulomb", "dead_zone_positive", "viscous")),
+        (
+            replace(attacks.Plant(), coulomb=200.0, stiction=100.0, shape=2.0),
+            ("coulomb", "stribeck", "stribeck_speed"),
+        ),
+    ],
+)
+def test_sensitivities_go_through_stops_and_break_aways(
+    plant: attacks.Plant, free: tuple[str, ...]
+) -> None:
     time = 1e-3 * np.arange(600)
     command = attacks.commands(np.random.default_rng(3), time.size, 6.0, plant.edges)
     rows = attacks.simulate(plant, time, command)
     log = gray_log(np.column_stack((time, command, rows)))
     box = GrayBox([log], MACHINE, 3600.0, segment=599)
     start, values = np.append(rows[0], 0.0), plant.truth()
-    free = ("coulomb", "dead_zone_positive", "viscous")
     slopes = box.integrate(log, start[None], values, free)[1][0]
     noise = np.array([2e4, 2e4, 5e-5])
     for k, name in enumerate(free):

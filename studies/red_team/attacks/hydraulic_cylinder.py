@@ -22,7 +22,8 @@ class Plant:
     """A machine: what is given to the fit, what is estimated, and what the fit does not know.
 
     ``stiction`` is what the friction has above its Coulomb level at rest [N], gone at a few
-    times ``stribeck`` [m/s]; ``leakage`` [m3/(s Pa)] passes the piston.
+    times ``stribeck`` [m/s] as ``exp(-(v / stribeck)^shape)``; ``leakage`` [m3/(s Pa)] passes the
+    piston.
     """
 
     area_1: float = 4.91e-4
@@ -40,6 +41,7 @@ class Plant:
     coulomb: float = 35.0
     stiction: float = 0.0
     stribeck: float = 0.01
+    shape: float = 1.0
     leakage: float = 0.0
     middle: float = 0.1
 
@@ -58,6 +60,8 @@ class Plant:
             "bulk_modulus": self.bulk_modulus,
             "dead_zone_negative": self.edges[0], "dead_zone_positive": self.edges[1],
             "viscous": self.viscous, "coulomb": self.coulomb,
+            **({"stribeck": self.stiction, "stribeck_speed": self.stribeck} if self.shape == 2.0
+               else {}),
         }  # fmt: skip
 
 
@@ -69,7 +73,9 @@ def _orifice(k: float, drop: float, loss: float) -> float:
 
 def _friction(m: Plant, v: float) -> float:
     """Level of the dry friction at a speed [N]."""
-    return m.coulomb + (m.stiction * math.exp(-abs(v) / m.stribeck) if m.stiction else 0.0)
+    if not m.stiction:
+        return m.coulomb
+    return m.coulomb + m.stiction * math.exp(-((abs(v) / m.stribeck) ** m.shape))
 
 
 def _rates(m: Plant, x: State, u: float, way: float) -> State:
@@ -278,6 +284,8 @@ def _bounds(
             plant, losses=tuple(p[f"line_loss_{i}"] for i in (1, 2, 3, 4)),  # type: ignore[arg-type]
             gain=p["valve_gain_1"], bulk_modulus=p["bulk_modulus"], viscous=p["viscous"],
             edges=(p["dead_zone_negative"], p["dead_zone_positive"]), coulomb=p["coulomb"],
+            stiction=p.get("stribeck", plant.stiction),
+            stribeck=p.get("stribeck_speed", plant.stribeck),
         )  # fmt: skip
         return list((simulate(m, time, u, fine=2) / [noise[0], noise[0], noise[1]]).T)
 
@@ -333,6 +341,22 @@ def attacks() -> Iterator[Attack]:
     yield attack(
         "stribeck", "900 N and 300 N more", replace(Plant(), coulomb=900.0, stiction=300.0)
     )
+    rising = replace(Plant(), coulomb=200.0, stiction=100.0, shape=2.0)
+    small = replace(MICRO, stiction=6.0, shape=2.0)
+    wanted = {"stribeck": "estimate"}
+    yield attack("Stribeck", "100 N, 0.01 m/s", rising)
+    yield attack("Stribeck asked for", "100 N, 0.01 m/s", rising, options=wanted,
+                 bounds=partial(_bounds, rising))  # fmt: skip
+    yield attack("Stribeck asked for", "60 N, 0.02 m/s",
+                 replace(rising, coulomb=35.0, stiction=60.0, stribeck=0.02),
+                 options=wanted)  # fmt: skip
+    yield attack("Stribeck asked for", "900 N, 300 N, 0.01 m/s",
+                 replace(rising, coulomb=900.0, stiction=300.0), options=wanted)  # fmt: skip
+    yield attack("Stribeck asked for", "micro-actuator, 5 kHz", small, options=wanted,
+                 step=2e-4, volts=5.0, noise=(3e4, 5e-6), n=1500)  # fmt: skip
+    yield attack("Stribeck asked for", "there is none", options=wanted)
+    yield attack("Stribeck asked for", "another shape", replace(rising, shape=1.0),
+                 options=wanted)  # fmt: skip
     for role, lag in (("pressure_1", 2e-3), ("position", 2e-3)):
         yield attack("sensor lag", f"{role} 2 ms", spoil=partial(_lagging, role=role, lag=lag))
     yield attack("sensors", "rounded",

@@ -37,6 +37,8 @@ def force(p: Mapping[str, float], u: Array, x: Array, v: Array, s: Array) -> Arr
     """Force of the rod."""
     gain = p.get("pressure_gain", p.get("area", 0.0))
     lost = np.where(s > 0.0, p["coulomb_loading"], -p["coulomb_unloading"])
+    if "stribeck" in p:
+        lost = lost + s * p["stribeck"] * np.exp(-((v / p["stribeck_speed"]) ** 2))
     return gain * u - p["stiffness"] * x - p["preload"] - lost - p["viscous"] * v
 
 
@@ -144,6 +146,19 @@ def attacks() -> Iterator[Attack]:
         yield _attack("recording", what, spoil=partial(_spoil, what=what), repetitions=3)
     yield _attack("recording", "vibration, stroke 3 mm", stroke=0.003,
                   spoil=partial(_spoil, what="vibration"), repetitions=3)  # fmt: skip
+    rising = {**TRUTH, "stribeck": 2.0, "stribeck_speed": 0.004}
+    wanted = {"stribeck": "estimate"}
+    yield _attack("Stribeck", "2 N, 4 mm/s", rising, repetitions=2)
+    yield _attack("Stribeck asked for", "2 N, 4 mm/s", rising, options=wanted,
+                  bounds=_bounds(rising), repetitions=3)  # fmt: skip
+    noises = (("position", 2e-5, "mm"), ("position", 1e-4, "mm"), ("velocity", 1e-3, "mm/s"))
+    for role, size, unit in noises:
+        name = f"2 N, 4 mm/s, noise of the {role}, {1e3 * size:g} {unit}"
+        yield _attack("Stribeck asked for", name, rising, options=wanted, noise={role: size},
+                      velocity=role == "velocity",
+                      repetitions=2)  # fmt: skip
+    yield _attack("Stribeck asked for", "stroke 1 mm", rising, options=wanted, stroke=1e-3)
+    yield _attack("Stribeck asked for", "there is none", options=wanted, repetitions=2)
     yield _attack("recording", "half a cycle", n=200, repetitions=3)
     yield _attack("recording", "one cycle", n=400, repetitions=3)
     yield _attack("wrong number given", "area 10 % off", BY_PRESSURE,

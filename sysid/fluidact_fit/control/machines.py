@@ -129,7 +129,7 @@ def hydraulic_cylinder(block: Any) -> HydraulicCylinder:
         )
     one, two, volume_1, volume_2, mass, supply = (float(given[n]) for n in names)
     values = block.numbers()
-    law = FrictionLaw.of({n: values[n] for n in ("viscous", "coulomb")})
+    law = FrictionLaw.of(values)
     return HydraulicCylinder(
         (one, two), (volume_1, volume_2), mass, values["bulk_modulus"], supply,
         float(given.get("tank-pressure") or 0.0), law,

@@ -19,6 +19,7 @@ References
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
@@ -81,6 +82,13 @@ class FrictionLaw:
             side("breakaway", "positive"), side("breakaway", "negative"),
             float(values.get("stribeck", 0.0)), float(values.get("stribeck_speed", 0.0)),
         )  # fmt: skip
+
+    @property
+    def fall(self) -> float:
+        """Steepest fall of friction with the speed, ``sqrt(2 / e)`` of level over speed."""
+        if self.stribeck_speed <= 0.0:
+            return 0.0
+        return math.sqrt(2.0 / math.e) * self.stribeck / self.stribeck_speed
 
     def moving(self, velocity: npt.ArrayLike, direction: npt.ArrayLike | None = None) -> FloatArray:
         """Friction that has to be overcome to move, shape of ``velocity``.

@@ -48,6 +48,7 @@ import numpy as np
 from ...errors import Notice
 from ...estimation.friction_law import FrictionLaw
 from ...estimation.parametric import check_request
+from ...estimation.stribeck import STRIBECK, rise_words, stribeck_specs
 from ...experiment import Experiment, Hold
 from ...family import (
     Curve,
@@ -78,12 +79,6 @@ from .samples import (
     prepare,
     sides_moved,
     simulate_force,
-)
-from .stribeck import STRIBECK
-
-_SLOWER = (
-    "Record steady strokes at several speeds on either side of the one at which friction is least; "
-    "leave --stribeck out if it does not rise towards rest."
 )
 
 
@@ -125,24 +120,7 @@ def _parameters(axis: Axis) -> tuple[ParameterSpec, ...]:
             )
             for s in SIDES
         ),
-        ParameterSpec(
-            "stribeck",
-            axis.force_unit,
-            "friction at the slowest motion, above the kinetic level",
-            neutral=0.0,
-            minimum=0.0,
-            optional=True,
-            remedy=_SLOWER,
-        ),
-        ParameterSpec(
-            "stribeck_speed",
-            axis.speed_unit,
-            "speed at which 1/e of that is left",
-            neutral=0.0,
-            minimum=0.0,
-            optional=True,
-            remedy=_SLOWER,
-        ),
+        *stribeck_specs(axis.force_unit, axis.speed_unit),
     )
 
 
@@ -302,8 +280,7 @@ class CylinderFriction(Family[FrictionOptions]):
         return {
             "friction": {
                 "equation": f"coulomb_positive*(v>0) - coulomb_negative*(v<0) + {viscous}"
-                + " + sign(v)*stribeck*exp(-(v/stribeck_speed)^2)"
-                * bool(plant.values.get("stribeck")),
+                + rise_words(plant.values, "sign(v)"),
                 "input": {"name": axis.speed, "unit": axis.speed_unit},
                 "output": {"name": axis.drive, "unit": axis.force_unit},
                 **plant.numbers,

@@ -9,14 +9,23 @@ import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError, UsageError
 from ...estimation.results import Refusal, Solved, determine
+from ...estimation.stribeck import free_names, undetermined
 from ...estimation.uncertainty import t_quantile
 from ...experiment import FloatArray
 from ...family import ParameterSpec, Quantity, Request, Variant
 from .axis import LINEAR, Axis
 from .options import ONE_SIDED, SIDES, FrictionOptions
 from .regression import Regression, System
-from .samples import Data, at_speeds, both_ways, group_by_log, half_range, sides_moved
-from .stribeck import free_names, linearise, undetermined
+from .samples import (
+    Data,
+    at_speeds,
+    both_ways,
+    group_by_log,
+    half_range,
+    moving_speeds,
+    sides_moved,
+)  # fmt: skip
+from .stribeck import linearise
 
 LEVELS = ("coulomb_positive", "coulomb_negative")
 SECOND_SPEED = 1.5  # ratio of two speeds that are clearly different
@@ -98,7 +107,7 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
     end = determine(
         _Problem(data, limits, options, asked, low).solve,
         lambda found: (
-            undetermined(found.free, data)
+            undetermined(found.free, moving_speeds(data), (axis.force_unit, axis.speed_unit))
             or _undetermined(found.free, data, options.rates, ranges, noise)
         ),
         specs,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...errors import NotIdentifiedError, UsageError
+from ...estimation.stribeck import stribeck_choice
 from ...experiment import Experiment
 from ...options import FamilyOptions, choice, number, settled
 from ...specification import Variant
@@ -38,12 +39,7 @@ class FrictionOptions(FamilyOptions):
         ("auto", "estimate", "none"),
         "constant offset of what drives: estimated where the levels need one, always, or never",
     )
-    stribeck: str = choice(
-        "none",
-        ("none", "estimate"),
-        "whether to estimate how friction rises at low speed",
-        "stribeck",
-    )
+    stribeck: str = stribeck_choice()
     viscous: str = choice(
         "symmetric",
         ("symmetric", "asymmetric"),

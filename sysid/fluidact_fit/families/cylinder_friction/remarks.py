@@ -104,14 +104,7 @@ def _warn_of_shape(fit: Fit) -> Iterator[Notice]:
     held = {n: v for n, v in fit.found.free.values.items() if n not in names}
     found = other_shape(fit.data, names, held)
     if found is not None:
-        shape, share = found
-        yield Notice(
-            "friction-shape",
-            f"friction {shape} would fit better with as many unknowns ({100.0 * share:.2g} % less "
-            "squared misfit): the levels and stribeck depend on the shape that is supposed. Use "
-            "the law within the speeds of the logs only, and judge it there by the picture "
-            "(--plot); steady strokes at more speeds show the shape.",
-        )
+        yield found
 
 
 def _warn_of_spikes(fit: Fit) -> Iterator[Notice]:

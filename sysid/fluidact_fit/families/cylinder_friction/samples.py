@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.friction_law import FrictionLaw, stribeck_share
+from ...estimation.stribeck import with_speed
 from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulated, Variant
 from .axis import Axis, axis_of, driven_by_pressure, motion_role
@@ -248,18 +249,9 @@ def at_speeds(motion: Motion, speeds: Mapping[str, tuple[float, float]]) -> Mask
     return near
 
 
-def slowest_and_fastest(data: Sequence[Data]) -> tuple[float, float]:
-    """Range of the speeds of the kept samples but for the slowest percent [m/s]."""
-    speed = np.abs(np.concatenate([d.speed for d in data]))
-    return float(max(np.quantile(speed, 0.01), 1e-3 * speed.max())), float(speed.max())
-
-
-def _with_speed(law: FrictionLaw, data: Sequence[Data]) -> FrictionLaw:
-    """A law with a Stribeck level and no speed, as a fit is tested for it, gets one amid all."""
-    if not law.stribeck or law.stribeck_speed > 0.0 or not count_kept(data):
-        return law
-    low, high = slowest_and_fastest(data)
-    return replace(law, stribeck_speed=float(np.sqrt(low * high)))
+def moving_speeds(data: Sequence[Data]) -> FloatArray:
+    """Velocities of the kept samples of all runs [m/s]."""
+    return np.concatenate([d.speed for d in data])
 
 
 def simulate_force(
@@ -271,7 +263,8 @@ def simulate_force(
     counts as zero there, and the sample as not described.
     """
     data, options = prepare(plant.variant, experiments, plant.options)
-    law, offsets = _with_speed(FrictionLaw.of(plant.numbers), data), {}
+    law = FrictionLaw.of(with_speed(plant.numbers, moving_speeds(data)))
+    offsets: dict[int, float] = {}
     if options.force_offset:
         offsets = {d.experiment.log: (offset or 0.0) * d.scale for d in data}
         offsets |= _find_offsets(data, law, offset is None)

@@ -17,7 +17,7 @@ from ...experiment import Experiment, FloatArray
 from ...routines import Argument, Routine
 from ...specification import scalars
 from .case import read_machine
-from .equations import EDGES, LOSSES, Machine, chamber_flow
+from .equations import EDGES, FRICTION, LOSSES, Machine, chamber_flow
 from .networks import NETWORKS, Network, network_of
 from .options import HydraulicCylinderOptions
 from .simulation import simulate_run
@@ -25,7 +25,6 @@ from .simulation import simulate_run
 if TYPE_CHECKING:
     from .routines import CylinderRoutines
 
-FRICTION = ("viscous", "coulomb")
 _FAR = 100.0  # supply pressures: nothing that oil does goes as far
 
 
@@ -46,6 +45,10 @@ class HydraulicBlock(FlowBlock):
 
     def _values(self, *names: str) -> dict[str, float]:
         return scalars({n: self.parameters[n] for n in names})
+
+    @property
+    def _law(self) -> FrictionLaw:
+        return FrictionLaw.of(self._values(*(n for n in FRICTION if n in self.parameters)))
 
     def _of_chamber(self, chamber: int) -> dict[str, float]:
         """What the flow of one chamber depends on."""
@@ -89,7 +92,7 @@ class HydraulicBlock(FlowBlock):
         v = np.asarray(velocity, float)
         if network:
             return self._network("friction", "friction")(v.reshape(-1, 1)).reshape(v.shape)
-        return FrictionLaw.of(self._values(*FRICTION)).moving(v)
+        return self._law.moving(v)
 
     def _feeding(self, extending: bool, *pressures: float) -> tuple[int, float]:
         """Chamber that meters the flow in, the other one where that is not known; its pressure."""
@@ -147,8 +150,7 @@ class HydraulicBlock(FlowBlock):
 
         values = {i: self._of_chamber(i) for i in self._known}
         nets = {n: network_of(self.parameters, n) for n in NETWORKS}
-        law = FrictionLaw.of(self._values(*(n for n in FRICTION if n in self.parameters)))
-        return CylinderRoutines(self._machine, values, known, law, nets)
+        return CylinderRoutines(self._machine, values, known, self._law, nets)
 
     def predict(self, experiment: Experiment) -> FloatArray:
         """Position from the inputs of an experiment; see :meth:`.Block.predict`.

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...estimation.parametric import Values
 from ...estimation.separable import Array, Mask
+from ...estimation.stribeck import STRIBECK
 from ...experiment import FloatArray
 
 EDGES = ("dead_zone_negative", "dead_zone_positive")
@@ -18,8 +19,15 @@ GRAY_NAMES = (
     "valve_gain_1", "valve_gain_2", "line_loss_1", "line_loss_2", "line_loss_3", "line_loss_4",
     "bulk_modulus", *EDGES, "viscous", "coulomb",
 )  # fmt: skip
+THETA = (*GRAY_NAMES, *STRIBECK)
+FRICTION = ("viscous", "coulomb", *STRIBECK)
 LOSSES = {1: ("line_loss_1", "line_loss_3"), 2: ("line_loss_4", "line_loss_2")}
 SIGN = {1: 1.0, 2: -1.0}  # of the motion that makes a chamber larger
+
+
+def gray_values(values: Values) -> dict[str, float]:
+    """What the gray box needs of the parameters of a file, with a Stribeck rise if there is one."""
+    return {n: float(values.get(n, 0.0) if n in STRIBECK else values[n]) for n in THETA}
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Servo-hydraulic cylinder: valve gains, line losses, bulk modulus, dead zone, friction.
 
     M y'' = p1 A1 - p2 A2 - B y' - F_c sgn(y')                             (1)
+            - F_s exp(-(y' / v_s)^2) sgn(y')  with ``--stribeck``
     p1' =  beta / (V1 + A1 y) (Q1 - A1 y')                                 (2)
     p2' = -beta / (V2 - A2 y) (Q2 - A2 y')                                 (3)
     Q1 = K1 u sqrt(p_s - p1 - l1), u >= 0;  K1 u sqrt(p1 - p_0 - l3), u < 0
@@ -48,6 +49,7 @@ import numpy as np
 from ...errors import Notice, NotIdentifiedError
 from ...estimation.parametric import check_request
 from ...estimation.results import refuse
+from ...estimation.stribeck import free_names, rise_words, stribeck_specs
 from ...experiment import Experiment, Hold
 from ...family import (
     Estimate,
@@ -65,7 +67,7 @@ from ...family import (
 )
 from .block import HydraulicBlock
 from .case import Case, check_settled, make_case
-from .equations import GRAY_NAMES
+from .equations import THETA
 from .gray_fit import fit_gray
 from .networks import LAYERS, NETWORKS, fit_networks, flow_view
 from .options import HydraulicCylinderOptions
@@ -86,6 +88,10 @@ _EDGE_REMEDY = (
 _FRICTION_REMEDY = (
     "Record both pressures over strokes in both directions at two speeds or more, and give both "
     "areas."
+)
+_NEEDS_ALL = (
+    "it shows in the simulation of pressures and motion, which needs --mass, --dead-volume-1 and "
+    "--dead-volume-2, and logs of both pressures that it can follow."
 )
 
 
@@ -127,6 +133,7 @@ def _specs() -> tuple[ParameterSpec, ...]:
                       neutral=0.0, minimum=0.0, remedy=_FRICTION_REMEDY),
         ParameterSpec("coulomb", "N", "dry friction of the piston",
                       neutral=0.0, minimum=0.0, remedy=_FRICTION_REMEDY),
+        *stribeck_specs("N", "m/s"),
         *networks,
     )  # fmt: skip
 
@@ -152,7 +159,8 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
     name = "hydraulic-cylinder"
     title = "Hydraulic cylinder: valve gains, line losses, bulk modulus and friction"
     equation = (
-        "mass y'' = p1 area_1 - p2 area_2 - viscous y' - coulomb sgn(y'); "
+        "mass y'' = p1 area_1 - p2 area_2 - viscous y' - coulomb sgn(y') "
+        "- sgn(y') * stribeck * exp(-(y' / stribeck_speed)^2); "
         "p' = +-bulk_modulus / volume (Q - area y'); Q = valve_gain u sqrt(drop - line_loss |Q|)"
     )
     variants = (Variant("hydraulic-cylinder", _ROLES, _specs()),)
@@ -218,8 +226,8 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
                 "u < 0 line_loss_3, line_loss_2",
                 "pressure": "p1' = bulk_modulus / (V1 + A1 y) (Q1 - A1 y'), "
                 "p2' = -bulk_modulus / (V2 - A2 y) (Q2 - A2 y')",
-                "friction": "viscous y' + coulomb sgn(y')",
-                **{n: v[n] for n in GRAY_NAMES if n in v},
+                "friction": "viscous y' + coulomb sgn(y')" + rise_words(v, "sgn(y')", "y'"),
+                **{n: v[n] for n in THETA if n in v},
             },
             **({"networks": layers} if layers else {}),
         }
@@ -277,6 +285,7 @@ def _by_flow_balance(
     """Flow balance over windows, friction beside it; ``notices`` come first."""
     from scipy.linalg import block_diag
 
+    low = free_names(case.options.stribeck == "estimate", case.request.fixed)
     first, rows, specs = fit_flow(case, lenient=False), case.friction, case.variant.parameters
     parameters, order, matrix = first.quantities(specs)
     notices = [*notices, *first.notices]
@@ -292,8 +301,9 @@ def _by_flow_balance(
         if spec.name in case.request.fixed:
             given = float(case.request.fixed[spec.name])
             parameters[spec.name] = Quantity(given, spec.unit, "fixed")
-        elif not spec.optional:
-            notices.append(refuse(spec, "it needs the pressures of both chambers."))
+        elif spec.name in low or not spec.optional:
+            reason = _NEEDS_ALL if spec.name in low else "it needs the pressures of both chambers."
+            notices.append(refuse(spec, reason))
             parameters[spec.name] = Quantity(spec.neutral or 0.0, spec.unit, "not_identified")
     notices += [
         Notice(

@@ -15,11 +15,12 @@ from ...estimation.inputs import piecewise
 from ...estimation.parametric import Values
 from ...experiment import Experiment, FloatArray
 from ...signals import smooth
-from .equations import EDGES, GRAY_NAMES, Machine
+from .equations import EDGES, THETA, Machine, gray_values
 from .stick_slip import segment_function
 
 CHANNELS = ("pressure_1", "pressure_2", "position")
 _STEP = 5e-4  # s: longest Runge-Kutta step
+_FALL = 0.5  # growth of a speed over a step where friction falls with it
 _ANGLE = 0.3  # rad of the pressure resonance that a step may turn
 _STIFF = 1e9  # Pa: bulk modulus of the resonance that the steps are made for
 _MOST_STEPS = 16  # per sample
@@ -103,13 +104,14 @@ class Linear:
 class GrayBox:
     """Simulation and sensitivities of several logs, in segments of so many samples.
 
-    The viscous friction to be expected [N s/m] and the pressure resonance set the number of
-    Runge-Kutta steps per sample.
+    The viscous friction to be expected, the steepest ``fall`` of friction with the speed, both
+    [N s/m], and the pressure resonance set the number of Runge-Kutta steps per sample.
     """
 
     def __init__(
-        self, logs: Sequence[GrayLog], machine: Machine, viscous: float, segment: int = 50
-    ) -> None:
+        self, logs: Sequence[GrayLog], machine: Machine, viscous: float, segment: int = 50,
+        fall: float = 0.0,
+    ) -> None:  # fmt: skip
         self.logs, self.machine = list(logs), machine
         self.segment = min(segment, *(log.samples - 1 for log in logs))
         step = max(float(np.max(log.step)) for log in self.logs)
@@ -118,7 +120,8 @@ class GrayBox:
             machine.area(i) ** 2 / float(machine.volume(i, middle)) for i in (1, 2)
         )
         # Runge-Kutta of order 4 is stable up to 2.78 / h and exact enough below 0.3 / omega
-        needed = step * max(viscous / mass / 2.0, 1.0 / _STEP, np.sqrt(stiffness / mass) / _ANGLE)
+        rates = viscous / mass / 2.0, fall / mass / _FALL, np.sqrt(stiffness / mass) / _ANGLE
+        needed = step * max(1.0 / _STEP, *rates)
         self.steps = int(np.clip(np.ceil(needed - 1e-9), 1, _MOST_STEPS))
 
     def _inputs(self, log: GrayLog) -> FloatArray:
@@ -196,4 +199,7 @@ class GrayBox:
 
 
 def _theta(values: Values) -> FloatArray:
-    return np.array([[values[n]] for n in GRAY_NAMES])
+    numbers = gray_values(values)
+    if numbers["stribeck_speed"] <= 0.0:  # no rise, whatever its speed
+        numbers |= {"stribeck": 0.0, "stribeck_speed": 1.0}
+    return np.array([[numbers[n]] for n in THETA])

@@ -8,21 +8,25 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import Notice
+from ...estimation.friction_law import FrictionLaw
 from ...estimation.noise import noise_floor
 from ...estimation.parametric import Values, make_unknowns
 from ...estimation.results import Refusal, Solved, determine, left_open, refuse
+from ...estimation.stribeck import STRIBECK, free_names, undetermined
 from ...estimation.uncertainty import enlarge
 from ...experiment import Experiment, FloatArray
 from ...family import Estimate, Quantity
 from .case import Case
 from .command_noise import command_noise
-from .equations import GRAY_NAMES
+from .equations import GRAY_NAMES, THETA
 from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log
-from .gray_search import GrayProblem, GraySolution, solve_gray_box
+from .gray_rise import find_rise
+from .gray_search import GrayProblem, GraySolution, moving_speeds, solve_gray_box
 from .nearby import Nearby
 from .options import HydraulicCylinderOptions
 from .regression import directional_gains, fit_flow, fit_friction, not_shown, sensible_widths
 
+_MARGIN = 1.5  # by which friction may fall more steeply than where the search for it ended
 _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says something
 
 
@@ -36,13 +40,33 @@ class _Search:
         friction = make_unknowns(case.variant.parameters, (*scales,), scales, case.request)
         self.unknowns = {**first.unknowns, **friction}
         logs = [make_gray_log(e, case.machine) for e in case.experiments]
-        self.box = GrayBox(logs, case.machine, scales["viscous"])
+        fall = FrictionLaw.of(case.request.fixed).fall
+        self.box = GrayBox(logs, case.machine, scales["viscous"], fall=fall)
         self.sigma = _noise(case.experiments)
+        self.low = free_names(case.options.stribeck == "estimate", case.request.fixed)
 
     def solve(self, held: Mapping[str, float]) -> GraySolution:
-        """Estimate what is not held; the weights follow the residuals."""
-        free = [self.unknowns[n] for n in GRAY_NAMES if n not in held]
-        begin, initial = {**self.start, **held}, None
+        """Estimate what is not held, a Stribeck rise from several speeds."""
+        low = [n for n in self.low if n not in held]
+        if not low or self.start.get("stribeck_speed"):
+            return self._refine(held, low)
+        first = self.start
+        plain = self._refine({**held, **dict.fromkeys(low, 0.0)})
+        found = find_rise(plain, first, low, held, self.case)
+        self.unknowns |= {u.name: u for u in found.problem.free}
+        self.start = found.values
+        fall = _MARGIN * FrictionLaw.of(found.values).fall
+        box = found.problem.box
+        self.box = GrayBox(box.logs, box.machine, found.values["viscous"], fall=fall)
+        return self._refine(held, low, found.initial)
+
+    def _refine(
+        self, held: Mapping[str, float], low: Sequence[str] = (),
+        initial: Sequence[FloatArray] | None = None,
+    ) -> GraySolution:  # fmt: skip
+        """Search from the last values; the weights follow the residuals."""
+        free = [self.unknowns[n] for n in (*GRAY_NAMES, *low) if n not in held]
+        begin = {**self.start, **held}
         for _ in range(3):
             solution = solve_gray_box(GrayProblem(self.box, free, self.sigma), begin, initial)
             begin, initial = solution.values, solution.initial
@@ -67,6 +91,10 @@ class _Search:
             sensible["bulk_modulus"] *= _CERTAIN / 0.5
             matrix[k, k] = np.inf if solution.active[k] else matrix[k, k]
         solved = Solved(solution.values, names, matrix, uncertainty.degrees)
+        rise = undetermined(solved, moving_speeds(solution))
+        if rise:
+            return rise
+        sensible |= dict.fromkeys(STRIBECK, np.inf)  # that was all about them
         specs = [self.case.variant.parameter(n) for n in names]
         # what can be left out goes first: a gain may be sure once the losses are gone
         dispensable = {s.name: s for s in specs if s.neutral is not None}
@@ -76,7 +104,11 @@ class _Search:
     def check_bulk_modulus(self, solution: GraySolution) -> None:
         """Refuse a bulk modulus that looks certain only because losses or dead zone were held."""
         names = solution.problem.names
-        every = [self.unknowns[n] for n in GRAY_NAMES if n not in self.case.request.fixed]
+        every = [
+            self.unknowns[n]
+            for n in THETA
+            if n in names or (n in GRAY_NAMES and n not in self.case.request.fixed)
+        ]
         if "bulk_modulus" not in names or len(every) == len(names):
             return
         wide = replace(solution.problem, free=every)
@@ -94,7 +126,7 @@ class _Search:
 def fit_gray(case: Case) -> Estimate[HydraulicCylinderOptions]:
     """Output error of pressures and position, refusing what the data do not determine."""
     search = _Search(case)
-    fixed = {n: float(v) for n, v in case.request.fixed.items() if n in GRAY_NAMES}
+    fixed = {n: float(v) for n, v in case.request.fixed.items() if n in THETA}
     specs = {s.name: s for s in case.variant.parameters}
     found = determine(
         search.solve, search.undetermined, specs, fixed=fixed,

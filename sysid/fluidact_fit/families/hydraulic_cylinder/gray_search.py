@@ -279,6 +279,14 @@ def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     return q, q.T @ columns
 
 
+def moving_speeds(solution: GraySolution) -> FloatArray:
+    """Velocities while the piston moves, measured ones where it never does, ``(n,)`` [m/s]."""
+    v = np.concatenate([s[:, 3] for s in solution.states])
+    if not v.any():
+        v = np.concatenate([log.guess[:, 3] for log in solution.problem.box.logs])
+    return np.asarray(v[v != 0.0])
+
+
 def without(q: FloatArray, rows: FloatArray) -> FloatArray:
     """Rows with what orthonormal columns can say projected out."""
     return rows - q @ (q.T @ rows)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from ...estimation.stribeck import with_speed
 from ...experiment import Experiment
 from ...family import Plant, Simulated
 from .case import read_machine
 from .gray_box import CHANNELS, GrayBox, GrayLog, mean_command
-from .gray_search import GraySolution, without
+from .gray_search import GraySolution, moving_speeds, without
 from .options import HydraulicCylinderOptions
 
 
@@ -28,7 +29,8 @@ class Nearby:
         self, plant: Plant[HydraulicCylinderOptions], experiments: Sequence[Experiment]
     ) -> list[Simulated]:
         """Simulate the fitted runs, in their order; see :meth:`.Family.simulate`."""
-        box, plain = self.solution.problem.box, plant.numbers
+        box = self.solution.problem.box
+        plain = with_speed(plant.numbers, moving_speeds(self.solution))
         machine = read_machine(plant.options, (1, 2))
         other = GrayBox(box.logs, machine, plain["viscous"], box.segment)
         other.steps = box.steps  # another step would be another error of integration

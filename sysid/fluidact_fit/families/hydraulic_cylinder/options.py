@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ...estimation.stribeck import stribeck_choice
 from ...options import FamilyOptions, choice, number, settled
 
 STAGES = ("gray-box", "flow-balance", "plateaus")
@@ -43,6 +44,7 @@ class HydraulicCylinderOptions(FamilyOptions):
         ("coulomb", "mlp"),
         "Coulomb and viscous friction alone, or a network of the speed beside them",
     )
+    stribeck: str = stribeck_choice()
     stage: str | None = settled(
         "choice",
         "what was fitted: all states, the flow over short windows with the compression of the oil "

@@ -7,9 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...errors import LogError
+from ...estimation.friction_law import FrictionLaw
 from ...estimation.parametric import Fitted, NamedModel, Values, fit_named, make_unknowns
 from ...estimation.results import Refusal
 from ...estimation.separable import Basis, Unknown
+from ...estimation.stribeck import STRIBECK
 from ...estimation.uncertainty import covariance, t_quantile
 from ...experiment import FloatArray
 from ...family import Quantity
@@ -169,6 +171,7 @@ def fit_friction(case: Case, lenient: bool = False) -> Fitted:
     """Viscous and Coulomb friction by linear regression; an offset where both directions moved."""
     rows, specs = case.friction, case.variant.parameters
     v, f = rows.speed[rows.moving], rows.force[rows.moving]
+    f = f - FrictionLaw.of({n: case.request.fixed.get(n, 0.0) for n in STRIBECK}).moving(v)
     both = not lenient and (v > 0.0).any() and (v < 0.0).any()
     table = np.column_stack([v, np.sign(v), *([np.ones(v.size)] if both else ())])
     basis = Basis(np.zeros(v.size), table, np.zeros((v.size, 0)))

@@ -12,11 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import LogError, UsageError
+from ...estimation.friction_law import FrictionLaw
 from ...estimation.parametric import Values
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Simulated
 from .case import check_volumes, read_machine
-from .equations import GRAY_NAMES, Machine, mean_flow
+from .equations import Machine, gray_values, mean_flow
 from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log, mean_command
 from .gray_search import GrayProblem, solve_gray_box
 from .options import HydraulicCylinderOptions
@@ -77,17 +78,18 @@ def _all_states(
     e: Experiment, machine: Machine, values: Values, options: HydraulicCylinderOptions
 ) -> FloatArray:
     """States of the gray box, ``(n, 4)``; the first is fitted where there is a position."""
+    fall = FrictionLaw.of(values).fall
     if "position" in e:
-        box = GrayBox([make_gray_log(e, machine)], machine, values["viscous"])
+        box = GrayBox([make_gray_log(e, machine)], machine, values["viscous"], fall=fall)
         sigma = np.array([getattr(options, f"residual_{c}") or 1.0 for c in CHANNELS])
-        solution = solve_gray_box(GrayProblem(box, (), sigma), {n: values[n] for n in GRAY_NAMES})
+        solution = solve_gray_box(GrayProblem(box, (), sigma), gray_values(values))
         return solution.states[0]
     rest = machine.at_rest(options.rest_position or 0.0)
     log = GrayLog(
         mean_command(e), np.diff(e.time), (), np.zeros((0, e.samples)),
         np.tile(rest, (e.samples, 1)),
     )  # fmt: skip
-    box = GrayBox([log], machine, values["viscous"])
+    box = GrayBox([log], machine, values["viscous"], fall=fall)
     states = box.simulate(log, rest, values)
     _require_oil(e, machine, states[:, 2])
     return states

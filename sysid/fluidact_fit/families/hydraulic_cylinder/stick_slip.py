@@ -2,13 +2,13 @@
 
 While the piston slips one way, or sticks, the equations are smooth:
 
-    v' = (push - viscous v - s coulomb) / mass,   s = sgn v     while slipping,
-    v' = 0, v = 0  while |push| <= coulomb        while stuck,
+    v' = (push - viscous v - s level(v)) / mass,  s = sgn v     while slipping,
+    v' = 0, v = 0  while |push| <= level(0)       while stuck,
 
-``push = p1 A1 - p2 A2``. Where the speed reaches zero, or the push the level of the friction, the
-instant is solved for inside the Runge-Kutta step, and another step begins there: nothing is
-smoothed. At a stop the sensitivities jump [1]_. Of ``dx+ = dx- + (f- - f+) dt*`` with
-``dt* = -dv- / f-_v`` only
+with ``push = p1 A1 - p2 A2`` and ``level(v) = coulomb + stribeck exp(-(v / stribeck_speed)^2)``.
+Where the speed reaches zero, or the push the level of the friction at rest, the instant is solved
+for inside the Runge-Kutta step, and another step begins there: nothing is smoothed. At a stop the
+sensitivities jump [1]_. Of ``dx+ = dx- + (f- - f+) dt*`` with ``dt* = -dv- / f-_v`` only
 
     dv+ = dv- f+_v / f-_v
 
@@ -26,7 +26,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
-from .equations import GRAY_NAMES, LOSSES, Machine
+from .equations import LOSSES, THETA, Machine
 
 _ROUND = 1e4  # Pa: pressure drop below which the square root of an orifice is rounded off
 _EVENTS = 3  # within a step; a piston that rattles faster rests for what is left of it
@@ -59,7 +59,7 @@ def _size(free: tuple[str, ...] | None) -> int:
 
 
 def _theta(kind: Any) -> Any:
-    return kind.sym("theta", len(GRAY_NAMES))
+    return kind.sym("theta", len(THETA))
 
 
 def _arguments(kind: Any, size: int) -> list[Any]:
@@ -159,7 +159,8 @@ def _push(x: Any, machine: Machine) -> Any:
 
 
 def _level(theta: Any) -> Any:
-    return theta[GRAY_NAMES.index("coulomb")]
+    """Friction at rest and in the slowest motion."""
+    return theta[THETA.index("coulomb")] + theta[THETA.index("stribeck")]
 
 
 def _way_from_rest(ca: Any, x: Any, theta: Any, machine: Machine) -> Any:
@@ -175,7 +176,7 @@ def _flow_function(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> A
     z, change = x, rate
     if free is not None:
         s = ca.SX.sym("s", 4, 4 + len(free))
-        which = [GRAY_NAMES.index(n) for n in free]
+        which = [THETA.index(n) for n in free]
         forced = ca.horzcat(ca.SX(4, 4), ca.jacobian(rate, theta)[:, which])
         z = ca.vertcat(x, ca.vec(s))
         change = ca.vertcat(rate, ca.vec(ca.mtimes(ca.jacobian(rate, x), s) + forced))
@@ -199,7 +200,7 @@ def _halted(ca: Any, z: Any, way: Any) -> Any:
 
 def _rates(ca: Any, x: Any, u: Any, theta: Any, way: Any, machine: Machine) -> Any:
     """Equations 1 to 4 with dead zone, losses and dry friction, as CasADi expressions."""
-    p = dict(zip(GRAY_NAMES, ca.vertsplit(theta)))
+    p = dict(zip(THETA, ca.vertsplit(theta)))
     beyond = ca.fmax(u - p["dead_zone_positive"], 0.0) + ca.fmin(u - p["dead_zone_negative"], 0.0)
     extending = beyond >= 0.0
     sign = ca.if_else(extending, 1.0, -1.0)
@@ -218,6 +219,7 @@ def _rates(ca: Any, x: Any, u: Any, theta: Any, way: Any, machine: Machine) -> A
     area_1, area_2 = machine.area(1), machine.area(2)
     dp1 = p["bulk_modulus"] / machine.volume(1, y) * (flow(1, p1) - area_1 * v)
     dp2 = -p["bulk_modulus"] / machine.volume(2, y) * (flow(2, p2) - area_2 * v)
-    friction = p["viscous"] * v + p["coulomb"] * way
+    level = p["coulomb"] + p["stribeck"] * ca.exp(-((v / p["stribeck_speed"]) ** 2))
+    friction = p["viscous"] * v + level * way
     slipping = (p1 * area_1 - p2 * area_2 - friction) / machine.mass
     return ca.vertcat(dp1, dp2, v, ca.if_else(way == 0.0, 0.0, slipping))

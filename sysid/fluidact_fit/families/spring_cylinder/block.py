@@ -30,7 +30,10 @@ class SpringCylinderBlock(Block):
     def __call__(
         self, drive: _Array, position: _Array, direction: _Array = 0.0, velocity: _Array = 0.0
     ) -> FloatArray:
-        """Force [N] at a command [V] or pressure [Pa], position [m] and velocity [m/s]."""
+        """Force [N] at a command [V] or pressure [Pa], position [m] and velocity [m/s].
+
+        With a Stribeck rise friction at velocity 0 is that of the slowest motion.
+        """
         return self._law.force(drive, position, direction, velocity)
 
     def inverse(

@@ -5,7 +5,8 @@
     p   = k_u u                                    (4)
     F_r = c_l while loading, -c_u while unloading, plus b v
 
-so that ``F = k_F u - k x - F_0 - c_l [s > 0] + c_u [s < 0] - b v`` with the pressure gain
+and with ``--stribeck`` either level higher by ``F_s exp(-(v / v_s)^2)``, so that
+``F = k_F u - k x - F_0 - c_l [s > 0] + c_u [s < 0] - b v`` with the pressure gain
 ``k_F = k_u A`` [N/V], or the area ``A`` [m2] where the pressure was measured [1]_. ``F`` is
 the force of the rod, positive as it pushes out. The command for a wanted force is the exact
 inverse (equation 5)
@@ -33,6 +34,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...estimation.friction_law import FrictionLaw
+from ...estimation.stribeck import STRIBECK
 from ...experiment import FloatArray
 from ...routines import Expression
 
@@ -54,7 +56,9 @@ class SpringLaw:
     def of(cls, values: Mapping[str, float]) -> Self:
         """Read the law off the parameters of a file."""
         gain = next(values[n] for n in GAINS.values() if n in values)
-        friction = FrictionLaw(*(values[n] for n in (*LEVELS, "viscous", "viscous")))
+        levels = (values[n] for n in (*LEVELS, "viscous", "viscous"))
+        rise = {n: values.get(n, 0.0) for n in STRIBECK}
+        friction = FrictionLaw(*levels, **rise)
         return cls(gain, values["stiffness"], values["preload"], friction)
 
     def _lost(self, position: _Array, direction: _Array, velocity: _Array) -> FloatArray:

@@ -1,6 +1,6 @@
 """Single-acting cylinder with a return spring: equations 1 to 6 of the paper as a gray box.
 
-Linear in all parameters: one regression, robust against load-cell spikes.
+Linear in all parameters but the Stribeck speed: one regression, robust against load-cell spikes.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 
 from ...errors import Notice, NotIdentifiedError, UsageError
 from ...estimation.parametric import check_request
+from ...estimation.stribeck import rise_words, stribeck_specs, with_speed
 from ...experiment import Experiment, Hold
 from ...family import (
     Curve,
@@ -28,6 +29,7 @@ from ...family import (
     Variant,
 )
 from .block import SpringCylinderBlock
+from .columns import fitted_velocities
 from .data import Run, prepare
 from .equation import GAINS, LEVELS, SpringLaw
 from .options import SpringOptions
@@ -64,6 +66,7 @@ def _make_variant(drive: Role, gain: ParameterSpec) -> Variant:
             ParameterSpec("viscous", "N s/m", "viscous friction", neutral=0.0, minimum=0.0,
                           remedy="Record strokes at two speeds or more, the faster the better, "
                           "with time or velocity."),
+            *stribeck_specs("N", "m/s"),
         ),
     )  # fmt: skip
 
@@ -75,7 +78,8 @@ class SpringCylinder(Family[SpringOptions]):
     title = "Single-acting cylinder: pressure gain, return spring and hysteresis"
     equation = (
         "force = pressure_gain * command (or area * pressure) - stiffness * position - preload "
-        "- coulomb_loading [loading] + coulomb_unloading [unloading] - viscous * velocity"
+        "- coulomb_loading [loading] + coulomb_unloading [unloading] - viscous * velocity "
+        "- direction * stribeck * exp(-(velocity / stribeck_speed)^2)"
     )
     variants = (
         _make_variant(
@@ -106,7 +110,8 @@ class SpringCylinder(Family[SpringOptions]):
             )
         runs, options = prepare(variant, experiments, request.options)
         options = settle_levels(options, request.fixed)
-        samples, least = sum(int(d.kept.sum()) for d in runs), 2 * len(variant.parameters)
+        samples = sum(int(d.kept.sum()) for d in runs)
+        least = 2 * sum(not p.optional for p in variant.parameters)
         if samples < least:
             raise NotIdentifiedError(
                 f"{samples} samples with a known motion state cannot determine the cylinder.",
@@ -123,7 +128,7 @@ class SpringCylinder(Family[SpringOptions]):
             )
         return Estimate(
             parameters, derived, order, matrix, replace(options, spike=found.spike),
-            [*notices, *_warn_of_spikes(found, samples)], _details(found, runs, options.settle),
+            [*notices, *_remarks(found, samples)], _details(found, runs, options.settle),
         )  # fmt: skip
 
     def simulate(
@@ -133,8 +138,9 @@ class SpringCylinder(Family[SpringOptions]):
         offset: float | None = None,
     ) -> list[Simulated]:
         """Force from command or pressure and motion; see :meth:`Family.simulate`."""
-        law, out = SpringLaw.of(plant.numbers), []
-        for d in prepare(plant.variant, experiments, plant.options)[0]:
+        runs, _ = prepare(plant.variant, experiments, plant.options)
+        law, out = SpringLaw.of(with_speed(plant.numbers, fitted_velocities(runs))), []
+        for d in runs:
             force = d.predict(law)
             spike = np.abs(d.force - force) > (plant.options.spike or np.inf)  # not so where NaN
             out.append(Simulated(force, d.kept & ~spike))
@@ -145,6 +151,7 @@ class SpringCylinder(Family[SpringOptions]):
         drive = plant.variant.name
         gain = GAINS[drive]
         friction = "coulomb_loading*(s>0) - coulomb_unloading*(s<0) + viscous*v"
+        friction += rise_words(plant.values, "s")
         return {
             "cylinder": {
                 "force": f"{gain}*{drive} - stiffness*x - preload - ({friction})",
@@ -212,7 +219,10 @@ def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str,
     }
 
 
-def _warn_of_spikes(found: Regression, samples: int) -> Iterator[Notice]:
+def _remarks(found: Regression, samples: int) -> Iterator[Notice]:
+    shape = found.other_shape()
+    if shape is not None:
+        yield shape
     if found.spikes:
         yield Notice(
             "force-spikes",

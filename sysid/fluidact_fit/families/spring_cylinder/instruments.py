@@ -95,7 +95,10 @@ def instruments(
             out[name] = Instrument(_of_neighbours(values), sigma)
     if "position" in out and "velocity" not in e:
         sigma = out["position"].noise * motion.gain
-        out["velocity"] = Instrument(_of_slope(position, REACH), sigma)
+        slope = _of_slope(position, REACH)
+        size = float(np.sum(slope[motion.inside] ** 2)) or 1.0
+        share = float(slope[motion.inside] @ motion.rate[motion.inside]) / size
+        out["velocity"] = Instrument(share * slope, sigma)
     return out
 
 

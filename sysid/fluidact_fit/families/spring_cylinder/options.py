@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ...estimation.stribeck import stribeck_choice
 from ...options import FamilyOptions, choice, number, settled
 
 
@@ -17,6 +18,7 @@ class SpringOptions(FamilyOptions):
         "friction levels: equal, free (needs --fix preload=...), or auto: free where a constant "
         "is fixed",
     )
+    stribeck: str = stribeck_choice()
     motion_state: str = choice(
         "auto",
         ("auto", "direction", "command", "position"),

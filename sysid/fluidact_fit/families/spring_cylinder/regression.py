@@ -2,7 +2,8 @@
 
 There are three constants and two branches: ``F_0``, ``c_l`` and ``c_u`` show only as
 ``F_0 + c_l`` and ``F_0 - c_u``. Unless the preload (or a level) is given with ``--fix``, the
-two levels are taken to be equal.
+two levels are taken to be equal. The Stribeck speed, in which the force is not linear, is searched
+for on a grid and then by Gauss-Newton steps.
 
 References
 ----------
@@ -18,30 +19,49 @@ import numpy as np
 
 from ...errors import LogError, Notice, UsageError
 from ...estimation.results import Refusal, Solved, determine
+from ...estimation.stribeck import (
+    STRIBECK,
+    RiseSearch,
+    free_names,
+    shape_notice,
+    undetermined,
+)
 from ...estimation.uncertainty import Uncertainty, covariance
 from ...experiment import FloatArray
 from ...family import ParameterSpec, Request
 from ...specification import Variant
+from .columns import (
+    EQUAL,
+    Rise,
+    disturbances,
+    fitted_velocities,
+    instrumented,
+    make_columns,
+    speed_noise,
+    speed_range,
+)
 from .data import Run
 from .equation import GAINS, LEVELS
 from .options import SpringOptions
 
-_EQUAL = "coulomb"  # stands for both levels where they are taken to be equal
 _HUBER = 2.5  # threshold in robust standard deviations
-_CARRIER = {"stiffness": "position", "viscous": "velocity"} | dict.fromkeys(GAINS.values(), "drive")
 _BIASED = 0.3  # standard errors of bias by noise of a column from which instruments are used
 SPIKE = 8.0  # robust standard deviations beyond which a lone sample counts as a spike
+_ENOUGH = 4000  # samples on which the Stribeck speed is searched for
+_STEPS = 12  # from one Stribeck speed to the next
+_SETTLED = 1e-3  # relative change of the Stribeck speed at which they end
 _SENSIBLE = 2.0  # half-width of an interval, relative to the value, beyond which it is useless
 
 
 @dataclass(frozen=True)
 class Regression:
-    """A robust regression: what it solved, what was held included, and residuals per run.
+    """A robust regression of a system: values, what was held included, and residuals per run.
 
     ``scale`` is the robust standard deviation of the residuals, ``spike`` the distance beyond
     which a sample has no weight [N], ``order`` that of their autoregression.
     """
 
+    system: _System
     solved: Solved
     residuals: list[FloatArray]
     scale: float
@@ -57,7 +77,13 @@ class Regression:
     @property
     def equal(self) -> bool:
         """Whether both levels are one unknown."""
-        return _EQUAL in self.solved.names
+        return EQUAL in self.solved.names
+
+    def other_shape(self) -> Notice | None:
+        """Say that another law of the rise fits better with as many unknowns, where one does."""
+        if not set(STRIBECK) <= set(self.solved.names):
+            return None
+        return shape_notice(self.system.search(), self.system.search(exponent=1.0))
 
 
 def settle_levels(options: SpringOptions, fixed: Mapping[str, float]) -> SpringOptions:
@@ -89,78 +115,132 @@ def regress(
     NotIdentifiedError, LogError
         When a parameter without a neutral value is undetermined, or of the wrong sign.
     """
-    specs, fixed = {s.name: s for s in variant.parameters}, request.fixed
+    fixed = request.fixed
+    low = free_names(request.options.stribeck == "estimate", fixed)
+    specs = {s.name: s for s in variant.parameters if not s.optional or s.name in (*low, *fixed)}
     resolution = max(d.experiment.signals["force"].resolution for d in runs) / np.sqrt(12.0)
 
     def solve(held: Mapping[str, float]) -> Regression:
         free = [n for n in specs if n not in held]
         if request.options.levels == "equal" and not any(n in held for n in LEVELS):
-            free = [_EQUAL if n == LEVELS[0] else n for n in free if n != LEVELS[1]]
-        return _solve(runs, free, held, (resolution, request.options.spike or 0.0))
+            free = [EQUAL if n == LEVELS[0] else n for n in free if n != LEVELS[1]]
+        least = resolution, request.options.spike or 0.0
+        return _System(runs, tuple(free), held, least).solve()
 
     end = determine(
-        solve, lambda found: _undetermined(found.solved, specs), specs, fixed=fixed,
-        refusals=_out_of_reach(runs, variant, fixed),
+        solve,
+        lambda found: (
+            undetermined(found.solved, fitted_velocities(runs), least=speed_noise(runs))
+            or _undetermined(found.solved, specs)
+        ),
+        specs, fixed=fixed, refusals=_out_of_reach(runs, variant, fixed, low),
     )  # fmt: skip
     found = end.solution
-    source = {n: _EQUAL if found.equal and n in LEVELS else n for n in specs}
+    source = {n: EQUAL if found.equal and n in LEVELS else n for n in specs}
     solved = replace(found.solved.renamed(source), fixed=fixed, refused=end.refused)
     return found, solved, end.notices
 
 
-def _columns(names: Sequence[str], d: Run) -> FloatArray:
-    """Derivative of the force by parameters at the kept samples, shape ``(kept, p)``."""
-    s = d.direction[d.kept]
-    known = {
-        "stiffness": -d.position[d.kept],
-        "preload": np.full(s.size, -1.0),
-        "coulomb_loading": np.where(s > 0.0, -1.0, 0.0),
-        "coulomb_unloading": np.where(s < 0.0, 1.0, 0.0),
-        _EQUAL: -np.sign(s),
-        "viscous": -d.velocity[d.kept],
-        **dict.fromkeys(GAINS.values(), d.drive[d.kept]),
-    }
-    return np.stack([known[n] for n in names], axis=1)
-
-
-def _solve(
-    runs: Sequence[Run], names: Sequence[str], held: Mapping[str, float],
-    least: tuple[float, float],
-) -> Regression:  # fmt: skip
-    """Least squares, or with instruments where noise of a column would bias it.
+@dataclass(frozen=True)
+class _System:
+    """What stays the same from attempt to attempt: runs, unknowns, values held.
 
     ``least`` is the smallest scale of the residuals, and the smallest distance at which a
     sample loses its weight [N].
     """
-    every = [_columns([*names, *held], d) for d in runs]
-    known = np.array([0.0] * len(names) + list(held.values()))
-    a = np.vstack(every)[:, : len(names)]
-    y = np.concatenate([d.force[d.kept] - c @ known for d, c in zip(runs, every)])
-    cuts = np.cumsum([c.shape[0] for c in every])[:-1]
-    timed = all(d.experiment.time.size > 0 for d in runs)
 
-    def spread(of: _Robust) -> Uncertainty:
-        root, residual = np.sqrt(of.weight), y - a @ of.values
-        rows = np.split(root[:, None] * of.columns, cuts)
-        return covariance(rows, np.split(root * residual, cuts), robust=timed)
+    runs: Sequence[Run]
+    names: tuple[str, ...]
+    held: Mapping[str, float]
+    least: tuple[float, float]
 
-    best = _reweighted(a, a, y, least)
-    found = spread(best)
-    z, variance = _instruments(runs, names, a)
-    # what noise of the columns does to least squares: it adds to their squares
-    normal, added = (best.weight[:, None] * a).T @ a, variance.T @ best.weight
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    scaled = normal / np.outer(size, size)
-    bias = np.linalg.lstsq(scaled, added * best.values / size, rcond=1e-12)[0] / size
-    errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-    biased = bool(np.any(np.abs(bias) > _BIASED * errors))
-    if biased:
-        best = _reweighted(a, z, y, least)
+    def equations(
+        self, rise: Rise, names: Sequence[str], instead: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """Columns of some unknowns ``(n, p)`` and what they have to explain ``(n,)`` [N].
+
+        ``instead``: of the instruments in place of noisy columns.
+        """
+        held = {n: v for n, v in self.held.items() if n != "stribeck_speed"}
+        runs = [instrumented(d) for d in self.runs] if instead else self.runs
+        every = [make_columns([*names, *held], d, rise) for d in runs]
+        known = np.array([0.0] * len(names) + list(held.values()))
+        a = np.vstack(every)
+        force = np.concatenate([d.force[d.kept] for d in runs])
+        return a[:, : len(names)], force - a @ known
+
+    def solve(self) -> Regression:
+        """Solve, about one Stribeck speed after the other where that is unknown."""
+        rise = self._start()
+        found = self._about(rise)
+        if "stribeck_speed" not in self.names:
+            return found
+        low, high = speed_range(self.runs)
+        for _ in range(_STEPS):
+            level, speed = (found.solved.values[n] for n in STRIBECK)
+            # no further at once than where the term is still the same one
+            speed = float(np.clip(speed, 0.6 * rise.speed, 1.6 * rise.speed))
+            speed = float(np.clip(speed, 0.5 * low, 2.0 * high))
+            if abs(speed - rise.speed) < _SETTLED * speed:
+                break
+            rise = Rise(level, speed)
+            found = self._about(rise)
+        return found
+
+    def search(self, exponent: float = 2.0) -> RiseSearch:
+        """The Stribeck speed over the range of the motion, on part of the samples."""
+        names = [n for n in self.names if n != "stribeck_speed"]
+        thin = slice(None, None, -(-sum(int(d.kept.sum()) for d in self.runs) // _ENOUGH))
+
+        def solve(speed: float) -> tuple[float, float]:
+            """Squared mean size of the residuals [N2], which spikes hardly change, and level."""
+            a, y = (x[thin] for x in self.equations(Rise(0.0, speed, exponent), names))
+            best = _reweighted(a, a, y, self.least)
+            level = {**self.held, **dict(zip(names, best.values.tolist()))}["stribeck"]
+            return float(np.mean(np.abs(y - a @ best.values))) ** 2, level
+
+        return RiseSearch(speed_range(self.runs), solve)
+
+    def _start(self) -> Rise:
+        if "stribeck_speed" in self.names:
+            return Rise(*self.search().best())
+        return Rise(*(self.held.get(n, 0.0) for n in STRIBECK))
+
+    def _about(self, rise: Rise) -> Regression:
+        """Least squares, or with instruments where noise of a column would bias it."""
+        a, y = self.equations(rise, self.names)
+        cuts = np.cumsum([int(d.kept.sum()) for d in self.runs])[:-1]
+        timed = all(d.experiment.time.size > 0 for d in self.runs)
+
+        def spread(of: _Robust) -> Uncertainty:
+            root, residual = np.sqrt(of.weight), y - a @ of.values
+            rows = np.split(root[:, None] * of.columns, cuts)
+            return covariance(rows, np.split(root * residual, cuts), robust=timed)
+
+        best = _reweighted(a, a, y, self.least)
         found = spread(best)
-    values = {**held, **dict(zip(names, best.values.tolist()))}
-    solved = Solved(values, tuple(names), found.covariance, found.degrees)
-    residuals = np.split(y - a @ best.values, cuts)
-    return Regression(solved, residuals, best.scale, best.limit, found.order, biased)
+        errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+        biased = bool(np.any(np.abs(self._bias(rise, a, best)) > _BIASED * errors))
+        if biased:
+            best = _reweighted(a, self.equations(rise, self.names, instead=True)[0], y, self.least)
+            found = spread(best)
+        values = dict(zip(self.names, best.values.tolist()))
+        if "stribeck_speed" in values:
+            values["stribeck_speed"] += rise.speed
+        solved = Solved({**self.held, **values}, self.names, found.covariance, found.degrees)
+        residuals = np.split(y - a @ best.values, cuts)
+        return Regression(self, solved, residuals, best.scale, best.limit, found.order, biased)
+
+    def _bias(self, rise: Rise, a: FloatArray, best: _Robust) -> FloatArray:
+        """What noise of the columns does to least squares: it adds to their products, ``(p,)``."""
+        normal = (best.weight[:, None] * a).T @ a
+        added = sum(
+            c.T @ (best.weight * (c @ best.values))
+            for c in disturbances(self.names, self.runs, rise)
+        )
+        size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        scaled = normal / np.outer(size, size)
+        return np.asarray(np.linalg.lstsq(scaled, added / size, rcond=1e-12)[0] / size)
 
 
 @dataclass(frozen=True)
@@ -203,23 +283,8 @@ def _reweighted(a: FloatArray, z: FloatArray, y: FloatArray, least: tuple[float,
     return _Robust(p, weight, scale, limit, columns)
 
 
-def _instruments(
-    runs: Sequence[Run], names: Sequence[str], a: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Instruments of the columns ``a``, and the variance of their noise, both ``(n, p)``."""
-    z, variance = a.copy(), np.zeros_like(a)
-    begin = 0
-    for d in runs:
-        rows = slice(begin, begin := begin + int(d.kept.sum()))
-        for k, name in enumerate(names):
-            if (found := d.instruments.get(_CARRIER.get(name, ""))) is not None:
-                z[rows, k] = found.values[d.kept]
-                variance[rows, k] = found.noise**2
-    return z, variance
-
-
 def _out_of_reach(
-    runs: Sequence[Run], variant: Variant, fixed: Mapping[str, float]
+    runs: Sequence[Run], variant: Variant, fixed: Mapping[str, float], low: Sequence[str]
 ) -> list[Refusal]:
     """What cannot be determined at any noise: compare what varies with what is needed."""
     drive, position, state, speed = (
@@ -239,7 +304,7 @@ def _out_of_reach(
             refused.setdefault(name, "with one direction it is part of the preload.")
     # 1 mm/s or more, for long enough to count
     if not speed.size or float(np.quantile(np.abs(speed), 0.9)) <= 1e-3:
-        refused["viscous"] = "the piston hardly moves in any log."
+        refused |= dict.fromkeys(("viscous", *low), "the piston hardly moves in any log.")
     return [Refusal(name, reason) for name, reason in refused.items()]
 
 
@@ -261,7 +326,7 @@ def _undetermined(found: Solved, specs: Mapping[str, ParameterSpec]) -> list[Ref
                 remedy=f"Check the sign of the {column}: --scale {column}=-1 reverses it.",
             )
         elif value <= 0.0 or half > _SENSIBLE * abs(value):
-            unit = specs[LEVELS[0] if name == _EQUAL else name].unit
+            unit = specs[LEVELS[0] if name == EQUAL else name].unit
             reason = f"its 95 % interval would be {value:.3g} ± {half:.2g} {unit}."
             if value + half < 0.0:
                 reason = (
@@ -270,5 +335,5 @@ def _undetermined(found: Solved, specs: Mapping[str, ParameterSpec]) -> list[Ref
                     "sign. Check their clocks and --scale."
                 )
         if reason:
-            return [Refusal(n, reason) for n in (LEVELS if name == _EQUAL else (name,))]
+            return [Refusal(n, reason) for n in (LEVELS if name == EQUAL else (name,))]
     return []

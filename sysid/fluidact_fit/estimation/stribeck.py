@@ -1,0 +1,208 @@
+"""How friction rises at low speed: option, parameters, search, and when the logs show none.
+
+The law, ``stribeck exp(-(v / stribeck_speed)^2)`` above the kinetic level, is that of
+:mod:`.friction_law`. It is linear in the level and not in the speed, which is therefore searched
+for over the range of the motion first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..errors import Notice, UsageError
+from ..experiment import FloatArray
+from ..family import ParameterSpec
+from ..options import choice
+from .results import Refusal, Solved
+
+STRIBECK = ("stribeck", "stribeck_speed")
+_ALIKE, _DIFFERENT = 1.1, 1.5  # ratios of speeds that are one, and that are two
+_HELD = 0.01  # least share of the samples that a speed has
+_GRID = 16  # speeds at which the search begins
+_SLOWER = (
+    "Record steady strokes at several speeds on either side of the one at which friction is least; "
+    "leave --stribeck out if it does not rise towards rest."
+)
+
+
+def stribeck_choice() -> Any:
+    """The option ``--stribeck`` of a family."""
+    return choice(
+        "none",
+        ("none", "estimate"),
+        "whether to estimate how friction rises at low speed",
+        "stribeck",
+    )
+
+
+def stribeck_specs(force_unit: str, speed_unit: str) -> tuple[ParameterSpec, ...]:
+    """Level and speed, entries of a family's parameter table."""
+    rows = (
+        ("stribeck", force_unit, "friction at the slowest motion, above the kinetic level"),
+        ("stribeck_speed", speed_unit, "speed at which 1/e of that is left"),
+    )
+    return tuple(
+        ParameterSpec(name, unit, words, neutral=0.0, minimum=0.0, optional=True, remedy=_SLOWER)
+        for name, unit, words in rows
+    )
+
+
+def free_names(asked: bool, fixed: Mapping[str, float]) -> tuple[str, ...]:
+    """Stribeck parameters that are estimated: those asked for and not fixed.
+
+    Raises
+    ------
+    UsageError
+        Where one of them is given and nothing is said of the other.
+    """
+    given = [n for n in STRIBECK if n in fixed]
+    if len(given) == 1 and not asked:
+        (other,) = set(STRIBECK) - set(given)
+        raise UsageError(
+            f"--fix {given[0]} means nothing without {other}",
+            remedy=f"Give --fix {other}=VALUE too, or --stribeck=estimate.",
+        )
+    return tuple(n for n in STRIBECK if asked and n not in fixed)
+
+
+def rise_words(values: Mapping[str, Any], sign: str, speed: str = "v") -> str:
+    """The term in the equation of a file, empty where there is no rise; its sign and speed."""
+    return f" + {sign}*stribeck*exp(-({speed}/stribeck_speed)^2)" * bool(values.get("stribeck"))
+
+
+def slowest_and_fastest(speed: FloatArray, least: float = 0.0) -> tuple[float, float]:
+    """Range of some speeds but for the slowest percent; nothing is known below ``least``."""
+    size = np.abs(speed)
+    fastest = float(size.max())
+    return float(max(np.quantile(size, 0.01), 1e-3 * fastest, least)), fastest
+
+
+def with_speed(values: Mapping[str, float], speed: FloatArray) -> dict[str, float]:
+    """Values of a plant; a Stribeck level without a speed, as a fit is tested for it, gets one.
+
+    It lies amid the speeds of the motion.
+    """
+    out = dict(values)
+    if out.get("stribeck") and not out.get("stribeck_speed") and np.any(speed):
+        out["stribeck_speed"] = float(np.sqrt(np.prod(slowest_and_fastest(speed))))
+    return out
+
+
+@dataclass(frozen=True)
+class RiseSearch:
+    """The Stribeck speed on a grid from the slowest to the fastest motion.
+
+    ``solve`` gives the misfit and the Stribeck level at a speed; all else is linear in it.
+    """
+
+    ends: tuple[float, float]
+    solve: Callable[[float], tuple[float, float]]
+
+    @cached_property
+    def grid(self) -> FloatArray:
+        """Logarithms of the speeds, shape ``(_GRID,)``."""
+        low, high = self.ends
+        return np.linspace(np.log(low), np.log(high), _GRID)
+
+    @cached_property
+    def found(self) -> tuple[FloatArray, FloatArray]:
+        """Misfits and levels over the grid."""
+        costs, levels = zip(*(self.solve(float(np.exp(s))) for s in self.grid))
+        return np.array(costs), np.array(levels)
+
+    def best(self) -> tuple[float, float]:
+        """Level and speed of the best rise towards rest, of the best fall where none rises."""
+        from scipy.optimize import minimize_scalar
+
+        costs, levels = self.found
+        k = int(np.argmin(np.where(levels > 0.0, costs, np.inf) if levels.max() > 0.0 else costs))
+        ends = self.grid[max(k - 1, 0)], self.grid[min(k + 1, _GRID - 1)]
+        at = minimize_scalar(lambda s: self.solve(float(np.exp(s)))[0], bounds=ends,
+                             method="bounded", options={"xatol": 1e-4}).x  # fmt: skip
+        return self.solve(float(np.exp(at)))[1], float(np.exp(at))
+
+
+def shape_notice(own: RiseSearch, exponential: RiseSearch) -> Notice | None:
+    """Say that another law would fit better with as many unknowns, where one does.
+
+    A level that *falls* towards rest is what friction that grows faster than in proportion
+    to the speed looks like.
+    """
+    costs, levels = own.found
+    if levels.max() <= 0.0:
+        return None
+    best = float(np.min(costs[levels > 0.0]))
+    rivals = [
+        (float(np.min(np.where(levels < 0.0, costs, np.inf))),
+         "that grows faster than in proportion to the speed"),
+        (float(np.min(exponential.found[0])),
+         "that falls off from rest as exp(-|v| / stribeck_speed)"),
+    ]  # fmt: skip
+    cost, words = min(rivals)
+    if cost > best:
+        return None
+    return Notice(
+        "friction-shape",
+        f"friction {words} would fit better with as many unknowns "
+        f"({100.0 * (1.0 - cost / best):.2g} % less "
+        "squared misfit): the levels and stribeck depend on the shape that is supposed. Use "
+        "the law within the speeds of the logs only, and judge it there by the picture "
+        "(--plot); steady strokes at more speeds show the shape.",
+    )
+
+
+def _count_speeds(speed: FloatArray, least: float) -> int:
+    """How many clearly different speeds there are; a continuous range counts by its width."""
+    low, _ = slowest_and_fastest(speed, least)
+    bins = np.floor(np.log(np.maximum(np.abs(speed) / low, 1.0)) / np.log(_ALIKE)).astype(int)
+    share = np.bincount(bins) / speed.size
+    held = np.flatnonzero(share >= _HELD)
+    runs = np.split(held, np.flatnonzero(np.diff(held) > 1) + 1)
+    return sum(max(1, round(r.size * np.log(_ALIKE) / np.log(_DIFFERENT))) for r in runs)
+
+
+def undetermined(
+    found: Solved,
+    speed: FloatArray,
+    units: tuple[str, str] = ("N", "m/s"),
+    least: float = 0.0,
+) -> list[Refusal]:
+    """Both parameters, where the rise is not beyond doubt or its speed could be any.
+
+    Parameters
+    ----------
+    speed : (n,)
+        Velocities of the samples that were fitted.
+    units
+        Of force and speed.
+    least
+        Speed below which there is only noise.
+    """
+    if not any(n in found.names for n in STRIBECK):
+        return []
+    level, at = (found.values[n] for n in STRIBECK)
+    low, high = slowest_and_fastest(speed, least)
+    half = {n: found.half_width(n) for n in STRIBECK if n in found.names}
+    seen = f"the logs show motion from {low:.2g} to {high:.2g} {units[1]}"
+    if least and low == least:
+        seen += ", and slower motion is lost in its noise: record it with less"
+    speeds, needed = _count_speeds(speed, least), 2 + len(half)
+    if speeds < needed:
+        reason = f"that takes {needed} clearly different speeds, and the strokes have {speeds}."
+    elif level <= half.get("stribeck", 0.0):
+        rise = f"{level:.3g} ± {half.get('stribeck', 0.0):.2g} {units[0]}"
+        reason = f"friction does not rise beyond doubt at low speed ({rise}); {seen}."
+    elif "stribeck_speed" in half and not (
+        low < at < 0.7 * high and half["stribeck_speed"] < 0.7 * at
+    ):
+        found_speed = f"{at:.2g} ± {half['stribeck_speed']:.2g} {units[1]}"
+        reason = f"its speed would be {found_speed}; {seen}."
+    else:
+        return []
+    reason += " What rise there is counts as Coulomb and viscous friction."
+    return [Refusal(n, reason) for n in STRIBECK if n in found.names]

@@ -1,0 +1,63 @@
+"""Where the search for a Stribeck rise begins: from several speeds, and the best one counts.
+
+Stick and slip make the output anything but linear in the speed at which friction rises; from a
+wrong one the iteration ends beside the answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...estimation.parametric import Values, make_unknowns
+from ...estimation.stribeck import STRIBECK, slowest_and_fastest
+from ...experiment import FloatArray
+from .case import Case
+from .gray_search import GraySolution, moving_speeds, solve_gray_box
+
+_SPEEDS = 6  # to begin with, evenly apart on a logarithmic scale
+_SHARES = (0.3, 0.6)  # of the dry friction that are Stribeck rise at first
+_ROUNDS = ((4, 6), (8, 2), (20, 1))  # steps of the search from each start, and how many go on
+
+
+def find_rise(
+    plain: GraySolution,
+    first: Values,
+    low: Sequence[str],
+    held: Mapping[str, float],
+    case: Case,
+) -> GraySolution:
+    """Add a Stribeck rise, of the unknown parameters ``low``, to a fit without one.
+
+    Its values, and the ``first`` ones that it began with, are what the search begins with: a fit
+    without a rise that is there may be far off.
+    """
+    problem, request = plain.problem, case.request
+    slowest, fastest = slowest_and_fastest(moving_speeds(plain))
+    sizes = {u.name: u.scale for u in problem.free}
+    dry = max(plain.values["coulomb"], sizes.get("coulomb", 0.0))
+    scales = {"stribeck": dry, "stribeck_speed": float(np.sqrt(slowest * fastest))}
+    limits = {"stribeck_speed": (0.5 * slowest, 2.0 * fastest)}
+    unknowns = make_unknowns(case.variant.parameters, low, scales, request, limits)
+    wider = replace(problem, free=[*problem.free, *unknowns.values()])
+    starts: list[tuple[Values, Sequence[FloatArray]]] = []
+    for base in (plain.values, {**plain.values, **{n: first[n] for n in problem.names}}):
+        for speed in np.geomspace(slowest, fastest, _SPEEDS + 2)[1:-1]:
+            for share in _SHARES:
+                begin = {"stribeck": share * dry, "stribeck_speed": float(speed)}
+                begin = {n: request.start.get(n, held.get(n, begin[n])) for n in STRIBECK}
+                if "coulomb" in sizes:
+                    begin["coulomb"] = (1.0 - share) * base["coulomb"]
+                starts.append(({**base, **begin}, plain.initial))
+    best = plain
+    for steps, most in _ROUNDS:
+        ends = [solve_gray_box(wider, values, initial, steps) for values, initial in starts]
+        ends.sort(key=lambda s: s.cost)
+        best, starts = ends[0], [(s.values, s.initial) for s in ends[:most]]
+        request.progress(
+            f"Stribeck friction {best.values['stribeck']:.3g} N at "
+            f"{best.values['stribeck_speed']:.3g} m/s: error {best.cost:.6g}"
+        )
+    return best
