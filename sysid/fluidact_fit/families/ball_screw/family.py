@@ -3,9 +3,11 @@
     J theta'' = tau - b theta' - F_k(sign theta')       moving
     theta' = 0 while -F_s- <= tau <= F_s+               stuck
 
-Kinetic and static level may differ and both may differ by direction [1]_. A linear axis is
-the same with mass, force and position. The motion is solved with events
-(:mod:`.stick_slip`); nothing is smoothed in the estimate.
+Kinetic and static level may differ and both may differ by direction [1]_. Friction falls from the
+one to the other at once when the axis moves, or with ``--stribeck estimate`` over the speed:
+``F = F_k + (F_s - F_k) exp(-(theta' / v_s)^2)``. A linear axis is the same with mass, force and
+position. The motion is solved with events (:mod:`.stick_slip`, :mod:`.curved`); nothing is smoothed
+in the estimate.
 
 Three stages: the inverse dynamics by linear least squares on smoothed derivatives, then
 increments of position (no drift), then position. A one-shot fit of the position from a
@@ -30,7 +32,7 @@ import numpy as np
 
 from ...estimation.information import sensitivity
 from ...estimation.inputs import settled_hold
-from ...estimation.parametric import bind, check_request, fit_named
+from ...estimation.parametric import Fitted, bind, check_request, fit_named
 from ...estimation.separable import solve
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
@@ -52,9 +54,28 @@ from .beyond import BEYOND_HELP, DECISIVE, beyond_notice, residual_to_noise, wit
 from .block import DriveBlock
 from .brackets import Bracket, bracket_levels, bracket_widths, narrow_levels
 from .drive_errors import warn_of_held_noise, with_drive_errors
-from .model import BREAKAWAY, EXCESS, LINEAR, ROTARY, SIDES, Axis, Compared, DriveModel, axis_of
+from .model import (
+    BREAKAWAY,
+    EXCESS,
+    LINEAR,
+    ROTARY,
+    SIDES,
+    SPEED,
+    Axis,
+    Compared,
+    DriveModel,
+    axis_of,
+)
 from .reported import derived_numbers, in_levels, refusal_notices, specs_of_file, with_brackets
 from .stages import Stage, excess_specs, first_stages, initial_speeds, speed_unknowns
+from .stribeck import (
+    fastest,
+    inside_cells,
+    undetermined,
+    with_curve,
+    with_levels,
+    without_level,
+)
 
 UNKNOWN_FORCES = (
     "the motion is dominated by forces beyond this model, which move the instant of "
@@ -97,6 +118,11 @@ def _variant(
             *(ParameterSpec(f"breakaway_{s}", drive_unit, f"static friction, {s} direction",
                             neutral=0.0, minimum=0.0, remedy=slow, threshold=s,
                             base=f"coulomb_{s}") for s in SIDES),
+            ParameterSpec(SPEED, f"{motion_unit}/s",
+                          "speed at which 1/e of the fall from static to kinetic friction is left",
+                          neutral=0.0, minimum=0.0, optional=True,
+                          remedy="Record slow motion: reversals, starts and stops that take many "
+                          "samples; leave --stribeck out if friction falls at once."),
         ),
     )  # fmt: skip
 
@@ -107,6 +133,12 @@ class BallScrewOptions(FamilyOptions):
 
     viscous: str = choice(
         "symmetric", ("symmetric", "asymmetric"), "one viscous value, or one per direction"
+    )
+    stribeck: str = choice(
+        "none",
+        ("none", "estimate"),
+        "whether to estimate how friction rises at low speed",
+        SPEED,
     )
     compared: str | None = settled(
         "choice", "whether speed and acceleration were compared beside the position",
@@ -120,7 +152,8 @@ class BallScrew(Family[BallScrewOptions]):
     name = "ball-screw"
     title = "Ball-screw drive: inertia, viscous friction and four Coulomb levels"
     equation = (
-        "inertia * angle'' = torque - viscous * angle' - coulomb(direction), stuck below breakaway"
+        "inertia * angle'' = torque - viscous * angle' - friction(direction), stuck below "
+        "breakaway; friction = coulomb + (breakaway - coulomb) * exp(-(angle' / stribeck_speed)^2)"
     )
     variants = (
         _variant("rotary", ROTARY, "N m", "rad", "kg m2", "N m s/rad"),
@@ -139,50 +172,23 @@ class BallScrew(Family[BallScrewOptions]):
         axis = axis_of(variant)
         one_sided = request.options.viscous == "asymmetric"
         stage = first_stages(variant, experiments, request, one_sided)
-        request.progress("fitting positions")
-        stage, brackets, beyond = _levels_and_forces(stage, request)
-        compared, weights = Compared(), list[FloatArray]()
-        if beyond:
-            request.progress("forces beyond the model: comparing speed and acceleration too")
-            compared, weights = with_derivatives(stage)
-        drive = DriveModel(experiments, axis, compared)
-        model = replace(
-            drive.named(stage.names, weights),
-            sigma_floor=0.0 if beyond else stage.rounding,
-            channels=[compared.channels(e.samples) for e in experiments],
-        )
-        fit = partial(
-            fit_named,
-            model,
-            [*variant.parameters, *excess_specs(variant)],
-            replace(request, fixed=stage.fixed),
-            stage.unknowns,
-            refusals=stage.refusals,
-            sensible=_sensible(stage),
-        )
-        fitted = fit([stage.start])
-        if lost := [s for s in stage.open_sides() if EXCESS[s] in fitted.refused]:
-            request.progress(f"looking again for the static levels: {', '.join(lost)}")
-            fitted = fit([stage.start, *_levels_elsewhere(fitted.values, lost)])
-        fitted = in_levels(with_drive_errors(fitted, drive, experiments, weights, request.seed))
-        solved = with_brackets(fitted, brackets)
-        parameters, order, covariance = solved.quantities(
-            specs_of_file(variant, fitted.values, stage.resting)
-        )
-        table, drift = fitted.compare_logs(experiments)
-        last = "position, speed and acceleration" if beyond else "position"
-        noise = warn_of_held_noise(axis, experiments)
-        refused = refusal_notices(variant, fitted.refused, stage.resting)
-        return Estimate(
-            parameters,
-            derived_numbers(solved, axis.inertia, variant.role(axis.drive).unit),
-            order,
-            covariance,
-            replace(request.options, compared="derivatives" if beyond else "position"),
-            [*refused, *drift, *noise, *([beyond_notice(parameters)] if beyond else [])],
-            {**fitted.details(), **table, "stages": ["inverse dynamics", "increments", last]},
-            fitted.sensitivity(),
-        )
+        if request.options.stribeck == "none" or SPEED in request.fixed:
+            found = _fit_position(variant, _levels_and_forces(stage, request), request)
+            return _finish(found, variant, request)
+        refusal = without_level(stage)
+        if refusal is None:
+            request.progress("looking for the fall of friction at low speed")
+            curved = _levels_and_forces(with_curve(stage, request), request)
+            refusal = without_level(curved.stage)
+        if refusal is None:
+            found = _fit_position(variant, curved, request)
+            unit = variant.parameter(SPEED).unit
+            refusal = undetermined(found.fitted, fastest(experiments, axis), unit)
+        if refusal is None:
+            return _finish(found, variant, request)
+        plain = replace(stage, names=(*stage.names, SPEED)).refuse(refusal)
+        found = _fit_position(variant, _levels_and_forces(plain, request), request)
+        return _finish(found, variant, request)
 
     def simulate(
         self,
@@ -230,7 +236,12 @@ class BallScrew(Family[BallScrewOptions]):
         amplitude: tuple[float, float],
         sample_time: float,
     ) -> float | None:
-        """A kinetic level of a fifth of the range, a static one that is higher by a third."""
+        """A kinetic level of a fifth of the range, a static one that is higher by a third.
+
+        At which speed friction falls nobody can guess.
+        """
+        if name == SPEED:
+            return None
         v = plant.numbers
         for s, limit in zip(SIDES, reversed(amplitude)):
             if name == f"coulomb_{s}":
@@ -242,6 +253,89 @@ class BallScrew(Family[BallScrewOptions]):
     def block(self, variant: Variant, document: ParameterDocument) -> DriveBlock:
         """The drive that a controller steps; see :class:`DriveBlock`."""
         return DriveBlock(document, variant)
+
+
+@dataclass(frozen=True)
+class _Ready:
+    """What is known before the last fit: brackets of static levels, and forces beyond the model."""
+
+    stage: Stage
+    brackets: Mapping[str, Bracket]
+    beyond: bool
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A finished fit of the position, and what was compared in it."""
+
+    ready: _Ready
+    fitted: Fitted
+    drive: DriveModel
+    weights: Sequence[FloatArray]
+
+
+def _fit_position(variant: Variant, ready: _Ready, request: Request[BallScrewOptions]) -> _Found:
+    """Fit the position, and speed and acceleration beside it where forces are beyond the model."""
+    stage, brackets, beyond = ready.stage, ready.brackets, ready.beyond
+    compared, weights = Compared(), list[FloatArray]()
+    if beyond:
+        request.progress("forces beyond the model: comparing speed and acceleration too")
+        compared, weights = with_derivatives(stage)
+    drive = DriveModel(stage.experiments, stage.axis, compared)
+    model = replace(
+        drive.named(stage.names, weights),
+        sigma_floor=0.0 if beyond else stage.rounding,
+        channels=[compared.channels(e.samples) for e in stage.experiments],
+    )
+    fit = partial(
+        fit_named,
+        model,
+        [*variant.parameters, *excess_specs(variant)],
+        replace(request, fixed=stage.fixed),
+        stage.unknowns,
+        refusals=stage.refusals,
+        sensible=_sensible(stage),
+    )
+    fitted = fit([stage.start])
+    if lost := [s for s in stage.open_sides() if EXCESS[s] in fitted.refused]:
+        request.progress(f"looking again for the static levels: {', '.join(lost)}")
+        fitted = fit([stage.start, *_levels_elsewhere(fitted.values, lost)])
+    if brackets and stage.curved:
+        fitted, brackets = with_levels(fitted, model, drive, brackets), {}
+    return _Found(_Ready(stage, brackets, beyond), fitted, drive, weights)
+
+
+def _finish(
+    found: _Found, variant: Variant, request: Request[BallScrewOptions]
+) -> Estimate[BallScrewOptions]:
+    """What stands in the file: levels for excesses, errors of the drive, and what to say."""
+    stage, drive, beyond = found.ready.stage, found.drive, found.ready.beyond
+    experiments = stage.experiments
+    fitted = in_levels(
+        with_drive_errors(found.fitted, drive, experiments, found.weights, request.seed)
+    )
+    solved = with_brackets(fitted, found.ready.brackets)
+    parameters, order, covariance = solved.quantities(
+        specs_of_file(variant, fitted.values, stage.resting)
+    )
+    table, drift = fitted.compare_logs(experiments)
+    last = "position, speed and acceleration" if beyond else "position"
+    notices = [
+        *refusal_notices(variant, fitted.refused, stage.resting),
+        *drift,
+        *warn_of_held_noise(stage.axis, experiments),
+        *([beyond_notice(parameters)] if beyond else []),
+    ]
+    return Estimate(
+        parameters,
+        derived_numbers(solved, stage.axis.inertia, variant.role(stage.axis.drive).unit),
+        order,
+        covariance,
+        replace(request.options, compared="derivatives" if beyond else "position"),
+        notices,
+        {**fitted.details(), **table, "stages": ["inverse dynamics", "increments", last]},
+        fitted.sensitivity(),
+    )
 
 
 def _follow(
@@ -257,32 +351,33 @@ def _follow(
     return Simulated(found.simulated[0], offset=float(found.local[0][0]))
 
 
-def _levels_and_forces(
-    stage: Stage, request: Request[BallScrewOptions]
-) -> tuple[Stage, dict[str, Bracket], bool]:
+def _levels_and_forces(stage: Stage, request: Request[BallScrewOptions]) -> _Ready:
     """Bracket the static levels where that can be done, and weigh what the model leaves out.
 
     Once forces beyond the model decide the instant of break-away, no level is left to
     bracket and it is refused. A file says which of both it was.
     """
+    request.progress("fitting positions")
     known = request.options.compared
     brackets: dict[str, Bracket] = {}
     held, stepped = stage, stage.stepped
-    if stepped and known != "derivatives":
+    if stepped and stage.curved and stage.open_sides() and known != "derivatives":
+        held, brackets = inside_cells(stage)
+    elif stepped and not stage.curved and known != "derivatives":
         request.progress("bracketing the static levels")
         held, brackets = bracket_levels(stage)
     ratio = residual_to_noise(held) if known is None else 0.0
-    if brackets and ratio < BEYOND_HELP:
+    if brackets and ratio < BEYOND_HELP and not stage.curved:
         held, brackets = narrow_levels(held, brackets)
         ratio = residual_to_noise(held) if known is None else 0.0
     beyond = known == "derivatives" or ratio > DECISIVE
     if brackets and not beyond and _unknown(stage):
         excesses = {s: brackets[b].value - held.start[f"coulomb_{s}"] for s, b in BREAKAWAY.items()
                     if b in brackets}  # fmt: skip
-        return stage.refuse_levels(LOST_ROWS, list(excesses), excesses), {}, False
+        return _Ready(stage.refuse_levels(LOST_ROWS, list(excesses), excesses), {}, False)
     if not (beyond and stepped):
-        return held, brackets, beyond
-    return stage.refuse_levels(UNKNOWN_FORCES, stage.open_sides()), {}, True
+        return _Ready(held, brackets, beyond)
+    return _Ready(stage.refuse_levels(UNKNOWN_FORCES, stage.open_sides()), {}, True)
 
 
 def _unknown(stage: Stage) -> bool:
@@ -304,14 +399,11 @@ def _sensible(stage: Stage) -> dict[str, float]:
 
     Viscous friction that alone would use up the whole drive at the highest speed is one.
     """
-    speed = max(
-        float(np.quantile(np.abs(np.gradient(e[stage.axis.motion], e.time)), 0.99))
-        for e in stage.experiments
-    )
+    speed = fastest(stage.experiments, stage.axis)
     out = dict.fromkeys(stage.unknowns, stage.largest_drive)
     for n in out:
         if n.startswith("viscous"):
             out[n] = stage.largest_drive / max(speed, 1e-300)
-        if n.startswith("initial_speed"):
+        if n.startswith("initial_speed") or n == SPEED:
             out[n] = np.inf
     return {**out, stage.axis.inertia: stage.start[stage.axis.inertia]}

@@ -18,12 +18,14 @@ from ...estimation.parametric import NamedModel, Values
 from ...estimation.separable import Basis, Slopes
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Variant
-from .stick_slip import Motion, StickSlip, simulate_stick_slip
+from .motion import Motion, StickSlip
+from .stick_slip import simulate_stick_slip
 
 Array = npt.NDArray[Any]
 SIDES: tuple[Literal["positive"], Literal["negative"]] = ("positive", "negative")
 BREAKAWAY: dict[str, str] = {s: f"breakaway_{s}" for s in SIDES}  # static level
 EXCESS: dict[str, str] = {s: f"excess_{s}" for s in SIDES}  # of the static level
+SPEED = "stribeck_speed"  # of the curve that joins a static level to its kinetic one
 _LONG = 40_000  # samples beyond which the early stages look at a part of the log
 
 
@@ -132,7 +134,8 @@ class DriveModel:
         )
         static = [self._static(s, level, values) for s, level in zip(SIDES, kinetic)]
         levels = kinetic[0], kinetic[1], static[0], static[1]
-        p = StickSlip(row(values[self.axis.inertia]), forward, *levels, backward)
+        curve = row(values.get(SPEED, 0.0))
+        p = StickSlip(row(values[self.axis.inertia]), forward, *levels, backward, curve)
         u, grid, samples = self.inputs[index]
         speed = row(values.get(f"initial_speed[{index}]", 0.0))
         return simulate_stick_slip(p, u, grid, initial_speed=speed), samples
@@ -190,9 +193,9 @@ def _on_samples(
     return PiecewiseInput(nodes, coefficients), make_grid(nodes), np.searchsorted(nodes, time)
 
 
-def leading_parts(experiments: Sequence[Experiment]) -> list[Experiment]:
+def leading_parts(experiments: Sequence[Experiment], samples: int = _LONG) -> list[Experiment]:
     """What the early stages look at: the first samples of every log."""
-    part = slice(0, _LONG)
+    part = slice(0, samples)
     out = []
     for e in experiments:
         signals = {

@@ -3,11 +3,11 @@
     J v' = tau(t) - b v - F_k(sign v)        while moving,
     v = 0  while  -F_s- <= tau <= F_s+       while stuck.
 
-``tau`` is a piecewise polynomial, so between two events the motion is linear and known in
-closed form. Break-away (``tau`` reaches the static level) and stop (``v`` reaches zero)
-are solved inside the sampling interval: position is then a smooth function of all six
-parameters, with no time grid and no ``tanh`` in it. With the Karnopp band [1]_ shrunk to
-zero width this is the model's exact solution.
+Friction that falls from the one level to the other is in :mod:`.curved`. ``tau`` is a piecewise
+polynomial, so between two events the motion is linear and known in closed form. Break-away
+(``tau`` reaches the static level) and stop (``v`` reaches zero) are solved inside the sampling
+interval: position is then a smooth function of all six parameters, with no time grid and no
+``tanh`` in it. With the Karnopp band [1]_ shrunk to zero width this is the model's exact solution.
 
 All six parameters may be complex; the imaginary parts carry exact derivatives through
 the events (implicit function theorem, one complex Newton step per event).
@@ -21,50 +21,19 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from math import exp, factorial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ...estimation.inputs import PiecewiseInput
 from ...estimation.linear import Grid, states_at_nodes
+from .curved import simulate_curved
+from .motion import Array, Motion, StickSlip
+from .rest import StaticBand, rising_root, slope_of, value_of
 
-Array = npt.NDArray[Any]
 _INVERSE = [1.0 / factorial(n) for n in range(32)]
 _LIMIT = 8  # events inside one sampling interval before the motion counts as stuck
-
-
-@dataclass(frozen=True)
-class StickSlip:
-    """Parameters of the model, each of shape ``(k,)``, real parts equal along ``k``.
-
-    ``inertia`` [kg m2 or kg], ``viscous`` [N m s/rad or N s/m], kinetic and static
-    levels [N m or N], magnitudes. Row 0 decides at which events the motion changes.
-    """
-
-    inertia: Array
-    viscous: Array
-    coulomb_positive: Array
-    coulomb_negative: Array
-    breakaway_positive: Array
-    breakaway_negative: Array
-    viscous_negative: Array | None = None
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Simulated motion: position and velocity at the nodes, shape ``(k, m)``, and events.
-
-    ``breakaways`` counts break-aways in the positive and the negative direction.
-    """
-
-    position: Array
-    velocity: Array
-    breakaways: tuple[int, int]
-    stops: int
 
 
 def _phi(z: Array, count: int) -> list[Array]:
@@ -176,11 +145,6 @@ def _unstopped(
     return states_at_nodes(a, b, u, grid), states_at_nodes(a, b, one, grid)
 
 
-def _value(coefficients: Array, offset: float) -> float:
-    """Value of a polynomial with rising powers."""
-    return float(np.polyval(coefficients[::-1], offset))
-
-
 class _Run:
     """One pass through the events of a log."""
 
@@ -194,19 +158,13 @@ class _Run:
         self.forward = _Direction(1, inertia, ways[0], p.coulomb_positive, self.torque, unstopped)
         self.backward = _Direction(-1, inertia, ways[1], p.coulomb_negative, self.torque, unstopped)
         self.static = (p.breakaway_positive, p.breakaway_negative)
-        self.upper = max(_first(p.breakaway_positive), 0.0)
-        self.lower = -max(_first(p.breakaway_negative), 0.0)
+        self.band = StaticBand(u, _first(p.breakaway_positive), _first(p.breakaway_negative))
         self.position = np.empty((self.k, self.time.size), dtype=kind)
         self.velocity = np.zeros((self.k, self.time.size), dtype=kind)
         self.here = np.zeros(self.k, dtype=kind)
         self.start_speed = np.broadcast_to(speed, (self.k,)).astype(kind)
         self.breakaways = [0, 0]
         self.stops = 0
-        # intervals in which the torque leaves the static band somewhere
-        start = self.torque[:, 0]
-        end = start if self.torque.shape[1] == 1 else np.append(start[1:], start[-1])
-        high, low = np.maximum(start, end), np.minimum(start, end)
-        self.hot = np.flatnonzero((high > self.upper) | (low < self.lower))
 
     def run(self) -> None:
         """Follow the motion from event to event until the log ends."""
@@ -218,11 +176,13 @@ class _Run:
         end = self.time.size - 1
         while node < end:
             if sign == 0:
-                found = self._breakaway(node, offset)
+                found = self.band.leave(node, _first(offset))
                 if found is None:
                     self.position[:, node + 1 :] = self.here[:, None]
                     return
-                until, offset, sign = found
+                until, begin, sign = found
+                met = begin > (_first(offset) if until == node else 0.0)
+                offset = self._moment(until, begin, sign) if met else np.full(self.k, begin)
                 self.position[:, node + 1 : until + 1] = self.here[:, None]
                 node = until
                 self.breakaways[0 if sign > 0 else 1] += 1
@@ -238,36 +198,12 @@ class _Run:
             if node >= end:
                 return
 
-    def _breakaway(self, node: int, offset: Array) -> tuple[int, Array, int] | None:
-        """Next instant at which the torque leaves the static band."""
-        for j in map(int, self.hot[np.searchsorted(self.hot, node) :]):
-            if j >= self.time.size - 1:
-                return None
-            found = self._leave(j, offset if j == node else np.zeros(self.k))
-            if found is not None:
-                return j, *found
-        return None
-
-    def _leave(self, j: int, offset: Array) -> tuple[Array, int] | None:
-        """Where the torque leaves the static band inside interval ``j``, and which way."""
-        c, begin = self.torque[j], _first(offset)
-        now = _value(c, begin)
-        if now > self.upper or now < self.lower:
-            return offset, 1 if now > self.upper else -1
-        if c.size == 1:
-            return None
-        step = self.time[j + 1] - self.time[j]
-        then = _value(c, step)
-        if self.lower <= then <= self.upper:
-            return None
-        sign = 1 if then > self.upper else -1
-        level = self.static[0] if sign > 0 else -self.static[1]
-        if c.size == 2:
-            return (level - c[0]) / c[1], sign
-        wanted = _first(level)
-        root = _rising_root(lambda o: (_value(c, o) - wanted) * sign, begin, step)
-        slope = _value(c[1:] * np.arange(1, c.size), root)
-        return root + (level - wanted) / slope, sign
+    def _moment(self, node: int, offset: float, sign: int) -> Array:
+        """Offset of a break-away with its derivatives, where the torque comes to its level."""
+        c = self.torque[node]
+        level = self.static[0] if sign > 0 else self.static[1]
+        late = sign * np.imag(level) / slope_of(c, offset)
+        return offset + 1j * late if np.iscomplexobj(self.here) else np.full(self.k, offset)
 
     def _slip(self, node: int, offset: Array, sign: int, speed: Array) -> tuple[int, Array, int]:
         """Slip from an event to the next stop; returns where it stops and what follows."""
@@ -321,12 +257,12 @@ class _Run:
             return -way.sign * way.speed_inside(j, o, base)
 
         low = _moving_start(backwards, begin, step) if j == node else begin
-        root = begin if low is None else _rising_root(backwards, low, step)
+        root = begin if low is None else rising_root(backwards, low, step)
         v, p = way.inside(j, np.full(self.k, root))
         since = self.time[j] + root - self.time[node] - offset
         v = v - lag * np.exp(-way.rate * since)
         inertia, _, level = way.first
-        torque = _value(self.torque[j], root)
+        torque = value_of(self.torque[j], root)
         slope = (torque - level) / inertia
         moment: Array = np.full(self.k, root)
         if np.iscomplexobj(v) and slope * way.sign < 0.0:
@@ -336,10 +272,8 @@ class _Run:
         travel = since * _phi(-way.rate * since, 1)[0]
         self.here = self.here + p - p0 - lag * travel
         self.stops += 1
-        if torque > self.upper or torque < self.lower:
-            # no rest: the torque already exceeds the static level at the turning point
-            return j, moment, 1 if torque > self.upper else -1
-        return j, moment, 0
+        # no rest where the torque already exceeds the static level at the turning point
+        return j, moment, self.band.way(torque)
 
 
 def _moving_start(backwards: Callable[[float], float], begin: float, end: float) -> float | None:
@@ -352,17 +286,6 @@ def _moving_start(backwards: Callable[[float], float], begin: float, end: float)
         if backwards(begin + width) < 0.0:
             return begin + width
     return None
-
-
-def _rising_root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Where a function becomes positive; an end where it already is, or does not."""
-    from scipy.optimize import brentq
-
-    if function(low) >= 0.0:
-        return low
-    if function(high) <= 0.0:
-        return high
-    return float(brentq(function, low, high, xtol=1e-15 * high))
 
 
 def simulate_stick_slip(
@@ -382,6 +305,9 @@ def simulate_stick_slip(
     initial_speed
         At the first node.
     """
+    curve = parameters.stribeck_speed
+    if curve is not None and _first(curve) > 0.0:
+        return simulate_curved(parameters, torque, np.asarray(initial_speed))
     run = _Run(parameters, torque, grid, np.asarray(initial_speed))
     run.run()
     return Motion(run.position, run.velocity, (run.breakaways[0], run.breakaways[1]), run.stops)
