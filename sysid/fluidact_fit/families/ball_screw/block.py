@@ -16,8 +16,9 @@ from ...estimation.inputs import make_signal
 from ...experiment import Experiment, FloatArray, Hold
 from ...routines import Routine
 from ...specification import scalars
-from .curved import Levels, Slide
+from .curved import Slide, slide_of
 from .model import BREAKAWAY, SPEED, DriveModel, axis_of
+from .motion import Levels
 from .stick_slip import phi_real
 
 
@@ -69,7 +70,7 @@ class DriveBlock(DryDriveBlock):
             (law.coulomb_positive, law.coulomb_negative),
             (law.breakaway_positive, law.breakaway_negative), law.stribeck_speed,
         )  # fmt: skip
-        return {way: levels.slide(way) for way in (1, -1)}
+        return {way: slide_of(levels, way) for way in (1, -1)}
 
     def dry_drive(self) -> DryDrive:
         """Return inertia and friction as plain numbers."""

@@ -181,7 +181,7 @@ class _Staircase:
         # share of the cost that does not count as a difference
         self.slack = 4.0 / sum(y.size for y in self.model.measured)
         motions = [self.model.motion(i, stage.start)[0] for i in range(len(part))]
-        self._price = sum(m.velocity.shape[1] + _EVENT * m.stops for m in motions)
+        self._price = sum(m.velocity.size + _EVENT * m.stops for m in motions)
         self._spent = 0.0
 
     def exhausted(self) -> bool:

@@ -34,11 +34,11 @@ from math import exp, inf
 import numpy as np
 
 from ...estimation.inputs import PiecewiseInput
-from ...estimation.linear import run_recursion
 from ...estimation.runge_kutta import ERROR, NODES, RESULT, STAGES
 from ...experiment import FloatArray
-from .motion import Array, Motion, StickSlip
-from .rest import StaticBand, value_of
+from .changes import Steps, Varied, with_changes
+from .motion import Array, Levels, Motion, StickSlip
+from .rest import StaticBand, rising_root, value_of
 
 ((_A21,), (_A31, _A32), (_A41, _A42, _A43), (_A51, _A52, _A53, _A54),
  (_A61, _A62, _A63, _A64, _A65)) = STAGES[1:]  # fmt: skip
@@ -138,18 +138,15 @@ class Slide:
         return steps
 
     def _last(self, y: float, at: float, h: float, push: Push) -> Step:
-        """The step that ends at rest: Newton's iteration for its span, kept in a bracket."""
-        low, high, now = 0.0, h, h
-        for _ in range(60):
-            x, way, _, slope = self.advance(y, now, push(at, now))
-            low, high = (now, high) if x > 0.0 else (low, now)
-            after = now - x / slope if slope < 0.0 else low
-            if not low < after < high:
-                after = 0.5 * (low + high)
-            if abs(after - now) <= 1e-15 * h:
-                break
-            now = after
-        return Step(at, now, y, way, 0.0, slope)
+        """The step that ends at rest."""
+
+        def backwards(span: float) -> tuple[float, float]:
+            x, _, _, slope = self.advance(y, span, push(at, span))
+            return -x, -slope
+
+        span = rising_root(backwards, 0.0, h)
+        _, way, _, slope = self.advance(y, span, push(at, span))
+        return Step(at, span, y, way, 0.0, slope)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,21 +161,11 @@ class Step:
     slope: float
 
 
-@dataclass(frozen=True)
-class Levels:
-    """Real parameters of the drive: inertia, and by direction viscous, kinetic and static."""
-
-    inertia: float
-    viscous: tuple[float, float]
-    kinetic: tuple[float, float]
-    static: tuple[float, float]
-    speed: float
-
-    def slide(self, way: int) -> Slide:
-        """Motion in a direction, 1 or -1."""
-        k, j = (0 if way > 0 else 1), self.inertia
-        fall = self.static[k] - self.kinetic[k]
-        return Slide(self.viscous[k] / j, self.kinetic[k] / j, fall / j, self.speed, j)
+def slide_of(levels: Levels, way: int) -> Slide:
+    """Motion in a direction, 1 or -1."""
+    k, j = (0 if way > 0 else 1), levels.inertia
+    fall = levels.static[k] - levels.kinetic[k]
+    return Slide(levels.viscous[k] / j, levels.kinetic[k] / j, fall / j, levels.speed, j)
 
 
 class CurvedRun:
@@ -197,7 +184,7 @@ class CurvedRun:
     def __init__(self, law: Levels, u: PiecewiseInput, speed: float) -> None:
         self.law, self.torque = law, u.coefficients
         self.spans: list[float] = np.diff(u.nodes).tolist()
-        self.slides = {way: law.slide(way) for way in (1, -1)}
+        self.slides = {way: slide_of(law, way) for way in (1, -1)}
         self.band = StaticBand(u, *law.static)
         self._tables: dict[int, list[list[float]]] = {}
         self.steps: list[tuple[int, int, float, float, float, float, float]] = []
@@ -261,10 +248,6 @@ class CurvedRun:
             self.carry[len(self.steps) - 1] = -begins / last.slope
         return node, offset, following
 
-    def table(self) -> FloatArray:
-        """The steps, shape ``(7, n)``."""
-        return np.array(self.steps, dtype=float).reshape(-1, 7).T
-
     def _pushes(self, way: int) -> list[list[float]]:
         """Pushes of a direction at the six nodes of whole intervals."""
         if way not in self._tables:
@@ -290,27 +273,13 @@ def torque_at(coefficients: FloatArray, offset: FloatArray) -> FloatArray:
     return total
 
 
-@dataclass(frozen=True)
-class Varied:
-    """Derivatives of every step, shapes ``(n,)`` by its first speed and ``(5, n)`` by the law.
-
-    The law is inertia, viscous, kinetic and static level of the direction, and the speed of the
-    curve; speeds and ways are positive in either direction.
-    """
-
-    speed: FloatArray
-    speed_by_law: FloatArray
-    way: FloatArray
-    way_by_law: FloatArray
-
-
-def vary(run: CurvedRun) -> Varied:
-    """Derivatives of all steps of a motion, side by side."""
-    law, (node, sign, offset, h, speed, _, _) = run.law, run.table()
-    j, w, forward = law.inertia, law.speed**-2, sign > 0.0
+def _vary(run: CurvedRun, steps: Steps, speed: FloatArray) -> Varied:
+    """Derivatives of all steps of a motion, side by side; first speeds positive, ``(n,)``."""
+    law, node, sign, h = run.law, steps.node, steps.way, steps.span
+    j, w, forward = law.inertia, law.speed**-2, sign > 0
     pick = [np.where(forward, *pair) for pair in (law.viscous, law.kinetic, law.static)]
     viscous, level, fall = pick[0] / j, pick[1] / j, (pick[2] - pick[1]) / j
-    torque = torque_at(run.torque[node.astype(int)], offset + NODES[:, None] * h)
+    torque = torque_at(run.torque[node], steps.offset + NODES[:, None] * h)
     push = sign * torque / j - level
     slopes: list[FloatArray] = []  # of every stage, shape (n,)
     changes: list[FloatArray] = []  # row 0 by the first speed, then by the law
@@ -333,7 +302,7 @@ def vary(run: CurvedRun) -> Varied:
         changes.append(dk)
         way += weight * h * dy
         moved += weight * h * dk
-    return Varied(moved[0], moved[1:], way[0], way[1:])
+    return Varied(moved[0], sign * moved[1:], way[0], sign * way[1:])
 
 
 def simulate_curved(p: StickSlip, torque: PiecewiseInput, initial_speed: Array) -> Motion:
@@ -341,53 +310,25 @@ def simulate_curved(p: StickSlip, torque: PiecewiseInput, initial_speed: Array) 
 
     The imaginary parts of the parameters carry exact derivatives: those of the steps taken.
     """
-    backward = p.viscous if p.viscous_negative is None else p.viscous_negative
-    assert p.stribeck_speed is not None
-    rows = (p.inertia, p.viscous, backward, p.coulomb_positive, p.coulomb_negative,
-            p.breakaway_positive, p.breakaway_negative, p.stribeck_speed)  # fmt: skip
-    j, *pairs, curve = (float(np.real(row[0])) for row in rows)
-    viscous, kinetic, static = zip(pairs[::2], pairs[1::2])
-    law = Levels(j, viscous, kinetic, static, curve)
-    run = CurvedRun(law, torque, float(np.real(initial_speed.flat[0])))
-    node, *_, made, after = run.table()
-    count = np.searchsorted(node, np.arange(torque.nodes.size))  # steps before each node
+    begin = float(np.real(initial_speed.flat[0]))
+    run = CurvedRun(p.levels, torque, begin)
+    table = np.array(run.steps, dtype=float).reshape(-1, 7).T
+    node, way, offset, span, first, made, after = table
+    nodes = np.arange(torque.nodes.size)
+    count = np.searchsorted(node, nodes)  # steps before each node
     last = np.maximum(count - 1, 0)
-    moving = (count > 0) & (np.append(node, -1.0)[last] == np.arange(count.size) - 1)
+    moving = (count > 0) & (np.append(node, -1.0)[last] == nodes - 1)
     place = np.concatenate(([0.0], np.cumsum(made)))[count]
     speed = np.where(moving, np.append(after, 0.0)[last], 0.0)
-    size = p.inertia.size
-    position, velocity = np.tile(place, (size, 1)), np.tile(speed, (size, 1))
-    velocity[:, 0] = np.real(initial_speed)
-    kind = np.result_type(*rows, initial_speed)
-    if kind.kind == "c":
-        theta = np.imag(np.array(rows))
-        changes = _changes(run, theta, np.imag(np.broadcast_to(initial_speed, size)))
-        position = position + 1j * changes[0][:, count]
-        velocity = velocity + 1j * np.where(moving, changes[1][:, last], 0.0)
-        velocity[:, 0] = initial_speed
-    return Motion(position, velocity, (run.breakaways[0], run.breakaways[1]), run.stops)
-
-
-def _changes(run: CurvedRun, theta: Array, start: Array) -> tuple[FloatArray, FloatArray]:
-    """What changes of the law, shape ``(8, k)``, and of the first speed, ``(k,)``, do.
-
-    Returns the changes of the place before every step and after the last, ``(k, n + 1)``, and of
-    the speed after every step, ``(k, n)``.
-    """
+    speed[0] = begin
+    places = np.tile(place, (p.inertia.size, 1))
+    motion = Motion(places, speed, (run.breakaways[0], run.breakaways[1]), run.stops)
+    if not p.turned(initial_speed):
+        return motion
     if not run.steps:
-        return np.zeros((start.size, 1)), np.zeros((start.size, 1))
-    varied, sign = vary(run), run.table()[1]
-    speed = np.empty((start.size, sign.size))
-    way = np.empty_like(speed)
-    for side, rows in ((1.0, (0, 1, 3, 5, 7)), (-1.0, (0, 2, 4, 6, 7))):
-        own = sign == side
-        speed[:, own] = side * (theta[list(rows)].T @ varied.speed_by_law[:, own])
-        way[:, own] = side * (theta[list(rows)].T @ varied.way_by_law[:, own])
-    carry = np.ones(sign.size)
+        return with_changes(motion, None, None, p, initial_speed)
+    carry = np.ones(node.size)
     carry[list(run.carry)] = list(run.carry.values())
-    driven = np.concatenate((start[:, None], (carry * speed)[:, :-1]), axis=1)
-    before = run_recursion(driven.T, (carry * varied.speed)[None]).T
-    place = np.cumsum(way + varied.way * before, axis=1)
-    return np.concatenate((np.zeros((start.size, 1)), place), axis=1), (
-        speed + varied.speed * before
-    )
+    steps = Steps(node.astype(int), way.astype(int), offset, span, way * first, carry,
+                  np.zeros(node.size))  # fmt: skip
+    return with_changes(motion, steps, _vary(run, steps, first), p, initial_speed)

@@ -211,7 +211,7 @@ class BallScrew(Family[BallScrewOptions]):
             return sensitivity(model.named(list(v)), v)
         found = sensitivity(model.named([n for n in v if n not in BREAKAWAY.values()]), v)
         motion, samples = model.motion(0, v)
-        speed = np.real(motion.velocity[0, samples])
+        speed = motion.velocity[samples]
         return replace(found, floor=bracket_widths(experiment.sampled(axis.drive), speed, v))
 
     def model(

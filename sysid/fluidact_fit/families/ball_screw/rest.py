@@ -10,11 +10,13 @@ import numpy as np
 from ...estimation.inputs import PiecewiseInput
 from ...experiment import FloatArray
 
+_ITERATIONS = 100  # of which few are needed: bisection alone would end earlier
+
 
 def value_of(coefficients: FloatArray, offset: float) -> float:
     """Value of a polynomial with rising powers."""
     total = 0.0
-    for c in coefficients[::-1].tolist():
+    for c in reversed(coefficients.tolist()):
         total = total * offset + c
     return total
 
@@ -72,15 +74,29 @@ class StaticBand:
         level = self.upper if way > 0 else self.lower
         if c.size == 2:
             return float((level - c[0]) / c[1]), way
-        return rising_root(lambda o: (value_of(c, o) - level) * way, begin, step), way
+        return rising_root(
+            lambda o: (way * (value_of(c, o) - level), way * slope_of(c, o)), begin, step
+        ), way
 
 
-def rising_root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Where a function becomes positive; an end where it already is, or does not."""
-    from scipy.optimize import brentq
+def rising_root(function: Callable[[float], tuple[float, float]], low: float, high: float) -> float:
+    """Where a function becomes positive; an end where it already is, or does not.
 
-    if function(low) >= 0.0:
+    Newton's iteration, kept in a bracket: ``function`` returns its value and its slope.
+    """
+    below, above = function(low)[0], function(high)[0]
+    if below >= 0.0:
         return low
-    if function(high) <= 0.0:
+    if above <= 0.0:
         return high
-    return float(brentq(function, low, high, xtol=1e-15 * high))
+    finest, at = 1e-15 * high, low - below * (high - low) / (above - below)
+    for _ in range(_ITERATIONS):
+        value, slope = function(at)
+        low, high = (at, high) if value < 0.0 else (low, at)
+        after = at - value / slope if slope > 0.0 else low
+        if not low <= after <= high:
+            after = 0.5 * (low + high)
+        if abs(after - at) <= finest:
+            return after
+        at = after
+    return at
