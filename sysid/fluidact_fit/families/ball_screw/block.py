@@ -19,7 +19,7 @@ from ...specification import scalars
 from .curved import Slide, slide_of
 from .model import BREAKAWAY, SPEED, DriveModel, axis_of
 from .motion import Levels
-from .stick_slip import phi_real
+from .phi import phi_real
 
 
 class DriveBlock(DryDriveBlock):

@@ -32,56 +32,11 @@ from ...experiment import FloatArray
 from .changes import Steps, Varied, with_changes
 from .curved import simulate_curved
 from .motion import Array, Levels, Motion, StickSlip
+from .phi import phi_of, phi_real
 from .rest import StaticBand, rising_root, slope_of, value_of
 
-_INVERSE = [1.0 / factorial(n) for n in range(32)]
 _LIMIT = 8  # events inside one sampling interval before the motion counts as stuck
 _TINY = 1e-30  # imaginary part, in parts of a parameter
-
-
-def _phi(z: Array, count: int) -> list[Array]:
-    """``phi_n(z) = sum_k z**k / (k + n)!`` for ``n = 1..count``, any size of ``z``."""
-    size = np.abs(z)
-    small = size < 0.7
-    every = bool(small.all())
-    near = z if every else np.where(small, z, 0.0)
-    # of terms that matter: between two samples z is seldom more than a few hundredths
-    last = 6 if every and size.max(initial=0.0) < 0.02 else 13
-    total = near * _INVERSE[count + last + 1] + _INVERSE[count + last]
-    for k in range(last - 1, -1, -1):
-        total *= near
-        total += _INVERSE[count + k]
-    values = [total]
-    for n in range(count - 1, 0, -1):
-        values.append(values[-1] * near + _INVERSE[n])
-    values.reverse()
-    if every:
-        return values
-    far = np.where(small, 1.0, z)
-    previous = np.exp(far)
-    out = []
-    for n in range(1, count + 1):
-        previous = (previous - _INVERSE[n - 1]) / far
-        out.append(np.where(small, values[n - 1], previous))
-    return out
-
-
-def phi_real(z: float, count: int) -> list[float]:
-    """``phi_1 .. phi_count`` of one real number; the hot path of every event."""
-    if abs(z) < 0.7:
-        total = 0.0
-        for k in range(14, -1, -1):
-            total = total * z + _INVERSE[count + k]
-        values = [total]
-        for n in range(count - 1, 0, -1):
-            values.append(values[-1] * z + _INVERSE[n])
-        values.reverse()
-        return values
-    values, previous = [], exp(z)
-    for n in range(1, count + 1):
-        previous = (previous - _INVERSE[n - 1]) / z
-        values.append(previous)
-    return values
 
 
 @dataclass(frozen=True)
@@ -100,7 +55,7 @@ class _Responses:
     @classmethod
     def of(cls, inertia: complex, viscous: complex, spans: FloatArray, size: int) -> _Responses:
         z = -(viscous / inertia) * spans
-        phi = _phi(z, size + 1)
+        phi = phi_of(z, size + 1)
         powers = [factorial(i) * spans ** (i + 1) / inertia for i in range(size)]
         return cls(
             1.0 + z * phi[0],
