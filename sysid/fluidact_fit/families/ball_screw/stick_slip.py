@@ -173,13 +173,7 @@ class _Run:
         began = float(self.time[node]) + offset
         stop = self._find_stop(way, node, lag, began)
         last = self.time.size - 1 if stop is None else stop
-        if last > node:
-            nodes = slice(node + 1, last + 1)
-            since = self.time[nodes] - began
-            less = -np.expm1(-way.rate * since)
-            travel = less / way.rate if way.rate > 1e-12 / since[-1] else since
-            self.velocity[nodes] = way.speed[nodes] - lag * (1.0 - less)
-            self.position[nodes] = self.here - p0 + way.place[nodes] - lag * travel
+        self._fill(way, slice(node + 1, last + 1), self.here - p0, lag, began)
         if stop is None:
             self.phases.append(_Phase(node, offset, sign, speed, last - 1, np.inf, late))
             return last, 0.0, sign
@@ -200,6 +194,14 @@ class _Run:
         phase = _Phase(node, offset, sign, speed, stop, root, late, hands_on)
         self.phases.append(phase)
         return stop, root, following
+
+    def _fill(self, way: _Direction, nodes: slice, place: float, lag: float, began: float) -> None:
+        """Speed and place at the nodes of a phase: the unstopped motion less its own past."""
+        since = self.time[nodes] - began
+        less = -np.expm1(-way.rate * since)
+        travel = less / way.rate if way.rate * since.max(initial=0.0) > 1e-12 else since
+        self.velocity[nodes] = way.speed[nodes] - lag * (1.0 - less)
+        self.position[nodes] = place + way.place[nodes] - lag * travel
 
     def _find_stop(self, way: _Direction, node: int, lag: float, began: float) -> int | None:
         """Interval in which the speed returns to zero; ``None`` when the log ends first."""
