@@ -135,8 +135,9 @@ def run_recursion(driven: Array, coefficients: npt.ArrayLike) -> Array:
     from scipy.linalg.blas import dtbsv
 
     c = np.asarray(coefficients, dtype=float)
-    below = -c if c.ndim == 2 else np.tile(-c[:, None], driven.shape[0])
-    band = np.asfortranarray(np.vstack((np.ones(driven.shape[0]), below)))
+    band = np.empty((c.shape[0] + 1, driven.shape[0]), order="F")
+    band[0] = 1.0
+    band[1:] = -c if c.ndim == 2 else -c[:, None]
     out = np.array(driven, dtype=float, order="F")
     columns = out.reshape(driven.shape[0], -1, order="A").T
     for k, column in enumerate(columns):
