@@ -23,7 +23,6 @@ from fluidact_fit.control.plants.hydraulic import HydraulicCylinder, HydraulicPl
 from fluidact_fit.control.plants.linear import Chain, make_chain
 from fluidact_fit.control.plants.pneumatic import Chamber, Cylinder, PneumaticPlant
 from fluidact_fit.control.plants.tissue import Tissue
-from fluidact_fit.errors import UsageError
 from fluidact_fit.estimation.friction_law import FrictionLaw
 from fluidact_fit.families.transfer.block import TransferFunction
 
@@ -286,10 +285,25 @@ def test_overshoot_of_the_pressure_stays_in_the_force() -> None:
     assert plant.force == pytest.approx(10.0 * peak - 50.0, rel=1e-9)
 
 
-def test_a_stribeck_rise_is_refused() -> None:
-    law = FrictionLaw(1.0, 1.0, stribeck=0.5, stribeck_speed=0.01)
-    with pytest.raises(UsageError, match="Stribeck"):
-        DrivePlant(Drive(1.0, law), FORCE, PLACE, 0.01)
+def test_friction_that_rises_at_low_speed_sets_the_steady_speed() -> None:
+    """``u = b v + F_c + F_s exp(-(v / v_s)^2)``, and above the static level of both it moves."""
+    law = FrictionLaw(1.0, 0.5, 2.0, 2.0, stribeck=0.5, stribeck_speed=1.0)
+    plant = DrivePlant(Drive(1.0, law), FORCE, PLACE, 0.01)
+    plant.reset()
+    for force, kinetic in ((3.0, 1.0), (-2.0, -0.5)):
+        for _ in range(1500):
+            plant.advance([force])
+        v = plant.measure()["speed"]
+        assert v * force > 0.0
+        rise = np.sign(v) * 0.5 * np.exp(-(v**2))
+        assert force == pytest.approx(2.0 * v + kinetic + rise, rel=1e-6)
+    for _ in range(1500):
+        plant.advance([0.9])
+    assert plant.measure()["speed"] == 0.0
+    plant.advance([1.49])
+    assert plant.measure()["speed"] == 0.0
+    plant.advance([1.51])
+    assert plant.measure()["speed"] > 0.0
 
 
 def hydraulic(coulomb: float = 0.0, viscous: float = 0.0) -> HydraulicPlant:

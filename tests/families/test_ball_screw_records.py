@@ -9,7 +9,8 @@ from fluidact_fit import LogError
 from fluidact_fit.estimation.lost_rows import fill_lost_rows, find_lost_rows
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
-from fluidact_fit.families.ball_screw import brackets, family
+from fluidact_fit.families.ball_screw import brackets
+from fluidact_fit.families.ball_screw import fit as whole_fit
 from fluidact_fit.families.ball_screw.brackets import search_level
 from fluidact_fit.family import Estimate, Request
 
@@ -90,7 +91,7 @@ def test_noise_of_the_torque_is_in_the_intervals(monkeypatch: pytest.MonkeyPatch
     """One of few instants of break-away is wrong by the noise; residuals do not show that."""
     log = record(hold="smooth", noise=1e-5)
     found = fit(log)
-    monkeypatch.setattr(family, "with_drive_errors", lambda fitted, *given: fitted)
+    monkeypatch.setattr(whole_fit, "with_drive_errors", lambda fitted, *given: fitted)
     unaware = fit(log)
     for name in ("breakaway_positive", "breakaway_negative"):
         q = found.parameters[name]

@@ -68,9 +68,7 @@ def test_constant_torque_in_closed_form() -> None:
     final = (2.0 - kp) / b
     want = final * (time - j / b * (1.0 - np.exp(-b / j * time)))
     np.testing.assert_allclose(motion.position[0], want, atol=1e-12)
-    np.testing.assert_allclose(
-        motion.velocity[0], final * (1.0 - np.exp(-b / j * time)), atol=1e-12
-    )
+    np.testing.assert_allclose(motion.velocity, final * (1.0 - np.exp(-b / j * time)), atol=1e-12)
 
 
 def test_below_the_static_level_nothing_moves() -> None:

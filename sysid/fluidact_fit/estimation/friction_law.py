@@ -5,8 +5,9 @@
     -breakaway_negative <= F_f <= breakaway_positive at rest: what is needed
 
 At low speed a lubricated contact has more friction, ``stribeck exp(-(v / stribeck_speed)^2)``
-above either level [2]_. All levels are magnitudes [1]_. Nothing is smoothed: at rest friction
-takes whatever value balances the other forces, up to the static level.
+above either level, or up to the static one of each direction [2]_. All levels are magnitudes
+[1]_. Nothing is smoothed: at rest friction takes whatever value balances the other forces, up to
+the static level.
 
 References
 ----------
@@ -21,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -44,7 +45,8 @@ class FrictionLaw:
     """Levels [N or N m] and viscous coefficients [per m/s or rad/s] by direction.
 
     ``stribeck`` [N or N m] is how far friction rises above either level towards rest, and
-    ``stribeck_speed`` [m/s or rad/s] the speed at which 1/e of that is left; 0: no rise.
+    ``stribeck_speed`` [m/s or rad/s] the speed at which 1/e of that is left; 0: no rise. Where
+    the levels are ``joined``, it rises to the static level of each direction instead.
 
     A static level below that of the slowest motion means nothing: the axis would break away
     and stop at once. It is raised to it.
@@ -58,6 +60,7 @@ class FrictionLaw:
     breakaway_negative: float = 0.0
     stribeck: float = 0.0
     stribeck_speed: float = 0.0
+    joined: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         for side in ("positive", "negative"):
@@ -70,8 +73,10 @@ class FrictionLaw:
         """Read the law off named parameters.
 
         ``viscous`` and ``coulomb`` stand for both directions where there are no one-sided
-        values; whatever else the mapping holds is left alone.
+        values; whatever else the mapping holds is left alone. A ``stribeck_speed`` without a
+        ``stribeck`` says that a curve joins the levels.
         """
+        speed = float(values.get("stribeck_speed", 0.0))
 
         def side(kind: str, way: str) -> float:
             return float(values.get(f"{kind}_{way}", values.get(kind, 0.0)))
@@ -80,15 +85,32 @@ class FrictionLaw:
             side("coulomb", "positive"), side("coulomb", "negative"),
             side("viscous", "positive"), side("viscous", "negative"),
             side("breakaway", "positive"), side("breakaway", "negative"),
-            float(values.get("stribeck", 0.0)), float(values.get("stribeck_speed", 0.0)),
+            float(values.get("stribeck", 0.0)), speed,
+            joined=speed > 0.0 and "stribeck" not in values,
         )  # fmt: skip
+
+    def rise(self, way: float) -> float:
+        """How far friction rises above the kinetic level of a direction towards rest [N or N m]."""
+        if self.stribeck_speed <= 0.0:
+            return 0.0
+        if not self.joined:
+            return self.stribeck
+        if way > 0.0:
+            return self.breakaway_positive - self.coulomb_positive
+        return self.breakaway_negative - self.coulomb_negative
+
+    @property
+    def curved(self) -> bool:
+        """Whether friction in motion falls with the speed."""
+        return max(self.rise(1.0), self.rise(-1.0)) > 0.0
 
     @property
     def fall(self) -> float:
-        """Steepest fall of friction with the speed, ``sqrt(2 / e)`` of level over speed."""
-        if self.stribeck_speed <= 0.0:
+        """Steepest fall of friction with the speed, ``sqrt(2 / e)`` of rise over speed."""
+        if not self.curved:
             return 0.0
-        return math.sqrt(2.0 / math.e) * self.stribeck / self.stribeck_speed
+        rise = max(self.rise(1.0), self.rise(-1.0))
+        return math.sqrt(2.0 / math.e) * rise / self.stribeck_speed
 
     def moving(self, velocity: npt.ArrayLike, direction: npt.ArrayLike | None = None) -> FloatArray:
         """Friction that has to be overcome to move, shape of ``velocity``.
@@ -109,7 +131,8 @@ class FrictionLaw:
         v = np.asarray(velocity, dtype=float)
         s = np.sign(v if direction is None else np.asarray(direction, dtype=float))
         level = np.where(s > 0.0, self.coulomb_positive, self.coulomb_negative)
-        level = level + self.stribeck * stribeck_share(v, self.stribeck_speed)
+        rise = np.where(s > 0.0, self.rise(1.0), self.rise(-1.0))
+        level = level + rise * stribeck_share(v, self.stribeck_speed)
         rate = np.where(v > 0.0, self.viscous_positive, self.viscous_negative)
         return np.asarray(s * level + rate * v)
 
@@ -137,7 +160,8 @@ class FrictionLaw:
     def _level(self, velocity: Expression, sign: float) -> Expression:
         """Dry friction of one direction, with its sign."""
         level = sign * (self.coulomb_positive if sign > 0.0 else self.coulomb_negative)
-        if self.stribeck <= 0.0 or self.stribeck_speed <= 0.0:
+        rise = self.rise(sign)
+        if rise <= 0.0:
             return wrap(level)
         share = velocity * (1.0 / self.stribeck_speed)
-        return level + sign * self.stribeck * exp(-(share * share))
+        return level + sign * rise * exp(-(share * share))

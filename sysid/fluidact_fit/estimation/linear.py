@@ -129,15 +129,20 @@ def run_recursion(driven: Array, coefficients: npt.ArrayLike) -> Array:
     """``y_k = driven_k + sum_i c_i y_(k-i)``, nothing before the first; samples first.
 
     ``coefficients`` are of shape ``(q,)``, or ``(q, n)`` where they change: column ``j`` holds
-    what sample ``j`` adds to those that follow. A banded system: this saves the second that
-    ``scipy.signal`` takes to be imported.
+    what sample ``j`` adds to those that follow. A triangular band: this saves the second that
+    ``scipy.signal`` takes to be imported, and a general solver is ten times slower.
     """
-    from scipy.linalg import solve_banded
+    from scipy.linalg.blas import dtbsv
 
     c = np.asarray(coefficients, dtype=float)
-    below = -c if c.ndim == 2 else np.tile(-c[:, None], driven.shape[0])
-    bands = np.vstack((np.ones(driven.shape[0]), below))
-    return np.asarray(solve_banded((c.shape[0], 0), bands, driven, check_finite=False))
+    band = np.empty((c.shape[0] + 1, driven.shape[0]), order="F")
+    band[0] = 1.0
+    band[1:] = -c if c.ndim == 2 else -c[:, None]
+    out = np.array(driven, dtype=float, order="F")
+    columns = out.reshape(driven.shape[0], -1, order="A").T
+    for k, column in enumerate(columns):
+        columns[k] = dtbsv(c.shape[0], band, column, lower=1, diag=1)
+    return out
 
 
 def scan(phi: Array, forcing: Array, start: Array) -> Array:

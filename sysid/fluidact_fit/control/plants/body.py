@@ -4,7 +4,8 @@
     v = 0  while  -F_s- <= F - F_e <= F_s+        while it rests,
 
 ``z = (x, v, ..., 1)``. Break-away, stop, contact, loss of contact and puncture are events of
-:mod:`.hybrid`: their instants are solved for and nothing is smoothed.
+:mod:`.hybrid`: their instants are solved for and nothing is smoothed. Where kinetic friction falls
+with the speed (a Stribeck curve), :mod:`.falling` follows the mass while it moves.
 """
 
 from __future__ import annotations
@@ -14,14 +15,15 @@ from typing import Literal
 
 import numpy as np
 
-from ...errors import UsageError
 from ...estimation.friction_law import FrictionLaw
 from ...experiment import FloatArray
+from .falling import FallingMode
 from .hybrid import Mode
 from .tissue import Contact, Tissue
 
 _EVENTS = 64  # in one go; a mass that rattles faster than this rests for what is left of it
 _Cause = Literal["stop", "forward", "backward"] | tuple[Literal["contact"], Contact]
+_Piece = tuple[Mode | FallingMode, list[_Cause]]
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,6 @@ class Dynamics:
     mass
         [kg] or [kg m2]
     friction
-        Without a Stribeck rise, which is not linear.
     drive : (n,)
         Row that gives the driving force from the state [N or N m].
     actuator : (n, n)
@@ -51,14 +52,6 @@ class Dynamics:
     span: float
     tissue: Tissue | None = None
 
-    def __post_init__(self) -> None:
-        if self.friction.stribeck > 0.0:
-            raise UsageError(
-                "the closed loop knows Coulomb, static and viscous friction, and the parameter "
-                "file has a Stribeck rise as well",
-                remedy="Fit with --stribeck none.",
-            )
-
 
 class Body:
     """The motion of :class:`Dynamics` from event to event.
@@ -74,7 +67,7 @@ class Body:
 
     def __init__(self, dynamics: Dynamics) -> None:
         self.dynamics = dynamics
-        self._modes: dict[tuple[int, Contact, bool], tuple[Mode, list[_Cause]]] = {}
+        self._modes: dict[tuple[int, Contact, bool], _Piece] = {}
         start = np.zeros(dynamics.drive.size)
         start[-1] = 1.0
         self.reset(start)
@@ -130,15 +123,22 @@ class Body:
         d = self.dynamics
         return d.drive - d.tissue.force(contact, d.drive.size) if d.tissue else d.drive
 
-    def _mode(self, way: int, contact: Contact, held: bool = False) -> tuple[Mode, list[_Cause]]:
+    def _mode(self, way: int, contact: Contact, held: bool = False) -> _Piece:
         key = (way, contact, held)
         if key not in self._modes:
             rows = [] if held else self._guards(way, contact)
             size = self.dynamics.drive.size
             table = np.array([row for row, _ in rows]).reshape(-1, size)
-            mode = Mode(self._matrix(way, contact), table, self.dynamics.span)
+            mode = self._make_mode(way, self._matrix(way, contact), table)
             self._modes[key] = mode, [cause for _, cause in rows]
         return self._modes[key]
+
+    def _make_mode(self, way: int, matrix: FloatArray, guards: FloatArray) -> Mode | FallingMode:
+        d, rise = self.dynamics, self.dynamics.friction.rise(way)
+        if way == 0 or rise <= 0.0:
+            return Mode(matrix, guards, d.span)
+        speed = d.friction.stribeck_speed
+        return FallingMode(matrix, guards, d.span, -way * rise / d.mass, speed)
 
     def _matrix(self, way: int, contact: Contact) -> FloatArray:
         d = self.dynamics

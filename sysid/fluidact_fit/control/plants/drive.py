@@ -89,7 +89,7 @@ def behind_screw(
         screw.viscous_negative * viscous + far.viscous_negative,
         screw.breakaway_positive / lever + far.breakaway_positive,
         screw.breakaway_negative / lever + far.breakaway_negative,
-        screw.stribeck / lever, screw.stribeck_speed / transmission,
+        screw.stribeck / lever, screw.stribeck_speed / transmission, joined=screw.joined,
     )  # fmt: skip
     mass = values["inertia"] * transmission / lever + line.mass
     return Drive(mass, law, 1.0 / lever, line.stiffness, line.dead_time)

@@ -49,19 +49,19 @@ class HydraulicCylinder:
         return share * two, share * one
 
     @property
-    def period(self) -> float:
-        """The oil's own period, the piston between both chambers at position 0 [s]."""
+    def rate(self) -> float:
+        """Runge-Kutta steps per second that follow the motion.
+
+        40 in the oil's own period, the piston between both chambers at position 0, and 2 in the
+        time in which a speed grows ``e``-fold where friction falls with it.
+        """
         stiffness = sum(a * a / v for a, v in zip(self.area, self.volume)) * self.bulk_modulus
-        return 2.0 * pi * sqrt(self.mass / stiffness)
+        oil = sqrt(stiffness / self.mass) / (2.0 * pi)
+        return max(40.0 * oil, 2.0 * self.friction.fall / self.mass)
 
     def step(self, sample_time: float) -> float:
-        """Runge-Kutta step that divides a sample [s].
-
-        A fortieth of the oil's own period, and half the time in which a speed grows ``e``-fold
-        where friction falls with it.
-        """
-        rate = max(40.0 / self.period, 2.0 * self.friction.fall / self.mass)
-        return sample_time / ceil(rate * sample_time)
+        """Runge-Kutta step that divides a sample [s]."""
+        return sample_time / ceil(self.rate * sample_time)
 
 
 class HydraulicPlant(Plant):

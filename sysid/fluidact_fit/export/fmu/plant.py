@@ -173,8 +173,13 @@ def _cylinder_constants(c: HydraulicCylinder) -> list[str]:
         "viscous": (law.viscous_negative, law.viscous_positive),
         "coulomb": (law.coulomb_negative, law.coulomb_positive),
         "breakaway": (law.breakaway_negative, law.breakaway_positive),
+        "rise": (law.rise(-1.0), law.rise(1.0)),
     }  # fmt: skip
-    single = {"mass": c.mass, "bulk_modulus": c.bulk_modulus, "period": c.period}
+    # where nothing rises, any speed says so
+    speed = law.stribeck_speed if law.curved else 1.0
+    single = {
+        "mass": c.mass, "bulk_modulus": c.bulk_modulus, "rate": c.rate, "rise_speed": speed,
+    }  # fmt: skip
     return [
         *(table(f"hydraulic_{name}", pair) for name, pair in pairs.items()),
         *(f"static const double hydraulic_{n} = {number(value)};" for n, value in single.items()),

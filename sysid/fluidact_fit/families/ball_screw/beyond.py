@@ -11,7 +11,7 @@ from ...estimation.noise import noise_floor
 from ...estimation.separable import solve
 from ...experiment import FloatArray
 from ...family import Quantity
-from .model import BREAKAWAY, Compared
+from .model import BREAKAWAY, SPEED, Compared
 from .stages import Stage
 
 DECISIVE = 3.0  # residual per noise above which forces are at work that the model lacks
@@ -75,7 +75,10 @@ def _balance(residuals: Sequence[FloatArray], parts: Sequence[list[slice]]) -> l
 
 
 def beyond_notice(parameters: Mapping[str, Quantity]) -> Notice:
-    """Warn of forces that the model does not know, and of the static levels they hide."""
+    """Warn of forces that the model does not know, and of the static levels they hide.
+
+    Where the speed of a curve is not among the parameters, friction that falls is one of them.
+    """
     errors = {
         name: float(q.std_error) / abs(q.number)
         for name, q in parameters.items()
@@ -83,11 +86,14 @@ def beyond_notice(parameters: Mapping[str, Quantity]) -> Notice:
     }
     wide = [f"{name} ({100.0 * e:.0f} %)" for name, e in errors.items() if e > 0.02]
     hidden = f" They hide the static level most: {', '.join(wide)} standard error." if wide else ""
+    known = SPEED in parameters
+    more = "" if known else ", friction that falls with the speed"
+    remedy = "" if known else " For friction that falls, try --stribeck=estimate."
     return Notice(
         "forces-beyond-model",
         "forces that are not in this model (torque ripple, play, a load that depends on the "
-        "place) move the position by more than its noise. Speed and acceleration were "
+        f"place{more}) move the position by more than its noise. Speed and acceleration were "
         "compared as well, so that they disturb less; what they add to the friction levels "
         f"and to the inertia is not in the intervals.{hidden} Cover the same stretch in both "
-        "directions at several speeds, or give the static levels with --fix.",
+        f"directions at several speeds, or give the static levels with --fix.{remedy}",
     )

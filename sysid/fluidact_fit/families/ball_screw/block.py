@@ -4,25 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from math import copysign, inf, log1p
+from math import inf, log1p
 
 import numpy as np
 import numpy.typing as npt
 
 from ...block import DryDrive, DryDriveBlock, Port
+from ...errors import UsageError
 from ...estimation.friction_law import FrictionLaw
 from ...estimation.inputs import make_signal
 from ...experiment import Experiment, FloatArray, Hold
 from ...routines import Routine
 from ...specification import scalars
-from .model import BREAKAWAY, DriveModel, axis_of
-from .stick_slip import phi_real
+from .curved import Slide, slide_of
+from .model import BREAKAWAY, SPEED, DriveModel, axis_of
+from .motion import Levels
+from .phi import phi_real
 
 
 class DriveBlock(DryDriveBlock):
     """A mass or inertia with viscous and dry friction.
 
-    ``J v' = tau - b v - F_k(sign v)`` while it moves; it rests while the input stays
+    ``J v' = tau - b v - F_k(sign v)`` while it moves, with friction that falls from the static
+    to the kinetic level where the file has a ``stribeck_speed``; it rests while the input stays
     between the static levels. Break-away and stop are solved inside the sample.
 
     Attributes
@@ -48,13 +52,35 @@ class DriveBlock(DryDriveBlock):
 
     @cached_property
     def _moving(self) -> FrictionLaw:
-        """Friction in motion, which can be known without the static levels."""
+        """Friction in motion: without a curve it can be known while the static levels are not."""
+        curve = scalars({n: self.parameters[n] for n in self.parameters if n == SPEED})
+        if curve.get(SPEED, 0.0) > 0.0:
+            return self._law
         known = [n for n in self.parameters if n not in BREAKAWAY.values()]
         return FrictionLaw.of(scalars({n: self.parameters[n] for n in known}))
+
+    @cached_property
+    def _slides(self) -> dict[int, Slide]:
+        """Motion under the curve, by direction; none without one."""
+        law = self._law
+        if not law.curved:
+            return {}
+        levels = Levels(
+            self.inertia, (law.viscous_positive, law.viscous_negative),
+            (law.coulomb_positive, law.coulomb_negative),
+            (law.breakaway_positive, law.breakaway_negative), law.stribeck_speed,
+        )  # fmt: skip
+        return {way: slide_of(levels, way) for way in (1, -1)}
 
     def dry_drive(self) -> DryDrive:
         """Return inertia and friction as plain numbers."""
         law, name = self._law, axis_of(self.variant).inertia
+        if law.curved:
+            raise UsageError(
+                "the file has friction that falls with the speed, which the plant of this format "
+                "does not know",
+                remedy="Export to another format, or fit with --stribeck none.",
+            )
         return DryDrive(
             self.inertia, Port(name, self.document.parameters[name].unit),
             (law.viscous_negative, law.viscous_positive),
@@ -97,6 +123,8 @@ class DriveBlock(DryDriveBlock):
         forward = v > 0.0 if v != 0.0 else drive > law.breakaway_positive
         if v == 0.0 and not forward and drive >= -law.breakaway_negative:
             return 0.0
+        if self._slides:
+            return self._slide(1 if forward else -1, drive, span)
         viscous = law.viscous_positive if forward else law.viscous_negative
         net = drive - (law.coulomb_positive if forward else -law.coulomb_negative)
         stop = _time_to_stop(v, net, viscous, self.inertia)
@@ -110,6 +138,16 @@ class DriveBlock(DryDriveBlock):
             return 0.0
         self.velocity = 0.0
         return span - stop
+
+    def _slide(self, way: int, drive: float, span: float) -> float:
+        """Advance like :meth:`_move` where friction falls with the speed."""
+        slide = self._slides[way]
+        steps = slide.divide(abs(self.velocity), 0.0, span, slide.held(way * drive), span)
+        self.position += way * sum(s.way for s in steps)
+        self.velocity = way * steps[-1].after if steps else 0.0
+        if not steps or steps[-1].after > 0.0:
+            return 0.0
+        return span - steps[-1].offset - steps[-1].span
 
     def friction(self, velocity: float, torque: float = 0.0) -> float:
         """Friction that opposes the motion [unit of the input].
@@ -125,8 +163,8 @@ class DriveBlock(DryDriveBlock):
         Returns
         -------
         float
-            Moving: ``b v`` plus the kinetic level, with the sign of the velocity. At rest:
-            what is balanced, at most the static level.
+            Moving: ``b v`` plus the dry friction at that speed, with the sign of the velocity. At
+            rest: what is balanced, at most the static level.
         """
         if velocity != 0.0:
             return float(self._moving.moving(velocity))
@@ -160,9 +198,9 @@ class DriveBlock(DryDriveBlock):
             return 0.0
         law = self._moving
         viscous = law.viscous_positive if way > 0.0 else law.viscous_negative
-        level = law.coulomb_positive if way > 0.0 else law.coulomb_negative
+        level = float(law.moving(velocity, way)) - viscous * velocity
         share = min(abs(velocity) / band, 1.0) if band > 0.0 else 1.0
-        return self.inertia * acceleration + viscous * velocity + copysign(level, way) * share
+        return self.inertia * acceleration + viscous * velocity + level * share
 
     def simulate(
         self,

@@ -9,7 +9,15 @@ from itertools import pairwise
 import numpy as np
 
 from ...experiment import FloatArray
-from .model import BREAKAWAY, EXCESS, SIDES, Compared, DriveModel, increments, leading_parts
+from .model import (
+    BREAKAWAY,
+    EXCESS,
+    SIDES,
+    Compared,
+    DriveModel,
+    increments,
+    leading_parts,
+)
 from .stages import Stage, values_at
 
 _ROUNDS = 4  # of bracketing the levels and refitting the others, at most
@@ -173,7 +181,7 @@ class _Staircase:
         # share of the cost that does not count as a difference
         self.slack = 4.0 / sum(y.size for y in self.model.measured)
         motions = [self.model.motion(i, stage.start)[0] for i in range(len(part))]
-        self._price = sum(m.velocity.shape[1] + _EVENT * m.stops for m in motions)
+        self._price = sum(m.velocity.size + _EVENT * m.stops for m in motions)
         self._spent = 0.0
 
     def exhausted(self) -> bool:
@@ -183,7 +191,7 @@ class _Staircase:
     def levels(self, values: Mapping[str, float], side: str) -> FloatArray:
         """The kinetic level and every commanded one above it, ascending, lost rows included."""
         acting = [u.coefficients[:, 0] for u, _, _ in self.model.inputs]
-        return _above(acting, values, side)
+        return levels_above(acting, values, side)
 
     def recorded(
         self, brackets: Mapping[str, Bracket], values: Mapping[str, float]
@@ -192,7 +200,7 @@ class _Staircase:
         drives = [e.sampled(self.axis.drive) for e in self.stage.experiments]
         out = {}
         for name, b in brackets.items():
-            levels = _above(drives, values, name.removeprefix("breakaway_"))
+            levels = levels_above(drives, values, name.removeprefix("breakaway_"))
             below, above = levels[levels <= b.low], levels[levels >= b.high]
             low, high = below.max(initial=-np.inf), above.min(initial=np.inf)
             out[name] = replace(
@@ -291,7 +299,9 @@ class _Refitted:
         return replace(self, values={**self.values, name: level})
 
 
-def _above(drives: Sequence[FloatArray], values: Mapping[str, float], side: str) -> FloatArray:
+def levels_above(
+    drives: Sequence[FloatArray], values: Mapping[str, float], side: str
+) -> FloatArray:
     """The kinetic level of a direction and all levels of the drives above it, ascending."""
     drive = np.concatenate(drives) * (1.0 if side == "positive" else -1.0)
     kinetic = values[f"coulomb_{side}"]

@@ -3,9 +3,11 @@
     J theta'' = tau - b theta' - F_k(sign theta')       moving
     theta' = 0 while -F_s- <= tau <= F_s+               stuck
 
-Kinetic and static level may differ and both may differ by direction [1]_. A linear axis is
-the same with mass, force and position. The motion is solved with events
-(:mod:`.stick_slip`); nothing is smoothed in the estimate.
+Kinetic and static level may differ and both may differ by direction [1]_. Friction falls from the
+one to the other at once when the axis moves, or with ``--stribeck estimate`` over the speed:
+``F = F_k + (F_s - F_k) exp(-(theta' / v_s)^2)``. A linear axis is the same with mass, force and
+position. The motion is solved with events (:mod:`.stick_slip`, :mod:`.curved`); nothing is smoothed
+in the estimate.
 
 Three stages: the inverse dynamics by linear least squares on smoothed derivatives, then
 increments of position (no drift), then position. A one-shot fit of the position from a
@@ -21,23 +23,21 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...estimation.information import sensitivity
 from ...estimation.inputs import settled_hold
-from ...estimation.parametric import bind, check_request, fit_named
+from ...estimation.parametric import bind
 from ...estimation.separable import solve
-from ...experiment import Experiment, FloatArray, Hold
+from ...experiment import Experiment, Hold
 from ...family import (
     Estimate,
     Excitation,
     Family,
-    FamilyOptions,
     Information,
     ParameterDocument,
     ParameterSpec,
@@ -47,25 +47,21 @@ from ...family import (
     Simulated,
     Variant,
 )
-from ...options import choice, settled
-from .beyond import BEYOND_HELP, DECISIVE, beyond_notice, residual_to_noise, with_derivatives
 from .block import DriveBlock
-from .brackets import Bracket, bracket_levels, bracket_widths, narrow_levels
-from .drive_errors import warn_of_held_noise, with_drive_errors
-from .model import BREAKAWAY, EXCESS, LINEAR, ROTARY, SIDES, Axis, Compared, DriveModel, axis_of
-from .reported import derived_numbers, in_levels, refusal_notices, specs_of_file, with_brackets
-from .stages import Stage, excess_specs, first_stages, initial_speeds, speed_unknowns
-
-UNKNOWN_FORCES = (
-    "the motion is dominated by forces beyond this model, which move the instant of "
-    "break-away more than the static level does."
+from .brackets import bracket_widths
+from .fit import fit_drive
+from .model import (
+    BREAKAWAY,
+    LINEAR,
+    ROTARY,
+    SIDES,
+    SPEED,
+    Axis,
+    DriveModel,
+    axis_of,
 )
-LOST_ROWS = (
-    "rows are missing from the log, between which the drive jumps: it is not known what it was "
-    "when the axis broke away."
-)
-_ELSEWHERE = (0.05, 0.2, 0.5)  # excess of a static level over the kinetic one
-_KNOWN = 0.02  # of a kinetic level, to which a drive in lost rows has to be known
+from .options import BallScrewOptions
+from .stages import initial_speeds, speed_unknowns
 
 
 def _variant(
@@ -97,20 +93,12 @@ def _variant(
             *(ParameterSpec(f"breakaway_{s}", drive_unit, f"static friction, {s} direction",
                             neutral=0.0, minimum=0.0, remedy=slow, threshold=s,
                             base=f"coulomb_{s}") for s in SIDES),
+            ParameterSpec(SPEED, f"{motion_unit}/s",
+                          "speed at which 1/e of the fall from static to kinetic friction is left",
+                          neutral=0.0, minimum=0.0, optional=True,
+                          remedy="Record slow motion: reversals, starts and stops that take many "
+                          "samples; leave --stribeck out if friction falls at once."),
         ),
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class BallScrewOptions(FamilyOptions):
-    """Symmetry of the friction, and what the fit compares."""
-
-    viscous: str = choice(
-        "symmetric", ("symmetric", "asymmetric"), "one viscous value, or one per direction"
-    )
-    compared: str | None = settled(
-        "choice", "whether speed and acceleration were compared beside the position",
-        choices=("position", "derivatives"),
     )  # fmt: skip
 
 
@@ -120,7 +108,8 @@ class BallScrew(Family[BallScrewOptions]):
     name = "ball-screw"
     title = "Ball-screw drive: inertia, viscous friction and four Coulomb levels"
     equation = (
-        "inertia * angle'' = torque - viscous * angle' - coulomb(direction), stuck below breakaway"
+        "inertia * angle'' = torque - viscous * angle' - friction(direction), stuck below "
+        "breakaway; friction = coulomb + (breakaway - coulomb) * exp(-(angle' / stribeck_speed)^2)"
     )
     variants = (
         _variant("rotary", ROTARY, "N m", "rad", "kg m2", "N m s/rad"),
@@ -135,54 +124,7 @@ class BallScrew(Family[BallScrewOptions]):
         request: Request[BallScrewOptions],
     ) -> Estimate[BallScrewOptions]:
         """Fit inertia and friction in three stages; see :meth:`Family.estimate`."""
-        check_request(variant.parameters, request)
-        axis = axis_of(variant)
-        one_sided = request.options.viscous == "asymmetric"
-        stage = first_stages(variant, experiments, request, one_sided)
-        request.progress("fitting positions")
-        stage, brackets, beyond = _levels_and_forces(stage, request)
-        compared, weights = Compared(), list[FloatArray]()
-        if beyond:
-            request.progress("forces beyond the model: comparing speed and acceleration too")
-            compared, weights = with_derivatives(stage)
-        drive = DriveModel(experiments, axis, compared)
-        model = replace(
-            drive.named(stage.names, weights),
-            sigma_floor=0.0 if beyond else stage.rounding,
-            channels=[compared.channels(e.samples) for e in experiments],
-        )
-        fit = partial(
-            fit_named,
-            model,
-            [*variant.parameters, *excess_specs(variant)],
-            replace(request, fixed=stage.fixed),
-            stage.unknowns,
-            refusals=stage.refusals,
-            sensible=_sensible(stage),
-        )
-        fitted = fit([stage.start])
-        if lost := [s for s in stage.open_sides() if EXCESS[s] in fitted.refused]:
-            request.progress(f"looking again for the static levels: {', '.join(lost)}")
-            fitted = fit([stage.start, *_levels_elsewhere(fitted.values, lost)])
-        fitted = in_levels(with_drive_errors(fitted, drive, experiments, weights, request.seed))
-        solved = with_brackets(fitted, brackets)
-        parameters, order, covariance = solved.quantities(
-            specs_of_file(variant, fitted.values, stage.resting)
-        )
-        table, drift = fitted.compare_logs(experiments)
-        last = "position, speed and acceleration" if beyond else "position"
-        noise = warn_of_held_noise(axis, experiments)
-        refused = refusal_notices(variant, fitted.refused, stage.resting)
-        return Estimate(
-            parameters,
-            derived_numbers(solved, axis.inertia, variant.role(axis.drive).unit),
-            order,
-            covariance,
-            replace(request.options, compared="derivatives" if beyond else "position"),
-            [*refused, *drift, *noise, *([beyond_notice(parameters)] if beyond else [])],
-            {**fitted.details(), **table, "stages": ["inverse dynamics", "increments", last]},
-            fitted.sensitivity(),
-        )
+        return fit_drive(variant, experiments, request)
 
     def simulate(
         self,
@@ -205,7 +147,7 @@ class BallScrew(Family[BallScrewOptions]):
             return sensitivity(model.named(list(v)), v)
         found = sensitivity(model.named([n for n in v if n not in BREAKAWAY.values()]), v)
         motion, samples = model.motion(0, v)
-        speed = np.real(motion.velocity[0, samples])
+        speed = motion.velocity[samples]
         return replace(found, floor=bracket_widths(experiment.sampled(axis.drive), speed, v))
 
     def model(
@@ -230,7 +172,12 @@ class BallScrew(Family[BallScrewOptions]):
         amplitude: tuple[float, float],
         sample_time: float,
     ) -> float | None:
-        """A kinetic level of a fifth of the range, a static one that is higher by a third."""
+        """A kinetic level of a fifth of the range, a static one that is higher by a third.
+
+        At which speed friction falls nobody can guess.
+        """
+        if name == SPEED:
+            return None
         v = plant.numbers
         for s, limit in zip(SIDES, reversed(amplitude)):
             if name == f"coulomb_{s}":
@@ -255,63 +202,3 @@ def _follow(
     named = model.named([*values, *moving])
     found = solve(bind(named, speed_unknowns(moving), values), np.array([*moving.values()]))
     return Simulated(found.simulated[0], offset=float(found.local[0][0]))
-
-
-def _levels_and_forces(
-    stage: Stage, request: Request[BallScrewOptions]
-) -> tuple[Stage, dict[str, Bracket], bool]:
-    """Bracket the static levels where that can be done, and weigh what the model leaves out.
-
-    Once forces beyond the model decide the instant of break-away, no level is left to
-    bracket and it is refused. A file says which of both it was.
-    """
-    known = request.options.compared
-    brackets: dict[str, Bracket] = {}
-    held, stepped = stage, stage.stepped
-    if stepped and known != "derivatives":
-        request.progress("bracketing the static levels")
-        held, brackets = bracket_levels(stage)
-    ratio = residual_to_noise(held) if known is None else 0.0
-    if brackets and ratio < BEYOND_HELP:
-        held, brackets = narrow_levels(held, brackets)
-        ratio = residual_to_noise(held) if known is None else 0.0
-    beyond = known == "derivatives" or ratio > DECISIVE
-    if brackets and not beyond and _unknown(stage):
-        excesses = {s: brackets[b].value - held.start[f"coulomb_{s}"] for s, b in BREAKAWAY.items()
-                    if b in brackets}  # fmt: skip
-        return stage.refuse_levels(LOST_ROWS, list(excesses), excesses), {}, False
-    if not (beyond and stepped):
-        return held, brackets, beyond
-    return stage.refuse_levels(UNKNOWN_FORCES, stage.open_sides()), {}, True
-
-
-def _unknown(stage: Stage) -> bool:
-    """Whether rows were lost in which the drive may have been below or above a static level."""
-    levels = (stage.start[f"coulomb_{s}"] for s in SIDES)
-    return stage.unknown_drive > _KNOWN * min(levels)
-
-
-def _levels_elsewhere(
-    values: Mapping[str, float], sides: Sequence[str]
-) -> Iterator[dict[str, float]]:
-    """Starts beside a fit in which a static level slid to where no event shows it any more."""
-    for ratio in _ELSEWHERE:
-        yield {**values, **{EXCESS[s]: ratio * values[f"coulomb_{s}"] for s in sides}}
-
-
-def _sensible(stage: Stage) -> dict[str, float]:
-    """Half-widths of intervals that say nothing.
-
-    Viscous friction that alone would use up the whole drive at the highest speed is one.
-    """
-    speed = max(
-        float(np.quantile(np.abs(np.gradient(e[stage.axis.motion], e.time)), 0.99))
-        for e in stage.experiments
-    )
-    out = dict.fromkeys(stage.unknowns, stage.largest_drive)
-    for n in out:
-        if n.startswith("viscous"):
-            out[n] = stage.largest_drive / max(speed, 1e-300)
-        if n.startswith("initial_speed"):
-            out[n] = np.inf
-    return {**out, stage.axis.inertia: stage.start[stage.axis.inertia]}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -18,12 +19,14 @@ from ...estimation.parametric import NamedModel, Values
 from ...estimation.separable import Basis, Slopes
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Variant
-from .stick_slip import Motion, StickSlip, simulate_stick_slip
+from .motion import Motion, StickSlip
+from .stick_slip import simulate_stick_slip
 
 Array = npt.NDArray[Any]
 SIDES: tuple[Literal["positive"], Literal["negative"]] = ("positive", "negative")
 BREAKAWAY: dict[str, str] = {s: f"breakaway_{s}" for s in SIDES}  # static level
 EXCESS: dict[str, str] = {s: f"excess_{s}" for s in SIDES}  # of the static level
+SPEED = "stribeck_speed"  # of the curve that joins a static level to its kinetic one
 _LONG = 40_000  # samples beyond which the early stages look at a part of the log
 
 
@@ -57,18 +60,26 @@ class Compared:
     lag: int = 0
     half_width: int = 0
 
-    def reduce(self, y: Array) -> Array:
+    def reduce(self, y: FloatArray) -> FloatArray:
         """Turn positions, shape ``(..., n)``, into the compared rows, last axis."""
         if self.lag:
             return y[..., self.lag :] - y[..., : -self.lag]
         if not self.half_width:
             return y
-        windows = np.lib.stride_tricks.sliding_window_view(y, 2 * self.half_width + 1, axis=-1)
-        return np.concatenate((y, windows @ self._kernel(1), windows @ self._kernel(2)), axis=-1)
+        width, samples = 2 * self.half_width + 1, y.shape[-1]
+        size = 1 << (samples + width - 1).bit_length()
+        spectrum = np.fft.rfft(y, size)
+        smoothed = [
+            np.fft.irfft(spectrum * kernel, size)[..., width - 1 : samples]
+            for kernel in np.fft.rfft(self._kernels[:, ::-1], size)
+        ]
+        return np.concatenate((y, *smoothed), axis=-1)
 
-    def _kernel(self, order: int) -> FloatArray:
+    @cached_property
+    def _kernels(self) -> FloatArray:
+        """Weights of a window for the slope and the curvature at its middle."""
         offsets = np.arange(-self.half_width, self.half_width + 1)
-        return np.linalg.pinv(np.vander(offsets, 3, increasing=True))[order]
+        return np.linalg.pinv(np.vander(offsets, 3, increasing=True))[1:]
 
     def offset(self, samples: int, rows: int) -> FloatArray:
         """Column of an unknown offset of the position, shape ``(rows, 0 or 1)``."""
@@ -132,7 +143,8 @@ class DriveModel:
         )
         static = [self._static(s, level, values) for s, level in zip(SIDES, kinetic)]
         levels = kinetic[0], kinetic[1], static[0], static[1]
-        p = StickSlip(row(values[self.axis.inertia]), forward, *levels, backward)
+        curve = row(values.get(SPEED, 0.0))
+        p = StickSlip(row(values[self.axis.inertia]), forward, *levels, backward, curve)
         u, grid, samples = self.inputs[index]
         speed = row(values.get(f"initial_speed[{index}]", 0.0))
         return simulate_stick_slip(p, u, grid, initial_speed=speed), samples
@@ -145,15 +157,12 @@ class DriveModel:
             return kinetic + values[EXCESS[side]]
         return np.where(np.real(given) > np.real(kinetic), given, kinetic)
 
-    def _rows(self, index: int, values: Values) -> Array:
-        motion, samples = self.motion(index, values)
-        return self.compared.reduce(motion.position[:, samples])
-
     def columns(self, index: int, values: Values) -> Basis:
         """Simulated position and the offset column."""
-        return self._basis(index, self._rows(index, values)[0])
+        motion, samples = self.motion(index, values)
+        return self._basis(index, self.compared.reduce(motion.position[0, samples]))
 
-    def _basis(self, index: int, y: Array) -> Basis:
+    def _basis(self, index: int, y: FloatArray) -> Basis:
         samples = self.inputs[index][2].size
         return Basis(y, np.zeros((y.size, 0)), self.compared.offset(samples, y.size))
 
@@ -161,13 +170,15 @@ class DriveModel:
         """Position with its exact derivatives, all in one pass through the events."""
         p = len(names)
         steps = np.array([1e-30 * max(abs(float(values[n])), 1e-12) for n in names])
-        rows = {name: np.full(p + 1, complex(value)) for name, value in values.items()}
+        rows = {name: np.full(max(p, 1), complex(value)) for name, value in values.items()}
         for k, name in enumerate(names):
             rows[name][k] += 1j * steps[k]
-        y = self._rows(index, rows)
-        basis = self._basis(index, np.real(y[p]))
+        motion, samples = self.motion(index, rows)
+        y = motion.position[:, samples]
+        basis = self._basis(index, self.compared.reduce(np.real(y[0])))
         none, local = (np.zeros((p, *c.shape)) for c in (basis.shared, basis.local))
-        return basis, Slopes(np.imag(y[:p]) / steps[:, None], none, local)
+        change = np.imag(y[:p]) / steps[:, None]
+        return basis, Slopes(self.compared.reduce(change), none, local)
 
     def named(self, names: Sequence[str], weights: Sequence[FloatArray] = ()) -> NamedModel:
         """The model in the form the estimation takes."""
@@ -190,9 +201,9 @@ def _on_samples(
     return PiecewiseInput(nodes, coefficients), make_grid(nodes), np.searchsorted(nodes, time)
 
 
-def leading_parts(experiments: Sequence[Experiment]) -> list[Experiment]:
+def leading_parts(experiments: Sequence[Experiment], samples: int = _LONG) -> list[Experiment]:
     """What the early stages look at: the first samples of every log."""
-    part = slice(0, _LONG)
+    part = slice(0, samples)
     out = []
     for e in experiments:
         signals = {

@@ -46,7 +46,8 @@ def routines_of(
         drive.unit,
     )  # fmt: skip
     v, a = ahead.argument(velocity), ahead.argument(acceleration)
-    starting = by_sign(a, moving.coulomb_positive, -moving.coulomb_negative)
+    rises = [float(moving.moving(0.0, way)) for way in (1.0, -1.0)]
+    starting = by_sign(a, *rises)
     friction = Draft(
         "friction", "Friction against the motion; at rest what it balances.", drive.unit
     )

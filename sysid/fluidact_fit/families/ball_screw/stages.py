@@ -24,6 +24,7 @@ from .model import (
     BREAKAWAY,
     EXCESS,
     SIDES,
+    SPEED,
     Axis,
     Compared,
     DriveModel,
@@ -66,6 +67,11 @@ class Stage:
         return {**{r.parameter: float(r.hold or 0.0) for r in self.refusals}, **self.fixed}
 
     @property
+    def curved(self) -> bool:
+        """Whether friction falls from the static to the kinetic level over the speed."""
+        return self.held.get(SPEED, self.start.get(SPEED, 0.0)) > 0.0
+
+    @property
     def largest_drive(self) -> float:
         """Largest torque or force [SI]."""
         return max(float(np.abs(e.sampled(self.axis.drive)).max()) for e in self.experiments)
@@ -101,7 +107,11 @@ class Stage:
         ``held`` are their excesses while the others are fitted, by direction; none by default.
         """
         new = [Refusal(EXCESS[s], reason, (held or {}).get(s, 0.0)) for s in sides]
-        return replace(self, refusals=(*self.refusals, *new))
+        return self.refuse(*new)
+
+    def refuse(self, *refusals: Refusal) -> Stage:
+        """The stage with parameters refused."""
+        return replace(self, refusals=(*self.refusals, *refusals))
 
     def problem(
         self, compared: Compared | None = None, weights: Sequence[FloatArray] = ()
@@ -140,10 +150,11 @@ def first_stages(
     viscous = [f"viscous_{s}" for s in SIDES] if one_sided else ["viscous"]
     direct = {*request.fixed, *request.bounds}
     static = [BREAKAWAY[s] if BREAKAWAY[s] in direct else EXCESS[s] for s in SIDES]
-    names = (axis.inertia, *viscous, *(f"coulomb_{s}" for s in SIDES), *static)
+    given = [SPEED] if SPEED in request.fixed else []
+    names = (axis.inertia, *viscous, *(f"coulomb_{s}" for s in SIDES), *static, *given)
     specs = [*variant.parameters, *excess_specs(variant)]
     request.progress("inverse dynamics")
-    guess = _inverse_dynamics(experiments, axis, viscous)
+    guess = {**_inverse_dynamics(experiments, axis, viscous), **dict.fromkeys(given, 0.0)}
     unknowns = make_unknowns(specs, names, guess, request, _search_limits(names, guess))
     resting = _withstood(experiments, axis)
     stage = Stage(experiments, axis, names, unknowns, guess, resting, dict(request.fixed))

@@ -3,14 +3,14 @@
     J v' = tau(t) - b v - F_k(sign v)        while moving,
     v = 0  while  -F_s- <= tau <= F_s+       while stuck.
 
-``tau`` is a piecewise polynomial, so between two events the motion is linear and known in
-closed form. Break-away (``tau`` reaches the static level) and stop (``v`` reaches zero)
-are solved inside the sampling interval: position is then a smooth function of all six
-parameters, with no time grid and no ``tanh`` in it. With the Karnopp band [1]_ shrunk to
-zero width this is the model's exact solution.
+Friction that falls from the one level to the other is in :mod:`.curved`. ``tau`` is a piecewise
+polynomial, so between two events the motion is linear and known in closed form. Break-away
+(``tau`` reaches the static level) and stop (``v`` reaches zero) are solved inside the sampling
+interval: position is then a smooth function of all six parameters, with no time grid and no
+``tanh`` in it. With the Karnopp band [1]_ shrunk to zero width this is the model's exact solution.
 
-All six parameters may be complex; the imaginary parts carry exact derivatives through
-the events (implicit function theorem, one complex Newton step per event).
+All parameters may be complex; the imaginary parts carry exact derivatives through the events
+(:mod:`.changes`), which take one pass over whole arrays after the events are known.
 
 References
 ----------
@@ -22,99 +22,47 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
-from math import exp, factorial
-from typing import Any
+from math import comb, exp, factorial
 
 import numpy as np
-import numpy.typing as npt
 
 from ...estimation.inputs import PiecewiseInput
-from ...estimation.linear import Grid, states_at_nodes
+from ...estimation.linear import Grid, run_recursion
+from ...experiment import FloatArray
+from .changes import Steps, Varied, with_changes
+from .curved import simulate_curved
+from .motion import Array, Levels, Motion, StickSlip
+from .phi import phi_of, phi_real
+from .rest import StaticBand, rising_root, slope_of, value_of
 
-Array = npt.NDArray[Any]
-_INVERSE = [1.0 / factorial(n) for n in range(32)]
 _LIMIT = 8  # events inside one sampling interval before the motion counts as stuck
+_TINY = 1e-30  # imaginary part, in parts of a parameter
 
 
 @dataclass(frozen=True)
-class StickSlip:
-    """Parameters of the model, each of shape ``(k,)``, real parts equal along ``k``.
+class _Responses:
+    """What spans of time do, shape ``(g,)`` each: real, or complex for derivatives.
 
-    ``inertia`` [kg m2 or kg], ``viscous`` [N m s/rad or N s/m], kinetic and static
-    levels [N m or N], magnitudes. Row 0 decides at which events the motion changes.
+    ``decay`` of the speed and ``travel`` per speed [s]; ``speed`` and ``place``, shape
+    ``(d, g)``, per coefficient of the net torque at the begin of the span.
     """
 
-    inertia: Array
-    viscous: Array
-    coulomb_positive: Array
-    coulomb_negative: Array
-    breakaway_positive: Array
-    breakaway_negative: Array
-    viscous_negative: Array | None = None
+    decay: Array
+    travel: Array
+    speed: Array
+    place: Array
 
-
-@dataclass(frozen=True)
-class Motion:
-    """Simulated motion: position and velocity at the nodes, shape ``(k, m)``, and events.
-
-    ``breakaways`` counts break-aways in the positive and the negative direction.
-    """
-
-    position: Array
-    velocity: Array
-    breakaways: tuple[int, int]
-    stops: int
-
-
-def _phi(z: Array, count: int) -> list[Array]:
-    """``phi_n(z) = sum_k z**k / (k + n)!`` for ``n = 1..count``, any size of ``z``."""
-    size = np.abs(z)
-    small = size < 0.7
-    every = bool(small.all())
-    near = z if every else np.where(small, z, 0.0)
-    # of terms that matter: between two samples z is seldom more than a few hundredths
-    last = 6 if every and size.max(initial=0.0) < 0.02 else 13
-    total = near * _INVERSE[count + last + 1] + _INVERSE[count + last]
-    for k in range(last - 1, -1, -1):
-        total *= near
-        total += _INVERSE[count + k]
-    values = [total]
-    for n in range(count - 1, 0, -1):
-        values.append(values[-1] * near + _INVERSE[n])
-    values.reverse()
-    if every:
-        return values
-    far = np.where(small, 1.0, z)
-    previous = np.exp(far)
-    out = []
-    for n in range(1, count + 1):
-        previous = (previous - _INVERSE[n - 1]) / far
-        out.append(np.where(small, values[n - 1], previous))
-    return out
-
-
-def phi_real(z: float, count: int) -> list[float]:
-    """``phi_1 .. phi_count`` of one real number; the hot path of every event."""
-    if abs(z) < 0.7:
-        total = 0.0
-        for k in range(14, -1, -1):
-            total = total * z + _INVERSE[count + k]
-        values = [total]
-        for n in range(count - 1, 0, -1):
-            values.append(values[-1] * z + _INVERSE[n])
-        values.reverse()
-        return values
-    values, previous = [], exp(z)
-    for n in range(1, count + 1):
-        previous = (previous - _INVERSE[n - 1]) / z
-        values.append(previous)
-    return values
-
-
-def _first(values: Array) -> float:
-    """Real part of row 0."""
-    return float(np.real(values[0]))
+    @classmethod
+    def of(cls, inertia: complex, viscous: complex, spans: FloatArray, size: int) -> _Responses:
+        z = -(viscous / inertia) * spans
+        phi = phi_of(z, size + 1)
+        powers = [factorial(i) * spans ** (i + 1) / inertia for i in range(size)]
+        return cls(
+            1.0 + z * phi[0],
+            spans * phi[0],
+            np.array([power * phi[i] for i, power in enumerate(powers)]),
+            np.array([power * spans * phi[i + 1] for i, power in enumerate(powers)]),
+        )
 
 
 class _Direction:
@@ -124,245 +72,238 @@ class _Direction:
     never stops, from zero; every slip phase is this motion minus its own past.
     """
 
-    def __init__(
-        self, sign: int, inertia: Array, viscous: Array, level: Array, torque: Array,
-        unstopped: Callable[[complex, complex], tuple[Array, Array]],
-    ) -> None:  # fmt: skip
-        self.sign, self.level, self.torque = sign, level, torque
-        self.inertia, self.viscous, self.rate = inertia, viscous, viscous / inertia
-        self.first = _first(inertia), _first(self.rate), sign * _first(level)
-        motions = [unstopped(j, b) for j, b in zip(inertia, viscous)]
-        self.place, self.speed = (
-            np.array([m[:, i] - sign * f * one[:, i] for (m, one), f in zip(motions, level)])
-            for i in (0, 1)
-        )
+    def __init__(self, sign: int, levels: Levels, u: PiecewiseInput, grid: Grid) -> None:
+        k = 0 if sign > 0 else 1
+        self.sign, self.torque, self.inertia = sign, u.coefficients, levels.inertia
+        self.viscous, self.level = levels.viscous[k], sign * levels.kinetic[k]
+        self.rate = self.viscous / self.inertia
+        net = self.torque[:-1].T.copy()
+        net[0] -= self.level
+        r = _Responses.of(self.inertia, self.viscous, grid.distinct, net.shape[0])
+        speed, place = ((part[:, grid.which] * net).sum(axis=0) for part in (r.speed, r.place))
+        driven = np.concatenate(([0.0], speed))
+        decay = np.append(r.decay[grid.which], 0.0)
+        self.speed = run_recursion(driven[:, None], decay[None])[:, 0]
+        steps = place + self.speed[:-1] * r.travel[grid.which]
+        self.place = np.concatenate(([0.0], np.cumsum(steps)))
 
-    def inside(self, node: int, offset: Array) -> tuple[Array, Array]:
-        """Speed and place of the unstopped motion between nodes; offset of shape ``(k,)``."""
-        torque = self.torque[node]
-        phi = _phi(-self.rate * offset, torque.size + 1)
-        decay = 1.0 - self.rate * offset * phi[0]
-        v = self.speed[:, node] * decay
-        p = self.place[:, node] + self.speed[:, node] * offset * phi[0]
+    def inside(self, node: int, offset: float, speed: float) -> tuple[float, float]:
+        """Speed, and way made, at an offset after a node at which the speed is known."""
+        torque = self.torque[node].tolist()
+        torque[0] -= self.level
+        z = -self.rate * offset
+        phi = phi_real(z, len(torque) + 1)
+        v, p = speed * exp(z), speed * offset * phi[0]
+        power = offset / self.inertia
         for i, c in enumerate(torque):
-            push = (c - self.sign * self.level) if i == 0 else c
-            power = factorial(i) * push * offset ** (i + 1) / self.inertia
-            v = v + power * phi[i]
-            p = p + power * offset * phi[i + 1]
+            v += c * power * phi[i]
+            p += c * power * offset * phi[i + 1]
+            power *= offset * (i + 1)
         return v, p
 
-    def speed_inside(self, node: int, offset: float, speed: float) -> float:
-        """Speed of row 0 at an offset after a node at which it is ``speed``; plain floats."""
-        inertia, rate, level = self.first
-        torque = self.torque[node].tolist()
-        torque[0] -= level
-        z = -rate * offset
-        phi = phi_real(z, len(torque))
-        total = speed * exp(z)
-        power = offset / inertia
-        for i, c in enumerate(torque):
-            total += c * power * phi[i]
-            power *= offset * (i + 1)
-        return total
 
+@dataclass(frozen=True)
+class _Phase:
+    """Motion from an event to a stop, or to the end of the log.
 
-def _unstopped(
-    inertia: complex, viscous: complex, u: PiecewiseInput, grid: Grid
-) -> tuple[Array, Array]:
-    """Position and velocity at the nodes under ``u`` and under a constant one: ``(m, 2)``."""
-    a = np.array([[0.0, 1.0], [0.0, -viscous / inertia]])
-    b = np.array([0.0, 1.0 / inertia])
-    one = PiecewiseInput(u.nodes, np.ones((u.nodes.size, 1)))
-    return states_at_nodes(a, b, u, grid), states_at_nodes(a, b, one, grid)
+    ``late`` is how much later the phase begins per static level of its direction; ``hands_on``
+    what of the derivative of its last speed the next phase begins with.
+    """
 
-
-def _value(coefficients: Array, offset: float) -> float:
-    """Value of a polynomial with rising powers."""
-    return float(np.polyval(coefficients[::-1], offset))
+    node: int
+    offset: float
+    sign: int
+    speed: float
+    last: int  # interval in which it ends
+    end: float  # offset of the stop in it; infinite where the log ends first
+    late: float = 0.0
+    hands_on: float = 0.0
 
 
 class _Run:
     """One pass through the events of a log."""
 
-    def __init__(self, p: StickSlip, u: PiecewiseInput, grid: Grid, speed: Array) -> None:
-        self.time, self.torque = grid.instants, u.coefficients
-        kind = np.result_type(p.inertia, p.viscous, p.coulomb_positive, p.breakaway_positive, float)
-        self.k = p.inertia.size
-        negative = p.viscous if p.viscous_negative is None else p.viscous_negative
-        inertia, ways = p.inertia.astype(kind), (p.viscous.astype(kind), negative.astype(kind))
-        unstopped = cache(lambda inertia, viscous: _unstopped(inertia, viscous, u, grid))
-        self.forward = _Direction(1, inertia, ways[0], p.coulomb_positive, self.torque, unstopped)
-        self.backward = _Direction(-1, inertia, ways[1], p.coulomb_negative, self.torque, unstopped)
-        self.static = (p.breakaway_positive, p.breakaway_negative)
-        self.upper = max(_first(p.breakaway_positive), 0.0)
-        self.lower = -max(_first(p.breakaway_negative), 0.0)
-        self.position = np.empty((self.k, self.time.size), dtype=kind)
-        self.velocity = np.zeros((self.k, self.time.size), dtype=kind)
-        self.here = np.zeros(self.k, dtype=kind)
-        self.start_speed = np.broadcast_to(speed, (self.k,)).astype(kind)
-        self.breakaways = [0, 0]
-        self.stops = 0
-        # intervals in which the torque leaves the static band somewhere
-        start = self.torque[:, 0]
-        end = start if self.torque.shape[1] == 1 else np.append(start[1:], start[-1])
-        high, low = np.maximum(start, end), np.minimum(start, end)
-        self.hot = np.flatnonzero((high > self.upper) | (low < self.lower))
+    def __init__(self, levels: Levels, u: PiecewiseInput, grid: Grid, speed: float) -> None:
+        self.levels, self.time, self.torque = levels, grid.instants, u.coefficients
+        self.ways = {sign: _Direction(sign, levels, u, grid) for sign in (1, -1)}
+        self.band = StaticBand(u, *levels.static)
+        self.position = np.empty(self.time.size)
+        self.velocity = np.zeros(self.time.size)
+        self.here = 0.0
+        self.phases: list[_Phase] = []
+        self.breakaways, self.stops = [0, 0], 0
+        self._run(speed)
 
-    def run(self) -> None:
+    def _run(self, speed: float) -> None:
         """Follow the motion from event to event until the log ends."""
-        node, offset = 0, np.zeros(self.k)
-        self.position[:, 0] = self.here
-        speed = self.start_speed
-        sign = int(np.sign(np.real(speed[0])))
+        node, offset, sign, late = 0, 0.0, int(np.sign(speed)), 0.0
+        self.position[0], self.velocity[0] = 0.0, speed
         in_interval, last_node = 0, -1
         end = self.time.size - 1
         while node < end:
             if sign == 0:
-                found = self._breakaway(node, offset)
+                found = self.band.leave(node, offset)
                 if found is None:
-                    self.position[:, node + 1 :] = self.here[:, None]
+                    self.position[node + 1 :] = self.here
                     return
-                until, offset, sign = found
-                self.position[:, node + 1 : until + 1] = self.here[:, None]
-                node = until
+                until, begin, sign = found
+                # where the torque comes to its level, and not where it jumps past it
+                met = begin > (offset if until == node else 0.0)
+                late = sign / slope_of(self.torque[until], begin) if met else 0.0
+                self.position[node + 1 : until + 1] = self.here
+                node, offset = until, begin
                 self.breakaways[0 if sign > 0 else 1] += 1
-                speed = np.zeros(self.k)
             in_interval = in_interval + 1 if node == last_node else 0
             last_node = node
             if in_interval > _LIMIT:  # rattling faster than the log can show
-                self.position[:, node + 1] = self.here
-                node, offset, sign = node + 1, np.zeros(self.k), 0
+                self.position[node + 1] = self.here
+                node, offset, sign = node + 1, 0.0, 0
                 continue
-            node, offset, sign = self._slip(node, offset, sign, speed)
-            speed = np.zeros(self.k)
-            if node >= end:
-                return
+            node, offset, sign = self._slip(node, offset, sign, speed, late)
+            speed = late = 0.0
 
-    def _breakaway(self, node: int, offset: Array) -> tuple[int, Array, int] | None:
-        """Next instant at which the torque leaves the static band."""
-        for j in map(int, self.hot[np.searchsorted(self.hot, node) :]):
-            if j >= self.time.size - 1:
-                return None
-            found = self._leave(j, offset if j == node else np.zeros(self.k))
-            if found is not None:
-                return j, *found
-        return None
-
-    def _leave(self, j: int, offset: Array) -> tuple[Array, int] | None:
-        """Where the torque leaves the static band inside interval ``j``, and which way."""
-        c, begin = self.torque[j], _first(offset)
-        now = _value(c, begin)
-        if now > self.upper or now < self.lower:
-            return offset, 1 if now > self.upper else -1
-        if c.size == 1:
-            return None
-        step = self.time[j + 1] - self.time[j]
-        then = _value(c, step)
-        if self.lower <= then <= self.upper:
-            return None
-        sign = 1 if then > self.upper else -1
-        level = self.static[0] if sign > 0 else -self.static[1]
-        if c.size == 2:
-            return (level - c[0]) / c[1], sign
-        wanted = _first(level)
-        root = _rising_root(lambda o: (_value(c, o) - wanted) * sign, begin, step)
-        slope = _value(c[1:] * np.arange(1, c.size), root)
-        return root + (level - wanted) / slope, sign
-
-    def _slip(self, node: int, offset: Array, sign: int, speed: Array) -> tuple[int, Array, int]:
+    def _slip(
+        self, node: int, offset: float, sign: int, speed: float, late: float
+    ) -> tuple[int, float, int]:
         """Slip from an event to the next stop; returns where it stops and what follows."""
-        way = self.forward if sign > 0 else self.backward
-        v0, p0 = way.inside(node, offset)
+        way = self.ways[sign]
+        v0, p0 = way.inside(node, offset, float(way.speed[node]))
+        p0 += float(way.place[node])
         lag = v0 - speed  # what the unstopped motion has more than this one
-        began = self.time[node] + offset
+        began = float(self.time[node]) + offset
         stop = self._find_stop(way, node, lag, began)
         last = self.time.size - 1 if stop is None else stop
-        if last > node:
-            nodes = slice(node + 1, last + 1)
-            since = self.time[nodes] - began[:, None]
-            z = way.rate[:, None] * since
-            less = -np.expm1(-z)
-            travel = (
-                np.where(np.abs(z) > 1e-12, less / np.where(z == 0, 1.0, z), 1.0 - 0.5 * z) * since
-            )
-            self.velocity[:, nodes] = way.speed[:, nodes] - lag[:, None] * (1.0 - less)
-            self.position[:, nodes] = (
-                (self.here - p0)[:, None] + way.place[:, nodes] - lag[:, None] * travel
-            )
+        self._fill(way, slice(node + 1, last + 1), self.here - p0, lag, began)
         if stop is None:
-            return last, np.zeros(self.k), sign
-        return self._stop(way, stop, node, offset, lag, p0)
+            self.phases.append(_Phase(node, offset, sign, speed, last - 1, np.inf, late))
+            return last, 0.0, sign
+        # speed and place of the phase at the node of the stop, drawn back where that is before it
+        since = float(self.time[stop]) - began
+        base = float(way.speed[stop]) - lag * exp(-way.rate * since)
+        travel = since * phi_real(-way.rate * since, 1)[0]
+        there = self.here - p0 + float(way.place[stop]) - lag * travel
+        root = self._stop(way, stop, offset if stop == node else None, base)
+        self.here = there + way.inside(stop, root, base)[1]
+        self.stops += 1
+        torque = value_of(self.torque[stop], root)
+        # no rest where the torque already exceeds the static level at the turning point
+        following = self.band.way(torque)
+        hands_on = 0.0
+        if following and torque != way.level:
+            hands_on = (torque - self.ways[following].level) / (torque - way.level)
+        phase = _Phase(node, offset, sign, speed, stop, root, late, hands_on)
+        self.phases.append(phase)
+        return stop, root, following
 
-    def _find_stop(self, way: _Direction, node: int, lag: Array, began: Array) -> int | None:
+    def _fill(self, way: _Direction, nodes: slice, place: float, lag: float, began: float) -> None:
+        """Speed and place at the nodes of a phase: the unstopped motion less its own past."""
+        since = self.time[nodes] - began
+        less = -np.expm1(-way.rate * since)
+        travel = less / way.rate if way.rate * since.max(initial=0.0) > 1e-12 else since
+        self.velocity[nodes] = way.speed[nodes] - lag * (1.0 - less)
+        self.position[nodes] = place + way.place[nodes] - lag * travel
+
+    def _find_stop(self, way: _Direction, node: int, lag: float, began: float) -> int | None:
         """Interval in which the speed returns to zero; ``None`` when the log ends first."""
-        rate, less, start = _first(way.rate), _first(lag), _first(began)
         first, width, end = node + 1, 32, self.time.size
         while first < end:
             part = slice(first, min(first + width, end))
-            v = np.real(way.speed[0, part]) - less * np.exp(-rate * (self.time[part] - start))
-            back = np.flatnonzero(v * way.sign <= 0.0)
-            if back.size:
-                return first + int(back[0]) - 1
+            v = way.speed[part] - lag * np.exp(-way.rate * (self.time[part] - began))
+            back = v * way.sign <= 0.0
+            k = int(back.argmax())
+            if back[k]:
+                return first + k - 1
             first, width = first + width, width * 2
         return None
 
-    def _stop(
-        self, way: _Direction, j: int, node: int, offset: Array, lag: Array, p0: Array
-    ) -> tuple[int, Array, int]:
-        """Solve the instant of the stop inside interval ``j`` and decide what follows."""
-        begin = _first(offset) if j == node else 0.0
-        step = self.time[j + 1] - self.time[j]
-        rate, less = _first(way.rate), _first(lag)
-        # actual speed at the node: the unstopped motion less what this phase never had
-        since = self.time[j] - self.time[node] - _first(offset)
-        base = float(np.real(way.speed[0, j])) - less * exp(-rate * since)
+    def _stop(self, way: _Direction, j: int, begin: float | None, base: float) -> float:
+        """Offset of the stop inside interval ``j``, in which the phase begins unless ``None``."""
+        step = float(self.time[j + 1] - self.time[j])
 
-        def backwards(o: float) -> float:
-            return -way.sign * way.speed_inside(j, o, base)
+        def backwards(o: float) -> tuple[float, float]:
+            v = way.inside(j, o, base)[0]
+            slope = (value_of(self.torque[j], o) - way.level) / way.inertia - way.rate * v
+            return -way.sign * v, -way.sign * slope
 
-        low = _moving_start(backwards, begin, step) if j == node else begin
-        root = begin if low is None else _rising_root(backwards, low, step)
-        v, p = way.inside(j, np.full(self.k, root))
-        since = self.time[j] + root - self.time[node] - offset
-        v = v - lag * np.exp(-way.rate * since)
-        inertia, _, level = way.first
-        torque = _value(self.torque[j], root)
-        slope = (torque - level) / inertia
-        moment: Array = np.full(self.k, root)
-        if np.iscomplexobj(v) and slope * way.sign < 0.0:
-            moment = root - 1j * np.imag(v) / slope
-            _, p = way.inside(j, moment)
-        since = self.time[j] + moment - self.time[node] - offset
-        travel = since * _phi(-way.rate * since, 1)[0]
-        self.here = self.here + p - p0 - lag * travel
-        self.stops += 1
-        if torque > self.upper or torque < self.lower:
-            # no rest: the torque already exceeds the static level at the turning point
-            return j, moment, 1 if torque > self.upper else -1
-        return j, moment, 0
+        if begin is None:
+            return rising_root(backwards, 0.0, step)
+        low = _moving_start(backwards, begin, step)
+        return begin if low is None else rising_root(backwards, low, step)
+
+    def steps(self) -> Steps:
+        """All phases, cut at the nodes."""
+        counts = [p.last - p.node + 1 for p in self.phases]
+        first = np.concatenate(([0], np.cumsum(counts)[:-1])).astype(int)
+        final = np.cumsum(counts).astype(int) - 1
+        node = np.concatenate([np.arange(p.node, p.last + 1) for p in self.phases])
+        offset, end = np.zeros(node.size), np.diff(self.time)[node]
+        offset[first] = [p.offset for p in self.phases]
+        end[final] = np.minimum(end[final], [p.end for p in self.phases])
+        speed = self.velocity[node]
+        speed[first] = [p.speed for p in self.phases]
+        carry = np.ones(node.size)
+        carry[final] = [p.hands_on for p in self.phases]
+        lead = np.zeros(node.size)
+        lead[first] = [-p.late * self._acceleration(p) if p.late else 0.0 for p in self.phases]
+        return Steps(
+            node, np.repeat([p.sign for p in self.phases], counts), offset, end - offset, speed,
+            carry, lead,
+        )  # fmt: skip
+
+    def _acceleration(self, phase: _Phase) -> float:
+        """At the begin of a phase [per second squared]."""
+        torque = value_of(self.torque[phase.node], phase.offset)
+        return (torque - self.ways[phase.sign].level) / self.levels.inertia
 
 
-def _moving_start(backwards: Callable[[float], float], begin: float, end: float) -> float | None:
+def _vary(run: _Run, steps: Steps) -> Varied:
+    """Derivatives of all steps of a motion by inertia, viscous friction and kinetic level."""
+    speed, way = np.empty(steps.node.size), np.empty(steps.node.size)
+    speed_by, way_by = np.empty((3, speed.size)), np.empty((3, speed.size))
+    for sign, side in run.ways.items():
+        own = np.flatnonzero(steps.way == sign)
+        net = _shifted(run.torque[steps.node[own]], steps.offset[own])
+        net[0] -= side.level
+        # whole intervals have few lengths, as long as those that events cut have no more
+        spans, which = np.unique(steps.span[own], return_inverse=True)
+        j, b, v0 = side.inertia, side.viscous, steps.speed[own]
+        now = _Responses.of(j, b, spans, net.shape[0])
+        speed[own], way[own] = now.decay[which], now.travel[which]
+        tiny = _TINY * j, _TINY * max(b, 1e-12 * j / spans.max(initial=1e-300))
+        for row, (dj, db) in enumerate(((tiny[0], 0.0), (0.0, tiny[1]))):
+            r = _Responses.of(j + 1j * dj, b + 1j * db, spans, net.shape[0])
+            for out, by_speed, by_net in (
+                (speed_by, r.decay, r.speed), (way_by, r.travel, r.place)
+            ):  # fmt: skip
+                size = dj + db
+                change = (np.imag(by_net)[:, which] * net).sum(axis=0)
+                out[row, own] = (np.imag(by_speed)[which] * v0 + change) / size
+        speed_by[2, own], way_by[2, own] = -sign * now.speed[0, which], -sign * now.place[0, which]
+    return Varied(speed, speed_by, way, way_by)
+
+
+def _shifted(coefficients: FloatArray, offset: FloatArray) -> FloatArray:
+    """Coefficients ``(d, n)`` of polynomials ``(n, d)`` that begin at offsets ``(n,)`` [s]."""
+    out = coefficients.T.copy()
+    moved = np.flatnonzero(offset)
+    for i in range(out.shape[0]):
+        for k in range(i + 1, out.shape[0]):
+            out[i, moved] += comb(k, i) * coefficients[moved, k] * offset[moved] ** (k - i)
+    return out
+
+
+def _moving_start(
+    backwards: Callable[[float], tuple[float, float]], begin: float, end: float
+) -> float | None:
     """A point shortly after a break-away at which the motion really moves."""
     width = end - begin
     for _ in range(40):
         width *= 0.5
         if width <= 1e-12 * max(end, 1e-12):
             return None
-        if backwards(begin + width) < 0.0:
+        if backwards(begin + width)[0] < 0.0:
             return begin + width
     return None
-
-
-def _rising_root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Where a function becomes positive; an end where it already is, or does not."""
-    from scipy.optimize import brentq
-
-    if function(low) >= 0.0:
-        return low
-    if function(high) <= 0.0:
-        return high
-    return float(brentq(function, low, high, xtol=1e-15 * high))
 
 
 def simulate_stick_slip(
@@ -382,6 +323,18 @@ def simulate_stick_slip(
     initial_speed
         At the first node.
     """
-    run = _Run(parameters, torque, grid, np.asarray(initial_speed))
-    run.run()
-    return Motion(run.position, run.velocity, (run.breakaways[0], run.breakaways[1]), run.stops)
+    start = np.asarray(initial_speed)
+    if parameters.levels.speed > 0.0:
+        return simulate_curved(parameters, torque, start)
+    run = _Run(parameters.levels, torque, grid, float(np.real(start.flat[0])))
+    motion = Motion(
+        np.tile(run.position, (parameters.inertia.size, 1)),
+        run.velocity,
+        (run.breakaways[0], run.breakaways[1]), run.stops,
+    )  # fmt: skip
+    if not parameters.turned(start):
+        return motion
+    if not run.phases:
+        return with_changes(motion, None, None, parameters, start)
+    steps = run.steps()
+    return with_changes(motion, steps, _vary(run, steps), parameters, start)

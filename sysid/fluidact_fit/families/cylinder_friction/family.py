@@ -305,7 +305,7 @@ class CylinderFriction(Family[FrictionOptions]):
         for side, sign in zip(SIDES, (1.0, -1.0)):
             speeds = sign * v[used]
             if np.any(speeds > 0.0):
-                x = sign * np.linspace(0.0, speeds.max(), 200 if law.stribeck else 2)
+                x = sign * np.linspace(0.0, speeds.max(), 200 if law.curved else 2)
                 lines.append(Curve(f"fitted, {side}", x, law.moving(x, np.full(x.size, sign))))
         return StaticView(
             axis.speed_words, axis.speed_unit, "friction", axis.force_unit,

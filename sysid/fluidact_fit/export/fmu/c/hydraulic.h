@@ -1,11 +1,12 @@
 /*
  * p1' = beta (Q1 - A1 v) / (V1 + A1 y),  p2' = beta (A2 v - Q2) / (V2 - A2 y),
- * M v' = p1 A1 - p2 A2 - b v - F_k(sign v) while it moves; at rest between the static levels.
- * A Runge-Kutta scheme of fourth order, its steps a fortieth of the oil's own period or less; the
- * instants of stops and break-aways are solved for, and another step begins there.
+ * M v' = p1 A1 - p2 A2 - b v - sign v (F_k + F_r exp(-(v / v_r)^2)) while it moves; at rest between
+ * the static levels. A Runge-Kutta scheme of fourth order; the instants of stops and break-aways are
+ * solved for, and another step begins there.
  *
- * Follows hydraulic_range, _area, _volume, _mass, _bulk_modulus, _period, _rest, _viscous, _coulomb
- * and _breakaway (backward, forward), and the macros HYDRAULIC_FLOW_1 and HYDRAULIC_FLOW_2.
+ * Follows hydraulic_range, _area, _volume, _mass, _bulk_modulus, _rate (steps per second), _rest,
+ * _viscous, _coulomb, _breakaway and _rise (backward, forward), _rise_speed, and the macros
+ * HYDRAULIC_FLOW_1 and HYDRAULIC_FLOW_2.
  */
 #include <math.h>
 #include <string.h>
@@ -53,7 +54,9 @@ static void hydraulic_rates(const double *x, double u, int way, double *rate)
     rate[HYDRAULIC_Y] = v;
     rate[HYDRAULIC_V] = 0.0;
     if (way) {
-        const double friction = way * hydraulic_coulomb[forward] + hydraulic_viscous[forward] * v;
+        const double share = v / hydraulic_rise_speed;
+        const double dry = hydraulic_coulomb[forward] + hydraulic_rise[forward] * exp(-share * share);
+        const double friction = way * dry + hydraulic_viscous[forward] * v;
         rate[HYDRAULIC_V] = (hydraulic_push(x) - friction) / hydraulic_mass;
     }
 }
@@ -119,7 +122,7 @@ static const char *hydraulic_advance(hydraulic_memory *m, double input, double s
     int outside, event;
     hydraulic_memory next = *m;
     const double u = hydraulic_clamped(input, &outside);
-    const double steps = ceil(40.0 * span / hydraulic_period);
+    const double steps = ceil(hydraulic_rate * span);
     double k, end[HYDRAULIC_ORDER];
 
     if (!(steps <= HYDRAULIC_STEPS)) return "the step is too long for the oil: take shorter ones";

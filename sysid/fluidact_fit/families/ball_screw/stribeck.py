@@ -1,0 +1,209 @@
+"""How friction falls from the static to the kinetic level: its search, and when the logs show none.
+
+The speed of the curve is one more unknown of the position. It is sought on a grid after the first
+stages, which know only the two levels; from then on it is fitted with the others.
+
+Under a torque that is held between samples the static level acts in two ways. When it is passed
+shows only in steps, from one commanded level to the next; how the motion begins and ends depends
+on it smoothly. Inside the cell between two commanded levels that fits best it is therefore fitted
+like any other, and what the logs know of it is the change of the motion over its whole bracket.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...estimation.parametric import Fitted, NamedModel
+from ...estimation.results import Refusal, Solved
+from ...estimation.separable import Unknown
+from ...estimation.uncertainty import covariance
+from ...experiment import Experiment, FloatArray
+from ...family import FamilyOptions, Request
+from .brackets import Bracket, levels_above
+from .model import BREAKAWAY, EXCESS, SIDES, SPEED, Axis, DriveModel, increments, leading_parts
+from .stages import Stage, values_at
+
+_GRID = (0.003, 0.01, 0.03, 0.1, 0.3)  # of the fastest motion, where the search begins
+_RANGE = (1e-4, 1.0)  # of the fastest motion, in which it goes on
+_SEARCHED = 10_000  # samples of every log that the grid looks at
+_LEAST_EXCESS = 0.2  # of the kinetic level, by which a static one begins above it
+_FOLLOWED = 20_000  # samples of every log in which cells are tried
+_WALK = 12  # cells that a level may move on
+_FASTEST = 0.7  # of the fastest motion, below which the kinetic level shows
+_KNOWN = 0.7  # of its own value, to which the speed has to be known
+
+
+def fastest(experiments: Sequence[Experiment], axis: Axis) -> float:
+    """Speed that is hardly exceeded [rad/s or m/s]."""
+    rates = [np.abs(np.gradient(e[axis.motion], e.time)) for e in experiments]
+    return max(float(np.quantile(r, 0.99)) for r in rates)
+
+
+def with_curve(stage: Stage, request: Request[FamilyOptions]) -> Stage:
+    """The stage with the speed of the curve among its unknowns, where a grid fits best."""
+    axis, top = stage.axis, fastest(stage.experiments, stage.axis)
+    low, high = request.bounds.get(SPEED, (_RANGE[0] * top, _RANGE[1] * top))
+    names = (*stage.names, SPEED)
+    unknowns = {**stage.unknowns, SPEED: Unknown(SPEED, low, high, 0.1 * top)}
+    lively = sorted(stage.experiments, key=lambda e: -float(np.ptp(e[axis.motion])))[:2]
+    part = leading_parts(lively, _SEARCHED)
+    searched = replace(stage, experiments=part, names=names, unknowns=unknowns)
+    least = {EXCESS[s]: _LEAST_EXCESS * stage.start[f"coulomb_{s}"] for s in stage.open_sides()}
+    begin = {**stage.start, **{n: max(x, stage.start[n]) for n, x in least.items()}}
+    speeds = [request.start[SPEED]] if SPEED in request.start else [r * top for r in _GRID]
+    best, start = np.inf, begin
+    for speed in speeds:
+        first = {**begin, SPEED: float(np.clip(speed, low, high))}
+        problem = searched.problem(increments(part, axis))
+        found = replace(searched, start=first).solve(problem, max_iterations=6, tolerance=0.05)
+        if found.cost < best:
+            best, start = found.cost, {**first, **values_at(problem, found.eta)}
+    return replace(stage, names=names, unknowns=unknowns, start=start)
+
+
+def inside_cells(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
+    """Fit the static levels of a drive that is commanded in steps, and the others beside them.
+
+    First as if the motion depended on them smoothly everywhere, then inside the cells in which
+    that ends and, until none fits better, inside their neighbours.
+
+    Returns the stage with the levels held, and by their names the ranges that the logs leave to
+    them: what is less than two standard errors away by the motion alone.
+    """
+    names = [BREAKAWAY[s] for s in stage.open_sides()]
+    part = replace(stage, experiments=leading_parts(stage.experiments, _FOLLOWED))
+    levels = {BREAKAWAY[s]: stage.start[f"coulomb_{s}"] + stage.start[EXCESS[s]]
+              for s in stage.open_sides()}  # fmt: skip
+    renamed = _with_levels_of_their_own(part, levels)
+    acting = [u.coefficients[:, 0] for u, _, _ in DriveModel(part.experiments, part.axis).inputs]
+    best = _Inside(renamed, dict.fromkeys(names, (0.0, np.inf)), levels)
+    edges = {n: levels_above(acting, best.values, n.removeprefix("breakaway_")) for n in names}
+    best = best.within({n: _cell(edges[n], best.values[n]) for n in names})
+    for _ in range(_WALK):
+        nearby = (best.moved(edges[n], n, by) for n in names for by in (-1, 1))
+        better = min((o for o in nearby if o), key=lambda o: o.cost, default=best)
+        if better.cost >= best.cost:
+            break
+        best = better
+    found = {n: best.bracket(n) for n in names}
+    fixed = {**stage.fixed, **{n: best.values[n] for n in names}}
+    whole = _with_levels_of_their_own(stage, levels)
+    return replace(whole, start={**whole.start, **best.values}, fixed=fixed), found
+
+
+def _with_levels_of_their_own(stage: Stage, levels: Mapping[str, float]) -> Stage:
+    """The stage with static levels in place of excesses."""
+    own = {EXCESS[s]: BREAKAWAY[s] for s in SIDES if BREAKAWAY[s] in levels}
+    start = {n: v for n, v in stage.start.items() if n not in own}
+    return replace(
+        stage, names=tuple(own.get(n, n) for n in stage.names), start={**start, **levels}
+    )  # fmt: skip
+
+
+def _cell(edges: FloatArray, level: float) -> tuple[float, float]:
+    """The cell between ascending levels that holds one; the first and the last are wide."""
+    k = int(np.clip(np.searchsorted(edges, level, side="right"), 1, max(edges.size - 1, 1)))
+    return float(edges[k - 1]), float(edges[min(k, edges.size - 1)])
+
+
+class _Inside:
+    """A fit whose static levels stay in given cells."""
+
+    def __init__(
+        self, stage: Stage, cells: Mapping[str, tuple[float, float]], start: Mapping[str, float]
+    ) -> None:
+        self.cells, self._stage = dict(cells), stage
+        bounds = {n: Unknown(n, *cells[n], scale=x or 1.0) for n, x in start.items()}
+        free = replace(
+            stage, unknowns={**stage.unknowns, **bounds}, start={**stage.start, **start},
+            fixed={n: v for n, v in stage.fixed.items() if n not in cells},
+        )  # fmt: skip
+        problem = free.problem()
+        self._found = free.solve(problem, max_iterations=30, tolerance=1e-4)
+        self._order = [u.name for u in problem.nonlinear]
+        self.cost = self._found.cost
+        self.values = {**free.start, **values_at(problem, self._found.eta)}
+
+    def bracket(self, name: str) -> Bracket:
+        """Two standard errors of the motion on either side, no more than the cell if it is wide."""
+        plain = covariance(self._found.jacobian, self._found.residuals, robust=False).covariance
+        k, level, (low, high) = self._order.index(name), self.values[name], self.cells[name]
+        reach = 2.0 * float(np.sqrt(plain[k, k]))
+        if reach > high - low:
+            return Bracket(max(level - reach, 0.0), level + reach, level)
+        return Bracket(max(level - reach, low), min(level + reach, high), level)
+
+    def within(self, cells: Mapping[str, tuple[float, float]]) -> _Inside:
+        """The fit from where this one ended, levels that lie outside their cells in the middle."""
+        begin = {n: self.values[n] for n in cells}
+        begin |= {n: 0.5 * (a + b) for n, (a, b) in cells.items() if not a <= begin[n] <= b}
+        return _Inside(replace(self._stage, start=self.values), cells, begin)
+
+    def moved(self, edges: FloatArray, name: str, by: int) -> _Inside | None:
+        """The fit with one level in a neighbouring cell; ``None`` beyond the last."""
+        k = int(np.searchsorted(edges, self.cells[name][0])) + by
+        if not 0 <= k < edges.size - 1:
+            return None
+        cell = float(edges[k]), float(edges[k + 1])
+        return self.within({**self.cells, name: cell})
+
+
+def with_levels(
+    fitted: Fitted, model: NamedModel, drive: DriveModel, brackets: Mapping[str, Bracket]
+) -> Fitted:
+    """The fit with its bracketed levels among the estimates.
+
+    What a level does to the position is taken over its bracket: the instants of break-away move
+    in steps, which a derivative does not see.
+    """
+    columns = [_over_bracket(drive, fitted.values, n, b) for n, b in brackets.items()]
+    jacobian = [
+        np.column_stack((j, *(c[i] - c[i].mean() for c in columns)))
+        for i, j in enumerate(fitted.solution.jacobian)
+    ]
+    solution = replace(fitted.solution, jacobian=jacobian)
+    found = model.uncertainty(solution)
+    return replace(
+        fitted, solution=solution, names=(*fitted.names, *brackets), covariance=found.covariance,
+        degrees=found.degrees, order=found.order,
+        fixed={n: v for n, v in fitted.fixed.items() if n not in brackets},
+    )  # fmt: skip
+
+
+def _over_bracket(
+    drive: DriveModel, values: Mapping[str, float], name: str, bracket: Bracket
+) -> list[FloatArray]:
+    """Change of every log per change of a level, from end to end of its bracket."""
+    ends = [
+        [np.real(drive.columns(i, {**values, name: x}).known) for x in (bracket.low, bracket.high)]
+        for i in range(len(drive.measured))
+    ]
+    return [(up - down) / (bracket.high - bracket.low) for down, up in ends]
+
+
+def undetermined(found: Solved, top: float, unit: str) -> Refusal | None:
+    """The speed of the curve, where the logs do not show it; ``top`` is the fastest motion."""
+    if SPEED in found.refused:
+        return found.refused[SPEED]
+    if SPEED not in found.names:
+        return None
+    speed, half = found.values[SPEED], found.half_width(SPEED)
+    seen = f"{speed:.2g} ± {half:.2g} {unit}, the logs move at up to {top:.2g} {unit}"
+    if not half < _KNOWN * speed:
+        reason = f"friction that falls at once when the axis moves explains them as well ({seen})."
+    elif not speed < _FASTEST * top:
+        reason = f"the axis never moves so fast that only kinetic friction is left ({seen})."
+    else:
+        return None
+    return Refusal(SPEED, reason)
+
+
+def without_level(stage: Stage) -> Refusal | None:
+    """The speed of the curve, where no static level is known from which friction could fall."""
+    if stage.open_sides() or any(b in stage.names for b in BREAKAWAY.values()):
+        return None
+    reasons = [r.reason for r in stage.refusals if r.parameter in EXCESS.values()]
+    return Refusal(SPEED, f"no static level is known from which friction could fall: {reasons[-1]}")
