@@ -26,6 +26,7 @@ from fluidact_fit.block import Block
 from fluidact_fit.control.machines import hydraulic_cylinder
 from fluidact_fit.control.plants.hydraulic import HydraulicPlant
 from fluidact_fit.errors import OutputError, UsageError
+from fluidact_fit.estimation.stribeck import rise_words
 from fluidact_fit.export.fmu import describe_unit, write
 from fluidact_fit.export.target import Job
 from fluidact_fit.routines import Machine
@@ -350,6 +351,33 @@ def test_a_cylinder_moves_as_in_the_closed_loop(span: float, host: Callable[[str
     np.testing.assert_allclose(found / size, table / size, rtol=0.0, atol=1e-9)
 
 
+def test_the_friction_of_a_cylinder_falls_as_in_the_closed_loop(tmp_path: Path) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    document = yaml.safe_load((GOLDEN / "hydraulic-cylinder.yaml").read_text(encoding="utf-8"))
+    given = {"stribeck": ("N", 60.0), "stribeck_speed": ("m/s", 0.01)}
+    for name, (unit, value) in given.items():
+        entry = {"value": value, "unit": unit, "status": "fixed"}
+        document["parameters"][name] = entry
+        document["model"]["hydraulic"][name] = value
+    document["model"]["hydraulic"]["friction"] += rise_words(given, "sgn(y')", "y'")
+    document["options"]["stribeck"] = "estimate"
+    path = tmp_path / "cylinder.yaml"
+    path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    block = ff.load(path)
+    unit = Host(tmp_path, write(Job("cylinder", block))["cylinder.fmu"]).running(
+        initial_position=0.05
+    )
+    plant = HydraulicPlant(hydraulic_cylinder(block), block.input, 2.5e-3)
+    plant.reset(0.05)
+    for value in np.repeat([1.0, 0.2, 0.0, -0.3, 0.0], 40).tolist():
+        plant.advance((value,))
+        assert unit.set("command", value) == unit.step(2.5e-3) == OK
+        measured = plant.measure()
+        assert unit.get("position") == pytest.approx(measured["position"], rel=1e-9)
+        assert unit.get("position_rate") == pytest.approx(measured["speed"], abs=1e-9)
+
+
 def test_a_cylinder_does_in_long_steps_what_it_does_in_short_ones(
     host: Callable[[str], Host],
 ) -> None:
@@ -383,6 +411,7 @@ def test_a_cylinder_of_a_file_without_volumes_has_its_maps_alone(tmp_path: Path)
     document = yaml.safe_load((GOLDEN / "hydraulic-cylinder.yaml").read_text(encoding="utf-8"))
     for name in ("dead-volume-1", "dead-volume-2"):
         del document["options"][name]
+    document["options"]["stage"] = "flow-balance"
     path = tmp_path / "cylinder.yaml"
     path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
     xml, sources = describe_unit(Job("cylinder", ff.load(path, accept_not_identified=True)))

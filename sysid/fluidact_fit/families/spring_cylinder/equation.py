@@ -56,9 +56,11 @@ class SpringLaw:
     def of(cls, values: Mapping[str, float]) -> Self:
         """Read the law off the parameters of a file."""
         gain = next(values[n] for n in GAINS.values() if n in values)
-        levels = (values[n] for n in (*LEVELS, "viscous", "viscous"))
-        rise = {n: values.get(n, 0.0) for n in STRIBECK}
-        friction = FrictionLaw(*levels, **rise)
+        loading, unloading, viscous = (values[n] for n in (*LEVELS, "viscous"))
+        rise, speed = (values.get(n, 0.0) for n in STRIBECK)
+        friction = FrictionLaw(
+            loading, unloading, viscous, viscous, stribeck=rise, stribeck_speed=speed
+        )
         return cls(gain, values["stiffness"], values["preload"], friction)
 
     def _lost(self, position: _Array, direction: _Array, velocity: _Array) -> FloatArray:
