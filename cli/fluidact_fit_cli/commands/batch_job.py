@@ -30,7 +30,7 @@ def execute(task: Task) -> Outcome:
 
     Standard error is kept in the record of the job.
     """
-    began = time.perf_counter()
+    began = time.process_time()
     said, shown = io.StringIO(), io.StringIO()
     with _ALONE, contextlib.redirect_stdout(shown), contextlib.redirect_stderr(said):
         error = _run(task)
@@ -43,7 +43,7 @@ def execute(task: Task) -> Outcome:
         reason=error.what if isinstance(error, FluidactError) else message,
         warnings=[w["code"] for w in document.get("warnings", ())],
         parameters={name: _number(entry) for name, entry in document.get("parameters", {}).items()},
-        seconds=round(time.perf_counter() - began, 3),
+        seconds=round(time.process_time() - began, 3),
         lasting=status != 2 and not isinstance(error, (OutputError, OSError, MemoryError)),
     )  # fmt: skip
     return _keep(task, outcome, said.getvalue() + _table(document))

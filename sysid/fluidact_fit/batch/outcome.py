@@ -46,7 +46,8 @@ class Outcome:
     """What came of a job.
 
     ``parameters`` map names to ``value``, ``std_error``, ``unit`` and ``status`` as in the
-    parameter file; ``warnings`` are codes; ``reason`` is what was found, without where.
+    parameter file; ``warnings`` are codes; ``reason`` is what was found, without where;
+    ``seconds`` are of the processor.
     ``lasting`` is false where another try may end otherwise: a full disk, a process that died, a
     file in the way.
     """
