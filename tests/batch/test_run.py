@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from batch_jobs import note
 from fluidact_fit.batch import Job, run_batch
 from fluidact_fit.batch.journal import NAME, open_journal
-from fluidact_fit.batch.outcome import Outcome
+from fluidact_fit.batch.outcome import Outcome, Task
 from fluidact_fit.batch.pools import LocalPool
 from fluidact_fit.errors import OutputError
 
@@ -70,6 +71,21 @@ def test_a_job_that_ends_its_process_costs_itself_alone(tmp_path: Path) -> None:
     ran = _ran(tmp_path)
     assert set(ran) == {job.name for job in jobs}
     assert ran.count("j6") == 2
+
+
+def test_a_process_that_dies_idle_costs_nothing(tmp_path: Path) -> None:
+    names = [f"j{k}" for k in range(6)]
+    tasks = [
+        Task(n, n, ("line", "idle" if n == "j2" else ""), str(tmp_path), str(tmp_path / n), "")
+        for n in names
+    ]
+    found = []
+    for outcome in LocalPool(1).run(note, tasks):
+        found.append(outcome.job)
+        if len(found) == 1:  # slower than the process, which has three tasks and then waits
+            time.sleep(2.0)
+    assert sorted(found) == names
+    assert _ran(tmp_path) == names
 
 
 def test_a_line_cut_short_is_no_outcome(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from pathlib import Path
 
@@ -16,6 +17,8 @@ def note(task: Task) -> Outcome:
         file.write(task.job + "\n")
     if "die" in task.words:
         os.kill(os.getpid(), signal.SIGKILL)
+    if "idle" in task.words:  # the process dies when it has nothing to do
+        threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGKILL)).start()
     if "slow" in task.words:
         time.sleep(0.05)
     failed = 4 if "refuse" in task.words else 0

@@ -80,6 +80,8 @@ class LocalPool:
                     try:
                         future = processes.submit(execute, waiting[0])
                     except BrokenProcessPool:
+                        if not running:  # it died idle: nothing is lost but the process
+                            return lost
                         break
                     running[future] = waiting.popleft()
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
