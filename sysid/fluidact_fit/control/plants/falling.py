@@ -17,24 +17,20 @@ import numpy as np
 
 from ...estimation.runge_kutta import BETWEEN, ERROR, RESULT, STAGES
 from ...experiment import FloatArray
-from .hybrid import first_negative
+from .hybrid import first_event
 
 _TOLERANCE = 1e-9  # error of a step, in sizes of the state and its change
-_ROUNDING = 1e-12  # of the largest coefficient: what is less below zero is not an event
 _SHORTEST = 1e-12  # part of the span, to which a step is not shortened further
 _POWERS = np.arange(1.0, BETWEEN.shape[1] + 1.0)
 
 
 class FallingMode:
-    """One smooth piece and the guards that end it; see :class:`.hybrid.Mode`.
+    """One smooth piece and the guards that end it.
 
     Parameters
     ----------
-    matrix : (n, n)
-    guards : (m, n)
-        Rows ``g``; the mode ends when one of the ``g z`` becomes negative.
-    span
-        Longest time to be followed at once [s].
+    matrix, guards, span
+        As of :class:`.hybrid.Mode`.
     pull, speed
         ``f`` [per second squared] and ``v_s`` [per second].
     """
@@ -64,7 +60,7 @@ class FallingMode:
                 self._span = h * better
                 continue
             course = h * (slopes.T @ BETWEEN)
-            at, guard = self._first_event(z, course)
+            at, guard = first_event(np.column_stack((self._guards @ z, self._guards @ course)))
             if guard is not None:
                 return z + course @ at**_POWERS, max(span - at * h, 0.0), guard
             z, span = after, span - h
@@ -83,16 +79,3 @@ class FallingMode:
             after = z + h * (np.asarray(weights) @ slopes[:i]) if weights else z
             slopes[i] = self._slope(after)
         return slopes, after
-
-    def _first_event(self, z: FloatArray, course: FloatArray) -> tuple[float, int | None]:
-        """The first guard to become negative, and after which share of the step."""
-        first, found = 1.0, None
-        for i, row in enumerate(self._guards):
-            table = np.concatenate(([row @ z], row @ course))
-            size = np.abs(table)
-            if table[0] >= size[1:].sum():
-                continue
-            at = first_negative(table, _ROUNDING * float(size.max()))
-            if at is not None and (found is None or at < first):
-                first, found = at, i
-        return first, found

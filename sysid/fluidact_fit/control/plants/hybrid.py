@@ -89,19 +89,36 @@ class Mode:
 
     def _first_event(self, z: FloatArray, share: float) -> tuple[float, int | None]:
         """The first guard to become negative, and after which share of a step."""
-        if not self._guards.size:
-            return share, None
-        found, first = None, share
         table = self._guards @ z
         if share < 1.0:
             table = table * share ** np.arange(_DEGREE + 1.0)
-        sizes = np.abs(table)
-        doubtful = table[:, 0] < sizes[:, 1:].sum(axis=1)
-        for i in np.flatnonzero(doubtful):
-            at = first_negative(table[i], _ROUNDING * float(sizes[i].max()))
-            if at is not None and at * share <= first and (found is None or at * share < first):
-                found, first = int(i), at * share
-        return first, found
+        at, guard = first_event(table)
+        return at * share, guard
+
+
+def first_event(guards: FloatArray) -> tuple[float, int | None]:
+    """Which polynomial is the first to become negative on 0 .. 1, and where.
+
+    Parameters
+    ----------
+    guards : (m, n)
+        Coefficients, rising powers.
+
+    Returns
+    -------
+    at
+        1 when none does.
+    guard
+        Its row, ``None`` when none does.
+    """
+    first, found = 1.0, None
+    sizes = np.abs(guards)
+    doubtful = guards[:, 0] < sizes[:, 1:].sum(axis=1)
+    for i in np.flatnonzero(doubtful).tolist():
+        at = first_negative(guards[i], _ROUNDING * float(sizes[i].max()))
+        if at is not None and (found is None or at < first):
+            first, found = at, i
+    return first, found
 
 
 @cache

@@ -154,7 +154,7 @@ class HydraulicPlant(Plant):
         if way:
             level = law.coulomb_positive if way > 0 else law.coulomb_negative
             if law.stribeck_speed > 0.0:
-                level += law.stribeck * exp(-((v / law.stribeck_speed) ** 2))
+                level += law.rise(way) * exp(-((v / law.stribeck_speed) ** 2))
             viscous = law.viscous_positive if way > 0 else law.viscous_negative
             force = self._push((p1, p2, y, v)) - way * level - viscous * v
         return np.array(
