@@ -10,7 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from .assessment import diagnose, judge, residual_whiteness
+from .assessment import (
+    Optimum,
+    Outlier,
+    diagnose,
+    judge,
+    make_optimum,
+    outlier_notice,
+    residual_whiteness,
+)
 from .errors import Notice
 from .experiment import Experiment, Hold
 from .families import get_family
@@ -40,6 +48,7 @@ class Findings:
     experiments: Sequence[Experiment]
     request: Request[FamilyOptions]
     estimate: Estimate[FamilyOptions]
+    outliers: Sequence[Outlier] = ()
 
     @cached_property
     def plant(self) -> Plant[FamilyOptions]:
@@ -55,6 +64,11 @@ class Findings:
     def fitted(self) -> list[Simulation]:
         """The same, beside what was measured."""
         return pair(self.experiments, self.simulated, self.variant)
+
+    @cached_property
+    def optimum(self) -> Optimum | None:
+        """The same with its derivatives; ``None`` where it has none to be examined by."""
+        return make_optimum(self.family, self.variant, self.estimate, self.fitted)
 
     @cached_property
     def offset(self) -> float | None:
@@ -84,7 +98,10 @@ def make_parameter_document(
     output = variant.output.name
     unit = found.experiments[0].signals[output].unit
     declared = {role for log in found.logs for role in log.holds}
-    details, warned = diagnose(family, variant, estimate, fitted, declared)
+    details, warned = diagnose(family, variant, estimate, fitted, found.optimum, declared)
+    if found.outliers:
+        details["outliers"] = [o.entry for o in found.outliers]
+        warned.append(outlier_notice(found.outliers))
     level = common_level(fitted)
     overall = agreement(fitted, level)
     white = residual_whiteness(fitted, len(estimate.covariance_order))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from .assessment import find_outliers, most_outliers, set_aside
 from .errors import LogError, Notice, NotIdentifiedError, ParameterFileError, UsageError
 from .estimation.inputs import settle_holds
 from .experiment import Experiment
@@ -25,6 +26,7 @@ from .result import FitResult
 from .simulation import LogLike, open_logs
 
 _FEWEST = 8  # samples of a log that is fitted or judged
+_ROUNDS = 3  # fits without outliers: one may have hidden the next
 
 
 def fit(
@@ -105,7 +107,7 @@ def fit(
     experiments, notices = _prepare(opened, variant)
     estimate = _estimate(chosen, variant, experiments, request)
     with _blaming_the_numbers():
-        found = Findings(chosen, variant, opened, experiments, request, estimate)
+        found = _without_outliers(Findings(chosen, variant, opened, experiments, request, estimate))
         validation: list[Simulation] = []
         if judged:
             # their inputs move as those of the fit were settled to
@@ -116,8 +118,10 @@ def fit(
         document, said = make_parameter_document(
             found, validation, notices, controller_sample_time, command
         )
-        view = chosen.static_view(found.plant, experiments, found.simulated)
-        return FitResult(family, variant, estimate, found.fitted, validation, document, said, view)
+        view = chosen.static_view(found.plant, found.experiments, found.simulated)
+        return FitResult(
+            family, variant, found.estimate, found.fitted, validation, document, said, view
+        )
 
 
 def _numbers(option: str, given: Mapping[str, float] | None) -> dict[str, float]:
@@ -250,6 +254,27 @@ def _estimate(
             expected="Nothing was written.",
             remedy=f"Check --column {role}=... and --column {variant.output.name}=...",
         ) from error
+
+
+def _without_outliers(found: Findings) -> Findings:
+    """Fit again without the outliers that decide; the first fit where that settles nothing."""
+    now, samples = found, sum(e.samples for e in found.experiments)
+    for _ in range(_ROUNDS + 1):
+        more = find_outliers(now.optimum)
+        if more is None:
+            return found
+        gone = (*now.outliers, *more)
+        if not more:
+            return now
+        if len(gone) > most_outliers(samples):
+            return found
+        runs = set_aside(now.experiments, more)
+        try:
+            estimate = _estimate(found.family, found.variant, runs, found.request)
+        except NotIdentifiedError:
+            return found
+        now = replace(now, experiments=runs, estimate=estimate, outliers=gone)
+    return found
 
 
 @contextmanager

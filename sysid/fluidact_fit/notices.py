@@ -216,6 +216,10 @@ _JUDGEMENT = {
         "reach, was written instead, with the status `not_identified`.",
         "Do the experiment that the message names; do not use the value.",
     ),
+    "outliers": _warning(
+        "A few samples lie where the model of all others cannot be; they were left out of the fit.",
+        "Look at the log where the message says; check cable, converter and logger.",
+    ),
     "poor-fit": _warning(
         "The model explains so little of the output that the fit has failed.",
         "Check columns, units and signs, and whether this family describes the machine.",

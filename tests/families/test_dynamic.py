@@ -12,7 +12,7 @@ import pytest
 from scipy.signal import lfilter
 
 from fluidact_fit import NotIdentifiedError, UsageError
-from fluidact_fit.assessment import diagnose
+from fluidact_fit.assessment import diagnose, make_optimum
 from fluidact_fit.estimation.inputs import settle_holds
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
@@ -239,12 +239,13 @@ def test_the_wrong_hold_is_noticed() -> None:
     family = get_family("line")
     estimate = fit("line", [wrong])
     fitted = simulate("line", estimate, [wrong])
-    details, notices = diagnose(family, family.variants[0], estimate, fitted)
+    at = make_optimum(family, family.variants[0], estimate, fitted)
+    details, notices = diagnose(family, family.variants[0], estimate, fitted, at)
     assert {n.code for n in notices} & {"hold-doubtful", "hold-matters"}
     assert "--hold inlet=zoh" in notices[0].message
     assert abs(details["intersample"]["inlet"]["standard_errors"]) > 2.0
     # whoever has said what the column is, is not asked again
-    _, quiet = diagnose(family, family.variants[0], estimate, fitted, {"inlet"})
+    _, quiet = diagnose(family, family.variants[0], estimate, fitted, at, {"inlet"})
     assert not quiet
 
 

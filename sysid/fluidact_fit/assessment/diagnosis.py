@@ -25,7 +25,7 @@ from .channels import judge_channels
 from .conditional import find_conditional
 from .given import find_reliance
 from .influence import find_deciding_samples, find_disagreeing_parts
-from .optimum import Optimum, make_optimum, moved, number
+from .optimum import Optimum, moved, number
 from .structure import find_missing_response
 
 _EXAMINATIONS = {
@@ -57,14 +57,15 @@ def diagnose(
     variant: Variant,
     estimate: Estimate[FamilyOptions],
     fitted: Sequence[Simulation],
+    at: Optimum | None,
     declared: Collection[str] = (),
 ) -> tuple[dict[str, Any], list[Notice]]:
     """Examine a finished fit; returns entries for the file and warnings.
 
-    ``fitted`` are the runs simulated with the estimate. ``declared`` are the roles whose hold
-    the user has given: those are not questioned, unless the data contradict them.
+    ``fitted`` are the runs simulated with the estimate, ``at`` the same with its derivatives.
+    ``declared`` are the roles whose hold the user has given: those are not questioned, unless
+    the data contradict them.
     """
-    at = make_optimum(family, variant, estimate, fitted)
     details, notices = _examined(at, bool(estimate.input_noise))
     details["channels"], missed = judge_channels(family, estimate, fitted)
     notices += missed

@@ -21,12 +21,14 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.agreement_of_logs import Drift, compare_logs
 from ..experiment import FloatArray
+from ..logs.log import BoolArray, IndexArray
 from ..units import as_share
 from .optimum import Optimum
 
 _ODD = 1e-6  # probability of a residual that large among all samples
 _MOVES = 0.5  # standard errors by which an odd sample may move a parameter
 _CARRIES = 3.0  # standard errors by which any sample may
+_FAR = 10.0  # standard deviations that no noise reaches
 _LISTED = 5
 _FEWEST = 50  # samples of a part of the data that is compared with the rest
 _DISAGREE = 1e-4  # probability of a difference that large between parts of the data
@@ -45,29 +47,74 @@ class Sample:
     errors: float
 
 
-def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
-    """Samples that the result hangs on: an entry for the file, and a warning."""
+@dataclass(frozen=True)
+class Influence:
+    """What every sample does to the estimate, all series one after the other.
+
+    Attributes
+    ----------
+    leverage, deviations
+        Diagonal of the hat matrix, and studentised residuals, shape ``(n,)`` each.
+    moves, errors
+        By how much the sample moves each parameter [its unit], and the same in standard errors,
+        shape ``(n, p)`` each.
+    odd
+        Whether the residual is too large for one of that many, shape ``(n,)``.
+    """
+
+    leverage: FloatArray
+    deviations: FloatArray
+    moves: FloatArray
+    errors: FloatArray
+    odd: BoolArray
+
+    @property
+    def most(self) -> FloatArray:
+        """Standard errors by which the parameter that it moves most is moved, shape ``(n,)``."""
+        return np.asarray(np.abs(self.errors).max(axis=1))
+
+    @property
+    def deciding(self) -> IndexArray:
+        """Samples that the result hangs on, the strongest first."""
+        most = self.most
+        found = np.flatnonzero((self.odd & (most > _MOVES)) | (most > _CARRIES))
+        return found[np.argsort(-most[found])]
+
+    @property
+    def outlying(self) -> IndexArray:
+        """Samples that no model near this one explains, in order: odd, and deciding or far off."""
+        beyond = (self.most > _MOVES) | (np.abs(self.deviations) > _FAR)
+        return np.flatnonzero(self.odd & beyond)
+
+
+def measure_influence(at: Optimum) -> Influence | None:
+    """What every sample does to the estimate; ``None`` where too few of them tell."""
     j, r = np.vstack(at.jacobians), np.concatenate(at.residuals)
     n, p = j.shape
     if n <= p + 10:
-        return {}, []
+        return None
     scale = np.linalg.norm(j, axis=0)
     scale[scale == 0.0] = 1.0
     q, triangle = np.linalg.qr(j / scale)
     if np.min(np.abs(np.diag(triangle))) < 1e-9:
-        return {}, []
+        return None
     leverage = np.minimum(np.sum(q**2, axis=1), 1.0 - 1e-9)
     gain = np.linalg.inv(triangle) / scale[:, None]
     moves = (q * (r / (1.0 - leverage))[:, None]) @ gain.T
-    errors = moves / at.errors
-    most = np.abs(errors).max(axis=1)
     deviations = _studentised(r, leverage, p)
     odd = np.abs(deviations) > _limit(n, n - p - 1)
-    deciding = np.flatnonzero((odd & (most > _MOVES)) | (most > _CARRIES))
-    deciding = deciding[np.argsort(-most[deciding])]
+    return Influence(leverage, deviations, moves, moves / at.errors, odd)
+
+
+def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
+    """Samples that the result hangs on: an entry for the file, and a warning."""
+    all_of = measure_influence(at)
+    if all_of is None:
+        return {}, []
+    deciding, errors = all_of.deciding, all_of.errors
     entry: dict[str, Any] = {
-        "largest_influence": float(most.max()),
-        "largest_leverage": float(leverage.max()),
+        "largest_influence": float(all_of.most.max()),
+        "largest_leverage": float(all_of.leverage.max()),
     }
     if not deciding.size:
         return entry, []
@@ -77,7 +124,7 @@ def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
         k = int(np.argmax(np.abs(errors[i])))
         found.append(
             Sample(
-                places[i], float(deviations[i]), at.names[k], float(-moves[i, k]),
+                places[i], float(all_of.deviations[i]), at.names[k], float(-all_of.moves[i, k]),
                 float(-errors[i, k]),
             )
         )  # fmt: skip

@@ -38,7 +38,7 @@ def replace_spikes(experiment: Experiment, variant: Variant) -> tuple[Experiment
     """
     if experiment.samples < _FEWEST:
         return experiment, []
-    moved = _where_inputs_move(experiment, variant)
+    moved = where_inputs_move(experiment, variant)
     signals, notices = dict(experiment.signals), []
     for role in variant.roles:
         signal = experiment.signals.get(role.name)
@@ -96,7 +96,7 @@ def _left_when_removed(size: FloatArray, order: IndexArray) -> FloatArray:
     return left
 
 
-def _where_inputs_move(experiment: Experiment, variant: Variant) -> BoolArray:
+def where_inputs_move(experiment: Experiment, variant: Variant) -> BoolArray:
     """Samples at which, or shortly before which, an input jumps; shape ``(n,)``."""
     n = experiment.samples
     moved = np.zeros(n, dtype=bool)

@@ -1,0 +1,155 @@
+"""Outliers of an output: samples that the model of all others contradicts.
+
+A spike that stands out of its record is replaced when the log is read (:mod:`.logs.spikes`). A
+smaller one shows only beside the model: its residual is one that none of that many samples
+should have, those beside it are as usual, and no input jumped. Such a sample is set aside by
+putting in its place what the model of the other samples gives there, and the fit is done again.
+With the hat matrix ``H`` of the fit and its residuals ``r``, what the model of the others misses
+the samples ``S`` by is ``(I - H_SS)^-1 r_S`` [1]_, so one fit more settles them.
+
+Only where nothing is left that stands alone is that an answer. Where the model misses several
+samples in a row, or those after a jump of an input, it is the model that is wrong there, and no
+sample is set aside.
+
+References
+----------
+.. [1] R. D. Cook, S. Weisberg, Residuals and Influence in Regression, 1982, section 3.6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import Notice
+from ..experiment import Experiment, FloatArray
+from ..logs.log import BoolArray, IndexArray, count_of
+from ..logs.spikes import where_inputs_move
+from ..units import after_number
+from .influence import measure_influence
+from .optimum import Optimum
+
+_WIDE = 2  # samples that an outlier may be wide
+_SHARE = 0.005  # largest part of the samples that can be outliers
+_MOST = 100  # and their largest number: more are not few
+_HELD = 0.05  # leverage beyond which a sample holds a parameter that the others do not
+_LISTED = 5
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A sample that was set aside.
+
+    ``place`` says where it is, ``measured`` and ``replaced`` what was recorded and what it was
+    fitted with [``unit``]; ``run`` and ``sample`` count from 0.
+    """
+
+    run: int
+    role: str
+    sample: int
+    place: str
+    measured: float
+    replaced: float
+    unit: str
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """As the file has it."""
+        names = ("place", "role", "measured", "replaced", "unit")
+        return {name: getattr(self, name) for name in names}
+
+
+def find_outliers(at: Optimum | None) -> list[Outlier] | None:
+    """Samples to set aside; ``None`` where one is outlying that cannot be."""
+    influence = None if at is None else measure_influence(at)
+    if at is None or influence is None:
+        return []
+    found = influence.outlying
+    if not found.size:
+        return []
+    if found.size > most_outliers(influence.odd.size) or not np.all(
+        _alone(at, influence.odd)[found] & (influence.leverage[found] < _HELD)
+    ):
+        return None
+    series, sample = _positions(at)
+    beyond = _missed_by_the_others(at, found)
+    places, out = at.places(), []
+    for i, more in zip(found, beyond):
+        s, k = at.series[series[i]], int(sample[i])
+        signal = s.experiment.signals[s.role]
+        if signal.values.size != s.used.size:
+            return None
+        value = float(signal.values[k])
+        left = value - float(more) * s.scale
+        out.append(Outlier(s.run, s.role, k, places[i], value, left, signal.unit))
+    return out
+
+
+def most_outliers(samples: int) -> int:
+    """How many of that many samples can be outliers."""
+    return int(min(_MOST, max(3, _SHARE * samples)))
+
+
+def _positions(at: Optimum) -> tuple[IndexArray, IndexArray]:
+    """Series of every sample used, and its number there, shape ``(n,)`` each."""
+    used = [np.flatnonzero(s.used) for s in at.series]
+    series = np.repeat(np.arange(len(used)), [u.size for u in used])
+    return series, np.concatenate(used)
+
+
+def _alone(at: Optimum, odd: BoolArray) -> BoolArray:
+    """Samples with few odd ones beside them, and without an input that jumped, shape ``(n,)``."""
+    series, sample = _positions(at)
+    alone = np.zeros(odd.size, dtype=bool)
+    for number, s in enumerate(at.series):
+        mine = series == number
+        rows = np.flatnonzero(odd[mine])
+        groups = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+        narrow = np.zeros(int(mine.sum()), dtype=bool)
+        for group in groups:
+            narrow[group] = group.size <= _WIDE
+        if s.experiment.time.size:
+            narrow &= ~where_inputs_move(s.experiment, at.variant)[sample[mine]]
+        alone[mine] = narrow
+    return alone
+
+
+def _missed_by_the_others(at: Optimum, found: IndexArray) -> FloatArray:
+    """Residuals of some samples from the model of all others, shape ``(m,)``."""
+    j, r = np.vstack(at.jacobians), np.concatenate(at.residuals)
+    scale = np.linalg.norm(j, axis=0)
+    scale[scale == 0.0] = 1.0
+    q = np.linalg.qr(j / scale)[0][found]
+    return np.asarray(np.linalg.solve(np.eye(found.size) - q @ q.T, r[found]))
+
+
+def set_aside(runs: Sequence[Experiment], outliers: Sequence[Outlier]) -> list[Experiment]:
+    """The same runs with what the model gives in the place of outliers."""
+    out = list(runs)
+    for o in outliers:
+        run = out[o.run]
+        values = run.signals[o.role].values.copy()
+        values[o.sample] = o.replaced
+        signal = replace(run.signals[o.role], values=values)
+        out[o.run] = replace(run, signals={**run.signals, o.role: signal})
+    return out
+
+
+def outlier_notice(outliers: Sequence[Outlier]) -> Notice:
+    """A warning that names what was set aside."""
+    n = len(outliers)
+    listed = "; ".join(
+        f"{o.place}: {o.measured:.4g}{after_number(o.unit)} instead of {o.replaced:.4g}"
+        for o in outliers[:_LISTED]
+    )
+    more = f"; and {n - _LISTED} more, all in fit.details" if n > _LISTED else ""
+    verb, was = ("lies", "was") if n == 1 else ("lie", "were")
+    return Notice(
+        "outliers",
+        f"{count_of(n, 'sample')} {verb} where the model of all others cannot be, and {was} left "
+        f"out of the fit, which would have followed them ({listed}{more}). Check the cable, the "
+        "converter and the logger.",
+    )
