@@ -16,12 +16,10 @@ from fluidact_fit.estimation.network import (
     Cost,
     Network,
     Training,
-    cross,
     cross_validate,
     huber_cost,
     output_and_jacobian,
     search,
-    times,
     train_from,
 )
 from fluidact_fit.families.force_map.results import polynomial_fit, polynomial_terms
@@ -54,14 +52,6 @@ def test_jacobian_is_exact(
 def test_papers_networks_have_26_and_43_parameters() -> None:
     assert make_network((3, 5, 1)).parameters == 26
     assert make_network((4, 7, 1)).parameters == 43
-
-
-@pytest.mark.parametrize("rows", [0, 1, 7, 1000, 20_011])
-def test_products_in_pieces_are_products(rows: int) -> None:
-    rng = np.random.default_rng(0)
-    a, b, w = rng.normal(size=(rows, 5)), rng.normal(size=(rows, 3)), rng.normal(size=(4, 5))
-    assert np.allclose(cross(a, b), a.T @ b)
-    assert np.allclose(times(a, w), a @ w.T)
 
 
 def test_training_finds_the_network_that_made_the_data() -> None:

@@ -38,40 +38,12 @@ from .motion_state import BoolArray
 
 Activation = Literal["relu", "tanh"]
 
-_BLOCK = 8192  # rows per block of the normal equations: a few megabytes
+_BLOCK = 4096  # rows per block of the normal equations: a few megabytes
 _MANY = 40_000  # rows of the fit before the last
 _HUBER = 1.5  # threshold in robust standard deviations: nearly as efficient as squares
 _CHORDS = 1500  # lines along an input that is to be straight
 _GOLDEN = 0.6180339887  # steps of this, modulo one, spread evenly
 _SHARPER = (3.0, 6.0, 15.0, 40.0)  # sharpness of rounded kinks, in widths of the data
-
-
-# Threads of a linear-algebra library cost more than they gain on matrices this small, and far
-# more where other programs want the cores: products are handed over in pieces that it works
-# on alone.
-_PIECE, _PIECE_ROWS = 200_000, 8000
-
-
-def times(a: FloatArray, w: FloatArray) -> FloatArray:
-    """``a @ w.T`` for many rows and a small ``w``, shape ``(n, units)``."""
-    n, inputs = a.shape
-    rows = max(8, min(_PIECE // (inputs * w.shape[0]), _PIECE_ROWS // max(inputs, w.shape[0])))
-    whole = n - n % rows
-    out = np.empty((n, w.shape[0]))
-    pieces = np.ascontiguousarray(a[:whole]).reshape(-1, rows, inputs)
-    out[:whole] = np.matmul(pieces, w.T).reshape(whole, w.shape[0])
-    out[whole:] = a[whole:] @ w.T
-    return out
-
-
-def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """``a.T @ b`` for many rows and few columns."""
-    n, p, q = a.shape[0], a.shape[1], b.shape[1]
-    rows = max(8, min(_PIECE // (p * q), _PIECE_ROWS // max(p, q)))
-    whole = n - n % rows
-    left = np.ascontiguousarray(a[:whole]).reshape(-1, rows, p).transpose(0, 2, 1)
-    right = np.ascontiguousarray(b[:whole]).reshape(-1, rows, q)
-    return np.asarray(np.matmul(left, right).sum(axis=0) + a[whole:].T @ b[whole:])
 
 
 # -------------------------------------------------------------------------- the network
@@ -115,8 +87,8 @@ class Network:
         """Output for inputs of shape ``(n, inputs)``, shape ``(n,)``."""
         a = x
         for w, b in zip(self.weights[:-1], self.biases[:-1]):
-            a = activate(times(a, w) + b, self.activation, self.sharpness)
-        return np.asarray((times(a, self.weights[-1]) + self.biases[-1])[:, 0])
+            a = activate(a @ w.T + b, self.activation, self.sharpness)
+        return np.asarray((a @ self.weights[-1].T + self.biases[-1])[:, 0])
 
     def vector(self) -> FloatArray:
         """All parameters in one row: weights, then biases, layer by layer."""
@@ -139,7 +111,10 @@ def activate(z: FloatArray, activation: Activation, sharpness: float = np.inf) -
     if activation == "tanh":
         return np.asarray(np.tanh(z))
     if np.isfinite(sharpness):
-        return np.asarray(np.logaddexp(0.0, sharpness * z) / sharpness)
+        # log(1 + exp(s z)) without overflow; log1p would be slower and here no better
+        return np.asarray(
+            np.maximum(z, 0.0) + np.log(1.0 + np.exp(-sharpness * np.abs(z))) / sharpness
+        )
     return np.asarray(np.maximum(z, 0.0))
 
 
@@ -163,18 +138,22 @@ def output_and_jacobian(net: Network, x: FloatArray) -> tuple[FloatArray, FloatA
     """
     layers, slopes, a = [x], [], x
     for w, b in zip(net.weights[:-1], net.biases[:-1]):
-        z = times(a, w) + b
+        z = a @ w.T + b
         a = activate(z, net.activation, net.sharpness)
         slopes.append(_slope(z, a, net))
         layers.append(a)
-    y = np.asarray((times(a, net.weights[-1]) + net.biases[-1])[:, 0])
-    back = np.ones((x.shape[0], 1))
-    parts: list[FloatArray] = []
+    y = np.asarray((a @ net.weights[-1].T + net.biases[-1])[:, 0])
+    jacobian = np.empty((x.shape[0], net.parameters))
+    back, end = np.ones((x.shape[0], 1)), net.parameters
     for k in range(len(net.weights) - 1, -1, -1):
-        parts += [back, (back[:, :, None] * layers[k][:, None, :]).reshape(x.shape[0], -1)]
+        units, inputs = net.weights[k].shape
+        jacobian[:, end - units : end] = back
+        end -= units * (inputs + 1)
+        products = jacobian[:, end : end + units * inputs].reshape(-1, units, inputs)  # a view
+        np.multiply(back[:, :, None], layers[k][:, None, :], out=products)
         if k:
-            back = times(back, net.weights[k].T) * slopes[k - 1]
-    return y, np.concatenate(parts[::-1], axis=1)
+            back = (back @ net.weights[k]) * slopes[k - 1]
+    return y, jacobian
 
 
 # ---------------------------------------------------------------- Levenberg-Marquardt
@@ -265,17 +244,18 @@ class Cost:
             part = slice(begin, begin + _BLOCK)
             found, jacobian = output_and_jacobian(net, x[part])
             r = y[part] - found
-            share = np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300))
-            weighted = jacobian * share[:, None] if np.isfinite(limit) else jacobian
-            both = cross(weighted, np.column_stack((jacobian, r)))
-            matrix += both[:, :-1]
-            gradient += both[:, -1]
             cost += huber_cost(r, limit)
+            if np.isfinite(limit):
+                root = np.sqrt(np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)))
+                jacobian *= root[:, None]
+                r *= root
+            matrix += jacobian.T @ jacobian
+            gradient += r @ jacobian
         if chords is not None:
             found, jacobian = output_and_jacobian(net, chords.table)
             r, jacobian = chords.deviation(found), chords.deviation(jacobian)
             factor = chords.strength * y.size / r.size
-            matrix += factor * cross(jacobian, jacobian)
+            matrix += factor * (jacobian.T @ jacobian)
             gradient -= factor * (r @ jacobian)
             cost += factor * float(r @ r)
         ridge, p = self._ridge(net, y.size), net.vector()
@@ -349,11 +329,10 @@ def make_start(
         biases.append(0.5 * rng.standard_normal(units))
     a = x
     for w, b in zip(weights, biases):
-        a = activate(times(a, w) + b, activation, sharpness)
+        a = activate(a @ w.T + b, activation, sharpness)
     columns = np.column_stack((a, np.ones(y.size)))
-    both = cross(columns, np.column_stack((columns, y)))
-    square = both[:, :-1] + 1e-6 * y.size * np.eye(columns.shape[1])
-    last = np.asarray(np.linalg.solve(square, both[:, -1]))
+    square = columns.T @ columns + 1e-6 * y.size * np.eye(columns.shape[1])
+    last = np.asarray(np.linalg.solve(square, y @ columns))
     return Network((*weights, last[None, :-1]), (*biases, last[-1:]), activation, sharpness)
 
 
@@ -365,21 +344,23 @@ def _pursue(
     w = rng.standard_normal((pool, x.shape[1]))
     w /= np.linalg.norm(w, axis=1)[:, None]
     b = -np.einsum("ij,ij->i", w, x[rng.integers(0, x.shape[0], pool)])
-    columns = activate(times(x, w) + b, activation)
+    columns = activate(x @ w.T + b, activation)
     columns -= columns.mean(axis=0)
-    least = 1e-3 * np.linalg.norm(columns, axis=0) + 1e-12
+    square = np.einsum("ij,ij->j", columns, columns)
+    least = 1e-3 * np.sqrt(square) + 1e-12
     rest = y - y.mean()
     chosen: list[int] = []
     for _ in range(units):
-        length = np.linalg.norm(columns, axis=0)
-        seen = np.abs(np.einsum("ij,i->j", columns, rest))
-        gain = np.where(length < least, -1.0, seen / np.maximum(length, least))
+        length = np.sqrt(np.maximum(square, 0.0))
+        gain = np.where(length < least, -1.0, np.abs(rest @ columns) / np.maximum(length, least))
         gain[chosen] = -2.0
         best = int(np.argmax(gain))
         chosen.append(best)
         q = columns[:, best] / max(length[best], 1e-300)
         rest = rest - q * (q @ rest)
-        columns -= np.outer(q, np.einsum("ij,i->j", columns, q))
+        along = q @ columns
+        columns -= np.outer(q, along)
+        square -= along**2
     return w[chosen], b[chosen]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...estimation.network import cross, thin
+from ...estimation.network import thin
 from ...experiment import FloatArray
 from ...family import Quantity
 from .certificates import Certificate, certificate_details
@@ -118,7 +118,6 @@ def polynomial_fit(
         return np.column_stack([np.prod(z[:, list(t)], axis=1) for t in terms])
 
     c = columns(x)
-    both = cross(c, np.column_stack((c, y)))
     # direction^2 = 1: columns repeat, and the shortest solution is as good as any
-    weights = np.linalg.pinv(both[:, :-1], rcond=1e-12, hermitian=True) @ both[:, -1]
+    weights = np.linalg.pinv(c.T @ c, rcond=1e-12, hermitian=True) @ (y @ c)
     return lambda z: np.asarray(columns(z) @ weights)
