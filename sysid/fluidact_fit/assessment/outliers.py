@@ -151,5 +151,5 @@ def outlier_notice(outliers: Sequence[Outlier]) -> Notice:
         "outliers",
         f"{count_of(n, 'sample')} {verb} where the model of all others cannot be, and {was} left "
         f"out of the fit, which would have followed them ({listed}{more}). Check the cable, the "
-        "converter and the logger.",
+        "converter and the logger; where they lie at reversals, sample faster.",
     )
