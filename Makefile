@@ -9,9 +9,12 @@ OLDEST := .venv-oldest
 COG := $(BIN)/cog -P -I tools -p 'import docs_tables as docs' --verbosity 1
 PAGES := README.md $(wildcard docs/*.md)
 
+# Where it is set, every process of the tests would compile the program anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 MATRIX ?= 3.11 3.12 3.13
 
-.PHONY: help demo test test-oldest test-matrix lint format docs schema lock house acceptance study bench red-team soak clean
+.PHONY: help demo test suite test-oldest test-matrix lint style types format docs schema lock house acceptance study bench red-team soak clean
 
 help:
 	@echo "make demo         fit the datasets into demo-output/"
@@ -19,6 +22,9 @@ help:
 	@echo "make test-oldest  part of the tests with the oldest dependencies that are supported"
 	@echo "make test-matrix  the demo and quick tests on every Python that is supported"
 	@echo "make lint         style, types, layers and generated pages only"
+	@echo "make style        the same without the types"
+	@echo "make types        the types only"
+	@echo "make suite        tests and notebooks only"
 	@echo "make format       fix the style where ruff can"
 	@echo "make docs         write what the pages and the JSON Schema take from the program"
 	@echo "make schema       write the shipped JSON Schema only"
@@ -36,9 +42,12 @@ demo: $(INSTALLED)
 	rm -rf demo-output
 	$(BIN)/fluidact-fit demo demo-output
 
-test: lint
-	$(BIN)/python -m pytest -n 2 -m "not slow" tests
-	$(BIN)/python -m pytest -n 2 --nbmake notebooks
+# The types are checked beside the tests: one process, that would leave the other core idle.
+test: style
+	$(MAKE) --no-print-directory --jobs 2 types suite
+
+suite: $(INSTALLED_DEV)
+	$(BIN)/python -m pytest -n 2 -m "not slow" --nbmake tests notebooks
 
 # What depends on the interfaces of the dependencies; the estimates are left to `test`. Old releases
 # warn of newer ones below them, and pydantic's word the JSON Schema differently from the committed
@@ -60,10 +69,14 @@ matrix-%: pyproject.toml
 	.venv-matrix-$*/bin/fluidact-fit demo .venv-matrix-$*/demo
 	.venv-matrix-$*/bin/python -m pytest -n 2 tests/logs tests/parameters tests/test_units.py
 
-lint: $(INSTALLED_DEV)
+lint: style types
+
+types: $(INSTALLED_DEV)
+	$(BIN)/mypy
+
+style: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache --no-logo
 	$(COG) --check --check-fail-msg 'Run: make docs' $(PAGES)
 
@@ -134,15 +147,20 @@ define make_environment
 	$(1)/bin/python -m pip install --quiet --disable-pip-version-check 'pip>=25.1'
 endef
 
-$(INSTALLED): pyproject.toml
+$(VENV)/made: pyproject.toml
 	$(call make_environment,$(VENV))
-	$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
 
-$(INSTALLED_DEV): $(INSTALLED) uv.lock tools/locked.py
-	$(PYTHON) tools/locked.py > $(VENV)/constraints.txt
-	$(BIN)/python -m pip install --quiet --constraint $(VENV)/constraints.txt --group dev
+# Python compiles what is imported, when it is: a third of what pip would.
+$(INSTALLED): $(VENV)/made
+	$(BIN)/python -m pip install --quiet --no-compile --editable .
 	@touch $@
+
+$(INSTALLED_DEV): $(VENV)/made uv.lock tools/locked.py
+	$(PYTHON) tools/locked.py > $(VENV)/constraints.txt
+	$(BIN)/python -m pip install --quiet --no-compile --constraint $(VENV)/constraints.txt \
+		--editable . --group dev
+	@touch $(INSTALLED) $@
 
 $(OLDEST)/installed: pyproject.toml tools/oldest.py uv.lock tools/locked.py
 	$(call make_environment,$(OLDEST))

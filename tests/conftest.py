@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -11,6 +12,18 @@ import fluidact_fit as ff
 
 FAMILIES = sorted(ff.family_names(), key=len, reverse=True)
 
+# What takes long for its few tests: begun last, it would keep the other process waiting.
+LONG = (
+    "hydraulic-cylinder",
+    "force-map",
+    "tests/families/test_stribeck.py",
+    "tests/families/test_dynamic.py",
+    "tests/studies/test_red_team.py",
+    "tests/cli/test_batch.py",
+    "tests/test_excitation.py",
+    "tests/export/test_chip_page.py",
+)
+
 
 def scope_of(test: str) -> str:
     """What a test shares its fits with: the family in its brackets or of its file, or the file."""
@@ -18,6 +31,22 @@ def scope_of(test: str) -> str:
     parameters = name.partition("[")[2]
     told = PurePosixPath(path).stem.removeprefix("test_").replace("_", "-")
     return next((f for f in FAMILIES if parameters.startswith(f) or told == f), path)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Begin with what takes long and with the notebooks, then with what is many tests."""
+    if not hasattr(config, "workerinput"):
+        return
+    scopes = [scope_of(item.nodeid) for item in items]
+    sizes = Counter(scopes)
+
+    def place(scope: str) -> tuple[int, int]:
+        if scope in LONG:
+            return LONG.index(scope), 0
+        return len(LONG), -len(items) if scope.endswith(".ipynb") else -sizes[scope]
+
+    ordered = sorted(zip(scopes, items), key=lambda pair: place(pair[0]))
+    items[:] = [item for _, item in ordered]
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -32,4 +61,5 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
         def _split_scope(self, nodeid: str) -> str:
             return scope_of(nodeid)
 
+    config.option.loadscopereorder = False  # they come in order
     return ByScope(config, log)

@@ -86,6 +86,12 @@ def apart() -> Callable[..., Outcome]:
     return run_apart
 
 
+@pytest.fixture(scope="session")
+def write_valve() -> Callable[..., Path]:
+    """Writes a valve log wherever it is told to."""
+    return valve_log
+
+
 @pytest.fixture
 def valve(tmp_path: Path) -> Callable[..., Path]:
     """Writes a valve log into the test's directory."""

@@ -10,6 +10,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -141,16 +142,6 @@ def test_a_parameter_file_of_somebody_else_is_kept(fleet: Path, apart: Run) -> N
     assert table.loc["one", "status"] == "done"
 
 
-def _many(valve: Log, folder: Path, jobs: int) -> list[str]:
-    rows = []
-    for k in range(jobs):
-        valve(f"v{k}.csv", seed=k, gain=1000.0 + 5.0 * k)
-        rows.append(f"u{k},valve,v{k}.csv,")
-    text = "\n".join(["job,family,logs,options", *rows]) + "\n"
-    (folder / "jobs.csv").write_text(text, encoding="utf-8")
-    return [*PROGRAM, str(folder / "jobs.csv"), "--workers", "2", "-q", "-o"]
-
-
 def _finished(out: Path) -> list[str]:
     journal = out / "journal.jsonl"
     lines = journal.read_bytes().splitlines() if journal.exists() else []
@@ -161,10 +152,36 @@ def _finished(out: Path) -> list[str]:
     ]
 
 
+@dataclass(frozen=True)
+class Undisturbed:
+    """The words of a batch of seven jobs, without its folder, and what it gives."""
+
+    words: list[str]
+    summary: bytes
+
+
+@pytest.fixture(scope="module")
+def undisturbed(write_valve: Log, tmp_path_factory: pytest.TempPathFactory) -> Undisturbed:
+    """A batch that nobody stops, for those that are to give the same."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    rows = ["job,family,logs,options"]
+    for k in range(7):
+        write_valve(folder / f"v{k}.csv", seed=k, gain=1000.0 + 5.0 * k)
+        rows.append(f"u{k},valve,v{k}.csv,")
+    (folder / "jobs.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    words = [*PROGRAM, str(folder / "jobs.csv"), "--workers", "2", "-q", "-o"]
+    done = subprocess.run(
+        [*words, str(folder / "whole")], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return Undisturbed(words, (folder / "whole" / "summary.csv").read_bytes())
+
+
 @pytest.mark.parametrize("way", [signal.SIGKILL, signal.SIGINT])
-def test_killed_and_run_again(way: signal.Signals, valve: Log, tmp_path: Path) -> None:
-    words = _many(valve, tmp_path, 7)
-    out = tmp_path / "out"
+def test_killed_and_run_again(
+    way: signal.Signals, undisturbed: Undisturbed, tmp_path: Path
+) -> None:
+    words, out = undisturbed.words, tmp_path / "out"
     process = subprocess.Popen(
         [*words, str(out)], start_new_session=True, stderr=subprocess.PIPE,
         # what started the tests may ignore it, and a batch that inherits this goes on
@@ -183,20 +200,15 @@ def test_killed_and_run_again(way: signal.Signals, valve: Log, tmp_path: Path) -
         assert b"Nothing was written" not in said
     assert subprocess.run([*words, str(out)], check=False, timeout=120).returncode == 0
     assert Counter(_finished(out)) == {f"u{k}": 1 for k in range(7)}
-    whole = tmp_path / "whole"
-    assert subprocess.run([*words, str(whole)], check=False, timeout=120).returncode == 0
-    assert (out / "summary.csv").read_bytes() == (whole / "summary.csv").read_bytes()
+    assert (out / "summary.csv").read_bytes() == undisturbed.summary
     assert not list(out.glob(".fluidact-*"))
 
 
-def test_a_cluster_of_dask_gives_the_same(valve: Log, tmp_path: Path) -> None:
+def test_a_cluster_of_dask_gives_the_same(undisturbed: Undisturbed, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
-    words = _many(valve, tmp_path, 4)
-    for name, more in (("here", []), ("dask", ["--cluster", "local"])):
-        done = subprocess.run(
-            [*words, str(tmp_path / name), *more], capture_output=True, text=True, check=False,
-            timeout=120,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-    one, other = (tmp_path / name / "summary.csv" for name in ("here", "dask"))
-    assert one.read_bytes() == other.read_bytes()
+    done = subprocess.run(
+        [*undisturbed.words, str(tmp_path), "--cluster", "local"],
+        capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "summary.csv").read_bytes() == undisturbed.summary

@@ -17,7 +17,9 @@ BLOCKS = re.findall(r"^```(sh|yaml)\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
-def test_every_line_of_the_page_runs(tmp_path: Path) -> None:
+@pytest.mark.parametrize("draws", [4, pytest.param(40, marks=pytest.mark.slow)])
+def test_every_line_of_the_page_runs(draws: int, tmp_path: Path) -> None:
+    assert "--draws 40" in PAGE
     (tmp_path / "datasets").symlink_to(ROOT / "datasets")
     path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
     for kind, text in BLOCKS:
@@ -26,6 +28,7 @@ def test_every_line_of_the_page_runs(tmp_path: Path) -> None:
             continue
         if text.startswith("avr-gcc") and shutil.which("avr-gcc") is None:
             continue
+        text = text.replace("--draws 40", f"--draws {draws}")
         done = subprocess.run(
             ["bash", "-e", "-c", text], cwd=tmp_path, env={**os.environ, "PATH": path},
             capture_output=True, text=True, check=False,

@@ -162,16 +162,17 @@ def test_claims_match_the_bound() -> None:
     np.testing.assert_allclose(claimed, bound, rtol=0.1)  # sigma is estimated from 1000 samples
 
 
-def test_intervals_hold_the_truth() -> None:
-    """Small version of the study: 20 repetitions, three parameters."""
+@pytest.mark.parametrize("runs", [10, pytest.param(20, marks=pytest.mark.slow)])
+def test_intervals_hold_the_truth(runs: int) -> None:
+    """Small version of the study: a few repetitions, three parameters."""
     truth = {"gain": 1.0, "time_constant": 0.12, "dead_time": 0.0147}
     hits = []
-    for seed in range(20):
+    for seed in range(runs):
         found = fit("line", [line_log(100 + seed)])
         for name, value in truth.items():
             low, high = found.parameters[name].ci95
             hits.append(low <= value <= high)
-    assert np.mean(hits) > 0.95 - 3.0 * np.sqrt(0.05 * 0.95 / 20)
+    assert np.mean(hits) > 0.95 - 3.0 * np.sqrt(0.05 * 0.95 / runs)
 
 
 def test_noise_of_the_load_cell_is_allowed_for() -> None:

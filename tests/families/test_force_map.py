@@ -256,7 +256,7 @@ def test_a_check_trains_no_second_network(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_input_layers_are_compared() -> None:
-    result = ff.fit("force-map", [read(1), read(2)], inputs="compare", hidden="4", starts=2)
+    result = ff.fit("force-map", [read(1)], inputs="compare", hidden="4", starts=2)
     table = details_of(result)["input_layers"]
     found = {row["inputs"]: row["validation_rms"] for row in table}
     assert len(found) == 4
@@ -267,7 +267,7 @@ def test_input_layers_are_compared() -> None:
 
 
 def test_hidden_units_are_swept() -> None:
-    result = ff.fit("force-map", [read(1)], hidden="auto", starts=2)
+    result = ff.fit("force-map", [read(1)], hidden="auto", starts=1)
     details = details_of(result)
     table = details["hidden_units"]
     assert len(table) >= 5
@@ -338,7 +338,7 @@ def cycles(n: int = 2000) -> FloatArray:
 
 
 def test_constant_position_is_said() -> None:
-    u = cycles()
+    u = cycles(1000)
     found = estimate(make(command=u, position=0.01, force=10.0 * u), hidden="2", starts=2)
     assert any(n.code == "input-constant" for n in found.notices)
 
@@ -375,7 +375,7 @@ def test_velocity_needs_time() -> None:
 
 
 def test_a_violation_is_shown() -> None:
-    u = cycles()
+    u = cycles(1000)
     f = np.where(u < 2.5, u, 5.0 - u) + 0.001 * np.random.default_rng(0).standard_normal(u.size)
     found = estimate(make(command=u, position=0.01, force=f), target="force",
                      inputs="command,direction", hidden="3", starts=3)  # fmt: skip
@@ -412,7 +412,7 @@ def specimens(lengths: tuple[float, ...], odd: float) -> list[Experiment]:
 
 
 def fit_specimens(logs: list[Experiment], hidden: str = "4") -> Estimate[ForceMapOptions]:
-    return train(logs, target="force", inputs="command,length,direction", hidden=hidden)
+    return train(logs, target="force", inputs="command,length,direction", hidden=hidden, starts=4)
 
 
 def at_length(found: Estimate[ForceMapOptions], length: float) -> FloatArray:
@@ -436,7 +436,7 @@ def test_of_four_each_is_met_and_between_them_is_judged() -> None:
 
 
 def test_a_length_that_moves_names_no_specimen() -> None:
-    u = cycles()
+    u = cycles(1000)
     e = make(command=u, position=0.01, length=np.linspace(0.1, 0.3, u.size), force=10.0 * u)
     assert "straight" not in fit_specimens([e], "2").details
 

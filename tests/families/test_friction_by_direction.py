@@ -96,9 +96,9 @@ def test_both_sides_are_recovered_within_their_errors(tmp_path: Path, role: str)
     assert {n.code for n in found.notices} == {"asymmetry-or-offset"}  # the levels do differ
 
 
+@pytest.mark.parametrize("runs", [15, pytest.param(30, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("role", ["velocity", "position"])
-def test_intervals_hold_as_often_as_they_say(tmp_path: Path, role: str) -> None:
-    runs = 30
+def test_intervals_hold_as_often_as_they_say(tmp_path: Path, role: str, runs: int) -> None:
     found = [deviations(fit([hand_log(tmp_path, s, role)])) for s in range(runs)]
     z = np.array([[one[n] for n in TRUTH] for one in found])
     assert np.abs(z.mean(axis=0)).max() < 4.0 / np.sqrt(runs)

@@ -66,14 +66,16 @@ def test_the_rise_of_a_spring_cylinder_is_found_and_estimated() -> None:
         assert 0.8 * bound < q.std_error < 1.25 * bound, name  # type: ignore[operator]
 
 
-def test_intervals_hold_the_truth() -> None:
+@pytest.mark.parametrize(("runs", "least"), [(12, 9), pytest.param(24, 19, marks=pytest.mark.slow)])
+def test_intervals_hold_the_truth(runs: int, least: int) -> None:
     held = dict.fromkeys(RISING, 0)
-    for seed in range(24):
+    for seed in range(runs):
         found = fit_spring(seed, n=1500)
         for name, value in RISING.items():
             low, high = found.parameters[name].ci95 or (np.nan, np.nan)
             held[name] += low <= value <= high
-    assert min(held.values()) >= 19  # of 24 at 95 %: fewer in one set of numbers of 600
+    # at 95 %, fewer than 19 of 24 in one set of numbers of 600, fewer than 9 of 12 in one of 450
+    assert min(held.values()) >= least
 
 
 @pytest.mark.parametrize("seed", range(3))
