@@ -42,7 +42,7 @@ def run_apart(*args: str, cwd: Path | None = None) -> Outcome:
     """Run the program in a process of its own."""
     done = subprocess.run(
         [sys.executable, "-m", "fluidact_fit_cli.main", *map(str, args)],
-        capture_output=True, text=True, cwd=cwd, timeout=60, check=False,
+        capture_output=True, text=True, cwd=cwd, timeout=180, check=False,
         env={**os.environ, "PYTHONIOENCODING": "utf-8"},
     )  # fmt: skip
     return Outcome(done.returncode, done.stdout, done.stderr)
