@@ -86,7 +86,7 @@ class Stage:
     def unknown_drive(self) -> float:
         """Standard deviation of the drive in rows that were lost [SI]; 0 without any."""
         lost = [find_lost_rows(e.signals[self.axis.drive]) for e in self.experiments]
-        return max((rows.error for rows in lost if rows), default=0.0)
+        return max((float(rows.error.max()) for rows in lost if rows), default=0.0)
 
     @property
     def rounding(self) -> float:
