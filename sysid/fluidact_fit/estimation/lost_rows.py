@@ -43,7 +43,7 @@ class LostRows:
 
 def find_lost_rows(signal: Signal) -> LostRows | None:
     """Rows lost in a sampled signal; ``None`` where there are none, or nothing tells them."""
-    t, u = signal.time, signal.values
+    t = signal.time
     if t.size < _FEWEST:
         return None
     smooth = settled_hold(signal) == "smooth"
