@@ -111,7 +111,8 @@ def attacks() -> Iterator[Attack]:
         yield asked(right, f"{speed:g} rad/s, smooth", other, moving, "smooth", bounds=True)
         yield asked(right, f"{speed:g} rad/s, held", other, held, bounds=True)
     axis = Machine({**AXIS, SPEED: 5e-3})
-    yield asked(right, "linear axis", axis, Logger(count=1e-6, duration=10.0, step=0.005))
+    axis_log = Logger(count=1e-6, duration=10.0, step=0.005)
+    yield asked(right, "linear axis", axis, axis_log, bounds=True)
     for loud in (0.55, 2.0):
         words = f"{loud:g} of the usual torque"
         log = replace(moving, loud=loud)
