@@ -88,6 +88,24 @@ def test_a_static_level_shows_in_slow_motion_without_a_rest() -> None:
     assert max(abs(e.deviations) for e in found.errors.values()) < 4.0
 
 
+@pytest.mark.parametrize(
+    ("group", "name", "doubted"),
+    [
+        ("another hold", "curved, taken for held", True),
+        ("another hold", "lines, taken for held", True),
+        ("torque ripple", "0.0002 N m", False),
+    ],
+)
+def test_forces_beyond_the_model_are_told_from_another_hold(
+    group: str, name: str, doubted: bool
+) -> None:
+    """What every hold leaves is a force; what one of them takes away was the hold."""
+    attack = next(a for a in every(["ball-screw"]) if (a.group, a.name) == (group, name))
+    codes = run(attack).codes
+    assert "forces-beyond-model" in codes
+    assert ("hold-doubtful" in codes) == doubted
+
+
 _KEPT = {
     ("valve", "delay not asked for"),
     ("valve", "another pole"),

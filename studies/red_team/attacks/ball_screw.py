@@ -297,6 +297,7 @@ def attacks() -> Iterator[Attack]:
             "right model, continuous drive", hold, screw, log, hold, bounds=True, repetitions=8
         )
     yield make_attack("another hold", "curved, taken for lines", screw, moving, "foh")
+    yield make_attack("another hold", "curved, taken for held", screw, moving)
     yield make_attack("another hold", "held, taken for lines", screw, plain, "foh")
     yield make_attack("another hold", "lines, taken for held", screw, lines)
     yield make_attack(
