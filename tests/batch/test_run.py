@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,7 +21,7 @@ def _jobs(*options: Sequence[str]) -> list[Job]:
     return [Job(f"j{k}", "line", ("a.csv",), tuple(words)) for k, words in enumerate(options)]
 
 
-def _run(jobs: list[Job], folder: Path, workers: int = 2, **more: bool) -> list[Outcome]:
+def _run(jobs: list[Job], folder: Path, workers: int = 2, **more: Any) -> list[Outcome]:
     (folder / "a.csv").touch()
     return run_batch(jobs, folder, folder / "out", note, LocalPool(workers), **more)
 
@@ -132,6 +133,24 @@ def test_a_file_written_just_before_a_kill_is_known(tmp_path: Path) -> None:
     _ran(tmp_path)
     assert [o.exit for o in _run(_jobs((), ()), tmp_path)] == [0, 0]
     assert _ran(tmp_path) == ["j0", "j1"]
+
+
+def test_lines_that_are_damaged_are_left_out_and_counted(tmp_path: Path) -> None:
+    said: list[str] = []
+    _run(_jobs((), (), ()), tmp_path, warn=said.append)
+    assert said == []
+    _ran(tmp_path)
+    journal = tmp_path / "out" / NAME
+    claimed, *finished = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"\0" + claimed[1:] + b"".join(finished[:2]))
+    kept = {name for name in ("j0", "j1", "j2") if name in b"".join(finished[:2]).decode()}
+    found = _run(_jobs((), (), ()), tmp_path, warn=said.append)
+    (text,) = said
+    assert text.startswith("1 of 3 lines of ")
+    assert "somebody else's" in text
+    (other,) = {"j0", "j1", "j2"} - kept
+    assert [o.exit for o in found] == [2 if o.job == other else 0 for o in found]
+    assert _ran(tmp_path) == [other]  # the others are known to have ended
 
 
 def test_files_of_somebody_else_are_kept(tmp_path: Path) -> None:

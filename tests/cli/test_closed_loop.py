@@ -275,6 +275,13 @@ def test_files_given_in_the_place_of_others_are_told_apart(
     assert done.status == 3
     assert "does not exist" in done.err
     assert "parameter file" not in done.err
+    pd = controller(tmp_path)
+    done = here("export", pd, "--to", "c", "-o", str(tmp_path / "out"))
+    assert done.status == 3
+    assert "is a controller file, not a parameter file" in done.err
+    assert "--controller" in done.err
+    assert "1 problem" in done.err
+    assert not list(tmp_path.glob("out/*"))
 
 
 def test_draws_have_a_column_where_there_are_any(

@@ -248,6 +248,17 @@ def test_force_controller_asks_the_branch_of_its_motion_state() -> None:
     assert controller.observed == pytest.approx(22.0)
 
 
+def test_what_no_solver_resolves_is_none() -> None:
+    t = np.linspace(0.0, 10.0, 1001)
+    y = 3.0 * (1.0 - np.exp(-8.0 * t)) * (1.0 + 1e-14 * np.sin(40.0 * t))
+    found = step_metrics(t, y, 3.0)
+    assert (found.overshoot, found.overshoot_target, found.steady_state_error) == (0.0, 0.0, 0.0)
+    real = step_metrics(t, y + 3e-7 * np.exp(-((t - 8.0) ** 2)), 3.0)
+    assert real.overshoot_target == pytest.approx(1e-5, rel=1e-3)
+    assert tracking_metrics(y + 1e-15, y).final_error == 0.0
+    assert tracking_metrics(y + 1e-6, y).final_error == pytest.approx(1e-6)
+
+
 def test_step_metrics_of_a_response_that_is_known() -> None:
     t = np.linspace(0.0, 10.0, 2001)
     y = 2.0 + 0.96 * (1.0 - np.exp(-(t - 1.0))) * (t > 1.0)

@@ -11,6 +11,10 @@ import pytest
 
 import fluidact_fit as ff
 from fluidact_fit.block import Port
+from fluidact_fit.control.closed_loop import ClosedLoop
+from fluidact_fit.control.controllers.pd import Gains, PDController
+from fluidact_fit.control.loop import Response
+from fluidact_fit.control.metrics import tracking_metrics
 from fluidact_fit.control.plants.drive import (
     Drive,
     DrivePlant,
@@ -268,6 +272,21 @@ def test_force_goes_along_the_branches_and_rests_between_them() -> None:
         plant.advance([u])
         seen.append(plant.measure()["force"])
     assert seen == pytest.approx([32.0, 32.0, 32.0, 27.0, 27.0, 28.0])
+
+
+def test_the_drive_of_a_force_has_its_unit() -> None:
+    plant = ForcePlant(lambda u: (u, u), make_chain([]), Port("command", "V"), 0.01,
+                       drive_unit="Pa")  # fmt: skip
+    one = np.zeros(2)
+    measured = {"force": one, "position": one, "drive": one}
+    response = Response(np.arange(2) * 0.01, one, one, one[:, None], measured)
+    controller = PDController(Gains(1.0, 0.0), "force", 0.01)
+    loop = ClosedLoop(
+        plant, controller, response, (), 0, None, tracking_metrics(one, one), None
+    )  # fmt: skip
+    assert loop.to_csv().splitlines()[0] == (
+        "time [s],reference [N],command [V],force [N],position [m],drive [Pa]"
+    )
 
 
 def test_overshoot_of_the_pressure_stays_in_the_force() -> None:

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from studies.red_team import cells
 from studies.red_team.attack import Error, Result, cramer_rao
-from studies.red_team.attacks import every, valve
+from studies.red_team.attacks import ball_screw_stribeck, every, valve
+from studies.red_team.attacks.ball_screw import Machine
+from studies.red_team.attacks.ball_screw_stribeck import slide
 from studies.red_team.run import SEED, run
 from studies.red_team.table import page, shown
 
+from drive_reference import SCREW, STEP, reference, torque_of
 from fluidact_fit.families import family_names
 
 
@@ -62,6 +65,45 @@ def test_the_valve_of_the_attacks_is_the_one_of_the_textbook(delay: float) -> No
     response = 1.0 - decay * (np.cos(damped * t) + ratio * np.sin(damped * t))
     expected = 2.0 * np.where(t > 0.0, response, 0.0)
     assert valve.simulate(truth, u, step, delay=delay) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+def test_the_drive_whose_friction_falls_is_the_one_of_a_general_solver(hold: str) -> None:
+    time, fine = np.arange(240) * STEP, 20
+    u = 5e-3 * np.sin(2.0 * np.pi * (0.4 * time + 0.4 * time**2))
+    at = np.arange((time.size - 1) * fine + 1) / fine
+    drive = u[at.astype(int)] if hold == "zoh" else np.interp(at, np.arange(time.size), u)
+    found = slide(Machine(SCREW), drive, STEP / fine, hold == "zoh")[::fine]
+    # in mN m, as its tolerances need it
+    larger = {n: v if n == "stribeck_speed" else 1e3 * v for n, v in SCREW.items()}
+    wanted = reference(larger, torque_of(1e3 * u, hold, time), time)
+    assert np.abs(found - wanted).max() < 1e-6 * np.ptp(wanted)
+
+
+def test_a_static_level_shows_in_slow_motion_without_a_rest() -> None:
+    """The axis turns where it was held to need a rest: all that fell was refused as it was."""
+    attack = next(a for a in ball_screw_stribeck.attacks() if a.name == "linear axis")
+    found = run(attack)
+    assert set(found.errors) == set(attack.truth)
+    assert max(abs(e.deviations) for e in found.errors.values()) < 4.0
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "doubted"),
+    [
+        ("another hold", "curved, taken for held", True),
+        ("another hold", "lines, taken for held", True),
+        ("torque ripple", "0.0002 N m", False),
+    ],
+)
+def test_forces_beyond_the_model_are_told_from_another_hold(
+    group: str, name: str, doubted: bool
+) -> None:
+    """What every hold leaves is a force; what one of them takes away was the hold."""
+    attack = next(a for a in every(["ball-screw"]) if (a.group, a.name) == (group, name))
+    codes = run(attack).codes
+    assert "forces-beyond-model" in codes
+    assert ("hold-doubtful" in codes) == doubted
 
 
 _KEPT = {

@@ -15,7 +15,7 @@ from fluidact_fit.errors import StrictError, UsageError
 from ..options import VERBOSITY, Command, Option, flag
 from ..outputs import note_written
 from ..progress import Progress
-from ..show import echo, echo_table
+from ..show import echo, echo_table, tell
 
 if TYPE_CHECKING:
     from fluidact_fit.batch import Job
@@ -89,8 +89,9 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
     with closing(Progress(params["quiet"], params["verbose"])) as progress, _pool(params) as pool:
         note_written([folder])  # an interrupted batch keeps what it has, and goes on from there
         outcomes = run_batch(
-            jobs, base, target, execute, pool, again=params["force"], progress=progress
-        )
+            jobs, base, target, execute, pool, again=params["force"], progress=progress,
+            warn=lambda text: tell(f"warning: {text}"),
+        )  # fmt: skip
     written = [str(path) for path in write_summary(jobs, outcomes, target)]
     failed = sum(outcome.exit != 0 for outcome in outcomes)
     if not params["quiet"]:

@@ -16,6 +16,7 @@ LINEAR = {"force": "N", "position": "m"}
 COUNT = 2.0 * math.pi / 2000.0  # rad per count of the encoder
 FINE = 50  # steps of the simulator per sample
 Truth = Mapping[str, float]
+Spoil = Callable[[Recording, np.random.Generator], Recording]
 
 SCREW = {
     "inertia": 1.171e-6, "viscous": 2e-5, "coulomb_positive": 2e-3, "coulomb_negative": 1.6e-3,
@@ -132,9 +133,12 @@ def levels(rng: np.random.Generator, n: int, step: float, size: float) -> Array:
     return u
 
 
+Move = Callable[[Machine, Array, float, bool], Array]
+
+
 @dataclass(frozen=True)
 class Logger:
-    """How a motion is recorded."""
+    """How a motion is recorded; ``loud`` is the drive in parts of the usual one."""
 
     step: float = 0.01
     duration: float = 8.0
@@ -145,6 +149,7 @@ class Logger:
     lost: float = 0.0  # part of the rows
     jitter: float = 0.0  # of the instants, part of a sample
     logs: int = 1
+    loud: float = 1.0
 
     @property
     def jumps(self) -> bool:
@@ -156,19 +161,20 @@ def record(
     rng: np.random.Generator,
     machine: Machine,
     logger: Logger,
-    spoil: Callable[[Recording, np.random.Generator], Recording] | None = None,
+    spoil: Spoil | None = None,
+    move: Move = follow,
 ) -> list[Recording]:
-    """Logs of a machine."""
+    """Logs of a machine that moves as ``move`` says."""
     out = []
     for _ in range(logger.logs):
-        recording = _recording(rng, machine, logger)
+        recording = _recording(rng, machine, logger, move)
         out.append(spoil(recording, rng) if spoil else recording)
     return out
 
 
 def _drive(rng: np.random.Generator, machine: Machine, logger: Logger) -> Array:
     n = round(logger.duration / logger.step)
-    size = max(machine.truth[s] for s in STATIC)
+    size = logger.loud * max(machine.truth[s] for s in STATIC)
     fine = np.arange((n - 1) * FINE + 1) / FINE
     wave = chirp(rng, logger.duration, size)
     if logger.kind == "continuous":
@@ -180,9 +186,9 @@ def _drive(rng: np.random.Generator, machine: Machine, logger: Logger) -> Array:
     return np.interp(fine, np.arange(n), u) if logger.kind == "lines" else u[fine.astype(int)]
 
 
-def _recording(rng: np.random.Generator, machine: Machine, logger: Logger) -> Recording:
+def _recording(rng: np.random.Generator, machine: Machine, logger: Logger, move: Move) -> Recording:
     drive = _drive(rng, machine, logger)
-    motion = follow(machine, drive, logger.step / FINE, logger.jumps)
+    motion = move(machine, drive, logger.step / FINE, logger.jumps)
     at = np.arange(0, drive.size, FINE)
     n = at.size
     if logger.jitter:  # sampled a little off the grid, the true instant recorded
@@ -201,19 +207,19 @@ def _recording(rng: np.random.Generator, machine: Machine, logger: Logger) -> Re
     return recording
 
 
-def _bounds(machine: Machine, logger: Logger, names: Sequence[str]) -> dict[str, float]:
+def _bounds(machine: Machine, logger: Logger, names: Sequence[str], move: Move) -> dict[str, float]:
     """Bound of one log; the error of the counts is taken for white noise."""
     drive = _drive(np.random.default_rng(1), machine, logger)
 
     def simulate(truth: Truth) -> list[Array]:
         changed = replace(machine, truth={**machine.truth, **truth})
-        return [follow(changed, drive, logger.step / FINE, logger.jumps)[::FINE]]
+        return [move(changed, drive, logger.step / FINE, logger.jumps)[::FINE]]
 
     sigma = math.hypot(logger.noise, logger.count / math.sqrt(12.0))
     return cramer_rao(simulate, {n: machine.truth[n] for n in names}, sigma)
 
 
-def _attack(
+def make_attack(
     group: str,
     name: str,
     machine: Machine,
@@ -221,18 +227,22 @@ def _attack(
     hold: str = "",
     repetitions: int = 3,
     bounds: bool = False,
-    spoil: Callable[[Recording, np.random.Generator], Recording] | None = None,
+    spoil: Spoil | None = None,
     beyond: str = "",
+    move: Move = follow,
+    scales: Mapping[str, float] | None = None,
     **options: str,
 ) -> Attack:
+    """One attack on the screw or the axis; see :class:`Attack`."""
     units = ROTARY if "inertia" in machine.truth else LINEAR
     # a held drive jumps past the static levels: the position does not tell them to a bound
-    known = [n for n in machine.truth if not (logger.jumps and n in STATIC)]
+    known = [n for n, v in machine.truth.items() if v and not (logger.jumps and n in STATIC)]
     return Attack(
         "ball-screw", group, name, machine.truth, partial(record, machine=machine, logger=logger,
-        spoil=spoil), units, options=options, hold={next(iter(units)): hold} if hold else {},
-        bounds=partial(_bounds, machine, logger, known) if bounds else {}, repetitions=repetitions,
-        beyond=beyond,
+        spoil=spoil, move=move), units, options=options,
+        hold={next(iter(units)): hold} if hold else {}, scales=scales or {},
+        bounds=partial(_bounds, machine, logger, known, move) if bounds else {},
+        repetitions=repetitions, beyond=beyond,
     )  # fmt: skip
 
 
@@ -258,8 +268,8 @@ def attacks() -> Iterator[Attack]:
     moving = replace(plain, kind="continuous")
     axis_log = Logger(count=1e-6, duration=10.0, step=0.005)
     micro_log = Logger(count=1e-7, step=0.005, duration=5.0)
-    yield _attack("right model, held drive", "chirp", screw, plain, bounds=True, repetitions=8)
-    yield _attack(
+    yield make_attack("right model, held drive", "chirp", screw, plain, bounds=True, repetitions=8)
+    yield make_attack(
         "right model, held drive",
         "levels",
         screw,
@@ -267,7 +277,7 @@ def attacks() -> Iterator[Attack]:
         bounds=True,
         repetitions=4,
     )
-    yield _attack(
+    yield make_attack(
         "right model, held drive",
         "4 s",
         screw,
@@ -275,19 +285,22 @@ def attacks() -> Iterator[Attack]:
         bounds=True,
         repetitions=4,
     )
-    yield _attack("right model, held drive", "linear axis", Machine(AXIS), axis_log, bounds=True)
-    yield _attack(
+    yield make_attack(
+        "right model, held drive", "linear axis", Machine(AXIS), axis_log, bounds=True
+    )
+    yield make_attack(
         "right model, held drive", "micro-actuator", Machine(MICRO), micro_log, bounds=True
     )
     lines = replace(plain, kind="lines")
     for hold, log in (("foh", lines), ("smooth", moving)):
-        yield _attack(
+        yield make_attack(
             "right model, continuous drive", hold, screw, log, hold, bounds=True, repetitions=8
         )
-    yield _attack("another hold", "curved, taken for lines", screw, moving, "foh")
-    yield _attack("another hold", "held, taken for lines", screw, plain, "foh")
-    yield _attack("another hold", "lines, taken for held", screw, lines)
-    yield _attack(
+    yield make_attack("another hold", "curved, taken for lines", screw, moving, "foh")
+    yield make_attack("another hold", "curved, taken for held", screw, moving)
+    yield make_attack("another hold", "held, taken for lines", screw, plain, "foh")
+    yield make_attack("another hold", "lines, taken for held", screw, lines)
+    yield make_attack(
         "right model, continuous drive",
         "noise of half a count",
         screw,
@@ -298,50 +311,50 @@ def attacks() -> Iterator[Attack]:
     )
     for part in (0.01, 0.05):
         for hold, log in (("", plain), ("foh", lines), ("smooth", moving)):
-            yield _attack(
+            yield make_attack(
                 "lost rows",
                 f"{100 * part:g} % of {log.kind}, {hold or 'default'}",
                 screw,
                 replace(log, lost=part),
                 hold,
             )
-        yield _attack(
+        yield make_attack(
             "lost rows",
             f"{100 * part:g} % of levels",
             screw,
             replace(plain, kind="levels", lost=part),
         )
-    yield _attack("jitter", "10 %", screw, replace(moving, jitter=0.1), "smooth", bounds=True)
-    yield _attack("jitter", "40 %", screw, replace(moving, jitter=0.4), "smooth", bounds=True)
+    yield make_attack("jitter", "10 %", screw, replace(moving, jitter=0.1), "smooth", bounds=True)
+    yield make_attack("jitter", "40 %", screw, replace(moving, jitter=0.4), "smooth", bounds=True)
     for noise in (1e-6, 1e-5, 1e-4):
         for hold in ("foh", "smooth"):
-            yield _attack(
+            yield make_attack(
                 "noise of the drive",
                 f"{noise:g} N m, {hold}",
                 screw,
                 replace(moving, drive_noise=noise),
                 hold,
             )
-        yield _attack(
+        yield make_attack(
             "noise of the drive", f"{noise:g} N m, held", screw, replace(plain, drive_noise=noise)
         )
     for speed in (2.0, 10.0):
-        yield _attack(
+        yield make_attack(
             "Stribeck friction", f"{speed:g} rad/s", replace(screw, stribeck=speed), plain
         )
     for size in (5e-5, 2e-4):
-        yield _attack("torque ripple", f"{size:g} N m", replace(screw, ripple=size), plain)
+        yield make_attack("torque ripple", f"{size:g} N m", replace(screw, ripple=size), plain)
     for play in (2.0 * COUNT, 10.0 * COUNT):
-        yield _attack("backlash", f"{play / COUNT:g} counts", replace(screw, play=play), plain)
-    yield _attack("wrong direction", "torque", replace(screw, gain=-1.0), plain, repetitions=2)
+        yield make_attack("backlash", f"{play / COUNT:g} counts", replace(screw, play=play), plain)
+    yield make_attack("wrong direction", "torque", replace(screw, gain=-1.0), plain, repetitions=2)
     drive = "torque"
-    yield _attack(
+    yield make_attack(
         "logger", "torque clipped", screw, plain, spoil=partial(_cut, role=drive, limit=5e-3)
     )
-    yield _attack(
+    yield make_attack(
         "logger", "drift of the angle", screw, plain, spoil=partial(_drift, role="angle", total=1.0)
     )
-    yield _attack(
+    yield make_attack(
         "logger",
         "offset of the torque",
         screw,
@@ -349,7 +362,7 @@ def attacks() -> Iterator[Attack]:
         spoil=lambda r, g: {**r, drive: r[drive] + 1e-4},
         beyond="An offset of the torque is a friction that differs by direction.",
     )
-    yield _attack(
+    yield make_attack(
         "logger",
         "torque one sample late",
         screw,
@@ -357,7 +370,7 @@ def attacks() -> Iterator[Attack]:
         spoil=lambda r, g: {**r, drive: np.roll(r[drive], 1)},
     )
     for where in (0.0, 0.4, 1.0):
-        yield _attack(
+        yield make_attack(
             "one bad sample",
             f"angle at {where:g}",
             screw,
@@ -365,7 +378,7 @@ def attacks() -> Iterator[Attack]:
             repetitions=1,
             spoil=partial(_glitch, role="angle", where=where, value=500.0),
         )
-        yield _attack(
+        yield make_attack(
             "one bad sample",
             f"torque at {where:g}",
             screw,
@@ -373,6 +386,6 @@ def attacks() -> Iterator[Attack]:
             repetitions=1,
             spoil=partial(_glitch, role=drive, where=where, value=0.0),
         )
-    yield _attack(
+    yield make_attack(
         "cut in motion", "held", screw, plain, spoil=lambda r, g: {k: x[137:] for k, x in r.items()}
     )

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
+from ..estimation.inputs import choose_hold
 from ..estimation.noise import noise_floor
 from ..estimation.separable import scaled_least_squares
 from ..estimation.uncertainty import fit_autoregression, innovations
-from ..experiment import FloatArray, Hold
+from ..experiment import FloatArray, Hold, Signal
 from ..family import Estimate, Family, FamilyOptions, Plant, Value, Variant
 from ..outcome import Simulation
 from ..units import as_share
@@ -43,6 +44,7 @@ _DECISIVE = 7.0  # difference of log-likelihoods: a thousand to one
 _MOVING = 0.2  # part of the samples in which a command moves that may not be held
 _ROUNDS = 3  # Gauss-Newton steps under another hold
 _LONG_STEP = 2.0  # standard errors of a step after which another one is taken
+_EXPLAINS = 0.7  # of the residual, which another hold leaves at most where forces are in it
 _JUMP = 0.25  # part of its range that an input crosses in one sample when it jumps
 _LONG = 200_000  # samples beyond which a part of the log is enough
 _WORDS: dict[Hold, str] = {
@@ -143,7 +145,11 @@ def _noise_or_model(fitted: Sequence[Simulation], through: Sequence[float]) -> f
 
 @dataclass(frozen=True)
 class _Shift:
-    """How another hold would change the parameters, as the file tells it."""
+    """How another hold would change the parameters, as the file tells it.
+
+    ``evidence`` is the change of the negative log-likelihood, ``left`` the root mean square of the
+    residual in parts of the present one.
+    """
 
     hold: Hold
     other: Hold
@@ -151,13 +157,16 @@ class _Shift:
     shift: float
     standard_errors: float
     evidence: float
+    left: float
 
 
 def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any], list[Notice]]:
     """Judge the fit under another hold of every role that drives the model."""
     experiments = at.experiments
-    if not at.estimate.sensitivity or sum(e.samples for e in experiments) > _LONG:
+    if sum(e.samples for e in experiments) > _LONG:
         return {}, []
+    # what else was compared than the output leaves a residual that is not noise: it has to shrink
+    enough = np.inf if at.estimate.sensitivity else _EXPLAINS
     table: dict[str, Any] = {}
     notices: list[Notice] = []
     for role in at.variant.driving:
@@ -166,8 +175,8 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
             continue
         others = [h for h in _WORDS if h != (experiments[0].signals[role.name].hold or "zoh")]
         tried = [_shift(at, role.name, h) for h in others]
-        # what fits best is named: whoever follows the advice is not told the next one
-        found = min((t for t in tried if t), key=lambda t: t.evidence, default=None)
+        signals = [e.signals[role.name] for e in driving]
+        found = _best_hold([t for t in tried if t and t.left <= enough], signals)
         if found is None:
             continue
         table[role.name] = asdict(found)
@@ -176,6 +185,21 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
         if said and (said.code == "hold-doubtful" or unsure):
             notices.append(said)
     return table, notices
+
+
+def _best_hold(tried: Sequence[_Shift], signals: Sequence[Signal]) -> _Shift | None:
+    """What fits best is named: whoever follows the advice is not told the next one.
+
+    Of two that fit alike it is the one that the samples look like.
+    """
+    best = min(tried, key=lambda t: t.evidence, default=None)
+    if best is None or best.evidence > -_DECISIVE:
+        return best
+    alike = [t for t in tried if t.evidence - best.evidence < _DECISIVE]
+    if len(alike) < 2:
+        return best
+    likely = choose_hold(signals)
+    return next((t for t in alike if t.other == likely), best)
 
 
 def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
@@ -211,6 +235,7 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
         float(total[worst]),
         float(deviations[worst]),
         0.5 * r.size * float(np.log(ratio)),
+        sqrt(ratio),
     )
 
 
@@ -230,15 +255,20 @@ def _hold_notice(role: str, found: _Shift, values: Mapping[str, Value]) -> Notic
     if found.evidence < -_DECISIVE:
         code = "hold-doubtful"
         lead = f"the data fit better with '{role}' {better} than {taken}"
+        then = (
+            "Settle it first: what else is said of this fit may come from it. If it was right, "
+            "look for lost rows, gaps, clipping or a lag."
+        )
     else:
         code = "hold-matters"
         lead = f"the data cannot tell whether '{role}' is {taken}"
+        then = "If it was right, look for lost rows, gaps, clipping or a lag."
     return Notice(
         code,
         f"{lead}; with --hold {role}={found.other} {found.parameter} would change by "
         f"{found.shift:+.3g}{share}, {abs(found.standard_errors):.1f} standard errors. Commands "
         "are held (zoh), measured signals are not (foh or smooth): give --hold by what the signal "
-        "is, not by what fits. If it was right, look for lost rows, gaps, clipping or a lag.",
+        f"is, not by what fits. {then}",
     )
 
 

@@ -23,16 +23,24 @@ NAME = "journal.jsonl"
 
 
 class Journal:
-    """Outcomes by job, the last of each; open and locked while a batch runs."""
+    """Outcomes by job, the last of each; open and locked while a batch runs.
+
+    ``damaged`` of its ``lines`` say nothing: what a kill cut short, or what was changed. The
+    others count.
+    """
 
     def __init__(self, file: FileIO, where: str) -> None:
         self._file, self._where = file, where
         content = file.read()
         self.outcomes: dict[str, Outcome] = {}
         self.claimed: set[str] = set()
-        for line in content.split(b"\n"):
+        lines = [line for line in content.split(b"\n") if line]
+        self.lines, self.damaged = len(lines), 0
+        for line in lines:
             found = _entry(line)
-            if isinstance(found, Outcome):
+            if found is None:
+                self.damaged += 1
+            elif isinstance(found, Outcome):
                 self.outcomes[found.job] = found
                 self.claimed |= {found.job} if found.exit == 0 else set()
             else:
@@ -93,13 +101,13 @@ def open_journal(folder: Path) -> Iterator[Journal]:
             os.fsync(file.fileno())
 
 
-def _entry(line: bytes) -> Outcome | set[str]:
-    """What a line says; of one that is damaged, nothing."""
+def _entry(line: bytes) -> Outcome | set[str] | None:
+    """What a line says; ``None`` for one that is damaged."""
     try:
         data: Any = json.loads(line)
         if "claimed" in data:
             return {str(name) for name in data["claimed"]}
         found = Outcome(**data)
     except (ValueError, TypeError, RecursionError):
-        return set()
-    return found if isinstance(found.job, str) and isinstance(found.exit, int) else set()
+        return None
+    return found if isinstance(found.job, str) and isinstance(found.exit, int) else None

@@ -11,11 +11,18 @@ from pathlib import Path
 from ..errors import OutputError
 from ..version import __version__
 from .jobs import Job
-from .journal import Journal, open_journal
+from .journal import NAME, Journal, open_journal
 from .outcome import Outcome, Task
 from .pools import Execute, Pool
 
 RECORDS = "logs"  # folder of what every job said
+
+
+_DAMAGED = (
+    "{number} of {lines} lines of {path} cannot be read and {were} left out: jobs that only they "
+    "knew run again. A parameter file that no other line names is taken for somebody else's and "
+    "kept: move it away if it is not."
+)
 
 
 def run_batch(
@@ -27,6 +34,7 @@ def run_batch(
     *,
     again: bool = False,
     progress: Callable[[str], None] = lambda text: None,
+    warn: Callable[[str], None] = lambda text: None,
 ) -> list[Outcome]:
     """Run the jobs that are not finished, and return the outcomes of all, in their order.
 
@@ -47,6 +55,8 @@ def run_batch(
         Where.
     again
         Run finished jobs too.
+    warn
+        Told in words when lines of the journal cannot be read.
 
     Raises
     ------
@@ -60,6 +70,11 @@ def run_batch(
         raise OutputError(f"cannot be made: {error.strerror}.", where=str(folder),
                           remedy="Give another folder with -o.") from error  # fmt: skip
     with open_journal(folder) as journal:
+        if journal.damaged:
+            were = "was" if journal.damaged == 1 else "were"
+            warn(_DAMAGED.format(
+                number=journal.damaged, lines=journal.lines, path=folder / NAME, were=were,
+            ))  # fmt: skip
         progress("looking at what is done")
         tasks = [_task(job, base, folder) for job in jobs]
         left = [t for t in tasks if again or not _finished(t, journal)]

@@ -145,7 +145,8 @@ def _header(role: str, plant: Plant) -> str:
         return f"{role} [{controlled.unit}]"
     if role == "speed":
         return f"speed [{controlled.unit}/s]"
-    return f"{role} [{_UNITS[role]}]" if role in _UNITS else role
+    unit = plant.units.get(role, _UNITS.get(role))
+    return f"{role} [{unit}]" if unit else role
 
 
 def simulate_loop(

@@ -22,10 +22,11 @@ from typing import Any, TypeVar
 
 from ..errors import ControllerFileError, ParameterFileError
 from ..options import FamilyOptions, choice, describe, number, whole
+from ..parameters.load import CONTROLLER_FORMAT
 from ..parameters.problems import Location, Problems, format_path, suggest
 from ..parameters.yaml_io import read_yaml
 
-FORMAT, VERSION = "fluidact-controller", 1
+FORMAT, VERSION = CONTROLLER_FORMAT, 1
 SectionT = TypeVar("SectionT", bound=FamilyOptions)
 
 

@@ -177,7 +177,8 @@ def _force_plant(file: ControllerFile, parts: Parts) -> Plant:
     found: Branches = branches
     if file.tissue is not None:
         raise UsageError("the rod of a force loop is held: there is no tissue", remedy="Leave it.")
-    return ForcePlant(found, chain, command, file.sample_time, offset=offset, position=place)
+    return ForcePlant(found, chain, command, file.sample_time, offset=offset, position=place,
+                      drive_unit=drive.unit)  # fmt: skip
 
 
 def _pd(

@@ -13,6 +13,8 @@ import numpy as np
 from ..errors import UsageError
 from ..experiment import FloatArray
 
+_RESOLVED = 1e-9  # of what a response moves: less is neither solved for nor kept by rounding
+
 
 @dataclass(frozen=True)
 class StepMetrics:
@@ -34,7 +36,8 @@ class StepMetrics:
     settling_time_final
         The same about ``y_f``, with ``band |y_f - y_0|`` [s].
     steady_state_error
-        ``r - y_f`` [unit of the output].
+        ``r - y_f`` [unit of the output]. What is below 1e-9 of the step counts as none, here and
+        in an overshoot.
     overshoot
         How far the response goes beyond ``y_f``, in percent of ``|y_f - y_0|``; not below 0.
     overshoot_target
@@ -104,16 +107,21 @@ def step_metrics(
     t, y = np.append(0.0, t), np.append(begin, y)
     way = np.sign(target - begin)
     top = int(np.argmax(way * y))
-    moved = abs(end - begin)
+    moved, least = abs(end - begin), _RESOLVED * abs(target - begin)
     return StepMetrics(
         begin, end, target, _rise(t, y, begin, end),
         _settle(t, y, target, band * abs(target - begin)),
         _settle(t, y, end, band * moved) if moved > 0.0 else None,
-        target - end,
-        max(100.0 * float(way * (y[top] - end)) / moved, 0.0) if moved > 0.0 else None,
-        max(100.0 * float(way * (y[top] - target)) / abs(target - begin), 0.0),
+        _told(target - end, least),
+        100.0 * max(_told(float(way * (y[top] - end)), least), 0.0) / moved if moved else None,
+        100.0 * max(_told(float(way * (y[top] - target)), least), 0.0) / abs(target - begin),
         float(y[top]), float(t[top]),
     )  # fmt: skip
+
+
+def _told(value: float, least: float) -> float:
+    """A value, or 0 where it is smaller than what is resolved."""
+    return value if abs(value) > least else 0.0
 
 
 def _crossing(t: FloatArray, y: FloatArray, level: float, i: int) -> float:
@@ -173,9 +181,14 @@ class TrackingMetrics:
 
 
 def tracking_metrics(reference: FloatArray, output: FloatArray) -> TrackingMetrics:
-    """Errors of an output ``(n,)`` against its reference ``(n,)``."""
+    """Errors of an output ``(n,)`` against its reference ``(n,)``.
+
+    What is below 1e-9 of the range of the output counts as none.
+    """
     error = reference - output
-    return TrackingMetrics(
+    values = (
         float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))),
         float(np.mean(error)), float(error[-1]),
     )  # fmt: skip
+    least = _RESOLVED * float(np.ptp(output))
+    return TrackingMetrics(*(_told(value, least) for value in values))  # fmt: skip

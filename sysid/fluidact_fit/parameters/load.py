@@ -25,6 +25,7 @@ from .validation import Lookup, validate
 from .yaml_io import YamlText, dump_yaml, parse_yaml, read_yaml, to_plain
 
 Problem = tuple[Location, str]
+CONTROLLER_FORMAT = "fluidact-controller"  # of the files that ``control`` reads
 
 _REMEDY = "Correct these, or fit again and use the new file."
 _CHANGED = "One of the two was changed by hand. Fit again with --fix NAME=VALUE instead."
@@ -90,7 +91,17 @@ def _read(text: YamlText, lookup: Lookup, where: str) -> ParameterDocument:
     return document
 
 
+def _refuse_controller(data: Mapping[str, Any], where: str) -> None:
+    if data.get("format") == CONTROLLER_FORMAT:
+        raise ParameterFileError(
+            where,
+            [("", "is a controller file, not a parameter file")],
+            "Give it with --controller, and name the parameter files of the machine instead of it.",
+        )
+
+
 def _check(text: YamlText, lookup: Lookup, where: str) -> ParameterDocument:
+    _refuse_controller(text.data, where)
     # What a newer version calls a problem is unknown here: nothing else is worth saying.
     migrated = migrate(text.data, text.problems)
     document = None if is_newer(text.data) else validate(migrated, text.problems, lookup)

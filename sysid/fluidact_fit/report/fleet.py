@@ -97,9 +97,16 @@ def fleet_page(
     if shown:
         text = "Distribution of every parameter over the units"
         figures = [(text, render(_plot(shown), "svg"))]
+    more = ""
+    if len(judged) > len(shown):
+        more = (
+            f'<p class="faint">The pictures show the first {len(shown)} of {count(len(judged))} '
+            "numbers. All of them are in the table below, unit by unit in summary.csv and "
+            "summary.parquet.</p>"
+        )
     return whole_page(
         f"{total} jobs",
-        [header, pictures(figures), _spreads(quantities), _outliers(judged, records),
+        [header, pictures(figures), more, _spreads(quantities), _outliers(judged, records),
          _reasons(reasons, records), _warnings(warnings)],
     )  # fmt: skip
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from ...block import Port
 from ...experiment import FloatArray
@@ -20,11 +21,14 @@ class Plant(ABC):
         What is to follow the reference.
     sample_time
         [s]
+    units
+        Of what only this machine measures, by role.
     """
 
     commands: tuple[Port, ...]
     controlled: Port
     sample_time: float
+    units: Mapping[str, str] = MappingProxyType({})
 
     @abstractmethod
     def reset(self, output: float = 0.0) -> None:

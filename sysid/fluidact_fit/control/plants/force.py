@@ -45,12 +45,15 @@ class ForcePlant(Plant):
         Of the drive [its unit].
     position
         Where the rod is held [m].
+    drive_unit
+        Of the drive; that of the command where it is not given.
     """
 
     def __init__(
         self, branches: Branches, supply: Chain, command: Port, sample_time: float,
-        *, offset: float = 0.0, position: float = 0.0,
+        *, offset: float = 0.0, position: float = 0.0, drive_unit: str | None = None,
     ) -> None:  # fmt: skip
+        self.units = {"drive": command.unit if drive_unit is None else drive_unit}
         self.commands, self.controlled = (command,), Port("force", "N")
         self.sample_time, self.position = sample_time, position
         self._branches, self._supply, self._offset = branches, supply, offset

@@ -17,7 +17,7 @@ from .drive_errors import warn_of_held_noise, with_drive_errors
 from .model import BREAKAWAY, EXCESS, SIDES, SPEED, Compared, DriveModel, axis_of
 from .options import BallScrewOptions
 from .reported import derived_numbers, in_levels, refusal_notices, specs_of_file, with_brackets
-from .stages import Stage, excess_specs, first_stages
+from .stages import Stage, excess_specs, first_stages, without_idle_levels
 from .stribeck import (
     fastest,
     inside_cells,
@@ -48,12 +48,13 @@ def fit_drive(
     one_sided = request.options.viscous == "asymmetric"
     stage = first_stages(variant, experiments, request, one_sided)
     if request.options.stribeck == "none" or SPEED in request.fixed:
-        found = _fit_position(variant, _levels_and_forces(stage, request), request)
-        return _finish(found, variant, request)
+        ready = _levels_and_forces(without_idle_levels(stage), request)
+        return _finish(_fit_position(variant, ready, request), variant, request)
     refusal = without_level(stage)
     if refusal is None:
         request.progress("looking for the fall of friction at low speed")
-        curved = _levels_and_forces(with_curve(stage, request), request)
+        curve = without_idle_levels(with_curve(stage, request))
+        curved = _levels_and_forces(curve, request)
         refusal = without_level(curved.stage)
     if refusal is None:
         found = _fit_position(variant, curved, request)
@@ -61,7 +62,7 @@ def fit_drive(
         refusal = undetermined(found.fitted, fastest(experiments, axis), unit)
     if refusal is None:
         return _finish(found, variant, request)
-    plain = replace(stage, names=(*stage.names, SPEED)).refuse(refusal)
+    plain = replace(without_idle_levels(stage), names=(*stage.names, SPEED)).refuse(refusal)
     found = _fit_position(variant, _levels_and_forces(plain, request), request)
     return _finish(found, variant, request)
 

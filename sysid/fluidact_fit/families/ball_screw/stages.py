@@ -86,7 +86,7 @@ class Stage:
     def unknown_drive(self) -> float:
         """Standard deviation of the drive in rows that were lost [SI]; 0 without any."""
         lost = [find_lost_rows(e.signals[self.axis.drive]) for e in self.experiments]
-        return max((rows.error for rows in lost if rows), default=0.0)
+        return max((float(rows.error.max()) for rows in lost if rows), default=0.0)
 
     @property
     def rounding(self) -> float:
@@ -163,15 +163,25 @@ def first_stages(
     request.progress("fitting increments of position")
     moving = initial_speeds(experiments, axis)
     start = {**_fit_increments(stage, request.start), **moving}
-    stage = replace(
+    return replace(
         stage,
         names=(*names, *moving),
         unknowns={**unknowns, **speed_unknowns(moving)},
         start=start,
     )
-    model = DriveModel(experiments, axis)
-    counts = [model.motion(i, start)[0].breakaways for i in range(len(experiments))]
-    moved = {s for s, count in zip(SIDES, np.sum(counts, axis=0)) if count}
+
+
+def without_idle_levels(stage: Stage) -> Stage:
+    """The stage with the static levels refused that no motion shows where the search now is.
+
+    A break-away from rest does. Where friction falls over the speed so does every stop, even one
+    at which the axis turns without a rest: slow motion feels nearly the static level.
+    """
+    model = DriveModel(stage.experiments, stage.axis)
+    motions = [model.motion(i, stage.start)[0] for i in range(len(stage.experiments))]
+    if stage.curved and any(m.stops for m in motions):
+        return stage
+    moved = {s for s, n in zip(SIDES, np.sum([m.breakaways for m in motions], axis=0)) if n}
     return stage.refuse_levels(_NEVER, [s for s in stage.open_sides() if s not in moved])
 
 
