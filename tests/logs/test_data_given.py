@@ -169,6 +169,32 @@ def test_tdms(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.columns[0].values, 0.01 * np.arange(100))
 
 
+@pytest.mark.parametrize("version", ["3.30", "4.10", "4.11"])
+def test_mdf(tmp_path: Path, version: str) -> None:
+    """Two groups, each with instants of its own, and a channel of text that is no number."""
+    asammdf = pytest.importorskip("asammdf", reason="the extra 'mdf' is not installed")
+    t, slow = 0.01 * np.arange(200), 0.02 * np.arange(100)
+    with asammdf.MDF(version=version) as file:
+        pressure = asammdf.Signal(samples=1.0 + t, timestamps=t, name="inlet", unit="bar")
+        file.append([pressure])
+        file.append(
+            [
+                asammdf.Signal(samples=20.0 + slow, timestamps=slow, name="oil", unit="degC"),
+                asammdf.Signal(
+                    samples=np.array([b"on"] * 100), timestamps=slow, name="pump", encoding="utf-8"
+                ),
+            ]
+        )
+        path = Path(file.save(tmp_path / "log"))
+    log = read_log(path)
+    assert log.dialect.name == "MDF"
+    headers = [("time", "s"), ("inlet", "bar"), ("oil", "degC")]
+    assert [(c.header, c.unit) for c in log.columns] == headers
+    np.testing.assert_allclose(log.columns[1].values, 1.0 + t)
+    # a slower channel has values at its own instants only
+    np.testing.assert_allclose(log.columns[2].values[::2], 20.0 + slow)
+
+
 @pytest.mark.parametrize(
     ("data", "said"),
     [
