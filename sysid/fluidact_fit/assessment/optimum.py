@@ -279,8 +279,13 @@ def _without_doubles(at: Optimum) -> Optimum:
     merge = np.zeros((len(at.names), len(kept)))
     merge[np.arange(len(at.names)), source] = 1.0
     names = tuple(at.names[k] for k in kept)
-    merged = {key: [j @ merge for j in getattr(at, key)] for key in ("jacobians", "instruments")}
-    return replace(at, names=names, errors=at.errors[kept], **merged)
+    return replace(
+        at,
+        names=names,
+        errors=at.errors[kept],
+        jacobians=[j @ merge for j in at.jacobians],
+        instruments=[j @ merge for j in at.instruments],
+    )
 
 
 def _series(

@@ -219,11 +219,9 @@ def _aside(at: Optimum, columns: Sequence[FloatArray]) -> list[FloatArray]:
     out = []
     for c in columns:
         total, k = np.concatenate(([0.0], np.cumsum(c))), np.arange(c.size)
-        ends = [(k - far, k - near + 1), (k + near, k + far + 1)]
-        sums, rows = 0.0, 0
-        for begin, end in ends:
-            first, last = np.clip(begin, 0, c.size), np.clip(end, 0, c.size)
-            sums, rows = sums + total[last] - total[first], rows + last - first
+        first = np.clip([k - far, k + near], 0, c.size)
+        last = np.clip([k - near + 1, k + far + 1], 0, c.size)
+        sums, rows = (total[last] - total[first]).sum(axis=0), (last - first).sum(axis=0)
         out.append(sums / np.maximum(rows, 1))
     return out
 
