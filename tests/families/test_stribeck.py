@@ -20,7 +20,7 @@ import yaml
 from scipy.integrate import solve_ivp
 from studies.red_team.attacks import hydraulic_cylinder as hydraulic
 from studies.red_team.attacks import spring_cylinder as spring
-from studies.red_team.run import write
+from studies.red_team.run import run, write
 
 import fluidact_fit as ff
 from fluidact_fit.block import Port
@@ -274,6 +274,14 @@ def test_the_rise_of_a_hydraulic_cylinder_is_found_and_estimated(tmp_path: Path)
     assert level == pytest.approx(300.0, rel=0.02)
     routine = next(r for r in block.routines() if r.name == "friction")
     assert float(Interpreter(routine)(velocity=1e-9)[0]) == pytest.approx(level, rel=1e-9)
+
+
+def test_strong_stick_slip_is_followed_to_the_best_minimum() -> None:
+    """From the first minimum found, at 15 mm/s, the speed was off by 14 standard errors."""
+    (attack,) = [a for a in hydraulic.attacks() if a.name == "900 N, 300 N, 0.01 m/s"]
+    found = run(attack, repetition=3)
+    assert found.verdict == "pass", found.codes
+    assert all(abs(found.errors[n].deviations) < 4.0 for n in ("viscous", "coulomb", *BOTH))
 
 
 def test_without_the_simulation_of_all_states_it_is_refused() -> None:
