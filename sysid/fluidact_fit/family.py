@@ -93,6 +93,10 @@ class Estimate(Generic[ReadT]):
         Optional: simulates the experiments with slightly other values, inputs or options as
         :meth:`Family.simulate` does, but what belongs to single logs to first order from the fit.
         For families that would search for it at length.
+    represented
+        Optional: the same with what stands in for measured inputs that carry noise in their
+        place. For families that estimate with instruments: the noise of such an input is in the
+        residual and in every derivative of the output alike, but not in these.
     input_noise
         Standard deviation of the noise on measured inputs that the estimate allows for, by role
         [SI]. The residual then holds what the model makes of that noise.
@@ -108,6 +112,7 @@ class Estimate(Generic[ReadT]):
     sensitivity: Sequence[FloatArray] = ()
     sensitivity_also: Sequence[Mapping[str, FloatArray]] = ()
     nearby: Callable[[Plant[ReadT], Sequence[Experiment]], list[Simulated]] | None = None
+    represented: Callable[[Plant[ReadT], Sequence[Experiment]], list[Simulated]] | None = None
     input_noise: Mapping[str, float] = field(default_factory=dict)
 
     @property

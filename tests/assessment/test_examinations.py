@@ -124,7 +124,7 @@ class _LinearOptimum(Optimum):
 class _Jumpy(_LinearOptimum):
     """An output that follows a stiffness, and that rounding moves as soon as there is one."""
 
-    def change(self, experiments=None, plant=None):
+    def change(self, experiments=None, plant=None, represented=False):
         k = plant.values["stiffness"]
         x = np.linspace(0.0, 1.0, self.residuals[0].size)
         return [1e-6 * k * x + (1e-7 * np.cos(9.0 * x) if k else 0.0)]

@@ -20,7 +20,7 @@ import yaml
 from scipy.integrate import solve_ivp
 from studies.red_team.attacks import hydraulic_cylinder as hydraulic
 from studies.red_team.attacks import spring_cylinder as spring
-from studies.red_team.run import write
+from studies.red_team.run import run, write
 
 import fluidact_fit as ff
 from fluidact_fit.block import Port
@@ -83,7 +83,28 @@ def test_noise_of_the_velocity_does_not_blur_the_rise(seed: int) -> None:
     """Taken as it is, it would take 6 % off the level: five standard errors."""
     found = fit_spring(seed, velocity=True, noise={"velocity": 1e-3})
     assert all(deviation(found, n, RISING[n]) < 4.0 for n in BOTH)
-    assert found.parameters["stribeck"].std_error < 0.025  # type: ignore[operator]
+    assert found.parameters["stribeck"].std_error < 0.03  # type: ignore[operator]
+
+
+def test_noise_of_the_velocity_counts_where_the_rise_is_steep() -> None:
+    """As if it were the same everywhere, both standard errors would be 13 and 15 % too small."""
+    size, sigma, speed = 1e-3, 0.3, RISING["stribeck_speed"]
+    (exact,) = spring.log(np.random.default_rng([21, 0]), p=RISING, velocity=True, sigma=0.0)
+    u, x, v = exact["command"], exact["position"], exact["velocity"]
+    way, share = np.sign(np.diff(u, prepend=-1.0)), np.exp(-((v / speed) ** 2))
+    slope = way * 2.0 * share * 2.0 * v**2 / speed**3
+    columns = np.column_stack((u, -x, -np.ones(u.size), -way, -v, -way * share, -slope))
+    # mean square over a normal speed of what the corrected term and viscous friction change by
+    nodes, weight = np.polynomial.hermite_e.hermegauss(21)
+    q = speed**2 - 2.0 * size**2
+    term = 2.0 * speed / np.sqrt(q) * np.exp(-((v[:, None] + size * nodes) ** 2) / q)
+    change = way[:, None] * (term - 2.0 * share[:, None]) + RISING["viscous"] * size * nodes
+    variance = sigma**2 + change**2 @ (weight / weight.sum())
+    bread = np.linalg.inv(columns.T @ columns)
+    truth = np.sqrt(np.diag(bread @ (columns.T * variance) @ columns @ bread))
+    found = fit_spring(velocity=True, noise={"velocity": size})
+    for name, expected in zip(BOTH, truth[-2:], strict=True):
+        assert 0.97 < found.parameters[name].std_error / expected < 1.2  # type: ignore[operator]
 
 
 def test_one_of_both_may_be_given() -> None:
@@ -255,6 +276,14 @@ def test_the_rise_of_a_hydraulic_cylinder_is_found_and_estimated(tmp_path: Path)
     assert level == pytest.approx(300.0, rel=0.02)
     routine = next(r for r in block.routines() if r.name == "friction")
     assert float(Interpreter(routine)(velocity=1e-9)[0]) == pytest.approx(level, rel=1e-9)
+
+
+def test_strong_stick_slip_is_followed_to_the_best_minimum() -> None:
+    """From the first minimum found, at 15 mm/s, the speed was off by 14 standard errors."""
+    (attack,) = [a for a in hydraulic.attacks() if a.name == "900 N, 300 N, 0.01 m/s"]
+    found = run(attack, repetition=3)
+    assert found.verdict == "pass", found.codes
+    assert all(abs(found.errors[n].deviations) < 4.0 for n in ("viscous", "coulomb", *BOTH))
 
 
 def test_without_the_simulation_of_all_states_it_is_refused() -> None:

@@ -91,14 +91,14 @@ def _examined(at: Optimum | None, noisy: bool) -> tuple[dict[str, Any], list[Not
     """What the derivatives of the fit show.
 
     With ``noisy`` inputs the residual and every response of the model hold the same noise, which
-    a search for a missing response would take for one.
+    a search for a missing response would take for one unless it has instruments.
     """
     details: dict[str, Any] = {}
     notices: list[Notice] = []
     if at is None:
         return details, notices
     for name, examine in _EXAMINATIONS.items():
-        if noisy and name == "missing_response":
+        if noisy and name == "missing_response" and not at.instruments:
             continue
         details[name], said = examine(at)
         notices += said

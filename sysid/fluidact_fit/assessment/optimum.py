@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from ..estimation.uncertainty import fit_autoregression, innovations
 from ..experiment import Experiment, FloatArray
-from ..family import Estimate, Family, FamilyOptions, Plant, Variant
+from ..family import Estimate, Family, FamilyOptions, Plant, Simulated, Variant
 from ..outcome import Simulation
 from ..units import after_number
 
@@ -71,6 +72,9 @@ class Optimum:
     residuals, jacobians
         Of every series over the samples that were used, divided by its scale, shapes
         ``(n_i,)`` and ``(n_i, p)``.
+    instruments
+        The derivatives with what stands in for noisy inputs in their place, shape ``(n_i, p)``
+        each; empty where there are none.
     """
 
     family: Family[FamilyOptions]
@@ -82,6 +86,7 @@ class Optimum:
     series: Sequence[Series]
     residuals: Sequence[FloatArray]
     jacobians: Sequence[FloatArray]
+    instruments: Sequence[FloatArray] = ()
 
     @property
     def plant(self) -> Plant[FamilyOptions]:
@@ -97,18 +102,35 @@ class Optimum:
         self,
         experiments: Sequence[Experiment] | None = None,
         plant: Plant[FamilyOptions] | None = None,
+        represented: bool = False,
     ) -> list[FloatArray]:
-        """What slightly other inputs, values or options add to the model, as the residuals are."""
+        """What slightly other inputs, values or options add to the model, as the residuals are.
+
+        ``represented``: with what stands in for noisy inputs in their place.
+        """
         simulate = self.estimate.nearby or self.family.simulate
-        found = simulate(plant or self.plant, experiments or self.experiments)
+        before = [s.simulated for s in self.series]
+        if represented and self.estimate.represented:
+            simulate, before = self.estimate.represented, self._stand_ins
+        found = self._outputs(simulate(plant or self.plant, experiments or self.experiments))
         out = []
-        for s in self.series:
-            one = found[s.run]
-            values = np.asarray(one.also.get(s.role, one.output), dtype=float)
-            more = (values - s.simulated)[s.used] / s.scale
+        for s, values, old in zip(self.series, found, before, strict=True):
+            more = (values - old)[s.used] / s.scale
             # what another input leaves undescribed says nothing of the change
             out.append(np.where(np.isnan(more), 0.0, more))
         return out
+
+    @cached_property
+    def _stand_ins(self) -> list[FloatArray]:
+        """What the model gives with what stands in for noisy inputs, shape ``(n,)`` each."""
+        represented = self.estimate.represented or self.family.simulate
+        return self._outputs(represented(self.plant, self.experiments))
+
+    def _outputs(self, found: Sequence[Simulated]) -> list[FloatArray]:
+        """The channels of the series in simulated runs."""
+        runs = [found[s.run] for s in self.series]
+        return [np.asarray(one.also.get(s.role, one.output), dtype=float)
+                for s, one in zip(self.series, runs, strict=True)]  # fmt: skip
 
     @property
     def sigma(self) -> float:
@@ -124,18 +146,21 @@ class Optimum:
         """Value of a parameter or of one entry of a list, ``levels[2]`` [SI]."""
         return number(self.plant, name)
 
-    def slopes(self, plant: Plant[FamilyOptions], name: str) -> list[FloatArray] | None:
+    def slopes(
+        self, plant: Plant[FamilyOptions], name: str, represented: bool = False
+    ) -> list[FloatArray] | None:
         """Derivatives of every series by a value of a plant, as the residuals are.
 
         Over a step that changes the output by part of the residual: a smaller one drowns in
         rounding, a larger one is no derivative. ``None`` where the output does not change.
+        ``represented``: with what stands in for noisy inputs in their place.
         """
         timed, value = self.variant.parameter(name).unit == "s", number(plant, name)
         step = _LATE * self.experiments[0].sample_time if timed else _SMALL * (abs(value) or 1.0)
         factor = 1.0
         for _ in range(_TRIES):
             step *= factor
-            columns = self.change(plant=moved(plant, name, step))
+            columns = self.change(plant=moved(plant, name, step), represented=represented)
             size = float(np.sqrt(np.mean(np.concatenate(columns) ** 2)))
             if not (np.isfinite(size) and size > 0.0):
                 return None
@@ -163,7 +188,16 @@ class Optimum:
 
         Where an offset of its own takes the mean of a run, all are free of theirs.
         """
-        rows = [np.column_stack(x) for x in zip(self.jacobians, columns, self.residuals)]
+        return self._beside(self.jacobians, columns)
+
+    def represented(self, columns: Sequence[FloatArray]) -> list[FloatArray]:
+        """The same rows by what stands in for noisy inputs; the columns are to be so already."""
+        return self._beside(self.instruments, columns)
+
+    def _beside(
+        self, jacobians: Sequence[FloatArray], columns: Sequence[FloatArray]
+    ) -> list[FloatArray]:
+        rows = [np.column_stack(x) for x in zip(jacobians, columns, self.residuals)]
         return [x - x.mean(axis=0) if s.own_level else x for x, s in zip(rows, self.series)]
 
     def whiten(
@@ -216,7 +250,10 @@ def make_optimum(
         return None
     blank = Optimum(family, variant, estimate, fitted, names, errors, series, residuals, ())
     if not estimate.sensitivity:
-        return _without_doubles(replace(blank, jacobians=_differences(blank)))
+        instruments = _differences(blank, represented=True) if estimate.represented else ()
+        return _without_doubles(
+            replace(blank, jacobians=_differences(blank), instruments=instruments)
+        )
     jacobians = []
     for s in series:
         output = s.role == variant.output.name
@@ -242,8 +279,13 @@ def _without_doubles(at: Optimum) -> Optimum:
     merge = np.zeros((len(at.names), len(kept)))
     merge[np.arange(len(at.names)), source] = 1.0
     names = tuple(at.names[k] for k in kept)
-    jacobians = [j @ merge for j in at.jacobians]
-    return replace(at, names=names, errors=at.errors[kept], jacobians=jacobians)
+    return replace(
+        at,
+        names=names,
+        errors=at.errors[kept],
+        jacobians=[j @ merge for j in at.jacobians],
+        instruments=[j @ merge for j in at.instruments],
+    )
 
 
 def _series(
@@ -272,11 +314,14 @@ def _series(
     return scaled, [r / s.scale for s, r in zip(scaled, residuals)]
 
 
-def _differences(at: Optimum) -> list[FloatArray]:
+def _differences(at: Optimum, represented: bool = False) -> list[FloatArray]:
     """Derivatives of the output by central differences of simulations."""
     columns: list[list[FloatArray]] = [[] for _ in at.series]
     for name, error in zip(at.names, at.errors):
-        ends = [at.change(plant=moved(at.plant, name, s * _STEP * error)) for s in (1.0, -1.0)]
+        ends = [
+            at.change(plant=moved(at.plant, name, s * _STEP * error), represented=represented)
+            for s in (1.0, -1.0)
+        ]
         for k, (up, down) in enumerate(zip(*ends)):
             columns[k].append((up - down) / (2.0 * _STEP * error))
     return [np.column_stack(c) for c in columns]
@@ -301,3 +346,11 @@ def delayed(experiment: Experiment, role: str, by: float) -> Experiment:
     signal = experiment.signals[role]
     late = replace(signal, time=signal.time + by)
     return replace(experiment, signals={**experiment.signals, role: late})
+
+
+def shifted(experiment: Experiment, role: str, rows: int) -> Experiment:
+    """The same run with the readings of an input that many rows later; the ends keep theirs."""
+    signal = experiment.signals[role]
+    source = np.clip(np.arange(signal.values.size) - rows, 0, signal.values.size - 1)
+    moved = replace(signal, values=signal.values[source])
+    return replace(experiment, signals={**experiment.signals, role: moved})

@@ -5,18 +5,12 @@ earlier than recorded; the output may lag behind (a filter, a transducer, a pole
 has not) or drift. Each of these changes the output in a direction of its own. Where the
 residual has a significant part in that direction, and taking it along would move a parameter
 by more than its interval, the interval does not hold what it says and the fit must not pass in
-silence. This is Rao's score test of one added parameter [1]_; residual and directions are
-whitened first, so that autocorrelated noise is not taken for a missing response.
-
-References
-----------
-.. [1] C. R. Rao, "Large sample tests of statistical hypotheses concerning several
-   parameters", Proc. Cambridge Phil. Soc. 44, 1948.
+silence; see :mod:`.score`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -26,71 +20,30 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.linear import run_recursion
 from ..estimation.noise import noise_floor
-from ..estimation.separable import scaled_least_squares
 from ..experiment import FloatArray
 from ..family import ParameterSpec, Role
 from ..options import describe
 from ..units import as_share
-from .optimum import Optimum, Series, delayed
+from .optimum import Optimum, Series, delayed, shifted
+from .score import Score, Term, judge_term
 
-_SIGNIFICANT = 5.0  # standard errors of the added term
-_MATTERS = 2.0  # standard errors by which a parameter would move
 _PREFERRED = 0.8  # share of the best significance at which a parameter of the family is named
 _LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
 _FARTHEST = 10.0  # times the lag that was tried: of a longer one nothing is known
 _SHIFT = 0.1  # sample times by which an input is moved to see what a delay does
+_SAMPLED = 2.0  # ratio of the changes by a whole sample and a tenth, up to which they are one
+_ASIDE = 12, 24  # rows; farther than a velocity is computed from
 _ROUGH = 0.05  # noise of a simulated channel, in standard deviations of its residual
 _LAG_REMEDY = (
     "A lag: look for a filter, a slow sensor or late time stamps of the output, and for dynamics "
     "that this family does not have. A lead: look for those of an input, or for a missing mass. "
     "Noise of an input and gaps look alike; settle what is said of them first."
 )
-_OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
-
-
-@dataclass(frozen=True)
-class Term:
-    """One thing that the model may lack.
-
-    ``columns`` are its directions in the output, per run and per ``unit``; ``words`` says what
-    a size of it would mean, ``remedy`` what to do. ``offered`` marks a parameter of the family.
-    The directions are those of a size up to ``most``.
-    """
-
-    name: str
-    unit: str
-    words: Callable[[float], str]
-    remedy: str
-    columns: Sequence[FloatArray]
-    offered: bool = False
-    most: float = np.inf
-
-
-@dataclass(frozen=True)
-class Score:
-    """What adding a term would do.
-
-    ``size`` is that of the term [its unit], ``deviations`` that in its standard errors;
-    ``parameter`` would move by ``shift`` [its unit], ``errors`` of its standard errors.
-    """
-
-    term: Term
-    size: float
-    deviations: float
-    parameter: str
-    shift: float
-    errors: float
-
-    @property
-    def telling(self) -> bool:
-        """Whether the term is there, and matters."""
-        possible = abs(self.size) <= self.term.most
-        return possible and abs(self.deviations) > _SIGNIFICANT and abs(self.errors) > _MATTERS
 
 
 def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Judge every term that the model may lack: entries for the file, and a warning."""
-    scores = [s for s in (_score(at, t) for t in _terms(at)) if s is not None]
+    scores = [s for s in (judge_term(at, t) for t in _terms(at)) if s is not None]
     table = {
         s.term.name: {
             "size": s.size,
@@ -122,7 +75,7 @@ def _terms(at: Optimum) -> Iterator[Term]:
     step = min(e.sample_time for e in runs)
     for role in at.variant.driving:
         if all(role.name in e and e.signals[role.name].time.size > 1 for e in runs):
-            yield _delay(at, role.name, _SHIFT * step)
+            yield _delay(at, role.name, step)
     for name in at.roles:
         yield from _lags(at, name, step)
 
@@ -132,11 +85,12 @@ def _lags(at: Optimum, role: str, step: float) -> Iterator[Term]:
     of, response = ("", "the response") if len(at.roles) == 1 else (f" of {role}", f"'{role}'")
     tracks = [_make_track(at, s) if s.role == role else None for s in at.series]
     for lag in _LAGS:
+        behind = _aside(at, _behind(at, tracks, lag * step))
         yield Term(
             f"lag{of} of {lag:g} samples", "s",
             lambda size: f"{response} {'lags' if size > 0.0 else 'leads'} by another "
             f"{1e3 * abs(size):.3g} ms",
-            _LAG_REMEDY, _behind(at, tracks, lag * step), most=_FARTHEST * lag * step,
+            _LAG_REMEDY, behind, most=_FARTHEST * lag * step,
         )  # fmt: skip
 
 
@@ -196,6 +150,7 @@ def _offered(at: Optimum) -> Iterator[Term]:
         columns = at.slopes(full, name)
         if columns is None:
             continue
+        instruments = at.slopes(full, name, represented=True) if at.instruments else None
         option = f"another --fix {name}=VALUE"
         if name in freed:
             option = f"--{freed[name].name}={freed[name].choices[-1]}"
@@ -203,7 +158,7 @@ def _offered(at: Optimum) -> Iterator[Term]:
         words = partial(_apart, spec) if apart else partial(_instead, spec, value)
         yield Term(
             name, spec.unit,
-            words, f"Try {option}.", columns, offered=True,
+            words, f"Try {option}.", columns, offered=True, instruments=instruments or (),
         )  # fmt: skip
 
 
@@ -220,19 +175,60 @@ def _apart(spec: ParameterSpec, change: float) -> str:
     return f"{spec.name} is {abs(change):.3g} {spec.unit} {way} {spec.general}"
 
 
-def _delay(at: Optimum, role: str, by: float) -> Term:
+def _delay(at: Optimum, role: str, step: float) -> Term:
     """An input that acts later than recorded."""
-    columns = [c / by for c in at.change([delayed(e, role, by) for e in at.experiments])]
 
     def words(size: float) -> str:
         when = "later" if size > 0.0 else "earlier"
         return f"'{role}' acts {1e3 * abs(size):.3g} ms {when} than recorded"
 
+    columns = _aside(at, _later(at, role, step))
     return Term(
         f"delay of {role}", "s", words,
         "Check that one clock stamps all channels; look for delays of filters, buses and valves.",
         columns,
     )  # fmt: skip
+
+
+def _later(at: Optimum, role: str, step: float) -> list[FloatArray]:
+    """Change of the output per second that an input comes later.
+
+    A model that reads a held input at its samples sees nothing of a shift by part of a sample
+    but a whole one. Half the difference of a delay and a lead by one sample is then the
+    derivative; as with :func:`_behind`, noise of the input does not tell it from the residual.
+    """
+    runs = at.experiments
+    near = at.change([delayed(e, role, _SHIFT * step) for e in runs])
+    if all(e.signals[role].hold == "zoh" for e in runs):
+        late = at.change([shifted(e, role, 1) for e in runs])
+        if _size(late) < _SAMPLED * _size(near):
+            early = at.change([shifted(e, role, -1) for e in runs])
+            return [(a - b) / (2.0 * step) for a, b in zip(late, early, strict=True)]
+    return [c / (_SHIFT * step) for c in near]
+
+
+def _aside(at: Optimum, columns: Sequence[FloatArray]) -> list[FloatArray]:
+    """What stands in for a change in time: the mean of the same over rows before and after.
+
+    No sample is common to it and to the residual, so that noise which is in one column only,
+    as that of a computed velocity is, does not tell one direction of time from the other either.
+    """
+    if not at.instruments:
+        return list(columns)
+    near, far = _ASIDE
+    out = []
+    for c in columns:
+        total, k = np.concatenate(([0.0], np.cumsum(c))), np.arange(c.size)
+        first = np.clip([k - far, k + near], 0, c.size)
+        last = np.clip([k - near + 1, k + far + 1], 0, c.size)
+        sums, rows = (total[last] - total[first]).sum(axis=0), (last - first).sum(axis=0)
+        out.append(sums / np.maximum(rows, 1))
+    return out
+
+
+def _size(columns: Sequence[FloatArray]) -> float:
+    """Root of the sum of squares over all runs."""
+    return float(np.sqrt(sum(float(c @ c) for c in columns)))
 
 
 @dataclass(frozen=True)
@@ -282,44 +278,6 @@ def _lagging(even: FloatArray, step: float, lag: float) -> FloatArray:
     driven[1:] += (ramp - decay) * even[:-1]
     driven[0] = even[0]
     return run_recursion(driven, [decay])
-
-
-def _score(at: Optimum, term: Term) -> Score | None:
-    """Size and significance of a term; ``None`` where the parameters can stand for it."""
-    p = len(at.names)
-    rows = at.beside_residual(term.columns)
-    if not all(np.isfinite(x).all() for x in rows):
-        return None
-    white = at.whiten(rows, _left_over(rows))
-    if not np.all(np.isfinite(white)):
-        return None
-    # the triangle holds all products of columns and residual
-    triangle = np.asarray(np.linalg.qr(white, mode="r"))
-    columns, target = triangle[:, :-1], triangle[:, -1]
-    own, whole = abs(float(columns[p, p])), float(np.linalg.norm(columns[:, p]))
-    if own < _OWN * whole or whole == 0.0:
-        return None
-    x = scaled_least_squares(columns, target)
-    sigma = float(np.linalg.norm(target - columns @ x)) / np.sqrt(max(white.shape[0] - p - 1, 1))
-    errors = x[:p] / at.errors
-    worst = int(np.argmax(np.abs(errors)))
-    return Score(
-        term, float(x[p]), float(x[p]) * own / max(sigma, 1e-300), at.names[worst],
-        float(x[worst]), float(errors[worst]),
-    )  # fmt: skip
-
-
-def _left_over(rows: Sequence[FloatArray]) -> list[FloatArray]:
-    """What is left of the last column, the residual, when all others are fitted to it.
-
-    Noise is to be judged with the term in the model: what drifts is not noise, nor is the level
-    of a log beside the others.
-    """
-    stacked = np.vstack(rows)
-    columns, residual = stacked[:, :-1], stacked[:, -1]
-    rest = residual - columns @ scaled_least_squares(columns, residual)
-    parts = np.split(rest, np.cumsum([x.shape[0] for x in rows])[:-1])
-    return [part - part.mean() for part in parts]
 
 
 def _notice(at: Optimum, s: Score) -> Notice:

@@ -1,7 +1,9 @@
 """Where the search for a Stribeck rise begins: from several speeds, and the best one counts.
 
 Stick and slip make the output anything but linear in the speed at which friction rises; from a
-wrong one the iteration ends beside the answer.
+wrong one the iteration ends beside the answer, in a minimum where the piston sticks at other times.
+The misfit is then followed along that speed, all else fitted again, for as long as that leads to
+a better minimum.
 """
 
 from __future__ import annotations
@@ -20,6 +22,10 @@ from .gray_search import GraySolution, moving_speeds, solve_gray_box
 _SPEEDS = 6  # to begin with, evenly apart on a logarithmic scale
 _SHARES = (0.3, 0.6)  # of the dry friction that are Stribeck rise at first
 _ROUNDS = ((4, 6), (8, 2), (20, 1))  # steps of the search from each start, and how many go on
+_BESIDE = (0.63, 0.8, 1.25, 1.6)  # times the speed of a minimum, from where a better one is sought
+_HOPS = 3  # from minimum to minimum, at most
+_SIDE_STEPS = 6  # of the search from there, at that speed and then free
+_BETTER = 0.01  # part of the misfit that another minimum has to save
 
 
 def find_rise(
@@ -59,5 +65,28 @@ def find_rise(
         request.progress(
             f"Stribeck friction {best.values['stribeck']:.3g} N at "
             f"{best.values['stribeck_speed']:.3g} m/s: error {best.cost:.6g}"
+        )
+    return _hop(best, case) if "stribeck_speed" in low else best
+
+
+def _hop(best: GraySolution, case: Case) -> GraySolution:
+    """Go on from a minimum to better ones beside it, along the Stribeck speed."""
+    free = best.problem.free
+    others = replace(best.problem, free=[u for u in free if u.name != "stribeck_speed"])
+    (unknown,) = [u for u in free if u.name == "stribeck_speed"]
+    for _ in range(_HOPS):
+        ends = []
+        for factor in _BESIDE:
+            speed = min(max(factor * best.values["stribeck_speed"], unknown.low), unknown.high)
+            begin = {**best.values, "stribeck_speed": speed}
+            near = solve_gray_box(others, begin, best.initial, _SIDE_STEPS)
+            ends.append(solve_gray_box(best.problem, near.values, near.initial, _SIDE_STEPS))
+        other = min(ends, key=lambda s: s.cost)
+        if not other.cost < (1.0 - _BETTER) * best.cost:
+            break
+        best = other
+        case.request.progress(
+            f"Stribeck friction {best.values['stribeck']:.3g} N at "
+            f"{best.values['stribeck_speed']:.3g} m/s instead: error {best.cost:.6g}"
         )
     return best

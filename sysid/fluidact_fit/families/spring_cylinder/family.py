@@ -29,7 +29,7 @@ from ...family import (
     Variant,
 )
 from .block import SpringCylinderBlock
-from .columns import fitted_velocities
+from .columns import fitted_velocities, input_noise, instrumented
 from .data import Run, prepare
 from .equation import GAINS, LEVELS, SpringLaw
 from .options import SpringOptions
@@ -129,6 +129,8 @@ class SpringCylinder(Family[SpringOptions]):
         return Estimate(
             parameters, derived, order, matrix, replace(options, spike=found.spike),
             [*notices, *_remarks(found, samples)], _details(found, runs, options.settle),
+            represented=_simulate_represented if found.instrumented else None,
+            input_noise=input_noise(variant, runs) if found.instrumented else {},
         )  # fmt: skip
 
     def simulate(
@@ -138,13 +140,7 @@ class SpringCylinder(Family[SpringOptions]):
         offset: float | None = None,
     ) -> list[Simulated]:
         """Force from command or pressure and motion; see :meth:`Family.simulate`."""
-        runs, _ = prepare(plant.variant, experiments, plant.options)
-        law, out = SpringLaw.of(with_speed(plant.numbers, fitted_velocities(runs))), []
-        for d in runs:
-            force = d.predict(law)
-            spike = np.abs(d.force - force) > (plant.options.spike or np.inf)  # not so where NaN
-            out.append(Simulated(force, d.kept & ~spike))
-        return out
+        return _simulate(plant, prepare(plant.variant, experiments, plant.options)[0])
 
     def model(self, plant: Plant[SpringOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
         """The force, and its inverse for feed-forward control."""
@@ -191,6 +187,24 @@ class SpringCylinder(Family[SpringOptions]):
     def block(self, variant: Variant, document: ParameterDocument) -> SpringCylinderBlock:
         """The force of the cylinder and its exact inverse."""
         return SpringCylinderBlock(document, variant)
+
+
+def _simulate(plant: Plant[SpringOptions], runs: Sequence[Run]) -> list[Simulated]:
+    """Force of every run, without the samples that are spikes of the load cell."""
+    law, out = SpringLaw.of(with_speed(plant.numbers, fitted_velocities(runs))), []
+    for d in runs:
+        force = d.predict(law)
+        spike = np.abs(d.force - force) > (plant.options.spike or np.inf)  # not so where NaN
+        out.append(Simulated(force, d.kept & ~spike))
+    return out
+
+
+def _simulate_represented(
+    plant: Plant[SpringOptions], experiments: Sequence[Experiment]
+) -> list[Simulated]:
+    """The force by the instruments of noisy columns; see :attr:`.Estimate.represented`."""
+    runs, _ = prepare(plant.variant, experiments, plant.options)
+    return _simulate(plant, [instrumented(d) for d in runs])
 
 
 def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str, Any]:

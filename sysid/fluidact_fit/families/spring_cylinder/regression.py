@@ -26,7 +26,7 @@ from ...estimation.stribeck import (
     shape_notice,
     undetermined,
 )
-from ...estimation.uncertainty import Uncertainty, covariance
+from ...estimation.uncertainty import Uncertainty, covariance, enlarge, score_covariance
 from ...experiment import FloatArray
 from ...family import ParameterSpec, Request
 from ...specification import Variant
@@ -215,7 +215,8 @@ class _System:
         def spread(of: _Robust) -> Uncertainty:
             root, residual = np.sqrt(of.weight), y - a @ of.values
             rows = np.split(root[:, None] * of.columns, cuts)
-            return covariance(rows, np.split(root * residual, cuts), robust=timed)
+            rests = np.split(root * residual, cuts)
+            return self._spread(rows, rests, timed)
 
         best = _reweighted(a, a, y, self.least)
         found = spread(best)
@@ -230,6 +231,20 @@ class _System:
         solved = Solved({**self.held, **values}, self.names, found.covariance, found.degrees)
         residuals = np.split(y - a @ best.values, cuts)
         return Regression(self, solved, residuals, best.scale, best.limit, found.order, biased)
+
+    def _spread(
+        self, rows: Sequence[FloatArray], rests: Sequence[FloatArray], timed: bool
+    ) -> Uncertainty:
+        """Covariance; with a noisy speed in a Stribeck term no less than that from the scores.
+
+        The noise of the speed is largest in the force where that term is steepest, and there
+        its parameters are told: the residual has not the same variance everywhere.
+        """
+        found = covariance(rows, rests, robust=timed)
+        if "stribeck" not in self.names or not speed_noise(self.runs):
+            return found
+        scores = score_covariance(rows, rests, [[slice(0, r.size)] for r in rests])
+        return replace(found, covariance=enlarge(found.covariance, np.diag(scores.covariance)))
 
     def _bias(self, rise: Rise, a: FloatArray, best: _Robust) -> FloatArray:
         """What noise of the columns does to least squares: it adds to their products, ``(p,)``."""

@@ -1,0 +1,156 @@
+"""Rao's score test of one more term in a finished fit [1]_.
+
+Residual and derivatives are whitened first, so that autocorrelated noise is not taken for a
+missing response.
+
+Noise ``e`` of a measured input is in the residual, as ``-a e`` where the output changes by ``a``
+with the input, and in every derivative of the output. Their products then have a mean although
+nothing is missing: least squares of the residual takes the parameters back to where their
+estimate with instruments had corrected them, and takes along any term with the noise of the same
+sample in it. Where the family estimates with instruments the terms are therefore judged with
+them too: with ``X`` the derivatives by parameters and term, ``Z`` the same by what stands in
+for noisy inputs, ``X_Z`` the projection of ``X`` on ``Z`` and ``r`` the residual,
+
+    x = (X_Z' X)^-1 X_Z' r,   cov(x) = (X_Z' X_Z)^-1 X_Z' R X_Z (X_Z' X_Z)^-1,
+
+the autocorrelation ``R`` of what is left from an autoregression. Nothing is whitened then: that
+would bring the noise of earlier samples into the residual, of which the instruments are not free.
+
+References
+----------
+.. [1] C. R. Rao, "Large sample tests of statistical hypotheses concerning several
+   parameters", Proc. Cambridge Phil. Soc. 44, 1948.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..estimation.separable import scaled_least_squares
+from ..estimation.uncertainty import covariance
+from ..experiment import FloatArray
+from .optimum import Optimum
+
+_SIGNIFICANT = 5.0  # standard errors of the added term
+_MATTERS = 2.0  # standard errors by which a parameter would move
+_OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
+
+
+@dataclass(frozen=True)
+class Term:
+    """One thing that the model may lack.
+
+    ``columns`` are its directions in the output, per run and per ``unit``; ``words`` says what
+    a size of it would mean, ``remedy`` what to do. ``offered`` marks a parameter of the family.
+    The directions are those of a size up to ``most``. ``instruments`` are the directions by what
+    stands in for noisy inputs; empty where the columns know nothing of the noise.
+    """
+
+    name: str
+    unit: str
+    words: Callable[[float], str]
+    remedy: str
+    columns: Sequence[FloatArray]
+    offered: bool = False
+    most: float = np.inf
+    instruments: Sequence[FloatArray] = ()
+
+
+@dataclass(frozen=True)
+class Score:
+    """What adding a term would do.
+
+    ``size`` is that of the term [its unit], ``deviations`` that in its standard errors;
+    ``parameter`` would move by ``shift`` [its unit], ``errors`` of its standard errors.
+    """
+
+    term: Term
+    size: float
+    deviations: float
+    parameter: str
+    shift: float
+    errors: float
+
+    @property
+    def telling(self) -> bool:
+        """Whether the term is there, and matters."""
+        possible = abs(self.size) <= self.term.most
+        return possible and abs(self.deviations) > _SIGNIFICANT and abs(self.errors) > _MATTERS
+
+
+def judge_term(at: Optimum, term: Term) -> Score | None:
+    """Size and significance of a term; ``None`` where the parameters can stand for it."""
+    rows = at.beside_residual(term.columns)
+    if not all(np.isfinite(x).all() for x in rows):
+        return None
+    found = _instrumented(at, term, rows) if at.instruments else _whitened(at, rows)
+    if found is None:
+        return None
+    x, deviation = found
+    errors = x[:-1] / at.errors
+    worst = int(np.argmax(np.abs(errors)))
+    size = float(x[-1])
+    return Score(
+        term, size, size / max(deviation, 1e-300), at.names[worst], float(x[worst]),
+        float(errors[worst]),
+    )  # fmt: skip
+
+
+def _whitened(at: Optimum, rows: Sequence[FloatArray]) -> tuple[FloatArray, float] | None:
+    """Changes of the parameters and size of the term, ``(p + 1,)``; standard error of the size."""
+    white = at.whiten(rows, _left_over(rows))
+    if not np.all(np.isfinite(white)):
+        return None
+    # the triangle holds all products of columns and residual
+    triangle = np.asarray(np.linalg.qr(white, mode="r"))
+    columns, target = triangle[:, :-1], triangle[:, -1]
+    own = _own(columns)
+    if not own:
+        return None
+    x = scaled_least_squares(columns, target)
+    samples, unknowns = white.shape[0], columns.shape[1]
+    sigma = float(np.linalg.norm(target - columns @ x)) / np.sqrt(max(samples - unknowns, 1))
+    return x, sigma / own
+
+
+def _instrumented(
+    at: Optimum, term: Term, rows: Sequence[FloatArray]
+) -> tuple[FloatArray, float] | None:
+    """The same by two-stage least squares, with what stands in for noisy inputs."""
+    stacked = np.vstack(rows)
+    columns, residual = stacked[:, :-1], stacked[:, -1]
+    instruments = np.vstack(at.represented(term.instruments or term.columns))[:, :-1]
+    if not np.all(np.isfinite(instruments)):
+        return None
+    size = np.linalg.norm(instruments, axis=0)
+    scaled = instruments / np.where(size > 0.0, size, 1.0)
+    projected = scaled @ np.linalg.lstsq(scaled, columns, rcond=1e-12)[0]
+    if not _own(np.asarray(np.linalg.qr(projected, mode="r"))):
+        return None
+    x = scaled_least_squares(projected, residual)
+    cuts = np.cumsum([r.shape[0] for r in rows])[:-1]
+    spread = covariance(np.split(projected, cuts), np.split(residual - columns @ x, cuts))
+    return x, float(np.sqrt(max(spread.covariance[-1, -1], 0.0)))
+
+
+def _own(triangle: FloatArray) -> float:
+    """Size of the last column beside all others; 0 where that is nothing of its own."""
+    last = triangle.shape[1] - 1
+    own, whole = abs(float(triangle[last, last])), float(np.linalg.norm(triangle[:, last]))
+    return own if own >= _OWN * whole else 0.0
+
+
+def _left_over(rows: Sequence[FloatArray]) -> list[FloatArray]:
+    """What is left of the last column, the residual, when all others are fitted to it.
+
+    Noise is to be judged with the term in the model: what drifts is not noise, nor is the level
+    of a log beside the others.
+    """
+    stacked = np.vstack(rows)
+    columns, residual = stacked[:, :-1], stacked[:, -1]
+    rest = residual - columns @ scaled_least_squares(columns, residual)
+    parts = np.split(rest, np.cumsum([x.shape[0] for x in rows])[:-1])
+    return [part - part.mean() for part in parts]
