@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from ..errors import LogError, Notice
 from ..units import parse_unit_from_header, same_dimension
-from . import controldesk, labview, rigol, serial, twincat
+from . import controldesk, labview, rigol, serial, tektronix, twincat
 from .clock import find_clocks, join_fraction
 from .decimals import refuse_ambiguous
 from .header import Header, find_header
@@ -81,6 +81,7 @@ def _known_layout(source: Source, written: Written) -> Layout | None:
         or twincat.lay_out(source, written)
         or labview.lay_out(source, written)
         or rigol.lay_out(source)
+        or tektronix.lay_out(source)
     )
 
 

@@ -1,0 +1,48 @@
+"""Older Tektronix exports: settings beside the first samples, written after their description."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fluidact_fit.logs import read_log
+
+SETTINGS = (
+    "Record Length,2.500000e+03", "Sample Interval,4.000000e-03",
+    "Trigger Point,1.250000000000e+03", ",", ",", ",", "Source,CH2", "Vertical Units,V",
+    "Vertical Scale,5.000000e-01", "Vertical Offset,0.000000e+00", "Horizontal Units,s",
+    "Horizontal Scale,1.000000e+00", "Pt Fmt,Y", "Yzero,0.000000e+00", "Probe Atten,1.0",
+    "Model Number,TDS2014", "Serial Number,C012345", "Firmware Version,FV:v22.11",
+)  # fmt: skip
+
+
+def export(rows: int, tail: str) -> str:
+    lines = []
+    for k in range(rows):
+        setting = SETTINGS[k] if k < len(SETTINGS) else ","
+        lines.append(f"{setting},,{0.004 * (k - 5):019.12f},{0.02 * (k % 7):10.5f}{tail}")
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("tail", ["", ","])
+def test_settings_beside_the_samples(tmp_path: Path, tail: str) -> None:
+    path = tmp_path / "F0000CH2.CSV"
+    path.write_text(export(300, tail), encoding="utf-8")
+    log = read_log(path)
+    assert log.dialect.name == "Tektronix oscilloscope"
+    assert [(c.header, c.unit) for c in log.columns] == [("time", "s"), ("CH2", "V")]
+    assert (log.rows, log.account.left_out) == (300, ())
+    np.testing.assert_allclose(log.columns[0].values, 0.004 * (np.arange(300) - 5.0), atol=1e-12)
+    np.testing.assert_allclose(log.columns[1].values, 0.02 * (np.arange(300) % 7), atol=1e-12)
+
+
+def test_a_damaged_line_is_named(tmp_path: Path) -> None:
+    lines = export(300, ",").split("\n")
+    lines[100] = ",,,0.38"
+    path = tmp_path / "F0000CH2.CSV"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    log = read_log(path)
+    assert log.rows == 299
+    assert [line for line, _ in log.account.left_out] == [101]
