@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
-from ..estimation.linear import run_recursion
 from ..estimation.noise import noise_floor
+from ..estimation.recursion import run_recursion
 from ..estimation.separable import scaled_least_squares
 from ..experiment import FloatArray
 from ..family import ParameterSpec, Role

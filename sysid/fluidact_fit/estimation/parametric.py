@@ -7,7 +7,7 @@ here, once, for all of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -76,6 +76,9 @@ class NamedModel:
     channels
         Rows of each experiment that hold different functions of the same samples. Their
         errors are not independent; the covariance is then taken from the scores.
+    pieces
+        Optional ``pieces(index, values)`` for long records: the same columns, as an iterator over
+        those of consecutive rows.
     """
 
     nonlinear: tuple[str, ...]
@@ -91,6 +94,7 @@ class NamedModel:
     robust: bool = True
     sigma_floor: float = 0.0
     channels: Sequence[Sequence[slice]] = ()
+    pieces: Callable[[int, Values], Iterator[Basis]] | None = None
 
     def scaled(self, factors: Mapping[int, float]) -> NamedModel:
         """The same model with the residuals of every log multiplied by a factor."""
@@ -127,7 +131,7 @@ class NamedModel:
             return Basis(b.known + b.shared[:, :count] @ own, b.shared[:, count:], b.local)
 
         names = (*self.nonlinear, *self.linear)
-        return replace(self, nonlinear=names, linear=(), columns=columns, slopes=None)
+        return replace(self, nonlinear=names, linear=(), columns=columns, pieces=None, slopes=None)
 
     @property
     def every_linear(self) -> tuple[str, ...]:
@@ -145,6 +149,8 @@ class _Bound:
         self.fixed = np.array([held.get(n, 0.0) for n in model.every_linear])[~self.free]
         if model.slopes is not None:
             self.slopes = self._slopes
+        if model.pieces is not None:
+            self.pieces = self._pieces
 
     def _split(self, known: Array, shared: Array) -> tuple[Array, Array]:
         """Add the held columns to what is known; the others stay."""
@@ -156,16 +162,20 @@ class _Bound:
         return {**self.held, **dict(zip(self.names, eta))}
 
     def basis(self, index: int, eta: Array) -> Basis:
-        b = self.model.columns(index, self._values(eta))
+        return self._open(self.model.columns(index, self._values(eta)))
+
+    def _pieces(self, index: int, eta: Array) -> Iterator[Basis]:
+        assert self.model.pieces is not None
+        return map(self._open, self.model.pieces(index, self._values(eta)))
+
+    def _open(self, b: Basis) -> Basis:
+        """The columns of what is free."""
         return Basis(*self._split(b.known, b.shared), b.local)
 
     def _slopes(self, index: int, eta: FloatArray) -> tuple[Basis, Slopes]:
         assert self.model.slopes is not None
         b, s = self.model.slopes(index, self._values(eta), self.names)
-        return (
-            Basis(*self._split(b.known, b.shared), b.local),
-            Slopes(*self._split(s.known, s.shared), s.local),
-        )
+        return self._open(b), Slopes(*self._split(s.known, s.shared), s.local)
 
 
 def bind(model: NamedModel, unknowns: Mapping[str, Unknown], held: Mapping[str, float]) -> Problem:
