@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import cached_property
@@ -24,7 +24,6 @@ from .family import (
     Simulated,
     Variant,
 )
-from .logs import Log, provenance
 from .outcome import Simulation, agreement, common_level, pair
 from .parameters import make_document
 from .version import __version__
@@ -32,11 +31,16 @@ from .version import __version__
 
 @dataclass(frozen=True)
 class Findings:
-    """An estimate with everything that it came from."""
+    """An estimate with everything that it came from.
+
+    ``sources`` are the entries of the logs for the file, ``declared`` the roles whose hold the
+    user has given. The logs themselves are not kept: their numbers stand in the experiments.
+    """
 
     family: Family[FamilyOptions]
     variant: Variant
-    logs: Sequence[Log]
+    sources: Sequence[Mapping[str, Any]]
+    declared: Collection[str]
     experiments: Sequence[Experiment]
     request: Request[FamilyOptions]
     estimate: Estimate[FamilyOptions]
@@ -83,8 +87,7 @@ def make_parameter_document(
     fitted = found.fitted
     output = variant.output.name
     unit = found.experiments[0].signals[output].unit
-    declared = {role for log in found.logs for role in log.holds}
-    details, warned = diagnose(family, variant, estimate, fitted, declared)
+    details, warned = diagnose(family, variant, estimate, fitted, found.declared)
     level = common_level(fitted)
     overall = agreement(fitted, level)
     white = residual_whiteness(fitted, len(estimate.covariance_order))
@@ -130,10 +133,7 @@ def make_parameter_document(
             "created": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
             "command": command or f"fluidact_fit.fit({family.name!r}, ...)",
             "seed": request.seed,
-            "logs": [
-                provenance(log, [e for e in found.experiments if e.log == i])
-                for i, log in enumerate(found.logs)
-            ],
+            "logs": list(found.sources),
             "options": {
                 key: getattr(request, key)
                 for key in ("fixed", "start", "bounds", "noise")

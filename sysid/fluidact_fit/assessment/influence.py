@@ -13,13 +13,16 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..errors import Notice
 from ..estimation.agreement_of_logs import Drift, compare_logs
+from ..estimation.blocks import blocks, condense, rows_of
 from ..experiment import FloatArray
 from ..units import as_share
 from .optimum import Optimum
@@ -47,54 +50,101 @@ class Sample:
 
 def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Samples that the result hangs on: an entry for the file, and a warning."""
-    j, r = np.vstack(at.jacobians), np.concatenate(at.residuals)
-    n, p = j.shape
+    table = condense(rows_of(at.jacobians))
+    n, p = sum(r.size for r in at.residuals), table.shape[1]
     if n <= p + 10:
         return {}, []
-    scale = np.linalg.norm(j, axis=0)
+    scale = np.linalg.norm(table, axis=0)
     scale[scale == 0.0] = 1.0
-    q, triangle = np.linalg.qr(j / scale)
+    triangle = np.linalg.qr(table / scale, mode="r")
     if np.min(np.abs(np.diag(triangle))) < 1e-9:
         return {}, []
-    leverage = np.minimum(np.sum(q**2, axis=1), 1.0 - 1e-9)
-    gain = np.linalg.inv(triangle) / scale[:, None]
-    moves = (q * (r / (1.0 - leverage))[:, None]) @ gain.T
-    errors = moves / at.errors
-    most = np.abs(errors).max(axis=1)
-    deviations = _studentised(r, leverage, p)
-    odd = np.abs(deviations) > _limit(n, n - p - 1)
-    deciding = np.flatnonzero((odd & (most > _MOVES)) | (most > _CARRIES))
-    deciding = deciding[np.argsort(-most[deciding])]
-    entry: dict[str, Any] = {
-        "largest_influence": float(most.max()),
-        "largest_leverage": float(leverage.max()),
-    }
-    if not deciding.size:
+    each = _Leverages(at, np.linalg.inv(triangle) / scale[:, None], _Scatter.of(at.residuals, p))
+    leverage, most, deciding = 0.0, 0.0, []
+    for series, part in _blocks(at.residuals):
+        own, errors = each.of(series, part)
+        size = np.abs(errors).max(axis=1)
+        deviations = each.scatter.studentised(at.residuals[series][part], own)
+        leverage, most = max(leverage, float(own.max())), max(most, float(size.max()))
+        odd = np.abs(deviations) > each.limit
+        for i in np.flatnonzero((odd & (size > _MOVES)) | (size > _CARRIES)):
+            k = int(np.argmax(np.abs(errors[i])))
+            where = series, part.start + int(i)
+            deciding.append((float(size[i]), where, float(deviations[i]), k, float(errors[i, k])))
+    entry: dict[str, Any] = {"largest_influence": most, "largest_leverage": leverage}
+    if not deciding:
         return entry, []
-    places = at.places()
-    found = []
-    for i in deciding[:_LISTED]:
-        k = int(np.argmax(np.abs(errors[i])))
-        found.append(
-            Sample(
-                places[i], float(deviations[i]), at.names[k], float(-moves[i, k]),
-                float(-errors[i, k]),
-            )
-        )  # fmt: skip
+    deciding.sort(key=lambda one: -one[0])
+    found = [
+        Sample(at.place(*where), deviation, at.names[k], -error * float(at.errors[k]), -error)
+        for _, where, deviation, k, error in deciding[:_LISTED]
+    ]
     entry["samples"] = [vars(s) for s in found]
-    return entry, [_notice(found, int(deciding.size), at.unit(found[0].parameter))]
+    return entry, [_notice(found, len(deciding), at.unit(found[0].parameter))]
 
 
-def _studentised(r: FloatArray, leverage: FloatArray, p: int) -> FloatArray:
-    """Residuals in standard deviations of the others, robust against many odd ones."""
-    n = r.size
-    own = r / np.sqrt(1.0 - leverage)
-    rest = np.maximum(float(r @ r) - own**2, 0.0) / max(n - p - 1, 1)
-    robust = 1.4826 * float(np.median(np.abs(r))) * np.sqrt(n / max(n - p, 1))
-    # a residual that is mostly zero (a counter at rest) has no robust size
-    sigma = np.sqrt(rest) if robust == 0.0 else np.minimum(np.sqrt(rest), 2.0 * robust)
-    # of a residual that is one sample alone nothing is left but rounding
-    return np.asarray(own / np.maximum(sigma, 1e-12 * max(float(np.abs(own).max()), 1e-300)))
+def _blocks(residuals: Sequence[FloatArray]) -> Iterator[tuple[int, slice]]:
+    """Blocks of all series."""
+    return ((k, part) for k, r in enumerate(residuals) for part in blocks(r.size))
+
+
+@dataclass(frozen=True)
+class _Scatter:
+    """Size of the residuals of a fit of ``p`` unknowns.
+
+    ``squares`` is the sum of their squares, ``robust`` their standard deviation by the median,
+    ``largest`` the largest of them.
+    """
+
+    samples: int
+    p: int
+    squares: float
+    robust: float
+    largest: float
+
+    @classmethod
+    def of(cls, residuals: Sequence[FloatArray], p: int) -> _Scatter:
+        """The scatter of all series together."""
+        size = np.concatenate([np.abs(r) for r in residuals])
+        n = size.size
+        squares, largest = float(size @ size), float(size.max())
+        median = float(np.median(size, overwrite_input=True))
+        return cls(n, p, squares, 1.4826 * median * np.sqrt(n / max(n - p, 1)), largest)
+
+    def studentised(self, r: FloatArray, leverage: FloatArray) -> FloatArray:
+        """Residuals in standard deviations of the others, robust against many odd ones."""
+        own = r / np.sqrt(1.0 - leverage)
+        degrees = max(self.samples - self.p - 1, 1)
+        sigma = np.sqrt(np.maximum(self.squares - own**2, 0.0) / degrees)
+        # a residual that is mostly zero (a counter at rest) has no robust size
+        sigma = sigma if self.robust == 0.0 else np.minimum(sigma, 2.0 * self.robust)
+        # of a residual that is one sample alone nothing is left but rounding
+        return np.asarray(own / np.maximum(sigma, 1e-12 * max(self.largest, 1e-300)))
+
+
+@dataclass(frozen=True)
+class _Leverages:
+    """Leverage of samples and how far each moves the parameters.
+
+    ``inverse`` is that of the triangle of the derivatives, shape ``(p, p)``.
+    """
+
+    at: Optimum
+    inverse: FloatArray
+    scatter: _Scatter
+
+    @cached_property
+    def limit(self) -> float:
+        """Studentised residual beyond which a sample is odd."""
+        return _limit(self.scatter.samples, self.scatter.samples - self.scatter.p - 1)
+
+    def of(self, series: int, part: slice) -> tuple[FloatArray, FloatArray]:
+        """Leverage, ``(m,)``, and moves in standard errors, ``(m, p)``."""
+        q = self.at.jacobians[series][part] @ self.inverse
+        leverage = np.minimum(np.sum(q**2, axis=1), 1.0 - 1e-9)
+        r = self.at.residuals[series][part]
+        moves = (q * (r / (1.0 - leverage))[:, None]) @ self.inverse.T
+        return leverage, np.asarray(moves / self.at.errors)
 
 
 def _limit(n: int, degrees: int) -> float:

@@ -253,10 +253,11 @@ def forced_pieces(
         States at some nodes; `states_at_nodes` unless the caller keeps them.
     """
     run = partial(states_at_nodes, a, b) if run is None else run
-    even = nodes is samples and nodes.distinct.size == 1
+    even = _are_alike(nodes, samples)
     # samples from a node to the instant that it acts on; see `forced_response` for the side
     nudge = -SAME_STEP if np.imag(dead_time) != 0.0 else SAME_STEP
-    back = ceil(np.real(dead_time) / nodes.distinct[0] - nudge) if even else 0
+    later = nodes.instants[0] - samples.instants[0] + dead_time if even else dead_time
+    back = ceil(np.real(later) / nodes.distinct[0] - nudge) if even else 0
     first, state, end = 0, None, nodes.which.size
     for part in parts:
         last = end
@@ -271,7 +272,7 @@ def forced_pieces(
             y = np.zeros(part.stop - part.start, dtype=np.result_type(states, c, a, b, dead_time))
             at = slice(begin - back - first, part.stop - back - first)
             moments = samples.instants[begin : part.stop] - dead_time
-            late = max(back * nodes.distinct[0] - np.real(dead_time), 0.0)
+            late = max(back * nodes.distinct[0] - np.real(later), 0.0)
             if np.imag(dead_time) != 0.0:
                 late = late - 1j * np.imag(dead_time)
             y[begin - part.start :] = _even_output(a, b, c, some, states, at, moments, late)
@@ -281,6 +282,20 @@ def forced_pieces(
                 a, b, c, some, samples.instants[part], dead_time=dead_time, grid=grid, states=states
             )
         first, state = last, states[-1]
+
+
+def _are_alike(nodes: Grid, samples: Grid) -> bool:
+    """Whether two records have equal steps, and the first does not begin before the second."""
+    if nodes is samples:
+        return nodes.distinct.size == 1
+    if nodes.distinct.size != 1 or samples.distinct.size != 1:
+        return False
+    apart = abs(nodes.distinct[0] - samples.distinct[0]) * nodes.which.size
+    return bool(
+        nodes.which.size == samples.which.size
+        and nodes.instants[0] >= samples.instants[0]
+        and apart <= SAME_STEP * nodes.unit
+    )
 
 
 def _between(
@@ -315,7 +330,7 @@ def _even_output(
 def states_at_nodes(
     a: Array, b: Array, u: PiecewiseInput, grid: Grid, start: Array | None = None
 ) -> Array:
-    """States at the nodes of the input, shape ``(m, n)``, from ``start``, shape ``(n,)``, or rest."""
+    """States at the nodes of the input, ``(m, n)``, from ``start``, ``(n,)``, or rest."""
     n, degree = a.shape[0], u.coefficients.shape[1] - 1
     start = np.zeros(n, dtype=np.result_type(a, b)) if start is None else start
     if grid.which.size == 0:

@@ -209,6 +209,14 @@ def project_out(rows: FloatArray, columns: FloatArray) -> FloatArray:
     return _without(_orthonormal(columns), rows)
 
 
+def explain(rows: FloatArray, columns: FloatArray) -> FloatArray:
+    """How ``columns``, ``(n, q)``, explain ``rows``, ``(n, p)``, best; shape ``(q, p)``."""
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    found = np.linalg.lstsq(columns / scale, rows, rcond=_NEGLIGIBLE)[0]
+    return np.asarray(found / scale[:, None])
+
+
 def _without(q: FloatArray, rows: Array) -> Array:
     """Remove the part of rows that lies in the span of an orthonormal ``q``."""
     return np.asarray(rows - q @ (q.T @ rows)) if q.shape[1] else rows
@@ -258,10 +266,7 @@ class _Table:
     @cached_property
     def explained(self) -> FloatArray:
         """How the local columns explain the others best, one column for each."""
-        scale = np.linalg.norm(self.local, axis=0)
-        scale[scale == 0.0] = 1.0
-        found = np.linalg.lstsq(self.local / scale, self.others, rcond=_NEGLIGIBLE)[0]
-        return np.asarray(found / scale[:, None])
+        return explain(self.others, self.local)
 
 
 class _Fit:
@@ -314,13 +319,18 @@ class _Fit:
 class _Tangent:
     """Derivatives of the model by ``eta`` at a fit.
 
-    ``raw`` holds them weighed, shape ``(n_i, p)``, ``tables`` between shared columns and rest.
+    ``raw`` holds them weighed, with room for the shared columns, shape ``(n_i, p + q)``;
+    ``tables`` holds them between shared columns and rest.
     """
 
     def __init__(self, fit: _Fit, scales: FloatArray) -> None:
+        unknowns = fit.eta.size + fit.linear.size
+        self.raw = [np.empty((y.shape[0], unknowns)) for y in fit.problem.measured]
+        self.move(fit, scales)
+
+    def move(self, fit: _Fit, scales: FloatArray) -> None:
+        """Take the derivatives at another fit."""
         self.fit = fit
-        counts = [y.shape[0] for y in fit.problem.measured]
-        self.raw = [np.empty((n, fit.eta.size)) for n in counts]
         self.tables = [
             _Table.of(self._rows(i, scales), t.local.shape[1]) for i, t in enumerate(fit.tables)
         ]
@@ -336,7 +346,7 @@ class _Tangent:
                     j += columns.reshape(-1, values.size).dot(values).reshape(j.shape)
             rest = problem.measured[index][at] - b.known
             table = problem.weigh(index, np.column_stack((b.local, b.shared, j.T, rest)), at)
-            self.raw[index][at] = table[:, -1 - fit.eta.size : -1]
+            self.raw[index][at, : fit.eta.size] = table[:, -1 - fit.eta.size : -1]
             yield table
 
     def _sloped(self, index: int, scales: FloatArray) -> Iterator[tuple[Basis, Slopes]]:
@@ -359,21 +369,23 @@ class _Tangent:
         return project_out(raw, shared[:, free]), rest - shared @ self.fit.linear
 
     def finish(self, fit: _Fit, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Residuals, model output and Jacobian of one experiment at a fit close by."""
-        problem, raw, table = fit.problem, self.raw[index], fit.tables[index]
-        n, p = raw.shape
+        """Residuals, model output and Jacobian of one experiment at a fit close by.
+
+        The derivatives turn into the Jacobian: there is no room for both.
+        """
+        problem, jacobian, table = fit.problem, self.raw[index], fit.tables[index]
+        n, p = jacobian.shape[0], fit.eta.size
         by_local = np.column_stack((
             self.tables[index].explained[:, fit.linear.size : -1], table.explained[:, :-1]
         ))  # fmt: skip
         residuals, simulated = np.empty(n), np.empty(n)
-        jacobian = np.empty((n, by_local.shape[1]))
         for at, b in _placed(fit.pieces(index)):
             simulated[at] = b.known + b.shared @ fit.linear + b.local @ fit.local[index]
             rest = problem.measured[index][at] - simulated[at]
             rows = problem.weigh(index, np.column_stack((b.local, b.shared, rest)), at)
             local, shared = rows[:, : b.local.shape[1]], rows[:, b.local.shape[1] : -1]
             residuals[at] = rows[:, -1]
-            jacobian[at, :p], jacobian[at, p:] = raw[at], shared
+            jacobian[at, p:] = shared
             jacobian[at] -= local @ by_local
         return residuals, simulated, jacobian
 
@@ -457,8 +469,11 @@ def solve(
         step = damped_step(curvature, gradient, x, (low, high), damping)
         candidate = np.clip(x + step, low, high)
         step = candidate - x
-        predicted = float(2.0 * gradient @ step - step @ curvature @ step)
-        if predicted <= tolerance**2 * noise or not np.any(step):
+        predicted = _fall(curvature, gradient, step)
+        # damping keeps a step out of directions that the data hardly see: what it leaves counts
+        free = damped_step(curvature, gradient, x, (low, high), 1e-12) if moved else step
+        left = max(_fall(curvature, gradient, free) - predicted, 0.0)
+        if predicted <= 0.0 or predicted + left <= tolerance**2 * noise:
             converged = True
             break
         trial = _value(problem, candidate * scales)
@@ -469,20 +484,27 @@ def solve(
         moved = gain > 1e-4
         if moved:
             # of what is left: a start far off has residuals that are not noise
-            x, length = candidate, float(np.sqrt(predicted / (trial.cost / degrees or 1e-300)))
+            x, noise = candidate, trial.cost / degrees or 1e-300
+            length, rest = float(np.sqrt(predicted / noise)), float(np.sqrt(left / noise))
             miss = min(1.0, 4.0 * abs(1.0 - gain)) if tolerance > 1e-3 else 1.0
-            if miss * length <= 10.0 * tolerance and gain > 0.5:
+            if miss * length + rest <= 10.0 * tolerance and gain > 0.5:
                 # so short a step, or so exactly predicted, that the next one would be
                 # below the tolerance: keep these slopes
                 fit, converged = trial, True
                 break
             damping = max(damping * (0.1 if gain > 0.5 else 0.5), 1e-12)
-            fit, tangent = trial, _Tangent(trial, scales)
+            fit = trial
+            tangent.move(fit, scales)
         else:
             still = abs(fit.cost - trial.cost) <= 1e-13 * fit.cost
             damping = max(damping * 8.0, 1e-9)
             converged = (still and predicted <= 1e-11 * fit.cost) or damping > 1e12
     return _finish(fit, tangent, (x <= low) | (x >= high), count, converged)
+
+
+def _fall(curvature: FloatArray, gradient: FloatArray, step: FloatArray) -> float:
+    """How far the cost falls with a step, to second order."""
+    return float(2.0 * gradient @ step - step @ curvature @ step)
 
 
 def damped_step(
