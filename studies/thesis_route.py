@@ -26,8 +26,8 @@ import numpy as np
 import fluidact_fit as ff
 from fluidact_fit.demo import load_dataset
 from fluidact_fit.estimation.inputs import PiecewiseInput, apply_dead_zone
-from fluidact_fit.estimation.linear import scan
 from fluidact_fit.estimation.parametric import Fitted, NamedModel, fit_named, make_unknowns
+from fluidact_fit.estimation.recursion import scan
 from fluidact_fit.estimation.separable import Basis, Unknown
 from fluidact_fit.experiment import Experiment
 from fluidact_fit.families import get_family

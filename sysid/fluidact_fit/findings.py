@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import cached_property
@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from .assessment import (
-    Optimum,
     Outlier,
     diagnose,
+    find_outliers,
     judge,
     make_optimum,
     outlier_notice,
@@ -32,7 +32,6 @@ from .family import (
     Simulated,
     Variant,
 )
-from .logs import Log, provenance
 from .outcome import Simulation, agreement, common_level, pair
 from .parameters import make_document
 from .version import __version__
@@ -40,11 +39,16 @@ from .version import __version__
 
 @dataclass(frozen=True)
 class Findings:
-    """An estimate with everything that it came from."""
+    """An estimate with everything that it came from.
+
+    ``sources`` are the entries of the logs for the file, ``declared`` the roles whose hold the
+    user has given. The logs themselves are not kept: their numbers stand in the experiments.
+    """
 
     family: Family[FamilyOptions]
     variant: Variant
-    logs: Sequence[Log]
+    sources: Sequence[Mapping[str, Any]]
+    declared: Collection[str]
     experiments: Sequence[Experiment]
     request: Request[FamilyOptions]
     estimate: Estimate[FamilyOptions]
@@ -66,9 +70,14 @@ class Findings:
         return pair(self.experiments, self.simulated, self.variant)
 
     @cached_property
-    def optimum(self) -> Optimum | None:
-        """The same with its derivatives; ``None`` where it has none to be examined by."""
-        return make_optimum(self.family, self.variant, self.estimate, self.fitted)
+    def examined(self) -> tuple[dict[str, Any], list[Notice], list[Outlier] | None]:
+        """Entries for the file, warnings and outliers; the derivatives are gone with the search."""
+        at = make_optimum(self.family, self.variant, self.estimate, self.fitted)
+        outliers = find_outliers(at)
+        details, notices = diagnose(
+            self.family, self.variant, self.estimate, self.fitted, at, self.declared
+        )
+        return details, notices, outliers
 
     @cached_property
     def offset(self) -> float | None:
@@ -97,11 +106,10 @@ def make_parameter_document(
     fitted = found.fitted
     output = variant.output.name
     unit = found.experiments[0].signals[output].unit
-    declared = {role for log in found.logs for role in log.holds}
-    details, warned = diagnose(family, variant, estimate, fitted, found.optimum, declared)
+    details, warned, _ = found.examined
     if found.outliers:
-        details["outliers"] = [o.entry for o in found.outliers]
-        warned.append(outlier_notice(found.outliers))
+        details = {**details, "outliers": [o.entry for o in found.outliers]}
+        warned = [*warned, outlier_notice(found.outliers)]
     level = common_level(fitted)
     overall = agreement(fitted, level)
     white = residual_whiteness(fitted, len(estimate.covariance_order))
@@ -147,10 +155,7 @@ def make_parameter_document(
             "created": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
             "command": command or f"fluidact_fit.fit({family.name!r}, ...)",
             "seed": request.seed,
-            "logs": [
-                provenance(log, [e for e in found.experiments if e.log == i])
-                for i, log in enumerate(found.logs)
-            ],
+            "logs": list(found.sources),
             "options": {
                 key: getattr(request, key)
                 for key in ("fixed", "start", "bounds", "noise")

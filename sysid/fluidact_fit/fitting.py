@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .assessment import find_outliers, most_outliers, set_aside
+from .assessment import most_outliers, set_aside
 from .errors import LogError, Notice, NotIdentifiedError, ParameterFileError, UsageError
 from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
 from .family import Estimate, Family, FamilyOptions, ParameterDocument, Quantity, Request, Variant
 from .findings import Findings, make_parameter_document
-from .logs import Log, choose_variant, require_agreement, share_columns
+from .logs import Log, choose_variant, provenance, require_agreement, share_columns
 from .logs import experiments as experiments_of
 from .logs.experiments import LONGEST, SHORTEST
 from .options import plausible
@@ -31,7 +31,7 @@ _ROUNDS = 3  # fits without outliers: one may have hidden the next
 
 def fit(
     family: str,
-    logs: Sequence[LogLike] | LogLike,
+    logs: Sequence[LogLike] | Iterator[LogLike] | LogLike,
     *,
     hold: Mapping[str, str] | None = None,
     fixed: Mapping[str, float] | None = None,
@@ -55,7 +55,8 @@ def fit(
     family
         Name of the family, for example ``"hydrostatic"``.
     logs
-        Logs, or paths of CSV files whose columns are named like the roles.
+        Logs, or paths of CSV files whose columns are named like the roles. Of those of an
+        iterator nothing is kept but what is used, which halves the memory of long ones.
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
@@ -86,11 +87,6 @@ def fit(
         With what was found, where, and what to do.
     """
     chosen = get_family(family)
-    given = open_logs(logs)
-    if not given:
-        raise UsageError("no log was given", remedy="Give at least one CSV file.")
-    together = share_columns(_hold([*given, *open_logs(validate)], hold or {}))
-    opened, judged = together[: len(given)], together[len(given) :]
     request = Request(
         options=chosen.options_type.read(options),
         fixed=_numbers("--fix", fixed),
@@ -102,17 +98,19 @@ def fit(
     )
     if controller_sample_time is not None:
         _check_period(controller_sample_time)
-    variant = choose_variant(opened, chosen.variants_for(request.options))
-    _check_noise(request.noise, chosen, variant)
-    experiments, notices = _prepare(opened, variant)
+    given = _open(chosen, request, logs, validate, hold or {})
+    variant, experiments, notices = given.variant, given.experiments, list(given.notices)
     estimate = _estimate(chosen, variant, experiments, request)
     with _blaming_the_numbers():
-        found = _without_outliers(Findings(chosen, variant, opened, experiments, request, estimate))
+        sources, declared = given.sources, given.declared
+        found = _without_outliers(
+            Findings(chosen, variant, sources, declared, experiments, request, estimate)
+        )
         validation: list[Simulation] = []
-        if judged:
+        if given.judged:
             # their inputs move as those of the fit were settled to
             holds = {r: x.hold for r, x in experiments[0].signals.items() if x.hold is not None}
-            others, more = _prepare(_hold(judged, holds), variant)
+            others, more = _prepare(_hold(given.judged, holds), variant)
             notices += more
             validation = found.validate(others)
         document, said = make_parameter_document(
@@ -122,6 +120,41 @@ def fit(
         return FitResult(
             family, variant, found.estimate, found.fitted, validation, document, said, view
         )
+
+
+@dataclass(frozen=True)
+class _Opened:
+    """What is fitted, the logs that it is judged by, and what the file says of its logs."""
+
+    variant: Variant
+    experiments: list[Experiment]
+    notices: list[Notice]
+    sources: list[dict[str, Any]]
+    declared: frozenset[str]
+    judged: list[Log]
+
+
+def _open(
+    family: Family[FamilyOptions],
+    request: Request[FamilyOptions],
+    logs: Sequence[LogLike] | Iterator[LogLike] | LogLike,
+    validate: Sequence[LogLike],
+    holds: Mapping[str, str],
+) -> _Opened:
+    """Open the logs and turn those to be fitted into experiments."""
+    given = open_logs(logs)
+    if not given:
+        raise UsageError("no log was given", remedy="Give at least one CSV file.")
+    together = share_columns(_hold([*given, *open_logs(validate)], holds))
+    opened, judged = together[: len(given)], together[len(given) :]
+    variant = choose_variant(opened, family.variants_for(request.options))
+    _check_noise(request.noise, family, variant)
+    experiments, notices = _prepare(opened, variant)
+    sources = [
+        provenance(log, [e for e in experiments if e.log == i]) for i, log in enumerate(opened)
+    ]
+    declared = frozenset(role for log in opened for role in log.holds)
+    return _Opened(variant, experiments, notices, sources, declared, judged)
 
 
 def _numbers(option: str, given: Mapping[str, float] | None) -> dict[str, float]:
@@ -260,7 +293,7 @@ def _without_outliers(found: Findings) -> Findings:
     """Fit again without the outliers that decide; the first fit where that settles nothing."""
     now, samples = found, sum(e.samples for e in found.experiments)
     for _ in range(_ROUNDS + 1):
-        more = find_outliers(now.optimum)
+        more = now.examined[2]
         if more is None:
             return found
         gone = (*now.outliers, *more)

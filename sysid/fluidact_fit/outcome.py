@@ -106,7 +106,8 @@ class Simulation:
         measured = np.full(simulated.shape, np.nan)
         if output in experiment:
             used = np.isfinite(simulated) if found.used is None else found.used
-            measured = np.where(used, experiment.sampled(output), np.nan)
+            recorded = experiment.sampled(output)
+            measured = recorded if used.all() else np.where(used, recorded, np.nan)
         also = {role: values for role, values in found.also.items() if role in experiment}
         return cls(experiment, simulated, measured, found.offset, also)
 

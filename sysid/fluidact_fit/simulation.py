@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from typing import Any
@@ -27,9 +27,9 @@ LogLike = Log | str | PathLike[str] | Any  # and the data themselves: see `read_
 _MOST_SAMPLES = 5_000_000
 
 
-def open_logs(logs: Sequence[LogLike] | LogLike) -> list[Log]:
+def open_logs(logs: Sequence[LogLike] | Iterator[LogLike] | LogLike) -> list[Log]:
     """Read the logs that are given as paths or as data; one need not stand in a list."""
-    given = logs if isinstance(logs, list | tuple) else [logs]
+    given = logs if isinstance(logs, list | tuple | Iterator) else [logs]
     return [log if isinstance(log, Log) else read_log(log) for log in given]
 
 

@@ -114,8 +114,8 @@ class _LinearOptimum(Optimum):
         errors = sigma * np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
         return cls(None, None, None, (), ("slope", "level"), errors, (), [residual], [columns])
 
-    def places(self):
-        return [f"sample {k + 1}" for k in range(self.residuals[0].size)]
+    def place(self, series, row):
+        return f"sample {row + 1}"
 
     def unit(self, name):
         return ""

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.signal import lsim
 
+from fluidact_fit.estimation.grid import make_grid
 from fluidact_fit.estimation.inputs import (
     PiecewiseInput,
     apply_dead_zone,
@@ -14,13 +15,8 @@ from fluidact_fit.estimation.inputs import (
     is_smooth,
     piecewise,
 )
-from fluidact_fit.estimation.linear import (
-    forced_response,
-    free_response,
-    make_grid,
-    scan,
-    transition,
-)
+from fluidact_fit.estimation.linear import forced_response, free_response, transition
+from fluidact_fit.estimation.recursion import scan
 from fluidact_fit.experiment import Signal
 
 RNG = np.random.default_rng(4)

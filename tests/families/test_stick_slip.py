@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from fluidact_fit.estimation.grid import make_grid
 from fluidact_fit.estimation.inputs import piecewise
-from fluidact_fit.estimation.linear import make_grid
 from fluidact_fit.experiment import Signal
 from fluidact_fit.families.ball_screw.stick_slip import StickSlip, simulate_stick_slip
 

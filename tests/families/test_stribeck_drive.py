@@ -16,8 +16,8 @@ from fluidact_fit.block import Port
 from fluidact_fit.control.plants.drive import Drive, DrivePlant
 from fluidact_fit.errors import UsageError
 from fluidact_fit.estimation.friction_law import FrictionLaw
+from fluidact_fit.estimation.grid import make_grid
 from fluidact_fit.estimation.inputs import piecewise
-from fluidact_fit.estimation.linear import make_grid
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
 from fluidact_fit.families.ball_screw.motion import Motion, StickSlip

@@ -183,12 +183,10 @@ def _fit(
     try:
         with closing(Progress(params["quiet"], params["verbose"])) as progress:
             progress("reading")
-            logs = read_logs(params["logs"], params)
             judged = _read_judged(params)
-            progress("fitting")
             return fit(
                 family.name,
-                logs,
+                iter(read_logs(params["logs"], params)),
                 fixed=params["fix"],
                 start=params["start"],
                 bounds=params["bounds"],

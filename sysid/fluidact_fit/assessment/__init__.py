@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from .diagnosis import diagnose
-from .optimum import Optimum, make_optimum
+from .optimum import make_optimum
 from .outliers import Outlier, find_outliers, most_outliers, outlier_notice, set_aside
 from .verdict import judge, residual_whiteness
 
 __all__ = [
-    "Optimum",
     "Outlier",
     "diagnose",
     "find_outliers",

@@ -74,13 +74,16 @@ def _dependences(at: Optimum, spec: ParameterSpec) -> Iterator[Dependence]:
     column = at.slopes(at.plant, spec.name)
     if column is None:
         return
-    white = at.whiten(at.beside_residual(column))
+    beside = at.beside_residual(column)
+    if not beside.finite:
+        return
+    white = beside.whiten()
     j, c, r = white[:, :-2], white[:, -2], white[:, -1]
-    if not np.all(np.isfinite(white)) or not np.any(c):
+    if not np.any(c):
         return
     along = -scaled_least_squares(j, c)
     own = c + j @ along  # what the others leave of it
-    degrees = max(r.size - j.shape[1] - 1, 1)
+    degrees = max(beside.rows - j.shape[1] - 1, 1)
     power = float(own @ own)
     if power <= np.finfo(float).eps * float(c @ c):
         ends = np.array([-np.inf, np.inf])

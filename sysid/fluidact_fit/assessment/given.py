@@ -84,11 +84,12 @@ def _other_numbers(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
 
 def _reliance(at: Optimum, name: str, columns: list[FloatArray]) -> Reliance:
     """How the parameters make up for a change of the output, and what is left of it."""
-    white = at.whiten(at.beside_residual(columns))
+    beside = at.beside_residual(columns)
+    white = beside.whiten()
     j, d, r = white[:, :-2], white[:, -2], white[:, -1]
     shifts = -scaled_least_squares(j, d)
     left = d + j @ shifts
-    sigma = float(np.sqrt(np.mean(r**2)))
+    sigma = float(np.linalg.norm(r)) / np.sqrt(beside.rows)
     errors = shifts / at.errors
     worst = int(np.argmax(np.abs(errors)))
     return Reliance(

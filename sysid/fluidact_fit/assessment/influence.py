@@ -13,15 +13,18 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..errors import Notice
 from ..estimation.agreement_of_logs import Drift, compare_logs
+from ..estimation.blocks import blocks, condense, rows_of
 from ..experiment import FloatArray
-from ..logs.log import BoolArray, IndexArray
+from ..logs.log import BoolArray
 from ..units import as_share
 from .optimum import Optimum
 
@@ -48,100 +51,177 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Influence:
-    """What every sample does to the estimate, all series one after the other.
+class Effect:
+    """What one sample does to the estimate.
 
     Attributes
     ----------
+    series, row
+        Where it is: the series, and the row among its used samples.
     leverage, deviations
-        Diagonal of the hat matrix, and studentised residuals, shape ``(n,)`` each.
-    moves, errors
-        By how much the sample moves each parameter [its unit], and the same in standard errors,
-        shape ``(n, p)`` each.
+        Entry on the diagonal of the hat matrix, and studentised residual.
     odd
-        Whether the residual is too large for one of that many, shape ``(n,)``.
+        Whether that is too large for one of that many.
+    parameter, errors
+        Number of the parameter that it moves most, and by how many standard errors.
     """
 
-    leverage: FloatArray
-    deviations: FloatArray
-    moves: FloatArray
-    errors: FloatArray
-    odd: BoolArray
+    series: int
+    row: int
+    leverage: float
+    deviations: float
+    odd: bool
+    parameter: int
+    errors: float
 
     @property
-    def most(self) -> FloatArray:
-        """Standard errors by which the parameter that it moves most is moved, shape ``(n,)``."""
-        return np.asarray(np.abs(self.errors).max(axis=1))
+    def deciding(self) -> bool:
+        """Whether the result hangs on it."""
+        return abs(self.errors) > (_MOVES if self.odd else _CARRIES)
 
     @property
-    def deciding(self) -> IndexArray:
-        """Samples that the result hangs on, the strongest first."""
-        most = self.most
-        found = np.flatnonzero((self.odd & (most > _MOVES)) | (most > _CARRIES))
-        return found[np.argsort(-most[found])]
+    def outlying(self) -> bool:
+        """Whether no model near this one explains it: it is odd, and decides or lies far off."""
+        return self.odd and (abs(self.errors) > _MOVES or abs(self.deviations) > _FAR)
 
-    @property
-    def outlying(self) -> IndexArray:
-        """Samples that no model near this one explains, in order: odd, and deciding or far off."""
-        beyond = (self.most > _MOVES) | (np.abs(self.deviations) > _FAR)
-        return np.flatnonzero(self.odd & beyond)
+
+@dataclass(frozen=True)
+class Influence:
+    """What the samples do to the estimate.
+
+    Attributes
+    ----------
+    leverage, most
+        The largest leverage, and the most standard errors by which one moves a parameter.
+    effects
+        Those of samples that decide or lie far off, in order.
+    odd
+        Which samples of every series are odd, shape ``(n_i,)`` each.
+    inverse
+        That of the triangle of the derivatives: rows of them times it are those of the
+        orthogonal factor, shape ``(p, p)``.
+    """
+
+    leverage: float
+    most: float
+    effects: Sequence[Effect]
+    odd: Sequence[BoolArray]
+    inverse: FloatArray
 
 
 def measure_influence(at: Optimum) -> Influence | None:
     """What every sample does to the estimate; ``None`` where too few of them tell."""
-    j, r = np.vstack(at.jacobians), np.concatenate(at.residuals)
-    n, p = j.shape
+    table = condense(rows_of(at.jacobians))
+    n, p = sum(r.size for r in at.residuals), table.shape[1]
     if n <= p + 10:
         return None
-    scale = np.linalg.norm(j, axis=0)
+    scale = np.linalg.norm(table, axis=0)
     scale[scale == 0.0] = 1.0
-    q, triangle = np.linalg.qr(j / scale)
+    triangle = np.linalg.qr(table / scale, mode="r")
     if np.min(np.abs(np.diag(triangle))) < 1e-9:
         return None
-    leverage = np.minimum(np.sum(q**2, axis=1), 1.0 - 1e-9)
-    gain = np.linalg.inv(triangle) / scale[:, None]
-    moves = (q * (r / (1.0 - leverage))[:, None]) @ gain.T
-    deviations = _studentised(r, leverage, p)
-    odd = np.abs(deviations) > _limit(n, n - p - 1)
-    return Influence(leverage, deviations, moves, moves / at.errors, odd)
+    inverse = np.linalg.inv(triangle) / scale[:, None]
+    each = _Leverages(at, inverse, _Scatter.of(at.residuals, p))
+    leverage, most, effects = 0.0, 0.0, []
+    odd = [np.zeros(r.size, dtype=bool) for r in at.residuals]
+    for series, part in _blocks(at.residuals):
+        own, errors = each.of(series, part)
+        size = np.abs(errors).max(axis=1)
+        deviations = each.scatter.studentised(at.residuals[series][part], own)
+        leverage, most = max(leverage, float(own.max())), max(most, float(size.max()))
+        odd[series][part] = np.abs(deviations) > each.limit
+        for i in np.flatnonzero(odd[series][part] | (size > _CARRIES)):
+            k = int(np.argmax(np.abs(errors[i])))
+            strange = bool(odd[series][part.start + i])
+            found = (float(own[i]), float(deviations[i]), strange, k, float(errors[i, k]))
+            effects.append(Effect(series, part.start + int(i), *found))
+    return Influence(leverage, most, effects, odd, inverse)
 
 
 def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Samples that the result hangs on: an entry for the file, and a warning."""
-    all_of = measure_influence(at)
-    if all_of is None:
+    influence = measure_influence(at)
+    if influence is None:
         return {}, []
-    deciding, errors = all_of.deciding, all_of.errors
     entry: dict[str, Any] = {
-        "largest_influence": float(all_of.most.max()),
-        "largest_leverage": float(all_of.leverage.max()),
-    }
-    if not deciding.size:
+        "largest_influence": influence.most, "largest_leverage": influence.leverage
+    }  # fmt: skip
+    deciding = sorted((e for e in influence.effects if e.deciding), key=lambda e: -abs(e.errors))
+    if not deciding:
         return entry, []
-    places = at.places()
-    found = []
-    for i in deciding[:_LISTED]:
-        k = int(np.argmax(np.abs(errors[i])))
-        found.append(
-            Sample(
-                places[i], float(all_of.deviations[i]), at.names[k], float(-all_of.moves[i, k]),
-                float(-errors[i, k]),
-            )
-        )  # fmt: skip
+    found = [
+        Sample(
+            at.place(e.series, e.row), e.deviations, at.names[e.parameter],
+            -e.errors * float(at.errors[e.parameter]), -e.errors,
+        )
+        for e in deciding[:_LISTED]
+    ]  # fmt: skip
     entry["samples"] = [vars(s) for s in found]
-    return entry, [_notice(found, int(deciding.size), at.unit(found[0].parameter))]
+    return entry, [_notice(found, len(deciding), at.unit(found[0].parameter))]
 
 
-def _studentised(r: FloatArray, leverage: FloatArray, p: int) -> FloatArray:
-    """Residuals in standard deviations of the others, robust against many odd ones."""
-    n = r.size
-    own = r / np.sqrt(1.0 - leverage)
-    rest = np.maximum(float(r @ r) - own**2, 0.0) / max(n - p - 1, 1)
-    robust = 1.4826 * float(np.median(np.abs(r))) * np.sqrt(n / max(n - p, 1))
-    # a residual that is mostly zero (a counter at rest) has no robust size
-    sigma = np.sqrt(rest) if robust == 0.0 else np.minimum(np.sqrt(rest), 2.0 * robust)
-    # of a residual that is one sample alone nothing is left but rounding
-    return np.asarray(own / np.maximum(sigma, 1e-12 * max(float(np.abs(own).max()), 1e-300)))
+def _blocks(residuals: Sequence[FloatArray]) -> Iterator[tuple[int, slice]]:
+    """Blocks of all series."""
+    return ((k, part) for k, r in enumerate(residuals) for part in blocks(r.size))
+
+
+@dataclass(frozen=True)
+class _Scatter:
+    """Size of the residuals of a fit of ``p`` unknowns.
+
+    ``squares`` is the sum of their squares, ``robust`` their standard deviation by the median,
+    ``largest`` the largest of them.
+    """
+
+    samples: int
+    p: int
+    squares: float
+    robust: float
+    largest: float
+
+    @classmethod
+    def of(cls, residuals: Sequence[FloatArray], p: int) -> _Scatter:
+        """The scatter of all series together."""
+        size = np.concatenate([np.abs(r) for r in residuals])
+        n = size.size
+        squares, largest = float(size @ size), float(size.max())
+        median = float(np.median(size, overwrite_input=True))
+        return cls(n, p, squares, 1.4826 * median * np.sqrt(n / max(n - p, 1)), largest)
+
+    def studentised(self, r: FloatArray, leverage: FloatArray) -> FloatArray:
+        """Residuals in standard deviations of the others, robust against many odd ones."""
+        own = r / np.sqrt(1.0 - leverage)
+        degrees = max(self.samples - self.p - 1, 1)
+        sigma = np.sqrt(np.maximum(self.squares - own**2, 0.0) / degrees)
+        # a residual that is mostly zero (a counter at rest) has no robust size
+        sigma = sigma if self.robust == 0.0 else np.minimum(sigma, 2.0 * self.robust)
+        # of a residual that is one sample alone nothing is left but rounding
+        return np.asarray(own / np.maximum(sigma, 1e-12 * max(self.largest, 1e-300)))
+
+
+@dataclass(frozen=True)
+class _Leverages:
+    """Leverage of samples and how far each moves the parameters.
+
+    ``inverse`` is that of the triangle of the derivatives, shape ``(p, p)``.
+    """
+
+    at: Optimum
+    inverse: FloatArray
+    scatter: _Scatter
+
+    @cached_property
+    def limit(self) -> float:
+        """Studentised residual beyond which a sample is odd."""
+        return _limit(self.scatter.samples, self.scatter.samples - self.scatter.p - 1)
+
+    def of(self, series: int, part: slice) -> tuple[FloatArray, FloatArray]:
+        """Leverage, ``(m,)``, and moves in standard errors, ``(m, p)``."""
+        q = self.at.jacobians[series][part] @ self.inverse
+        leverage = np.minimum(np.sum(q**2, axis=1), 1.0 - 1e-9)
+        r = self.at.residuals[series][part]
+        moves = (q * (r / (1.0 - leverage))[:, None]) @ self.inverse.T
+        return leverage, np.asarray(moves / self.at.errors)
 
 
 def _limit(n: int, degrees: int) -> float:

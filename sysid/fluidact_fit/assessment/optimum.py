@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ..estimation.uncertainty import fit_autoregression, innovations
 from ..experiment import Experiment, FloatArray
 from ..family import Estimate, Family, FamilyOptions, Plant, Simulated, Variant
 from ..outcome import Simulation
 from ..units import after_number
+from .beside import Beside, all_of
 
 _SAME = 1.0 - 1e-9  # correlation of two names for one unknown
 _STEP = 0.02  # of a standard error, for differences of a simulation
@@ -26,7 +26,6 @@ _LATE = 0.1  # sample times by which a time is moved for a derivative
 _SMALL = 1e-3  # part of itself by which another value is moved at first
 _PART = 0.3  # standard deviations of the residual by which the output then changes
 _TRIES = 8  # to find that part
-_ORDER = 25  # highest of the autoregression that whitens the residual
 
 
 @dataclass(frozen=True)
@@ -115,9 +114,10 @@ class Optimum:
         found = self._outputs(simulate(plant or self.plant, experiments or self.experiments))
         out = []
         for s, values, old in zip(self.series, found, before, strict=True):
-            more = (values - old)[s.used] / s.scale
+            more = all_of(values - old, s.used)
+            more /= s.scale
             # what another input leaves undescribed says nothing of the change
-            out.append(np.where(np.isnan(more), 0.0, more))
+            out.append(np.nan_to_num(more, copy=False, nan=0.0, posinf=np.inf, neginf=-np.inf))
         return out
 
     @cached_property
@@ -135,7 +135,7 @@ class Optimum:
     @property
     def sigma(self) -> float:
         """Root mean square of the residuals [unit of the residuals]."""
-        return float(np.sqrt(np.mean(np.concatenate(self.residuals) ** 2)))
+        return _root_mean_square(self.residuals)
 
     @property
     def roles(self) -> tuple[str, ...]:
@@ -161,7 +161,7 @@ class Optimum:
         for _ in range(_TRIES):
             step *= factor
             columns = self.change(plant=moved(plant, name, step), represented=represented)
-            size = float(np.sqrt(np.mean(np.concatenate(columns) ** 2)))
+            size = _root_mean_square(columns)
             if not (np.isfinite(size) and size > 0.0):
                 return None
             factor = _PART * self.sigma / size
@@ -173,61 +173,31 @@ class Optimum:
         """Unit of a parameter as it follows its value in a text."""
         return after_number(self.estimate.parameters[name.partition("[")[0]].unit)
 
-    def places(self) -> list[str]:
-        """Where every sample used stands: log, instant or number, and channel if there are more."""
-        out = []
-        for s in self.series:
-            e, of = s.experiment, f" of {s.role}" if len(self.roles) > 1 else ""
-            for k in np.flatnonzero(s.used):
-                at = f"t = {e.time[k]:.6g} s" if e.time.size else f"sample {k + 1}"
-                out.append(f"{e.name}, {at}{of}")
-        return out
+    def place(self, series: int, row: int) -> str:
+        """Where a used sample stands: log, instant or number, and channel if there are more."""
+        s = self.series[series]
+        k = int(np.flatnonzero(s.used)[row])
+        e, of = s.experiment, f" of {s.role}" if len(self.roles) > 1 else ""
+        at = f"t = {e.time[k]:.6g} s" if e.time.size else f"sample {k + 1}"
+        return f"{e.name}, {at}{of}"
 
-    def beside_residual(self, columns: Sequence[FloatArray]) -> list[FloatArray]:
-        """Derivatives, further columns and residual of every series, shape ``(n_i, p + q + 1)``.
-
-        Where an offset of its own takes the mean of a run, all are free of theirs.
-        """
+    def beside_residual(self, columns: Sequence[FloatArray]) -> Beside:
+        """Derivatives, further columns and residual of every series."""
         return self._beside(self.jacobians, columns)
 
-    def represented(self, columns: Sequence[FloatArray]) -> list[FloatArray]:
+    def represented(self, columns: Sequence[FloatArray]) -> Beside:
         """The same rows by what stands in for noisy inputs; the columns are to be so already."""
         return self._beside(self.instruments, columns)
 
-    def _beside(
-        self, jacobians: Sequence[FloatArray], columns: Sequence[FloatArray]
-    ) -> list[FloatArray]:
-        rows = [np.column_stack(x) for x in zip(jacobians, columns, self.residuals)]
-        return [x - x.mean(axis=0) if s.own_level else x for x, s in zip(rows, self.series)]
+    def _beside(self, jacobians: Sequence[FloatArray], columns: Sequence[FloatArray]) -> Beside:
+        return Beside(
+            jacobians, columns, self.residuals, [s.role for s in self.series],
+            [s.own_level for s in self.series],
+        )  # fmt: skip
 
-    def whiten(
-        self, columns: Sequence[FloatArray], noise: Sequence[FloatArray] | None = None
-    ) -> FloatArray:
-        """Stack the columns of all series, ``(n_i, q)`` each, as the residual becomes white.
 
-        Every channel has noise of its own; each comes out with the same variance. ``noise``,
-        ``(n_i,)`` each, is what becomes white instead of the residual.
-        """
-        models = self._noise(self.residuals if noise is None else noise)
-        out = []
-        for s, part in zip(self.series, columns, strict=True):
-            coefficients, deviation = models[s.role]
-            out.append(innovations(part, coefficients) / deviation)
-        return np.vstack(out)
-
-    def _noise(self, residuals: Sequence[FloatArray]) -> dict[str, tuple[FloatArray, float]]:
-        """Autoregression of the residuals of every channel, and what is left of them.
-
-        What is left is in parts of the first channel's, whose unit stays.
-        """
-        found: dict[str, tuple[FloatArray, float]] = {}
-        for role in self.roles:
-            own = [r for s, r in zip(self.series, residuals, strict=True) if s.role == role]
-            shortest = min(r.size for r in own)
-            a, variance = fit_autoregression(own, int(min(_ORDER, shortest // 10)))
-            found[role] = a, float(np.sqrt(variance)) or 1.0
-        first = found[self.roles[0]][1]
-        return {role: (a, deviation / first) for role, (a, deviation) in found.items()}
+def _root_mean_square(parts: Sequence[FloatArray]) -> float:
+    return float(np.sqrt(sum(float(x @ x) for x in parts) / sum(x.size for x in parts)))
 
 
 def make_optimum(
@@ -258,7 +228,8 @@ def make_optimum(
     for s in series:
         output = s.role == variant.output.name
         j = estimate.sensitivity[s.run] if output else estimate.sensitivity_also[s.run][s.role]
-        jacobians.append((j[s.used] if j.shape[0] == s.used.size else j) / s.scale)
+        j = all_of(j, s.used) if j.shape[0] == s.used.size else j
+        jacobians.append(j if s.scale == 1.0 else j / s.scale)
     if any(j.shape[0] != r.size for j, r in zip(jacobians, residuals)):
         return None
     q = jacobians[0].shape[1]
@@ -303,7 +274,7 @@ def _series(
             used = np.isfinite(measured)
             level = role == output and s.offset is not None
             series.append(Series(run, role, s.experiment, simulated, used, own_level=level))
-            residuals.append((measured - simulated)[used])
+            residuals.append(all_of(measured - simulated, used))
     if all(s.role == output for s in series):
         return series, residuals
     size = {}

@@ -26,10 +26,10 @@ import numpy as np
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
-from ..logs.log import BoolArray, IndexArray, count_of
+from ..logs.log import count_of
 from ..logs.spikes import where_inputs_move
 from ..units import after_number
-from .influence import measure_influence
+from .influence import Effect, Influence, measure_influence
 from .optimum import Optimum
 
 _WIDE = 2  # samples that an outlier may be wide
@@ -67,24 +67,24 @@ def find_outliers(at: Optimum | None) -> list[Outlier] | None:
     influence = None if at is None else measure_influence(at)
     if at is None or influence is None:
         return []
-    found = influence.outlying
-    if not found.size:
+    found = [e for e in influence.effects if e.outlying]
+    if not found:
         return []
-    if found.size > most_outliers(influence.odd.size) or not np.all(
-        _alone(at, influence.odd)[found] & (influence.leverage[found] < _HELD)
-    ):
+    samples = sum(r.size for r in at.residuals)
+    if len(found) > most_outliers(samples) or any(e.leverage >= _HELD for e in found):
         return None
-    series, sample = _positions(at)
-    beyond = _missed_by_the_others(at, found)
-    places, out = at.places(), []
-    for i, more in zip(found, beyond):
-        s, k = at.series[series[i]], int(sample[i])
-        signal = s.experiment.signals[s.role]
+    if not _alone(at, influence, found):
+        return None
+    out = []
+    for e, more in zip(found, _missed_by_the_others(at, influence, found)):
+        s = at.series[e.series]
+        signal, k = s.experiment.signals[s.role], int(np.flatnonzero(s.used)[e.row])
         if signal.values.size != s.used.size:
             return None
         value = float(signal.values[k])
         left = value - float(more) * s.scale
-        out.append(Outlier(s.run, s.role, k, places[i], value, left, signal.unit))
+        place = at.place(e.series, e.row)
+        out.append(Outlier(s.run, s.role, k, place, value, left, signal.unit))
     return out
 
 
@@ -93,37 +93,25 @@ def most_outliers(samples: int) -> int:
     return int(min(_MOST, max(3, _SHARE * samples)))
 
 
-def _positions(at: Optimum) -> tuple[IndexArray, IndexArray]:
-    """Series of every sample used, and its number there, shape ``(n,)`` each."""
-    used = [np.flatnonzero(s.used) for s in at.series]
-    series = np.repeat(np.arange(len(used)), [u.size for u in used])
-    return series, np.concatenate(used)
-
-
-def _alone(at: Optimum, odd: BoolArray) -> BoolArray:
-    """Samples with few odd ones beside them, and without an input that jumped, shape ``(n,)``."""
-    series, sample = _positions(at)
-    alone = np.zeros(odd.size, dtype=bool)
-    for number, s in enumerate(at.series):
-        mine = series == number
-        rows = np.flatnonzero(odd[mine])
-        groups = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-        narrow = np.zeros(int(mine.sum()), dtype=bool)
-        for group in groups:
-            narrow[group] = group.size <= _WIDE
+def _alone(at: Optimum, influence: Influence, found: Sequence[Effect]) -> bool:
+    """Whether each has few odd samples beside it, and no input jumped there."""
+    for series in {e.series for e in found}:
+        s, odd = at.series[series], influence.odd[series]
+        in_a_row = np.convolve(odd, np.ones(_WIDE + 1, dtype=int), mode="valid") > _WIDE
+        if in_a_row.any():
+            return False
         if s.experiment.time.size:
-            narrow &= ~where_inputs_move(s.experiment, at.variant)[sample[mine]]
-        alone[mine] = narrow
-    return alone
+            moved = where_inputs_move(s.experiment, at.variant)[s.used]
+            if any(moved[e.row] for e in found if e.series == series):
+                return False
+    return True
 
 
-def _missed_by_the_others(at: Optimum, found: IndexArray) -> FloatArray:
+def _missed_by_the_others(at: Optimum, influence: Influence, found: Sequence[Effect]) -> FloatArray:
     """Residuals of some samples from the model of all others, shape ``(m,)``."""
-    j, r = np.vstack(at.jacobians), np.concatenate(at.residuals)
-    scale = np.linalg.norm(j, axis=0)
-    scale[scale == 0.0] = 1.0
-    q = np.linalg.qr(j / scale)[0][found]
-    return np.asarray(np.linalg.solve(np.eye(found.size) - q @ q.T, r[found]))
+    q = np.array([at.jacobians[e.series][e.row] for e in found]) @ influence.inverse
+    r = np.array([at.residuals[e.series][e.row] for e in found])
+    return np.asarray(np.linalg.solve(np.eye(len(found)) - q @ q.T, r))
 
 
 def set_aside(runs: Sequence[Experiment], outliers: Sequence[Outlier]) -> list[Experiment]:

@@ -25,13 +25,14 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..estimation.separable import scaled_least_squares
 from ..estimation.uncertainty import covariance
 from ..experiment import FloatArray
+from .beside import Beside
 from .optimum import Optimum
 
 _SIGNIFICANT = 5.0  # standard errors of the added term
@@ -83,46 +84,42 @@ class Score:
 
 def judge_term(at: Optimum, term: Term) -> Score | None:
     """Size and significance of a term; ``None`` where the parameters can stand for it."""
-    rows = at.beside_residual(term.columns)
-    if not all(np.isfinite(x).all() for x in rows):
+    beside = at.beside_residual(term.columns)
+    if not beside.finite:
         return None
-    found = _instrumented(at, term, rows) if at.instruments else _whitened(at, rows)
+    found = _instrumented(at, term, beside) if at.instruments else _whitened(beside)
     if found is None:
         return None
     x, deviation = found
     errors = x[:-1] / at.errors
     worst = int(np.argmax(np.abs(errors)))
     size = float(x[-1])
+    kept = replace(term, columns=(), instruments=())  # those of many terms are too much to keep
     return Score(
-        term, size, size / max(deviation, 1e-300), at.names[worst], float(x[worst]),
+        kept, size, size / max(deviation, 1e-300), at.names[worst], float(x[worst]),
         float(errors[worst]),
     )  # fmt: skip
 
 
-def _whitened(at: Optimum, rows: Sequence[FloatArray]) -> tuple[FloatArray, float] | None:
+def _whitened(beside: Beside) -> tuple[FloatArray, float] | None:
     """Changes of the parameters and size of the term, ``(p + 1,)``; standard error of the size."""
-    white = at.whiten(rows, _left_over(rows))
-    if not np.all(np.isfinite(white)):
-        return None
     # the triangle holds all products of columns and residual
-    triangle = np.asarray(np.linalg.qr(white, mode="r"))
+    triangle = np.asarray(np.linalg.qr(beside.whiten(beside.left_over()), mode="r"))
     columns, target = triangle[:, :-1], triangle[:, -1]
     own = _own(columns)
     if not own:
         return None
     x = scaled_least_squares(columns, target)
-    samples, unknowns = white.shape[0], columns.shape[1]
-    sigma = float(np.linalg.norm(target - columns @ x)) / np.sqrt(max(samples - unknowns, 1))
-    return x, sigma / own
+    degrees = max(beside.rows - columns.shape[1], 1)
+    return x, float(np.linalg.norm(target - columns @ x)) / np.sqrt(degrees) / own
 
 
-def _instrumented(
-    at: Optimum, term: Term, rows: Sequence[FloatArray]
-) -> tuple[FloatArray, float] | None:
+def _instrumented(at: Optimum, term: Term, beside: Beside) -> tuple[FloatArray, float] | None:
     """The same by two-stage least squares, with what stands in for noisy inputs."""
+    rows = beside.tables
     stacked = np.vstack(rows)
     columns, residual = stacked[:, :-1], stacked[:, -1]
-    instruments = np.vstack(at.represented(term.instruments or term.columns))[:, :-1]
+    instruments = np.vstack(at.represented(term.instruments or term.columns).tables)[:, :-1]
     if not np.all(np.isfinite(instruments)):
         return None
     size = np.linalg.norm(instruments, axis=0)
@@ -141,16 +138,3 @@ def _own(triangle: FloatArray) -> float:
     last = triangle.shape[1] - 1
     own, whole = abs(float(triangle[last, last])), float(np.linalg.norm(triangle[:, last]))
     return own if own >= _OWN * whole else 0.0
-
-
-def _left_over(rows: Sequence[FloatArray]) -> list[FloatArray]:
-    """What is left of the last column, the residual, when all others are fitted to it.
-
-    Noise is to be judged with the term in the model: what drifts is not noise, nor is the level
-    of a log beside the others.
-    """
-    stacked = np.vstack(rows)
-    columns, residual = stacked[:, :-1], stacked[:, -1]
-    rest = residual - columns @ scaled_least_squares(columns, residual)
-    parts = np.split(rest, np.cumsum([x.shape[0] for x in rows])[:-1])
-    return [part - part.mean() for part in parts]

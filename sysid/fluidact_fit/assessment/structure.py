@@ -18,12 +18,14 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
-from ..estimation.linear import run_recursion
+from ..estimation.blocks import blocks
 from ..estimation.noise import noise_floor
+from ..estimation.recursion import run_recursion
 from ..experiment import FloatArray
 from ..family import ParameterSpec, Role
 from ..options import describe
 from ..units import as_share
+from .beside import all_of
 from .optimum import Optimum, Series, delayed, shifted
 from .score import Score, Term, judge_term
 
@@ -102,7 +104,7 @@ def _drift(at: Optimum, role: str) -> Term:
     columns = []
     for s in at.series:
         t = s.experiment.time if timed else np.linspace(0.0, 1.0, s.used.size)
-        columns.append((s.role == role) * (t - t[0])[s.used] / s.scale)
+        columns.append(all_of(t - t[0], s.used) * ((s.role == role) / s.scale))
     per = "a second" if timed else "from the first row of a log to the last"
     return Term(
         f"drift{of}", f"{unit}/s" if timed else unit,
@@ -235,18 +237,21 @@ def _size(columns: Sequence[FloatArray]) -> float:
 class _Track:
     """A simulated channel on an even grid of instants, shape ``(m,)`` each.
 
-    ``rough`` says that the noise of a measured input is in it.
+    ``grid`` is ``None`` where that is the one of the samples. ``rough`` says that the noise of a
+    measured input is in it.
     """
 
-    grid: FloatArray
+    grid: FloatArray | None
     values: FloatArray
     rough: bool
 
 
 def _make_track(at: Optimum, s: Series) -> _Track:
-    t, step = s.experiment.time, s.experiment.sample_time
-    grid = np.arange(t[0], t[-1] + step, step)
-    values = np.interp(grid, t, s.simulated)
+    e, t, step = s.experiment, s.experiment.time, s.experiment.sample_time
+    grid, values = None, s.simulated
+    if not e.uniform or abs(float(np.ptp(t)) - (t.size - 1) * step) > 0.5 * step:
+        grid = np.arange(t[0], t[-1] + step, step)
+        values = np.interp(grid, t, s.simulated)
     return _Track(grid, values, noise_floor(values) > _ROUGH * at.sigma * s.scale)
 
 
@@ -263,10 +268,17 @@ def _behind(at: Optimum, tracks: Sequence[_Track | None], lag: float) -> list[Fl
             out.append(np.zeros(int(s.used.sum())))
             continue
         even, step = track.values, s.experiment.sample_time
-        change = _lagging(even, step, lag) - even
+        change = _lagging(even, step, lag)
+        change -= even
         if track.rough:
-            change = 0.5 * (change - (_lagging(even[::-1], step, lag)[::-1] - even))
-        out.append((np.interp(s.experiment.time, track.grid, change) / lag)[s.used] / s.scale)
+            lead = _lagging(even[::-1], step, lag)[::-1]
+            lead -= even
+            change = 0.5 * (change - lead)
+        if track.grid is not None:
+            change = np.interp(s.experiment.time, track.grid, change)
+        change = all_of(change, s.used)
+        change /= lag * s.scale
+        out.append(change)
     return out
 
 
@@ -274,10 +286,14 @@ def _lagging(even: FloatArray, step: float, lag: float) -> FloatArray:
     """A signal on straight lines, shape ``(n,)``, behind a first-order lag [s], from rest."""
     decay = float(np.exp(-step / lag))
     ramp = (1.0 - decay) * lag / step  # mean of the decay over a sample
-    driven = (1.0 - ramp) * even
-    driven[1:] += (ramp - decay) * even[:-1]
-    driven[0] = even[0]
-    return run_recursion(driven, [decay])
+    out, before, held = np.empty(even.size), float(even[0]), float(even[0])
+    for at in blocks(even.size):
+        driven = (1.0 - ramp) * even[at]
+        driven[0] += (ramp - decay) * before + decay * held
+        driven[1:] += (ramp - decay) * even[at][:-1]
+        out[at] = run_recursion(driven, [decay])
+        before, held = float(even[at][-1]), float(out[at][-1])
+    return out
 
 
 def _notice(at: Optimum, s: Score) -> Notice:

@@ -41,8 +41,8 @@ class _Part:
     information: FloatArray
     score: FloatArray
     covariance: FloatArray
-    jacobian: FloatArray
-    residual: FloatArray
+    jacobian: Sequence[FloatArray]
+    residual: Sequence[FloatArray]
 
 
 def compare_logs(
@@ -96,9 +96,9 @@ def _part(
 ) -> _Part:
     js = [j for j, log in zip(jacobian, logs) if log == k]
     rs = [r for r, log in zip(residuals, logs) if log == k]
-    stacked, rest = np.vstack(js), np.concatenate(rs)
-    spread = covariance(js, rs).covariance
-    return _Part(stacked.T @ stacked, stacked.T @ rest, spread, stacked, rest)
+    information = np.sum([j.T @ j for j in js], axis=0)
+    score = np.sum([j.T @ r for j, r in zip(js, rs)], axis=0)
+    return _Part(information, score, covariance(js, rs).covariance, js, rs)
 
 
 def _pooled(parts: dict[int, _Part], k: int) -> tuple[list[_Part], FloatArray, FloatArray]:
@@ -149,5 +149,6 @@ def _drift(
 
 
 def _predicted_error(parts: dict[int, _Part], k: int) -> float:
-    error = parts[k].residual - parts[k].jacobian @ _pooled(parts, k)[2]
-    return float(np.sqrt(np.mean(error**2)))
+    part, step = parts[k], _pooled(parts, k)[2]
+    errors = [r - j @ step for j, r in zip(part.jacobian, part.residual)]
+    return float(np.sqrt(sum(float(e @ e) for e in errors) / sum(e.size for e in errors)))

@@ -102,7 +102,7 @@ def piecewise(signal: Signal, *, level: float = 0.0) -> PiecewiseInput:
     level
         Level of rest that is subtracted [unit of the signal].
     """
-    values = signal.values - level
+    values = signal.values - level if level else signal.values
     kind = settled_hold(signal)
     if kind == "zoh":
         return PiecewiseInput(signal.time, values[:, None])

@@ -20,8 +20,8 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from math import ceil, factorial, log2
 from typing import Any
 
@@ -29,7 +29,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
+from .grid import SAME_STEP, Grid, group, make_grid
 from .inputs import PiecewiseInput
+from .recursion import orbit, scan
 
 Array = npt.NDArray[Any]
 
@@ -37,7 +39,7 @@ Array = npt.NDArray[Any]
 # 0.5**16 / 16! = 7e-19: below rounding for a norm of one half.
 _SERIES = 1.0 / np.array([float(factorial(k)) for k in range(16)]).reshape(4, 4)
 _HEAD = 8192  # samples within which the free response of a fast system is over
-_SAME_STEP = 1e-9  # steps closer than this share of the median step count as equal
+_FORGOTTEN = 1e-60  # part of a free response at its start that is nothing
 
 
 def transition(
@@ -111,168 +113,6 @@ def _scaled_transition(a: Array, b: Array, steps: Array, degree: int) -> tuple[A
     return phi, gamma * (steps[:, None] ** np.arange(degree + 1))[:, None, :]
 
 
-def _orbit(start: Array, phi: Array, count: int) -> Array:
-    """``start phi**k`` for ``k`` below ``count``, as many again with every product."""
-    out = np.empty((count, *start.shape), dtype=np.result_type(start, phi))
-    out[0] = start
-    have, top = 1, phi
-    while have < count:
-        more = min(have, count - have)
-        np.matmul(out[:more], top, out=out[have : have + more])
-        have += more
-        if have < count:
-            top = top @ top
-    return out
-
-
-def run_recursion(driven: Array, coefficients: npt.ArrayLike) -> Array:
-    """``y_k = driven_k + sum_i c_i y_(k-i)``, nothing before the first; samples first.
-
-    ``coefficients`` are of shape ``(q,)``, or ``(q, n)`` where they change: column ``j`` holds
-    what sample ``j`` adds to those that follow. A triangular band: this saves the second that
-    ``scipy.signal`` takes to be imported, and a general solver is ten times slower.
-    """
-    from scipy.linalg.blas import dtbsv
-
-    c = np.asarray(coefficients, dtype=float)
-    band = np.empty((c.shape[0] + 1, driven.shape[0]), order="F")
-    band[0] = 1.0
-    band[1:] = -c if c.ndim == 2 else -c[:, None]
-    out = np.array(driven, dtype=float, order="F")
-    columns = out.reshape(driven.shape[0], -1, order="A").T
-    for k, column in enumerate(columns):
-        columns[k] = dtbsv(c.shape[0], band, column, lower=1, diag=1)
-    return out
-
-
-def scan(phi: Array, forcing: Array, start: Array) -> Array:
-    """Solve ``x[j+1] = phi[j] x[j] + forcing[j]`` in whole arrays.
-
-    Parameters
-    ----------
-    phi : (n, n) for equal steps, or (m, n, n)
-    forcing : (m, n)
-    start : (n,)
-
-    Returns
-    -------
-    (m + 1, n), starting with ``start``.
-    """
-    return (_scan_equal if phi.ndim == 2 else _scan_unequal)(phi, forcing, start)
-
-
-@cache
-def _lags(width: int) -> npt.NDArray[np.intp]:
-    """``1 + i - j`` for ``i >= j`` and 0 above, shape ``(width, width)`` of ``(j, i)``."""
-    k = np.arange(width)
-    return np.maximum(1 + k[None, :] - k[:, None], 0)
-
-
-def _scan_equal(phi: Array, forcing: Array, start: Array) -> Array:
-    """`scan` for equal steps: blocks of steps as one product with a matrix of powers.
-
-    The blocks' end states obey the same recursion with ``phi**width``, so it is solved
-    by the same function.
-    """
-    m, n = forcing.shape
-    width = 12
-    blocks = -(-m // width)
-    kind = np.result_type(phi, forcing, start)
-    powers = np.zeros((width + 2, n, n), dtype=kind)
-    powers[1:] = _orbit(np.eye(n), phi, width + 1)
-    answer = powers[_lags(width)].transpose(0, 3, 1, 2).reshape(width * n, width * n)
-    local = _in_blocks(forcing, blocks, width, kind).reshape(blocks, width * n) @ answer
-    if blocks > 1:
-        carry = _scan_equal(powers[-1], local[:-1, -n:], start)
-    else:
-        carry = np.asarray(start, dtype=kind)[None]
-    local += carry @ powers[2:].transpose(2, 0, 1).reshape(n, width * n)
-    return np.vstack((start, local.reshape(blocks * width, n)[:m]))
-
-
-def _in_blocks(steps: Array, blocks: int, width: int, kind: npt.DTypeLike) -> Array:
-    """Cut what belongs to steps into blocks of equal width, zeros at the end."""
-    out = np.zeros((blocks * width, *steps.shape[1:]), dtype=kind)
-    out[: steps.shape[0]] = steps
-    return out.reshape(blocks, width, *steps.shape[1:])
-
-
-def _scan_unequal(phi: Array, forcing: Array, start: Array) -> Array:
-    """`scan` for a matrix of its own per step.
-
-    The recursion is cut into about ``sqrt(m)`` blocks that advance side by side from
-    zero; the blocks' end states are then chained and added.
-    """
-    m, n = forcing.shape
-    width = max(1, ceil(m**0.5))
-    blocks = -(-m // width)
-    kind = np.result_type(phi, forcing, start)
-    padded = _in_blocks(forcing, blocks, width, kind)
-    full = _in_blocks(phi, blocks, width, kind)
-    local = np.empty((width, blocks, n), dtype=kind)
-    products = np.empty((width, blocks, n, n), dtype=kind)
-    state = np.zeros((blocks, n), dtype=kind)
-    product = np.broadcast_to(np.eye(n, dtype=kind), (blocks, n, n))
-    for j in range(width):
-        state = (full[:, j] @ state[:, :, None])[:, :, 0] + padded[:, j]
-        local[j] = state
-        product = full[:, j] @ product
-        products[j] = product
-    carry = np.empty((blocks, n), dtype=kind)
-    x = np.asarray(start, dtype=kind)
-    for k in range(blocks):
-        carry[k] = x
-        x = product[k] @ x + state[k]
-    local += (products @ carry[None, :, :, None])[..., 0]
-    return np.vstack((start, local.transpose(1, 0, 2).reshape(blocks * width, n)[:m]))
-
-
-@dataclass(frozen=True)
-class Grid:
-    """Steps between instants, grouped into distinct lengths.
-
-    ``distinct`` has shape ``(g,)`` [s] and ``which`` shape ``(m,)``: step ``j`` has the
-    length ``distinct[which[j]]``. Real log times are a grid plus rounding noise, so
-    lengths within a billionth of the median are one.
-    """
-
-    instants: FloatArray
-    distinct: FloatArray
-    which: npt.NDArray[np.intp]
-
-    @property
-    def unit(self) -> float:
-        """A typical step [s]."""
-        if self.distinct.size < 2:
-            return float(self.distinct[0]) if self.distinct.size else 1.0
-        return float(np.median(self.distinct))
-
-
-def group(lengths: FloatArray, unit: float) -> tuple[FloatArray, npt.NDArray[np.intp]]:
-    """Group lengths that agree within a billionth of ``unit``; shapes as in `Grid`."""
-    if lengths.size == 0:
-        return np.zeros(0), np.zeros(0, dtype=np.intp)
-    low, high = lengths.min(), lengths.max()
-    if high - low <= _SAME_STEP * unit:
-        return np.array([lengths.mean()]), np.zeros(lengths.size, dtype=np.intp)
-    _, first, which = np.unique(
-        np.rint(lengths / (_SAME_STEP * unit)), return_index=True, return_inverse=True
-    )
-    return lengths[first], which
-
-
-def make_grid(instants: FloatArray) -> Grid:
-    """Group the steps of a sequence of instants, shape ``(m + 1,)`` [s]."""
-    steps = np.diff(instants)
-    unit = float(np.median(steps)) if steps.size else 1.0
-    if steps.size and float(np.ptp(steps)) <= 1e-6 * unit:
-        # a snapped log: what is left is the rounding of t0 + k Ts
-        mean = (instants[-1] - instants[0]) / steps.size
-        return Grid(instants, np.array([mean]), np.zeros(steps.size, dtype=np.intp))
-    distinct, which = group(steps, unit)
-    return Grid(instants, distinct, which)
-
-
 def free_response(a: Array, c: Array, grid: Grid) -> Array:
     """Outputs ``C exp(A (t - t0)) e_i`` for every unit initial state, shape ``(m, n)``.
 
@@ -300,10 +140,21 @@ def free_response(a: Array, c: Array, grid: Grid) -> Array:
     return columns
 
 
+def free_pieces(a: Array, c: Array, grid: Grid, parts: Sequence[slice]) -> Iterator[Array]:
+    """`free_response` over consecutive parts of a record, one after the other."""
+    row, last = c, grid.which.size
+    for part in parts:
+        columns = free_response(a, row, grid.part(part.start, min(part.stop, last)))
+        yield columns[: part.stop - part.start]
+        # exponentials of one matrix commute: what has passed can be taken first
+        row = columns[-1]
+        row = np.where(np.abs(np.real(row)) > _FORGOTTEN * np.abs(c).max(), row, 0.0)
+
+
 def _free_columns(step: Array, c: Array, m: int) -> Array:
     """Free responses over ``m`` steps, shape ``(m + 1, n)``."""
     if step.ndim == 2:
-        return _orbit(c, step, m + 1)
+        return orbit(c, step, m + 1)
     none = np.zeros((m, c.size))
     return np.column_stack([scan(step, none, e) @ c for e in np.eye(c.size)])
 
@@ -349,7 +200,7 @@ def forced_response(
     real = instants - np.real(dead_time)
     # An instant that falls on a node belongs to either piece, but only the earlier one
     # gives the slope for a longer dead time: at zero there is no other direction.
-    nudge = -_SAME_STEP if np.imag(dead_time) != 0.0 else _SAME_STEP
+    nudge = -SAME_STEP if np.imag(dead_time) != 0.0 else SAME_STEP
     before = np.searchsorted(grid.instants, real + nudge * unit, side="right") - 1
     inside = before >= 0
     piece = np.where(inside, before, 0)
@@ -375,11 +226,115 @@ def forced_response(
     return np.where(inside, y, 0.0)
 
 
-def states_at_nodes(a: Array, b: Array, u: PiecewiseInput, grid: Grid) -> Array:
-    """States at the nodes of the input, shape ``(m, n)``, from rest."""
+def forced_pieces(
+    a: Array,
+    b: Array,
+    c: Array,
+    u: PiecewiseInput,
+    nodes: Grid,
+    samples: Grid,
+    parts: Sequence[slice],
+    *,
+    dead_time: complex = 0.0,
+    shape: Callable[[PiecewiseInput], PiecewiseInput] | None = None,
+    run: Callable[[PiecewiseInput, Grid, Array | None], Array] | None = None,
+) -> Iterator[Array]:
+    """`forced_response` over consecutive parts of a record; the state goes from one to the next.
+
+    Parameters
+    ----------
+    nodes, samples
+        Instants of the input and of the record; one object where they are the same.
+    parts
+        Consecutive samples.
+    shape
+        What the input passes first.
+    run
+        States at some nodes; `states_at_nodes` unless the caller keeps them.
+    """
+    run = partial(states_at_nodes, a, b) if run is None else run
+    even = _are_alike(nodes, samples)
+    # samples from a node to the instant that it acts on; see `forced_response` for the side
+    nudge = -SAME_STEP if np.imag(dead_time) != 0.0 else SAME_STEP
+    later = nodes.instants[0] - samples.instants[0] + dead_time if even else dead_time
+    back = ceil(np.real(later) / nodes.distinct[0] - nudge) if even else 0
+    first, state, end = 0, None, nodes.which.size
+    for part in parts:
+        last = end
+        if part.stop < samples.instants.size:
+            real = samples.instants[part.stop - 1] - np.real(dead_time) + nudge * nodes.unit
+            reached = np.searchsorted(nodes.instants, real, side="right") - 1
+            last = max(part.stop - 1 - back if even else int(reached), first)
+        some, grid = _between(u, first, last, shape), nodes.part(first, last)
+        states = run(some, grid, state)
+        if even:
+            begin = min(max(part.start, back), part.stop)
+            y = np.zeros(part.stop - part.start, dtype=np.result_type(states, c, a, b, dead_time))
+            at = slice(begin - back - first, part.stop - back - first)
+            moments = samples.instants[begin : part.stop] - dead_time
+            late = max(back * nodes.distinct[0] - np.real(later), 0.0)
+            if np.imag(dead_time) != 0.0:
+                late = late - 1j * np.imag(dead_time)
+            y[begin - part.start :] = _even_output(a, b, c, some, states, at, moments, late)
+            yield y
+        else:
+            yield forced_response(
+                a, b, c, some, samples.instants[part], dead_time=dead_time, grid=grid, states=states
+            )
+        first, state = last, states[-1]
+
+
+def _are_alike(nodes: Grid, samples: Grid) -> bool:
+    """Whether two records have equal steps, and the first does not begin before the second."""
+    if nodes is samples:
+        return nodes.distinct.size == 1
+    if nodes.distinct.size != 1 or samples.distinct.size != 1:
+        return False
+    apart = abs(nodes.distinct[0] - samples.distinct[0]) * nodes.which.size
+    return bool(
+        nodes.which.size == samples.which.size
+        and nodes.instants[0] >= samples.instants[0]
+        and apart <= SAME_STEP * nodes.unit
+    )
+
+
+def _between(
+    u: PiecewiseInput,
+    first: int,
+    last: int,
+    shape: Callable[[PiecewiseInput], PiecewiseInput] | None,
+) -> PiecewiseInput:
+    """An input from one node to another, both included, as it is shaped."""
+    if shape is None:
+        return PiecewiseInput(u.nodes[first : last + 1], u.coefficients[first : last + 1])
+    # what happens before a node depends on the value at it
+    some = shape(PiecewiseInput(u.nodes[first : last + 2], u.coefficients[first : last + 2]))
+    count = last + 1 - first
+    return PiecewiseInput(some.nodes[:count], some.coefficients[:count], some.kinks)
+
+
+def _even_output(
+    a: Array, b: Array, c: Array, u: PiecewiseInput, states: Array, at: slice, moments: Array,
+    late: complex,
+) -> Array:  # fmt: skip
+    """Output ``late`` [s] after some nodes of a grid of equal steps, at ``moments`` [s]."""
+    if abs(late) == 0.0:
+        return np.asarray(states[at] @ c)
+    phi, gamma = _scaled_transition(a, b, np.array([late]), u.coefficients.shape[1] - 1)
+    y = states[at] @ (c @ phi[0]) + u.coefficients[at] @ (c @ gamma[0])
+    if u.kinks.interval.size:
+        y = y + _kink_part(a, b, c, u, moments, np.arange(at.start, at.stop), u.nodes)
+    return np.asarray(y)
+
+
+def states_at_nodes(
+    a: Array, b: Array, u: PiecewiseInput, grid: Grid, start: Array | None = None
+) -> Array:
+    """States at the nodes of the input, ``(m, n)``, from ``start``, ``(n,)``, or rest."""
     n, degree = a.shape[0], u.coefficients.shape[1] - 1
+    start = np.zeros(n, dtype=np.result_type(a, b)) if start is None else start
     if grid.which.size == 0:
-        return np.zeros((1, n), dtype=np.result_type(a, b))
+        return start[None]
     phi, gamma = _scaled_transition(a, b, grid.distinct, degree)
     pieces = u.coefficients[:-1]
     equal = phi.shape[0] == 1
@@ -395,7 +350,7 @@ def states_at_nodes(a: Array, b: Array, u: PiecewiseInput, grid: Grid) -> Array:
         extra = _bend_response(a, b, kinks.bend[last], rest)
         forcing = forcing.astype(np.result_type(forcing, extra))
         np.add.at(forcing, index, extra)
-    return scan(phi[0] if equal else phi[grid.which], forcing, np.zeros(n))
+    return scan(phi[0] if equal else phi[grid.which], forcing, start)
 
 
 def _kink_part(

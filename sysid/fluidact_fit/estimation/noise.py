@@ -13,6 +13,7 @@ from math import comb, sqrt
 import numpy as np
 
 from ..experiment import FloatArray
+from .blocks import blocks
 
 _ORDERS = (3, 5, 7)  # of the differences of a column that may be exact
 _EXACT = 1e-6  # part of its range that is rounding
@@ -44,12 +45,21 @@ def noise_floor(
     if values.size < 4 * order:
         return 0.0
     if time is None:
-        white = np.diff(values, order) / sqrt(comb(2 * order, order))
+        white = _differences(values, order)
+        white /= sqrt(comb(2 * order, order))
     else:
         white = _divided_differences(values, time, order)
     if robust:
-        return _NORMAL * float(np.median(np.abs(white)))
-    return sqrt(float(np.mean(white**2)))
+        return _NORMAL * float(np.median(np.abs(white, out=white), overwrite_input=True))
+    return sqrt(float(white @ white) / white.size)
+
+
+def _differences(values: FloatArray, order: int) -> FloatArray:
+    """Differences of an order, shape ``(n - order,)``, block by block."""
+    out = np.empty(values.size - order)
+    for at in blocks(out.size):
+        out[at] = np.diff(values[at.start : at.stop + order], order)
+    return out
 
 
 def _divided_differences(values: FloatArray, time: FloatArray, order: int) -> FloatArray:

@@ -7,7 +7,7 @@ here, once, for all of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -19,6 +19,7 @@ from ..experiment import Experiment, FloatArray
 from ..family import FamilyOptions, ParameterSpec, Request
 from ..units import as_share
 from .agreement_of_logs import Drift, compare_logs
+from .blocks import condense, rows_of
 from .profile_likelihood import Interval, profile_interval
 from .results import Refusal, Solved, determine, left_open
 from .separable import (
@@ -28,7 +29,7 @@ from .separable import (
     Slopes,
     Solution,
     Unknown,
-    project_out,
+    explain,
     solve,
     solve_from,
 )
@@ -39,6 +40,7 @@ Array = npt.NDArray[Any]
 _PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
 _MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
 DECISIVE = 12.0  # twice the log-likelihood ratio that tells one value from another
+_DECIDED = 10.0 * DECISIVE  # beyond all doubt
 Values = Mapping[str, Any]
 
 
@@ -76,6 +78,9 @@ class NamedModel:
     channels
         Rows of each experiment that hold different functions of the same samples. Their
         errors are not independent; the covariance is then taken from the scores.
+    pieces
+        Optional ``pieces(index, values)`` for long records: the same columns, as an iterator over
+        those of consecutive rows.
     """
 
     nonlinear: tuple[str, ...]
@@ -91,6 +96,7 @@ class NamedModel:
     robust: bool = True
     sigma_floor: float = 0.0
     channels: Sequence[Sequence[slice]] = ()
+    pieces: Callable[[int, Values], Iterator[Basis]] | None = None
 
     def scaled(self, factors: Mapping[int, float]) -> NamedModel:
         """The same model with the residuals of every log multiplied by a factor."""
@@ -127,7 +133,7 @@ class NamedModel:
             return Basis(b.known + b.shared[:, :count] @ own, b.shared[:, count:], b.local)
 
         names = (*self.nonlinear, *self.linear)
-        return replace(self, nonlinear=names, linear=(), columns=columns, slopes=None)
+        return replace(self, nonlinear=names, linear=(), columns=columns, pieces=None, slopes=None)
 
     @property
     def every_linear(self) -> tuple[str, ...]:
@@ -145,6 +151,8 @@ class _Bound:
         self.fixed = np.array([held.get(n, 0.0) for n in model.every_linear])[~self.free]
         if model.slopes is not None:
             self.slopes = self._slopes
+        if model.pieces is not None:
+            self.pieces = self._pieces
 
     def _split(self, known: Array, shared: Array) -> tuple[Array, Array]:
         """Add the held columns to what is known; the others stay."""
@@ -156,16 +164,20 @@ class _Bound:
         return {**self.held, **dict(zip(self.names, eta))}
 
     def basis(self, index: int, eta: Array) -> Basis:
-        b = self.model.columns(index, self._values(eta))
+        return self._open(self.model.columns(index, self._values(eta)))
+
+    def _pieces(self, index: int, eta: Array) -> Iterator[Basis]:
+        assert self.model.pieces is not None
+        return map(self._open, self.model.pieces(index, self._values(eta)))
+
+    def _open(self, b: Basis) -> Basis:
+        """The columns of what is free."""
         return Basis(*self._split(b.known, b.shared), b.local)
 
     def _slopes(self, index: int, eta: FloatArray) -> tuple[Basis, Slopes]:
         assert self.model.slopes is not None
         b, s = self.model.slopes(index, self._values(eta), self.names)
-        return (
-            Basis(*self._split(b.known, b.shared), b.local),
-            Slopes(*self._split(s.known, s.shared), s.local),
-        )
+        return self._open(b), Slopes(*self._split(s.known, s.shared), s.local)
 
 
 def bind(model: NamedModel, unknowns: Mapping[str, Unknown], held: Mapping[str, float]) -> Problem:
@@ -274,10 +286,11 @@ class Fitted(Solved):
             return []  # the rows are not samples of the output alone
         kept = self._reported()
         other = [k for k in range(len(self.names)) if k not in kept]
-        stacked = np.vstack(self.solution.jacobian)
-        wanted = project_out(stacked[:, kept], stacked[:, other])
-        ends = np.cumsum([j.shape[0] for j in self.solution.jacobian])[:-1]
-        parts = np.split(wanted, ends)
+        parts = self.solution.jacobian
+        if other:
+            table = condense(rows_of(parts))
+            found = explain(table[:, kept], table[:, other])
+            parts = [j[:, kept] - j[:, other] @ found for j in parts]
         if not self.factors:
             return list(parts)
         return [j / self.factors[k] for j, k in zip(parts, self.logs)]
@@ -351,6 +364,7 @@ def fit_named(
     refusals: Sequence[Refusal] = (),
     sensible: Mapping[str, float] | None = None,
     idle: Mapping[str, float] | None = None,
+    part: NamedModel | None = None,
 ) -> Fitted:
     """Fit a named model and refuse what the data do not determine.
 
@@ -368,6 +382,8 @@ def fit_named(
     idle
         Values at which a parameter has no effect on these logs, such as the edge of a dead
         zone at the largest input. One that is not better than that by far is refused.
+    part
+        The same model of part of long logs. What that decides, the whole would decide as well.
     """
     by_name = {s.name: s for s in specs}
     every = (*model.nonlinear, *model.linear)
@@ -378,7 +394,7 @@ def fit_named(
         return _attempt(model, unknowns, held, begin)
 
     def undetermined(attempt: _Attempt) -> list[Refusal]:
-        silent = _without_effect(attempt, unknowns, by_name, idle or {})
+        silent = _without_effect(attempt, unknowns, by_name, idle or {}, part)
         ends = _at_limits(attempt.solved, by_name, unknowns, request)
         return silent or ends or left_open(attempt.solved, by_name, sensible or {})
 
@@ -463,28 +479,28 @@ def _without_effect(
     unknowns: Mapping[str, Unknown],
     specs: Mapping[str, ParameterSpec],
     idle: Mapping[str, float],
+    part: NamedModel | None,
 ) -> list[Refusal]:
     """Parameters that explain the data hardly better than if they had no effect at all.
 
     The likelihood ratio decides. An interval cannot: beside the value at which a parameter ceases
-    to act, a few samples of noise give it a sharp and accidental optimum.
+    to act, a few samples of noise give it a sharp and accidental optimum. What ``part`` of the
+    logs tells, far beyond doubt, needs no look at the others, which can only add to it.
     """
     out = []
     order = [n for n in attempt.solved.names if n in attempt.fair.nonlinear]
-    units = information_units(attempt.best, attempt.solved.covariance)
+    units = information_units(attempt.best, attempt.solved.covariance) if idle else np.zeros(0)
     units = np.nan_to_num(units, nan=float(np.nanmin(units, initial=np.inf)))
     for name, value in idle.items():
         if name not in order:
             continue
         unit = units[order.index(name)]
-        problem = bind(attempt.fair, unknowns, {**attempt.held, name: value})
-        begin = np.delete(attempt.best.eta, order.index(name))
-        for limit in (3, 20):  # most are decided at once
-            found = solve(problem, begin, tolerance=0.05, max_iterations=limit)
-            rise = (found.cost - attempt.best.cost) / unit
-            if rise > 10.0 * DECISIVE:
-                break
-            begin = found.eta
+        if part is not None:
+            some = part.scaled(attempt.factors)
+            own = solve(bind(some, unknowns, attempt.held), attempt.best.eta, tolerance=0.05)
+            if _idle_rise(some, unknowns, attempt, (name, value), own.cost, unit) > _DECIDED:
+                continue
+        rise = _idle_rise(attempt.fair, unknowns, attempt, (name, value), attempt.best.cost, unit)
         if rise < DECISIVE:
             reason = (
                 f"the data are explained as well if it lies beyond {value:.3g} "
@@ -492,6 +508,27 @@ def _without_effect(
             )
             out.append(Refusal(name, reason, value))
     return out
+
+
+def _idle_rise(
+    model: NamedModel,
+    unknowns: Mapping[str, Unknown],
+    attempt: _Attempt,
+    at: tuple[str, float],
+    cost: float,
+    unit: float,
+) -> float:
+    """How far the cost rises above ``cost``, in ``unit``, with a parameter at a value."""
+    order = [n for n in attempt.solved.names if n in model.nonlinear]
+    problem = bind(model, unknowns, {**attempt.held, at[0]: at[1]})
+    begin = np.delete(attempt.best.eta, order.index(at[0]))
+    for limit in (3, 20):  # most are decided at once
+        found = solve(problem, begin, tolerance=0.05, max_iterations=limit)
+        rise = (found.cost - cost) / unit
+        if rise > _DECIDED:
+            break
+        begin = found.eta
+    return float(rise)
 
 
 def information_units(solution: Solution, found: FloatArray) -> FloatArray:

@@ -21,20 +21,24 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
+from itertools import chain
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
+from .blocks import condense
 from .whitening import Whitening
 
 Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
 _STEP = 1e-30  # complex step: no cancellation, so it can be as small as one likes
+_WHOLE = slice(None)
+_NEGLIGIBLE = 1e-10  # part of the largest singular value below which a direction is none
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,8 @@ class Model(Protocol):
     """What the solver needs to know of a model.
 
     One that knows its own derivatives has a method ``slopes(index, eta)`` as well, which
-    returns the columns and their :class:`Slopes`.
+    returns the columns and their :class:`Slopes`. One of long records has a method
+    ``pieces(index, eta)``, which returns an iterator over the columns of consecutive rows.
     """
 
     def basis(self, index: int, eta: Array) -> Basis:
@@ -106,11 +111,24 @@ class Problem:
     weights: Sequence[FloatArray | float] = ()
     whiten: Sequence[Whitening] = ()
 
-    def weigh(self, index: int, rows: Array) -> Array:
-        """Weigh and whiten rows (samples first) of one experiment."""
+    @property
+    def rows(self) -> int:
+        """Number of rows of all experiments."""
+        return sum(y.shape[0] for y in self.measured)
+
+    def pieces(self, index: int, eta: Array) -> Iterator[Basis]:
+        """Columns of one experiment, piece by piece; whole where it is whitened."""
+        own = None if self.whiten else getattr(self.model, "pieces", None)
+        return iter((self.model.basis(index, eta),)) if own is None else own(index, eta)
+
+    def weigh(self, index: int, table: Array, at: slice = _WHOLE) -> Array:
+        """Weigh and whiten a table (samples first) of one experiment, or rows of it."""
         w = np.asarray(self.weights[index] if self.weights else 1.0)
-        weighed = rows * (w[:, None] if w.ndim and rows.ndim > 1 else w)
-        return self.whiten[index].filter(weighed) if self.whiten else np.asarray(weighed)
+        if w.ndim:
+            table = table * (w[at, None] if table.ndim > 1 else w[at])
+        elif w != 1.0:
+            table = table * w
+        return self.whiten[index].filter(table) if self.whiten else table
 
 
 @dataclass(frozen=True)
@@ -157,14 +175,19 @@ def differentiate(
     basis: Callable[[Array], Basis], eta: FloatArray, scales: FloatArray
 ) -> tuple[Basis, Slopes]:
     """Columns and their exact derivatives by complex steps."""
-    at, steps = basis(eta), _STEP * scales
-    turned = [basis(eta + 1j * row) for row in np.diag(steps)]
+    steps = _STEP * scales
+    at = basis(eta)
+    return at, _slopes_of(at, [basis(eta + 1j * row) for row in np.diag(steps)], steps)
+
+
+def _slopes_of(at: Basis, turned: Sequence[Basis], steps: FloatArray) -> Slopes:
+    """Derivatives from columns with a complex step in every unknown."""
 
     def slope(part: str) -> FloatArray:
         rows = [np.imag(getattr(b, part)) / step for b, step in zip(turned, steps)]
-        return np.reshape(rows, (eta.size, *getattr(at, part).shape))
+        return np.reshape(rows, (steps.size, *getattr(at, part).shape))
 
-    return at, Slopes(slope("known"), slope("shared"), slope("local"))
+    return Slopes(slope("known"), slope("shared"), slope("local"))
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:
@@ -175,10 +198,10 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
         return used
     q, r = np.linalg.qr(used)
     size = np.abs(np.diag(r))
-    if size.min() > 1e-10 * size.max():
+    if size.min() > _NEGLIGIBLE * size.max():
         return q
     left, singular, _ = np.linalg.svd(used, full_matrices=False)
-    return left[:, singular > 1e-10 * singular[0]]
+    return left[:, singular > _NEGLIGIBLE * singular[0]]
 
 
 def project_out(rows: FloatArray, columns: FloatArray) -> FloatArray:
@@ -186,74 +209,185 @@ def project_out(rows: FloatArray, columns: FloatArray) -> FloatArray:
     return _without(_orthonormal(columns), rows)
 
 
+def explain(rows: FloatArray, columns: FloatArray) -> FloatArray:
+    """How ``columns``, ``(n, q)``, explain ``rows``, ``(n, p)``, best; shape ``(q, p)``."""
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    found = np.linalg.lstsq(columns / scale, rows, rcond=_NEGLIGIBLE)[0]
+    return np.asarray(found / scale[:, None])
+
+
 def _without(q: FloatArray, rows: Array) -> Array:
     """Remove the part of rows that lies in the span of an orthonormal ``q``."""
     return np.asarray(rows - q @ (q.T @ rows)) if q.shape[1] else rows
 
 
-@dataclass(frozen=True)
-class _Reduced:
-    """One experiment with its local unknowns projected out."""
+def _placed(pieces: Iterator[Basis]) -> Iterator[tuple[slice, Basis]]:
+    """Consecutive pieces with the rows that they hold."""
+    begin = 0
+    for piece in pieces:
+        end = begin + piece.known.shape[0]
+        yield slice(begin, end), piece
+        begin = end
 
-    target: FloatArray
-    shared: FloatArray
-    q: FloatArray
-    basis: Basis
+
+@dataclass(frozen=True)
+class _Table:
+    """Weighed columns of one experiment by the rows that :func:`.blocks.condense` leaves.
+
+    ``local`` come first, then ``shared``, then whatever was asked for, the rest that both are to
+    explain last. ``own`` is an orthonormal basis of the local ones.
+    """
+
+    local: FloatArray
+    others: FloatArray
+    own: FloatArray
+
+    @classmethod
+    def of(cls, tables: Iterator[FloatArray], locals_: int) -> _Table:
+        """Condense the tables of consecutive pieces.
+
+        Raises
+        ------
+        LinAlgError
+            Where the model gives no finite numbers.
+        """
+        table = condense(tables)
+        if not np.all(np.isfinite(table)):
+            raise np.linalg.LinAlgError("the model gives no finite numbers")
+        local = table[:, :locals_]
+        return cls(local, table[:, locals_:], _orthonormal(local))
+
+    @cached_property
+    def projected(self) -> FloatArray:
+        """The others with the local columns projected out."""
+        return _without(self.own, self.others)
+
+    @cached_property
+    def explained(self) -> FloatArray:
+        """How the local columns explain the others best, one column for each."""
+        return explain(self.others, self.local)
 
 
 class _Fit:
-    """The linear half of the problem at given ``eta``."""
+    """The linear half of the problem at given ``eta``; ``LinAlgError`` where there is none."""
 
-    def __init__(self, problem: Problem, eta: FloatArray, bases: Sequence[Basis]) -> None:
+    def __init__(self, problem: Problem, eta: FloatArray) -> None:
         self.problem = problem
         self.eta = eta
-        self.reduced = [self._reduce(i, b) for i, b in enumerate(bases)]
+        self._whole: dict[int, Basis] = {}
+        self.tables = [self._table(i) for i in range(len(problem.measured))]
         self.linear, self.linear_active = self._solve_shared()
-        self.residuals = [r.target - r.shared @ self.linear for r in self.reduced]
-        cost = float(sum(float(r @ r) for r in self.residuals))
+        rest = [t.projected[:, -1] - t.projected[:, :-1] @ self.linear for t in self.tables]
+        cost = float(sum(float(r @ r) for r in rest))
         self.cost = cost if np.isfinite(cost) else np.inf
 
-    def _reduce(self, index: int, basis: Basis) -> _Reduced:
-        target = self.problem.weigh(index, self.problem.measured[index] - basis.known)
-        shared = self.problem.weigh(index, basis.shared)
-        q = _orthonormal(self.problem.weigh(index, basis.local))
-        return _Reduced(_without(q, target), _without(q, shared), q, basis)
+    def pieces(self, index: int) -> Iterator[Basis]:
+        """Columns of one experiment; one of a single piece is not computed again."""
+        if index in self._whole:
+            return iter((self._whole[index],))
+        return self.problem.pieces(index, self.eta)
+
+    def _table(self, index: int) -> _Table:
+        pieces = _placed(self.problem.pieces(index, self.eta))
+        at, first = next(pieces)
+        measured = self.problem.measured[index]
+        if at.stop == measured.shape[0]:
+            self._whole[index] = first
+
+        def tables() -> Iterator[FloatArray]:
+            for rows, b in chain(((at, first),), pieces):
+                columns = np.column_stack((b.local, b.shared, measured[rows] - b.known))
+                yield self.problem.weigh(index, columns, rows)
+
+        return _Table.of(tables(), first.local.shape[1])
 
     def _solve_shared(self) -> tuple[FloatArray, Mask]:
         """Shared linear unknowns by bounded least squares (active set)."""
         unknowns = self.problem.linear
         if not unknowns:
             return np.zeros(0), np.zeros(0, dtype=bool)
-        normal = np.vstack([r.shared for r in self.reduced])
-        target = np.concatenate([r.target for r in self.reduced])
-        return bounded_least_squares(normal, target, *_bounds(unknowns))
+        stacked = np.vstack([t.projected for t in self.tables])
+        return bounded_least_squares(stacked[:, :-1], stacked[:, -1], *_bounds(unknowns))
 
     @cached_property
     def local(self) -> list[FloatArray]:
         """Local unknowns of every experiment."""
-        out = []
-        for i, r in enumerate(self.reduced):
-            rest = self.problem.measured[i] - r.basis.known - r.basis.shared @ self.linear
-            columns, target = (self.problem.weigh(i, x) for x in (r.basis.local, rest))
-            out.append(np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0]))
-        return out
+        return [t.explained[:, -1] - t.explained[:, :-1] @ self.linear for t in self.tables]
 
-    def jacobian(self, slopes: Sequence[Slopes]) -> FloatArray:
-        """Derivative of all models by ``eta``, local and free shared unknowns projected out."""
-        raw = np.vstack(self.raw_jacobian(slopes))
-        free = ~self.linear_active
-        return project_out(raw, np.vstack([r.shared[:, free] for r in self.reduced]))
 
-    def raw_jacobian(self, slopes: Sequence[Slopes]) -> list[FloatArray]:
-        """Derivative of the model by ``eta`` with the local unknowns projected out."""
-        out = []
-        for i, (r, s) in enumerate(zip(self.reduced, slopes)):
-            j = s.known.copy()
-            for columns, values in ((s.shared, self.linear), (s.local, self.local[i])):
+class _Tangent:
+    """Derivatives of the model by ``eta`` at a fit.
+
+    ``raw`` holds them weighed, with room for the shared columns, shape ``(n_i, p + q)``;
+    ``tables`` holds them between shared columns and rest.
+    """
+
+    def __init__(self, fit: _Fit, scales: FloatArray) -> None:
+        unknowns = fit.eta.size + fit.linear.size
+        self.raw = [np.empty((y.shape[0], unknowns)) for y in fit.problem.measured]
+        self.move(fit, scales)
+
+    def move(self, fit: _Fit, scales: FloatArray) -> None:
+        """Take the derivatives at another fit."""
+        self.fit = fit
+        self.tables = [
+            _Table.of(self._rows(i, scales), t.local.shape[1]) for i, t in enumerate(fit.tables)
+        ]
+
+    def _rows(self, index: int, scales: FloatArray) -> Iterator[FloatArray]:
+        fit, problem, end = self.fit, self.fit.problem, 0
+        for b, slopes in self._sloped(index, scales):
+            at = slice(end, end + b.known.shape[0])
+            end = at.stop
+            j = slopes.known.copy()
+            for columns, values in ((slopes.shared, fit.linear), (slopes.local, fit.local[index])):
                 if values.size:  # as one matrix times a vector: the columns lie interleaved
                     j += columns.reshape(-1, values.size).dot(values).reshape(j.shape)
-            out.append(_without(r.q, self.problem.weigh(i, j.T)))
-        return out
+            rest = problem.measured[index][at] - b.known
+            table = problem.weigh(index, np.column_stack((b.local, b.shared, j.T, rest)), at)
+            self.raw[index][at, : fit.eta.size] = table[:, -1 - fit.eta.size : -1]
+            yield table
+
+    def _sloped(self, index: int, scales: FloatArray) -> Iterator[tuple[Basis, Slopes]]:
+        """Columns and their slopes, piece by piece."""
+        problem, eta, steps = self.fit.problem, self.fit.eta, _STEP * scales
+        own = getattr(problem.model, "slopes", None)
+        if own is not None:
+            yield own(index, eta)
+            return
+        turned = [problem.pieces(index, eta + 1j * row) for row in np.diag(steps)]
+        for at, *moved in zip(self.fit.pieces(index), *turned, strict=True):
+            yield at, _slopes_of(at, moved, steps)
+
+    def normal(self) -> tuple[FloatArray, FloatArray]:
+        """Derivatives, local and free shared columns projected out, and residuals."""
+        q, p = self.fit.linear.size, self.fit.eta.size
+        stacked = np.vstack([t.projected for t in self.tables])
+        shared, raw, rest = stacked[:, :q], stacked[:, q : q + p], stacked[:, -1]
+        free = ~self.fit.linear_active
+        return project_out(raw, shared[:, free]), rest - shared @ self.fit.linear
+
+    def finish(self, fit: _Fit, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Residuals, model output and Jacobian of one experiment at a fit close by.
+
+        The derivatives turn into the Jacobian: there is no room for both.
+        """
+        problem, jacobian, table = fit.problem, self.raw[index], fit.tables[index]
+        n, p = jacobian.shape[0], fit.eta.size
+        by_local = np.column_stack((
+            self.tables[index].explained[:, fit.linear.size : -1], table.explained[:, :-1]
+        ))  # fmt: skip
+        residuals, simulated = np.empty(n), np.empty(n)
+        for at, b in _placed(fit.pieces(index)):
+            simulated[at] = b.known + b.shared @ fit.linear + b.local @ fit.local[index]
+            rest = problem.measured[index][at] - simulated[at]
+            rows = problem.weigh(index, np.column_stack((b.local, b.shared, rest)), at)
+            local, shared = rows[:, : b.local.shape[1]], rows[:, b.local.shape[1] : -1]
+            residuals[at] = rows[:, -1]
+            jacobian[at, p:] = shared
+            jacobian[at] -= local @ by_local
+        return residuals, simulated, jacobian
 
 
 def scaled_least_squares(a: FloatArray, y: FloatArray, rcond: float = 1e-12) -> FloatArray:
@@ -318,22 +452,28 @@ def solve(
     """
     scales = np.array([u.scale for u in problem.nonlinear])
     low, high = (b / scales for b in _bounds(problem.nonlinear))
+    degrees = max(problem.rows - scales.size, 1)
     x = np.clip(np.asarray(start, dtype=float) / scales, low, high)
-    fit, slopes = _evaluate(problem, x * scales, scales)
+    fit = _Fit(problem, x * scales)
+    tangent = _Tangent(fit, scales)
     damping, count, moved, converged = 1e-3, 0, True, x.size == 0
     while not converged and count < max_iterations:
         if moved:
-            j, r = fit.jacobian(slopes) * scales, np.concatenate(fit.residuals)
+            j, r = tangent.normal()
+            j *= scales
             gradient, curvature = j.T @ r, j.T @ j
-            noise = max(fit.cost / max(r.size - x.size, 1), 1e-300)
+            noise = fit.cost / degrees or 1e-300
             if not np.all(np.isfinite(curvature)):
                 break
         count += 1
         step = damped_step(curvature, gradient, x, (low, high), damping)
         candidate = np.clip(x + step, low, high)
         step = candidate - x
-        predicted = float(2.0 * gradient @ step - step @ curvature @ step)
-        if predicted <= tolerance**2 * noise or not np.any(step):
+        predicted = _fall(curvature, gradient, step)
+        # damping keeps a step out of directions that the data hardly see: what it leaves counts
+        free = damped_step(curvature, gradient, x, (low, high), 1e-12) if moved else step
+        left = max(_fall(curvature, gradient, free) - predicted, 0.0)
+        if predicted <= 0.0 or predicted + left <= tolerance**2 * noise:
             converged = True
             break
         trial = _value(problem, candidate * scales)
@@ -343,20 +483,28 @@ def solve(
         gain = (fit.cost - trial.cost) / predicted
         moved = gain > 1e-4
         if moved:
-            x, length = candidate, float(np.sqrt(predicted / noise))
+            # of what is left: a start far off has residuals that are not noise
+            x, noise = candidate, trial.cost / degrees or 1e-300
+            length, rest = float(np.sqrt(predicted / noise)), float(np.sqrt(left / noise))
             miss = min(1.0, 4.0 * abs(1.0 - gain)) if tolerance > 1e-3 else 1.0
-            if miss * length <= 10.0 * tolerance and gain > 0.5:
+            if miss * length + rest <= 10.0 * tolerance and gain > 0.5:
                 # so short a step, or so exactly predicted, that the next one would be
                 # below the tolerance: keep these slopes
                 fit, converged = trial, True
                 break
             damping = max(damping * (0.1 if gain > 0.5 else 0.5), 1e-12)
-            fit, slopes = _evaluate(problem, x * scales, scales)
+            fit = trial
+            tangent.move(fit, scales)
         else:
             still = abs(fit.cost - trial.cost) <= 1e-13 * fit.cost
             damping = max(damping * 8.0, 1e-9)
             converged = (still and predicted <= 1e-11 * fit.cost) or damping > 1e12
-    return _finish(fit, slopes, (x <= low) | (x >= high), count, converged)
+    return _finish(fit, tangent, (x <= low) | (x >= high), count, converged)
+
+
+def _fall(curvature: FloatArray, gradient: FloatArray, step: FloatArray) -> float:
+    """How far the cost falls with a step, to second order."""
+    return float(2.0 * gradient @ step - step @ curvature @ step)
 
 
 def damped_step(
@@ -397,24 +545,10 @@ def damped_step(
 
 def _value(problem: Problem, eta: FloatArray) -> _Fit | None:
     """The linear half at ``eta``; ``None`` where the model gives no finite numbers."""
-    bases = [problem.model.basis(i, eta) for i in range(len(problem.measured))]
-    return _Fit(problem, eta, bases) if _finite(bases) else None
-
-
-def _finite(parts: Sequence[Basis] | Sequence[Slopes]) -> bool:
-    return all(np.isfinite(x).all() for b in parts for x in (b.known, b.shared, b.local))
-
-
-def _evaluate(problem: Problem, eta: FloatArray, scales: FloatArray) -> tuple[_Fit, list[Slopes]]:
-    own = getattr(problem.model, "slopes", None)
-    pairs = [
-        differentiate(partial(problem.model.basis, i), eta, scales) if own is None else own(i, eta)
-        for i in range(len(problem.measured))
-    ]
-    bases, slopes = [basis for basis, _ in pairs], [slopes for _, slopes in pairs]
-    if not _finite(bases) or not _finite(slopes):
-        raise np.linalg.LinAlgError("the model gives no finite numbers")
-    return _Fit(problem, eta, bases), slopes
+    try:
+        return _Fit(problem, eta)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def evaluate(problem: Problem, eta: FloatArray) -> Solution:
@@ -422,18 +556,14 @@ def evaluate(problem: Problem, eta: FloatArray) -> Solution:
     return solve(problem, eta, max_iterations=0)
 
 
-def _finish(
-    fit: _Fit, slopes: list[Slopes], on_bound: Mask, count: int, converged: bool
-) -> Solution:
-    raw = fit.raw_jacobian(slopes)
-    simulated = [
-        r.basis.known + r.basis.shared @ fit.linear + r.basis.local @ own
-        for r, own in zip(fit.reduced, fit.local)
-    ]
+def _finish(fit: _Fit, tangent: _Tangent, on_bound: Mask, count: int, converged: bool) -> Solution:
+    found = [tangent.finish(fit, i) for i in range(len(fit.tables))]
     return Solution(
-        fit.eta, fit.linear, fit.local, fit.cost, fit.residuals, simulated,
-        jacobian=[np.column_stack((j, r.shared)) for j, r in zip(raw, fit.reduced)],
-        local_counts=tuple(r.q.shape[1] for r in fit.reduced),
+        fit.eta, fit.linear, fit.local, fit.cost,
+        residuals=[residuals for residuals, _, _ in found],
+        simulated=[simulated for _, simulated, _ in found],
+        jacobian=[jacobian for _, _, jacobian in found],
+        local_counts=tuple(t.own.shape[1] for t in fit.tables),
         active=np.concatenate((on_bound, fit.linear_active)),
         iterations=count, converged=converged,
     )  # fmt: skip

@@ -21,6 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
+from .blocks import blocks, condense, rows_of
+from .recursion import run_recursion
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -64,10 +66,10 @@ def autocovariance(series: Sequence[FloatArray], lags: int) -> FloatArray:
     return np.array(sums) / max(total, 1)
 
 
-def _middle(series: FloatArray) -> FloatArray:
+def middle_of(samples: int) -> slice:
     """The middle of a very long series, which shows its autocorrelation as well as the whole."""
-    begin = max((series.size - _LONG) // 2, 0)
-    return series[begin : begin + _LONG]
+    begin = max((samples - _LONG) // 2, 0)
+    return slice(begin, min(begin + _LONG, samples))
 
 
 def whiteness(residuals: Sequence[FloatArray], fitted: int = 0) -> Whiteness:
@@ -82,7 +84,8 @@ def whiteness(residuals: Sequence[FloatArray], fitted: int = 0) -> Whiteness:
     """
     from scipy.special import chdtrc
 
-    kept = [r - r.mean() for r in map(_middle, residuals) if r.size > 3]
+    kept = [r[middle_of(r.size)] for r in residuals if r.size > 3]
+    kept = [r - r.mean() for r in kept]
     n = sum(r.size for r in kept)
     shortest = min((r.size for r in kept), default=0)
     lags = int(min(20, n // 5, shortest - 1))
@@ -106,7 +109,7 @@ def fit_autoregression(residuals: Sequence[FloatArray], highest: int) -> tuple[F
     variance
         Variance of ``w``.
     """
-    kept = [_middle(r) for r in residuals if r.size > 1]
+    kept = [r[middle_of(r.size)] for r in residuals if r.size > 1]
     n = sum(r.size for r in kept)
     r = autocovariance(kept, highest)
     best: tuple[FloatArray, float] = (np.zeros(0), r[0])
@@ -134,13 +137,13 @@ def innovations(rows: FloatArray, coefficients: FloatArray) -> FloatArray:
     return out[coefficients.size :]
 
 
-def _ar_autocovariance(a: FloatArray, variance: float, length: int) -> FloatArray:
-    """Autocovariances of an autoregression at lags ``0..length-1`` from its spectrum."""
+def _ar_variance(a: FloatArray, variance: float) -> float:
+    """Variance of an autoregression, from its spectrum."""
     root = float(np.max(np.abs(np.roots(np.concatenate(([1.0], -a)))))) if a.size else 0.0
     memory = int(min(40.0 / max(1.0 - root, 1e-4), 4e5))
-    size = 1 << int(np.ceil(np.log2(max(2 * length, 2 * memory, 64))))
+    size = 1 << int(np.ceil(np.log2(max(2 * memory, 64))))
     response = np.fft.rfft(np.concatenate(([1.0], -a)), size)
-    return np.asarray(np.fft.irfft(variance / np.abs(response) ** 2, size)[:length])
+    return float(np.fft.irfft(variance / np.abs(response) ** 2, size)[0])
 
 
 def _weighted_product(jacobian: FloatArray, r: FloatArray) -> FloatArray:
@@ -148,6 +151,30 @@ def _weighted_product(jacobian: FloatArray, r: FloatArray) -> FloatArray:
     from scipy.linalg import matmul_toeplitz
 
     return np.asarray(jacobian.T @ matmul_toeplitz(r, jacobian))
+
+
+def _coloured_product(jacobian: FloatArray, a: FloatArray) -> FloatArray:
+    """``J' R J`` with the covariance of an autoregression driven by white noise, ``(p, p)``.
+
+    With ``h`` its impulse response ``R = H H'``, ``H`` reaching back to before the first sample.
+    ``H' J`` is the recursion of the autoregression, run backwards over ``J``; what it does before
+    the first sample, where there is nothing to drive it, is the solution of a Lyapunov equation.
+    """
+    from scipy.linalg import solve_discrete_lyapunov
+
+    q, p = a.size, jacobian.shape[1]
+    later = np.zeros((q, p))  # what the recursion gave for the samples after these, next one first
+    total = np.zeros((p, p))
+    for at in reversed(list(blocks(jacobian.shape[0]))):
+        driven = jacobian[at][::-1].copy()
+        for m in range(min(q, driven.shape[0])):
+            driven[m] += a[m:] @ later[: q - m]
+        found = run_recursion(driven, a)
+        total += found.T @ found
+        later = np.vstack((found[::-1][:q], later))[:q]
+    move = np.vstack((a, np.eye(q)[: q - 1]))
+    reach = solve_discrete_lyapunov(move.T, np.outer(a, a))
+    return np.asarray(total + later.T @ reach @ later)
 
 
 def _step_variance(readings: Sequence[tuple[FloatArray, float]]) -> float:
@@ -193,13 +220,16 @@ def _positive(matrix: FloatArray) -> FloatArray:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
 
 
-def _inverse_information(jacobian: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """``(J'J)^-1`` where the data determine it, and which unknowns they do not."""
-    scale = np.linalg.norm(jacobian, axis=0)
+def _inverse_information(table: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """``(J'J)^-1`` where the data determine it, and which unknowns they do not.
+
+    ``table`` has the products of the columns of ``J``.
+    """
+    scale = np.linalg.norm(table, axis=0)
     blind = scale == 0.0
     scale = np.where(blind, 1.0, scale)
     # the triangle of a QR has the singular values of the whole, at a fraction of the cost
-    _, s, vt = np.linalg.svd(np.linalg.qr(jacobian / scale, mode="r"))
+    _, s, vt = np.linalg.svd(np.linalg.qr(table / scale, mode="r"))
     s = np.append(s, np.zeros(vt.shape[0] - s.size))  # fewer samples than unknowns
     inverse = np.where(s > 1e-12 * s.max(initial=0.0), 1.0 / np.maximum(s, 1e-300), 0.0)
     # directions that the data do not determine leave every parameter in them unknown
@@ -249,8 +279,8 @@ def covariance(
     Uncertainty
         With infinite variances in directions that the data do not determine.
     """
-    stacked = np.vstack(jacobian)
-    n, p = stacked.shape
+    stacked = condense(rows_of(jacobian))
+    n, p = sum(len(j) for j in jacobian), stacked.shape[1]
     degrees = max(n - p - local_unknowns, 1)
     cost = float(sum(float(r @ r) for r in residuals))
     sigma = max(np.sqrt(cost / degrees), sigma_floor)
@@ -263,11 +293,9 @@ def covariance(
         order = a.size
         if order:
             variance *= n / degrees
-            length = max(r.size for r in residuals)
-            r = _ar_autocovariance(a, variance, length)
             # the fitted autocorrelation keeps the residuals' own size, floor included
-            r *= max(sigma**2 / r[0], 1.0)
-            middle = np.sum([_weighted_product(j, r[: len(j)]) for j in jacobian], axis=0)
+            variance *= max(sigma**2 / _ar_variance(a, variance), 1.0)
+            middle = variance * np.sum([_coloured_product(j, a) for j in jacobian], axis=0)
     total = sigma**2 * bread if middle is None else bread @ middle @ bread
     steps = _converter_middle(jacobian, readings, sigma) if robust else None
     if steps is not None:

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
-from .linear import run_recursion
+from .recursion import run_recursion
 
 Array = npt.NDArray[Any]
 _LONGEST = 300  # samples until the gain of the filter is taken for constant

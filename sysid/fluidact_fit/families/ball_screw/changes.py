@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ...estimation.linear import run_recursion
+from ...estimation.recursion import run_recursion
 from ...experiment import FloatArray
 from .motion import Array, Motion, StickSlip
 

@@ -12,8 +12,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from ...estimation.grid import Grid, make_grid
 from ...estimation.inputs import PiecewiseInput, piecewise
-from ...estimation.linear import Grid, make_grid
 from ...estimation.lost_rows import fill_lost_rows
 from ...estimation.parametric import NamedModel, Values
 from ...estimation.separable import Basis, Slopes

@@ -26,8 +26,9 @@ from math import comb, exp, factorial
 
 import numpy as np
 
+from ...estimation.grid import Grid
 from ...estimation.inputs import PiecewiseInput
-from ...estimation.linear import Grid, run_recursion
+from ...estimation.recursion import run_recursion
 from ...experiment import FloatArray
 from .changes import Steps, Varied, with_changes
 from .curved import simulate_curved

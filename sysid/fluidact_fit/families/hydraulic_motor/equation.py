@@ -27,8 +27,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...estimation.grid import Grid, make_grid
 from ...estimation.inputs import PiecewiseInput, piecewise, settled_hold
-from ...estimation.linear import Grid, forced_response, make_grid
+from ...estimation.linear import forced_response
 from ...estimation.parametric import NamedModel, Values
 from ...estimation.separable import Array, Basis
 from ...experiment import Experiment, FloatArray, Signal

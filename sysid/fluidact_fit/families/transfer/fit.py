@@ -34,6 +34,7 @@ _MANY = 200_000  # samples beyond which the start is refined on a quarter of tha
 _NEGLIGIBLE = 0.75  # standard errors that noise of the input may make without being allowed for
 _VALLEYS = 4  # of a grid search, from which the fit begins
 _RIVALS = 6  # places far from the best that are searched
+_OTHER = 4.0  # standard errors by which a value is another one
 _NEAR = 10.0  # times the best cost, within which a rival may be
 _FAST = 0.8  # pole times sample time, up to which samples tell one frequency from another
 Row = tuple[FloatArray, list[dict[str, float]], FloatArray]  # dead times, points and costs
@@ -186,23 +187,26 @@ class TransferFit:
         optima = _apart(np.array([s.eta for s in (search.best, *search.rivals)]))
         places = [{**held, **dict(zip(names, eta))} for eta in optima]
         ends = places[:3]
+        part: NamedModel | None = None
         if sum(e.samples for e in self.experiments) > _MANY:
-            part = _shorten(self.experiments, self.output, _MANY // 4)
-            middle = bind(self.make(part, rest), self.unknowns, held)
+            part = self.make(_shorten(self.experiments, self.output, _MANY // 4), rest)
+            middle = bind(part, self.unknowns, held)
             closer = solve_from(middle, [_vector(middle, s) for s in ends], tolerance=1e-2)
             ends = [{**held, **dict(zip(names, closer.best.eta))}]
         self.request.progress("fitting")
         model = self.make(self.experiments, rest)
-        fitted = self._fit(model, ends)
+        fitted = self._fit(model, ends, part)
         self._refuse_ambiguous(fitted, model, places)
         fitted, found = self._allow_for_input_noise(fitted, rest)
         tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
         return replace(fitted, search=tried, remarks=found), rest
 
-    def _fit(self, model: NamedModel, starts: Sequence[Mapping[str, float]]) -> Fitted:
+    def _fit(
+        self, model: NamedModel, starts: Sequence[Mapping[str, float]], part: NamedModel | None
+    ) -> Fitted:
         return fit_named(
             model, self.specs, self.request, self.unknowns, starts,
-            refusals=self.refusals, sensible=self.sensible, idle=self.idle,
+            refusals=self.refusals, sensible=self.sensible, idle=self.idle, part=part,
         )  # fmt: skip
 
     def _search(self, experiments: Sequence[Experiment], rest: bool) -> tuple[Problem, Search]:
@@ -256,15 +260,14 @@ class TransferFit:
         step = min(e.sample_time for e in self.experiments)
         held = {n: v for n, v in fitted.values.items() if n in self.unknowns and n not in names}
         problem = bind(model, self.unknowns, held)
-        points = np.array([_vector(problem, {**p, **held}) for p in places])
+        errors = np.array([fitted.std_error(n) for n in names])
+        points = [_vector(problem, {**p, **held}) for p in places]
+        far = [eta for eta in points if np.any(np.abs(eta - best.eta) > _OTHER * errors)]
         rivals = [(s.eta, s.cost) for s in fitted.search.rivals]
-        for eta, cost in [*rivals, *zip(points, profile(problem, points))]:
+        for eta, cost in [*rivals, *zip(far, profile(problem, np.array(far)))]:
             if cost - best.cost >= DECISIVE * unit:
                 continue
-            apart = [
-                k for k, n in enumerate(names)
-                if abs(eta[k] - best.eta[k]) > 4.0 * fitted.std_error(n)
-            ]  # fmt: skip
+            apart = [k for k in range(len(names)) if abs(eta[k] - best.eta[k]) > _OTHER * errors[k]]
             if not apart:
                 continue
             # a value to fall back on is none where the data allow two others

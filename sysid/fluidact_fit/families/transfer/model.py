@@ -5,21 +5,18 @@ A family gives its state space ``(A, B, C)`` as a function of named values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ...estimation.blocks import blocks, condense
+from ...estimation.grid import Grid, make_grid
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, piecewise
-from ...estimation.linear import (
-    Grid,
-    forced_response,
-    free_response,
-    make_grid,
-    states_at_nodes,
-)
+from ...estimation.linear import forced_pieces, free_pieces, states_at_nodes
 from ...estimation.parametric import NamedModel, Values
 from ...estimation.separable import Basis, project_out
 from ...experiment import Experiment, FloatArray, Signal
@@ -35,7 +32,7 @@ class _Prepared:
 
     ``rest`` says that the run starts at rest, as a step that was not recorded does;
     ``log`` is the position of its offset among those shared by several runs, or None;
-    ``used`` are its samples that the model describes.
+    ``used`` are its samples that the model describes, ``parts`` the blocks of them.
     """
 
     u: PiecewiseInput
@@ -44,6 +41,7 @@ class _Prepared:
     rest: bool
     log: int | None
     used: npt.NDArray[np.bool_]
+    parts: tuple[slice, ...]
 
 
 class TransferModel:
@@ -100,7 +98,9 @@ class TransferModel:
         self.several = several if common_offset else []
         self.prepared = [self._prepare(e, input_role) for e in experiments]
         self.measured = [
-            e[output_role][p.used] for e, p in zip(experiments, self.prepared) if output_role in e
+            _chosen(e[output_role], p.used)
+            for e, p in zip(experiments, self.prepared)
+            if output_role in e
         ]
         self._known: dict[tuple[str, int], tuple[bytes, Array]] = {}
 
@@ -111,60 +111,96 @@ class TransferModel:
         used = np.ones(experiment.time.size, dtype=bool)
         if self.unrecorded > 0.0 and not rest:
             used = ~answers_to_the_past(experiment, self.unrecorded)
-        samples = make_grid(experiment.time[used])
+        samples = make_grid(_chosen(experiment.time, used))
         same = used.all() and (
             signal.time is experiment.time or np.array_equal(signal.time, experiment.time)
         )
         log = self.several.index(experiment.log) if experiment.log in self.several else None
         nodes = samples if same else make_grid(u.nodes)
-        return _Prepared(u, nodes, samples, rest, log, used)
+        parts = tuple(blocks(samples.instants.size))
+        return _Prepared(u, nodes, samples, rest, log, used, parts)
 
     def columns(self, index: int, values: Values) -> Basis:
         """Forced response, free responses and offset of one experiment."""
+        found = list(self.pieces(index, values))
+        if len(found) == 1:
+            return found[0]
+        return Basis(*(np.concatenate(x) for x in zip(*((b.known, b.shared, b.local)
+                                                        for b in found))))  # fmt: skip
+
+    def pieces(self, index: int, values: Values) -> Iterator[Basis]:
+        """The same for consecutive blocks of samples."""
         p = self.prepared[index]
         a, b, c = self.realise(values)
-        u = p.u
-        if self.dead_zone:
-            u = apply_dead_zone(u, values["dead_zone_negative"], values["dead_zone_positive"])
-        states = None
-        if u is p.u:  # dead times differ in the output equation alone
-            states = self._remember(
-                ("states", index), (a, b), lambda: states_at_nodes(a, b, u, p.nodes)
-            )
-        y = forced_response(
-            a, b, c, u, p.samples.instants,
-            dead_time=values.get("dead_time", 0.0), grid=p.nodes, states=states,
+        forced = forced_pieces(
+            a, b, c, p.u, p.nodes, p.samples, p.parts, dead_time=values.get("dead_time", 0.0),
+            shape=self._shape(values), run=partial(self._states, index, a, b),
         )  # fmt: skip
-        local = self._local(index, a, c, values)
-        offsets = np.zeros((y.size, len(self.several)))
-        if p.log is not None:
-            offsets[:, p.log] = 1.0
-        if self.gain is None:
-            return Basis(y, offsets, local)
-        return Basis(np.zeros(y.size), np.column_stack((y, offsets)), local)
+        for y, local in zip(forced, self._local(index, a, c, values), strict=True):
+            offsets = np.zeros((y.size, len(self.several)))
+            if p.log is not None:
+                offsets[:, p.log] = 1.0
+            if self.gain is None:
+                yield Basis(y, offsets, local)
+            else:
+                yield Basis(np.zeros(y.size), np.column_stack((y, offsets)), local)
 
-    def response(self, index: int, values: Values) -> tuple[FloatArray, FloatArray, float]:
-        """Forced response, free responses without the offset, and steady level of one run."""
-        basis = self.columns(index, values)
-        p = self.prepared[index]
-        local = basis.local if p.log is not None else basis.local[:, :-1]
-        if self.gain is None:
-            return np.asarray(basis.known), np.asarray(local), 0.0
-        gain = float(values[self.gain])
-        return gain * basis.shared[:, 0], np.asarray(local), gain * self.levels[index]
+    def _shape(self, values: Values) -> Callable[[PiecewiseInput], PiecewiseInput] | None:
+        """What the input passes first."""
+        if not self.dead_zone:
+            return None
+        edges = values["dead_zone_negative"], values["dead_zone_positive"]
+        return lambda u: apply_dead_zone(u, *edges)
 
-    def _local(self, index: int, a: Array, c: Array, values: Values) -> Array:
+    def _states(
+        self, index: int, a: Array, b: Array, u: PiecewiseInput, nodes: Grid, start: Array | None
+    ) -> Array:
+        """States at some nodes; dead times differ in the output equation alone."""
+
+        def compute() -> Array:
+            return states_at_nodes(a, b, u, nodes, start)
+
+        if self.dead_zone or len(self.prepared[index].parts) > 1:
+            return compute()
+        return self._remember(("states", index), (a, b), compute)
+
+    def responses(self, index: int, values: Values) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Forced response and free responses without the offset of one run, block by block."""
+        own = self.prepared[index].log is None
+        for basis in self.pieces(index, values):
+            local = np.asarray(basis.local[:, :-1] if own else basis.local)
+            if self.gain is None:
+                yield np.asarray(basis.known), local
+            else:
+                yield float(values[self.gain]) * basis.shared[:, 0], local
+
+    def level(self, index: int, values: Values) -> float:
+        """Steady output of one run at the level that its input starts from."""
+        return 0.0 if self.gain is None else float(values[self.gain]) * self.levels[index]
+
+    def _local(self, index: int, a: Array, c: Array, values: Values) -> Iterator[Array]:
         """Columns of the unknowns that belong to one run: initial state and own offset."""
         p = self.prepared[index]
-        columns: list[Array] = []
-        if not p.rest:
-            free = self._remember(("free", index), (a, c), lambda: free_response(a, c, p.samples))
-            skip = self.confounded(values) if p.log is None else ()
-            # as many columns whatever the values: derivatives are taken column by column
-            columns += [free[:, i] * (i not in skip) for i in range(free.shape[1])]
-        if p.log is None:
-            columns.append(np.ones(p.samples.instants.size))
-        return np.column_stack(columns) if columns else np.zeros((p.samples.instants.size, 0))
+        skip = self.confounded(values) if p.log is None else ()
+        # as many columns whatever the values: derivatives are taken column by column
+        kept = np.array([i not in skip for i in range(c.size)], dtype=float)
+        for part, free in zip(p.parts, self._free(index, a, c), strict=True):
+            columns = [] if free is None else [free * kept]
+            if p.log is None:
+                columns.append(np.ones((part.stop - part.start, 1)))
+            yield np.hstack(columns) if columns else np.zeros((part.stop - part.start, 0))
+
+    def _free(self, index: int, a: Array, c: Array) -> Iterator[Array | None]:
+        """Free responses; none of a run that starts at rest."""
+        p = self.prepared[index]
+        if p.rest:
+            yield from (None for _ in p.parts)
+        elif len(p.parts) > 1:
+            yield from free_pieces(a, c, p.samples, p.parts)
+        else:
+            yield self._remember(
+                ("free", index), (a, c), lambda: next(free_pieces(a, c, p.samples, p.parts))
+            )
 
     def _remember(
         self, key: tuple[str, int], of: Sequence[Array], compute: Callable[[], Array]
@@ -184,8 +220,13 @@ class TransferModel:
         return NamedModel(
             tuple(nonlinear), linear, self.columns, self.measured,
             nuisance=tuple(f"offset[{k}]" for k in self.several),
-            resolutions=self.resolutions, logs=self.logs,
+            resolutions=self.resolutions, logs=self.logs, pieces=self.pieces,
         )  # fmt: skip
+
+
+def _chosen(values: FloatArray, used: npt.NDArray[np.bool_]) -> FloatArray:
+    """Some values, or all of them without a copy."""
+    return values if used.all() else values[used]
 
 
 def input_level(signal: Signal) -> float:
@@ -222,42 +263,62 @@ def simulate_transfer(
     What answers to an input before the run is NaN. Runs without a recorded output start at
     rest, where the output is ``gain`` times the input's first value plus ``offset``.
     """
-    parts = [model.response(i, values) for i in range(len(model.prepared))]
+    runs = range(len(model.prepared))
     if not model.measured:
         return [
-            Simulated(known + level + (offset or 0.0), offset=offset or 0.0)
-            for known, _, level in parts
+            Simulated(
+                np.concatenate([known for known, _ in model.responses(i, values)])
+                + (model.level(i, values) + (offset or 0.0)),
+                offset=offset or 0.0,
+            )
+            for i in runs
         ]
-    out: list[Simulated | None] = [None] * len(parts)
-    described = [p.used for p in model.prepared]
-    owners = model.logs if model.common_offset else list(range(len(parts)))
+    owners = model.logs if model.common_offset else list(runs)
+    out: dict[int, Simulated] = {}
     for owner in dict.fromkeys(owners):
-        runs = [i for i, other in enumerate(owners) if other == owner]
-        rest = [model.measured[i] - parts[i][0] for i in runs]
-        level, fitted = _fit_offset(rest, [parts[i][1] for i in runs])
-        for i, extra in zip(runs, fitted):
-            output = np.full(described[i].size, np.nan)
-            output[described[i]] = parts[i][0] + extra
-            out[i] = Simulated(output, offset=level - parts[i][2])
-    return [s for s in out if s is not None]
+        own = [i for i in runs if owners[i] == owner]
+        found = _fit_offset([condense(_columns(model, i, values)) for i in own])
+        for i, unknowns in zip(own, found):
+            output = _fitted_output(model, i, values, unknowns)
+            out[i] = Simulated(output, offset=float(unknowns[-1]) - model.level(i, values))
+    return [out[i] for i in runs]
 
 
-def _fit_offset(
-    rest: Sequence[FloatArray], free: Sequence[FloatArray]
-) -> tuple[float, list[FloatArray]]:
+def _columns(model: TransferModel, index: int, values: Values) -> Iterator[FloatArray]:
+    """Free responses, a constant, and what both are to explain, block by block."""
+    for part, (known, free) in zip(model.prepared[index].parts, model.responses(index, values)):
+        rest = model.measured[index][part] - known
+        yield np.column_stack((free, np.ones(rest.size), rest))
+
+
+def _fitted_output(
+    model: TransferModel, index: int, values: Values, unknowns: FloatArray
+) -> FloatArray:
+    """Output of a run with its initial state and offset, NaN where nothing is described."""
+    p = model.prepared[index]
+    fitted = np.empty(p.samples.instants.size)
+    for part, (known, free) in zip(p.parts, model.responses(index, values)):
+        fitted[part] = known + free @ unknowns[:-1] + unknowns[-1]
+    if fitted.size == p.used.size:
+        return fitted
+    output = np.full(p.used.size, np.nan)
+    output[p.used] = fitted
+    return output
+
+
+def _fit_offset(runs: Sequence[FloatArray]) -> list[FloatArray]:
     """Least squares of one constant for all runs and free responses for each.
 
-    The constant is found first, from what the free responses cannot explain.
+    ``runs`` are tables of free responses, a constant and the rest; returned are the unknowns of
+    every run. The constant is found first, from what the free responses cannot explain.
     """
-    if len(rest) == 1:
-        columns = np.column_stack((np.ones(rest[0].size), free[0]))
-        found = np.linalg.lstsq(columns, rest[0], rcond=None)[0]
-        return float(found[0]), [np.asarray(columns @ found)]
-    left = [project_out(np.column_stack((r, np.ones(r.size))), f) for r, f in zip(rest, free)]
-    power = sum(float(p[:, 1] @ p[:, 1]) for p in left)
-    level = sum(float(p[:, 1] @ p[:, 0]) for p in left) / power if power > 0.0 else 0.0
+    if len(runs) == 1:
+        return [np.linalg.lstsq(runs[0][:, :-1], runs[0][:, -1], rcond=None)[0]]
+    left = [project_out(x[:, -2:], x[:, :-2]) for x in runs]
+    power = sum(float(p[:, 0] @ p[:, 0]) for p in left)
+    level = sum(float(p[:, 0] @ p[:, 1]) for p in left) / power if power > 0.0 else 0.0
     out = []
-    for r, f in zip(rest, free):
-        found = np.linalg.lstsq(f, r - level, rcond=None)[0]
-        out.append(np.asarray(level + f @ found))
-    return level, out
+    for x in runs:
+        free = np.linalg.lstsq(x[:, :-2], x[:, -1] - level * x[:, -2], rcond=None)[0]
+        out.append(np.append(free, level))
+    return out

@@ -1,0 +1,112 @@
+"""Long records in blocks of rows: what is kept of each is a triangle, not its rows.
+
+Least squares need no rows: whatever is computed of the columns of a table, be it a solution, a
+projection or a sum of squares, depends on the products of its columns alone, and the triangle
+``R`` of its QR decomposition has the same products as the table. The triangle of a table of two
+parts is that of ``R`` of the first on top of the second [1]_.
+
+Sums of products of the columns themselves would be faster, but square their condition: what is
+known to six digits only would be lost. Those of ``B R^-1``, with ``R`` the triangle of the rows
+before and ``B`` the next block, do not: with ``R^-T B'B R^-1 + 1 = U'U`` the triangle of both is
+``U R`` [2]_. The condition of the sum is at most its trace, which is kept small.
+
+References
+----------
+.. [1] J. Demmel, L. Grigori, M. Hoemmen, J. Langou, "Communication-optimal parallel and
+   sequential QR and LU factorizations", SIAM J. Scientific Computing 34(1), 2012.
+.. [2] T. Fukaya, R. Kannan, Y. Nakatsukasa, Y. Yamamoto, Y. Yanagisawa, "Shifted Cholesky QR for
+   computing the QR factorization of ill-conditioned matrices", SIAM J. Scientific Computing
+   42(1), 2020.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from ..experiment import FloatArray
+
+ROWS = 1 << 15  # rows of a block: what is made of it stays in the cache
+_APART = 1e-7  # least part of a column that the ones before leave, to divide by a triangle
+_GROWN = 1e5  # trace of the sum of products beyond which a new triangle is taken
+
+
+def blocks(rows: int) -> Iterator[slice]:
+    """Cut a record into blocks; a record no longer than one, or an empty one, is one."""
+    for begin in range(0, max(rows, 1), ROWS):
+        yield slice(begin, min(begin + ROWS, rows))
+
+
+def rows_of(tables: Sequence[FloatArray]) -> Iterator[FloatArray]:
+    """All blocks of some tables."""
+    return (table[at] for table in tables for at in blocks(table.shape[0]))
+
+
+def condense(tables: Iterable[FloatArray]) -> FloatArray:
+    """Rows with the same products of columns as all tables, one below the other.
+
+    Parameters
+    ----------
+    tables
+        Of shape ``(n_i, c)``, one after the other. A single one is returned as it is.
+
+    Returns
+    -------
+    (m, c), with ``m`` at most ``c`` for several tables.
+
+    Raises
+    ------
+    LinAlgError
+        Where there are several, and not all numbers are finite.
+    """
+    each = iter(tables)
+    first, second = next(each), next(each, None)
+    if second is None:
+        return first
+    found = _Condensed(np.concatenate((first, second)))
+    for table in each:
+        found.add(table)
+    return found.triangle
+
+
+class _Condensed:
+    """The triangle of the rows so far, as ``root(products) anchor``."""
+
+    def __init__(self, table: FloatArray) -> None:
+        self._take(table)
+
+    def _take(self, table: FloatArray) -> None:
+        """Take the triangle of a table."""
+        if not np.all(np.isfinite(table)):
+            raise np.linalg.LinAlgError("the model gives no finite numbers")
+        self.anchor = np.asarray(np.linalg.qr(table, mode="r"))
+        c = self.anchor.shape[1]
+        self.products = np.eye(self.anchor.shape[0])
+        norms = np.linalg.norm(self.anchor, axis=0)
+        self.used = norms > 0.0
+        rest = np.abs(np.diag(self.anchor))[self.used[: self.anchor.shape[0]]]
+        self.inverse: FloatArray | None = None
+        if self.anchor.shape[0] == c and np.all(rest > _APART * norms[self.used]):
+            # a column of nothing but zeros stays out, as long as it is one
+            whole = self.anchor + np.diag(np.where(self.used, 0.0, 1.0))
+            self.inverse = np.linalg.inv(whole / np.where(self.used, norms, 1.0))
+            self.inverse /= np.where(self.used, norms, 1.0)[:, None]
+
+    @property
+    def triangle(self) -> FloatArray:
+        """The triangle of all rows."""
+        return np.asarray(np.linalg.cholesky(self.products).T @ self.anchor)
+
+    def add(self, table: FloatArray) -> None:
+        """Add rows below."""
+        if self.inverse is None or np.any(table[:, ~self.used]):
+            self._take(np.vstack((self.triangle, table)))
+            return
+        turned = table @ self.inverse
+        self.products += turned.T @ turned
+        trace = float(np.trace(self.products))
+        if not trace < _GROWN:
+            if not np.isfinite(trace):
+                raise np.linalg.LinAlgError("the model gives no finite numbers")
+            self._take(self.triangle)

@@ -1,0 +1,148 @@
+"""Long records in blocks: against one piece, and how much memory another row takes."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from scipy.linalg import toeplitz
+
+from fluidact_fit import fit
+from fluidact_fit.estimation import blocks
+from fluidact_fit.estimation.blocks import condense, rows_of
+from fluidact_fit.estimation.linear import transition
+from fluidact_fit.estimation.uncertainty import covariance, fit_autoregression
+
+STEP = 0.001  # s
+
+
+def forces(rng: np.random.Generator, samples: int) -> np.ndarray:
+    """Strokes beyond a dead zone of -10 to 12 N, by as much to either side."""
+    size = rng.uniform(8.0, 25.0, samples // 160 + 1)
+    return np.column_stack((12.0 + size, -10.0 - size)).repeat(80, axis=1).ravel()[:samples]
+
+
+def second_order_log(samples: int, uneven: bool, held: bool) -> dict[str, np.ndarray]:
+    """A mass on a damper behind a dead zone, step by step through matrix exponentials."""
+    rng = np.random.default_rng(5)
+    shifts = 0.3 * rng.uniform(-0.5, 0.5, samples) if uneven else 0.0
+    time = np.round(STEP * (np.arange(samples) + shifts), 6)
+    force = forces(rng, samples)
+    if not held:
+        force = 30.0 * np.sin(7.0 * time) + 8.0 * np.sin(23.0 * time)
+    # between two samples of a force that moves, twenty steps of a held one
+    finer = 1 if held else 20
+    steps = np.repeat(np.diff(time) / finer, finer)
+    moving = np.interp(np.concatenate(([0.0], np.cumsum(steps))), time - time[0], force)
+    driving = force[:-1] if held else 0.5 * (moving[1:] + moving[:-1])
+    acting = np.maximum(driving - 12.0, 0.0) + np.minimum(driving + 10.0, 0.0)
+    a, b = np.array([[0.0, 1.0], [0.0, -50.0]]), np.array([0.0, 1.0 / 0.8])
+    distinct, which = np.unique(np.round(steps, 12), return_inverse=True)
+    phi, gamma = transition(a, b, distinct)
+    state, states = np.zeros(2), [np.zeros(2)]
+    for k, f in zip(which.tolist(), acting.tolist()):
+        state = phi[k] @ state + gamma[k, :, 0] * f
+        states.append(state)
+    position = np.array(states)[::finer, 0] + 2e-5 * rng.standard_normal(samples)
+    return {"time [s]": time, "force [N]": force, "position [m]": position}
+
+
+@pytest.mark.parametrize(
+    ("uneven", "hold", "more"),
+    [
+        (False, "zoh", {}),
+        (False, "zoh", {"dead_time": "estimate"}),
+        (True, "zoh", {}),
+        (False, "foh", {"stiffness": "estimate"}),
+    ],
+)
+def test_several_blocks_give_what_one_does(monkeypatch, uneven, hold, more):
+    log = second_order_log(6_000, uneven, hold == "zoh")
+    found = []
+    for rows in (1 << 20, 700):
+        monkeypatch.setattr(blocks, "ROWS", rows)
+        found.append(fit("hydrostatic", [log], hold={"force": hold}, **more))
+    one, several = found
+    for name, q in one.parameters.items():
+        other = several.parameters[name]
+        assert other.status == q.status
+        if q.status == "estimated":
+            assert other.value == pytest.approx(q.value, rel=1e-9, abs=1e-9 * q.std_error)
+            assert other.std_error == pytest.approx(q.std_error, rel=1e-9)
+    assert several.fitted[0].simulated == pytest.approx(one.fitted[0].simulated, abs=1e-12)
+    assert abs(one.parameters["mass"].value - 0.8) < 4.0 * one.parameters["mass"].std_error
+    kept = ("influence", "missing_response", "given", "parts")
+    for entry in kept:
+        a, b = (f.document.fit.details.get(entry) for f in found)
+        assert_alike(a, b)
+
+
+def assert_alike(one, other):
+    """Two entries of a file agree to six digits."""
+    if isinstance(one, dict):
+        assert one.keys() == other.keys()
+        for key in one:
+            assert_alike(one[key], other[key])
+    elif isinstance(one, float):
+        assert other == pytest.approx(one, rel=1e-6, abs=1e-9)
+    else:
+        assert one == other
+
+
+def test_a_triangle_keeps_the_products_of_columns(monkeypatch):
+    rng = np.random.default_rng(7)
+    monkeypatch.setattr(blocks, "ROWS", 500)
+    n = 20_000
+    k = np.arange(n)
+    large = 1e9 * rng.standard_normal(n)
+    table = np.column_stack((
+        np.exp(-k / 300.0),  # a free response, over in the first blocks
+        np.zeros(n),
+        np.ones(n),
+        large,
+        1e-9 * large + 1e-5 * rng.standard_normal(n),  # all but the one before
+        (k > 11_000) * rng.standard_normal(n),  # nothing for the first half
+    ))  # fmt: skip
+    exact = table.astype(np.longdouble)
+    products = exact.T @ exact
+    size = np.sqrt(np.diag(products))
+    size[size == 0.0] = 1.0
+    found = condense(rows_of([table])).astype(np.longdouble)
+    assert found.shape == (6, 6)
+    assert np.abs((found.T @ found - products) / np.outer(size, size)).max() < 1e-13
+
+
+def test_covariance_of_coloured_residuals_is_that_of_the_toeplitz_matrix(monkeypatch):
+    rng = np.random.default_rng(8)
+    n = 1500
+    white = rng.standard_normal(n)
+    residual = white.copy()
+    for k in range(2, n):
+        residual[k] += 1.1 * residual[k - 1] - 0.3 * residual[k - 2]
+    j = np.column_stack((np.ones(n), np.sin(0.01 * np.arange(n))))
+    a, variance = fit_autoregression([residual], 25)
+    spectrum = np.abs(np.fft.rfft(np.concatenate(([1.0], -a)), 1 << 14)) ** 2
+    r = np.fft.irfft(variance / spectrum, 1 << 14)[:n]
+    degrees = n - 2
+    sigma2 = float(residual @ residual) / degrees
+    r *= n / degrees
+    r *= max(sigma2 / r[0], 1.0)
+    bread = np.linalg.inv(j.T @ j)
+    expected = bread @ (j.T @ toeplitz(r) @ j) @ bread
+    for rows in (1 << 20, 64):
+        monkeypatch.setattr(blocks, "ROWS", rows)
+        assert covariance([j], [residual]).covariance == pytest.approx(expected, rel=1e-9)
+
+
+def test_another_row_takes_little_memory(monkeypatch):
+    monkeypatch.setattr(blocks, "ROWS", 1 << 11)
+    peaks = []
+    for samples in (40_000, 80_000):
+        log = second_order_log(samples, False, True)
+        log["force [N]"] = log["force [N]"].round(3)
+        tracemalloc.start()
+        fit("hydrostatic", iter([log]))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    # input, output and time, as recorded and in SI, the derivatives by four parameters, residual
+    # and simulation are 96 bytes; whole-array columns of the solver took ten times that
+    assert (peaks[1] - peaks[0]) / 40_000 < 220
