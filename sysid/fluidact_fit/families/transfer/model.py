@@ -313,7 +313,8 @@ def _fit_offset(runs: Sequence[FloatArray]) -> list[FloatArray]:
     every run. The constant is found first, from what the free responses cannot explain.
     """
     if len(runs) == 1:
-        return [np.linalg.lstsq(runs[0][:, :-1], runs[0][:, -1], rcond=None)[0]]
+        found = np.linalg.lstsq(runs[0][:, :-1], runs[0][:, -1], rcond=None)[0]
+        return [np.asarray(found, dtype=np.float64)]
     left = [project_out(x[:, -2:], x[:, :-2]) for x in runs]
     power = sum(float(p[:, 0] @ p[:, 0]) for p in left)
     level = sum(float(p[:, 0] @ p[:, 1]) for p in left) / power if power > 0.0 else 0.0
