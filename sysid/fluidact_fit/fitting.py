@@ -100,6 +100,7 @@ def fit(
         _check_period(controller_sample_time)
     given = _open(chosen, request, logs, validate, hold or {})
     variant, experiments, notices = given.variant, given.experiments, list(given.notices)
+    request.progress("fitting")
     estimate = _estimate(chosen, variant, experiments, request)
     with _blaming_the_numbers():
         sources, declared = given.sources, given.declared
