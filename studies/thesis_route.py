@@ -26,9 +26,10 @@ import numpy as np
 import fluidact_fit as ff
 from fluidact_fit.demo import load_dataset
 from fluidact_fit.estimation.inputs import PiecewiseInput, apply_dead_zone
-from fluidact_fit.estimation.parametric import Fitted, NamedModel, fit_named, make_unknowns
+from fluidact_fit.estimation.named_model import NamedModel, make_unknowns
+from fluidact_fit.estimation.parametric import Fitted, fit_named
+from fluidact_fit.estimation.problem import Basis, Unknown
 from fluidact_fit.estimation.recursion import scan
-from fluidact_fit.estimation.separable import Basis, Unknown
 from fluidact_fit.experiment import Experiment
 from fluidact_fit.families import get_family
 from fluidact_fit.family import FamilyOptions, Request

@@ -10,7 +10,8 @@ from scipy.signal import lfilter
 
 from fluidact_fit.estimation.input_noise import InputNoise, correct, moving_inputs
 from fluidact_fit.estimation.noise import white_level
-from fluidact_fit.estimation.separable import Basis, Problem, Unknown, solve
+from fluidact_fit.estimation.problem import Basis, Problem, Unknown
+from fluidact_fit.estimation.separable import solve
 from fluidact_fit.experiment import Experiment, Signal
 
 POLE, GAIN = 0.8, 2.0

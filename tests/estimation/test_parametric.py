@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from fluidact_fit.errors import NotIdentifiedError
-from fluidact_fit.estimation.parametric import NamedModel, Values, fit_named, make_unknowns
-from fluidact_fit.estimation.separable import Basis
+from fluidact_fit.estimation.named_model import NamedModel, Values, make_unknowns
+from fluidact_fit.estimation.parametric import fit_named
+from fluidact_fit.estimation.problem import Basis
 from fluidact_fit.family import FamilyOptions, ParameterSpec, Request
 
 TIME = np.linspace(0.0, 1.0, 100)

@@ -4,14 +4,9 @@ import numpy as np
 import pytest
 
 from fluidact_fit.estimation.agreement_of_logs import compare_logs
-from fluidact_fit.estimation.separable import (
-    Basis,
-    Problem,
-    Unknown,
-    bounded_least_squares,
-    solve,
-    solve_from,
-)
+from fluidact_fit.estimation.least_squares import bounded_least_squares
+from fluidact_fit.estimation.problem import Basis, Problem, Unknown
+from fluidact_fit.estimation.separable import solve, solve_from
 from fluidact_fit.estimation.uncertainty import covariance, fit_autoregression, whiteness
 from fluidact_fit.estimation.whitening import Whitening
 

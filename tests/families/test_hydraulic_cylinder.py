@@ -20,7 +20,7 @@ from studies.red_team.attacks import hydraulic_cylinder as attacks
 import fluidact_fit as ff
 from dataset_fits import fit_dataset
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
-from fluidact_fit.estimation.separable import Unknown
+from fluidact_fit.estimation.problem import Unknown
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families.hydraulic_cylinder.block import HydraulicBlock
 from fluidact_fit.families.hydraulic_cylinder.equations import (

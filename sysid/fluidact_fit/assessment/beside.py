@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..estimation.blocks import blocks, condense
-from ..estimation.separable import scaled_least_squares
+from ..estimation.least_squares import scaled_least_squares
 from ..estimation.uncertainty import fit_autoregression, innovations, middle_of
 from ..experiment import FloatArray
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
-from ..estimation.separable import scaled_least_squares
+from ..estimation.least_squares import scaled_least_squares
 from ..family import ParameterSpec
 from ..units import as_share
 from .optimum import Optimum

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..errors import Notice
 from ..estimation.inputs import choose_hold
+from ..estimation.least_squares import scaled_least_squares
 from ..estimation.noise import noise_floor
-from ..estimation.separable import scaled_least_squares
 from ..estimation.uncertainty import fit_autoregression, innovations
 from ..experiment import FloatArray, Hold, Signal
 from ..family import Estimate, Family, FamilyOptions, Plant, Value, Variant

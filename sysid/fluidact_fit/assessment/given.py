@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
-from ..estimation.separable import scaled_least_squares
+from ..estimation.least_squares import scaled_least_squares
 from ..experiment import FloatArray
 from ..options import describe
 from .optimum import Optimum, delayed, moved

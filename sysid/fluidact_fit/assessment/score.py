@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.separable import scaled_least_squares
+from ..estimation.least_squares import scaled_least_squares
 from ..estimation.uncertainty import covariance
 from ..experiment import FloatArray
 from .beside import Beside

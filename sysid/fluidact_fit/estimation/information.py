@@ -21,8 +21,9 @@ import numpy as np
 
 from ..experiment import FloatArray
 from ..family import Information
-from .parametric import NamedModel, Values
-from .separable import Basis, differentiate, project_out
+from .least_squares import project_out
+from .named_model import NamedModel, Values
+from .problem import Basis, differentiate
 
 
 def sensitivity(model: NamedModel, values: Values, level: float = 0.0) -> Information:

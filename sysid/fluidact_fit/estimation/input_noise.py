@@ -32,8 +32,10 @@ from functools import cached_property
 import numpy as np
 
 from ..experiment import Experiment, FloatArray, Signal
+from .least_squares import project_out
 from .noise import noise_floor, white_level
-from .separable import Problem, Solution, evaluate, project_out
+from .problem import Problem, Solution
+from .separable import evaluate
 from .whitening import Whitening, autoregression_from_rest
 
 Build = Callable[[Sequence[Experiment], Sequence[Whitening]], Problem]

@@ -12,8 +12,8 @@ from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from .input_noise import Corrected, InputNoise, correct
 from .parametric import Fitted
+from .problem import Problem
 from .results import Refusal, Solved, determine, left_open
-from .separable import Problem
 from .whitening import Whitening
 
 BuildHeld = Callable[[Mapping[str, float], Sequence[Experiment], Sequence[Whitening]], Problem]

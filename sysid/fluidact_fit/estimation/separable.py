@@ -21,414 +21,15 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import chain
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..experiment import FloatArray
-from .blocks import condense
-from .whitening import Whitening
-
-Array = npt.NDArray[Any]
-Mask = npt.NDArray[np.bool_]
-_STEP = 1e-30  # complex step: no cancellation, so it can be as small as one likes
-_WHOLE = slice(None)
-_NEGLIGIBLE = 1e-10  # part of the largest singular value below which a direction is none
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """An unknown of the estimation.
-
-    ``scale`` is its typical size (the iteration sees ``value / scale``); ``low`` and
-    ``high`` are closed bounds in the unit of the value.
-    """
-
-    name: str
-    low: float = -np.inf
-    high: float = np.inf
-    scale: float = 1.0
-
-
-def _bounds(unknowns: Sequence[Unknown]) -> tuple[FloatArray, FloatArray]:
-    return np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
-
-
-@dataclass(frozen=True)
-class Basis:
-    """The columns of one experiment at given ``eta`` (real or complex).
-
-    ``known`` has shape ``(n,)``, ``shared`` ``(n, number of shared linear unknowns)``,
-    ``local`` ``(n, number of local ones)``.
-    """
-
-    known: Array
-    shared: Array
-    local: Array
-
-
-@dataclass(frozen=True)
-class Slopes:
-    """Derivatives of the columns by ``eta``: shapes ``(p, n)``, ``(p, n, .)``, ``(p, n, .)``."""
-
-    known: FloatArray
-    shared: FloatArray
-    local: FloatArray
-
-
-class Model(Protocol):
-    """What the solver needs to know of a model.
-
-    One that knows its own derivatives has a method ``slopes(index, eta)`` as well, which
-    returns the columns and their :class:`Slopes`. One of long records has a method
-    ``pieces(index, eta)``, which returns an iterator over the columns of consecutive rows.
-    """
-
-    def basis(self, index: int, eta: Array) -> Basis:
-        """Columns of experiment ``index``; analytic in ``eta`` unless slopes are given."""
-        ...
-
-
-@dataclass(frozen=True)
-class Problem:
-    """Data and unknowns of a separable fit.
-
-    ``measured`` holds one array ``(n_i,)`` per experiment; ``weights`` one number or
-    array ``(n_i,)`` per experiment that multiplies the residual (0 leaves a sample out).
-    ``whiten`` is one filter per experiment, applied to both sides after the weights, which is
-    generalised least squares; none where the residuals are taken for white.
-    """
-
-    model: Model
-    measured: Sequence[FloatArray]
-    nonlinear: Sequence[Unknown]
-    linear: Sequence[Unknown] = ()
-    weights: Sequence[FloatArray | float] = ()
-    whiten: Sequence[Whitening] = ()
-
-    @property
-    def rows(self) -> int:
-        """Number of rows of all experiments."""
-        return sum(y.shape[0] for y in self.measured)
-
-    def pieces(self, index: int, eta: Array) -> Iterator[Basis]:
-        """Columns of one experiment, piece by piece; whole where it is whitened."""
-        own = None if self.whiten else getattr(self.model, "pieces", None)
-        return iter((self.model.basis(index, eta),)) if own is None else own(index, eta)
-
-    def weigh(self, index: int, table: Array, at: slice = _WHOLE) -> Array:
-        """Weigh and whiten a table (samples first) of one experiment, or rows of it."""
-        w = np.asarray(self.weights[index] if self.weights else 1.0)
-        if w.ndim:
-            table = table * (w[at, None] if table.ndim > 1 else w[at])
-        elif w != 1.0:
-            table = table * w
-        return self.whiten[index].filter(table) if self.whiten else table
-
-
-@dataclass(frozen=True)
-class Solution:
-    """A stationary point of a `Problem`.
-
-    Attributes
-    ----------
-    eta, linear
-        Values of the nonlinear and the shared linear unknowns.
-    local
-        Local linear unknowns, one array per experiment.
-    cost
-        Sum of the squared weighted residuals.
-    residuals
-        Weighted residuals ``measured - model`` per experiment.
-    simulated
-        Model output per experiment.
-    jacobian
-        Weighted derivative of the model output by ``(eta, linear)`` with the local
-        unknowns projected out, one array ``(n_i, p + q)`` per experiment.
-    local_counts
-        Number of local unknowns per experiment.
-    active
-        For each of ``(eta, linear)`` whether it is at a bound.
-    iterations, converged
-        What the iteration did.
-    """
-
-    eta: FloatArray
-    linear: FloatArray
-    local: list[FloatArray]
-    cost: float
-    residuals: list[FloatArray]
-    simulated: list[FloatArray]
-    jacobian: list[FloatArray]
-    local_counts: tuple[int, ...]
-    active: Mask
-    iterations: int
-    converged: bool
-
-
-def differentiate(
-    basis: Callable[[Array], Basis], eta: FloatArray, scales: FloatArray
-) -> tuple[Basis, Slopes]:
-    """Columns and their exact derivatives by complex steps."""
-    steps = _STEP * scales
-    at = basis(eta)
-    return at, _slopes_of(at, [basis(eta + 1j * row) for row in np.diag(steps)], steps)
-
-
-def _slopes_of(at: Basis, turned: Sequence[Basis], steps: FloatArray) -> Slopes:
-    """Derivatives from columns with a complex step in every unknown."""
-
-    def slope(part: str) -> FloatArray:
-        rows = [np.imag(getattr(b, part)) / step for b, step in zip(turned, steps)]
-        return np.reshape(rows, (steps.size, *getattr(at, part).shape))
-
-    return Slopes(slope("known"), slope("shared"), slope("local"))
-
-
-def _orthonormal(columns: FloatArray) -> FloatArray:
-    """Orthonormal basis of the span of some columns; negligible directions are left out."""
-    norms = np.linalg.norm(columns, axis=0)
-    used = columns[:, norms > 0.0] / norms[norms > 0.0]
-    if used.shape[1] <= 1:
-        return used
-    q, r = np.linalg.qr(used)
-    size = np.abs(np.diag(r))
-    if size.min() > _NEGLIGIBLE * size.max():
-        return q
-    left, singular, _ = np.linalg.svd(used, full_matrices=False)
-    return left[:, singular > _NEGLIGIBLE * singular[0]]
-
-
-def project_out(rows: FloatArray, columns: FloatArray) -> FloatArray:
-    """Remove from ``rows``, shape ``(n, p)``, what ``columns``, ``(n, q)``, explain."""
-    return _without(_orthonormal(columns), rows)
-
-
-def explain(rows: FloatArray, columns: FloatArray) -> FloatArray:
-    """How ``columns``, ``(n, q)``, explain ``rows``, ``(n, p)``, best; shape ``(q, p)``."""
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0.0] = 1.0
-    found = np.linalg.lstsq(columns / scale, rows, rcond=_NEGLIGIBLE)[0]
-    return np.asarray(found / scale[:, None])
-
-
-def _without(q: FloatArray, rows: Array) -> Array:
-    """Remove the part of rows that lies in the span of an orthonormal ``q``."""
-    return np.asarray(rows - q @ (q.T @ rows)) if q.shape[1] else rows
-
-
-def _placed(pieces: Iterator[Basis]) -> Iterator[tuple[slice, Basis]]:
-    """Consecutive pieces with the rows that they hold."""
-    begin = 0
-    for piece in pieces:
-        end = begin + piece.known.shape[0]
-        yield slice(begin, end), piece
-        begin = end
-
-
-@dataclass(frozen=True)
-class _Table:
-    """Weighed columns of one experiment by the rows that :func:`.blocks.condense` leaves.
-
-    ``local`` come first, then ``shared``, then whatever was asked for, the rest that both are to
-    explain last. ``own`` is an orthonormal basis of the local ones.
-    """
-
-    local: FloatArray
-    others: FloatArray
-    own: FloatArray
-
-    @classmethod
-    def of(cls, tables: Iterator[FloatArray], locals_: int) -> _Table:
-        """Condense the tables of consecutive pieces.
-
-        Raises
-        ------
-        LinAlgError
-            Where the model gives no finite numbers.
-        """
-        table = condense(tables)
-        if not np.all(np.isfinite(table)):
-            raise np.linalg.LinAlgError("the model gives no finite numbers")
-        local = table[:, :locals_]
-        return cls(local, table[:, locals_:], _orthonormal(local))
-
-    @cached_property
-    def projected(self) -> FloatArray:
-        """The others with the local columns projected out."""
-        return _without(self.own, self.others)
-
-    @cached_property
-    def explained(self) -> FloatArray:
-        """How the local columns explain the others best, one column for each."""
-        return explain(self.others, self.local)
-
-
-class _Fit:
-    """The linear half of the problem at given ``eta``; ``LinAlgError`` where there is none."""
-
-    def __init__(self, problem: Problem, eta: FloatArray) -> None:
-        self.problem = problem
-        self.eta = eta
-        self._whole: dict[int, Basis] = {}
-        self.tables = [self._table(i) for i in range(len(problem.measured))]
-        self.linear, self.linear_active = self._solve_shared()
-        rest = [t.projected[:, -1] - t.projected[:, :-1] @ self.linear for t in self.tables]
-        cost = float(sum(float(r @ r) for r in rest))
-        self.cost = cost if np.isfinite(cost) else np.inf
-
-    def pieces(self, index: int) -> Iterator[Basis]:
-        """Columns of one experiment; one of a single piece is not computed again."""
-        if index in self._whole:
-            return iter((self._whole[index],))
-        return self.problem.pieces(index, self.eta)
-
-    def _table(self, index: int) -> _Table:
-        pieces = _placed(self.problem.pieces(index, self.eta))
-        at, first = next(pieces)
-        measured = self.problem.measured[index]
-        if at.stop == measured.shape[0]:
-            self._whole[index] = first
-
-        def tables() -> Iterator[FloatArray]:
-            for rows, b in chain(((at, first),), pieces):
-                columns = np.column_stack((b.local, b.shared, measured[rows] - b.known))
-                yield self.problem.weigh(index, columns, rows)
-
-        return _Table.of(tables(), first.local.shape[1])
-
-    def _solve_shared(self) -> tuple[FloatArray, Mask]:
-        """Shared linear unknowns by bounded least squares (active set)."""
-        unknowns = self.problem.linear
-        if not unknowns:
-            return np.zeros(0), np.zeros(0, dtype=bool)
-        stacked = np.vstack([t.projected for t in self.tables])
-        return bounded_least_squares(stacked[:, :-1], stacked[:, -1], *_bounds(unknowns))
-
-    @cached_property
-    def local(self) -> list[FloatArray]:
-        """Local unknowns of every experiment."""
-        return [t.explained[:, -1] - t.explained[:, :-1] @ self.linear for t in self.tables]
-
-
-class _Tangent:
-    """Derivatives of the model by ``eta`` at a fit.
-
-    ``raw`` holds them weighed, with room for the shared columns, shape ``(n_i, p + q)``;
-    ``tables`` holds them between shared columns and rest.
-    """
-
-    def __init__(self, fit: _Fit, scales: FloatArray) -> None:
-        unknowns = fit.eta.size + fit.linear.size
-        self.raw = [np.empty((y.shape[0], unknowns)) for y in fit.problem.measured]
-        self.move(fit, scales)
-
-    def move(self, fit: _Fit, scales: FloatArray) -> None:
-        """Take the derivatives at another fit."""
-        self.fit = fit
-        self.tables = [
-            _Table.of(self._rows(i, scales), t.local.shape[1]) for i, t in enumerate(fit.tables)
-        ]
-
-    def _rows(self, index: int, scales: FloatArray) -> Iterator[FloatArray]:
-        fit, problem, end = self.fit, self.fit.problem, 0
-        for b, slopes in self._sloped(index, scales):
-            at = slice(end, end + b.known.shape[0])
-            end = at.stop
-            j = slopes.known.copy()
-            for columns, values in ((slopes.shared, fit.linear), (slopes.local, fit.local[index])):
-                if values.size:  # as one matrix times a vector: the columns lie interleaved
-                    j += columns.reshape(-1, values.size).dot(values).reshape(j.shape)
-            rest = problem.measured[index][at] - b.known
-            table = problem.weigh(index, np.column_stack((b.local, b.shared, j.T, rest)), at)
-            self.raw[index][at, : fit.eta.size] = table[:, -1 - fit.eta.size : -1]
-            yield table
-
-    def _sloped(self, index: int, scales: FloatArray) -> Iterator[tuple[Basis, Slopes]]:
-        """Columns and their slopes, piece by piece."""
-        problem, eta, steps = self.fit.problem, self.fit.eta, _STEP * scales
-        own = getattr(problem.model, "slopes", None)
-        if own is not None:
-            yield own(index, eta)
-            return
-        turned = [problem.pieces(index, eta + 1j * row) for row in np.diag(steps)]
-        for at, *moved in zip(self.fit.pieces(index), *turned, strict=True):
-            yield at, _slopes_of(at, moved, steps)
-
-    def normal(self) -> tuple[FloatArray, FloatArray]:
-        """Derivatives, local and free shared columns projected out, and residuals."""
-        q, p = self.fit.linear.size, self.fit.eta.size
-        stacked = np.vstack([t.projected for t in self.tables])
-        shared, raw, rest = stacked[:, :q], stacked[:, q : q + p], stacked[:, -1]
-        free = ~self.fit.linear_active
-        return project_out(raw, shared[:, free]), rest - shared @ self.fit.linear
-
-    def finish(self, fit: _Fit, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Residuals, model output and Jacobian of one experiment at a fit close by.
-
-        The derivatives turn into the Jacobian: there is no room for both.
-        """
-        problem, jacobian, table = fit.problem, self.raw[index], fit.tables[index]
-        n, p = jacobian.shape[0], fit.eta.size
-        by_local = np.column_stack((
-            self.tables[index].explained[:, fit.linear.size : -1], table.explained[:, :-1]
-        ))  # fmt: skip
-        residuals, simulated = np.empty(n), np.empty(n)
-        for at, b in _placed(fit.pieces(index)):
-            simulated[at] = b.known + b.shared @ fit.linear + b.local @ fit.local[index]
-            rest = problem.measured[index][at] - simulated[at]
-            rows = problem.weigh(index, np.column_stack((b.local, b.shared, rest)), at)
-            local, shared = rows[:, : b.local.shape[1]], rows[:, b.local.shape[1] : -1]
-            residuals[at] = rows[:, -1]
-            jacobian[at, p:] = shared
-            jacobian[at] -= local @ by_local
-        return residuals, simulated, jacobian
-
-
-def scaled_least_squares(a: FloatArray, y: FloatArray, rcond: float = 1e-12) -> FloatArray:
-    """Least squares ``min |y - a x|`` whose columns may differ by many orders of magnitude.
-
-    ``a`` has shape ``(n, q)``, ``y`` ``(n,)``; ``rcond`` is the smallest singular value of the
-    columns, each of length one, that counts.
-    """
-    scale = np.linalg.norm(a, axis=0)
-    scale[scale == 0.0] = 1.0
-    return np.asarray(np.linalg.lstsq(a / scale, y, rcond=rcond)[0] / scale)
-
-
-def bounded_least_squares(
-    a: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray
-) -> tuple[FloatArray, Mask]:
-    """Least squares ``min |y - a x|`` with bounds, and which entries are at one.
-
-    Parameters
-    ----------
-    a : (n, q)
-    y : (n,)
-    low, high : (q,)
-    """
-    if a.shape[1] == 1:  # a gain alone: no decomposition needed
-        column = a[:, 0]
-        square = float(column @ column)
-        best = float(column @ y) / square if square > 0.0 else 0.0
-        x = np.clip(np.array([best]), low, high)
-        return x, (x != best) | (low == high)
-    x = scaled_least_squares(a, y, 1e-13)
-    active = np.zeros(x.size, dtype=bool)
-    if np.all(x >= low) and np.all(x <= high):
-        return x, active | (low == high)
-    from scipy.optimize import lsq_linear
-
-    scale = np.linalg.norm(a, axis=0)
-    scale[scale == 0.0] = 1.0
-    width = np.where(high > low, high, np.nextafter(low, np.inf))
-    found = lsq_linear(a / scale, y, bounds=(low * scale, width * scale), method="bvls")
-    return np.clip(found.x / scale, low, high), found.active_mask != 0
+from .elimination import Eliminated, Tangent
+from .problem import Mask, Problem, Solution, bounds_of
 
 
 def solve(
@@ -451,11 +52,11 @@ def solve(
         below which the iteration has converged.
     """
     scales = np.array([u.scale for u in problem.nonlinear])
-    low, high = (b / scales for b in _bounds(problem.nonlinear))
+    low, high = (b / scales for b in bounds_of(problem.nonlinear))
     degrees = max(problem.rows - scales.size, 1)
     x = np.clip(np.asarray(start, dtype=float) / scales, low, high)
-    fit = _Fit(problem, x * scales)
-    tangent = _Tangent(fit, scales)
+    fit = Eliminated(problem, x * scales)
+    tangent = Tangent(fit, scales)
     damping, count, moved, converged = 1e-3, 0, True, x.size == 0
     while not converged and count < max_iterations:
         if moved:
@@ -543,10 +144,10 @@ def damped_step(
     return step
 
 
-def _value(problem: Problem, eta: FloatArray) -> _Fit | None:
+def _value(problem: Problem, eta: FloatArray) -> Eliminated | None:
     """The linear half at ``eta``; ``None`` where the model gives no finite numbers."""
     try:
-        return _Fit(problem, eta)
+        return Eliminated(problem, eta)
     except np.linalg.LinAlgError:
         return None
 
@@ -556,7 +157,9 @@ def evaluate(problem: Problem, eta: FloatArray) -> Solution:
     return solve(problem, eta, max_iterations=0)
 
 
-def _finish(fit: _Fit, tangent: _Tangent, on_bound: Mask, count: int, converged: bool) -> Solution:
+def _finish(
+    fit: Eliminated, tangent: Tangent, on_bound: Mask, count: int, converged: bool
+) -> Solution:
     found = [tangent.finish(fit, i) for i in range(len(fit.tables))]
     return Solution(
         fit.eta, fit.linear, fit.local, fit.cost,

@@ -31,7 +31,7 @@ import numpy as np
 
 from ...estimation.information import sensitivity
 from ...estimation.inputs import settled_hold
-from ...estimation.parametric import bind
+from ...estimation.named_model import bind
 from ...estimation.separable import solve
 from ...experiment import Experiment, Hold
 from ...family import (

@@ -8,7 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from ...estimation.parametric import Fitted, check_request, fit_named
+from ...estimation.named_model import check_request
+from ...estimation.parametric import Fitted, fit_named
 from ...experiment import Experiment, FloatArray
 from ...family import Estimate, Request, Variant
 from .beyond import BEYOND_HELP, DECISIVE, beyond_notice, residual_to_noise, with_derivatives

@@ -15,8 +15,8 @@ import numpy.typing as npt
 from ...estimation.grid import Grid, make_grid
 from ...estimation.inputs import PiecewiseInput, piecewise
 from ...estimation.lost_rows import fill_lost_rows
-from ...estimation.parametric import NamedModel, Values
-from ...estimation.separable import Basis, Slopes
+from ...estimation.named_model import NamedModel, Values
+from ...estimation.problem import Basis, Slopes
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Variant
 from .motion import Motion, StickSlip

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.parametric import Fitted, Values
+from ...estimation.named_model import Values
+from ...estimation.parametric import Fitted
 from ...estimation.profile_likelihood import Interval
 from ...estimation.results import Refusal, Solved, refuse
 from ...family import ParameterSpec, Quantity, Variant

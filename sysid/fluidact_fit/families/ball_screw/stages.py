@@ -14,9 +14,10 @@ import numpy as np
 from ...errors import LogError
 from ...estimation.inputs import settled_hold
 from ...estimation.lost_rows import find_lost_rows
-from ...estimation.parametric import bind, make_unknowns
+from ...estimation.named_model import bind, make_unknowns
+from ...estimation.problem import Problem, Solution, Unknown
 from ...estimation.results import Refusal
-from ...estimation.separable import Problem, Solution, Unknown, solve
+from ...estimation.separable import solve
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, ParameterSpec, Request, Variant
 from ...signals import smooth

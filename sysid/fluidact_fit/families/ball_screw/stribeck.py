@@ -16,9 +16,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...estimation.parametric import Fitted, NamedModel
+from ...estimation.named_model import NamedModel
+from ...estimation.parametric import Fitted
+from ...estimation.problem import Unknown
 from ...estimation.results import Refusal, Solved
-from ...estimation.separable import Unknown
 from ...estimation.uncertainty import covariance
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, Request

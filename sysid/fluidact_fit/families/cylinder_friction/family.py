@@ -47,7 +47,7 @@ import numpy as np
 
 from ...errors import Notice
 from ...estimation.friction_law import FrictionLaw
-from ...estimation.parametric import check_request
+from ...estimation.named_model import check_request
 from ...estimation.stribeck import STRIBECK, rise_words, stribeck_specs
 from ...experiment import Experiment, Hold
 from ...family import (

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
+from ...estimation.least_squares import scaled_least_squares
 from ...estimation.results import Solved
-from ...estimation.separable import scaled_least_squares
 from ...estimation.uncertainty import Uncertainty, covariance, enlarge
 from ...experiment import FloatArray
 from .filters import Mask

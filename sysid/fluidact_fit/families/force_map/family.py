@@ -39,7 +39,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ...errors import UsageError
-from ...estimation.parametric import check_request
+from ...estimation.named_model import check_request
 from ...experiment import Experiment, Hold
 from ...family import (
     Estimate,

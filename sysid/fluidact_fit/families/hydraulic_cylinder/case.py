@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ...errors import LogError, UsageError
-from ...estimation.separable import Mask
+from ...estimation.problem import Mask
 from ...experiment import Experiment, FloatArray
 from ...family import Plant, Request, Variant
 from ...signals import smooth

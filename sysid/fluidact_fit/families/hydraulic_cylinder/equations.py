@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...estimation.parametric import Values
-from ...estimation.separable import Array, Mask
+from ...estimation.named_model import Values
+from ...estimation.problem import Array, Mask
 from ...estimation.stribeck import STRIBECK
 from ...experiment import FloatArray
 

@@ -47,7 +47,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice, NotIdentifiedError
-from ...estimation.parametric import check_request
+from ...estimation.named_model import check_request
 from ...estimation.results import refuse
 from ...estimation.stribeck import free_names, rise_words, stribeck_specs
 from ...experiment import Experiment, Hold

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...estimation.inputs import piecewise
-from ...estimation.parametric import Values
+from ...estimation.named_model import Values
 from ...experiment import Experiment, FloatArray
 from ...signals import smooth
 from .equations import EDGES, THETA, Machine, gray_values

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...errors import Notice
 from ...estimation.friction_law import FrictionLaw
+from ...estimation.named_model import Values, make_unknowns
 from ...estimation.noise import noise_floor
-from ...estimation.parametric import Values, make_unknowns
 from ...estimation.results import Refusal, Solved, determine, left_open, refuse
 from ...estimation.stribeck import STRIBECK, free_names, undetermined
 from ...estimation.uncertainty import enlarge

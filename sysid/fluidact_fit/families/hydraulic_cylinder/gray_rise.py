@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...estimation.parametric import Values, make_unknowns
+from ...estimation.named_model import Values, make_unknowns
 from ...estimation.stribeck import STRIBECK, slowest_and_fastest
 from ...experiment import FloatArray
 from .case import Case

@@ -16,8 +16,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ...estimation.parametric import Values
-from ...estimation.separable import Mask, Unknown, damped_step
+from ...estimation.named_model import Values
+from ...estimation.problem import Mask, Unknown
+from ...estimation.separable import damped_step
 from ...estimation.uncertainty import Uncertainty, score_covariance
 from ...experiment import FloatArray
 from .gray_box import GrayBox, GrayLog, Linear

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...errors import LogError
 from ...estimation.friction_law import FrictionLaw
-from ...estimation.parametric import Values
-from ...estimation.separable import Mask
+from ...estimation.named_model import Values
+from ...estimation.problem import Mask
 from ...experiment import FloatArray
 from ...family import Curve, Quantity, StaticView, Value, scalars
 from .case import Case

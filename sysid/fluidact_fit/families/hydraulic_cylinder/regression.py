@@ -8,9 +8,10 @@ import numpy as np
 
 from ...errors import LogError
 from ...estimation.friction_law import FrictionLaw
-from ...estimation.parametric import Fitted, NamedModel, Values, fit_named, make_unknowns
+from ...estimation.named_model import NamedModel, Values, make_unknowns
+from ...estimation.parametric import Fitted, fit_named
+from ...estimation.problem import Basis, Unknown
 from ...estimation.results import Refusal
-from ...estimation.separable import Basis, Unknown
 from ...estimation.stribeck import STRIBECK
 from ...estimation.uncertainty import covariance, t_quantile
 from ...experiment import FloatArray

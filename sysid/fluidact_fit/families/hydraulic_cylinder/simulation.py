@@ -13,7 +13,7 @@ import numpy as np
 
 from ...errors import LogError, UsageError
 from ...estimation.friction_law import FrictionLaw
-from ...estimation.parametric import Values
+from ...estimation.named_model import Values
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Simulated
 from .case import check_volumes, read_machine

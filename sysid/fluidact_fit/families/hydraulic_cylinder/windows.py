@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from ...estimation.named_model import Values
 from ...estimation.noise import noise_floor
-from ...estimation.parametric import Values
-from ...estimation.separable import Array, Mask
+from ...estimation.problem import Array, Mask
 from ...experiment import Experiment, FloatArray
 from .equations import Machine, mean_flow
 

@@ -30,8 +30,8 @@ import numpy as np
 from ...estimation.grid import Grid, make_grid
 from ...estimation.inputs import PiecewiseInput, piecewise, settled_hold
 from ...estimation.linear import forced_response
-from ...estimation.parametric import NamedModel, Values
-from ...estimation.separable import Array, Basis
+from ...estimation.named_model import NamedModel, Values
+from ...estimation.problem import Array, Basis
 from ...experiment import Experiment, FloatArray, Signal
 
 _PARTS = 8  # of a sample time, for a command that moves

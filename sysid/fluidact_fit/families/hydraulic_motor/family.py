@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice, UsageError
-from ...estimation.parametric import Fitted, Values, check_request
+from ...estimation.named_model import Values, check_request
+from ...estimation.parametric import Fitted
 from ...experiment import Experiment, Hold
 from ...family import (
     Estimate,

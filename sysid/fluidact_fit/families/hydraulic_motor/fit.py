@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import NotIdentifiedError
-from ...estimation.parametric import Fitted, NamedModel, Values, bind, fit_named, make_unknowns
+from ...estimation.named_model import NamedModel, Values, bind, make_unknowns
+from ...estimation.parametric import Fitted, fit_named
+from ...estimation.problem import Unknown
 from ...estimation.results import Refusal
-from ...estimation.separable import Unknown, evaluate, solve
+from ...estimation.separable import evaluate, solve
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, ParameterSpec, Request, Simulated
 from ...options import choice, settled

@@ -12,8 +12,9 @@ from itertools import product
 import numpy as np
 
 from ...errors import LogError
-from ...estimation.parametric import NamedModel, bind
-from ...estimation.separable import Unknown, profile
+from ...estimation.named_model import NamedModel, bind
+from ...estimation.problem import Unknown
+from ...estimation.separable import profile
 from ...experiment import Experiment
 from ...family import FamilyOptions, Request
 

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from ...estimation.parametric import check_request
+from ...estimation.named_model import check_request
 from ...experiment import Experiment, Hold
 from ...family import (
     Curve,

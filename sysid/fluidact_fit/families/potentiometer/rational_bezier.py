@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...estimation.separable import Array, Basis, Problem, Search, Unknown, solve_from
+from ...estimation.problem import Array, Basis, Problem, Unknown
+from ...estimation.separable import Search, solve_from
 from ...experiment import FloatArray
 
 LOG_WEIGHT_LIMIT = float(np.log(50.0))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice, NotIdentifiedError, UsageError
-from ...estimation.parametric import check_request
+from ...estimation.named_model import check_request
 from ...estimation.stribeck import rise_words, stribeck_specs, with_speed
 from ...experiment import Experiment, Hold
 from ...family import (

@@ -16,9 +16,10 @@ import numpy as np
 
 from ...errors import Notice
 from ...estimation.information import sensitivity
-from ...estimation.parametric import Fitted, Values, bind, check_request, make_unknowns
+from ...estimation.named_model import Values, bind, check_request, make_unknowns
+from ...estimation.parametric import Fitted
+from ...estimation.problem import Unknown
 from ...estimation.results import Refusal
-from ...estimation.separable import Unknown
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
     Estimate,

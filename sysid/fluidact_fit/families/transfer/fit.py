@@ -13,17 +13,12 @@ import numpy.typing as npt
 from ...errors import Notice
 from ...estimation.input_noise import InputNoise, moving_inputs
 from ...estimation.named_input_noise import correct_named
+from ...estimation.named_model import NamedModel, bind
 from ...estimation.noise import noise_floor
-from ...estimation.parametric import (
-    DECISIVE,
-    Fitted,
-    NamedModel,
-    bind,
-    fit_named,
-    information_units,
-)
+from ...estimation.parametric import DECISIVE, Fitted, fit_named, information_units
+from ...estimation.problem import Problem, Unknown
 from ...estimation.results import Refusal, refuse
-from ...estimation.separable import Problem, Search, Unknown, profile, solve_from
+from ...estimation.separable import Search, profile, solve_from
 from ...estimation.whitening import Whitening
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, ParameterSpec, Request

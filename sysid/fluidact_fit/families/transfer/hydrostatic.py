@@ -24,9 +24,11 @@ from typing import Any
 import numpy as np
 
 from ...errors import LogError, Notice
-from ...estimation.parametric import Fitted, Values, bind
+from ...estimation.named_model import Values, bind
+from ...estimation.parametric import Fitted
+from ...estimation.problem import Unknown
 from ...estimation.results import Refusal
-from ...estimation.separable import Unknown, solve
+from ...estimation.separable import solve
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice

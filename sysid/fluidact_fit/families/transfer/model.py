@@ -16,9 +16,10 @@ import numpy.typing as npt
 from ...estimation.blocks import blocks, condense
 from ...estimation.grid import Grid, make_grid
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, piecewise
+from ...estimation.least_squares import project_out
 from ...estimation.linear import forced_pieces, free_pieces, states_at_nodes
-from ...estimation.parametric import NamedModel, Values
-from ...estimation.separable import Basis, project_out
+from ...estimation.named_model import NamedModel, Values
+from ...estimation.problem import Basis
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Simulated
 

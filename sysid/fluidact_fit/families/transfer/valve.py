@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.parametric import Fitted, Values
+from ...estimation.named_model import Values
+from ...estimation.parametric import Fitted
 from ...experiment import Experiment
 from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice

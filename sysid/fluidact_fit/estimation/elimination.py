@@ -1,0 +1,183 @@
+"""Linear unknowns eliminated, piece by piece of a record; see :mod:`.separable`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+
+import numpy as np
+
+from ..experiment import FloatArray
+from .blocks import condense
+from .least_squares import Mask, bounded_least_squares, explain, orthonormal, project_out, without
+from .problem import STEP, Basis, Problem, Slopes, bounds_of, slopes_of
+
+
+def placed(pieces: Iterator[Basis]) -> Iterator[tuple[slice, Basis]]:
+    """Consecutive pieces with the rows that they hold."""
+    begin = 0
+    for piece in pieces:
+        end = begin + piece.known.shape[0]
+        yield slice(begin, end), piece
+        begin = end
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Weighed columns of one experiment by the rows that :func:`.blocks.condense` leaves.
+
+    ``local`` come first, then ``shared``, then whatever was asked for, the rest that both are to
+    explain last. ``own`` is an orthonormal basis of the local ones.
+    """
+
+    local: FloatArray
+    others: FloatArray
+    own: FloatArray
+
+    @classmethod
+    def of(cls, tables: Iterator[FloatArray], locals_: int) -> _Table:
+        """Condense the tables of consecutive pieces.
+
+        Raises
+        ------
+        LinAlgError
+            Where the model gives no finite numbers.
+        """
+        table = condense(tables)
+        if not np.all(np.isfinite(table)):
+            raise np.linalg.LinAlgError("the model gives no finite numbers")
+        local = table[:, :locals_]
+        return cls(local, table[:, locals_:], orthonormal(local))
+
+    @cached_property
+    def projected(self) -> FloatArray:
+        """The others with the local columns projected out."""
+        return without(self.own, self.others)
+
+    @cached_property
+    def explained(self) -> FloatArray:
+        """How the local columns explain the others best, one column for each."""
+        return explain(self.others, self.local)
+
+
+class Eliminated:
+    """The linear half of the problem at given ``eta``; ``LinAlgError`` where there is none."""
+
+    def __init__(self, problem: Problem, eta: FloatArray) -> None:
+        self.problem = problem
+        self.eta = eta
+        self._whole: dict[int, Basis] = {}
+        self.tables = [self._table(i) for i in range(len(problem.measured))]
+        self.linear, self.linear_active = self._solve_shared()
+        rest = [t.projected[:, -1] - t.projected[:, :-1] @ self.linear for t in self.tables]
+        cost = float(sum(float(r @ r) for r in rest))
+        self.cost = cost if np.isfinite(cost) else np.inf
+
+    def pieces(self, index: int) -> Iterator[Basis]:
+        """Columns of one experiment; one of a single piece is not computed again."""
+        if index in self._whole:
+            return iter((self._whole[index],))
+        return self.problem.pieces(index, self.eta)
+
+    def _table(self, index: int) -> _Table:
+        pieces = placed(self.problem.pieces(index, self.eta))
+        at, first = next(pieces)
+        measured = self.problem.measured[index]
+        if at.stop == measured.shape[0]:
+            self._whole[index] = first
+
+        def tables() -> Iterator[FloatArray]:
+            for rows, b in chain(((at, first),), pieces):
+                columns = np.column_stack((b.local, b.shared, measured[rows] - b.known))
+                yield self.problem.weigh(index, columns, rows)
+
+        return _Table.of(tables(), first.local.shape[1])
+
+    def _solve_shared(self) -> tuple[FloatArray, Mask]:
+        """Shared linear unknowns by bounded least squares (active set)."""
+        unknowns = self.problem.linear
+        if not unknowns:
+            return np.zeros(0), np.zeros(0, dtype=bool)
+        stacked = np.vstack([t.projected for t in self.tables])
+        return bounded_least_squares(stacked[:, :-1], stacked[:, -1], *bounds_of(unknowns))
+
+    @cached_property
+    def local(self) -> list[FloatArray]:
+        """Local unknowns of every experiment."""
+        return [t.explained[:, -1] - t.explained[:, :-1] @ self.linear for t in self.tables]
+
+
+class Tangent:
+    """Derivatives of the model by ``eta`` at a fit.
+
+    ``raw`` holds them weighed, with room for the shared columns, shape ``(n_i, p + q)``;
+    ``tables`` holds them between shared columns and rest.
+    """
+
+    def __init__(self, fit: Eliminated, scales: FloatArray) -> None:
+        unknowns = fit.eta.size + fit.linear.size
+        self.raw = [np.empty((y.shape[0], unknowns)) for y in fit.problem.measured]
+        self.move(fit, scales)
+
+    def move(self, fit: Eliminated, scales: FloatArray) -> None:
+        """Take the derivatives at another fit."""
+        self.fit = fit
+        self.tables = [
+            _Table.of(self._rows(i, scales), t.local.shape[1]) for i, t in enumerate(fit.tables)
+        ]
+
+    def _rows(self, index: int, scales: FloatArray) -> Iterator[FloatArray]:
+        fit, problem, end = self.fit, self.fit.problem, 0
+        for b, slopes in self._sloped(index, scales):
+            at = slice(end, end + b.known.shape[0])
+            end = at.stop
+            j = slopes.known.copy()
+            for columns, values in ((slopes.shared, fit.linear), (slopes.local, fit.local[index])):
+                if values.size:  # as one matrix times a vector: the columns lie interleaved
+                    j += columns.reshape(-1, values.size).dot(values).reshape(j.shape)
+            rest = problem.measured[index][at] - b.known
+            table = problem.weigh(index, np.column_stack((b.local, b.shared, j.T, rest)), at)
+            self.raw[index][at, : fit.eta.size] = table[:, -1 - fit.eta.size : -1]
+            yield table
+
+    def _sloped(self, index: int, scales: FloatArray) -> Iterator[tuple[Basis, Slopes]]:
+        """Columns and their slopes, piece by piece."""
+        problem, eta, steps = self.fit.problem, self.fit.eta, STEP * scales
+        own = getattr(problem.model, "slopes", None)
+        if own is not None:
+            yield own(index, eta)
+            return
+        turned = [problem.pieces(index, eta + 1j * row) for row in np.diag(steps)]
+        for at, *moved in zip(self.fit.pieces(index), *turned, strict=True):
+            yield at, slopes_of(at, moved, steps)
+
+    def normal(self) -> tuple[FloatArray, FloatArray]:
+        """Derivatives, local and free shared columns projected out, and residuals."""
+        q, p = self.fit.linear.size, self.fit.eta.size
+        stacked = np.vstack([t.projected for t in self.tables])
+        shared, raw, rest = stacked[:, :q], stacked[:, q : q + p], stacked[:, -1]
+        free = ~self.fit.linear_active
+        return project_out(raw, shared[:, free]), rest - shared @ self.fit.linear
+
+    def finish(self, fit: Eliminated, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Residuals, model output and Jacobian of one experiment at a fit close by.
+
+        The derivatives turn into the Jacobian: there is no room for both.
+        """
+        problem, jacobian, table = fit.problem, self.raw[index], fit.tables[index]
+        n, p = jacobian.shape[0], fit.eta.size
+        by_local = np.column_stack((
+            self.tables[index].explained[:, fit.linear.size : -1], table.explained[:, :-1]
+        ))  # fmt: skip
+        residuals, simulated = np.empty(n), np.empty(n)
+        for at, b in placed(fit.pieces(index)):
+            simulated[at] = b.known + b.shared @ fit.linear + b.local @ fit.local[index]
+            rest = problem.measured[index][at] - simulated[at]
+            rows = problem.weigh(index, np.column_stack((b.local, b.shared, rest)), at)
+            local, shared = rows[:, : b.local.shape[1]], rows[:, b.local.shape[1] : -1]
+            residuals[at] = rows[:, -1]
+            jacobian[at, p:] = shared
+            jacobian[at] -= local @ by_local
+        return residuals, simulated, jacobian

@@ -1,0 +1,87 @@
+"""Linear least squares: columns of any scale, bounds, and what a span explains."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..experiment import FloatArray
+
+Array = npt.NDArray[Any]
+Mask = npt.NDArray[np.bool_]
+_NEGLIGIBLE = 1e-10  # part of the largest singular value below which a direction is none
+
+
+def orthonormal(columns: FloatArray) -> FloatArray:
+    """Orthonormal basis of the span of some columns; negligible directions are left out."""
+    norms = np.linalg.norm(columns, axis=0)
+    used = columns[:, norms > 0.0] / norms[norms > 0.0]
+    if used.shape[1] <= 1:
+        return used
+    q, r = np.linalg.qr(used)
+    size = np.abs(np.diag(r))
+    if size.min() > _NEGLIGIBLE * size.max():
+        return q
+    left, singular, _ = np.linalg.svd(used, full_matrices=False)
+    return left[:, singular > _NEGLIGIBLE * singular[0]]
+
+
+def project_out(rows: FloatArray, columns: FloatArray) -> FloatArray:
+    """Remove from ``rows``, shape ``(n, p)``, what ``columns``, ``(n, q)``, explain."""
+    return without(orthonormal(columns), rows)
+
+
+def explain(rows: FloatArray, columns: FloatArray) -> FloatArray:
+    """How ``columns``, ``(n, q)``, explain ``rows``, ``(n, p)``, best; shape ``(q, p)``."""
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    found = np.linalg.lstsq(columns / scale, rows, rcond=_NEGLIGIBLE)[0]
+    return np.asarray(found / scale[:, None])
+
+
+def without(q: FloatArray, rows: Array) -> Array:
+    """Remove the part of rows that lies in the span of an orthonormal ``q``."""
+    return np.asarray(rows - q @ (q.T @ rows)) if q.shape[1] else rows
+
+
+def scaled_least_squares(a: FloatArray, y: FloatArray, rcond: float = 1e-12) -> FloatArray:
+    """Least squares ``min |y - a x|`` whose columns may differ by many orders of magnitude.
+
+    ``a`` has shape ``(n, q)``, ``y`` ``(n,)``; ``rcond`` is the smallest singular value of the
+    columns, each of length one, that counts.
+    """
+    scale = np.linalg.norm(a, axis=0)
+    scale[scale == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(a / scale, y, rcond=rcond)[0] / scale)
+
+
+def bounded_least_squares(
+    a: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, Mask]:
+    """Least squares ``min |y - a x|`` with bounds, and which entries are at one.
+
+    Parameters
+    ----------
+    a : (n, q)
+    y : (n,)
+    low, high : (q,)
+    """
+    if a.shape[1] == 1:  # a gain alone: no decomposition needed
+        column = a[:, 0]
+        square = float(column @ column)
+        best = float(column @ y) / square if square > 0.0 else 0.0
+        x = np.clip(np.array([best]), low, high)
+        return x, (x != best) | (low == high)
+    x = scaled_least_squares(a, y, 1e-13)
+    active = np.zeros(x.size, dtype=bool)
+    if np.all(x >= low) and np.all(x <= high):
+        return x, active | (low == high)
+    from scipy.optimize import lsq_linear
+
+    scale = np.linalg.norm(a, axis=0)
+    scale[scale == 0.0] = 1.0
+    width = np.where(high > low, high, np.nextafter(low, np.inf))
+    found = lsq_linear(a / scale, y, bounds=(low * scale, width * scale), method="bvls")
+    return np.clip(found.x / scale, low, high), found.active_mask != 0

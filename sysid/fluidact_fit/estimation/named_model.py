@@ -1,0 +1,224 @@
+"""A model as a function of named values, and the unknowns that a request makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import UsageError
+from ..experiment import FloatArray
+from ..family import FamilyOptions, ParameterSpec, Request
+from .problem import Array, Basis, Problem, Slopes, Solution, Unknown
+from .uncertainty import Uncertainty, covariance, score_covariance
+from .whitening import Whitening
+
+Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class NamedModel:
+    """A model as a family writes it down.
+
+    Attributes
+    ----------
+    nonlinear, linear
+        Names of the parameters that enter nonlinearly, and of those that multiply a
+        column each, in the order of the columns of ``Basis.shared``.
+    columns
+        ``columns(index, values) -> Basis``, analytic in every nonlinear value.
+    slopes
+        Optional ``slopes(index, values, names) -> (Basis, Slopes)`` for models that
+        know their own derivatives by the named values.
+    measured
+        Outputs per experiment, shape ``(n_i,)`` [SI].
+    weights
+        As in :class:`.separable.Problem`.
+    nuisance
+        Names of further linear unknowns, whose columns follow those of ``linear``. They
+        are always free and never reported.
+    resolutions
+        Per experiment the step of the converter that logged the output [SI], 0 when
+        unknown.
+    whiten
+        Filters of the residuals, as in :class:`.separable.Problem`.
+    logs
+        Per experiment the number of its log, when logs may differ in noise: those with
+        more of it then weigh less.
+    robust, sigma_floor
+        As in :func:`.uncertainty.covariance`.
+    channels
+        Rows of each experiment that hold different functions of the same samples. Their
+        errors are not independent; the covariance is then taken from the scores.
+    pieces
+        Optional ``pieces(index, values)`` for long records: the same columns, as an iterator over
+        those of consecutive rows.
+    """
+
+    nonlinear: tuple[str, ...]
+    linear: tuple[str, ...]
+    columns: Callable[[int, Values], Basis]
+    measured: Sequence[FloatArray]
+    slopes: Callable[[int, Values, Sequence[str]], tuple[Basis, Slopes]] | None = None
+    weights: Sequence[FloatArray | float] = ()
+    nuisance: tuple[str, ...] = ()
+    resolutions: Sequence[float] = ()
+    whiten: Sequence[Whitening] = ()
+    logs: Sequence[int] = ()
+    robust: bool = True
+    sigma_floor: float = 0.0
+    channels: Sequence[Sequence[slice]] = ()
+    pieces: Callable[[int, Values], Iterator[Basis]] | None = None
+
+    def scaled(self, factors: Mapping[int, float]) -> NamedModel:
+        """The same model with the residuals of every log multiplied by a factor."""
+        if not factors:
+            return self
+        before = self.weights or [1.0] * len(self.measured)
+        return replace(
+            self,
+            weights=[w * factors.get(k, 1.0) for w, k in zip(before, self.logs)],
+            resolutions=[r * factors.get(k, 1.0) for r, k in zip(self.resolutions, self.logs)],
+        )
+
+    def uncertainty(self, solution: Solution) -> Uncertainty:
+        """Covariance of ``(eta, linear)`` at a solution."""
+        if self.channels and len(self.channels[0]) > 1:
+            return score_covariance(solution.jacobian, solution.residuals, self.channels)
+        return covariance(
+            solution.jacobian,
+            solution.residuals,
+            local_unknowns=sum(solution.local_counts),
+            robust=self.robust,
+            sigma_floor=self.sigma_floor,
+            small_sample=True,
+            readings=list(zip(self.measured, self.resolutions)),
+        )
+
+    def without_linear(self) -> NamedModel:
+        """The same model with the linear parameters among the nonlinear ones, after them."""
+        count = len(self.linear)
+
+        def columns(index: int, values: Values) -> Basis:
+            b = self.columns(index, values)
+            own = np.array([values[n] for n in self.linear])
+            return Basis(b.known + b.shared[:, :count] @ own, b.shared[:, count:], b.local)
+
+        names = (*self.nonlinear, *self.linear)
+        return replace(self, nonlinear=names, linear=(), columns=columns, pieces=None, slopes=None)
+
+    @property
+    def every_linear(self) -> tuple[str, ...]:
+        """Linear parameters and nuisance unknowns, in the order of the columns."""
+        return (*self.linear, *self.nuisance)
+
+
+class _Bound:
+    """A `NamedModel` with some values held: the solver's view of it."""
+
+    def __init__(self, model: NamedModel, held: Mapping[str, float]) -> None:
+        self.model, self.held = model, held
+        self.names = [n for n in model.nonlinear if n not in held]
+        self.free = np.array([n not in held for n in model.every_linear], dtype=bool)
+        self.fixed = np.array([held.get(n, 0.0) for n in model.every_linear])[~self.free]
+        if model.slopes is not None:
+            self.slopes = self._slopes
+        if model.pieces is not None:
+            self.pieces = self._pieces
+
+    def _split(self, known: Array, shared: Array) -> tuple[Array, Array]:
+        """Add the held columns to what is known; the others stay."""
+        if self.free.all():
+            return known, shared
+        return known + shared[..., ~self.free] @ self.fixed, shared[..., self.free]
+
+    def _values(self, eta: Array) -> Values:
+        return {**self.held, **dict(zip(self.names, eta))}
+
+    def basis(self, index: int, eta: Array) -> Basis:
+        return self._open(self.model.columns(index, self._values(eta)))
+
+    def _pieces(self, index: int, eta: Array) -> Iterator[Basis]:
+        assert self.model.pieces is not None
+        return map(self._open, self.model.pieces(index, self._values(eta)))
+
+    def _open(self, b: Basis) -> Basis:
+        """The columns of what is free."""
+        return Basis(*self._split(b.known, b.shared), b.local)
+
+    def _slopes(self, index: int, eta: FloatArray) -> tuple[Basis, Slopes]:
+        assert self.model.slopes is not None
+        b, s = self.model.slopes(index, self._values(eta), self.names)
+        return self._open(b), Slopes(*self._split(s.known, s.shared), s.local)
+
+
+def bind(model: NamedModel, unknowns: Mapping[str, Unknown], held: Mapping[str, float]) -> Problem:
+    """Make the solver's problem of a model with some parameters held."""
+    view = _Bound(model, held)
+    linear = [unknowns[n] for n in model.linear if n not in held]
+    nuisance = [Unknown(n) for n in model.nuisance]
+    return Problem(
+        view, model.measured, [unknowns[n] for n in view.names], [*linear, *nuisance],
+        model.weights, model.whiten,
+    )  # fmt: skip
+
+
+def make_unknowns(
+    specs: Sequence[ParameterSpec],
+    names: Sequence[str],
+    scales: Mapping[str, float],
+    request: Request[FamilyOptions],
+    limits: Mapping[str, tuple[float, float]] | None = None,
+) -> dict[str, Unknown]:
+    """Unknowns with the physical range, the search range and the user's bounds applied.
+
+    The request has passed :func:`check_request`.
+    """
+    by_name = {s.name: s for s in specs}
+    out = {}
+    for name in names:
+        low, high = by_name[name].minimum, by_name[name].maximum
+        if limits and name in limits:
+            low, high = max(low, limits[name][0]), min(high, limits[name][1])
+        low, high = request.bounds.get(name, (low, high))
+        out[name] = Unknown(name, low, high, abs(scales.get(name, 1.0)) or 1.0)
+    return out
+
+
+def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions]) -> None:
+    """Reject impossible names and values in ``--fix``, ``--start`` and ``--bounds``.
+
+    Raises
+    ------
+    UsageError
+        Naming the option, the parameters there are, and the possible range.
+    """
+    by_name = {s.name: s for s in specs}
+    known = ", ".join(s.name for s in specs if s.rank == 0)
+    for option, given in (
+        ("--fix", request.fixed),
+        ("--start", request.start),
+        ("--bounds", request.bounds),
+    ):
+        for name, value in given.items():
+            if name not in by_name or by_name[name].rank != 0:
+                raise UsageError(
+                    f"{option} {name}=...: there is no such single-valued parameter",
+                    expected=f"The parameters are: {known}." if known else "",
+                    remedy="Correct the name.",
+                )
+            spec = by_name[name]
+            pair = value if isinstance(value, tuple) else (value, value)
+            if pair[0] > pair[1]:
+                raise UsageError(
+                    f"{option} {name}=...: the lower end {pair[0]:g} is above the upper",
+                    remedy="Give the lower end first.",
+                )
+            if not (spec.minimum <= pair[0] and pair[1] <= spec.maximum):
+                raise UsageError(
+                    f"{option} {name}=...: {pair[0]:g} is outside the possible range",
+                    expected=f"{spec.minimum:g} to {spec.maximum:g} {spec.unit}",
+                    remedy="Give a value inside it (SI units).",
+                )

@@ -1,0 +1,167 @@
+"""What a separable fit is given and what it returns; see :mod:`.separable`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from ..experiment import FloatArray
+from .whitening import Whitening
+
+Array = npt.NDArray[Any]
+Mask = npt.NDArray[np.bool_]
+STEP = 1e-30  # complex step: no cancellation, so it can be as small as one likes
+_WHOLE = slice(None)
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """An unknown of the estimation.
+
+    ``scale`` is its typical size (the iteration sees ``value / scale``); ``low`` and
+    ``high`` are closed bounds in the unit of the value.
+    """
+
+    name: str
+    low: float = -np.inf
+    high: float = np.inf
+    scale: float = 1.0
+
+
+def bounds_of(unknowns: Sequence[Unknown]) -> tuple[FloatArray, FloatArray]:
+    return np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
+
+
+@dataclass(frozen=True)
+class Basis:
+    """The columns of one experiment at given ``eta`` (real or complex).
+
+    ``known`` has shape ``(n,)``, ``shared`` ``(n, number of shared linear unknowns)``,
+    ``local`` ``(n, number of local ones)``.
+    """
+
+    known: Array
+    shared: Array
+    local: Array
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Derivatives of the columns by ``eta``: shapes ``(p, n)``, ``(p, n, .)``, ``(p, n, .)``."""
+
+    known: FloatArray
+    shared: FloatArray
+    local: FloatArray
+
+
+class Model(Protocol):
+    """What the solver needs to know of a model.
+
+    One that knows its own derivatives has a method ``slopes(index, eta)`` as well, which
+    returns the columns and their :class:`Slopes`. One of long records has a method
+    ``pieces(index, eta)``, which returns an iterator over the columns of consecutive rows.
+    """
+
+    def basis(self, index: int, eta: Array) -> Basis:
+        """Columns of experiment ``index``; analytic in ``eta`` unless slopes are given."""
+        ...
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Data and unknowns of a separable fit.
+
+    ``measured`` holds one array ``(n_i,)`` per experiment; ``weights`` one number or
+    array ``(n_i,)`` per experiment that multiplies the residual (0 leaves a sample out).
+    ``whiten`` is one filter per experiment, applied to both sides after the weights, which is
+    generalised least squares; none where the residuals are taken for white.
+    """
+
+    model: Model
+    measured: Sequence[FloatArray]
+    nonlinear: Sequence[Unknown]
+    linear: Sequence[Unknown] = ()
+    weights: Sequence[FloatArray | float] = ()
+    whiten: Sequence[Whitening] = ()
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of all experiments."""
+        return sum(y.shape[0] for y in self.measured)
+
+    def pieces(self, index: int, eta: Array) -> Iterator[Basis]:
+        """Columns of one experiment, piece by piece; whole where it is whitened."""
+        own = None if self.whiten else getattr(self.model, "pieces", None)
+        return iter((self.model.basis(index, eta),)) if own is None else own(index, eta)
+
+    def weigh(self, index: int, table: Array, at: slice = _WHOLE) -> Array:
+        """Weigh and whiten a table (samples first) of one experiment, or rows of it."""
+        w = np.asarray(self.weights[index] if self.weights else 1.0)
+        if w.ndim:
+            table = table * (w[at, None] if table.ndim > 1 else w[at])
+        elif w != 1.0:
+            table = table * w
+        return self.whiten[index].filter(table) if self.whiten else table
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A stationary point of a `Problem`.
+
+    Attributes
+    ----------
+    eta, linear
+        Values of the nonlinear and the shared linear unknowns.
+    local
+        Local linear unknowns, one array per experiment.
+    cost
+        Sum of the squared weighted residuals.
+    residuals
+        Weighted residuals ``measured - model`` per experiment.
+    simulated
+        Model output per experiment.
+    jacobian
+        Weighted derivative of the model output by ``(eta, linear)`` with the local
+        unknowns projected out, one array ``(n_i, p + q)`` per experiment.
+    local_counts
+        Number of local unknowns per experiment.
+    active
+        For each of ``(eta, linear)`` whether it is at a bound.
+    iterations, converged
+        What the iteration did.
+    """
+
+    eta: FloatArray
+    linear: FloatArray
+    local: list[FloatArray]
+    cost: float
+    residuals: list[FloatArray]
+    simulated: list[FloatArray]
+    jacobian: list[FloatArray]
+    local_counts: tuple[int, ...]
+    active: Mask
+    iterations: int
+    converged: bool
+
+
+def differentiate(
+    basis: Callable[[Array], Basis], eta: FloatArray, scales: FloatArray
+) -> tuple[Basis, Slopes]:
+    """Columns and their exact derivatives by complex steps."""
+    steps = STEP * scales
+    at = basis(eta)
+    return at, slopes_of(at, [basis(eta + 1j * row) for row in np.diag(steps)], steps)
+
+
+def slopes_of(at: Basis, turned: Sequence[Basis], steps: FloatArray) -> Slopes:
+    """Derivatives from columns with a complex step in every unknown."""
+
+    def slope(part: str) -> FloatArray:
+        rows = [np.imag(getattr(b, part)) / step for b, step in zip(turned, steps)]
+        return np.reshape(rows, (steps.size, *getattr(at, part).shape))
+
+    return Slopes(slope("known"), slope("shared"), slope("local"))
