@@ -10,6 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+IndexArray = npt.NDArray[np.intp]
+Array = npt.NDArray[Any]  # real, or complex where derivatives are taken by complex steps
 Hold = Literal["zoh", "foh", "smooth", "auto"]
 
 

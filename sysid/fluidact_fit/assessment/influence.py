@@ -23,8 +23,7 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.agreement_of_logs import Drift, compare_logs
 from ..estimation.blocks import blocks, condense, rows_of
-from ..experiment import FloatArray
-from ..logs.log import BoolArray
+from ..experiment import BoolArray, FloatArray
 from ..units import as_share
 from .optimum import Optimum
 

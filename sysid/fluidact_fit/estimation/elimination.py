@@ -9,9 +9,9 @@ from itertools import chain
 
 import numpy as np
 
-from ..experiment import FloatArray
+from ..experiment import BoolArray, FloatArray
 from .blocks import condense
-from .least_squares import Mask, bounded_least_squares, explain, orthonormal, project_out, without
+from .least_squares import bounded_least_squares, explain, orthonormal, project_out, without
 from .problem import STEP, Basis, Problem, Slopes, bounds_of, slopes_of
 
 
@@ -95,7 +95,7 @@ class Eliminated:
 
         return _Table.of(tables(), first.local.shape[1])
 
-    def _solve_shared(self) -> tuple[FloatArray, Mask]:
+    def _solve_shared(self) -> tuple[FloatArray, BoolArray]:
         """Shared linear unknowns by bounded least squares (active set)."""
         unknowns = self.problem.linear
         if not unknowns:

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import UsageError
-from ..experiment import Experiment, FloatArray, Hold, Signal
+from ..experiment import Array, Experiment, FloatArray, Hold, Signal
 
-Array = npt.NDArray[Any]
 GAP = 3.5  # usual sample times that a curve is drawn across
 
 

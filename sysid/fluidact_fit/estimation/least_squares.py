@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
-from ..experiment import FloatArray
+from ..experiment import Array, BoolArray, FloatArray
 
-Array = npt.NDArray[Any]
-Mask = npt.NDArray[np.bool_]
 _NEGLIGIBLE = 1e-10  # part of the largest singular value below which a direction is none
 
 
@@ -59,7 +54,7 @@ def scaled_least_squares(a: FloatArray, y: FloatArray, rcond: float = 1e-12) -> 
 
 def bounded_least_squares(
     a: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray
-) -> tuple[FloatArray, Mask]:
+) -> tuple[FloatArray, BoolArray]:
     """Least squares ``min |y - a x|`` with bounds, and which entries are at one.
 
     Parameters

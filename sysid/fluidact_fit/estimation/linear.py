@@ -23,17 +23,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from math import ceil, factorial, log2
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import FloatArray
+from ..experiment import Array, FloatArray
 from .grid import SAME_STEP, Grid, group, make_grid
 from .inputs import PiecewiseInput
 from .recursion import orbit, scan
-
-Array = npt.NDArray[Any]
 
 # Taylor coefficients of exp up to degree 15, four to a row; what is left out is
 # 0.5**16 / 16! = 7e-19: below rounding for a norm of one half.

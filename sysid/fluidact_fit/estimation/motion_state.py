@@ -7,12 +7,10 @@ rests keeps the state that brought it there, and so does the friction that goes 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from ..experiment import FloatArray
+from ..experiment import BoolArray, FloatArray
 from .noise import noise_floor
 
-BoolArray = npt.NDArray[np.bool_]
 _MEETING = 8  # samples after a reversal that belong to it in any case
 
 

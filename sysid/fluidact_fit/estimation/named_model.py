@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import UsageError
-from ..experiment import FloatArray
+from ..experiment import Array, FloatArray
 from ..family import FamilyOptions, ParameterSpec, Request
-from .problem import Array, Basis, Problem, Slopes, Solution, Unknown
+from .problem import Basis, Problem, Slopes, Solution, Unknown
 from .uncertainty import Uncertainty, covariance, score_covariance
 from .whitening import Whitening
 

@@ -33,8 +33,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import FloatArray
-from .motion_state import BoolArray
+from ..experiment import BoolArray, FloatArray
 
 Activation = Literal["relu", "tanh"]
 

@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
@@ -28,7 +27,6 @@ from .results import Refusal, Solved, determine, left_open
 from .separable import Search, solve, solve_from
 from .uncertainty import covariance, t_quantile
 
-Array = npt.NDArray[Any]
 _PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
 _MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
 DECISIVE = 12.0  # twice the log-likelihood ratio that tells one value from another

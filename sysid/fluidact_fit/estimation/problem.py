@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-from ..experiment import FloatArray
+from ..experiment import Array, BoolArray, FloatArray
 from .whitening import Whitening
 
-Array = npt.NDArray[Any]
-Mask = npt.NDArray[np.bool_]
 STEP = 1e-30  # complex step: no cancellation, so it can be as small as one likes
 _WHOLE = slice(None)
 
@@ -143,7 +140,7 @@ class Solution:
     simulated: list[FloatArray]
     jacobian: list[FloatArray]
     local_counts: tuple[int, ...]
-    active: Mask
+    active: BoolArray
     iterations: int
     converged: bool
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from ..experiment import Array
 
 _FEWEST = 3  # units: with two, spread and mean leave nothing to judge either by
 _TO_JUDGE = 8  # units from which on one of them can be called an outlier

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from functools import cache
 from math import ceil
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from ..experiment import Array
 
 
 def orbit(start: Array, phi: Array, count: int) -> Array:

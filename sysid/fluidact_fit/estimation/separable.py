@@ -27,9 +27,9 @@ from typing import Any
 
 import numpy as np
 
-from ..experiment import FloatArray
+from ..experiment import BoolArray, FloatArray
 from .elimination import Eliminated, Tangent
-from .problem import Mask, Problem, Solution, bounds_of
+from .problem import Problem, Solution, bounds_of
 
 
 def solve(
@@ -158,7 +158,7 @@ def evaluate(problem: Problem, eta: FloatArray) -> Solution:
 
 
 def _finish(
-    fit: Eliminated, tangent: Tangent, on_bound: Mask, count: int, converged: bool
+    fit: Eliminated, tangent: Tangent, on_bound: BoolArray, count: int, converged: bool
 ) -> Solution:
     found = [tangent.finish(fit, i) for i in range(len(fit.tables))]
     return Solution(

@@ -18,13 +18,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from ..experiment import FloatArray
+from ..experiment import BoolArray, FloatArray
 from .blocks import blocks, condense, rows_of
 from .recursion import run_recursion
-
-BoolArray = npt.NDArray[np.bool_]
 
 _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 

@@ -16,15 +16,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from ..experiment import FloatArray
+from ..experiment import Array, FloatArray
 from .recursion import run_recursion
 
-Array = npt.NDArray[Any]
 _LONGEST = 300  # samples until the gain of the filter is taken for constant
 _SETTLED = 1e-4  # relative change of the innovations' variance below which it is constant
 

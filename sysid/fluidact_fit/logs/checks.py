@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from ..errors import Notice
-from ..experiment import Experiment, FloatArray
+from ..experiment import BoolArray, Experiment, FloatArray, IndexArray
 from ..units import after_number
 from .columns import Binding
-from .log import BoolArray, IndexArray, Log, count_of
+from .log import Log, count_of
 from .timebase import Run
 
 _MANY = 100_000

@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import LogError, Notice, UsageError
+from ..experiment import IndexArray
 from ..family import Role
 from ..units import conversion_factor, same_dimension
-from .log import Column, IndexArray, Log, name_lines
+from .log import Column, Log, name_lines
 
 TIME = Role("time", "s", "instants of the samples")
 # Time is the one role with a symbol that is in general use as a header.

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import LogError
-from ..experiment import FloatArray
+from ..experiment import BoolArray, FloatArray, IndexArray
 from .layout import Group, Layout
-from .log import BoolArray, IndexArray, IntArray
+from .log import IntArray
 
 _MOST_HOLES = 5000  # as many as are kept of cells that are no numbers
 

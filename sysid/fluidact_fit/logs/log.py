@@ -15,8 +15,6 @@ from ..errors import Notice, UsageError
 from ..experiment import FloatArray, Hold
 
 IntArray = npt.NDArray[np.int64]
-IndexArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

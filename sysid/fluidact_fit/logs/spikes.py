@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import Notice
-from ..experiment import Experiment, FloatArray
+from ..experiment import BoolArray, Experiment, FloatArray, IndexArray
 from ..family import Variant
-from .log import BoolArray, IndexArray, count_of
+from .log import count_of
 
 _FARTHER = 5.0  # times the largest other jump of the record
 _BACK = 0.2  # part of the jump by which the neighbours may differ

@@ -15,7 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import UsageError
-from .log import BoolArray, Column, Exclusion, Log, StepInput
+from ..experiment import BoolArray
+from .log import Column, Exclusion, Log, StepInput
 from .timebase import MIN_RUN, Run
 
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import LogError, Notice
-from ..experiment import FloatArray
+from ..experiment import BoolArray, FloatArray, IndexArray
 from .columns import Binding, require_numbers
-from .log import BoolArray, IndexArray, Log, count_of, name_lines
+from .log import Log, count_of, name_lines
 
 WRAP = 2.0**32
 MIN_RUN = 3

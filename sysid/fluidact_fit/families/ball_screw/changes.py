@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...estimation.recursion import run_recursion
-from ...experiment import FloatArray
-from .motion import Array, Motion, StickSlip
+from ...experiment import Array, FloatArray
+from .motion import Motion, StickSlip
 
 
 @dataclass(frozen=True)

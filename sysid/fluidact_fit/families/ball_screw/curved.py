@@ -35,9 +35,9 @@ import numpy as np
 
 from ...estimation.inputs import PiecewiseInput
 from ...estimation.runge_kutta import ERROR, NODES, RESULT, STAGES
-from ...experiment import FloatArray
+from ...experiment import Array, FloatArray
 from .changes import Steps, Varied, with_changes
-from .motion import Array, Levels, Motion, StickSlip
+from .motion import Levels, Motion, StickSlip
 from .rest import StaticBand, rising_root, value_of
 
 ((_A21,), (_A31, _A32), (_A41, _A42, _A43), (_A51, _A52, _A53, _A54),

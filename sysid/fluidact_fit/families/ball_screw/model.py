@@ -17,12 +17,11 @@ from ...estimation.inputs import PiecewiseInput, piecewise
 from ...estimation.lost_rows import fill_lost_rows
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis, Slopes
-from ...experiment import Experiment, FloatArray, Signal
+from ...experiment import Array, Experiment, FloatArray, Signal
 from ...family import Variant
 from .motion import Motion, StickSlip
 from .stick_slip import simulate_stick_slip
 
-Array = npt.NDArray[Any]
 SIDES: tuple[Literal["positive"], Literal["negative"]] = ("positive", "negative")
 BREAKAWAY: dict[str, str] = {s: f"breakaway_{s}" for s in SIDES}  # static level
 EXCESS: dict[str, str] = {s: f"excess_{s}" for s in SIDES}  # of the static level

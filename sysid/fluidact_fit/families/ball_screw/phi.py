@@ -9,7 +9,7 @@ from math import exp, factorial
 
 import numpy as np
 
-from .motion import Array
+from ...experiment import Array
 
 _INVERSE = [1.0 / factorial(n) for n in range(32)]
 

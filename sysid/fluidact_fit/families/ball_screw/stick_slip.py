@@ -29,10 +29,10 @@ import numpy as np
 from ...estimation.grid import Grid
 from ...estimation.inputs import PiecewiseInput
 from ...estimation.recursion import run_recursion
-from ...experiment import FloatArray
+from ...experiment import Array, FloatArray
 from .changes import Steps, Varied, with_changes
 from .curved import simulate_curved
-from .motion import Array, Levels, Motion, StickSlip
+from .motion import Levels, Motion, StickSlip
 from .phi import phi_of, phi_real
 from .rest import StaticBand, rising_root, slope_of, value_of
 

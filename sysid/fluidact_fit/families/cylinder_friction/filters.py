@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from ...estimation.noise import noise_floor
-from ...experiment import Experiment, FloatArray
+from ...experiment import BoolArray, Experiment, FloatArray
 from ...signals import smooth
 
-Mask = npt.NDArray[np.bool_]
 DEGREE = 2
 
 
 def _local_polynomial(
     time: FloatArray, values: FloatArray, step: float, half: int
-) -> tuple[FloatArray, Mask]:
+) -> tuple[FloatArray, BoolArray]:
     """:func:`differentiate` on an uneven time base; a window that bridges a gap is not whole."""
     n, width = values.size, 2 * half + 1
     rows, inside = np.zeros((3, n)), np.zeros(n, dtype=bool)
@@ -56,7 +54,9 @@ def sensor_noise(experiment: Experiment, role: str) -> float:
     return max(min(found, default=0.0), float(resolution / np.sqrt(12.0)))
 
 
-def differentiate(experiment: Experiment, values: FloatArray, half: int) -> tuple[FloatArray, Mask]:
+def differentiate(
+    experiment: Experiment, values: FloatArray, half: int
+) -> tuple[FloatArray, BoolArray]:
     """Local quadratics: value, slope and each sample's own share in its value, shape ``(3, n)``.
 
     The mask says where the window of ``2 half + 1`` samples is whole.
@@ -89,7 +89,7 @@ def _pad(values: FloatArray, before: int, after: int) -> FloatArray:
     return np.pad(values, (before, after), mode="edge")
 
 
-def fill(values: FloatArray, inside: Mask) -> FloatArray:
+def fill(values: FloatArray, inside: BoolArray) -> FloatArray:
     """Continue a filtered signal over the ends, and straight over gaps."""
     index = np.flatnonzero(inside)
     first, last = int(index[0]), int(index[-1])

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...errors import LogError, UsageError
-from ...experiment import Experiment, FloatArray
+from ...experiment import BoolArray, Experiment, FloatArray
 from .axis import is_place
 from .filters import (
-    Mask,
     central_difference,
     differentiate,
     fill,
@@ -49,7 +48,7 @@ class Motion:
     velocity: FloatArray
     regressor: FloatArray
     sharp: FloatArray
-    inside: Mask
+    inside: BoolArray
     noise: float
     acceleration: FloatArray | None = None
     half: int = 0
@@ -133,7 +132,7 @@ def _smoothed_velocity(
     experiment: Experiment,
     measured: FloatArray,
     rows: FloatArray,
-    inside: Mask,
+    inside: BoolArray,
     noise: float,
     half: int,
 ) -> Motion:

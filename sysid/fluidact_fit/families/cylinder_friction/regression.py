@@ -11,8 +11,7 @@ import numpy as np
 from ...estimation.least_squares import scaled_least_squares
 from ...estimation.results import Solved
 from ...estimation.uncertainty import Uncertainty, covariance, enlarge
-from ...experiment import FloatArray
-from .filters import Mask
+from ...experiment import BoolArray, FloatArray
 from .options import ONE_SIDED
 from .samples import Data
 
@@ -183,7 +182,7 @@ class System:
         self,
         jacobian: Sequence[FloatArray],
         residuals: Sequence[FloatArray],
-        samples: Sequence[Mask],
+        samples: Sequence[BoolArray],
     ) -> Uncertainty:
         """Covariance from the residuals at some samples of every run, and their correlation."""
         columns, rest, readings = [], [], []
@@ -232,7 +231,7 @@ def _invert(matrix: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.pinv(matrix / np.outer(scale, scale)) / np.outer(scale, scale))
 
 
-def _stretches(kept: Mask) -> list[int]:
+def _stretches(kept: BoolArray) -> list[int]:
     """Where one stroke ends and another begins, as indices into the kept samples.
 
     Remnants of fewer than 20 samples stay with the stretch before them.
@@ -245,7 +244,7 @@ def _stretches(kept: Mask) -> list[int]:
     return out
 
 
-def _felt(d: Data, name: str) -> Mask:
+def _felt(d: Data, name: str) -> BoolArray:
     """Which of the kept samples feel a viscous coefficient, shape ``(kept,)``."""
     if name == "viscous":
         return np.ones(d.speed.size, dtype=bool)

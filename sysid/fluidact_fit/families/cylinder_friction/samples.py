@@ -10,10 +10,9 @@ import numpy as np
 from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.friction_law import FrictionLaw, stribeck_share
 from ...estimation.stribeck import with_speed
-from ...experiment import Experiment, FloatArray
+from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Plant, Simulated, Variant
 from .axis import Axis, axis_of, driven_by_pressure, motion_role
-from .filters import Mask
 from .motion import SLOW, Motion, make_motions, match_force, quiet_acceleration
 from .options import SIDES, FrictionOptions, check_options
 
@@ -43,8 +42,8 @@ class Data:
     reading: FloatArray
     resolution: float
     direction: FloatArray
-    moving: Mask
-    kept: Mask
+    moving: BoolArray
+    kept: BoolArray
     scale: float
     driven: bool
     axis: Axis
@@ -55,7 +54,7 @@ class Data:
         return self.motion.velocity[self.kept]
 
     @property
-    def support(self) -> Mask:
+    def support(self) -> BoolArray:
         """Samples that the fitted ones depend on, shape ``(n,)``."""
         from scipy.ndimage import maximum_filter1d
 
@@ -99,7 +98,7 @@ class Data:
         own = self.smoothed(np.maximum(sharp, 0.0))
         return own + np.where(ahead, speed - self.smoothed(sharp), 0.0)
 
-    def side(self, side: str) -> Mask:
+    def side(self, side: str) -> BoolArray:
         """Which of the kept samples move in a direction."""
         return self.speed > 0.0 if side == "positive" else self.speed < 0.0
 
@@ -126,7 +125,7 @@ def _choose_deadband(motions: Sequence[Motion]) -> float:
     return float(max(floor, SLOW * min(moving, default=0.0)))
 
 
-def _moving(motion: Motion, deadband: float) -> Mask:
+def _moving(motion: Motion, deadband: float) -> BoolArray:
     """Samples that move, and whose filter window holds no rest, shape ``(n,)``.
 
     Near a rest the filter spreads motion over samples at rest. A reversal without a pause has
@@ -216,7 +215,7 @@ def prepare(
     return out, options
 
 
-def _described(motion: Motion, options: FrictionOptions) -> Mask:
+def _described(motion: Motion, options: FrictionOptions) -> BoolArray:
     """Samples within the accelerations and speeds that a fit has settled, shape ``(n,)``."""
     near = at_speeds(motion, options.speeds)
     if options.acceleration_limit is None or motion.acceleration is None:
@@ -238,7 +237,7 @@ def _is_steady(velocity: FloatArray) -> bool:
     return bool(np.ptp(means) <= _STEADY * abs(means.mean()))
 
 
-def at_speeds(motion: Motion, speeds: Mapping[str, tuple[float, float]]) -> Mask:
+def at_speeds(motion: Motion, speeds: Mapping[str, tuple[float, float]]) -> BoolArray:
     """Samples whose speed lies in the range of their direction, if there are such ranges."""
     if not speeds:
         return np.ones(motion.velocity.size, dtype=bool)

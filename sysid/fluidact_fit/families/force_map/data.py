@@ -10,13 +10,12 @@ import numpy.typing as npt
 
 from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.motion_state import (
-    BoolArray,
     choose_dead_band,
     held_direction,
     motion_state,
     settled_samples,
 )
-from ...experiment import Experiment, FloatArray
+from ...experiment import BoolArray, Experiment, FloatArray
 from ...signals import smooth
 from .options import ForceMapOptions
 

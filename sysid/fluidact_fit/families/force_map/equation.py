@@ -10,9 +10,9 @@ from typing import Self
 import numpy as np
 
 from ...errors import UsageError
-from ...estimation.motion_state import BoolArray, fill_start, running_median
+from ...estimation.motion_state import fill_start, running_median
 from ...estimation.network import Activation, Network
-from ...experiment import Experiment, FloatArray
+from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Simulated, Value
 from .data import Scaling, branch_of, column_of, input_table, is_known, state_column
 from .options import ForceMapOptions, default_inputs

@@ -16,9 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...estimation.motion_state import BoolArray
 from ...estimation.network import Activation, Network, activate
-from ...experiment import FloatArray
+from ...experiment import BoolArray, FloatArray
 
 _NARROWEST = 1e-9  # radius of a region, in widths of the box, below which it is no region
 

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.motion_state import BoolArray
 from ...estimation.network import Cost, Search, Training, search, train_from
-from ...experiment import Experiment, FloatArray
+from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Request, Simulated
 from .certificates import ENUMERATED, certify, is_enumerable
 from .data import Data, check_data, gather, settle_dead_bands

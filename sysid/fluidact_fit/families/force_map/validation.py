@@ -10,7 +10,6 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from ...estimation.motion_state import BoolArray
 from ...estimation.network import (
     Activation,
     Chords,
@@ -21,7 +20,7 @@ from ...estimation.network import (
     thin,
 )
 from ...estimation.noise import noise_floor
-from ...experiment import FloatArray
+from ...experiment import BoolArray, FloatArray
 from .data import Data, Scaling
 
 _SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)

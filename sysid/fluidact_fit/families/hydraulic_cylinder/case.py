@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ...errors import LogError, UsageError
-from ...estimation.problem import Mask
-from ...experiment import Experiment, FloatArray
+from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Plant, Request, Variant
 from ...signals import smooth
 from .equations import SIGN, Machine
@@ -30,7 +29,7 @@ class FrictionRows:
     in_time: bool = False
 
     @property
-    def moving(self) -> Mask:
+    def moving(self) -> BoolArray:
         """Rows fast enough to have a direction."""
         size = np.abs(self.speed)
         return size > 0.1 * np.quantile(size, 0.95) if size.size else size > 0.0

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...estimation.named_model import Values
-from ...estimation.problem import Array, Mask
 from ...estimation.stribeck import STRIBECK
-from ...experiment import FloatArray
+from ...experiment import Array, BoolArray, FloatArray
 
 EDGES = ("dead_zone_negative", "dead_zone_positive")
 GRAY_NAMES = (
@@ -71,7 +70,7 @@ class Machine:
         volume = self.volume(chamber, position)
         return -0.5 * SIGN[chamber] * (volume[1:] + volume[:-1]) * np.diff(pressure)
 
-    def pressure_drop(self, chamber: int, extending: Mask, pressure: Array | float) -> Array:
+    def pressure_drop(self, chamber: int, extending: BoolArray, pressure: Array | float) -> Array:
         """Drop [Pa] over the open edge: chamber 1 is fed while ``extending``, 2 while not."""
         fed = extending if chamber == 1 else ~extending
         return np.asarray(np.where(fed, self.supply - pressure, pressure - self.tank))

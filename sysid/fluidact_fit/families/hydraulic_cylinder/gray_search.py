@@ -17,10 +17,10 @@ from functools import cached_property
 import numpy as np
 
 from ...estimation.named_model import Values
-from ...estimation.problem import Mask, Unknown
+from ...estimation.problem import Unknown
 from ...estimation.separable import damped_step
 from ...estimation.uncertainty import Uncertainty, score_covariance
-from ...experiment import FloatArray
+from ...experiment import BoolArray, FloatArray
 from .gray_box import GrayBox, GrayLog, Linear
 
 _ASTRAY = 1e12  # residuals in standard deviations beyond which a simulation has run away
@@ -63,7 +63,7 @@ class GraySolution:
     cost: float
     iterations: int
     converged: bool
-    active: Mask
+    active: BoolArray
 
     @property
     def initial(self) -> list[FloatArray]:

@@ -10,8 +10,7 @@ import numpy as np
 from ...errors import LogError
 from ...estimation.friction_law import FrictionLaw
 from ...estimation.named_model import Values
-from ...estimation.problem import Mask
-from ...experiment import FloatArray
+from ...experiment import BoolArray, FloatArray
 from ...family import Curve, Quantity, StaticView, Value, scalars
 from .case import Case
 from .equations import EDGES, chamber_flow
@@ -117,7 +116,7 @@ def _quiet_windows(case: Case) -> list[Windows]:
     return [w for w in out if w.first.size]
 
 
-def _held_out(case: Case, w: Windows) -> Mask:
+def _held_out(case: Case, w: Windows) -> BoolArray:
     """Windows that judge: the last of three logs or more, else the last quarter of each log."""
     if len(case.experiments) > 2:
         return np.full(w.first.size, w.experiment == len(case.experiments) - 1)

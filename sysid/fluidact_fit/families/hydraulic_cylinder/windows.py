@@ -17,8 +17,7 @@ import numpy.typing as npt
 
 from ...estimation.named_model import Values
 from ...estimation.noise import noise_floor
-from ...estimation.problem import Array, Mask
-from ...experiment import Experiment, FloatArray
+from ...experiment import Array, BoolArray, Experiment, FloatArray
 from .equations import Machine, mean_flow
 
 _LEAST_DROP = 0.04  # of supply above tank: below it the piston stands at the end of its stroke
@@ -54,7 +53,7 @@ class Windows:
     step: FloatArray
     pressure: FloatArray
 
-    def chosen(self, rows: Mask) -> Windows:
+    def chosen(self, rows: BoolArray) -> Windows:
         """Some of the windows."""
         names = ("first", "last", "duration", "motion", "swelling")
         return replace(self, **{n: getattr(self, n)[rows] for n in names})
@@ -151,7 +150,9 @@ def _make_windows(
     )  # fmt: skip
 
 
-def _steady(e: Experiment, pressure: FloatArray, noise: float, first: Rows, samples: int) -> Mask:
+def _steady(
+    e: Experiment, pressure: FloatArray, noise: float, first: Rows, samples: int
+) -> BoolArray:
     """Windows amid a plateau: command held and pressure constant two windows to either side.
 
     The flow ``V/beta dp/dt`` that compresses the oil has to be below 1 % of the motion's; a

@@ -31,8 +31,8 @@ from ...estimation.grid import Grid, make_grid
 from ...estimation.inputs import PiecewiseInput, piecewise, settled_hold
 from ...estimation.linear import forced_response
 from ...estimation.named_model import NamedModel, Values
-from ...estimation.problem import Array, Basis
-from ...experiment import Experiment, FloatArray, Signal
+from ...estimation.problem import Basis
+from ...experiment import Array, Experiment, FloatArray, Signal
 
 _PARTS = 8  # of a sample time, for a command that moves
 _MOST = 400_000  # instants of a moving command

@@ -10,11 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import LogError, NotIdentifiedError
-from ...experiment import Experiment, FloatArray
+from ...experiment import BoolArray, Experiment, FloatArray
 from .calibration import rising_share
 from .rational_bezier import CurveFit, Rows, Shape, group
 
-BoolArray = npt.NDArray[np.bool_]
 COARSE, FINE = 600, 4096  # rows that searches and the final fit work on
 MANY = 20_000  # rows that are worth merging
 _MOST_POSITIONS = 100  # beyond them readings are as good as a sweep

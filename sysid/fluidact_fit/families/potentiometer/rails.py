@@ -10,8 +10,8 @@ import numpy as np
 from ...errors import Notice
 from ...estimation.noise import noise_floor
 from ...estimation.uncertainty import t_quantile
-from ...experiment import Experiment, FloatArray
-from .data import BoolArray, Data, check_data, gather
+from ...experiment import BoolArray, Experiment, FloatArray
+from .data import Data, check_data, gather
 from .options import PotentiometerOptions
 from .rational_bezier import group
 

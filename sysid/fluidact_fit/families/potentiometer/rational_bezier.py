@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...estimation.problem import Array, Basis, Problem, Unknown
+from ...estimation.problem import Basis, Problem, Unknown
 from ...estimation.separable import Search, solve_from
-from ...experiment import FloatArray
+from ...experiment import Array, FloatArray
 
 LOG_WEIGHT_LIMIT = float(np.log(50.0))
 _FEW = 24  # rows that are left out one by one

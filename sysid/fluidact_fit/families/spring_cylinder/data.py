@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import LogError
-from ...estimation.motion_state import BoolArray, choose_dead_band, held_direction, motion_state
-from ...experiment import Experiment, FloatArray
+from ...estimation.motion_state import choose_dead_band, held_direction, motion_state
+from ...experiment import BoolArray, Experiment, FloatArray
 from ...specification import Variant
 from .equation import SpringLaw
 from .instruments import REACH, Instrument, Motion, differentiate, instruments

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +19,9 @@ from ...estimation.least_squares import project_out
 from ...estimation.linear import forced_pieces, free_pieces, states_at_nodes
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis
-from ...experiment import Experiment, FloatArray, Signal
+from ...experiment import Array, Experiment, FloatArray, Signal
 from ...family import Simulated
 
-Array = npt.NDArray[Any]
 Realisation = Callable[[Values], tuple[Array, Array, Array]]
 
 
