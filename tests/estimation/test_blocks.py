@@ -134,10 +134,18 @@ def test_covariance_of_coloured_residuals_is_that_of_the_toeplitz_matrix(monkeyp
         assert covariance([j], [residual]).covariance == pytest.approx(expected, rel=1e-9)
 
 
-def test_another_row_of_a_long_log_takes_little_memory(monkeypatch):
+@pytest.mark.parametrize(
+    ("sizes", "most"),
+    [
+        # an examination more is done below 200,000 rows
+        ((20_000, 40_000), 320),
+        pytest.param((210_000, 310_000), 160, marks=pytest.mark.slow),
+    ],
+)
+def test_another_row_of_a_long_log_takes_little_memory(monkeypatch, sizes, most):
     monkeypatch.setattr(blocks, "ROWS", 1 << 12)
-    log = second_order_log(310_000, False, True)
-    sizes, peaks = (210_000, 310_000), []
+    log = second_order_log(sizes[1], False, True)
+    peaks = []
     for samples in sizes:
         tracemalloc.start()
         fit("hydrostatic", iter([{name: values[:samples] for name, values in log.items()}]))
@@ -145,4 +153,18 @@ def test_another_row_of_a_long_log_takes_little_memory(monkeypatch):
         tracemalloc.stop()
     # time, input and output, the derivatives by four parameters, residual and simulation are 72
     # bytes, a fit of an input that was delayed another 32; columns of whole arrays took 500
-    assert (peaks[1] - peaks[0]) / (sizes[1] - sizes[0]) < 160
+    assert (peaks[1] - peaks[0]) / (sizes[1] - sizes[0]) < most
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_blocks_that_hold_one_direction_each_keep_the_products(order):
+    """As logs at one constant speed each do, the later ones far beyond those before."""
+    rng = np.random.default_rng(3)
+    small = [1e-9 * rng.standard_normal((40, 3)) for _ in range(2)]
+    large = [np.outer(rng.standard_normal(40), direction) for direction in np.eye(3)[:2] + 0.5]
+    parts = [*small, *large][::order]
+    found = condense(iter(parts)).astype(np.longdouble)
+    exact = np.vstack(parts).astype(np.longdouble)
+    products = exact.T @ exact
+    size = np.sqrt(np.diag(products))
+    assert np.abs((found.T @ found - products) / np.outer(size, size)).max() < 1e-13

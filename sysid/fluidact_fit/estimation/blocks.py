@@ -104,9 +104,9 @@ class _Condensed:
             self._take(np.vstack((self.triangle, table)))
             return
         turned = table @ self.inverse
-        self.products += turned.T @ turned
-        trace = float(np.trace(self.products))
-        if not trace < _GROWN:
-            if not np.isfinite(trace):
-                raise np.linalg.LinAlgError("the model gives no finite numbers")
-            self._take(self.triangle)
+        more = turned.T @ turned
+        trace = float(np.trace(self.products) + np.trace(more))
+        if trace < _GROWN:
+            self.products += more
+        else:  # rows far larger than those before would be lost in the products, or those in them
+            self._take(np.vstack((self.triangle, table)))
