@@ -318,8 +318,7 @@ def _blaming_the_numbers() -> Iterator[None]:
         yield
     except (
         np.linalg.LinAlgError,
-        OverflowError,
-        FloatingPointError,
+        ArithmeticError,  # overflow, division by zero
         ParameterFileError,
     ) as error:
         found = str(error)

@@ -141,6 +141,14 @@ def test_a_simulation_of_steps_reads_no_log(option: str, here: Run, inside: Path
     assert here("simulate", "valve.yaml", *steps).status == 0
 
 
+def test_a_start_beyond_all_numbers_is_blamed(here: Run, inside: Path) -> None:
+    words = dataset("ball-screw", 60, inside / "log.csv")
+    done = here(*words, "--start", "coulomb_negative=1e30")
+    assert done.status == 4, done.err
+    assert "--start" in done.err
+    assert [p.name for p in inside.iterdir()] == ["log.csv"]
+
+
 def test_a_rate_that_never_gets_anywhere_costs_no_memory(here: Run, inside: Path) -> None:
     words = ["design", "hydrostatic", "--from", str(GOLDEN / "hydrostatic.yaml"), "-o", "next.csv"]
     done = here(*words, "--duration", "0.2", "--rate", "1e-12")
