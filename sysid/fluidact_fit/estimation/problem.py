@@ -30,6 +30,7 @@ class Unknown:
 
 
 def bounds_of(unknowns: Sequence[Unknown]) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper bounds of some unknowns, shape ``(p,)`` each."""
     return np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
 
 
