@@ -176,7 +176,8 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
         others = [h for h in _WORDS if h != (experiments[0].signals[role.name].hold or "zoh")]
         tried = [_shift(at, role.name, h) for h in others]
         signals = [e.signals[role.name] for e in driving]
-        found = _best_hold([t for t in tried if t and t.left <= enough], signals)
+        possible = [t for t in tried if t and t.left <= enough and _is_possible(at, t, enough)]
+        found = _best_hold(possible, signals)
         if found is None:
             continue
         table[role.name] = asdict(found)
@@ -185,6 +186,12 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
         if said and (said.code == "hold-doubtful" or unsure):
             notices.append(said)
     return table, notices
+
+
+def _is_possible(at: Optimum, t: _Shift, enough: float) -> bool:
+    """Whether a hold that has to explain forces does so without leaving a parameter's range."""
+    spec, value = at.variant.parameter(t.parameter.partition("[")[0]), number(at.plant, t.parameter)
+    return not np.isfinite(enough) or spec.minimum <= value + t.shift <= spec.maximum
 
 
 def _best_hold(tried: Sequence[_Shift], signals: Sequence[Signal]) -> _Shift | None:
