@@ -45,7 +45,6 @@ _STEP = 1e-3  # s
 _BLOCK = 1 << 18  # rows made at once
 _JITTER = 0.3  # of a step, of unevenly sampled logs
 _GOLDEN = 0.6180339887498949
-_PROGRAM = [sys.executable, "-m", "fluidact_fit_cli.main"]
 _MEASURED = (
     "import resource, runpy, sys\n"
     "began = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])\n"

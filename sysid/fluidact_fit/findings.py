@@ -38,6 +38,18 @@ from .version import __version__
 
 
 @dataclass(frozen=True)
+class Examined:
+    """Entries for the file, warnings, and outliers that are in the fit.
+
+    ``outliers`` is ``None`` where a sample is one that cannot be left out.
+    """
+
+    details: dict[str, Any]
+    notices: list[Notice]
+    outliers: list[Outlier] | None
+
+
+@dataclass(frozen=True)
 class Findings:
     """An estimate with everything that it came from.
 
@@ -70,14 +82,14 @@ class Findings:
         return pair(self.experiments, self.simulated, self.variant)
 
     @cached_property
-    def examined(self) -> tuple[dict[str, Any], list[Notice], list[Outlier] | None]:
-        """Entries for the file, warnings and outliers; the derivatives are gone with the search."""
+    def examined(self) -> Examined:
+        """What the derivatives of the fit show; they themselves are not kept."""
         at = make_optimum(self.family, self.variant, self.estimate, self.fitted)
         outliers = find_outliers(at)
         details, notices = diagnose(
             self.family, self.variant, self.estimate, self.fitted, at, self.declared
         )
-        return details, notices, outliers
+        return Examined(details, notices, outliers)
 
     @cached_property
     def offset(self) -> float | None:
@@ -106,7 +118,7 @@ def make_parameter_document(
     fitted = found.fitted
     output = variant.output.name
     unit = found.experiments[0].signals[output].unit
-    details, warned, _ = found.examined
+    details, warned = found.examined.details, found.examined.notices
     if found.outliers:
         details = {**details, "outliers": [o.entry for o in found.outliers]}
         warned = [*warned, outlier_notice(found.outliers)]

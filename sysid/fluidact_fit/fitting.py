@@ -294,7 +294,7 @@ def _without_outliers(found: Findings) -> Findings:
     """Fit again without the outliers that decide; the first fit where that settles nothing."""
     now, samples = found, sum(e.samples for e in found.experiments)
     for _ in range(_ROUNDS + 1):
-        more = now.examined[2]
+        more = now.examined.outliers
         if more is None:
             return found
         gone = (*now.outliers, *more)

@@ -186,7 +186,7 @@ def _fit(
             judged = _read_judged(params)
             return fit(
                 family.name,
-                iter(read_logs(params["logs"], params)),
+                iter(read_logs(params["logs"], params)),  # so that raw columns are not kept
                 fixed=params["fix"],
                 start=params["start"],
                 bounds=params["bounds"],

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from ..estimation.blocks import blocks, condense
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.uncertainty import fit_autoregression, innovations, middle_of
-from ..experiment import FloatArray
+from ..experiment import BoolArray, FloatArray
 
 _ORDER = 25  # highest of the autoregression that whitens the residual
 
@@ -129,6 +128,6 @@ class Beside:
         return out
 
 
-def all_of(values: FloatArray, used: npt.NDArray[np.bool_]) -> FloatArray:
+def all_of(values: FloatArray, used: BoolArray) -> FloatArray:
     """Values at some samples; without a copy where it is all of them."""
     return values if used.all() else values[used]

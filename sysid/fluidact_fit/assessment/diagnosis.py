@@ -165,8 +165,6 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
     experiments = at.experiments
     if sum(e.samples for e in experiments) > _LONG:
         return {}, []
-    # what else was compared than the output leaves a residual that is not noise: it has to shrink
-    enough = np.inf if at.estimate.sensitivity else _EXPLAINS
     table: dict[str, Any] = {}
     notices: list[Notice] = []
     for role in at.variant.driving:
@@ -174,10 +172,10 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
         if len(driving) < len(experiments):
             continue
         others = [h for h in _WORDS if h != (experiments[0].signals[role.name].hold or "zoh")]
-        tried = [_shift(at, role.name, h) for h in others]
-        signals = [e.signals[role.name] for e in driving]
-        possible = [t for t in tried if t and t.left <= enough and _is_possible(at, t, enough)]
-        found = _best_hold(possible, signals)
+        tried = [t for h in others if (t := _shift(at, role.name, h))]
+        if not at.estimate.sensitivity:
+            tried = [t for t in tried if _explains_forces(at, t)]
+        found = _best_hold(tried, [e.signals[role.name] for e in driving])
         if found is None:
             continue
         table[role.name] = asdict(found)
@@ -188,10 +186,14 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
     return table, notices
 
 
-def _is_possible(at: Optimum, t: _Shift, enough: float) -> bool:
-    """Whether a hold that has to explain forces does so without leaving a parameter's range."""
+def _explains_forces(at: Optimum, t: _Shift) -> bool:
+    """Whether another hold explains what is not noise.
+
+    Where more was compared than the output the residual holds forces as well: it has to shrink,
+    with every parameter in its range.
+    """
     spec, value = at.variant.parameter(t.parameter.partition("[")[0]), number(at.plant, t.parameter)
-    return not np.isfinite(enough) or spec.minimum <= value + t.shift <= spec.maximum
+    return t.left <= _EXPLAINS and spec.minimum <= value + t.shift <= spec.maximum
 
 
 def _best_hold(tried: Sequence[_Shift], signals: Sequence[Signal]) -> _Shift | None:

@@ -1,36 +1,21 @@
-"""Do a few samples carry the answer? Leave-one-out of every sample, run and half, in closed form.
+"""Do a few samples carry the answer, or one half of the data?
 
-With the derivatives ``J`` of a least-squares fit the estimate without sample ``i`` differs by
-``(J'J)^-1 J_i' r_i / (1 - h_i)``, ``h_i`` being the sample's leverage, the diagonal of
-``J (J'J)^-1 J'`` [1]_. A sample that stands alone, far from what all others say, or that is
-matched exactly because nothing else holds what it says, can turn a result without showing in
-its root-mean-square error.
-
-References
-----------
-.. [1] R. D. Cook, S. Weisberg, Residuals and Influence in Regression, 1982.
+A sample that stands alone, far from what all others say, or that is matched exactly because
+nothing else holds what it says, can turn a result without showing in its root-mean-square error;
+see :mod:`.leverage`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
-
-import numpy as np
 
 from ..errors import Notice
 from ..estimation.agreement_of_logs import Drift, compare_logs
-from ..estimation.blocks import blocks, condense, rows_of
-from ..experiment import BoolArray, FloatArray
+from ..experiment import FloatArray
 from ..units import as_share
 from .optimum import Optimum
 
-_ODD = 1e-6  # probability of a residual that large among all samples
-_MOVES = 0.5  # standard errors by which an odd sample may move a parameter
-_CARRIES = 3.0  # standard errors by which any sample may
-_FAR = 10.0  # standard deviations that no noise reaches
 _LISTED = 5
 _FEWEST = 50  # samples of a part of the data that is compared with the rest
 _DISAGREE = 1e-4  # probability of a difference that large between parts of the data
@@ -49,97 +34,9 @@ class Sample:
     errors: float
 
 
-@dataclass(frozen=True)
-class Effect:
-    """What one sample does to the estimate.
-
-    Attributes
-    ----------
-    series, row
-        Where it is: the series, and the row among its used samples.
-    leverage, deviations
-        Entry on the diagonal of the hat matrix, and studentised residual.
-    odd
-        Whether that is too large for one of that many.
-    parameter, errors
-        Number of the parameter that it moves most, and by how many standard errors.
-    """
-
-    series: int
-    row: int
-    leverage: float
-    deviations: float
-    odd: bool
-    parameter: int
-    errors: float
-
-    @property
-    def deciding(self) -> bool:
-        """Whether the result hangs on it."""
-        return abs(self.errors) > (_MOVES if self.odd else _CARRIES)
-
-    @property
-    def outlying(self) -> bool:
-        """Whether no model near this one explains it: it is odd, and decides or lies far off."""
-        return self.odd and (abs(self.errors) > _MOVES or abs(self.deviations) > _FAR)
-
-
-@dataclass(frozen=True)
-class Influence:
-    """What the samples do to the estimate.
-
-    Attributes
-    ----------
-    leverage, most
-        The largest leverage, and the most standard errors by which one moves a parameter.
-    effects
-        Those of samples that decide or lie far off, in order.
-    odd
-        Which samples of every series are odd, shape ``(n_i,)`` each.
-    inverse
-        That of the triangle of the derivatives: rows of them times it are those of the
-        orthogonal factor, shape ``(p, p)``.
-    """
-
-    leverage: float
-    most: float
-    effects: Sequence[Effect]
-    odd: Sequence[BoolArray]
-    inverse: FloatArray
-
-
-def measure_influence(at: Optimum) -> Influence | None:
-    """What every sample does to the estimate; ``None`` where too few of them tell."""
-    table = condense(rows_of(at.jacobians))
-    n, p = sum(r.size for r in at.residuals), table.shape[1]
-    if n <= p + 10:
-        return None
-    scale = np.linalg.norm(table, axis=0)
-    scale[scale == 0.0] = 1.0
-    triangle = np.linalg.qr(table / scale, mode="r")
-    if np.min(np.abs(np.diag(triangle))) < 1e-9:
-        return None
-    inverse = np.linalg.inv(triangle) / scale[:, None]
-    each = _Leverages(at, inverse, _Scatter.of(at.residuals, p))
-    leverage, most, effects = 0.0, 0.0, []
-    odd = [np.zeros(r.size, dtype=bool) for r in at.residuals]
-    for series, part in _blocks(at.residuals):
-        own, errors = each.of(series, part)
-        size = np.abs(errors).max(axis=1)
-        deviations = each.scatter.studentised(at.residuals[series][part], own)
-        leverage, most = max(leverage, float(own.max())), max(most, float(size.max()))
-        odd[series][part] = np.abs(deviations) > each.limit
-        for i in np.flatnonzero(odd[series][part] | (size > _CARRIES)):
-            k = int(np.argmax(np.abs(errors[i])))
-            strange = bool(odd[series][part.start + i])
-            found = (float(own[i]), float(deviations[i]), strange, k, float(errors[i, k]))
-            effects.append(Effect(series, part.start + int(i), *found))
-    return Influence(leverage, most, effects, odd, inverse)
-
-
 def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Samples that the result hangs on: an entry for the file, and a warning."""
-    influence = measure_influence(at)
+    influence = at.influence
     if influence is None:
         return {}, []
     entry: dict[str, Any] = {
@@ -157,77 +54,6 @@ def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     ]  # fmt: skip
     entry["samples"] = [vars(s) for s in found]
     return entry, [_notice(found, len(deciding), at.unit(found[0].parameter))]
-
-
-def _blocks(residuals: Sequence[FloatArray]) -> Iterator[tuple[int, slice]]:
-    """Blocks of all series."""
-    return ((k, part) for k, r in enumerate(residuals) for part in blocks(r.size))
-
-
-@dataclass(frozen=True)
-class _Scatter:
-    """Size of the residuals of a fit of ``p`` unknowns.
-
-    ``squares`` is the sum of their squares, ``robust`` their standard deviation by the median,
-    ``largest`` the largest of them.
-    """
-
-    samples: int
-    p: int
-    squares: float
-    robust: float
-    largest: float
-
-    @classmethod
-    def of(cls, residuals: Sequence[FloatArray], p: int) -> _Scatter:
-        """The scatter of all series together."""
-        size = np.concatenate([np.abs(r) for r in residuals])
-        n = size.size
-        squares, largest = float(size @ size), float(size.max())
-        median = float(np.median(size, overwrite_input=True))
-        return cls(n, p, squares, 1.4826 * median * np.sqrt(n / max(n - p, 1)), largest)
-
-    def studentised(self, r: FloatArray, leverage: FloatArray) -> FloatArray:
-        """Residuals in standard deviations of the others, robust against many odd ones."""
-        own = r / np.sqrt(1.0 - leverage)
-        degrees = max(self.samples - self.p - 1, 1)
-        sigma = np.sqrt(np.maximum(self.squares - own**2, 0.0) / degrees)
-        # a residual that is mostly zero (a counter at rest) has no robust size
-        sigma = sigma if self.robust == 0.0 else np.minimum(sigma, 2.0 * self.robust)
-        # of a residual that is one sample alone nothing is left but rounding
-        return np.asarray(own / np.maximum(sigma, 1e-12 * max(self.largest, 1e-300)))
-
-
-@dataclass(frozen=True)
-class _Leverages:
-    """Leverage of samples and how far each moves the parameters.
-
-    ``inverse`` is that of the triangle of the derivatives, shape ``(p, p)``.
-    """
-
-    at: Optimum
-    inverse: FloatArray
-    scatter: _Scatter
-
-    @cached_property
-    def limit(self) -> float:
-        """Studentised residual beyond which a sample is odd."""
-        return _limit(self.scatter.samples, self.scatter.samples - self.scatter.p - 1)
-
-    def of(self, series: int, part: slice) -> tuple[FloatArray, FloatArray]:
-        """Leverage, ``(m,)``, and moves in standard errors, ``(m, p)``."""
-        q = self.at.jacobians[series][part] @ self.inverse
-        leverage = np.minimum(np.sum(q**2, axis=1), 1.0 - 1e-9)
-        r = self.at.residuals[series][part]
-        moves = (q * (r / (1.0 - leverage))[:, None]) @ self.inverse.T
-        return leverage, np.asarray(moves / self.at.errors)
-
-
-def _limit(n: int, degrees: int) -> float:
-    """Studentised residual that one of ``n`` exceeds with a probability of ``_ODD``."""
-    from scipy.special import stdtrit
-
-    return float(-stdtrit(max(degrees, 1), 0.5 * _ODD / n))
 
 
 def _times(factor: float) -> str:

@@ -19,6 +19,7 @@ from ..family import Estimate, Family, FamilyOptions, Plant, Simulated, Variant
 from ..outcome import Simulation
 from ..units import after_number
 from .beside import Beside, all_of
+from .leverage import Influence, measure_influence
 
 _SAME = 1.0 - 1e-9  # correlation of two names for one unknown
 _STEP = 0.02  # of a standard error, for differences of a simulation
@@ -132,10 +133,15 @@ class Optimum:
         return [np.asarray(one.also.get(s.role, one.output), dtype=float)
                 for s, one in zip(self.series, runs, strict=True)]  # fmt: skip
 
+    @cached_property
+    def influence(self) -> Influence | None:
+        """What every sample does to the estimate; ``None`` where too few of them tell."""
+        return measure_influence(self.jacobians, self.residuals, self.errors)
+
     @property
     def sigma(self) -> float:
         """Root mean square of the residuals [unit of the residuals]."""
-        return _root_mean_square(self.residuals)
+        return root_mean_square(self.residuals)
 
     @property
     def roles(self) -> tuple[str, ...]:
@@ -161,7 +167,7 @@ class Optimum:
         for _ in range(_TRIES):
             step *= factor
             columns = self.change(plant=moved(plant, name, step), represented=represented)
-            size = _root_mean_square(columns)
+            size = root_mean_square(columns)
             if not (np.isfinite(size) and size > 0.0):
                 return None
             factor = _PART * self.sigma / size
@@ -196,7 +202,8 @@ class Optimum:
         )  # fmt: skip
 
 
-def _root_mean_square(parts: Sequence[FloatArray]) -> float:
+def root_mean_square(parts: Sequence[FloatArray]) -> float:
+    """Root of the mean square of all parts, of any shape ``(n_i,)`` each."""
     return float(np.sqrt(sum(float(x @ x) for x in parts) / sum(x.size for x in parts)))
 
 

@@ -29,7 +29,7 @@ from ..experiment import Experiment, FloatArray
 from ..logs.log import count_of
 from ..logs.spikes import where_inputs_move
 from ..units import after_number
-from .influence import Effect, Influence, measure_influence
+from .leverage import Effect, Influence
 from .optimum import Optimum
 
 _WIDE = 2  # samples that an outlier may be wide
@@ -64,7 +64,7 @@ class Outlier:
 
 def find_outliers(at: Optimum | None) -> list[Outlier] | None:
     """Samples to set aside; ``None`` where one is outlying that cannot be."""
-    influence = None if at is None else measure_influence(at)
+    influence = None if at is None else at.influence
     if at is None or influence is None:
         return []
     found = [e for e in influence.effects if e.outlying]

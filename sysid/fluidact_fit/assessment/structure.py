@@ -26,7 +26,7 @@ from ..family import ParameterSpec, Role
 from ..options import describe
 from ..units import as_share
 from .beside import all_of
-from .optimum import Optimum, Series, delayed, shifted
+from .optimum import Optimum, Series, delayed, root_mean_square, shifted
 from .score import Score, Term, judge_term
 
 _PREFERRED = 0.8  # share of the best significance at which a parameter of the family is named
@@ -203,7 +203,7 @@ def _later(at: Optimum, role: str, step: float) -> list[FloatArray]:
     near = at.change([delayed(e, role, _SHIFT * step) for e in runs])
     if all(e.signals[role].hold == "zoh" for e in runs):
         late = at.change([shifted(e, role, 1) for e in runs])
-        if _size(late) < _SAMPLED * _size(near):
+        if root_mean_square(late) < _SAMPLED * root_mean_square(near):
             early = at.change([shifted(e, role, -1) for e in runs])
             return [(a - b) / (2.0 * step) for a, b in zip(late, early, strict=True)]
     return [c / (_SHIFT * step) for c in near]
@@ -226,11 +226,6 @@ def _aside(at: Optimum, columns: Sequence[FloatArray]) -> list[FloatArray]:
         sums, rows = (total[last] - total[first]).sum(axis=0), (last - first).sum(axis=0)
         out.append(sums / np.maximum(rows, 1))
     return out
-
-
-def _size(columns: Sequence[FloatArray]) -> float:
-    """Root of the sum of squares over all runs."""
-    return float(np.sqrt(sum(float(c @ c) for c in columns)))
 
 
 @dataclass(frozen=True)

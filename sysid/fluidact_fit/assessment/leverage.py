@@ -1,0 +1,168 @@
+"""Leave-one-out of every sample, in closed form.
+
+With the derivatives ``J`` of a least-squares fit the estimate without sample ``i`` differs by
+``(J'J)^-1 J_i' r_i / (1 - h_i)``, ``h_i`` being the sample's leverage, the diagonal of
+``J (J'J)^-1 J'`` [1]_.
+
+References
+----------
+.. [1] R. D. Cook, S. Weisberg, Residuals and Influence in Regression, 1982.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..estimation.blocks import blocks, condense, rows_of
+from ..experiment import BoolArray, FloatArray
+
+_ODD = 1e-6  # probability of a residual that large among all samples
+_MOVES = 0.5  # standard errors by which an odd sample may move a parameter
+_CARRIES = 3.0  # standard errors by which any sample may
+_FAR = 10.0  # standard deviations that no noise reaches
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What one sample does to the estimate.
+
+    Attributes
+    ----------
+    series, row
+        Where it is: the series, and the row among its used samples.
+    leverage, deviations
+        Entry on the diagonal of the hat matrix, and studentised residual.
+    odd
+        Whether that is too large for one of that many.
+    parameter, errors
+        Number of the parameter that it moves most, and by how many standard errors.
+    """
+
+    series: int
+    row: int
+    leverage: float
+    deviations: float
+    odd: bool
+    parameter: int
+    errors: float
+
+    @property
+    def deciding(self) -> bool:
+        """Whether the result hangs on it."""
+        return abs(self.errors) > (_MOVES if self.odd else _CARRIES)
+
+    @property
+    def outlying(self) -> bool:
+        """Whether no model near this one explains it: it is odd, and decides or lies far off."""
+        return self.odd and (abs(self.errors) > _MOVES or abs(self.deviations) > _FAR)
+
+
+@dataclass(frozen=True)
+class Influence:
+    """What the samples do to the estimate.
+
+    Attributes
+    ----------
+    leverage, most
+        The largest leverage, and the most standard errors by which one moves a parameter.
+    effects
+        Those of samples that decide or lie far off, in order.
+    odd
+        Which samples of every series are odd, shape ``(n_i,)`` each.
+    inverse
+        That of the triangle of the derivatives: rows of them times it are those of the
+        orthogonal factor, shape ``(p, p)``.
+    """
+
+    leverage: float
+    most: float
+    effects: Sequence[Effect]
+    odd: Sequence[BoolArray]
+    inverse: FloatArray
+
+
+def measure_influence(
+    jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray], known: FloatArray
+) -> Influence | None:
+    """What every sample does to the estimate; ``None`` where too few of them tell.
+
+    Parameters
+    ----------
+    jacobians, residuals
+        Of every series, shapes ``(n_i, p)`` and ``(n_i,)``.
+    known : (p,)
+        Standard errors of the parameters.
+    """
+    table = condense(rows_of(jacobians))
+    n, p = sum(r.size for r in residuals), table.shape[1]
+    if n <= p + 10:
+        return None
+    scale = np.linalg.norm(table, axis=0)
+    scale[scale == 0.0] = 1.0
+    triangle = np.linalg.qr(table / scale, mode="r")
+    if np.min(np.abs(np.diag(triangle))) < 1e-9:
+        return None
+    inverse = np.linalg.inv(triangle) / scale[:, None]
+    scatter = _Scatter.of(residuals, p)
+    limit = _limit(n, n - p - 1)
+    leverage, most, effects = 0.0, 0.0, []
+    odd = [np.zeros(r.size, dtype=bool) for r in residuals]
+    for series, part in ((k, at) for k, r in enumerate(residuals) for at in blocks(r.size)):
+        r = residuals[series][part]
+        q = jacobians[series][part] @ inverse
+        own = np.minimum(np.sum(q**2, axis=1), 1.0 - 1e-9)
+        errors = (q * (r / (1.0 - own))[:, None]) @ inverse.T / known
+        size, deviations = np.abs(errors).max(axis=1), scatter.studentised(r, own)
+        leverage, most = max(leverage, float(own.max())), max(most, float(size.max()))
+        odd[series][part] = np.abs(deviations) > limit
+        strong = (size > _MOVES) | (np.abs(deviations) > _FAR)
+        for i in np.flatnonzero((odd[series][part] & strong) | (size > _CARRIES)):
+            k = int(np.argmax(np.abs(errors[i])))
+            strange = bool(odd[series][part.start + i])
+            found = (float(own[i]), float(deviations[i]), strange, k, float(errors[i, k]))
+            effects.append(Effect(series, part.start + int(i), *found))
+    return Influence(leverage, most, effects, odd, inverse)
+
+
+@dataclass(frozen=True)
+class _Scatter:
+    """Size of the residuals of a fit of ``p`` unknowns.
+
+    ``squares`` is the sum of their squares, ``robust`` their standard deviation by the median,
+    ``largest`` the largest of them.
+    """
+
+    samples: int
+    p: int
+    squares: float
+    robust: float
+    largest: float
+
+    @classmethod
+    def of(cls, residuals: Sequence[FloatArray], p: int) -> _Scatter:
+        """The scatter of all series together."""
+        size = np.concatenate([np.abs(r) for r in residuals])
+        n = size.size
+        squares, largest = float(size @ size), float(size.max())
+        median = float(np.median(size, overwrite_input=True))
+        return cls(n, p, squares, 1.4826 * median * np.sqrt(n / max(n - p, 1)), largest)
+
+    def studentised(self, r: FloatArray, leverage: FloatArray) -> FloatArray:
+        """Residuals in standard deviations of the others, robust against many odd ones."""
+        own = r / np.sqrt(1.0 - leverage)
+        degrees = max(self.samples - self.p - 1, 1)
+        sigma = np.sqrt(np.maximum(self.squares - own**2, 0.0) / degrees)
+        # a residual that is mostly zero (a counter at rest) has no robust size
+        sigma = sigma if self.robust == 0.0 else np.minimum(sigma, 2.0 * self.robust)
+        # of a residual that is one sample alone nothing is left but rounding
+        return np.asarray(own / np.maximum(sigma, 1e-12 * max(self.largest, 1e-300)))
+
+
+def _limit(n: int, degrees: int) -> float:
+    """Studentised residual that one of ``n`` exceeds with a probability of ``_ODD``."""
+    from scipy.special import stdtrit
+
+    return float(-stdtrit(max(degrees, 1), 0.5 * _ODD / n))
