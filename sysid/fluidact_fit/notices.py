@@ -173,6 +173,11 @@ _JUDGEMENT = {
         "with it by more than their intervals say.",
         "Fix the value that the message names if it is known, or record what determines it.",
     ),
+    "few-independent-samples": _warning(
+        "The residuals are autocorrelated over so long that the samples are worth only a few "
+        "independent ones for every unknown, which do not show how large the errors are.",
+        "Record for longer, with more strokes over the whole range.",
+    ),
     "few-samples-decide": _warning(
         "The result hangs on a few samples, which lie far from all others or are matched exactly "
         "because nothing else holds what they say.",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from fluidact_fit.estimation.uncertainty import covariance
+from fluidact_fit.estimation.uncertainty import covariance, independent_samples
 
 
 @pytest.mark.parametrize("samples", [1, 3, 4])
@@ -23,3 +24,17 @@ def test_an_unknown_that_the_samples_do_tell_keeps_its_variance() -> None:
     # one degree of freedom: cost / (J'J)
     assert variances[0] == pytest.approx((0.1**2 + 0.05**2) / 5.0)
     assert np.isinf(variances[1:]).all()
+
+
+@pytest.mark.parametrize("memory", [0.5, 0.9])
+def test_independent_samples_are_those_of_the_autoregression(memory: float) -> None:
+    n = 100_000
+    rest = lfilter([1.0], [1.0, -memory], np.random.default_rng(5).normal(size=n))
+    expected = n * (1.0 - memory**2) / (1.0 + memory**2)  # Bayley and Hammersley 1946
+    # d(ln n_e) = -4 rho / (1 - rho^4) d(rho), where rho has a variance of (1 - rho^2) / n
+    spread = 4.0 * memory / (1.0 - memory**4) * np.sqrt((1.0 - memory**2) / n)
+    assert independent_samples([rest]) == pytest.approx(expected, rel=4.0 * spread)
+
+
+def test_white_residuals_are_as_many_as_they_are() -> None:
+    assert np.isinf(independent_samples([np.random.default_rng(6).normal(size=5000)]))

@@ -25,11 +25,13 @@ from ..units import as_share
 from .channels import judge_channels
 from .conditional import find_conditional
 from .given import find_reliance
+from .independence import find_independent_samples
 from .influence import find_deciding_samples, find_disagreeing_parts
 from .optimum import Optimum, moved, number
 from .structure import find_missing_response
 
 _EXAMINATIONS = {
+    "independence": find_independent_samples,
     "influence": find_deciding_samples,
     "parts": find_disagreeing_parts,
     "missing_response": find_missing_response,

@@ -134,10 +134,12 @@ def outlier_notice(outliers: Sequence[Outlier]) -> Notice:
         for o in outliers[:_LISTED]
     )
     more = f"; and {n - _LISTED} more, all in fit.details" if n > _LISTED else ""
-    verb, was = ("lies", "was") if n == 1 else ("lie", "were")
+    one = n == 1
+    verb, was, which = ("lies", "was", "it lies") if one else ("lie", "were", "they lie")
     return Notice(
         "outliers",
         f"{count_of(n, 'sample')} {verb} where the model of all others cannot be, and {was} left "
-        f"out of the fit, which would have followed them ({listed}{more}). Check the cable, the "
-        "converter and the logger; where they lie at reversals, sample faster.",
+        f"out of the fit, which would have followed {'it' if one else 'them'} ({listed}{more}). "
+        f"Check the cable, the converter and the logger; where {which} at reversals, sample "
+        "faster.",
     )

@@ -10,12 +10,15 @@ References
 .. [1] L. Ljung, System Identification: Theory for the User, 2nd ed., 1999, section 9.
 .. [2] G. Ljung, G. Box, "On a measure of lack of fit in time series models",
    Biometrika 65, 1978.
+.. [3] M. Kendall, "Note on bias in the estimation of autocorrelation", Biometrika 41, 1954.
+.. [4] G. Bayley, J. Hammersley, "The effective number of independent observations in an
+   autocorrelated time series", Supplement to the Journal of the Royal Statistical Society 8, 1946.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,12 +34,30 @@ class Uncertainty:
     """Covariance ``(p, p)`` of the unknowns, degrees of freedom, residual standard deviation.
 
     ``order`` is that of the autoregression that the residuals were taken for (0: white).
+    With autocorrelated residuals, ``effective`` samples with independent errors would give the
+    same variances (their median), and ``independent`` ones would show the size of the errors as
+    well: ``n / sum_k rho_k^2`` over all lags [4]_. Infinite where the residuals are white.
     """
 
     covariance: FloatArray
     degrees: int
     sigma: float
     order: int
+    effective: float = np.inf
+    independent: float = np.inf
+
+    @property
+    def small_sample(self) -> float:
+        """Factor of the variances that allows for a small effective number of samples.
+
+        Of ``n_e`` independent samples ``p`` unknowns take ``p / n_e`` of the variance, and an
+        autoregression fitted to what is left, its coefficient too small by ``(1 + 3 rho) / n``
+        [3]_, some ``2 (p + 1) / n_e``. Where that would leave nothing the factor stops at 4.
+        """
+        if not np.isfinite(self.effective):
+            return 1.0
+        taken = 3.0 * self.covariance.shape[0] + 2.0
+        return self.effective / max(self.effective - taken, 0.25 * self.effective)
 
 
 @dataclass(frozen=True)
@@ -134,13 +155,13 @@ def innovations(rows: FloatArray, coefficients: FloatArray) -> FloatArray:
     return out[coefficients.size :]
 
 
-def _ar_variance(a: FloatArray, variance: float) -> float:
-    """Variance of an autoregression, from its spectrum."""
+def _ar_autocovariance(a: FloatArray, variance: float) -> FloatArray:
+    """Autocovariances of an autoregression at all lags, negative ones last, from its spectrum."""
     root = float(np.max(np.abs(np.roots(np.concatenate(([1.0], -a)))))) if a.size else 0.0
     memory = int(min(40.0 / max(1.0 - root, 1e-4), 4e5))
     size = 1 << int(np.ceil(np.log2(max(2 * memory, 64))))
     response = np.fft.rfft(np.concatenate(([1.0], -a)), size)
-    return float(np.fft.irfft(variance / np.abs(response) ** 2, size)[0])
+    return np.fft.irfft(variance / np.abs(response) ** 2, size)
 
 
 def _weighted_product(jacobian: FloatArray, r: FloatArray) -> FloatArray:
@@ -261,11 +282,8 @@ def covariance(
         Known smallest standard deviation of the noise, such as that of a converter;
         the residuals of a deterministic fit can fall below it.
     small_sample
-        Whether to correct autocorrelated residuals for their small effective number: of ``n_e``
-        samples that were independent would give the same variance, ``p`` unknowns take
-        ``p / n_e`` of the variance, and an autoregression fitted to what is left, its
-        coefficient too small by ``(1 + 3 rho) / n`` (Kendall 1954), some
-        ``2 (p + 1) / n_e``.
+        Whether to correct autocorrelated residuals for their small effective number; see
+        :attr:`Uncertainty.small_sample`.
     readings
         Per experiment the logged output, shape ``(n_i,)``, and the step of its converter.
         While a reading is constant so is its error; where the converter makes up most of
@@ -282,16 +300,15 @@ def covariance(
     cost = float(sum(float(r @ r) for r in residuals))
     sigma = max(np.sqrt(cost / degrees), sigma_floor)
     bread, blind = _inverse_information(stacked)
-    order, middle = 0, None
-    if robust and n > 30:
-        shortest = min(r.size for r in residuals)
-        highest = int(min(25, shortest // 4, n // 10))
-        a, variance = fit_autoregression(residuals, max(highest, 0))
+    order, middle, independent = 0, None, np.inf
+    if robust:
+        a, variance = _noise_model(residuals)
         order = a.size
         if order:
+            independent = _independent(a, n)
             variance *= n / degrees
             # the fitted autocorrelation keeps the residuals' own size, floor included
-            variance *= max(sigma**2 / _ar_variance(a, variance), 1.0)
+            variance *= max(sigma**2 / float(_ar_autocovariance(a, variance)[0]), 1.0)
             middle = variance * np.sum([_coloured_product(j, a) for j in jacobian], axis=0)
     total = sigma**2 * bread if middle is None else bread @ middle @ bread
     steps = _converter_middle(jacobian, readings, sigma) if robust else None
@@ -299,15 +316,43 @@ def covariance(
         held = bread @ (steps + max(sigma**2 - _step_variance(readings), 0.0) * stacked.T @ stacked)
         total = enlarge(total, np.diag(held @ bread))
     total = _positive(total)
+    found = Uncertainty(total, degrees, float(sigma), order)
+    if order:
+        effective = _effective(total, sigma**2 * bread, n)
+        found = replace(found, effective=effective, independent=independent)
     if order and small_sample:
-        white = sigma**2 * np.diag(bread)
-        seen = (white > 0.0) & np.isfinite(np.diag(total))
-        ratio = float(np.median(np.diag(total)[seen] / white[seen])) if seen.any() else 1.0
-        effective = n / max(ratio, 1.0) if np.isfinite(ratio) else float(p)
-        total *= effective / max(effective - 3.0 * p - 2.0, 0.25 * effective)
-        degrees = max(int(effective) - p, 1)
-    total[blind, blind] = np.inf
-    return Uncertainty(total, degrees, float(sigma), order)
+        known = int(min(found.effective, found.independent))
+        found = replace(found, covariance=total * found.small_sample, degrees=max(known - p, 1))
+    found.covariance[blind, blind] = np.inf
+    return found
+
+
+def independent_samples(residuals: Sequence[FloatArray]) -> float:
+    """How many independent samples would show the size of the errors as well; see [4]_.
+
+    ``residuals`` has one array per run; infinite where they are white.
+    """
+    a, _ = _noise_model(residuals)
+    return _independent(a, sum(r.size for r in residuals)) if a.size else np.inf
+
+
+def _independent(a: FloatArray, n: int) -> float:
+    r = _ar_autocovariance(a, 1.0)
+    return n * float(r[0] ** 2 / (r @ r))
+
+
+def _noise_model(residuals: Sequence[FloatArray]) -> tuple[FloatArray, float]:
+    """Autoregression of residuals of an order that so many samples can tell."""
+    n, shortest = sum(r.size for r in residuals), min(r.size for r in residuals)
+    return fit_autoregression(residuals, min(25, shortest // 4, n // 10) if n > 30 else 0)
+
+
+def _effective(total: FloatArray, white: FloatArray, n: int) -> float:
+    """How many samples with independent errors would give the same variances."""
+    alone, together = np.diag(white), np.diag(total)
+    seen = (alone > 0.0) & np.isfinite(together)
+    ratio = float(np.median(together[seen] / alone[seen])) if seen.any() else 1.0
+    return n / max(ratio, 1.0) if np.isfinite(ratio) else float(alone.size)
 
 
 def score_covariance(

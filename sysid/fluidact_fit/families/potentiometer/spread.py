@@ -36,7 +36,7 @@ def find_spread(
         cuts = np.cumsum(data.sizes)[:-1]
         parts = np.split(jacobian, cuts), np.split(rest * root, cuts)
         white = covariance(*parts, robust=False)
-        uncertainty = covariance(*parts) if data.in_order else white
+        uncertainty = covariance(*parts, small_sample=True) if data.in_order else white
         uncertainty = widen(uncertainty, white, misfit)
     if not np.all(np.isfinite(uncertainty.covariance)):
         raise NotIdentifiedError(
