@@ -100,6 +100,9 @@ class Estimate(Generic[ReadT]):
     input_noise
         Standard deviation of the noise on measured inputs that the estimate allows for, by role
         [SI]. The residual then holds what the model makes of that noise.
+    independent
+        How many independent samples would show the size of the errors as well as the residuals
+        that the covariance was made of; infinite where those are white or more is known of them.
     """
 
     parameters: Mapping[str, Quantity]
@@ -114,6 +117,7 @@ class Estimate(Generic[ReadT]):
     nearby: Callable[[Plant[ReadT], Sequence[Experiment]], list[Simulated]] | None = None
     represented: Callable[[Plant[ReadT], Sequence[Experiment]], list[Simulated]] | None = None
     input_noise: Mapping[str, float] = field(default_factory=dict)
+    independent: float = np.inf
 
     @property
     def values(self) -> dict[str, Value]:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
-from ..estimation.uncertainty import independent_samples
 from .optimum import Optimum
 
 _FEWEST = 8.0  # independent samples an unknown: with fewer, errors of 4 standard errors were seen
@@ -21,7 +20,7 @@ _FEWEST = 8.0  # independent samples an unknown: with fewer, errors of 4 standar
 
 def find_independent_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """How many independent samples the residuals are worth, and a warning where they are few."""
-    independent, unknowns = independent_samples(at.residuals), len(at.names)
+    independent, unknowns = at.estimate.independent, len(at.names)
     if not np.isfinite(independent):
         return {}, []
     entry = {"samples": independent}
@@ -34,7 +33,8 @@ def find_independent_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]
             f"the residuals are autocorrelated over so long that {samples} samples show the size "
             f"of the errors as well as some {independent:.0f} independent ones would, with "
             f"{unknowns} unknowns fitted to them: the parameters may be off by more than their "
-            "intervals say. Record for longer, with more strokes over the whole range; faster "
-            "sampling does not help.",
+            "intervals say. Settle what else is said of this fit first, since it may be the cause; "
+            "then record for longer, with more strokes over the whole range. Faster sampling does "
+            "not help.",
         )
     ]

@@ -187,6 +187,7 @@ def fit_named(
     values |= {n: r.value(by_name[n]) for n, r in found.refused.items()}
     fitted = Fitted(
         values, solved.names, solved.covariance, solved.degrees, fixed, found.refused,
+        independent=solved.independent,
         order=attempt.order, search=attempt.search, solution=attempt.best, specs=by_name,
         unknowns=unknowns, notices=found.notices, factors=attempt.factors, logs=model.logs,
     )  # fmt: skip
@@ -253,7 +254,9 @@ def _attempt(
     found = fair.uncertainty(best)
     names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
     values = dict(zip(names, (*best.eta, *best.linear)))
-    solved = Solved(values, names, found.covariance, found.degrees)
+    solved = Solved(
+        values, names, found.covariance, found.degrees, independent=found.independent
+    )
     return _Attempt(fair, held, search, best, factors, found.order, solved)
 
 

@@ -130,6 +130,9 @@ class Solved:
         What the user gave and what the data cannot determine.
     intervals
         Intervals that were not found from the covariance.
+    independent
+        How many independent samples would show the size of the errors as well as the residuals
+        that the covariance was made of; infinite where they are white, or were not asked.
     """
 
     values: Mapping[str, float]
@@ -139,6 +142,7 @@ class Solved:
     fixed: Mapping[str, float] = field(default_factory=dict)
     refused: Mapping[str, Refusal] = field(default_factory=dict)
     intervals: Mapping[str, Interval] = field(default_factory=dict)
+    independent: float = np.inf
 
     def std_error(self, name: str) -> float:
         """Standard error of an estimated value."""

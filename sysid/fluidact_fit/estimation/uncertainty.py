@@ -327,15 +327,6 @@ def covariance(
     return found
 
 
-def independent_samples(residuals: Sequence[FloatArray]) -> float:
-    """How many independent samples would show the size of the errors as well; see [4]_.
-
-    ``residuals`` has one array per run; infinite where they are white.
-    """
-    a, _ = _noise_model(residuals)
-    return _independent(a, sum(r.size for r in residuals)) if a.size else np.inf
-
-
 def _independent(a: FloatArray, n: int) -> float:
     r = _ar_autocovariance(a, 1.0)
     return n * float(r[0] ** 2 / (r @ r))

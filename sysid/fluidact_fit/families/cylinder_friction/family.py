@@ -200,7 +200,7 @@ class CylinderFriction(Family[FrictionOptions]):
         parameters, order, matrix = fit.solved.quantities(variant.parameters)
         return Estimate(
             parameters, fit.derived(), order, matrix, fit.options, notices,
-            fit_details(fit, counts),
+            fit_details(fit, counts), independent=fit.solved.independent,
         )  # fmt: skip
 
     def simulate(

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...estimation.least_squares import scaled_least_squares
 from ...estimation.results import Solved
-from ...estimation.uncertainty import Uncertainty, covariance, enlarge
+from ...estimation.uncertainty import Uncertainty, covariance, enlarge, score_covariance
 from ...experiment import BoolArray, FloatArray
 from .options import ONE_SIDED
 from .samples import Data
@@ -136,7 +136,9 @@ class System:
         bare = self._bare_residuals(x, [d.motion.bare for d in self.data])
         found = self._uncertainty(x, bare)
         values = {**self.held, **self._named(x)}
-        free = Solved(values, self.names, found.covariance, found.degrees)
+        free = Solved(
+            values, self.names, found.covariance, found.degrees, independent=found.independent
+        )
         low, high = self.limits.T
         if np.any((x < low) | (x > high)):
             x = _bounded(np.vstack(self.instruments), x, low, high)
@@ -173,10 +175,15 @@ class System:
             self._matched_residuals(x),
             [d.kept for d in self.data],
         )
-        # of very fast strokes the unfiltered velocity is not known well enough
+        # the unfiltered motion may be noisier by far, as the acceleration of a heavy mass is
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.diag(found.covariance) / np.diag(matched.covariance)
-        return matched if np.nanmin(ratio, initial=np.inf) > 4.0 else found
+        if np.nanmin(ratio, initial=np.inf) > 4.0 and _alike(np.concatenate(bare)):
+            return matched
+        # or off at reversals and right in between: where a few samples have most of the error,
+        # their own sizes say what it does to the estimate
+        runs = [[slice(0, r.size)] for r in bare]
+        return _larger(found, score_covariance(jacobian, bare, runs))
 
     def _covariance(
         self,
@@ -207,6 +214,12 @@ def _larger(found: Uncertainty, other: Uncertainty) -> Uncertainty:
         degrees=min(found.degrees, other.degrees),
         order=max(found.order, other.order),
     )
+
+
+def _alike(rest: FloatArray) -> bool:
+    """Whether residuals are noise of one size, and not large in few samples."""
+    usual = 1.4826 * float(np.median(np.abs(rest)))  # that of a normal scatter
+    return usual > 0.5 * float(np.sqrt(np.mean(rest**2)))
 
 
 def _lengths(columns: FloatArray) -> FloatArray:

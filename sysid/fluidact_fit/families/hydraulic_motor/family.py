@@ -122,6 +122,7 @@ class HydraulicMotor(Family[MotorOptions]):
             [*notices, *fitted.notices],
             {**fitted.details(), "samples_of_less_weight": counts},
             [j / w[:, None] for j, w in zip(fitted.sensitivity(), found.weights)],
+            independent=fitted.independent,
         )
 
     def simulate(

@@ -169,6 +169,7 @@ class Potentiometer(Family[PotentiometerOptions]):
                 *direction_notice(fit, free_jacobian(fit, scaled), scaled, data),
             ],
             fit_details(fit, spread, scores, scaled),
+            independent=spread.independent,
         )
 
     def simulate(

@@ -131,6 +131,7 @@ class SpringCylinder(Family[SpringOptions]):
             [*notices, *_remarks(found, samples)], _details(found, runs, options.settle),
             represented=_simulate_represented if found.instrumented else None,
             input_noise=input_noise(variant, runs) if found.instrumented else {},
+            independent=solved.independent,
         )  # fmt: skip
 
     def simulate(

@@ -228,7 +228,10 @@ class _System:
         values = dict(zip(self.names, best.values.tolist()))
         if "stribeck_speed" in values:
             values["stribeck_speed"] += rise.speed
-        solved = Solved({**self.held, **values}, self.names, found.covariance, found.degrees)
+        solved = Solved(
+            {**self.held, **values}, self.names, found.covariance, found.degrees,
+            independent=found.independent,
+        )  # fmt: skip
         residuals = np.split(y - a @ best.values, cuts)
         return Regression(self, solved, residuals, best.scale, best.limit, found.order, biased)
 

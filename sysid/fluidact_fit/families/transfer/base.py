@@ -259,6 +259,7 @@ class TransferFamily(Family[T], Generic[T]):
             {**fitted.details(), **table},
             fitted.sensitivity(),
             input_noise=fitted.input_noise,
+            independent=fitted.independent,
         )
 
     def simulate(
