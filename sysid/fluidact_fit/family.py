@@ -33,12 +33,30 @@ from .specification import (
 )
 
 __all__ = [
-    "Block", "Curve", "Estimate", "Excitation", "Family", "FamilyOptions", "Information",
-    "ParameterDocument", "ParameterSpec", "Plant", "Quantity", "Request", "Role", "Simulated",
-    "StaticView", "Status", "Value", "Variant", "scalars",
+    "Block", "Curve", "Departure", "Estimate", "Excitation", "Family", "FamilyOptions",
+    "Information", "ParameterDocument", "ParameterSpec", "Plant", "Quantity", "Request", "Role",
+    "Simulated", "StaticView", "Status", "Value", "Variant", "scalars",
 ]  # fmt: skip
 
 OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
+
+
+@dataclass(frozen=True)
+class Departure:
+    """A way in which a machine may depart from the model, that no parameter stands for.
+
+    Attributes
+    ----------
+    name, words, remedy
+        What it is called in the file, what follows "the data fit better if", and what to do.
+    response
+        Derivative of the output of every experiment by its size, shape ``(n,)`` [SI].
+    """
+
+    name: str
+    words: str
+    remedy: str
+    response: Callable[[Sequence[Experiment]], list[FloatArray]]
 
 
 @dataclass(frozen=True)
@@ -328,6 +346,10 @@ class Family(ABC, Generic[OptionsT]):
         ``None`` for a family that cannot say: its next experiment cannot be designed.
         """
         return None
+
+    def departures(self, plant: Plant[OptionsT]) -> Sequence[Departure]:
+        """Return what every fit is to be tested for, beside parameters, delays and lags."""
+        return ()
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """Return how the next experiment can be designed from a file of this family."""

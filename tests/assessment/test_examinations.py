@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from studies.red_team.attack import Attack
-from studies.red_team.attacks import hydraulic_motor, potentiometer, valve
+from studies.red_team.attacks import ball_screw_stribeck, hydraulic_motor, potentiometer, valve
 from studies.red_team.run import write
 
 import fluidact_fit as ff
@@ -25,7 +25,7 @@ def fit(folder, attack, seed=0, **more):
     """Record an attack and fit it; options as given."""
     recordings = attack.record(np.random.default_rng(seed))
     paths = [write(folder / f"log{k}.csv", r, attack.units) for k, r in enumerate(recordings)]
-    return ff.fit(attack.family, paths, **{**attack.options, **more})
+    return ff.fit(attack.family, paths, hold=attack.hold, **{**attack.options, **more})
 
 
 def an_attack(**machine):
@@ -87,6 +87,20 @@ def test_one_sample_that_carries_the_result_is_named(tmp_path):
     result = fit(tmp_path, an_attack(spoil=spoil))
     (notice,) = [n for n in result.notices if n.code == "few-samples-decide"]
     assert "t = 0" in notice.message
+
+
+def test_friction_that_falls_by_another_law_is_told_from_the_curve(tmp_path):
+    """A machine's ``exp(-v/v_s)`` was passed with a static level 3 % and 45 standard errors off."""
+    (other,) = (a for a in ball_screw_stribeck.attacks()
+                if (a.group, a.name) == ("Stribeck of another shape", "10 rad/s"))  # fmt: skip
+    result = fit(tmp_path, other)
+    (notice,) = [n for n in result.notices if n.code == "unmodelled-response"]
+    assert "friction falls off from rest otherwise" in notice.message
+    table = result.document.fit.details["missing_response"]["fall of friction"]
+    # one step towards the other law: what it says of the static level is the truth
+    assert table["parameter"] == "breakaway_positive"
+    moved = result.parameters["breakaway_positive"].value + table["shift"]
+    assert moved == pytest.approx(other.truth["breakaway_positive"], rel=0.01)
 
 
 def test_errors_that_last_for_a_part_of_the_stroke_are_no_independent_samples(tmp_path):

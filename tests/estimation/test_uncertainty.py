@@ -33,7 +33,8 @@ def test_independent_samples_are_those_of_the_autoregression(memory: float) -> N
     expected = n * (1.0 - memory**2) / (1.0 + memory**2)  # Bayley and Hammersley 1946
     # d(ln n_e) = -4 rho / (1 - rho^4) d(rho), where rho has a variance of (1 - rho^2) / n
     spread = 4.0 * memory / (1.0 - memory**4) * np.sqrt((1.0 - memory**2) / n)
-    assert covariance([np.ones((n, 1))], [rest]).independent == pytest.approx(expected, rel=4.0 * spread)
+    found = covariance([np.ones((n, 1))], [rest])
+    assert found.independent == pytest.approx(expected, rel=4.0 * spread)
 
 
 def test_white_residuals_are_as_many_as_they_are() -> None:

@@ -78,6 +78,18 @@ def test_derivatives_pass_through_the_events(hold: str) -> None:
         assert np.abs(change).max() > 0.0
 
 
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+def test_the_derivative_by_the_exponent_of_the_curve(hold: str) -> None:
+    torque = torque_of(SWING, hold, RECORD)
+    ends = [reference({**AXIS, "stribeck_exponent": 2.0 + s * 1e-4}, torque, RECORD)
+            for s in (1, -1)]  # fmt: skip
+    wanted = (ends[0] - ends[1]) / 2e-4
+    law = StickSlip(*(np.array([AXIS[n]]) for n in ORDER), np.array([2.0 + 1e-30j]))
+    found = simulate_stick_slip(law, piecewise(torque), make_grid(RECORD)).position[0].imag / 1e-30
+    np.testing.assert_allclose(found, wanted, atol=1e-4 * np.abs(wanted).max())
+    assert np.abs(wanted).max() > 1e-3
+
+
 def test_a_curve_of_no_width_is_two_levels() -> None:
     """Under a held torque the difference vanishes in proportion to the speed of the curve."""
     plain = simulate({**AXIS, "stribeck_speed": 0.0}, "zoh").position

@@ -27,6 +27,7 @@ def reference(values: Mapping[str, float], torque: Signal, time: np.ndarray) -> 
     """Place at the instants of a torque, from rest: DOP853 from event to event."""
     u = piecewise(torque)
     j, curve = values["inertia"], values.get("stribeck_speed", 0.0)
+    shape = values.get("stribeck_exponent", 2.0)
     law = {
         way: [values.get(f"{n}_{side}", values.get(n, 0.0)) for n in ("viscous", "coulomb",
                                                                       "breakaway")]
@@ -54,7 +55,7 @@ def reference(values: Mapping[str, float], torque: Signal, time: np.ndarray) -> 
             def slope(
                 o: float, y: np.ndarray, f=drive, w=way, b=viscous, low=kinetic, high=static
             ) -> list[float]:
-                left = np.exp(-((y[1] / curve) ** 2)) if curve > 0.0 else 0.0
+                left = np.exp(-((abs(y[1]) / curve) ** shape)) if curve > 0.0 else 0.0
                 return [y[1], (f(o) - b * y[1] - w * (low + (high - low) * left)) / j]
 
             def stop(o: float, y: np.ndarray, begin=at, w=way) -> float:

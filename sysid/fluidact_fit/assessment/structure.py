@@ -22,7 +22,7 @@ from ..estimation.blocks import blocks
 from ..estimation.noise import noise_floor
 from ..estimation.recursion import run_recursion
 from ..experiment import FloatArray
-from ..family import ParameterSpec, Role
+from ..family import Departure, ParameterSpec, Role
 from ..options import describe
 from ..units import as_share
 from .beside import all_of
@@ -70,6 +70,7 @@ def _terms(at: Optimum) -> Iterator[Term]:
     runs = at.experiments
     yield from _offered(at)
     yield from _levels(at)
+    yield from _departures(at)
     for name in at.roles:
         yield _drift(at, name)
     if not all(e.time.size for e in runs):
@@ -162,6 +163,23 @@ def _offered(at: Optimum) -> Iterator[Term]:
             name, spec.unit,
             words, f"Try {option}.", columns, offered=True, instruments=instruments or (),
         )  # fmt: skip
+
+
+def _departures(at: Optimum) -> Iterator[Term]:
+    """What a machine of this family may do that no parameter stands for."""
+    if at.instruments:
+        return  # the inputs are noisy, and what stands in for them is not known here
+    output = at.variant.output.name
+    for d in at.family.departures(at.plant):
+        responses = d.response(at.experiments)
+        columns = [
+            all_of(responses[s.run] * ((s.role == output) / s.scale), s.used) for s in at.series
+        ]
+        yield Term(d.name, "1", partial(_departed, d), d.remedy, columns)
+
+
+def _departed(departure: Departure, size: float) -> str:
+    return departure.words
 
 
 def _instead(spec: ParameterSpec, value: float, change: float) -> str:

@@ -254,9 +254,7 @@ def _attempt(
     found = fair.uncertainty(best)
     names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
     values = dict(zip(names, (*best.eta, *best.linear)))
-    solved = Solved(
-        values, names, found.covariance, found.degrees, independent=found.independent
-    )
+    solved = Solved(values, names, found.covariance, found.degrees, independent=found.independent)
     return _Attempt(fair, held, search, best, factors, found.order, solved)
 
 

@@ -54,7 +54,7 @@ class Varied:
     """Derivatives of the speed after each step, and of the way it makes.
 
     By the first speed, shape ``(n,)``, and by the law, ``(q, n)``: the first ``q`` of inertia,
-    viscous friction, kinetic level, static level and speed of the curve.
+    viscous friction, kinetic level, static level, speed and exponent of the curve.
     """
 
     speed: FloatArray
@@ -80,7 +80,7 @@ def with_changes(
 
 
 def _propagate(steps: Steps, varied: Varied, theta: FloatArray, start: FloatArray) -> FloatArray:
-    """What changes of the rows of a drive, ``(8, k)``, and of the first speed, ``(k,)``, do.
+    """What changes of the rows of a drive, ``(9, k)``, and of the first speed, ``(k,)``, do.
 
     Returns the changes of the place before every step and after the last, ``(k, n + 1)``.
     """

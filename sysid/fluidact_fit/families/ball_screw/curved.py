@@ -283,7 +283,7 @@ def _vary(run: CurvedRun, steps: Steps, speed: FloatArray) -> Varied:
     push = sign * torque / j - level
     slopes: list[FloatArray] = []  # of every stage, shape (n,)
     changes: list[FloatArray] = []  # row 0 by the first speed, then by the law
-    start = np.zeros((6, h.size))
+    start = np.zeros((7, h.size))
     start[0] = 1.0
     way, moved = np.zeros_like(start), start.copy()
     for p, a, weight in zip(push, STAGES, RESULT):
@@ -297,7 +297,9 @@ def _vary(run: CurvedRun, steps: Steps, speed: FloatArray) -> Varied:
         dk[2] -= y / j
         dk[3] -= (1.0 - left) / j
         dk[4] -= left / j
-        dk[5] -= 2.0 * w * fall * y * y * left / law.speed
+        square = w * y * y
+        dk[5] -= 2.0 * fall * square * left / law.speed
+        dk[6] += 0.5 * fall * left * square * np.log(np.maximum(square, 1e-300))
         slopes.append(k)
         changes.append(dk)
         way += weight * h * dy

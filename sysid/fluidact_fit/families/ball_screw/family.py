@@ -27,14 +27,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from ...estimation.information import sensitivity
 from ...estimation.inputs import settled_hold
-from ...estimation.named_model import bind
-from ...estimation.separable import solve
 from ...experiment import Experiment, Hold
 from ...family import (
+    Departure,
     Estimate,
     Excitation,
     Family,
@@ -61,7 +58,8 @@ from .model import (
     axis_of,
 )
 from .options import BallScrewOptions
-from .stages import initial_speeds, speed_unknowns
+from .stages import follow
+from .stribeck import another_fall
 
 
 def _variant(
@@ -161,6 +159,11 @@ class BallScrew(Family[BallScrewOptions]):
             section["discrete"] = {"sample_time": sample_time, "hold": "zoh"}
         return section
 
+    def departures(self, plant: Plant[BallScrewOptions]) -> Sequence[Departure]:
+        """Another fall from static to kinetic friction; see :meth:`Family.departures`."""
+        values = plant.numbers
+        return [another_fall(axis_of(plant.variant), values)] if values.get(SPEED) else []
+
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """A torque or force, played to the drive; see :meth:`Family.excitation`."""
         return Excitation("command")
@@ -195,10 +198,8 @@ def _follow(
     experiment: Experiment, axis: Axis, values: Mapping[str, float], place: float
 ) -> Simulated:
     """Follow the motion of a run; without a record it starts at rest at ``place`` [SI]."""
-    model = DriveModel([experiment], axis)
     if axis.motion not in experiment:
-        return Simulated(model.columns(0, values).known + place, offset=place)
-    moving = initial_speeds([experiment], axis)
-    named = model.named([*values, *moving])
-    found = solve(bind(named, speed_unknowns(moving), values), np.array([*moving.values()]))
+        alone = DriveModel([experiment], axis)
+        return Simulated(alone.columns(0, values).known + place, offset=place)
+    _, found, _ = follow(experiment, axis, values)
     return Simulated(found.simulated[0], offset=float(found.local[0][0]))

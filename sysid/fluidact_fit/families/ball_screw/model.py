@@ -25,6 +25,7 @@ from .stick_slip import simulate_stick_slip
 SIDES: tuple[Literal["positive"], Literal["negative"]] = ("positive", "negative")
 BREAKAWAY: dict[str, str] = {s: f"breakaway_{s}" for s in SIDES}  # static level
 EXCESS: dict[str, str] = {s: f"excess_{s}" for s in SIDES}  # of the static level
+EXPONENT = "stribeck_exponent"  # of that curve: 2, but a fit is tested for another one
 SPEED = "stribeck_speed"  # of the curve that joins a static level to its kinetic one
 _LONG = 40_000  # samples beyond which the early stages look at a part of the log
 
@@ -143,7 +144,8 @@ class DriveModel:
         static = [self._static(s, level, values) for s, level in zip(SIDES, kinetic)]
         levels = kinetic[0], kinetic[1], static[0], static[1]
         curve = row(values.get(SPEED, 0.0))
-        p = StickSlip(row(values[self.axis.inertia]), forward, *levels, backward, curve)
+        shape = row(values.get(EXPONENT, 2.0))
+        p = StickSlip(row(values[self.axis.inertia]), forward, *levels, backward, curve, shape)
         u, grid, samples = self.inputs[index]
         speed = row(values.get(f"initial_speed[{index}]", 0.0))
         return simulate_stick_slip(p, u, grid, initial_speed=speed), samples

@@ -30,8 +30,9 @@ class StickSlip:
 
     ``inertia`` [kg m2 or kg], ``viscous`` [N m s/rad or N s/m], kinetic and static
     levels [N m or N], magnitudes. ``stribeck_speed`` [rad/s or m/s] is that of the curve that
-    joins them; without one friction falls at once. The imaginary part of a row is a direction
-    in which the motion is to be differentiated.
+    joins them; without one friction falls at once. ``exponent`` is that of the curve, the real
+    part of which is 2. The imaginary part of a row is a direction in which the motion is to be
+    differentiated.
     """
 
     inertia: Array
@@ -42,21 +43,23 @@ class StickSlip:
     breakaway_negative: Array
     viscous_negative: Array | None = None
     stribeck_speed: Array | None = None
+    exponent: Array | None = None
 
     @cached_property
     def rows(self) -> tuple[Array, ...]:
-        """Inertia, viscous, kinetic and static friction by direction, speed of the curve."""
+        """Inertia, viscous, kinetic and static friction by direction, the curve's two numbers."""
         backward = self.viscous if self.viscous_negative is None else self.viscous_negative
         curve = np.zeros_like(self.inertia) if self.stribeck_speed is None else self.stribeck_speed
+        shape = np.full_like(self.inertia, 2.0) if self.exponent is None else self.exponent
         return (
             self.inertia, self.viscous, backward, self.coulomb_positive, self.coulomb_negative,
-            self.breakaway_positive, self.breakaway_negative, curve,
+            self.breakaway_positive, self.breakaway_negative, curve, shape,
         )  # fmt: skip
 
     @cached_property
     def levels(self) -> Levels:
         """The real parts. A curve that has nothing to fall from is none."""
-        j, *pairs, speed = (float(np.real(row.flat[0])) for row in self.rows)
+        j, *pairs, speed, _ = (float(np.real(row.flat[0])) for row in self.rows)
         viscous, kinetic, static = zip(pairs[::2], pairs[1::2])
         falls = any(s > k for s, k in zip(static, kinetic))
         return Levels(j, viscous, kinetic, static, speed if falls else 0.0)

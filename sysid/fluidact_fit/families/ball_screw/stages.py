@@ -306,6 +306,19 @@ def speed_unknowns(speeds: Mapping[str, float]) -> dict[str, Unknown]:
     return {n: Unknown(n, scale=abs(v)) for n, v in speeds.items()}
 
 
+def follow(
+    experiment: Experiment, axis: Axis, values: Mapping[str, float]
+) -> tuple[DriveModel, Solution, dict[str, float]]:
+    """Follow the motion of a run with given values: model, solution, values with its speed.
+
+    It may have been moving when the record began; that speed belongs to the run and is fitted.
+    """
+    model, moving = DriveModel([experiment], axis), initial_speeds([experiment], axis)
+    problem = bind(model.named([*values, *moving]), speed_unknowns(moving), values)
+    found = solve(problem, np.array([*moving.values()]))
+    return model, found, {**values, **dict(zip(moving, found.eta.tolist()))}
+
+
 def _fit_increments(stage: Stage, asked: Mapping[str, float]) -> dict[str, float]:
     """Second stage: match increments of position from several break-away guesses.
 

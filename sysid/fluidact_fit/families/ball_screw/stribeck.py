@@ -22,10 +22,20 @@ from ...estimation.problem import Unknown
 from ...estimation.results import Refusal, Solved
 from ...estimation.uncertainty import covariance
 from ...experiment import Experiment, FloatArray
-from ...family import FamilyOptions, Request
+from ...family import Departure, FamilyOptions, Request
 from .brackets import Bracket, levels_above
-from .model import BREAKAWAY, EXCESS, SIDES, SPEED, Axis, DriveModel, increments, leading_parts
-from .stages import Stage, values_at
+from .model import (
+    BREAKAWAY,
+    EXCESS,
+    EXPONENT,
+    SIDES,
+    SPEED,
+    Axis,
+    DriveModel,
+    increments,
+    leading_parts,
+)
+from .stages import Stage, follow, values_at
 
 _GRID = (0.003, 0.01, 0.03, 0.1, 0.3)  # of the fastest motion, where the search begins
 _RANGE = (1e-4, 1.0)  # of the fastest motion, in which it goes on
@@ -63,6 +73,27 @@ def with_curve(stage: Stage, request: Request[FamilyOptions]) -> Stage:
         if found.cost < best:
             best, start = found.cost, {**first, **values_at(problem, found.eta)}
     return replace(stage, names=names, unknowns=unknowns, start=start)
+
+
+def another_fall(axis: Axis, values: Mapping[str, float]) -> Departure:
+    """Friction that falls off from rest as ``exp(-(v / stribeck_speed)^m)``, ``m`` less than 2."""
+
+    def response(experiments: Sequence[Experiment]) -> list[FloatArray]:
+        out = []
+        for e in experiments:
+            model, _, begun = follow(e, axis, values)
+            _, by = model.slopes(0, {**begun, EXPONENT: 2.0}, [EXPONENT])
+            out.append(-by.known[0])
+        return out
+
+    return Departure(
+        "fall of friction",
+        "friction falls off from rest otherwise than as exp(-(v / stribeck_speed)^2)",
+        "The static levels and stribeck_speed depend on the shape that is supposed: use them "
+        "within the speeds of the logs only, and judge them by the picture (--plot) or with "
+        "--validate.",
+        response,
+    )
 
 
 def inside_cells(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
