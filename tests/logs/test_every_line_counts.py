@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import fluidact_fit as ff
 from fluidact_fit.errors import LogError, UsageError
 from fluidact_fit.logs import Log, read_log
 from fluidact_fit.logs import table as table_module
@@ -188,14 +189,8 @@ def test_a_damaged_line_below_the_header_is_no_header(tmp_path: Path, line: str)
     assert 2 in {*left_out(log), *log.lines.tolist()}
 
 
-@pytest.mark.parametrize(
-    "lines",
-    [
-        ["a,b,c", "0.1,5,3", *ROWS_OF_THREE[:4]],
-        ["a b c", "0 3.502,2 3,4", "10"],  # no separator shows: a cell is no row of three
-    ],
-)
-def test_a_log_in_two_forms_is_refused(tmp_path: Path, lines: list[str]) -> None:
+def test_a_log_in_two_forms_is_refused(tmp_path: Path) -> None:
+    lines = ["a,b,c", "0.1,5,3", *ROWS_OF_THREE[:4]]
     with pytest.raises(LogError, match=r"line [23]: \d fields? where the table has"):
         read(tmp_path, lines)
 
@@ -297,3 +292,59 @@ def test_rows_of_which_half_are_numbers_are_named(tmp_path: Path) -> None:
     log = read(tmp_path, ["a;b", "[s];[m]", *(f"{i}.5;10x7" for i in range(9)), "9.5;3"])
     assert {*left_out(log), *log.lines.tolist()} == {*range(3, 13)}
     assert [n.code for n in log.notices] == ["rows-above-table"]
+
+
+@pytest.mark.parametrize(
+    ("lines", "named"),
+    [
+        # what is left of a row in between is no text
+        (["D,ADC", "83.33,1_000", "82.77,1_000", "1_000", "76.06,1_000", "75.2,1", "74.4,2",
+          "74.32,3", "73.9,5", "73.1,6"], [2, 3, 4, 5]),
+        (["D,ADC", "83.33,1/2", "   ", "recording resumed at 12:31", "82.77,2", "82.25,62",
+          "81.95,106", "81.55,152", "80.85,236", "80.05,314"], [2]),
+        (["6.41;4.766", "Z4E75#e.b8b2", *(f"6.41;4.{i}5" for i in range(100, 160))], [1, 2]),
+        # a row with a letter in every number is no header
+        (["6.41\t4.766", "Y3.41\t4.76{36", *(f"6.41\t4.{i}5" for i in range(100, 160))], [1, 2]),
+    ],
+)  # fmt: skip
+def test_damaged_rows_at_the_top_are_named(
+    tmp_path: Path, lines: list[str], named: list[int]
+) -> None:
+    log = read(tmp_path, lines)
+    assert {line for line, _ in log.account.left_out} >= set(named)
+
+
+@pytest.mark.parametrize(
+    ("line", "delimiter"),
+    [("0,{k:02d}; 0.0031; 24,98{k:02d}", ";"), ("0,{k:02d} \x1b[31m5 1,{k:02d}", " "),
+     ("0,{k:02d}\t0x1A\t24,98{k:02d}", "\t"), ("{k},00;4.000,00; 3,6{k:02d}", ";")],
+)  # fmt: skip
+def test_a_column_of_another_notation_does_not_cut_the_others(
+    tmp_path: Path, line: str, delimiter: str
+) -> None:
+    """With commas for separators the last number lost its whole part: 9882 instead of 24.9882."""
+    log = read(tmp_path, [line.format(k=k) for k in range(30)])
+    assert log.dialect.delimiter == delimiter
+    assert log.dialect.decimal == ","
+    assert len(log.columns) == 3
+
+
+def test_a_number_with_both_signs_says_which_option_reads_it(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{k},00;1.0{k:02d},50;3,6" for k in range(30)]
+    path.write_text("\n".join(["time;command;outlet", *rows]) + "\n", encoding="utf-8")
+    with pytest.raises(LogError, match=r"give thousands '\.'"):
+        ff.fit("valve", path)
+
+
+@pytest.mark.parametrize("blank", ["\xa0", "\x0c"])
+def test_both_readers_cut_at_odd_blanks_alike(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, blank: str
+) -> None:
+    lines = [f"0.{k:03d} 1.5 2.{k}" for k in range(200)]
+    lines[20] = lines[20].replace("1.5", f"1{blank}.5")
+    careful = read(tmp_path, lines)
+    monkeypatch.setattr(table_module, "FAST_FROM_BYTES", 0)
+    quick = read(tmp_path, lines)
+    assert quick.rows == careful.rows == 199
+    assert left_out(quick) == left_out(careful) == [21]

@@ -13,6 +13,7 @@ from ..errors import LogError, Notice, UsageError
 from ..experiment import IndexArray
 from ..family import Role
 from ..units import conversion_factor, same_dimension
+from .layout import GROUPED
 from .log import Column, Log, name_lines
 
 TIME = Role("time", "s", "instants of the samples")
@@ -301,10 +302,12 @@ def require_numbers(log: Log, binding: Binding, rows: IndexArray) -> None:
         found = f"holds '{text[:60]}', which is not a{' finite' if _is_nan(text) else ''} number."
     if wrong.size > 1:
         found += f" {wrong.size - 1} more such cells ({name_lines(log.lines[wrong[1:]])})."
+    remedy = f"Give --column {role}=... if this is not the {role}, or remove the line."
+    if text and any(form.match(text) for form in GROUPED.values()):
+        sign = next(c for c in text if not c.isdigit() and c not in "+-")
+        remedy = f"If '{sign}' stands between thousands, give --thousands '{sign}'."
     raise LogError(
-        f"column '{binding.column.label}' {found}",
-        where=log.where(wrong[0]),
-        remedy=f"Give --column {role}=... if this is not the {role}, or remove the line.",
+        f"column '{binding.column.label}' {found}", where=log.where(wrong[0]), remedy=remedy
     )
 
 

@@ -18,7 +18,7 @@ from . import controldesk, labview, rigol, serial, tektronix, twincat
 from .clock import find_clocks, join_fraction
 from .decimals import refuse_ambiguous
 from .header import Header, find_header
-from .layout import NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
+from .layout import GROUPED, NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
 from .log import count_of, name_lines
 from .source import Source
 from .stamps import is_stamp
@@ -29,6 +29,11 @@ MAX_COLUMNS = 4096
 _NUMBER_COMMA_STRICT = re.compile(r"[+-]?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 # Separator and decimal sign; of equally good ones the first wins.
 _CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")]
+_SEVERAL = re.compile(r"[\d.,+'-]+\s*[\t;| ](.*[\t;| ])?\s*[\d.,+-]+$")  # numbers in one cell
+_CUT_WRONG = 0.1
+_ODD_SIGNS = re.compile(r"[^\d.,+\-eE]")
+_DECIMAL = re.compile(r"\d[.,]\d\d")
+_GAP = 3  # lines without numbers among damaged rows
 _PUTTY_MARK = "=~=~=~=~="
 _SAMPLE = 120
 _HEAD = 1000
@@ -214,9 +219,12 @@ def _rate_cut(
     cells = [cell for row in usual for cell in row[:width] if cell.casefold() not in NO_VALUE]
     if not cells:
         return None
-    plain = map(cut.without_thousands, cells)
-    numeric = sum(pattern.match(cell) is not None or is_stamp(cell) for cell in plain) / len(cells)
-    score = numeric * share / len(rows)
+    plain = [cut.without_thousands(cell) for cell in cells]
+    grouped = GROUPED[decimal]  # both signs in one cell say which is which
+    others = [c for c in plain if not (pattern.match(c) or is_stamp(c) or grouped.match(c))]
+    score = (1.0 - len(others) / len(cells)) * share / len(rows)
+    # Of two cuts that are as good, the one whose cells hold other separators is wrong.
+    score -= _CUT_WRONG * sum(_SEVERAL.match(c) is not None for c in others) / len(cells)
     if width == 1:
         # One column is the last resort: "1,5" is two columns before it is one.
         score *= 0.9
@@ -244,6 +252,10 @@ def _lay_out(
     clocks = find_clocks([row for line in body if len(row := cut.split(line)) >= cut.width])
     start, stray = found.first, set(found.stray)
     header = find_header(lines, start, cut, hints, named)
+    if named is None and header.row is not None and _is_damaged_row(lines[header.row], cut):
+        stray.add(header.row)
+        hidden = ["" if i == header.row else line for i, line in enumerate(lines)]
+        header = find_header(hidden, start, cut, hints, named)
     dates = [k for k in clocks.values() if k is not None]
     if header.row is None and cut.delimiter == " " and dates:
         # A blank separates day and time, too: one name stands for both.
@@ -256,7 +268,9 @@ def _lay_out(
         start = max(start, hints.data_from or 0)
     damaged = _damaged(lines, start, cut, header)
     if header.row is None:
-        stray |= {i for i in damaged if looks_like_row(lines[i], cut)}
+        top = min((i for i in damaged if looks_like_row(lines[i], cut)), default=start)
+        # what is left of a row may be a number that is none, such as 1_000
+        stray |= {i for i in range(top, start) if i in damaged or _holds_digits(lines[i])}
     else:
         start = min(damaged, default=start)
     names, units = header.names, header.units
@@ -281,12 +295,32 @@ def _lay_out(
 def _damaged(lines: Sequence[str], start: int, cut: Cut, header: Header) -> list[int]:
     """Return the lines with numbers right above the table that are not of the header."""
     found: list[int] = []
+    others = 0
     for index in range(start - 1, -1, -1):
-        if lines[index].strip():
-            if index in header[:2] or not holds_numbers(lines[index], cut):
-                break
+        if not lines[index].strip():
+            continue
+        if holds_numbers(lines[index], cut) and index not in header[:2]:
             found.append(index)
+        elif header.row is None and others < _GAP:
+            others += 1
+        else:
+            break
     return found
+
+
+def _holds_digits(line: str) -> bool:
+    """Whether a line has digits, and no more letters than these."""
+    digits = sum(map(str.isdigit, line))
+    return digits > 0 and digits >= sum(map(str.isalpha, line))
+
+
+def _is_damaged_row(line: str, cut: Cut) -> bool:
+    """Whether every cell would be a decimal number but for a sign or two that are none."""
+    for cell in filter(None, cut.split(line)):
+        left = _ODD_SIGNS.sub("", cell)
+        if len(cell) - len(left) > 2 or not (_DECIMAL.search(left) and cut.is_value(left)):
+            return False
+    return True
 
 
 def _stray_notice(layout: Layout, name: str) -> Iterator[Notice]:

@@ -15,6 +15,11 @@ NUMBER = {
     decimal: re.compile(rf"[+-]?(\d+({sign}\d*)?|{sign}\d+)([eEdD][+-]?\d+)?$", re.ASCII)
     for decimal, sign in ((".", r"\."), (",", ","))
 }
+# With signs between thousands, and a decimal sign that tells them apart.
+GROUPED = {
+    decimal: re.compile(rf"[+-]?\d{{1,3}}([{other}' ]\d{{3}})+{re.escape(decimal)}\d+$", re.ASCII)
+    for decimal, other in ((".", ","), (",", "."))
+}
 _QUOTED = re.compile(r'"([^"]*)"|([^\s"]+)')
 NO_VALUE = {"", "nan", "inf", "-inf", "+inf", "na", "n/a", "null", "none", "-"}
 

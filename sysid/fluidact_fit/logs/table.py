@@ -27,6 +27,9 @@ from .source import Source
 FAST_FROM_BYTES = 6_000_000
 MAX_BAD_KEPT = 5000
 RAGGED_SHARE = 0.01
+_ODD_BLANKS = tuple(
+    chr(k).encode() for k in range(0x3001) if chr(k).isspace() and chr(k) not in "\t\n\r "
+)
 _SEPARATED = re.compile(r"(?<=\S)[\s,;|]+(?=\S)")
 RAGGED_SHARE_SERIAL = 0.5
 
@@ -80,6 +83,8 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         return None  # pandas would read on behind it
     if data.find(b'"', offset) >= 0 or layout.hints.session_mark:
         return None
+    if layout.delimiter == " " and any(data.find(sign, offset) >= 0 for sign in _ODD_BLANKS):
+        return None  # line by line they separate cells
     rows = data.count(b"\n", offset, end) + 1
     first = max(data.rfind(b"\n", 0, max(end - 4096, 0)) + 1, offset)
     tail = data[first:end].decode(errors="replace").split("\n")
