@@ -42,6 +42,9 @@ class Signal:
     resolution
         Smallest distance between two distinct neighbouring values that the log shows
         (converter or print resolution) [SI unit]; 0 when the signal is constant.
+    recorded
+        What was recorded of the samples that were replaced because no machine can have given
+        them, by their number [SI unit].
     """
 
     role: str
@@ -51,6 +54,7 @@ class Signal:
     hold: Hold | None = None
     before: float = 0.0
     resolution: float = 0.0
+    recorded: Mapping[int, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,11 @@ def fit(
     family: str,
     logs: Sequence[LogLike] | Iterator[LogLike] | LogLike,
     *,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    scales: Mapping[str, float] | None = None,
+    sample_time: float | None = None,
+    window: tuple[float | None, float | None] | None = None,
     hold: Mapping[str, str] | None = None,
     fixed: Mapping[str, float] | None = None,
     start: Mapping[str, float] | None = None,
@@ -55,8 +60,12 @@ def fit(
     family
         Name of the family, for example ``"hydrostatic"``.
     logs
-        Logs, or paths of CSV files whose columns are named like the roles. Of those of an
-        iterator nothing is kept but what is used, which halves the memory of long ones.
+        Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read.
+        Of those of an iterator nothing is kept but what is used, which halves the memory of long
+        ones.
+    columns, units, scales, sample_time, window
+        How all of them are read, where their columns are not named like the roles; see
+        :func:`read_log`, which can do more.
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
@@ -98,7 +107,11 @@ def fit(
     )
     if controller_sample_time is not None:
         _check_period(controller_sample_time)
-    given = _open(chosen, request, logs, validate, hold or {})
+    how = {
+        "columns": columns, "units": units, "scales": scales, "sample_time": sample_time,
+        "window": window,
+    }  # fmt: skip
+    given = _open(chosen, request, open_logs(logs, **how), open_logs(validate, **how), hold or {})
     variant, experiments, notices = given.variant, given.experiments, list(given.notices)
     request.progress("fitting")
     estimate = _estimate(chosen, variant, experiments, request)
@@ -138,15 +151,14 @@ class _Opened:
 def _open(
     family: Family[FamilyOptions],
     request: Request[FamilyOptions],
-    logs: Sequence[LogLike] | Iterator[LogLike] | LogLike,
-    validate: Sequence[LogLike],
+    given: Sequence[Log],
+    validate: Sequence[Log],
     holds: Mapping[str, str],
 ) -> _Opened:
-    """Open the logs and turn those to be fitted into experiments."""
-    given = open_logs(logs)
+    """Turn the logs that are to be fitted into experiments."""
     if not given:
         raise UsageError("no log was given", remedy="Give at least one CSV file.")
-    together = share_columns(_hold([*given, *open_logs(validate)], holds))
+    together = share_columns(_hold([*given, *validate], holds))
     opened, judged = together[: len(given)], together[len(given) :]
     variant = choose_variant(opened, family.variants_for(request.options))
     _check_noise(request.noise, family, variant)

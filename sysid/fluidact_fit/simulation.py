@@ -27,10 +27,25 @@ LogLike = Log | str | PathLike[str] | Any  # and the data themselves: see `read_
 _MOST_SAMPLES = 5_000_000
 
 
-def open_logs(logs: Sequence[LogLike] | Iterator[LogLike] | LogLike) -> list[Log]:
-    """Read the logs that are given as paths or as data; one need not stand in a list."""
+def open_logs(logs: Sequence[LogLike] | Iterator[LogLike] | LogLike, **how: Any) -> list[Log]:
+    """Read the logs that are given as paths or as data; one need not stand in a list.
+
+    ``how`` is handed to :func:`read_log`; ``None`` says nothing. ``UsageError`` where it says
+    something of a log that was read already.
+    """
     given = logs if isinstance(logs, list | tuple | Iterator) else [logs]
-    return [log if isinstance(log, Log) else read_log(log) for log in given]
+    said = {name: value for name, value in how.items() if value is not None}
+    return [_read_already(log, said) if isinstance(log, Log) else read_log(log, **said)
+            for log in given]  # fmt: skip
+
+
+def _read_already(log: Log, said: Mapping[str, Any]) -> Log:
+    if said:
+        raise UsageError(
+            f"{next(iter(said))} is given for '{log.name}', which has been read already",
+            remedy="Give it to read_log, or give the path or the data.",
+        )
+    return log
 
 
 def variant_of(document: ParameterDocument) -> Variant:

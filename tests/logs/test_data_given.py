@@ -20,7 +20,7 @@ import pytest
 from scipy.io import savemat
 
 import fluidact_fit as ff
-from fluidact_fit.errors import LogError
+from fluidact_fit.errors import LogError, UsageError
 from fluidact_fit.logs import read_log
 
 CSV = Path(__file__).parents[2] / "datasets/line/trial1.csv"
@@ -234,3 +234,36 @@ def test_damaged_recordings_are_refused(tmp_path: Path, magic: bytes) -> None:
     path.write_bytes(magic + io.BytesIO(bytes(range(256)) * 8).read())
     with pytest.raises(LogError, match=r"cannot be read|no channel"):
         read_log(path)
+
+
+def test_columns_and_units_are_told_in_the_call(
+    columns: dict[str, np.ndarray], expected: dict[str, float]
+) -> None:
+    frame = pd.DataFrame({"t": 1e3 * columns["time"], "p1": columns["inlet"] / 1e5,
+                          "p2": columns["outlet"] / 2e5})  # fmt: skip
+    told = {
+        "columns": {"time": "t", "inlet": "p1", "outlet": "p2"},
+        "units": {"time": "ms", "inlet": "bar", "outlet": "bar"},
+        "scales": {"outlet": 2.0},
+    }
+    for data in (frame, dict(frame.items()), [frame]):
+        found = ff.fit("line", data, validate=[frame], **told)
+        for name, value in expected.items():
+            assert found.parameters[name].value == pytest.approx(value, rel=1e-6), name
+        (source,) = found.document.provenance.logs
+        assert source.columns["inlet"].header == "p1"
+        assert source.columns["inlet"].unit == "bar"
+        assert found.document.validation[0].fit_percent > 90.0
+
+
+def test_a_path_takes_columns_a_sample_time_and_a_window(expected: dict[str, float]) -> None:
+    named = {"time": "#1", "inlet": "#2", "outlet": "#3"}
+    found = ff.fit("line", CSV, columns=named)
+    assert {n: q.value for n, q in found.parameters.items()} == expected
+    with pytest.raises(UsageError, match="read already"):
+        ff.fit("line", read_log(CSV), columns=named)
+    with pytest.raises(LogError, match="nothing"):
+        ff.fit("line", CSV, columns={**named, "inlet": "nothing"})
+    part = ff.fit("line", CSV, columns=named, window=(None, 1.0))
+    whole, cut = (f.document.fit.samples for f in (found, part))
+    assert cut < whole

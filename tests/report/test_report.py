@@ -39,6 +39,7 @@ from fluidact_fit.report.panels import correlation
 from fluidact_fit.report.runs import envelope
 from fluidact_fit.result import FitResult
 
+ROOT = Path(__file__).parents[2]
 EVIL = '<script>alert(1)</script>&"$x_1$\u4e2d.csv'
 
 
@@ -388,3 +389,24 @@ def test_plotting_loads_no_pyplot(tmp_path: Path) -> None:
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert out.stdout.strip() == "False"
+
+
+def test_samples_that_were_replaced_are_drawn_as_they_were_recorded(tmp_path: Path) -> None:
+    rows = (ROOT / "datasets/valve/trial1.csv").read_text(encoding="utf-8").splitlines()
+    recorded = {299: 9.99, 499: 5.65}  # a spike, and one that only the model of the others tells
+    for k, value in recorded.items():
+        time, command, _ = rows[k + 1].split(";")
+        rows[k + 1] = f"{time};{command};{value}".replace(".", ",")
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(rows), encoding="utf-8")
+    columns = {"time": "#1", "command": "#2", "outlet": "#3"}
+    result = ff.fit("valve", path, columns=columns)
+    assert {"spikes", "outliers"} <= {n.code for n in result.notices}
+    figure = plot_result(result)
+    upper = figure.axes[0]
+    marks = [line for line in upper.lines if line.get_marker() in ("x", "^")]
+    assert [float(line.get_xdata()[0]) for line in marks] == pytest.approx([4.99, 2.99])
+    at, beyond = (float(line.get_ydata()[0]) for line in marks)
+    assert at == pytest.approx(recorded[499])
+    assert beyond == upper.get_ylim()[1] < recorded[299]
+    assert "left out" in texts(figure)

@@ -119,9 +119,11 @@ def set_aside(runs: Sequence[Experiment], outliers: Sequence[Outlier]) -> list[E
     out = list(runs)
     for o in outliers:
         run = out[o.run]
-        values = run.signals[o.role].values.copy()
+        signal = run.signals[o.role]
+        values = signal.values.copy()
         values[o.sample] = o.replaced
-        signal = replace(run.signals[o.role], values=values)
+        recorded = {o.sample: o.measured, **signal.recorded}
+        signal = replace(signal, values=values, recorded=recorded)
         out[o.run] = replace(run, signals={**run.signals, o.role: signal})
     return out
 

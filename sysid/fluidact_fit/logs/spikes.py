@@ -53,7 +53,12 @@ def replace_spikes(experiment: Experiment, variant: Variant) -> tuple[Experiment
         # sample numbers where there is no time
         time = experiment.time if experiment.time.size else np.arange(kept.size + found.size)
         values[found] = np.interp(time[found], time[kept], signal.values[kept])
-        signals[role.name] = replace(signal, values=values, before=float(values[0]))
+        signals[role.name] = replace(
+            signal,
+            values=values,
+            before=float(values[0]),
+            recorded=dict(zip(found.tolist(), signal.values[found].tolist())),
+        )
         notices.append(_notice(experiment, role.name, signal.unit, signal.values, found))
     return replace(experiment, signals=signals), notices
 

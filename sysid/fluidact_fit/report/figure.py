@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -162,12 +163,16 @@ def _dynamic(figure: Figure, runs: Sequence[Simulation], result: Outcome, right:
         name = choice.note if choice.overlay else _run_title(column[0], len(columns), len(runs))
         panels.output_panel(upper, column, t, y, name)
         panels.residual_panel(lower, column, rmse, t, e)
+    for column, upper in zip(columns, rows[0]):  # when the limits that they share are settled
+        panels.replaced_samples(upper, column, output, t, y)
     labels = [y.label(output), e.label("residual")]
     if drive:
         driven = [r.experiment[drive] for r in shown if drive in r.experiment]
         u = panels.scale_of(driven, units[drive].unit)
         for column, axes in zip(columns, rows[2]):
             panels.input_panel(axes, column, drive, t, u)
+        for column, axes in zip(columns, rows[2]):
+            panels.replaced_samples(axes, column, drive, t, u)
         labels.append(u.label(drive))
     _label(figure, rows, t.label("time"), labels)
     legend(rows[1, -1], rows[0, -1])
@@ -193,12 +198,28 @@ def _label(figure: Figure, rows: npt.NDArray[np.object_], time: str, labels: Seq
     figure.align_ylabels(rows[:, 0])
 
 
+def _as_recorded(view: StaticView, result: Outcome) -> StaticView:
+    """The view with the samples that were replaced as they were recorded, and left out."""
+    output = result.variant.output.name
+    signals = [e.signals[output] for e in result.experiments if output in e]
+    rows = sum(s.values.size for s in signals)
+    if view.y_name != output or rows != view.measured.size:
+        return view
+    measured, used, begin = view.measured.copy(), view.used.copy(), 0
+    for s in signals:
+        for k, value in s.recorded.items():
+            measured[begin + k], used[begin + k] = value, False
+        begin += s.values.size
+    return replace(view, measured=measured, used=used)
+
+
 def _static(figure: Figure, view: StaticView, result: Outcome) -> None:
     grid = figure.add_gridspec(
         2, 1, height_ratios=(2.6, 1.0), left=0.065, right=0.975 - _SIDE, top=0.855, bottom=0.085,
         hspace=0.13 if len(view.curves) < 4 else 0.2,  # room for a second line of the legend
     )  # fmt: skip
     (upper,), (lower,) = grid.subplots(sharex=True, squeeze=False)
+    view = _as_recorded(view, result)
     x = panels.scale_of([view.x], view.x_unit)
     y = panels.scale_of([view.measured[view.used]], view.y_unit)
     rest = (view.measured - view.fitted)[view.used]

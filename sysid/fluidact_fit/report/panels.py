@@ -44,6 +44,25 @@ def output_panel(axes: Axes, runs: Sequence[Simulation], t: Scale, y: Scale, tit
     style.dress(axes, title)
 
 
+def replaced_samples(axes: Axes, runs: Sequence[Simulation], role: str, t: Scale, y: Scale) -> None:
+    """What was recorded of samples that were replaced; the far ones at the edge of the panel."""
+    label: str | None = "left out"
+    for run in runs:
+        signal = run.experiment.signals.get(role)
+        if signal is None or not signal.recorded or signal.time.size not in (0, signal.values.size):
+            continue
+        time = signal.time if signal.time.size else np.arange(float(signal.values.size))
+        low, high = axes.get_ylim()
+        for k, value in signal.recorded.items():
+            seen = float(np.clip(value * y.factor, low, high))
+            far = seen != value * y.factor
+            axes.plot([time[k] * t.factor], [seen], linestyle="", markersize=6 if far else 5,
+                      marker=("^" if seen == high else "v") if far else "x", color=style.REPLACED,
+                      markeredgewidth=1.2, clip_on=False, zorder=5, label=label)  # fmt: skip
+            label = None
+        axes.set_ylim(low, high)
+
+
 def residual_panel(axes: Axes, runs: Sequence[Simulation], rmse: float, t: Scale, y: Scale) -> None:
     """Residuals over time with the band of two root-mean-square errors."""
     style.band(axes, 2.0 * rmse * y.factor, 0.22, "± 2 rmse")

@@ -23,6 +23,7 @@ INPUT = "#0072B2"
 RESIDUAL = "#0072B2"
 BAND = "#56B4E9"
 LEFT_OUT = "#B0B0B0"
+REPLACED = "#B3261E"  # a sample that was recorded and replaced
 POINTS = "#009E73"
 INK = "#22262A"
 FAINT = "#6B7278"
