@@ -332,9 +332,9 @@ def writers(case: Case) -> Result:
     result, ended = Result(""), []
     meeting = case.folder.parent / f"meeting-{case.folder.name}"
     meeting.mkdir()
-    start = [sys.executable, "-c", _MEETER, str(meeting)] if meet else PROGRAM
-    first = start([*start, *words, "--seed", "1"])
-    second = start([*start, *words, "--seed", "2"])
+    program = [sys.executable, "-c", _MEETER, str(meeting)] if meet else PROGRAM
+    first = start([*program, *words, "--seed", "1"])
+    second = start([*program, *words, "--seed", "2"])
     for process in (first, second):
         wait(process, case, result)
         ended.append(process.returncode)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from fluidact_fit.errors import FluidactError, LogError, NotIdentifiedError, UsageError
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families import get_family
+from fluidact_fit.families.potentiometer import data as samples
 from fluidact_fit.families.potentiometer import selection, spread
 from fluidact_fit.families.potentiometer.block import PotentiometerBlock
 from fluidact_fit.families.potentiometer.calibration import Calibration, rising_share
@@ -489,7 +490,8 @@ def test_a_long_record_has_the_errors_of_the_full_computation(
     colour = np.convolve(rng.standard_normal(x.size + 40), 0.9 ** np.arange(41), "valid")
     log = experiment(np.round(saturating(x)), x + 5e-5 * colour, 0.001)
     whole = fit(log, degree="3")
-    monkeypatch.setattr(spread, "_LONG", 50_000)
+    for module in (samples, spread):
+        monkeypatch.setattr(module, "LONG", 50_000)
     excerpt = fit(log, degree="3")
     assert whole.parameters["control_points"].value == excerpt.parameters["control_points"].value
     for name in ("control_points", "weights"):

@@ -227,9 +227,14 @@ def make_optimum(
         return None
     blank = Optimum(family, variant, estimate, fitted, names, errors, series, residuals, ())
     if not estimate.sensitivity:
-        instruments = _differences(blank, represented=True) if estimate.represented else ()
-        return _without_doubles(
-            replace(blank, jacobians=_differences(blank), instruments=instruments)
+        kept, column = _without_doubles(blank)
+        instruments = _differences(blank, column, represented=True) if estimate.represented else ()
+        return replace(
+            blank,
+            names=tuple(names[k] for k in kept),
+            errors=errors[kept],
+            jacobians=_differences(blank, column),
+            instruments=instruments,
         )
     jacobians = []
     for s in series:
@@ -243,27 +248,19 @@ def make_optimum(
     return replace(blank, names=names[:q], errors=errors[:q], jacobians=jacobians)
 
 
-def _without_doubles(at: Optimum) -> Optimum:
-    """The same with every unknown once: two names can stand for one that moves both."""
+def _without_doubles(at: Optimum) -> tuple[list[int], list[int]]:
+    """Which unknowns there are once, and the place of every one among them.
+
+    Two names can stand for one unknown that moves both.
+    """
     c = at.estimate.covariance / np.outer(at.errors, at.errors)
     kept: list[int] = []
-    source = []
+    column = []
     for k in range(len(at.names)):
         same = [i for i in kept if c[i, k] > _SAME and at.errors[i] == at.errors[k]]
         kept += [] if same else [k]
-        source.append(kept.index(same[0]) if same else len(kept) - 1)
-    if len(kept) == len(at.names):
-        return at
-    merge = np.zeros((len(at.names), len(kept)))
-    merge[np.arange(len(at.names)), source] = 1.0
-    names = tuple(at.names[k] for k in kept)
-    return replace(
-        at,
-        names=names,
-        errors=at.errors[kept],
-        jacobians=[j @ merge for j in at.jacobians],
-        instruments=[j @ merge for j in at.instruments],
-    )
+        column.append(kept.index(same[0]) if same else len(kept) - 1)
+    return kept, column
 
 
 def _series(
@@ -292,17 +289,22 @@ def _series(
     return scaled, [r / s.scale for s, r in zip(scaled, residuals)]
 
 
-def _differences(at: Optimum, represented: bool = False) -> list[FloatArray]:
-    """Derivatives of the output by central differences of simulations."""
-    columns: list[list[FloatArray]] = [[] for _ in at.series]
-    for name, error in zip(at.names, at.errors):
+def _differences(at: Optimum, column: Sequence[int], represented: bool = False) -> list[FloatArray]:
+    """Derivatives of the output by central differences of simulations, ``(n_i, q)``.
+
+    ``column`` is the one that the derivative by every parameter belongs to.
+    """
+    out = [np.zeros((r.size, max(column) + 1)) for r in at.residuals]
+    for name, error, k in zip(at.names, at.errors, column):
         ends = [
             at.change(plant=moved(at.plant, name, s * _STEP * error), represented=represented)
             for s in (1.0, -1.0)
         ]
-        for k, (up, down) in enumerate(zip(*ends)):
-            columns[k].append((up - down) / (2.0 * _STEP * error))
-    return [np.column_stack(c) for c in columns]
+        for j, up, down in zip(out, *ends, strict=True):
+            up -= down
+            up /= 2.0 * _STEP * error
+            j[:, k] += up
+    return out
 
 
 def number(plant: Plant[FamilyOptions], name: str) -> float:

@@ -80,7 +80,9 @@ class Calibration:
 
     def place(self, reading: FloatArray) -> FloatArray:
         """Share of the range at which readings lie, 0 to 1; clamped."""
-        return np.asarray(np.clip((reading - self.low) / (self.high - self.low), 0.0, 1.0))
+        share = np.asarray(reading - self.low, dtype=float)
+        share /= self.high - self.low
+        return np.clip(share, 0.0, 1.0, out=share)
 
     def share(self, reading: FloatArray, direction: npt.ArrayLike | None = None) -> FloatArray:
         """Share of the rising branch; an array without directions is a recording."""

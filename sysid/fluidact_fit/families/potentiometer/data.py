@@ -16,6 +16,8 @@ from .rational_bezier import CurveFit, Rows, Shape, group
 
 COARSE, FINE = 600, 4096  # rows that searches and the final fit work on
 MANY = 20_000  # rows that are worth merging
+LONG = 200_000  # rows from which the colour of residuals is that of an excerpt
+_BLOCKS = 8  # of an excerpt
 _MOST_POSITIONS = 100  # beyond them readings are as good as a sweep
 _BREAK = 4.0  # ratio of the gap between two positions to those between readings of one
 
@@ -40,6 +42,19 @@ class Data:
         """Number of used samples of each log that has any."""
         counts = (int(np.count_nonzero(self.used[p])) for p in self.parts)
         return [n for n in counts if n]
+
+
+def contiguous_parts(sizes: Sequence[int]) -> list[slice]:
+    """The rows of every log; of long records contiguous parts, spread over all of them."""
+    ends = np.cumsum(sizes).tolist()
+    if ends[-1] <= LONG:
+        return [slice(end - size, end) for end, size in zip(ends, sizes)]
+    length = LONG // 4 // _BLOCKS
+    out = []
+    for k in np.linspace(0, ends[-1] - length, _BLOCKS).astype(int).tolist():
+        log_end = ends[int(np.searchsorted(ends, k, side="right"))]
+        out.append(slice(k, min(k + length, log_end)))
+    return [p for p in out if p.stop - p.start > 200]
 
 
 def gather(experiments: Sequence[Experiment]) -> Data:
@@ -106,11 +121,12 @@ def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
     """Scale the used samples; without a dead band between branches there is one curve."""
     x, y = data.reading[data.used], data.reference[data.used]
     low, span, base, stroke = float(x.min()), float(np.ptp(x)), float(y.min()), float(np.ptp(y))
-    share = np.ones(x.size)
+    alike = np.broadcast_to(1.0, x.shape)  # takes no memory
+    share = alike
     if dead_band is not None:  # each log from its own start
         shares = [rising_share(data.reading[p], dead_band) for p in data.parts]
         share = np.concatenate(shares)[data.used]
-    rows = Rows((x - low) / span, (y - base) / stroke, np.ones(x.size), share)
+    rows = Rows((x - low) / span, (y - base) / stroke, alike, share)
     if dead_band is None and x.size > MANY:
         places, key = group(x)
         if 4 * places.size < x.size:

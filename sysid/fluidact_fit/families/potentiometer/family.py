@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -166,7 +167,7 @@ class Potentiometer(Family[PotentiometerOptions]):
                 *bound_notice(fit),
                 *few_positions_notice(scaled, fit, scores),
                 *misfit_notice(misfit, scaled, data.unit),
-                *direction_notice(fit, free_jacobian(fit, scaled), scaled, data),
+                *direction_notice(fit, partial(free_jacobian, fit, scaled), scaled, data),
             ],
             fit_details(fit, spread, scores, scaled),
             independent=spread.independent,

@@ -17,6 +17,7 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +28,7 @@ from ...estimation.noise import noise_floor
 from ...estimation.uncertainty import Uncertainty, covariance, enlarge
 from ...experiment import FloatArray
 from .calibration import rising_share
-from .data import Data, Scaled, find_positions
+from .data import Data, Scaled, contiguous_parts, find_positions
 from .rational_bezier import CurveFit
 
 _STRETCHES = 60  # of a sweep
@@ -169,12 +170,12 @@ def _mm(scaled_length: float, scaled: Scaled) -> str:
 
 
 def direction_notice(
-    fit: CurveFit, jacobian: FloatArray, scaled: Scaled, data: Data
+    fit: CurveFit, jacobian: Callable[[slice], FloatArray], scaled: Scaled, data: Data
 ) -> list[Notice]:
     """Warn of one curve for two directions that differ by more than their scatter.
 
     The residual is regressed on the direction in which the reading moves, the unknowns of the
-    curve beside it; ``jacobian`` holds their derivatives, shape ``(n, p)``.
+    curve beside it; ``jacobian`` gives their derivatives at some rows, shape ``(n, p)``.
     """
     if fit.shape.branches > 1:
         return []
@@ -189,13 +190,16 @@ def direction_notice(
         sweep = ways[1] > 0.9 * way.size and find_positions(scaled.rows.t) is None
         one_way = [_one_way()] if sweep and not ways[0] else []
         return _two_groups_notice(rest, scaled) or one_way
-    columns = np.column_stack((jacobian, way))
+    parts = contiguous_parts(data.sizes)
+    columns = np.vstack([np.column_stack((jacobian(p), way[p])) for p in parts])
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
-    found = np.linalg.lstsq(columns / scale, rest, rcond=1e-10)[0]
-    left = rest - (columns / scale) @ found
-    cuts = np.cumsum(data.sizes)[:-1]
-    spread = covariance(np.split(columns / scale, cuts), np.split(left, cuts))
+    columns /= scale
+    target = np.concatenate([rest[p] for p in parts])
+    found = np.linalg.lstsq(columns, target, rcond=1e-10)[0]
+    left = target - columns @ found
+    cuts = np.cumsum([p.stop - p.start for p in parts])[:-1]
+    spread = covariance(np.split(columns, cuts), np.split(left, cuts))
     error = float(np.sqrt(spread.covariance[-1, -1]))
     width = abs(float(found[-1]) / scale[-1])
     if not abs(found[-1]) > _APART * error or width < max(0.5 * spread.sigma, 0.5 * _MATTERS):

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...estimation.blocks import blocks
 from ...estimation.problem import Basis, Problem, Unknown
 from ...estimation.separable import Search, solve_from
 from ...experiment import Array, FloatArray
@@ -60,9 +61,13 @@ def rational_bezier(
     (...) [unit of the control points]
     """
     p, w = np.asarray(control_points, dtype=float), np.asarray(weights, dtype=float)
-    b = bernstein(np.clip(t, 0.0, 1.0), p.size - 1) * w
-    # taken from the first control point: a constant curve is exactly constant
-    return np.asarray(p[0] + b @ (p - p[0]) / b.sum(axis=-1))
+    u = np.asarray(t, dtype=float)
+    places, out = u.ravel(), np.empty(u.size)
+    for at in blocks(u.size):  # the polynomials of a long record are many times as long
+        b = bernstein(np.clip(places[at], 0.0, 1.0), p.size - 1) * w
+        # taken from the first control point: a constant curve is exactly constant
+        out[at] = p[0] + b @ (p - p[0]) / b.sum(axis=-1)
+    return out.reshape(u.shape)
 
 
 def rational_bezier_slope(

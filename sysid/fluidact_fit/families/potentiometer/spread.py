@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,11 +9,9 @@ import numpy as np
 from ...errors import NotIdentifiedError
 from ...estimation.uncertainty import Uncertainty, covariance
 from ...experiment import FloatArray
-from .data import FINE, Data, Scaled
+from .data import FINE, LONG, Data, Scaled, contiguous_parts
 from .misfit import Misfit, widen
 from .rational_bezier import CurveFit, compress, curve_jacobian, free_coordinates
-
-_LONG, _BLOCKS = 200_000, 8  # rows from which the colour of residuals is that of an excerpt
 
 
 def find_spread(
@@ -26,7 +23,7 @@ def find_spread(
     """
     matrix = free_coordinates(fit)
     rest = scaled.rows.y - scaled.evaluate(fit)
-    if fit.shape.ends is None and rest.size > _LONG:
+    if fit.shape.ends is None and rest.size > LONG:
         uncertainty = _long_uncertainty(fit, matrix, scaled, data, rest)
     else:
         root = np.sqrt(scaled.rows.count)
@@ -47,9 +44,9 @@ def find_spread(
     return replace(uncertainty, covariance=matrix @ uncertainty.covariance @ matrix.T)
 
 
-def free_jacobian(fit: CurveFit, scaled: Scaled) -> FloatArray:
-    """Derivative of the curve at all rows by what was free in the fit, shape ``(n, p)``."""
-    return np.asarray(_jacobian(fit, scaled, slice(None)) @ free_coordinates(fit))
+def free_jacobian(fit: CurveFit, scaled: Scaled, part: slice) -> FloatArray:
+    """Derivative of the curve at some rows by what was free in the fit, shape ``(n, p)``."""
+    return np.asarray(_jacobian(fit, scaled, part) @ free_coordinates(fit))
 
 
 def std_errors(spread: Uncertainty, degree: int) -> FloatArray:
@@ -85,7 +82,7 @@ def _long_uncertainty(
     both = j.T @ (j * rows.count[:, None])
     inner, order = variance * np.eye(scale.size), 0
     if data.in_order:
-        parts = _excerpt(data.sizes)
+        parts = contiguous_parts(data.sizes)
         columns = [_jacobian(fit, scaled, p) @ matrix / scale for p in parts]
         found = covariance(columns, [rest[p] for p in parts])
         stacked = np.vstack(columns)
@@ -97,17 +94,6 @@ def _long_uncertainty(
     half = _power(both, -0.5)
     total = half @ inner @ half / np.outer(scale, scale)
     return Uncertainty(0.5 * (total + total.T), degrees, float(np.sqrt(variance)), order)
-
-
-def _excerpt(sizes: Sequence[int]) -> list[slice]:
-    """Contiguous parts of the logs, spread over all of them."""
-    ends = np.cumsum(sizes)
-    length = _LONG // 4 // _BLOCKS
-    out = []
-    for k in np.linspace(0, int(ends[-1]) - length, _BLOCKS).astype(int).tolist():
-        log_end = int(ends[np.searchsorted(ends, k, side="right")])
-        out.append(slice(k, min(k + length, log_end)))
-    return [p for p in out if p.stop - p.start > 200]
 
 
 def _power(matrix: FloatArray, exponent: float) -> FloatArray:
