@@ -348,3 +348,12 @@ def test_both_readers_cut_at_odd_blanks_alike(
     quick = read(tmp_path, lines)
     assert quick.rows == careful.rows == 199
     assert left_out(quick) == left_out(careful) == [21]
+
+
+def test_dates_among_text_are_no_rows_of_a_short_log(tmp_path: Path) -> None:
+    preamble = ["Recorder 3.1", "Date: 2020-01-02 10:11:12", "Gain 1.5 of 2.5 V", "-----"] * 5
+    rows = [f"{k},00  0,00  1,{k}8" for k in range(5)]
+    log = read(tmp_path, [*preamble, "t_[s] i_[A] omega_[rad/s]", *rows])
+    assert log.rows == 5
+    assert [c.header for c in log.columns] == ["t_[s]", "i_[A]", "omega_[rad/s]"]
+    assert left_out(log) == []

@@ -304,6 +304,7 @@ def _differences(at: Optimum, column: Sequence[int], represented: bool = False) 
             up -= down
             up /= 2.0 * _STEP * error
             j[:, k] += up
+        del ends, up, down  # of a long log not to be kept beside the next
     return out
 
 

@@ -97,14 +97,17 @@ def _choose(lines: Sequence[str], blocks: Sequence[_Block], cut: Cut) -> Start:
     That is one of several rows, one below a line that names the columns, and one at the top of the
     file, unless names stand below it: numbers above the names count the columns.
     """
-    enough = min(_ENOUGH, 0.2 * max(len(b.rows) for b in blocks))
+    longest = max(blocks, key=lambda b: len(b.rows))
+    enough = min(_ENOUGH, 0.2 * len(longest.rows))
+    numbers_only = len(longest.plain) >= len(longest.rows)  # a date with text is then no row
     stray: list[int] = []
     for block in blocks:
         above = next((s for s in reversed(lines[: block.lines[0]]) if s.strip()), "")
         below = next((s for s in lines[block.lines[-1] + 1 :] if s.strip()), "")
         at_top = not above and cut.width > 2 and not _names_columns(below, cut)
         certain = block.plain and (at_top or _names_columns(above, cut))
-        if block.rows and (certain or len(block.rows) >= enough):
+        usual = block.plain or not numbers_only or len(block.rows) >= _ENOUGH
+        if block.rows and (certain or (usual and len(block.rows) >= enough)):
             return Start(block.lines[0], tuple(stray))
         stray += [i for i in block.lines if block.plain and i >= block.plain[0]]
     raise AssertionError("the longest block is one of several rows")
