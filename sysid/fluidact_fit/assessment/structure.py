@@ -104,8 +104,10 @@ def _drift(at: Optimum, role: str) -> Term:
     timed = all(s.experiment.time.size for s in at.series)
     columns = []
     for s in at.series:
-        t = s.experiment.time if timed else np.linspace(0.0, 1.0, s.used.size)
-        columns.append(all_of(t - t[0], s.used) * ((s.role == role) / s.scale))
+        t = s.experiment.time
+        ramp = all_of(t - t[0] if timed else np.linspace(0.0, 1.0, s.used.size), s.used)
+        ramp *= (s.role == role) / s.scale
+        columns.append(ramp)
     per = "a second" if timed else "from the first row of a log to the last"
     return Term(
         f"drift{of}", f"{unit}/s" if timed else unit,
