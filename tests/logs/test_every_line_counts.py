@@ -357,3 +357,36 @@ def test_dates_among_text_are_no_rows_of_a_short_log(tmp_path: Path) -> None:
     assert log.rows == 5
     assert [c.header for c in log.columns] == ["t_[s]", "i_[A]", "omega_[rad/s]"]
     assert left_out(log) == []
+
+
+TABBED = [f"0,{k:02d}\t2,4{k}\t21,1{k}" for k in range(10, 40)]
+
+
+@pytest.mark.parametrize(
+    ("lines", "named"),
+    [
+        # another separator from some line on: the rows of one of the two are lost
+        ([*(f'"0.{k}","1.5","2.{k}"' for k in range(10, 20)),
+          *(f'"0.{k}"\t"1.5"\t"2.{k}"' for k in range(20, 60))], range(1, 11)),
+        # signs that no name holds, between two rows
+        (["0,00\t2,40\t21,1", 'b,2+\tb%Yc#"e{\tc', *TABBED], [1, 2]),
+        (["0,00\t1_000\t21,1", "e4Z\x07\t-,\tc", *TABBED], [1, 2]),
+    ],
+)  # fmt: skip
+def test_rows_that_cannot_be_read_are_named(
+    tmp_path: Path, lines: list[str], named: list[int]
+) -> None:
+    log = read(tmp_path, lines)
+    assert log.rows == len(lines) - len(named)
+    assert left_out(log) == list(named)
+    assert [n.code for n in log.notices] == ["rows-above-table"]
+
+
+def test_separators_between_quotes_are_no_cells(tmp_path: Path) -> None:
+    """Between blanks "0.00","1.48" was five cells, two of which were commas."""
+    lines = [f'"0.{k}","0.00","1.{k}"' for k in range(10, 15)]
+    lines += [f'"0.{k}"|"0.00"|"1.{k}"' for k in range(15, 19)]
+    log = read(tmp_path, ["t,i,w", *lines])
+    assert len(log.columns) == 3
+    assert log.rows + len(left_out(log)) == 9
+    assert set(log.columns[2].values.tolist()) <= {round(1.0 + k / 100.0, 2) for k in range(10, 19)}

@@ -33,6 +33,8 @@ _SEVERAL = re.compile(r"[\d.,+'-]+\s*[\t;| ](.*[\t;| ])?\s*[\d.,+-]+$")  # numbe
 _CUT_WRONG = 0.1
 _ODD_SIGNS = re.compile(r"[^\d.,+\-eE]")
 _DECIMAL = re.compile(r"\d[.,]\d\d")
+_NO_NAME = re.compile(r"[\x00-\x08\x0e-\x1f{}\"<>|~`@!?$;,=]")
+_NUMBERS_ALONE = re.compile(r"[\d\s.,;|+\-eE]+")
 _GAP = 3  # lines without numbers among damaged rows
 _PUTTY_MARK = "=~=~=~=~="
 _SAMPLE = 120
@@ -220,6 +222,8 @@ def _rate_cut(
     if not cells:
         return None
     plain = [cut.without_thousands(cell) for cell in cells]
+    if 5 * sum(cell in ",;|" for cell in plain) > len(plain):
+        return None  # "1","2" between blanks: what separates is a cell of its own
     grouped = GROUPED[decimal]  # both signs in one cell say which is which
     others = [c for c in plain if not (pattern.match(c) or is_stamp(c) or grouped.match(c))]
     score = (1.0 - len(others) / len(cells)) * share / len(rows)
@@ -273,6 +277,11 @@ def _lay_out(
         stray |= {i for i in range(top, start) if i in damaged or _holds_digits(lines[i])}
     else:
         start = min(damaged, default=start)
+    if named is None:
+        if header.row is not None and _is_odd(header, lines, cut):
+            stray |= {header.row, *(i for i in range(header.row) if looks_like_row(lines[i], cut))}
+        rest = set(range(start)) - {header.row, header.units_row}
+        stray |= {i for i in rest if _is_row_of_another_form(lines[i], cut)}
     names, units = header.names, header.units
     for k in clocks:
         units[k] = "s"
@@ -288,7 +297,7 @@ def _lay_out(
         units=units,
         again=frozenset(lines[i] for i in (header.row, header.units_row) if i is not None),
         clocks=clocks,
-        stray=tuple(sorted(stray - {header.row, header.units_row})),
+        stray=tuple(sorted(stray - {header.units_row})),
     )
 
 
@@ -306,6 +315,21 @@ def _damaged(lines: Sequence[str], start: int, cut: Cut, header: Header) -> list
         else:
             break
     return found
+
+
+def _is_odd(header: Header, lines: Sequence[str], cut: Cut) -> bool:
+    """Whether names below a row hold signs that no name has: they may be a row that was damaged."""
+    above = next((s for s in reversed(lines[: header.row]) if s.strip()), "")
+    return looks_like_row(above, cut) and any(map(_NO_NAME.search, header.names))
+
+
+def _is_row_of_another_form(line: str, cut: Cut) -> bool:
+    """Whether a line holds as many numbers as a row, and nothing else but what separates them."""
+    bare = line.replace('"', " ")
+    if cut.width < 2 or not _NUMBERS_ALONE.fullmatch(bare) or is_stamp(bare.strip()):
+        return False
+    numbers = re.split(r"[;|\t]|[ ,]\s+|\s+", bare) if cut.delimiter != "," else bare.split(",")
+    return sum(cut.is_number(cell.strip()) for cell in numbers) >= cut.width
 
 
 def _holds_digits(line: str) -> bool:
