@@ -21,6 +21,8 @@ _COMMANDS = {
     "check": "Check whether a parameter file still describes the machine.",
     "simulate": "Simulate a parameter file with the inputs of a log.",
     "export": "Write a parameter file in the language of a controller.",
+    "compare": "Compare parameter files of one family, or logs.",
+    "report": "Write the page of a parameter file, beside another one.",
     "check-consumer": "Compare a parameter file with what a controller reads.",
     "design": "Design the next experiment from a parameter file.",
     "batch": "Run many fits: a parameter file each, a summary of all.",

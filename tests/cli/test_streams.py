@@ -175,6 +175,9 @@ def test_text_from_outside_is_shown_harmlessly(
         ["simulate", f"{EVIL}.yaml", evil, "-o", f"{EVIL}.csv"],
         ["export", f"{EVIL}.yaml", "--to", "json", "-o", f"{EVIL}"],
         ["export", f"{EVIL}.yaml", "--to", EVIL, "--accept-not-identified", EVIL],
+        ["compare", f"{EVIL}.yaml", f"{EVIL}.yaml"],
+        ["compare", evil, evil],
+        ["report", f"{EVIL}.yaml", f"{EVIL}.yaml", "-o", "beside.html"],
         ["check-consumer", f"{EVIL}.yaml", evil],
         ["check-consumer", f"{EVIL}.yaml", f"{EVIL}.yaml"],
         ["design", "valve", "--from", f"{EVIL}.yaml", "-o", f"d{EVIL}.csv", "--duration", "0.5"],
@@ -195,7 +198,8 @@ def test_text_from_outside_is_shown_harmlessly(
         done = apart(*args, cwd=inside) if "--report" in args else here(*args)
         assert done.status in (0, 2, 3, 4, 5), (args, done.err)
         assert_harmless(done.out, done.err)
-    assert_harmless((inside / "r.html").read_text(encoding="utf-8"))
+    for page in ("r.html", "beside.html"):
+        assert_harmless((inside / page).read_text(encoding="utf-8"))
     text = (inside / f"{EVIL}.yaml").read_text(encoding="utf-8")
     assert_harmless(text)
     # the file still holds the very header, so that check finds the column again

@@ -339,10 +339,11 @@ def _holds_digits(line: str) -> bool:
 
 
 def _is_damaged_row(line: str, cut: Cut) -> bool:
-    """Whether every cell would be a decimal number but for a sign or two that are none."""
+    """Whether every cell would be a decimal number but for a sign or two, or its decimal sign."""
     for cell in filter(None, cut.split(line)):
         left = _ODD_SIGNS.sub("", cell)
-        if len(cell) - len(left) > 2 or not (_DECIMAL.search(left) and cut.is_value(left)):
+        number = any(form.match(left) for form in NUMBER.values())
+        if len(cell) - len(left) > 2 or not (_DECIMAL.search(left) and number):
             return False
     return True
 

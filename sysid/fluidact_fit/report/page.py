@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ..comparison import Comparison
 from ..errors import UsageError
 from ..families import get_family
 from ..outcome import Outcome
 from ..parameters import ParameterDocument, dump_yaml, write_atomically
 from ..parameters.document import Derived, Measure
+from .compared import plot_comparison
 from .figure import plot_result, plot_validation
 from .html import code, escape, pictures, section, table, whole_page
 from .numbers import count, flatten, percent, pretty_unit, short, show
@@ -48,11 +50,15 @@ def write_document_html(
     document: ParameterDocument,
     path: str | os.PathLike[str],
     *,
+    comparison: Comparison | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Write the report of a parameter file alone, without pictures; see :func:`write_html`."""
+    """Write the report of a parameter file alone; see :func:`write_html`.
+
+    With a ``comparison``, of which the document is the first file, the others stand beside it.
+    """
     _check_suffix(path)
-    return write_atomically(path, document_page(document), overwrite=overwrite)
+    return write_atomically(path, document_page(document, (), comparison), overwrite=overwrite)
 
 
 def _check_suffix(path: str | os.PathLike[str]) -> None:
@@ -73,14 +79,44 @@ def result_page(result: Outcome) -> str:
     return document_page(result.document, figures)
 
 
-def document_page(document: ParameterDocument, figures: Sequence[tuple[str, bytes]] = ()) -> str:
+def document_page(
+    document: ParameterDocument,
+    figures: Sequence[tuple[str, bytes]] = (),
+    comparison: Comparison | None = None,
+) -> str:
     """The page of a parameter document; ``figures`` are description and SVG of each picture."""
     sections = (
         _warnings, _parameters, _derived, _comparisons, _logs, _validity, _correlation, _model,
         _provenance,
     )  # fmt: skip
-    parts = [_header(document), pictures(figures), *(part(document) for part in sections)]
+    beside = "" if comparison is None else _beside(comparison)
+    parts = [_header(document), pictures(figures), beside, *(part(document) for part in sections)]
     return whole_page(f"{document.family}: {document.fit.verdict}", parts)
+
+
+def _beside(comparison: Comparison) -> str:
+    """Other files beside the first: a picture of the differences, and a table."""
+    first, *others = comparison.files
+    heads = ["name", "unit", escape(first)]
+    for name in others:
+        heads += [escape(name), "differs by"]
+    rows = []
+    for p in comparison.parameters:
+        row = [code(p.name), escape(pretty_unit(p.unit))]
+        columns = zip(p.values, p.std_errors, p.statuses, p.deviations)
+        for k, (value, error, status, z) in enumerate(columns):
+            text = (status or "-").replace("_", " ")
+            if value is not None and status != "not_identified":
+                text = show(value, error)
+            row.append(escape(text))
+            row += [("" if z is None else f"{z:+.1f}".replace("-", "−"))] if k else []
+        rows.append(row)
+    said = "<li>Differences are in standard errors of the difference.</li>"
+    said += "".join(f"<li>{escape(t.words)}</li>" for t in comparison.together)
+    figure, alt = plot_comparison(comparison), "Differences, and their 95 % intervals"
+    shown = [] if figure is None else [(alt, render(figure, "svg"))]
+    numbers = section("Beside other files", heads, rows, numeric=range(2, len(heads)))
+    return f"{numbers}<ul>{said}</ul>{pictures(shown)}"
 
 
 def _header(document: ParameterDocument) -> str:

@@ -1,0 +1,272 @@
+"""Parameter files of one family, or logs, beside each other: what differs, and by how much.
+
+A parameter differs from that of the first file by ``z = (v - v_1) / sqrt(s^2 + s_1^2)`` standard
+errors. All that both files estimated are judged together by ``d' (C + C_1)^-1 d``, which has a
+chi-squared distribution where nothing differs [1]_: parameters may each agree, and not together.
+Both hold for logs of their own; of files that share logs it is said.
+
+References
+----------
+.. [1] A. Wald, "Tests of statistical hypotheses concerning several parameters when the number of
+   observations is large", Transactions of the American Mathematical Society 54, 1943.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from math import hypot
+from typing import Any
+
+import numpy as np
+
+from .errors import UsageError
+from .logs import Log, describe
+from .parameters.document import ParameterDocument
+
+_DIFFERS = 1e-3  # probability of a difference that large by chance
+_UNLIKE = 3.0  # ratio of two ranges, or of two sample times that are taken for different ones
+_SAME_STEP = 0.01  # part by which two sample times may differ
+
+
+@dataclass(frozen=True)
+class Beside:
+    """One parameter, or entry of a list, in every file; ``None`` where a file has it not.
+
+    ``deviations`` are its differences from the first file in standard errors.
+    """
+
+    name: str
+    unit: str
+    values: tuple[float | None, ...]
+    std_errors: tuple[float | None, ...]
+    statuses: tuple[str | None, ...]
+    deviations: tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
+class Together:
+    """All that a file and the first one estimated, judged together.
+
+    ``statistic`` has ``degrees`` degrees of freedom; ``shared_logs`` are those that both were
+    fitted to, which makes their errors alike and the test mean little.
+    """
+
+    file: str
+    statistic: float
+    degrees: int
+    p_value: float
+    shared_logs: tuple[str, ...]
+
+    @property
+    def differs(self) -> bool:
+        """Whether chance does not explain it."""
+        return self.degrees > 0 and self.p_value < _DIFFERS
+
+    @property
+    def words(self) -> str:
+        """What was found, for people."""
+        if not self.degrees:
+            return f"{self.file}: nothing that both files estimated"
+        verdict = "differs by more than chance" if self.differs else "does not differ beyond chance"
+        text = f"{self.file}: {verdict} ({self.degrees} numbers together, p = {self.p_value:.2g})"
+        if self.shared_logs:
+            text += (
+                f"; both were fitted to {', '.join(self.shared_logs)}: their errors are the same "
+                "in part, so that the differences have smaller ones than it says here"
+            )
+        return text
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Parameter files of one family beside each other."""
+
+    family: str
+    files: tuple[str, ...]
+    parameters: tuple[Beside, ...]
+    together: tuple[Together, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain numbers and text."""
+        return asdict(self)
+
+
+def compare_documents(files: Sequence[tuple[str, ParameterDocument]]) -> Comparison:
+    """Compare parameter files with the first of them.
+
+    Parameters
+    ----------
+    files
+        Name and document of each, of one family and variant.
+
+    Raises
+    ------
+    UsageError
+        For fewer than two files, and for files of different families or variants.
+    """
+    _require_two(files)
+    first_name, first = files[0]
+    for name, document in files[1:]:
+        if (document.family, document.variant) != (first.family, first.variant):
+            raise UsageError(
+                f"{name} is a file of {_kind(document)}, {first_name} of {_kind(first)}.",
+                remedy="Compare files of one family.",
+            )
+    tables = [_entries(document) for _, document in files]
+    names = list(dict.fromkeys(n for table in tables for n in table))
+    parameters = tuple(_beside(n, tables) for n in names)
+    together = tuple(_together(first, name, other) for name, other in files[1:])
+    return Comparison(first.family, tuple(n for n, _ in files), parameters, together)
+
+
+def _require_two(given: Sequence[Any]) -> None:
+    if len(given) < 2:
+        raise UsageError("there is nothing to compare with.", remedy="Give two files or more.")
+
+
+def _kind(document: ParameterDocument) -> str:
+    same = document.variant in ("", document.family)
+    return document.family if same else f"{document.family} ({document.variant})"
+
+
+@dataclass(frozen=True)
+class _Entry:
+    value: float
+    std_error: float | None
+    unit: str
+    status: str
+
+
+def _entries(document: ParameterDocument) -> dict[str, _Entry]:
+    """Every number of a file by its name, entries of lists as ``levels[2]``."""
+    out = {}
+    for name, q in document.parameters.items():
+        values = np.asarray(q.value, dtype=float)
+        errors = np.full(values.shape, np.nan)
+        if q.std_error is not None and np.size(q.std_error) == values.size:
+            errors = np.asarray(q.std_error, dtype=float).reshape(values.shape)
+        for at in np.ndindex(values.shape):
+            error = float(errors[at])
+            out[name + "".join(f"[{k}]" for k in at)] = _Entry(
+                float(values[at]), None if np.isnan(error) else error, q.unit, q.status
+            )
+    return out
+
+
+def _beside(name: str, tables: Sequence[Mapping[str, _Entry]]) -> Beside:
+    entries = [table.get(name) for table in tables]
+    first = entries[0]
+    deviations = [None if k == 0 else _deviation(first, e) for k, e in enumerate(entries)]
+    return Beside(
+        name,
+        next(e.unit for e in entries if e is not None),
+        tuple(None if e is None else e.value for e in entries),
+        tuple(None if e is None else e.std_error for e in entries),
+        tuple(None if e is None else e.status for e in entries),
+        tuple(deviations),
+    )
+
+
+def _deviation(first: _Entry | None, other: _Entry | None) -> float | None:
+    """Difference in standard errors, where both were estimated or one of them was given."""
+    if first is None or other is None or "not_identified" in (first.status, other.status):
+        return None
+    error = hypot(first.std_error or 0.0, other.std_error or 0.0)
+    return (other.value - first.value) / error if error > 0.0 else None
+
+
+def _together(first: ParameterDocument, name: str, other: ParameterDocument) -> Together:
+    from scipy.special import chdtrc
+
+    logs = {log.sha256: log.file for log in first.provenance.logs}
+    shared = tuple(logs[s.sha256] for s in other.provenance.logs if s.sha256 in logs)
+    one, two = (_estimates(d) for d in (first, other))
+    common = [n for n in one[0] if n in two[0]]
+    if not common:
+        return Together(name, 0.0, 0, 1.0, shared)
+    picked = [([order.index(n) for n in common], values, c) for order, values, c in (one, two)]
+    (at, before, own), (place, after, new) = picked
+    difference = after[place] - before[at]
+    spread = own[np.ix_(at, at)] + new[np.ix_(place, place)]
+    scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    scaled = spread / np.outer(scale, scale)
+    # what two numbers have in common is told once, whatever their units
+    values, vectors = np.linalg.eigh(scaled)
+    kept = values > 1e-10 * float(values.max())
+    along = vectors[:, kept].T @ (difference / scale)
+    statistic, degrees = float(along @ (along / values[kept])), int(kept.sum())
+    return Together(name, statistic, degrees, float(chdtrc(degrees, statistic)), shared)
+
+
+def _estimates(document: ParameterDocument) -> tuple[list[str], Any, Any]:
+    """Names of what has a covariance, their values and it."""
+    if document.covariance is None:
+        return [], np.zeros(0), np.zeros((0, 0))
+    entries = _entries(document)
+    order = list(document.covariance.order)
+    values = np.array([entries[n].value for n in order])
+    return order, values, np.array(document.covariance.matrix, dtype=float)
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """Logs beside each other: what :func:`.logs.describe` says of each, and where they differ."""
+
+    logs: tuple[dict[str, Any], ...]
+    findings: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain numbers and text."""
+        return {"logs": list(self.logs), "findings": list(self.findings)}
+
+
+def compare_recordings(logs: Sequence[tuple[str, Log]]) -> Recordings:
+    """Compare logs, named as they are to be called, with the first of them.
+
+    Raises
+    ------
+    UsageError
+        For fewer than two.
+    """
+    _require_two(logs)
+    described = [{**describe(log), "file": name} for name, log in logs]
+    findings = [f for other in described[1:] for f in _findings(described[0], other)]
+    return Recordings(tuple(described), tuple(findings))
+
+
+def column_key(column: Mapping[str, Any]) -> str:
+    """What a column is called: its name, or its number where it has none."""
+    return str(column["name"] or column["header"] or f"#{column['number']}").casefold()
+
+
+def _findings(first: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """Where a log differs from the first one, in words."""
+    out = []
+    name, before = other["file"], first["file"]
+    if other["sha256"] == first["sha256"]:
+        return [f"{name} and {before} are the same to the byte"]
+    columns, known = ({column_key(c): c for c in log["columns"]} for log in (other, first))
+    out += [f"{name} has no column '{k}', {before} has" for k in known if k not in columns]
+    out += [f"{name} has a column '{k}', {before} has none" for k in columns if k not in known]
+    for key in (k for k in known if k in columns):
+        out += _of_column(key, columns[key], known[key], name, before)
+    now, then = (float((log["time"] or {}).get("sample_time") or 0.0) for log in (other, first))
+    if now and then and abs(now - then) > _SAME_STEP * then:
+        out.append(f"{name} was sampled every {now:g} s, {before} every {then:g} s")
+    return out
+
+
+def _of_column(
+    key: str, column: Mapping[str, Any], known: Mapping[str, Any], name: str, before: str
+) -> list[str]:
+    if column["unit"] != known["unit"]:
+        units = [c["unit"] or "no unit" for c in (column, known)]
+        return [f"'{key}' is in {units[0]} in {name}, in {units[1]} in {before}"]
+    if any(c["low"] is None for c in (column, known)):
+        return []
+    one, two = (c["high"] - c["low"] for c in (column, known))
+    unit = f" {column['unit']}" if column["unit"] else ""
+    if min(one, two) <= 0.0 < max(one, two) or max(one, two) > _UNLIKE * min(one, two) > 0.0:
+        return [f"'{key}' covers {one:.4g}{unit} in {name}, {two:.4g}{unit} in {before}"]
+    return []

@@ -1,0 +1,83 @@
+"""``fluidact-fit compare`` and ``report``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Run = Callable[..., Any]
+Log = Callable[..., Path]
+
+
+@pytest.fixture
+def files(here: Run, valve: Log, inside: Path) -> Path:
+    """Two files of one machine and one of another, beside the logs."""
+    for k, gain in enumerate((1000.0, 1000.0, 1030.0)):
+        valve(f"v{k}.csv", seed=k, gain=gain)
+        assert here("valve", f"v{k}.csv", "-o", f"v{k}.yaml", "-q").status == 0
+    return inside
+
+
+def test_parameter_files_are_compared_with_the_first(here: Run, files: Path) -> None:
+    done = here("compare", "v0.yaml", "v1.yaml", "v2.yaml")
+    assert done.status == 0
+    assert "v1.yaml: does not differ beyond chance" in done.out
+    assert "v2.yaml: differs by more than chance" in done.out
+    found = json.loads(here("compare", "v0.yaml", "v2.yaml", "--json").out)
+    gain = next(p for p in found["parameters"] if p["name"] == "gain")
+    assert gain["deviations"][1] > 10.0
+    assert found["together"][0]["p_value"] < 1e-6
+
+
+def test_logs_are_compared(here: Run, files: Path) -> None:
+    done = here("compare", "v0.csv", "v1.csv")
+    assert done.status == 0
+    assert "nothing differs" in done.out
+    (files / "other.csv").write_text("time,command\n" + "0,1\n1,2\n2,1\n" * 9, encoding="utf-8")
+    assert "other.csv has no column 'outlet'" in here("compare", "v0.csv", "other.csv").out
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "said"),
+    [
+        (["v0.yaml"], 2, "nothing to compare"),
+        (["v0.yaml", "v1.csv"], 2, "check PARAMS LOG"),
+        (["v0.yaml", "absent.yaml"], 3, "absent.yaml"),
+        (["v0.csv", "absent.csv"], 3, "absent.csv"),
+        (["v0.yaml", "v1.yaml", "--unit", "outlet=bar"], 2, "--unit is about logs"),
+        (["v0.yaml", "v1.yaml", "--sample-time", "0.1"], 2, "--sample-time is about logs"),
+    ],
+)
+def test_what_cannot_be_compared(
+    words: list[str], status: int, said: str, here: Run, files: Path
+) -> None:
+    done = here("compare", *words)
+    assert done.status == status
+    assert said in done.err
+
+
+def test_a_page_is_written_beside_its_file(here: Run, files: Path) -> None:
+    done = here("report", "v0.yaml")
+    assert done.status == 0
+    assert "v0.html" in done.out
+    alone = (files / "v0.html").read_text(encoding="utf-8")
+    assert "natural_frequency" in alone
+    assert "<svg" not in alone
+    assert here("report", "v0.yaml", "v2.yaml").status != 0  # it is there already
+    assert (files / "v0.html").read_text(encoding="utf-8") == alone
+    assert here("report", "v0.yaml", "v2.yaml", "-f").status == 0
+    page = (files / "v0.html").read_text(encoding="utf-8")
+    assert "differs by more than chance" in page
+    assert "data:image/svg" in page or "<svg" in page
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
+
+
+def test_a_page_that_cannot_be(here: Run, files: Path) -> None:
+    assert here("report", "v0.yaml", "-o", "page.txt").status == 2
+    assert here("report", "v0.yaml", "-o", "v0.yaml", "-f").status == 2
+    assert here("report", "absent.yaml").status == 3
+    assert not list(files.glob("*.html"))
