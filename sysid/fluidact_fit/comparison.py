@@ -126,7 +126,7 @@ def _require_two(given: Sequence[Any]) -> None:
 
 
 def _kind(document: ParameterDocument) -> str:
-    same = document.variant in ("", document.family)
+    same = document.variant in (None, document.family)
     return document.family if same else f"{document.family} ({document.variant})"
 
 

@@ -63,9 +63,11 @@ def fit(
         Paths, DataFrames, mappings of header to array, or logs that :func:`read_log` has read.
         Of those of an iterator nothing is kept but what is used, which halves the memory of long
         ones.
-    columns, units, scales, sample_time, window
-        How all of them are read, where their columns are not named like the roles; see
-        :func:`read_log`, which can do more.
+    columns, units, scales, sample_time
+        How they and those of ``validate`` are read, where their columns are not named like the
+        roles; see :func:`read_log`, which can do more.
+    window
+        Part of the logs to fit [s], ``None`` for an open side.
     hold
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``, instead of the family's default.
     fixed, start, bounds
@@ -107,11 +109,9 @@ def fit(
     )
     if controller_sample_time is not None:
         _check_period(controller_sample_time)
-    how = {
-        "columns": columns, "units": units, "scales": scales, "sample_time": sample_time,
-        "window": window,
-    }  # fmt: skip
-    given = _open(chosen, request, open_logs(logs, **how), open_logs(validate, **how), hold or {})
+    how = {"columns": columns, "units": units, "scales": scales, "sample_time": sample_time}
+    opened, judged = open_logs(logs, **how, window=window), open_logs(validate, **how)
+    given = _open(chosen, request, opened, judged, hold or {})
     variant, experiments, notices = given.variant, given.experiments, list(given.notices)
     request.progress("fitting")
     estimate = _estimate(chosen, variant, experiments, request)

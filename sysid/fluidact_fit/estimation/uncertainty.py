@@ -334,7 +334,8 @@ def _independent(a: FloatArray, n: int) -> float:
 
 def _noise_model(residuals: Sequence[FloatArray]) -> tuple[FloatArray, float]:
     """Autoregression of residuals of an order that so many samples can tell."""
-    n, shortest = sum(r.size for r in residuals), min(r.size for r in residuals)
+    sizes = [r.size for r in residuals]
+    n, shortest = sum(sizes), min(sizes, default=0)
     return fit_autoregression(residuals, min(25, shortest // 4, n // 10) if n > 30 else 0)
 
 

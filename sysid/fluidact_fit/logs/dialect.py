@@ -31,6 +31,7 @@ _NUMBER_COMMA_STRICT = re.compile(r"[+-]?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 _CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")]
 _SEVERAL = re.compile(r"[\d.,+'-]+\s*[\t;| ](.*[\t;| ])?\s*[\d.,+-]+$")  # numbers in one cell
 _CUT_WRONG = 0.1
+_LONG_CELL = 200  # characters, beyond which a search in it could take long
 _ODD_SIGNS = re.compile(r"[^\d.,+\-eE]")
 _DECIMAL = re.compile(r"\d[.,]\d\d")
 _NO_NAME = re.compile(r"[\x00-\x08\x0e-\x1f{}\"<>|~`@!?$;,=]")
@@ -228,7 +229,8 @@ def _rate_cut(
     others = [c for c in plain if not (pattern.match(c) or is_stamp(c) or grouped.match(c))]
     score = (1.0 - len(others) / len(cells)) * share / len(rows)
     # Of two cuts that are as good, the one whose cells hold other separators is wrong.
-    score -= _CUT_WRONG * sum(_SEVERAL.match(c) is not None for c in others) / len(cells)
+    wrong = (c for c in others if len(c) < _LONG_CELL and _SEVERAL.match(c))
+    score -= _CUT_WRONG * sum(1 for _ in wrong) / len(cells)
     if width == 1:
         # One column is the last resort: "1,5" is two columns before it is one.
         score *= 0.9
