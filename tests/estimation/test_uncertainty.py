@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from fluidact_fit.estimation.uncertainty import covariance
+from fluidact_fit.estimation.uncertainty import covariance, score_covariance
 
 
 @pytest.mark.parametrize("samples", [1, 3, 4])
@@ -40,3 +40,12 @@ def test_independent_samples_are_those_of_the_autoregression(memory: float) -> N
 def test_white_residuals_are_as_many_as_they_are() -> None:
     white = np.random.default_rng(6).normal(size=5000)
     assert np.isinf(covariance([np.ones((5000, 1))], [white]).independent)
+
+
+def test_a_run_of_which_nothing_is_described_adds_nothing() -> None:
+    rng = np.random.default_rng(7)
+    jacobian, rest = rng.normal(size=(200, 2)), rng.normal(size=200)
+    alone = score_covariance([jacobian], [rest], [[slice(0, 200)]])
+    empty = np.zeros((0, 2)), np.zeros(0), [slice(0, 0)]
+    both = score_covariance(*([x, y] for x, y in zip((jacobian, rest, [slice(0, 200)]), empty)))
+    np.testing.assert_array_equal(both.covariance, alone.covariance)

@@ -392,6 +392,8 @@ def score_covariance(
 def _long_run(scores: FloatArray) -> FloatArray:
     """Sum of the autocovariances of a vector series under a Bartlett kernel, times ``n``."""
     n = scores.shape[0]
+    if not n:  # a run of which nothing is described
+        return np.zeros((scores.shape[1], scores.shape[1]))
     power = np.sum(scores**2, axis=0)
     alike = np.sum(scores[1:] * scores[:-1], axis=0) / np.where(power == 0.0, 1.0, power)
     rho = float(np.clip(np.max(alike, initial=0.0), 0.0, 0.999))

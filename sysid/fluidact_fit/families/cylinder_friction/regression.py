@@ -175,15 +175,15 @@ class System:
             self._matched_residuals(x),
             [d.kept for d in self.data],
         )
+        if not _alike(np.concatenate(bare)):
+            # a velocity made of positions is off at reversals and right in between: where a few
+            # samples have most of the error, their own sizes say what it does to the estimate
+            runs = [[slice(0, r.size)] for r in bare]
+            return _larger(found, score_covariance(jacobian, bare, runs))
         # the unfiltered motion may be noisier by far, as the acceleration of a heavy mass is
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.diag(found.covariance) / np.diag(matched.covariance)
-        if np.nanmin(ratio, initial=np.inf) > 4.0 and _alike(np.concatenate(bare)):
-            return matched
-        # or off at reversals and right in between: where a few samples have most of the error,
-        # their own sizes say what it does to the estimate
-        runs = [[slice(0, r.size)] for r in bare]
-        return _larger(found, score_covariance(jacobian, bare, runs))
+        return matched if np.nanmin(ratio, initial=np.inf) > 4.0 else found
 
     def _covariance(
         self,
