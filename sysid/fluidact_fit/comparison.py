@@ -25,7 +25,7 @@ from .logs import Log, describe
 from .parameters.document import ParameterDocument
 
 _DIFFERS = 1e-3  # probability of a difference that large by chance
-_UNLIKE = 3.0  # ratio of two ranges, or of two sample times that are taken for different ones
+_UNLIKE = 3.0  # ratio of two ranges that are said to differ
 _SAME_STEP = 0.01  # part by which two sample times may differ
 
 
@@ -267,6 +267,6 @@ def _of_column(
         return []
     one, two = (c["high"] - c["low"] for c in (column, known))
     unit = f" {column['unit']}" if column["unit"] else ""
-    if min(one, two) <= 0.0 < max(one, two) or max(one, two) > _UNLIKE * min(one, two) > 0.0:
+    if max(one, two) > _UNLIKE * min(one, two):
         return [f"'{key}' covers {one:.4g}{unit} in {name}, {two:.4g}{unit} in {before}"]
     return []

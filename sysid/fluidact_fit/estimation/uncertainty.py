@@ -18,7 +18,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,30 +34,15 @@ class Uncertainty:
     """Covariance ``(p, p)`` of the unknowns, degrees of freedom, residual standard deviation.
 
     ``order`` is that of the autoregression that the residuals were taken for (0: white).
-    With autocorrelated residuals, ``effective`` samples with independent errors would give the
-    same variances (their median), and ``independent`` ones would show the size of the errors as
-    well: ``n / sum_k rho_k^2`` over all lags [4]_. Infinite where the residuals are white.
+    As many as ``independent`` samples with independent errors would show the size of the errors
+    as well: ``n / sum_k rho_k^2`` over all lags [4]_. Infinite where the residuals are white.
     """
 
     covariance: FloatArray
     degrees: int
     sigma: float
     order: int
-    effective: float = np.inf
     independent: float = np.inf
-
-    @property
-    def small_sample(self) -> float:
-        """Factor of the variances that allows for a small effective number of samples.
-
-        Of ``n_e`` independent samples ``p`` unknowns take ``p / n_e`` of the variance, and an
-        autoregression fitted to what is left, its coefficient too small by ``(1 + 3 rho) / n``
-        [3]_, some ``2 (p + 1) / n_e``. Where that would leave nothing the factor stops at 4.
-        """
-        if not np.isfinite(self.effective):
-            return 1.0
-        taken = 3.0 * self.covariance.shape[0] + 2.0
-        return self.effective / max(self.effective - taken, 0.25 * self.effective)
 
 
 @dataclass(frozen=True)
@@ -282,8 +267,11 @@ def covariance(
         Known smallest standard deviation of the noise, such as that of a converter;
         the residuals of a deterministic fit can fall below it.
     small_sample
-        Whether to correct autocorrelated residuals for their small effective number; see
-        :attr:`Uncertainty.small_sample`.
+        Whether to correct autocorrelated residuals for their small effective number: of ``n_e``
+        samples that were independent would give the same variance (their median), ``p`` unknowns
+        take ``p / n_e`` of the variance, and an autoregression fitted to what is left, its
+        coefficient too small by ``(1 + 3 rho) / n`` [3]_, some ``2 (p + 1) / n_e``. Where that
+        would leave nothing the variances are four times as large.
     readings
         Per experiment the logged output, shape ``(n_i,)``, and the step of its converter.
         While a reading is constant so is its error; where the converter makes up most of
@@ -316,18 +304,16 @@ def covariance(
         held = bread @ (steps + max(sigma**2 - _step_variance(readings), 0.0) * stacked.T @ stacked)
         total = enlarge(total, np.diag(held @ bread))
     total = _positive(total)
-    found = Uncertainty(total, degrees, float(sigma), order)
-    if order:
-        effective = _effective(total, sigma**2 * bread, n)
-        found = replace(found, effective=effective, independent=independent)
     if order and small_sample:
-        known = int(min(found.effective, found.independent))
-        found = replace(found, covariance=total * found.small_sample, degrees=max(known - p, 1))
-    found.covariance[blind, blind] = np.inf
-    return found
+        effective = _effective(total, sigma**2 * bread, n)
+        total *= effective / max(effective - 3.0 * p - 2.0, 0.25 * effective)
+        degrees = max(int(min(effective, independent)) - p, 1)
+    total[blind, blind] = np.inf
+    return Uncertainty(total, degrees, float(sigma), order, independent)
 
 
 def _independent(a: FloatArray, n: int) -> float:
+    """How many independent samples would show the size of an autoregression as well; [4]_."""
     r = _ar_autocovariance(a, 1.0)
     return n * float(r[0] ** 2 / (r @ r))
 

@@ -22,7 +22,7 @@ from .layout import GROUPED, NO_VALUE, NUMBER, Cut, Hints, Layout, Written, spli
 from .log import count_of, name_lines
 from .source import Source
 from .stamps import is_stamp
-from .start import Start, find_start, holds_numbers, looks_like_row
+from .start import Start, find_start, holds_numbers, is_plain, looks_like_row
 
 MAX_COLUMNS = 4096
 
@@ -35,7 +35,6 @@ _LONG_CELL = 200  # characters, beyond which a search in it could take long
 _ODD_SIGNS = re.compile(r"[^\d.,+\-eE]")
 _DECIMAL = re.compile(r"\d[.,]\d\d")
 _NO_NAME = re.compile(r"[\x00-\x08\x0e-\x1f{}\"<>|~`@!?$;,=]")
-_NUMBERS_ALONE = re.compile(r"[\d\s.,;|+\-eE]+")
 _GAP = 3  # lines without numbers among damaged rows
 _PUTTY_MARK = "=~=~=~=~="
 _SAMPLE = 120
@@ -328,7 +327,7 @@ def _is_odd(header: Header, lines: Sequence[str], cut: Cut) -> bool:
 def _is_row_of_another_form(line: str, cut: Cut) -> bool:
     """Whether a line holds as many numbers as a row, and nothing else but what separates them."""
     bare = line.replace('"', " ")
-    if cut.width < 2 or not _NUMBERS_ALONE.fullmatch(bare) or is_stamp(bare.strip()):
+    if cut.width < 2 or not is_plain(bare) or is_stamp(bare.strip()):
         return False
     numbers = re.split(r"[;|\t]|[ ,]\s+|\s+", bare) if cut.delimiter != "," else bare.split(",")
     return sum(cut.is_number(cell.strip()) for cell in numbers) >= cut.width

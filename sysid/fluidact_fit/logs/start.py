@@ -56,7 +56,7 @@ def _blocks(lines: Sequence[str], cut: Cut, needed: float) -> list[_Block]:
             continue
         whole = cut.is_row(line, 1.0)  # as most lines are, and then they are all the rest too
         is_row = whole or cut.is_row(line, needed)
-        plain = whole or _is_plain(line)
+        plain = whole or is_plain(line)
         if (is_row or plain) and not inside:
             blocks.append(_Block([], [], []))
         inside = is_row or plain or (inside and holds_numbers(line, cut))
@@ -68,7 +68,7 @@ def _blocks(lines: Sequence[str], cut: Cut, needed: float) -> list[_Block]:
     return blocks
 
 
-def _is_plain(line: str) -> bool:
+def is_plain(line: str) -> bool:
     """Whether a line that is no whole row holds nothing but numbers, however separated."""
     return bool(_NUMBERS.fullmatch(line) and not _DATE.fullmatch(line))
 

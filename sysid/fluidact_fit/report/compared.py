@@ -5,25 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..comparison import Beside, Comparison
-from .style import (
-    BAND,
-    FAINT,
-    INK,
-    NORMAL,
-    POINTS,
-    SETTINGS,
-    SIMULATED,
-    dress,
-    legend,
-    load_matplotlib,
-)
+from . import style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST = 40  # parameters that fit in a picture
 _REACH = 1.96  # standard errors on either side of a 95 % interval
-_COLOURS = (SIMULATED, POINTS, "#0072B2", "#CC79A7", "#E69F00")
+_COLOURS = (style.SIMULATED, style.POINTS, style.INPUT, "#CC79A7", "#E69F00")
 
 
 def plot_comparison(comparison: Comparison) -> Figure | None:
@@ -37,12 +26,12 @@ def plot_comparison(comparison: Comparison) -> Figure | None:
     if not 0 < len(shown) <= _MOST:
         return None
     others = comparison.files[1:]
-    with load_matplotlib().rc_context(SETTINGS):
+    with style.load_matplotlib().rc_context(style.SETTINGS):
         figure = Figure(figsize=(8.0, 1.3 + 0.32 * len(shown)), layout="constrained")
         axes = figure.subplots()
         for row, p in enumerate(shown):
-            half = _percent(p, 0, p.std_errors[0] or 0.0) * _REACH
-            axes.barh(row, 2.0 * half, left=-half, height=0.62, color=BAND, alpha=0.35,
+            half = _reach(p, 0)
+            axes.barh(row, 2.0 * half, left=-half, height=0.62, color=style.BAND, alpha=0.35,
                       linewidth=0, label=comparison.files[0] if row == 0 else None)  # fmt: skip
         for k, name in enumerate(others, start=1):
             colour, labelled = _COLOURS[(k - 1) % len(_COLOURS)], False
@@ -51,21 +40,20 @@ def plot_comparison(comparison: Comparison) -> Figure | None:
                 if value is None or first is None or p.statuses[k] == "not_identified":
                     continue
                 place = row + 0.36 * (k / (len(others) + 1) - 0.5)
-                half = _percent(p, 0, p.std_errors[k] or 0.0) * _REACH
-                axes.errorbar(100.0 * (value - first) / abs(first), place, xerr=half, fmt="o",
-                              color=colour, markersize=4.5, capsize=2.5, linewidth=1.2,
+                axes.errorbar(100.0 * (value - first) / abs(first), place, xerr=_reach(p, k),
+                              fmt="o", color=colour, markersize=4.5, capsize=2.5, linewidth=1.2,
                               label=None if labelled else name)  # fmt: skip
                 labelled = True
-        axes.axvline(0.0, color=INK, linewidth=0.8)
-        axes.set_yticks(range(len(shown)), [p.name for p in shown], fontsize=NORMAL)
+        axes.axvline(0.0, color=style.INK, linewidth=0.8)
+        axes.set_yticks(range(len(shown)), [p.name for p in shown], fontsize=style.NORMAL)
         axes.invert_yaxis()
-        axes.set_xlabel(f"difference from {comparison.files[0]} [% of its value]", color=FAINT,
-                        parse_math=False)  # fmt: skip
-        dress(axes)
-        legend(axes, columns=3)
+        words = f"difference from {comparison.files[0]} [% of its value]"
+        axes.set_xlabel(words, color=style.FAINT, parse_math=False)
+        style.dress(axes)
+        style.legend(axes, columns=3)
     return figure
 
 
-def _percent(p: Beside, k: int, error: float) -> float:
-    """An error in per cent of the value of a file."""
-    return 100.0 * error / abs(p.values[k] or 1.0)
+def _reach(p: Beside, k: int) -> float:
+    """Half of the interval of a file, in per cent of the value of the first."""
+    return 100.0 * _REACH * (p.std_errors[k] or 0.0) / abs(p.values[0] or 1.0)

@@ -95,7 +95,7 @@ def document_page(
 
 
 def _beside(comparison: Comparison) -> str:
-    """Other files beside the first: a picture of the differences, and a table."""
+    """Other files beside the first: a table, what it says, and a picture of the differences."""
     first, *others = comparison.files
     heads = ["name", "unit", escape(first)]
     for name in others:

@@ -273,8 +273,11 @@ def torque_at(coefficients: FloatArray, offset: FloatArray) -> FloatArray:
     return total
 
 
-def _vary(run: CurvedRun, steps: Steps, speed: FloatArray) -> Varied:
-    """Derivatives of all steps of a motion, side by side; first speeds positive, ``(n,)``."""
+def _vary(run: CurvedRun, steps: Steps, speed: FloatArray, shape: bool) -> Varied:
+    """Derivatives of all steps of a motion, side by side; first speeds positive, ``(n,)``.
+
+    By the ``shape`` of the curve, its exponent, only where that is asked for.
+    """
     law, node, sign, h = run.law, steps.node, steps.way, steps.span
     j, w, forward = law.inertia, law.speed**-2, sign > 0
     pick = [np.where(forward, *pair) for pair in (law.viscous, law.kinetic, law.static)]
@@ -283,7 +286,7 @@ def _vary(run: CurvedRun, steps: Steps, speed: FloatArray) -> Varied:
     push = sign * torque / j - level
     slopes: list[FloatArray] = []  # of every stage, shape (n,)
     changes: list[FloatArray] = []  # row 0 by the first speed, then by the law
-    start = np.zeros((7, h.size))
+    start = np.zeros((7 if shape else 6, h.size))
     start[0] = 1.0
     way, moved = np.zeros_like(start), start.copy()
     for p, a, weight in zip(push, STAGES, RESULT):
@@ -299,7 +302,8 @@ def _vary(run: CurvedRun, steps: Steps, speed: FloatArray) -> Varied:
         dk[4] -= left / j
         square = w * y * y
         dk[5] -= 2.0 * fall * square * left / law.speed
-        dk[6] += 0.5 * fall * left * square * np.log(np.maximum(square, 1e-300))
+        if shape:
+            dk[6] += 0.5 * fall * left * square * np.log(np.maximum(square, 1e-300))
         slopes.append(k)
         changes.append(dk)
         way += weight * h * dy
@@ -333,4 +337,5 @@ def simulate_curved(p: StickSlip, torque: PiecewiseInput, initial_speed: Array) 
     carry[list(run.carry)] = list(run.carry.values())
     steps = Steps(node.astype(int), way.astype(int), offset, span, way * first, carry,
                   np.zeros(node.size))  # fmt: skip
-    return with_changes(motion, steps, _vary(run, steps, first), p, initial_speed)
+    varied = _vary(run, steps, first, p.exponent is not None and np.iscomplexobj(p.exponent))
+    return with_changes(motion, steps, varied, p, initial_speed)
