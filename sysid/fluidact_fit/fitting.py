@@ -110,8 +110,10 @@ def fit(
     if controller_sample_time is not None:
         _check_period(controller_sample_time)
     how = {"columns": columns, "units": units, "scales": scales, "sample_time": sample_time}
-    opened, judged = open_logs(logs, **how, window=window), open_logs(validate, **how)
-    given = _open(chosen, request, opened, judged, hold or {})
+    given = _open(  # the logs themselves are not kept
+        chosen, request, open_logs(logs, **how, window=window), open_logs(validate, **how),
+        hold or {},
+    )  # fmt: skip
     variant, experiments, notices = given.variant, given.experiments, list(given.notices)
     request.progress("fitting")
     estimate = _estimate(chosen, variant, experiments, request)
