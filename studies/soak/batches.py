@@ -6,9 +6,11 @@ every job finished once.
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import random
+import shlex
 import signal
 import subprocess
 import time
@@ -80,13 +82,14 @@ def _damaged(content: bytes, rng: random.Random) -> bytes:
 
 def _fleet() -> list[str]:
     """Write logs, one of them broken, and their table; returns the words of the batch."""
-    options = " ".join(program.arguments("line"))
-    rows = ["job,family,logs,options"]
+    options = shlex.join(program.arguments("line"))
     for k in range(_JOBS):
         program.write_log("line", Path(f"u{k}.csv"), _ROWS + 10 * k)
-        rows.append(f'u{k},line,u{k}.csv,"{options}"')
     Path("u2.csv").write_text("broken\n", encoding="utf-8")
-    Path("jobs.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    with Path("jobs.csv").open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(("job", "family", "logs", "options"))
+        table.writerows((f"u{k}", "line", f"u{k}.csv", options) for k in range(_JOBS))
     return [*PROGRAM, "batch", "jobs.csv", "--workers", "2", "-q", "-o"]
 
 
@@ -221,7 +224,7 @@ def two(case: Case) -> Result:
 PARTS = (
     Part("jobs", "damaged lists of jobs", 5000, job_file),
     Part("journal", "damaged journals", 60, journal, **PATIENCE),
-    Part("batch-kill", "killed batches", 100, kill, **PATIENCE),
+    Part("batch-kill", "killed batches", 250, kill, **PATIENCE),
     Part("batch-disk", "full disks under a batch", 40, disk, **PATIENCE),
     Part("batch-two", "two batches on one folder", 20, two, **PATIENCE),
 )
