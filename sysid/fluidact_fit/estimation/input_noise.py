@@ -47,6 +47,8 @@ _RATIOS = np.array([0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.3, 1.7, 2.5])
 _CONTRADICTS = 12.0  # difference of log-likelihoods; the filter is only nearly right
 _CLOSE = 0.03  # standard errors at which the iteration ends
 _STEPS = 10
+_MOVED = 1.0  # standard errors, after which the residual is whitened again
+_SMALL = 0.1  # standard errors of a bias, of which the correction leaves nothing that matters
 _FAR = 0.3  # standard errors of a step, after which what the noise adds is looked at again
 _COARSEST = 0.05  # of its range: steps of a measured signal that a converter makes
 _LEVELS = 3  # that no converter has
@@ -271,10 +273,12 @@ def correct(noise: InputNoise, build: Build, start: FloatArray) -> Corrected:
     start : (p,)
     """
     whitening = noise.whitening(build, start)
-    found = _correct(noise, build, start, whitening)
-    if np.any(np.abs(found.eta - start) > np.sqrt(np.diag(found.covariance))):
+    found = _correct(noise, build, start, whitening, leave=_MOVED)
+    if np.any(np.abs(found.eta - start) > _MOVED * np.sqrt(np.diag(found.covariance))):
         whitening = noise.whitening(build, found.eta)
         found = _correct(noise, build, found.eta, whitening)
+    if np.all(np.abs(found.bias) < _SMALL * np.sqrt(np.diag(found.covariance))):
+        return found
     base = _score(build(noise.experiments, whitening), found.eta)
     larger = _disturbed(noise, build, whitening, np.sqrt(2.0))
     more = np.mean([a.slope for a in _added(base, larger, found.eta)], axis=0)
@@ -283,9 +287,16 @@ def correct(noise: InputNoise, build: Build, start: FloatArray) -> Corrected:
 
 
 def _correct(
-    noise: InputNoise, build: Build, start: FloatArray, whitening: Sequence[Whitening]
+    noise: InputNoise,
+    build: Build,
+    start: FloatArray,
+    whitening: Sequence[Whitening],
+    leave: float = np.inf,
 ) -> Corrected:
-    """Newton's iteration on the corrected score with a fixed filter."""
+    """Newton's iteration on the corrected score with a fixed filter.
+
+    It ends with a first step of more than ``leave`` standard errors: the filter is another there.
+    """
     problem = build(noise.experiments, whitening)
     disturbed = _disturbed(noise, build, whitening, 1.0)
     low = np.array([u.low for u in problem.nonlinear])
@@ -309,6 +320,9 @@ def _correct(
         if np.all(np.abs(eta - before) <= _CLOSE * errors):
             converged = True
             break
+        if now > leave:
+            break
+        leave = np.inf
     inverse = np.linalg.inv(curvature)
     each = np.array([target.solve(a.slope) for a in added])
     bias = each.mean(axis=0)
