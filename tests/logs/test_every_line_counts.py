@@ -189,8 +189,60 @@ def test_a_damaged_line_below_the_header_is_no_header(tmp_path: Path, line: str)
     assert 2 in {*left_out(log), *log.lines.tolist()}
 
 
-def test_a_log_in_two_forms_is_refused(tmp_path: Path) -> None:
-    lines = ["a,b,c", "0.1,5,3", *ROWS_OF_THREE[:4]]
+SEMICOLONS = [f"{i}.25;{700 + i}.5" for i in range(6)]
+
+
+@pytest.mark.parametrize(
+    ("lines", "named"),
+    [
+        (["a;b", '"0.0"; "24.5"', '"1.0"; "24.6"', *(f'"{i}.0", "25.5"' for i in range(2, 6))],
+         [2, 3]),
+        (["a,b (mm)", "891,48055.0", "861,10x7", *SEMICOLONS], [2, 3]),
+        (["A. N.", "0.00\t-inf\t3.6", *(f"0,0{i}\t-inf\t3,6{i}" for i in range(1, 9))], [2]),
+        (["a b c", "0.0 3270.0 10.25", "nan", *(f"{i}.0;32{i}.0;10.5" for i in range(9))], [2, 3]),
+        (["10x7\t 4.766e+00\t", *(f" 3.{i}e+00\t 4.7{i}e+00\t" for i in range(5))], [1]),
+        (["ms;rpm;%", "0.000;0;0x1A", "40.000;0;0x1A", *(f"{k}0,00;0;0x1A" for k in range(9))],
+         [2, 3]),
+        (["a;b;c;d", "5; 636,0; 1,290;'1'", "cleared",
+          *(f"{i}; 6{i},5; 1,3; 4,6" for i in range(9))], [2]),
+    ],
+)  # fmt: skip
+def test_damaged_rows_of_another_form_are_named(
+    tmp_path: Path, lines: list[str], named: list[int]
+) -> None:
+    """As fresh seeds of the attack on the reader found them."""
+    log = read(tmp_path, lines)
+    assert set(named) <= {*left_out(log), *log.lines.tolist()}
+    assert log.account.header_lines + len(log.account.left_out) + log.rows == len(lines)
+
+
+@pytest.mark.parametrize(
+    ("lines", "last"),
+    [
+        (["a b c", " 0,00 4000,00 3618,2000\t", " 0,01 4000,00 3623,0000\t",
+          "  0,02 4000,00 3645,0000  \t"], [0.02, 4000.0, 3645.0]),
+        (["a,b,c,d", "10x7,0.000,0.005380,4\u00a0016\u00a0174",
+          "10x7,0.000,0.005496,4\u00a0016\u00a0175"], [np.nan, 0.0, 0.005496, np.nan]),
+    ],
+)  # fmt: skip
+def test_what_separates_few_damaged_rows(
+    tmp_path: Path, lines: list[str], last: list[float]
+) -> None:
+    """A comma within numbers, or a tab behind each row, is taken for no separator."""
+    log = read(tmp_path, lines)
+    row = log.lines.tolist().index(len(lines)) if len(lines) in log.lines else -1
+    np.testing.assert_array_equal([c.values[row] for c in log.columns], last)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["a,b,c", "0.1,5,3", *ROWS_OF_THREE[:4]],
+        ["a;b;c", "0,00;-480,5;0,25", "0,01\t-405,5\t0,25", "0,02;-324,5;0,25",
+         "0,03;-246,5;0,25;"],
+    ],
+)  # fmt: skip
+def test_a_log_in_two_forms_is_refused(tmp_path: Path, lines: list[str]) -> None:
     with pytest.raises(LogError, match=r"line [23]: \d fields? where the table has"):
         read(tmp_path, lines)
 

@@ -22,7 +22,8 @@ from .layout import GROUPED, NO_VALUE, NUMBER, Cut, Hints, Layout, Written, spli
 from .log import count_of, name_lines
 from .source import Source
 from .stamps import is_stamp
-from .start import Start, find_start, holds_numbers, is_plain, looks_like_row
+from .start import Start, find_start, holds_numbers, looks_like_row
+from .stray import find_stray, holds_digits, is_damaged_row
 
 MAX_COLUMNS = 4096
 
@@ -31,10 +32,11 @@ _NUMBER_COMMA_STRICT = re.compile(r"[+-]?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 _CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")]
 _SEVERAL = re.compile(r"[\d.,+'-]+\s*[\t;| ](.*[\t;| ])?\s*[\d.,+-]+$")  # numbers in one cell
 _CUT_WRONG = 0.1
+# separators between digits that no number holds, and more commas than one where blanks separate
+_LIST = re.compile(r".*\d\s*[\t;|]\s*[+-]?\.?\d")
+_COMMAS = re.compile(r".*\d,[^,]*\d[^,]*,")
+_LIST_WRONG = 1.0
 _LONG_CELL = 200  # characters, beyond which a search in it could take long
-_ODD_SIGNS = re.compile(r"[^\d.,+\-eE]")
-_DECIMAL = re.compile(r"\d[.,]\d\d")
-_NO_NAME = re.compile(r"[\x00-\x08\x0e-\x1f{}\"<>|~`@!?$;,=]")
 _GAP = 3  # lines without numbers among damaged rows
 _PUTTY_MARK = "=~=~=~=~="
 _SAMPLE = 120
@@ -197,7 +199,7 @@ def _candidates(delimiter: str | None) -> list[tuple[str, str]]:
 
 def _has_tabs(body: Sequence[str]) -> bool:
     """Whether tabs separate the columns: blanks are then part of a cell, as in ``4 004``."""
-    counts = Counter(line.count("\t") for line in body)
+    counts = Counter(line.strip().count("\t") for line in body)
     usual, share = counts.most_common(1)[0] if counts else (0, 0)
     return usual > 0 and share > 0.8 * len(body)
 
@@ -210,7 +212,8 @@ def _rate_cut(
     if not rows:
         return None
     counts = Counter(len(row) for row in rows)
-    count, share = counts.most_common(1)[0]
+    # of two that are as usual the larger: a row that is cut too little is one cell
+    count, share = max(counts.items(), key=lambda found: (found[1], found[0]))
     usual = [row for row in rows if len(row) == count]
     trailing = count > 1 and all(not row[-1] for row in usual)
     width = count - 1 if trailing else count
@@ -228,12 +231,18 @@ def _rate_cut(
     others = [c for c in plain if not (pattern.match(c) or is_stamp(c) or grouped.match(c))]
     score = (1.0 - len(others) / len(cells)) * share / len(rows)
     # Of two cuts that are as good, the one whose cells hold other separators is wrong.
-    wrong = (c for c in others if len(c) < _LONG_CELL and _SEVERAL.match(c))
-    score -= _CUT_WRONG * sum(1 for _ in wrong) / len(cells)
+    score -= sum(_is_cut_wrong(c, delimiter) for c in others if len(c) < _LONG_CELL) / len(cells)
     if width == 1:
         # One column is the last resort: "1,5" is two columns before it is one.
         score *= 0.9
     return score, cut
+
+
+def _is_cut_wrong(cell: str, delimiter: str) -> float:
+    """How wrong it is to take a text for one cell, which may be several numbers."""
+    if _LIST.match(cell) or (delimiter == " " and _COMMAS.match(cell)):
+        return _LIST_WRONG
+    return _CUT_WRONG if _SEVERAL.match(cell) else 0.0
 
 
 def _no_table(name: str) -> LogError:
@@ -257,9 +266,10 @@ def _lay_out(
     clocks = find_clocks([row for line in body if len(row := cut.split(line)) >= cut.width])
     start, stray = found.first, set(found.stray)
     header = find_header(lines, start, cut, hints, named)
-    if named is None and header.row is not None and _is_damaged_row(lines[header.row], cut):
-        stray.add(header.row)
-        hidden = ["" if i == header.row else line for i, line in enumerate(lines)]
+    if named is None and header.row is not None and is_damaged_row(lines[header.row], cut):
+        rows = {i for i in range(start) if lines[i].strip() and is_damaged_row(lines[i], cut)}
+        stray |= rows
+        hidden = ["" if i in rows else line for i, line in enumerate(lines)]
         header = find_header(hidden, start, cut, hints, named)
     dates = [k for k in clocks.values() if k is not None]
     if header.row is None and cut.delimiter == " " and dates:
@@ -275,14 +285,11 @@ def _lay_out(
     if header.row is None:
         top = min((i for i in damaged if looks_like_row(lines[i], cut)), default=start)
         # what is left of a row may be a number that is none, such as 1_000
-        stray |= {i for i in range(top, start) if i in damaged or _holds_digits(lines[i])}
+        stray |= {i for i in range(top, start) if i in damaged or holds_digits(lines[i])}
     else:
         start = min(damaged, default=start)
     if named is None:
-        if header.row is not None and _is_odd(header, lines, cut):
-            stray |= {header.row, *(i for i in range(header.row) if looks_like_row(lines[i], cut))}
-        rest = set(range(start)) - {header.row, header.units_row}
-        stray |= {i for i in rest if _is_row_of_another_form(lines[i], cut)}
+        stray |= find_stray(lines[:start], cut, header, stray)
     names, units = header.names, header.units
     for k in clocks:
         units[k] = "s"
@@ -316,37 +323,6 @@ def _damaged(lines: Sequence[str], start: int, cut: Cut, header: Header) -> list
         else:
             break
     return found
-
-
-def _is_odd(header: Header, lines: Sequence[str], cut: Cut) -> bool:
-    """Whether names below a row hold signs that no name has: they may be a row that was damaged."""
-    above = next((s for s in reversed(lines[: header.row]) if s.strip()), "")
-    return looks_like_row(above, cut) and any(map(_NO_NAME.search, header.names))
-
-
-def _is_row_of_another_form(line: str, cut: Cut) -> bool:
-    """Whether a line holds as many numbers as a row, and nothing else but what separates them."""
-    bare = line.replace('"', " ")
-    if cut.width < 2 or not is_plain(bare) or is_stamp(bare.strip()):
-        return False
-    numbers = re.split(r"[;|\t]|[ ,]\s+|\s+", bare) if cut.delimiter != "," else bare.split(",")
-    return sum(cut.is_number(cell.strip()) for cell in numbers) >= cut.width
-
-
-def _holds_digits(line: str) -> bool:
-    """Whether a line has digits, and no more letters than these."""
-    digits = sum(map(str.isdigit, line))
-    return digits > 0 and digits >= sum(map(str.isalpha, line))
-
-
-def _is_damaged_row(line: str, cut: Cut) -> bool:
-    """Whether every cell would be a decimal number but for a sign or two, or its decimal sign."""
-    for cell in filter(None, cut.split(line)):
-        left = _ODD_SIGNS.sub("", cell)
-        number = any(form.match(left) for form in NUMBER.values())
-        if len(cell) - len(left) > 2 or not (_DECIMAL.search(left) and number):
-            return False
-    return True
 
 
 def _stray_notice(layout: Layout, name: str) -> Iterator[Notice]:

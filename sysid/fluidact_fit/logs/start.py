@@ -56,7 +56,7 @@ def _blocks(lines: Sequence[str], cut: Cut, needed: float) -> list[_Block]:
             continue
         whole = cut.is_row(line, 1.0)  # as most lines are, and then they are all the rest too
         is_row = whole or cut.is_row(line, needed)
-        plain = whole or is_plain(line)
+        plain = whole or _is_plain(line)
         if (is_row or plain) and not inside:
             blocks.append(_Block([], [], []))
         inside = is_row or plain or (inside and holds_numbers(line, cut))
@@ -68,7 +68,7 @@ def _blocks(lines: Sequence[str], cut: Cut, needed: float) -> list[_Block]:
     return blocks
 
 
-def is_plain(line: str) -> bool:
+def _is_plain(line: str) -> bool:
     """Whether a line that is no whole row holds nothing but numbers, however separated."""
     return bool(_NUMBERS.fullmatch(line) and not _DATE.fullmatch(line))
 
@@ -81,10 +81,14 @@ def holds_numbers(line: str, cut: Cut) -> bool:
 
 
 def looks_like_row(line: str, cut: Cut) -> bool:
-    """Whether a line begins with a number, as those of a preamble do not, or holds mostly such."""
+    """Whether a line begins with a number, as those of a preamble do not, or holds mostly such.
+
+    "Key value" of a preamble is half a row of two.
+    """
     cells = cut.split(line)
     values = list(map(cut.is_value, cells))
-    return values[:1] == [True] or (_is_wide(cells, cut) and 2 * sum(values) > len(cells))
+    many = 2 * sum(values) > len(cells) - (len(cells) == cut.width > 2)
+    return values[:1] == [True] or (_is_wide(cells, cut) and many)
 
 
 def _is_wide(cells: Sequence[str], cut: Cut) -> bool:

@@ -1,0 +1,106 @@
+"""What of the lines above a table may be rows: written in another form, damaged, or both.
+
+Nothing of a log is left out in silence: what cannot be told from data is named, for somebody to
+judge. A preamble says in words what its numbers are.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+
+from .header import Header
+from .layout import NO_VALUE, NUMBER, Cut
+from .stamps import is_stamp
+from .start import looks_like_row
+
+_LONG_CELL = 200  # characters, beyond which a search in it could take long
+_ODD_SIGNS = re.compile(r"[^\d.,+\-eE]")
+_DECIMAL = re.compile(r"\d[.,]\d\d")
+_NO_NAME = re.compile(r"[\x00-\x08\x0e-\x1f{}\"<>|~`@!?$;,=]")
+
+
+def find_stray(lines: Sequence[str], cut: Cut, header: Header, known: Collection[int]) -> set[int]:
+    """Indices of lines above the table that may be rows.
+
+    Parameters
+    ----------
+    lines
+        All above the table.
+    known
+        Those that are known to look like rows.
+    """
+    found = set(known)
+    if header.row is not None and _is_odd(header, lines, cut):
+        found |= {header.row, *(i for i in range(header.row) if looks_like_row(lines[i], cut))}
+    rest = set(range(len(lines))) - {header.row, header.units_row}
+    found |= {i for i in rest if _is_row_of_another_form(lines[i], cut)}
+    found |= {i for i in rest if _is_mostly_digits(lines[i], cut)}
+    below = {i for i in rest if i >= min(found, default=len(lines))}  # what is damaged among them
+    return found | {i for i in below if holds_digits(lines[i]) or _is_gap(lines[i])}
+
+
+def is_damaged_row(line: str, cut: Cut) -> bool:
+    """Whether every cell would be a decimal number but for a sign or two, or its decimal sign.
+
+    Or one is such a number, and the first begins with a digit, as no name does; or there are digits
+    and no letters.
+    """
+    cells = cut.split(line)
+    if any(map(str.isdigit, line)) and not any(map(str.isalpha, line)):
+        return True
+    numbered = any(cell[:1].isdigit() for cell in cells[:1])
+    if numbered and any(_DECIMAL.search(cell) and _is_any_number(cell) for cell in cells):
+        return True
+    for cell in filter(None, cells):
+        left = _ODD_SIGNS.sub("", cell)
+        if len(cell) - len(left) > 2 or not (_DECIMAL.search(left) and _is_any_number(left)):
+            return False
+    return True
+
+
+def holds_digits(line: str) -> bool:
+    """Whether a line has digits, and no more letters than these."""
+    digits = sum(map(str.isdigit, line))
+    return digits > 0 and digits >= sum(map(str.isalpha, line))
+
+
+def _is_odd(header: Header, lines: Sequence[str], cut: Cut) -> bool:
+    """Whether names below a row hold signs that no name has: they may be a row that was damaged."""
+    above = next((s for s in reversed(lines[: header.row]) if s.strip()), "")
+    return looks_like_row(above, cut) and any(map(_NO_NAME.search, header.names))
+
+
+def _is_row_of_another_form(line: str, cut: Cut) -> bool:
+    """Whether a line holds as many numbers as a row, and nothing else but what separates them."""
+    bare = line.replace('"', " ").strip()
+    if cut.width < 2 or len(bare) > _LONG_CELL * cut.width or is_stamp(bare):
+        return False
+    between = r"[;|\t]|\s+" if cut.delimiter != "," else r"[;|\t,]"
+    cells = [cell.strip(" ,") for cell in re.split(between, bare)]
+    values = [c for c in cells if c.casefold() not in NO_VALUE]
+    gaps = sum(map(bool, cells)) - len(values)  # a cell that says that it has no number
+    numbers = sum(map(_is_any_number, values))
+    return 0 < numbers == len(values) and numbers + gaps >= cut.width
+
+
+def _is_mostly_digits(line: str, cut: Cut) -> bool:
+    """Whether a line is cut as a row is, half of it numbers, and holds more digits than letters.
+
+    "Key value" of a preamble is half a row of two.
+    """
+    cells = cut.split(line)
+    if len(cells) != cut.width or cut.width < 2 or not holds_digits(line):
+        return False
+    numbers = sum(map(_is_any_number, cells))
+    return 2 * numbers >= len(cells) and (cut.width > 2 or _is_any_number(cells[0]))
+
+
+def _is_gap(line: str) -> bool:
+    """Whether a line says that it has no number, and nothing else."""
+    return bool(line.strip()) and line.strip().casefold() in NO_VALUE
+
+
+def _is_any_number(text: str) -> bool:
+    """Whether a text is a number with either decimal sign."""
+    return any(form.match(text) for form in NUMBER.values())
