@@ -36,12 +36,21 @@ _PREDICTED = 0.03  # standard errors to which a fit is settled that only predict
 
 
 def bernstein(t: npt.ArrayLike, degree: int) -> FloatArray:
-    """Bernstein polynomials ``B_0 .. B_N`` at ``t`` (...), shape ``(..., N + 1)``."""
+    """Bernstein polynomials ``B_0 .. B_N`` at ``t`` (...), shape ``(..., N + 1)``.
+
+    Each of them lies together in memory: work on the whole of one is several times as quick as on
+    the few of one sample.
+    """
     u = np.asarray(t, dtype=float)
-    binomials = np.array([comb(degree, i) for i in range(degree + 1)])
-    rising = binomials * np.vander(u.ravel(), degree + 1, increasing=True)
-    falling = np.vander(1.0 - u.ravel(), degree + 1)
-    return np.asarray((rising * falling).reshape(*u.shape, degree + 1))
+    out = np.ones((degree + 1, u.size))
+    rising, left = u.ravel(), 1.0 - u.ravel()
+    falling = np.ones(u.size)
+    for i in range(1, degree + 1):
+        np.multiply(out[i - 1], rising, out=out[i])
+    for i in range(degree - 1, -1, -1):
+        falling *= left
+        out[i] *= comb(degree, i) * falling
+    return np.asarray(np.moveaxis(out.reshape(degree + 1, *u.shape), 0, -1))
 
 
 def rational_bezier(
@@ -64,9 +73,9 @@ def rational_bezier(
     u = np.asarray(t, dtype=float)
     places, out = u.ravel(), np.empty(u.size)
     for at in blocks(u.size):  # the polynomials of a long record are many times as long
-        b = bernstein(np.clip(places[at], 0.0, 1.0), p.size - 1) * w
+        b = bernstein(np.clip(places[at], 0.0, 1.0), p.size - 1)
         # taken from the first control point: a constant curve is exactly constant
-        out[at] = p[0] + b @ (p - p[0]) / b.sum(axis=-1)
+        out[at] = p[0] + b @ (w * (p - p[0])) / (b @ w)
     return out.reshape(u.shape)
 
 

@@ -184,10 +184,12 @@ class TransferModel:
         # as many columns whatever the values: derivatives are taken column by column
         kept = np.array([i not in skip for i in range(c.size)], dtype=float)
         for part, free in zip(p.parts, self._free(index, a, c), strict=True):
-            columns = [] if free is None else [free * kept]
-            if p.log is None:
-                columns.append(np.ones((part.stop - part.start, 1)))
-            yield np.hstack(columns) if columns else np.zeros((part.stop - part.start, 0))
+            states = 0 if free is None else c.size
+            kind = float if free is None else free.dtype
+            out = np.ones((part.stop - part.start, states + (p.log is None)), dtype=kind)
+            if free is not None:
+                np.multiply(free, kept, out=out[:, :states])
+            yield out
 
     def _free(self, index: int, a: Array, c: Array) -> Iterator[Array | None]:
         """Free responses; none of a run that starts at rest."""
