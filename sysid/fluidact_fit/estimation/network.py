@@ -84,10 +84,11 @@ class Network:
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Output for inputs of shape ``(n, inputs)``, shape ``(n,)``."""
-        a = x
+        # samples last: what is done to one unit is then one run through memory
+        a = np.ascontiguousarray(x.T)
         for w, b in zip(self.weights[:-1], self.biases[:-1]):
-            a = activate(a @ w.T + b, self.activation, self.sharpness)
-        return np.asarray((a @ self.weights[-1].T + self.biases[-1])[:, 0])
+            a = activate(w @ a + b[:, None], self.activation, self.sharpness)
+        return np.asarray((self.weights[-1] @ a)[0] + self.biases[-1])
 
     def vector(self) -> FloatArray:
         """All parameters in one row: weights, then biases, layer by layer."""
@@ -135,24 +136,25 @@ def output_and_jacobian(net: Network, x: FloatArray) -> tuple[FloatArray, FloatA
     jacobian : (n, parameters)
         In the order of :meth:`Network.vector`. At a kink of a ReLU the left derivative.
     """
-    layers, slopes, a = [x], [], x
+    a = np.ascontiguousarray(x.T)  # samples last, as in the network itself
+    layers, slopes = [a], []
     for w, b in zip(net.weights[:-1], net.biases[:-1]):
-        z = a @ w.T + b
+        z = w @ a + b[:, None]
         a = activate(z, net.activation, net.sharpness)
         slopes.append(_slope(z, a, net))
         layers.append(a)
-    y = np.asarray((a @ net.weights[-1].T + net.biases[-1])[:, 0])
-    jacobian = np.empty((x.shape[0], net.parameters))
-    back, end = np.ones((x.shape[0], 1)), net.parameters
+    y = np.asarray((net.weights[-1] @ a)[0] + net.biases[-1])
+    jacobian = np.empty((net.parameters, x.shape[0]))
+    back, end = np.ones((1, x.shape[0])), net.parameters
     for k in range(len(net.weights) - 1, -1, -1):
         units, inputs = net.weights[k].shape
-        jacobian[:, end - units : end] = back
+        jacobian[end - units : end] = back
         end -= units * (inputs + 1)
-        products = jacobian[:, end : end + units * inputs].reshape(-1, units, inputs)  # a view
-        np.multiply(back[:, :, None], layers[k][:, None, :], out=products)
+        products = jacobian[end : end + units * inputs].reshape(units, inputs, -1)  # a view
+        np.multiply(back[:, None, :], layers[k][None, :, :], out=products)
         if k:
-            back = (back @ net.weights[k]) * slopes[k - 1]
-    return y, jacobian
+            back = (net.weights[k].T @ back) * slopes[k - 1]
+    return y, jacobian.T
 
 
 # ---------------------------------------------------------------- Levenberg-Marquardt
@@ -185,7 +187,8 @@ class Chords:
 
     def deviation(self, y: FloatArray) -> FloatArray:
         """Deviations for outputs (or columns of a Jacobian) at all points in a row."""
-        return np.asarray(np.einsum("ij,ij...->i...", self.shares, y.reshape(-1, 3, *y.shape[1:])))
+        each = y.T.reshape(*y.shape[:0:-1], -1, 3)
+        return np.asarray(sum(each[..., k] * self.shares[:, k] for k in range(3))).T
 
     @property
     def table(self) -> FloatArray:
@@ -347,7 +350,7 @@ def _pursue(
     columns -= columns.mean(axis=0)
     square = np.einsum("ij,ij->j", columns, columns)
     least = 1e-3 * np.sqrt(square) + 1e-12
-    rest = y - y.mean()
+    rest, taken = y - y.mean(), np.empty((y.size, 0))
     chosen: list[int] = []
     for _ in range(units):
         length = np.sqrt(np.maximum(square, 0.0))
@@ -355,11 +358,14 @@ def _pursue(
         gain[chosen] = -2.0
         best = int(np.argmax(gain))
         chosen.append(best)
-        q = columns[:, best] / max(length[best], 1e-300)
+        # what is left of the others need not be known: the rest, and q, are free of those before
+        q = columns[:, best]
+        for _ in range(2):
+            q = q - taken @ (taken.T @ q)
+        q = q / max(float(np.linalg.norm(q)), 1e-300)
+        taken = np.column_stack((taken, q))
         rest = rest - q * (q @ rest)
-        along = q @ columns
-        columns -= np.outer(q, along)
-        square -= along**2
+        square -= (q @ columns) ** 2
     return w[chosen], b[chosen]
 
 
