@@ -6,7 +6,7 @@ Linear in all parameters but the Stribeck speed: one regression, robust against 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -126,9 +126,11 @@ class SpringCylinder(Family[SpringOptions]):
                 {"hysteresis_width": "N"},
                 lambda v: {"hysteresis_width": v[LEVELS[0]] + v[LEVELS[1]]},
             )
+        settled = replace(options, spike=found.spike)
         return Estimate(
-            parameters, derived, order, matrix, replace(options, spike=found.spike),
+            parameters, derived, order, matrix, settled,
             [*notices, *_remarks(found, samples)], _details(found, runs, options.settle),
+            nearby=_Nearby(runs, settled),
             represented=_simulate_represented if found.instrumented else None,
             input_noise=input_noise(variant, runs) if found.instrumented else {},
             independent=solved.independent,
@@ -198,6 +200,23 @@ def _simulate(plant: Plant[SpringOptions], runs: Sequence[Run]) -> list[Simulate
         spike = np.abs(d.force - force) > (plant.options.spike or np.inf)  # not so where NaN
         out.append(Simulated(force, d.kept & ~spike))
     return out
+
+
+@dataclass(frozen=True)
+class _Nearby:
+    """The force of the runs that were fitted, without preparing them again."""
+
+    runs: Sequence[Run]
+    options: SpringOptions
+
+    def __call__(
+        self, plant: Plant[SpringOptions], experiments: Sequence[Experiment]
+    ) -> list[Simulated]:
+        known = {id(d.experiment): d for d in self.runs}
+        runs = [known[id(e)] for e in experiments if id(e) in known]
+        if len(runs) < len(experiments) or plant.options != self.options:
+            runs, _ = prepare(plant.variant, experiments, plant.options)
+        return _simulate(plant, runs)
 
 
 def _simulate_represented(
