@@ -16,7 +16,7 @@ from ...estimation.named_model import NamedModel, Values, bind, make_unknowns
 from ...estimation.parametric import Fitted, fit_named
 from ...estimation.problem import Unknown
 from ...estimation.results import Refusal
-from ...estimation.separable import evaluate, solve
+from ...estimation.separable import solve
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, ParameterSpec, Request, Simulated
 from ...options import choice, settled
@@ -213,12 +213,13 @@ def simulate_run(e: Experiment, values: Values, limit: float, offset: float | No
     if "speed" not in e:
         start = offset or 0.0
         return Simulated(model.speed(0, values) + start, offset=start)
-    named, weights = model.named(tuple(values), [e["speed"]]), np.ones(e.samples)
+    problem = bind(model.named(tuple(values), [e["speed"]]), {}, values)
+    basis, weights = problem.model.basis(0, np.zeros(0)), np.ones(e.samples)
+    rest, local = e["speed"] - basis.known, np.asarray(basis.local, dtype=float)
     for _ in range(_ROUNDS):
-        problem = bind(replace(named, weights=[weights]), {}, values)
-        found = evaluate(problem, np.zeros(0))
-        weights = _weights(e["speed"] - found.simulated[0], limit)
-    return Simulated(found.simulated[0], offset=float(found.local[0][0]))
+        found = np.linalg.lstsq(local * weights[:, None], rest * weights, rcond=None)[0]
+        weights = _weights(rest - local @ found, limit)
+    return Simulated(np.asarray(basis.known + local @ found), offset=float(found[0]))
 
 
 def _one_way(experiments: Sequence[Experiment]) -> list[Refusal]:
