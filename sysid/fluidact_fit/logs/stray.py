@@ -43,11 +43,13 @@ def find_stray(lines: Sequence[str], cut: Cut, header: Header, known: Collection
 def is_damaged_row(line: str, cut: Cut) -> bool:
     """Whether every cell would be a decimal number but for a sign or two, or its decimal sign.
 
-    Or one is such a number, and the first begins with a digit, as no name does; or there are digits
-    and no letters.
+    Or one is such a number, and the first begins with a digit, as no name does; or there are
+    decimals and no letters. What holds an instant is no such row.
     """
     cells = cut.split(line)
-    if any(map(str.isdigit, line)) and not any(map(str.isalpha, line)):
+    if is_stamp(line.strip()) or any(map(is_stamp, cells)):
+        return False
+    if _DECIMAL.search(line) and not any(map(str.isalpha, line)):
         return True
     numbered = any(cell[:1].isdigit() for cell in cells[:1])
     if numbered and any(_DECIMAL.search(cell) and _is_any_number(cell) for cell in cells):
