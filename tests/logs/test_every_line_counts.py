@@ -181,6 +181,14 @@ def test_what_looks_like_a_row_above_the_table_is_named(
         assert not read(tmp_path, [*above, *ROWS_OF_THREE], header_row=len(above)).notices
 
 
+def test_dates_among_text_are_no_rows_of_a_short_log(tmp_path: Path) -> None:
+    date = "Date: 2020-01-02 10:11:12"
+    lines = [date, "Serial\t4711", date, "Recorder 3.1", "# a comment", date]
+    log = read(tmp_path, [*lines, *(f"0.0{k} 0.00 1.4{k}" for k in range(6))])
+    assert log.lines.tolist()[-6:] == [7, 8, 9, 10, 11, 12]
+    assert log.columns[2].values[-1] == 1.45
+
+
 @pytest.mark.parametrize("line", ["7.5\t4", "7.5\tx", "7.5\tx\ty", "7\t8\t9\tx", "x\ty\t9"])
 def test_a_damaged_line_below_the_header_is_no_header(tmp_path: Path, line: str) -> None:
     log = read(tmp_path, ["a\tb\tc", line, *ROWS_OF_THREE])

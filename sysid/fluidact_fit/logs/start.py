@@ -103,7 +103,7 @@ def _choose(lines: Sequence[str], blocks: Sequence[_Block], cut: Cut) -> Start:
     """
     longest = max(blocks, key=lambda b: len(b.rows))
     enough = min(_ENOUGH, 0.2 * len(longest.rows))
-    numbers_only = len(longest.plain) >= len(longest.rows)  # a date with text is then no row
+    numbers_only = 2 * len(longest.plain) > len(longest.rows)  # a date with text is then no row
     stray: list[int] = []
     for block in blocks:
         above = next((s for s in reversed(lines[: block.lines[0]]) if s.strip()), "")
