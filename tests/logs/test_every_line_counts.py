@@ -181,11 +181,12 @@ def test_what_looks_like_a_row_above_the_table_is_named(
         assert not read(tmp_path, [*above, *ROWS_OF_THREE], header_row=len(above)).notices
 
 
-def test_dates_among_text_are_no_rows_of_a_short_log(tmp_path: Path) -> None:
+def test_dates_far_above_a_short_log_are_no_rows(tmp_path: Path) -> None:
     date = "Date: 2020-01-02 10:11:12"
-    lines = [date, "Serial\t4711", date, "Recorder 3.1", "# a comment", date]
+    lines = [date, "Serial\t4711", date, "Recorder 3.1", "21,5 C", "# a comment", "Rate;100;Hz"]
+    lines += ["Recorder 3.1", date, "Recorder 3.1", "# a comment", "Rate;100;Hz", "key,value", date]
     log = read(tmp_path, [*lines, *(f"0.0{k} 0.00 1.4{k}" for k in range(6))])
-    assert log.lines.tolist()[-6:] == [7, 8, 9, 10, 11, 12]
+    assert log.lines.tolist()[-6:] == [15, 16, 17, 18, 19, 20]
     assert log.columns[2].values[-1] == 1.45
 
 
