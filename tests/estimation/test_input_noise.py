@@ -72,6 +72,19 @@ def test_the_correction_is_consistent_where_output_error_is_not() -> None:
     assert 0.5 < np.sqrt(np.mean(deviations**2)) < 1.5
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_correction_settles_wherever_it_starts(seed: int) -> None:
+    """Its first step may be long or short in standard errors, with or without what noise adds."""
+    e = [record(seed, 0.7)]
+    noise = InputNoise(e, "u", 0.7)
+    found = correct(noise, build, solve(build(e), np.array([0.7, 1.5])).eta)
+    errors = np.sqrt(np.diag(found.covariance))
+    for far in (0.2, 0.5, 0.7, 0.8, 0.9, 0.95, 1.05, 1.5, 3.0):
+        again = correct(noise, build, found.eta + far * errors * [1.0, -1.0])
+        assert again.converged
+        assert np.all(np.abs(again.eta - found.eta) < 0.2 * errors)
+
+
 def test_the_log_shows_its_noise() -> None:
     noise = InputNoise.seen([record(1, 0.3)], "u", 0)
     assert noise.sigma == pytest.approx(0.3, rel=0.1)

@@ -274,7 +274,8 @@ def correct(noise: InputNoise, build: Build, start: FloatArray) -> Corrected:
     """
     whitening = noise.whitening(build, start)
     found = _correct(noise, build, start, whitening, leave=_MOVED)
-    if np.any(np.abs(found.eta - start) > _MOVED * np.sqrt(np.diag(found.covariance))):
+    far = np.abs(found.eta - start) > _MOVED * np.sqrt(np.diag(found.covariance))
+    if not found.converged or np.any(far):
         whitening = noise.whitening(build, found.eta)
         found = _correct(noise, build, found.eta, whitening)
     if np.all(np.abs(found.bias) < _SMALL * np.sqrt(np.diag(found.covariance))):
