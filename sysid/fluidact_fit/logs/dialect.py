@@ -18,7 +18,7 @@ from . import controldesk, labview, rigol, serial, tektronix, twincat
 from .clock import find_clocks, join_fraction
 from .decimals import refuse_ambiguous
 from .header import Header, find_header
-from .layout import GROUPED, NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
+from .layout import GROUPED, LONG_CELL, NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
 from .log import count_of, name_lines
 from .source import Source
 from .stamps import is_stamp
@@ -36,7 +36,6 @@ _CUT_WRONG = 0.1
 _LIST = re.compile(r".*\d\s*[\t;|]\s*[+-]?\.?\d")
 _COMMAS = re.compile(r".*\d,[^,]*\d[^,]*,")
 _LIST_WRONG = 1.0
-_LONG_CELL = 200  # characters, beyond which a search in it could take long
 _GAP = 3  # lines without numbers among damaged rows
 _PUTTY_MARK = "=~=~=~=~="
 _SAMPLE = 120
@@ -231,7 +230,7 @@ def _rate_cut(
     others = [c for c in plain if not (pattern.match(c) or is_stamp(c) or grouped.match(c))]
     score = (1.0 - len(others) / len(cells)) * share / len(rows)
     # Of two cuts that are as good, the one whose cells hold other separators is wrong.
-    score -= sum(_is_cut_wrong(c, delimiter) for c in others if len(c) < _LONG_CELL) / len(cells)
+    score -= sum(_is_cut_wrong(c, delimiter) for c in others if len(c) < LONG_CELL) / len(cells)
     if width == 1:
         # One column is the last resort: "1,5" is two columns before it is one.
         score *= 0.9
@@ -289,7 +288,7 @@ def _lay_out(
     else:
         start = min(damaged, default=start)
     if named is None:
-        stray |= find_stray(lines[:start], cut, header, stray)
+        stray = find_stray(lines[:start], cut, header, stray)
     names, units = header.names, header.units
     for k in clocks:
         units[k] = "s"

@@ -21,6 +21,7 @@ GROUPED = {
     for decimal, other in ((".", ","), (",", "."))
 }
 _QUOTED = re.compile(r'"([^"]*)"|([^\s"]+)')
+LONG_CELL = 200  # characters, beyond which a search in it could take long
 NO_VALUE = {"", "nan", "inf", "-inf", "+inf", "na", "n/a", "null", "none", "-"}
 
 

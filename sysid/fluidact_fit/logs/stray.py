@@ -10,11 +10,10 @@ import re
 from collections.abc import Collection, Sequence
 
 from .header import Header
-from .layout import NO_VALUE, NUMBER, Cut
+from .layout import LONG_CELL, NO_VALUE, NUMBER, Cut
 from .stamps import is_stamp
 from .start import looks_like_row
 
-_LONG_CELL = 200  # characters, beyond which a search in it could take long
 _ODD_SIGNS = re.compile(r"[^\d.,+\-eE]")
 _DECIMAL = re.compile(r"\d[.,]\d\d")
 _NO_NAME = re.compile(r"[\x00-\x08\x0e-\x1f{}\"<>|~`@!?$;,=]")
@@ -76,7 +75,7 @@ def _is_odd(header: Header, lines: Sequence[str], cut: Cut) -> bool:
 def _is_row_of_another_form(line: str, cut: Cut) -> bool:
     """Whether a line holds as many numbers as a row, and nothing else but what separates them."""
     bare = line.replace('"', " ").strip()
-    if cut.width < 2 or len(bare) > _LONG_CELL * cut.width or is_stamp(bare):
+    if cut.width < 2 or len(bare) > LONG_CELL * cut.width or is_stamp(bare):
         return False
     between = r"[;|\t]|\s+" if cut.delimiter != "," else r"[;|\t,]"
     cells = [cell.strip(" ,") for cell in re.split(between, bare)]
