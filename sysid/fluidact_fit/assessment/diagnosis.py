@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
+from ..estimation.blocks import joined
 from ..estimation.inputs import choose_hold
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.noise import noise_floor
@@ -222,7 +223,7 @@ def _shift(at: Optimum, role: str, other: Hold) -> _Shift | None:
     for e in at.experiments:
         signal = replace(e.signals[role], hold=other)
         turned.append(replace(e, signals={**e.signals, role: signal}))
-    before, j = np.concatenate(at.residuals), np.vstack(at.jacobians)
+    before, j = joined(at.residuals), joined(at.jacobians)
     if j.shape[1] == 0:
         return None
     total, plant = np.zeros(j.shape[1]), at.plant

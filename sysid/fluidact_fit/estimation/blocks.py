@@ -43,6 +43,11 @@ def rows_of(tables: Sequence[FloatArray]) -> Iterator[FloatArray]:
     return (table[at] for table in tables for at in blocks(table.shape[0]))
 
 
+def joined(tables: Sequence[FloatArray]) -> FloatArray:
+    """All tables, one below the other; without a copy where there is one."""
+    return tables[0] if len(tables) == 1 else np.concatenate(tables)
+
+
 def condense(tables: Iterable[FloatArray]) -> FloatArray:
     """Rows with the same products of columns as all tables, one below the other.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import get_args
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 from ..errors import UsageError
 from ..experiment import Array, Experiment, FloatArray, Hold, Signal
+from .spline import FEWEST, cubic_pieces
 
 GAP = 3.5  # usual sample times that a curve is drawn across
 
@@ -81,11 +83,10 @@ def _prediction_errors(time: FloatArray, values: FloatArray) -> tuple[float, flo
         middle = values.size // 2
         part = slice(middle - 10_000, middle + 10_000)
         time, values = time[part], values[part]
-    from scipy.interpolate import CubicSpline
-
     kept, asked = slice(0, None, 2), slice(1, values.size - values.size % 2, 2)
     asked_time, truth = time[asked][2:-2], values[asked][2:-2]
-    cubic = CubicSpline(time[kept], values[kept])(asked_time) - truth
+    pieces = cubic_pieces(time[kept], values[kept])[2:][: truth.size]
+    cubic = _values(pieces, asked_time - time[kept][2:][: truth.size]) - truth
     line = np.interp(asked_time, time[kept], values[kept]) - truth
     return float(cubic @ cubic), float(line @ line)
 
@@ -118,15 +119,12 @@ def _smooth_pieces(time: FloatArray, straight: FloatArray) -> FloatArray:
     A cubic across a gap follows the slopes at its ends for as long as the gap lasts and leaves
     the range of the signal: there the lines stay, and each side has a curve of its own.
     """
-    from scipy.interpolate import CubicSpline
-
     pieces = np.column_stack((straight, np.zeros((time.size, 2))))
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1
-    for part in np.split(np.arange(time.size), gaps):
-        if part.size >= 4:
-            curve = CubicSpline(time[part], straight[part, 0]).c[::-1].T
-            pieces[part[:-1]] = curve
+    for begin, end in pairwise((0, *gaps, time.size)):
+        if end - begin >= FEWEST:
+            pieces[begin : end - 1] = cubic_pieces(time[begin:end], straight[begin:end, 0])
     return pieces
 
 
