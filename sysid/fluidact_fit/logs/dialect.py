@@ -171,11 +171,16 @@ def _best_cut(body: Sequence[str], hints: Hints, written: Written) -> tuple[floa
     """Return the best score in [0, 1] and the cut that reached it."""
     best, chosen = 0.0, None
     tabbed = _has_tabs(body)
+    alike: set[str] = set()  # decimal signs tried with a separator that no line holds
     for delimiter, decimal in _candidates(hints.delimiter):
         if written.decimal not in (None, decimal) or written.thousands in (decimal, delimiter):
             continue
         if tabbed and delimiter == " ":
             continue
+        if delimiter != " " and not any(delimiter in line for line in body):
+            if decimal in alike:
+                continue
+            alike.add(decimal)
         rated = _rate_cut(body, delimiter, decimal, written.thousands or "")
         if rated is None:
             continue
