@@ -35,7 +35,7 @@ from ..experiment import Experiment, FloatArray, Signal
 from .least_squares import project_out
 from .noise import noise_floor, white_level
 from .problem import Problem, Solution
-from .separable import evaluate
+from .separable import evaluate, score
 from .whitening import Whitening, autoregression_from_rest
 
 Build = Callable[[Sequence[Experiment], Sequence[Whitening]], Problem]
@@ -228,11 +228,7 @@ class _Score:
 
 def _score(problem: Problem, eta: FloatArray) -> _Score:
     """Score of the nonlinear unknowns, all linear ones projected out."""
-    at = evaluate(problem, eta)
-    j = np.vstack(at.jacobian)
-    if j.shape[1] > eta.size:
-        j = project_out(j[:, : eta.size], j[:, eta.size :])
-    return _Score(j.T @ np.concatenate(at.residuals), j.T @ j, at.cost)
+    return _Score(*score(problem, eta))
 
 
 @dataclass(frozen=True)
@@ -305,10 +301,11 @@ def _correct(
     rows = sum(y.size for y in problem.measured)
     eta, converged = np.clip(start, low, high), False
     length = now = np.inf
+    few = _FEW if np.isfinite(leave) else len(disturbed)
     for _ in range(_STEPS):
         base = _score(problem, eta)
         if now > _FAR:  # what the noise adds hardly changes within part of a standard error
-            added = _added(base, disturbed, eta)
+            added = _added(base, disturbed[:few], eta)
         curvature, weak = _left_information(base, added, noise.relative)
         target = _Score(base.slope, curvature, base.cost)
         step = target.solve(base.slope - np.mean([a.slope for a in added], axis=0))
@@ -318,18 +315,21 @@ def _correct(
         step *= min(1.0, 0.7 * length / now) if now > length else 1.0
         length = min(now, length)
         before, eta = eta, np.clip(eta + step, low, high)
-        if np.all(np.abs(eta - before) <= _CLOSE * errors):
-            converged = True
-            break
         if now > leave:
             break
-        leave = np.inf
+        if few < len(disturbed):  # they were to say whether to stay
+            if now <= _FAR:
+                added += _added(base, disturbed[few:], before)
+            few, leave = len(disturbed), np.inf
+        elif np.all(np.abs(eta - before) <= _CLOSE * errors):
+            converged = True
+            break
     inverse = np.linalg.inv(curvature)
     each = np.array([target.solve(a.slope) for a in added])
     bias = each.mean(axis=0)
     covariance = scale * inverse @ base.curvature @ inverse
     covariance += np.outer(bias, bias) * noise.relative**2
-    covariance += np.atleast_2d(np.cov(each.T)) / _PAIRS
+    covariance += np.atleast_2d(np.cov(each.T)) / len(each)
     return Corrected(eta, covariance, curvature, bias, np.zeros(eta.size), weak, converged)
 
 

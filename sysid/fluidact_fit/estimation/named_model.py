@@ -135,7 +135,9 @@ class _Bound:
         return known + shared[..., ~self.free] @ self.fixed, shared[..., self.free]
 
     def _values(self, eta: Array) -> Values:
-        return {**self.held, **dict(zip(self.names, eta))}
+        """What the model is computed with; complex is the one that is moved alone."""
+        whole = [x.real if x.imag == 0.0 else x for x in eta]
+        return {**self.held, **dict(zip(self.names, whole))}
 
     def basis(self, index: int, eta: Array) -> Basis:
         return self._open(self.model.columns(index, self._values(eta)))

@@ -157,6 +157,21 @@ def evaluate(problem: Problem, eta: FloatArray) -> Solution:
     return solve(problem, eta, max_iterations=0)
 
 
+def score(problem: Problem, eta: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Of the nonlinear unknowns at given ``eta``, all linear ones projected out.
+
+    Returns
+    -------
+    J'r, J'J : (p,), (p, p)
+        With ``J`` the derivatives of the model and ``r`` what it leaves of the measured.
+    cost
+        ``r'r``.
+    """
+    fit = Eliminated(problem, eta)
+    j, r = Tangent(fit, np.array([u.scale for u in problem.nonlinear])).normal()
+    return j.T @ r, j.T @ j, fit.cost
+
+
 def _finish(
     fit: Eliminated, tangent: Tangent, on_bound: BoolArray, count: int, converged: bool
 ) -> Solution:

@@ -9,6 +9,8 @@ References
 ----------
 .. [1] R. E. Kalman, "A new approach to linear filtering and prediction problems",
    J. Basic Engineering 82, 1960.
+.. [2] M. Morf, G. Sidhu, T. Kailath, "Some new algorithms for recursive estimation in constant,
+   linear, discrete-time systems", IEEE Trans. Automatic Control 19(4), 1974.
 """
 
 from __future__ import annotations
@@ -46,20 +48,24 @@ class Whitening:
     def _gains(self) -> list[tuple[FloatArray, float]]:
         """Gain of the predictor ``(q,)`` and variance of the innovation, sample by sample.
 
-        State in observer form: the first entry is the process itself.
+        State in observer form: the first entry is the process itself. What is known of it
+        changes by a matrix of rank one from sample to sample, of which the root is carried on [2]_.
         """
         q = self.coefficients.size
         move = np.column_stack((self.coefficients, np.eye(q)[:, : q - 1]))
-        spread = np.zeros((q, q))
-        spread[0, 0] = self.drive**2
+        variance = self.drive**2 + self.white**2
+        root, weight = self.coefficients, self.drive**2 * self.white**2 / variance
+        gain = self.coefficients * (self.drive**2 / variance)
         out: list[tuple[FloatArray, float]] = []
         for _ in range(_LONGEST):
-            variance = float(spread[0, 0]) + self.white**2
-            gain = spread[:, 0] / variance
-            out.append((move @ gain, variance))
-            spread = move @ (spread - np.outer(gain, spread[0])) @ move.T
-            spread[0, 0] += self.drive**2
-            if len(out) > 2 * q and abs(variance - out[-2][1]) <= _SETTLED * variance / _LONGEST:
+            out.append((gain, variance))
+            first = float(root[0])
+            later = variance + weight * first**2
+            root = move @ root - gain * first
+            gain = gain + root * (weight * first / later)
+            weight *= variance / later
+            before, variance = variance, later
+            if len(out) > 2 * q and abs(variance - before) <= _SETTLED * variance / _LONGEST:
                 break
         return out
 

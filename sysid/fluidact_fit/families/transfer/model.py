@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,7 @@ from ...estimation.problem import Basis
 from ...experiment import Array, Experiment, FloatArray, Signal
 from ...family import Simulated
 
+T = TypeVar("T")
 Realisation = Callable[[Values], tuple[Array, Array, Array]]
 
 
@@ -101,7 +103,7 @@ class TransferModel:
             for e, p in zip(experiments, self.prepared)
             if output_role in e
         ]
-        self._known: dict[tuple[str, int], tuple[bytes, Array]] = {}
+        self._known: dict[tuple[str, int], tuple[bytes, Any]] = {}
 
     def _prepare(self, experiment: Experiment, role: str) -> _Prepared:
         signal = experiment.signals[role]
@@ -133,7 +135,7 @@ class TransferModel:
         a, b, c = self.realise(values)
         forced = forced_pieces(
             a, b, c, p.u, p.nodes, p.samples, p.parts, dead_time=values.get("dead_time", 0.0),
-            shape=self._shape(values), run=partial(self._states, index, a, b),
+            shape=self._shape(index, values), run=partial(self._states, index, a, b),
         )  # fmt: skip
         for y, local in zip(forced, self._local(index, a, c, values), strict=True):
             offsets = np.zeros((y.size, len(self.several)))
@@ -144,12 +146,20 @@ class TransferModel:
             else:
                 yield Basis(np.zeros(y.size), np.column_stack((y, offsets)), local)
 
-    def _shape(self, values: Values) -> Callable[[PiecewiseInput], PiecewiseInput] | None:
+    def _shape(
+        self, index: int, values: Values
+    ) -> Callable[[PiecewiseInput], PiecewiseInput] | None:
         """What the input passes first."""
         if not self.dead_zone:
             return None
         edges = values["dead_zone_negative"], values["dead_zone_positive"]
-        return lambda u: apply_dead_zone(u, *edges)
+
+        def shape(u: PiecewiseInput) -> PiecewiseInput:
+            return apply_dead_zone(u, *edges)
+
+        if len(self.prepared[index].parts) > 1:
+            return shape
+        return lambda u: self._remember(("shape", index), [np.array(edges)], lambda: shape(u))
 
     def _states(
         self, index: int, a: Array, b: Array, u: PiecewiseInput, nodes: Grid, start: Array | None
@@ -203,9 +213,7 @@ class TransferModel:
                 ("free", index), (a, c), lambda: next(free_pieces(a, c, p.samples, p.parts))
             )
 
-    def _remember(
-        self, key: tuple[str, int], of: Sequence[Array], compute: Callable[[], Array]
-    ) -> Array:
+    def _remember(self, key: tuple[str, int], of: Sequence[Array], compute: Callable[[], T]) -> T:
         """Compute unless the last real matrices were the same; complex ones never come again."""
         if any(np.iscomplexobj(x) for x in of):
             return compute()
@@ -213,7 +221,8 @@ class TransferModel:
         known = self._known.get(key)
         if known is None or known[0] != now:
             known = self._known[key] = (now, compute())
-        return known[1]
+        found: T = known[1]
+        return found
 
     def named(self, nonlinear: Sequence[str]) -> NamedModel:
         """The model in the form the estimation takes."""
