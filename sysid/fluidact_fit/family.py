@@ -35,10 +35,11 @@ from .specification import (
 __all__ = [
     "Block", "Curve", "Departure", "Estimate", "Excitation", "Family", "FamilyOptions",
     "Information", "ParameterDocument", "ParameterSpec", "Plant", "Quantity", "Request", "Role",
-    "Simulated", "StaticView", "Status", "Value", "Variant", "scalars",
+    "Simulate", "Simulated", "StaticView", "Status", "Value", "Variant", "scalars",
 ]  # fmt: skip
 
 OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
+Simulate = Callable[[Plant[Any], Sequence[Experiment]], Sequence["Simulated"]]
 
 
 @dataclass(frozen=True)
@@ -50,13 +51,14 @@ class Departure:
     name, words, remedy
         What it is called in the file, what follows "the data fit better if", and what to do.
     response
-        Derivative of the output of every experiment by its size, shape ``(n,)`` [SI].
+        Derivatives of the channels of every experiment by its size, shape ``(n,)`` [SI] each, of
+        the experiments and what simulates them near the fit. A channel without stays as it is.
     """
 
     name: str
     words: str
     remedy: str
-    response: Callable[[Sequence[Experiment]], list[FloatArray]]
+    response: Callable[[Sequence[Experiment], Simulate], Sequence[Mapping[str, FloatArray]]]
 
 
 @dataclass(frozen=True)

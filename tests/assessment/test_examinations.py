@@ -9,7 +9,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from studies.red_team.attack import Attack
-from studies.red_team.attacks import ball_screw_stribeck, hydraulic_motor, potentiometer, valve
+from studies.red_team.attacks import (
+    ball_screw_stribeck,
+    hydraulic_cylinder,
+    hydraulic_motor,
+    potentiometer,
+    valve,
+)
 from studies.red_team.run import write
 
 import fluidact_fit as ff
@@ -101,6 +107,16 @@ def test_friction_that_falls_by_another_law_is_told_from_the_curve(tmp_path):
     assert table["parameter"] == "breakaway_positive"
     moved = result.parameters["breakaway_positive"].value + table["shift"]
     assert moved == pytest.approx(other.truth["breakaway_positive"], rel=0.01)
+
+
+@pytest.mark.parametrize(("name", "departs"), [("another shape", True), ("100 N, 0.01 m/s", False)])
+def test_another_fall_of_friction_of_a_cylinder_is_seen_in_its_channels(tmp_path, name, departs):
+    """A cylinder's ``exp(-v/v_s)`` was passed with friction 7 % and 9 standard errors off."""
+    (attack,) = (a for a in hydraulic_cylinder.attacks()
+                 if (a.group, a.name) == ("Stribeck asked for", name))  # fmt: skip
+    notices = fit(tmp_path, attack).notices
+    said = [n.message for n in notices if n.code == "unmodelled-response"]
+    assert any("falls off from rest otherwise" in m for m in said) == departs
 
 
 def test_errors_that_last_for_a_part_of_the_stroke_are_no_independent_samples(tmp_path):

@@ -171,11 +171,13 @@ def _departures(at: Optimum) -> Iterator[Term]:
     """What a machine of this family may do that no parameter stands for."""
     if at.instruments:
         return  # the inputs are noisy, and what stands in for them is not known here
-    output = at.variant.output.name
     for d in at.family.departures(at.plant):
-        responses = d.response(at.experiments)
+        found = d.response(at.experiments, at.estimate.nearby or at.family.simulate)
         columns = [
-            all_of(responses[s.run] * ((s.role == output) / s.scale), s.used) for s in at.series
+            all_of(found[s.run][s.role], s.used) / s.scale
+            if s.role in found[s.run]
+            else np.zeros(int(s.used.sum()))
+            for s in at.series
         ]
         yield Term(d.name, "1", partial(_departed, d), d.remedy, columns)
 

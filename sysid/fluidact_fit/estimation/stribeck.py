@@ -7,7 +7,7 @@ for over the range of the motion first.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice, UsageError
-from ..experiment import FloatArray
-from ..family import ParameterSpec
+from ..experiment import Experiment, FloatArray
+from ..family import Departure, ParameterSpec, Simulate
 from ..options import choice
 from .results import Refusal, Solved
 
 STRIBECK = ("stribeck", "stribeck_speed")
+EXPONENT = "stribeck_exponent"  # of the curve: 2, but a fit is tested for another one
 _ALIKE, _DIFFERENT = 1.1, 1.5  # ratios of speeds that are one, and that are two
 _HELD = 0.01  # least share of the samples that a speed has
 _GRID = 16  # speeds at which the search begins
@@ -73,6 +74,23 @@ def free_names(asked: bool, fixed: Mapping[str, float]) -> tuple[str, ...]:
 def rise_words(values: Mapping[str, Any], sign: str, speed: str = "v") -> str:
     """The term in the equation of a file, empty where there is no rise; its sign and speed."""
     return f" + {sign}*stribeck*exp(-({speed}/stribeck_speed)^2)" * bool(values.get("stribeck"))
+
+
+def another_fall(
+    response: Callable[[Sequence[Experiment], Simulate], Sequence[Mapping[str, FloatArray]]],
+) -> Departure:
+    """Friction that falls off from rest as ``exp(-(v / stribeck_speed)^m)``, ``m`` less than 2.
+
+    ``response`` has the derivatives by ``-m``.
+    """
+    return Departure(
+        "fall of friction",
+        "friction falls off from rest otherwise than as exp(-(v / stribeck_speed)^2)",
+        "The levels at rest and stribeck_speed depend on the shape that is supposed: use them "
+        "within the speeds of the logs only, and judge them by the picture (--plot) or with "
+        "--validate.",
+        response,
+    )
 
 
 def slowest_and_fastest(speed: FloatArray, least: float = 0.0) -> tuple[float, float]:

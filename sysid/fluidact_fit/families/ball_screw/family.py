@@ -59,7 +59,7 @@ from .model import (
 )
 from .options import BallScrewOptions
 from .stages import follow
-from .stribeck import another_fall
+from .stribeck import fall_of
 
 
 def _variant(
@@ -162,7 +162,7 @@ class BallScrew(Family[BallScrewOptions]):
     def departures(self, plant: Plant[BallScrewOptions]) -> Sequence[Departure]:
         """Another fall from static to kinetic friction; see :meth:`Family.departures`."""
         values = plant.numbers
-        return [another_fall(axis_of(plant.variant), values)] if values.get(SPEED) else []
+        return [fall_of(axis_of(plant.variant), values)] if values.get(SPEED) else []
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """A torque or force, played to the drive; see :meth:`Family.excitation`."""

@@ -17,6 +17,7 @@ from ...estimation.inputs import PiecewiseInput, piecewise
 from ...estimation.lost_rows import fill_lost_rows
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis, Slopes
+from ...estimation.stribeck import EXPONENT
 from ...experiment import Array, Experiment, FloatArray, Signal
 from ...family import Variant
 from .motion import Motion, StickSlip
@@ -25,7 +26,6 @@ from .stick_slip import simulate_stick_slip
 SIDES: tuple[Literal["positive"], Literal["negative"]] = ("positive", "negative")
 BREAKAWAY: dict[str, str] = {s: f"breakaway_{s}" for s in SIDES}  # static level
 EXCESS: dict[str, str] = {s: f"excess_{s}" for s in SIDES}  # of the static level
-EXPONENT = "stribeck_exponent"  # of that curve: 2, but a fit is tested for another one
 SPEED = "stribeck_speed"  # of the curve that joins a static level to its kinetic one
 _LONG = 40_000  # samples beyond which the early stages look at a part of the log
 

@@ -20,14 +20,14 @@ from ...estimation.named_model import NamedModel
 from ...estimation.parametric import Fitted
 from ...estimation.problem import Unknown
 from ...estimation.results import Refusal, Solved
+from ...estimation.stribeck import EXPONENT, another_fall
 from ...estimation.uncertainty import covariance
 from ...experiment import Experiment, FloatArray
-from ...family import Departure, FamilyOptions, Request
+from ...family import Departure, FamilyOptions, Request, Simulate
 from .brackets import Bracket, levels_above
 from .model import (
     BREAKAWAY,
     EXCESS,
-    EXPONENT,
     SIDES,
     SPEED,
     Axis,
@@ -75,25 +75,20 @@ def with_curve(stage: Stage, request: Request[FamilyOptions]) -> Stage:
     return replace(stage, names=names, unknowns=unknowns, start=start)
 
 
-def another_fall(axis: Axis, values: Mapping[str, float]) -> Departure:
-    """Friction that falls off from rest as ``exp(-(v / stribeck_speed)^m)``, ``m`` less than 2."""
+def fall_of(axis: Axis, values: Mapping[str, float]) -> Departure:
+    """Another fall of friction; the derivative goes through the events."""
 
-    def response(experiments: Sequence[Experiment]) -> list[FloatArray]:
+    def response(
+        experiments: Sequence[Experiment], simulate: Simulate
+    ) -> list[dict[str, FloatArray]]:
         out = []
         for e in experiments:
             model, _, begun = follow(e, axis, values)
             _, by = model.slopes(0, {**begun, EXPONENT: 2.0}, [EXPONENT])
-            out.append(-by.known[0])
+            out.append({axis.motion: -by.known[0]})
         return out
 
-    return Departure(
-        "fall of friction",
-        "friction falls off from rest otherwise than as exp(-(v / stribeck_speed)^2)",
-        "The static levels and stribeck_speed depend on the shape that is supposed: use them "
-        "within the speeds of the logs only, and judge them by the picture (--plot) or with "
-        "--validate.",
-        response,
-    )
+    return another_fall(response)
 
 
 def inside_cells(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...estimation.named_model import Values
-from ...estimation.stribeck import STRIBECK
+from ...estimation.stribeck import EXPONENT, STRIBECK
 from ...experiment import Array, BoolArray, FloatArray
 
 EDGES = ("dead_zone_negative", "dead_zone_positive")
@@ -18,7 +18,7 @@ GRAY_NAMES = (
     "valve_gain_1", "valve_gain_2", "line_loss_1", "line_loss_2", "line_loss_3", "line_loss_4",
     "bulk_modulus", *EDGES, "viscous", "coulomb",
 )  # fmt: skip
-THETA = (*GRAY_NAMES, *STRIBECK)
+THETA = (*GRAY_NAMES, *STRIBECK, EXPONENT)
 FRICTION = ("viscous", "coulomb", *STRIBECK)
 LOSSES = {1: ("line_loss_1", "line_loss_3"), 2: ("line_loss_4", "line_loss_2")}
 SIGN = {1: 1.0, 2: -1.0}  # of the motion that makes a chamber larger
@@ -26,7 +26,8 @@ SIGN = {1: 1.0, 2: -1.0}  # of the motion that makes a chamber larger
 
 def gray_values(values: Values) -> dict[str, float]:
     """What the gray box needs of the parameters of a file, with a Stribeck rise if there is one."""
-    return {n: float(values.get(n, 0.0) if n in STRIBECK else values[n]) for n in THETA}
+    absent = {**dict.fromkeys(STRIBECK, 0.0), EXPONENT: 2.0}
+    return {n: float(values.get(n, absent[n]) if n in absent else values[n]) for n in THETA}
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -49,9 +50,10 @@ import numpy as np
 from ...errors import Notice, NotIdentifiedError
 from ...estimation.named_model import check_request
 from ...estimation.results import refuse
-from ...estimation.stribeck import free_names, rise_words, stribeck_specs
+from ...estimation.stribeck import another_fall, free_names, rise_words, stribeck_specs
 from ...experiment import Experiment, Hold
 from ...family import (
+    Departure,
     Estimate,
     Family,
     ParameterDocument,
@@ -69,6 +71,7 @@ from .block import HydraulicBlock
 from .case import Case, check_settled, make_case
 from .equations import THETA
 from .gray_fit import fit_gray
+from .nearby import fall_slopes
 from .networks import LAYERS, NETWORKS, fit_networks, flow_view
 from .options import HydraulicCylinderOptions
 from .regression import GAIN_UNIT, directional_gains, fit_flow, fit_friction, friction_levels
@@ -211,6 +214,10 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
             return None
         case = make_case(plant.variant, experiments, Request(plant.options))
         return flow_view(case, plant.values)
+
+    def departures(self, plant: Plant[HydraulicCylinderOptions]) -> Sequence[Departure]:
+        """Another fall of friction from rest; see :meth:`Family.departures`."""
+        return [another_fall(partial(fall_slopes, plant))] if plant.values.get("stribeck") else []
 
     def model(
         self, plant: Plant[HydraulicCylinderOptions], sample_time: float, hold: Hold

@@ -3,15 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from ...estimation.stribeck import with_speed
-from ...experiment import Experiment
-from ...family import Plant, Simulated
+from ...estimation.stribeck import EXPONENT, with_speed
+from ...experiment import Experiment, FloatArray
+from ...family import Plant, Simulate, Simulated
 from .case import read_machine
 from .gray_box import CHANNELS, GrayBox, GrayLog, mean_command
 from .gray_search import GraySolution, moving_speeds, without
 from .options import HydraulicCylinderOptions
+
+_APART = 0.1  # of the exponent, between its two simulations and 2
+
+
+def fall_slopes(
+    plant: Plant[HydraulicCylinderOptions], experiments: Sequence[Experiment], simulate: Simulate
+) -> list[dict[str, FloatArray]]:
+    """Derivatives of all channels by how much slower friction falls off from rest."""
+    less, more = (
+        simulate(replace(plant, values={**plant.values, EXPONENT: 2.0 + by}), experiments)
+        for by in (-_APART, _APART)
+    )
+    return [
+        {role: (a - b) / (2.0 * _APART) for role, a, b in zip(
+            CHANNELS, (*x.also.values(), x.output), (*y.also.values(), y.output))}
+        for x, y in zip(less, more)
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True)

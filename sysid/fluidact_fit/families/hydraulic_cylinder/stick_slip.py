@@ -26,6 +26,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
+from ...estimation.stribeck import EXPONENT
 from .equations import LOSSES, THETA, Machine
 
 _ROUND = 1e4  # Pa: pressure drop below which the square root of an orifice is rounded off
@@ -219,7 +220,8 @@ def _rates(ca: Any, x: Any, u: Any, theta: Any, way: Any, machine: Machine) -> A
     area_1, area_2 = machine.area(1), machine.area(2)
     dp1 = p["bulk_modulus"] / machine.volume(1, y) * (flow(1, p1) - area_1 * v)
     dp2 = -p["bulk_modulus"] / machine.volume(2, y) * (flow(2, p2) - area_2 * v)
-    level = p["coulomb"] + p["stribeck"] * ca.exp(-((v / p["stribeck_speed"]) ** 2))
+    slow = ca.fabs(v) / p["stribeck_speed"]
+    level = p["coulomb"] + p["stribeck"] * ca.exp(-(slow ** p[EXPONENT]))
     friction = p["viscous"] * v + level * way
     slipping = (p1 * area_1 - p2 * area_2 - friction) / machine.mass
     return ca.vertcat(dp1, dp2, v, ca.if_else(way == 0.0, 0.0, slipping))
