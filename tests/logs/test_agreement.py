@@ -175,10 +175,22 @@ def test_an_absolute_pressure_is_warned_of_where_the_model_counts_from_the_atmos
     tmp_path: Path,
 ) -> None:
     path = write(tmp_path / "a.csv", "time [s],pressure [bara],position [m]")
-    log = read_log(path, columns={"force": "position"}, units={"force": "N"}, scales={"force": 2.0})
+    twice = {"force": "position", "position": "position"}
+    log = read_log(path, columns=twice, units={"force": "N"}, scales={"force": 2.0})
     variant = next(v for v in ff.get_family("spring-cylinder").variants if v.name == "pressure")
     said = {n.code: n.message for n in experiments(log, variant)[1]}
     assert "'pressure' is in bara" in said["absolute-pressure"]
     assert "absolute-pressure" not in codes(
         read_log(write(tmp_path / "b.csv", "time [s],inlet [bara],outlet [bara]"))
     )
+
+
+def test_a_column_that_was_given_to_a_role_is_no_other_one(tmp_path: Path) -> None:
+    """``velocity [rpm]`` was taken for the speed of a piston too, and refused for its unit."""
+    path = write(tmp_path / "r.csv", "time [s],torque [N m],velocity [rpm]")
+    speed, turning = Role("velocity", "m/s", "speed"), Role("angular_velocity", "rad/s", "speed")
+    log = read_log(path, columns={"angular_velocity": "velocity [rpm]"})
+    bound = bind_role(log, turning)
+    assert bound is not None
+    assert bound.column.name == "velocity"
+    assert bind_role(log, speed) is None

@@ -13,7 +13,7 @@ from ..errors import LogError, Notice, UsageError
 from ..experiment import IndexArray
 from ..family import Role
 from ..units import conversion_factor, same_dimension
-from .layout import GROUPED
+from .layout import BLANKS, GROUPED
 from .log import Column, Log, name_lines
 
 TIME = Role("time", "s", "instants of the samples")
@@ -164,6 +164,11 @@ def default_column(log: Log, role: str) -> Column | None:
     return clocks[0] if len(clocks) == 1 else None
 
 
+def _is_given(log: Log, column: Column) -> bool:
+    """Whether ``--column`` gives a column to some role."""
+    return any(c is column for wanted in log.bindings.values() for c in matching(log, wanted))
+
+
 def in_unit(role: Role, unit: str | None) -> Role:
     """A role in that of its SI units which measures what ``unit`` does, else in the first."""
     if not unit or not role.alternatives:
@@ -180,6 +185,8 @@ def bind_role(log: Log, role: Role) -> Binding | None:
         column: Column | None = find_column(log, role.name, log.bindings[role.name])
     else:
         column = default_column(log, role.name)
+        if column is not None and _is_given(log, column):
+            return None  # the user says what it is: no other role is meant
     if column is None:
         return None
     where = f"{log.name}, column '{column.label}' (role '{role.name}')"
@@ -303,7 +310,7 @@ def require_numbers(log: Log, binding: Binding, rows: IndexArray) -> None:
     if wrong.size > 1:
         found += f" {wrong.size - 1} more such cells ({name_lines(log.lines[wrong[1:]])})."
     remedy = f"Give --column {role}=... if this is not the {role}, or remove the line."
-    if text and any(form.match(text) for form in GROUPED.values()):
+    if text and any(form.match(text) for form in (*GROUPED.values(), BLANKS)):
         sign = next(c for c in text if not c.isdigit() and c not in "+-")
         remedy = f"If '{sign}' stands between thousands, give --thousands '{sign}'."
     raise LogError(

@@ -6,11 +6,10 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 
 from ..errors import LogError
-from .layout import NUMBER, Cut
+from .layout import BLANKS, NUMBER, Cut
 
 _GROUPED = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}$") for sign in ".,"}
 _SURE = 1000  # cells that tell; no more are looked at
-_BLANK = re.compile(r"[+-]?[1-9]\d{0,2}([ \u00a0\u202f]\d{3})+$")
 
 
 def refuse_ambiguous(
@@ -42,7 +41,7 @@ def _doubtful(lines: Iterable[str], cut: Cut, name: str) -> str | None:
     other = "," if cut.decimal == "." else "."
     for line in lines:
         for cell in cut.split(line):
-            if told <= 0 and cut.delimiter != " " and _BLANK.match(cell):
+            if told <= 0 and cut.delimiter != " " and BLANKS.match(cell):
                 raise _refusal(cell, re.sub(r"\D", "", cell), "' '", cut, name, blank=True)
             if other in cell and other != cut.delimiter:
                 told -= bool(NUMBER[other].match(cell) and not _GROUPED[other].match(cell))

@@ -20,6 +20,7 @@ GROUPED = {
     decimal: re.compile(rf"[+-]?\d{{1,3}}([{other}' ]\d{{3}})+{re.escape(decimal)}\d+$", re.ASCII)
     for decimal, other in ((".", ","), (",", "."))
 }
+BLANKS = re.compile(r"[+-]?[1-9]\d{0,2}([ \u00a0\u202f]\d{3})+$")  # between thousands
 _QUOTED = re.compile(r'"([^"]*)"|([^\s"]+)')
 LONG_CELL = 200  # characters, beyond which a search in it could take long
 NO_VALUE = {"", "nan", "inf", "-inf", "+inf", "na", "n/a", "null", "none", "-"}
