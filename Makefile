@@ -124,6 +124,7 @@ red-team: $(INSTALLED)
 # Half an hour on two cores; make soak SOAK='--part logs --scale 0.1' runs a part.
 soak: $(INSTALLED)
 	$(BIN)/python -m studies.soak $(or $(SOAK),--write)
+	$(BIN)/python studies/reading_cases.py --write
 
 # Other tools come from PyPI into environments of their own; MATLAB and Octave do not.
 bench: $(INSTALLED)

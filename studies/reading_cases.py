@@ -1,0 +1,374 @@
+# ruff: noqa: T201, E501 (it prints its table; a command is a line)
+"""Logs, options and parameter files that were once misread: what the program says of each today.
+
+    python studies/reading_cases.py [--write] [--only TEXT]
+
+Every case is a command line as a user would type it, run by a shell in an empty folder beside the
+datasets. What the program did before is what was seen when the case was found; a case whose exit
+status is another, or that does not say what it should, makes the study fail. ``--write`` writes
+``docs/reading-cases.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "reading-cases.md"
+_LONGEST = 10.0  # s; beyond it a command hangs
+_EXPLAINED = """\
+# Logs, options and files that were once misread
+
+Written by `studies/reading_cases.py --write`, which runs every command below and fails where the
+exit status or the message is another. `datasets` are those of this repository, `COLUMNS` the
+options of the dataset's README that name its columns. What is cut of a message ends with `…`.
+
+| case | before | now | it says |
+|---|---|---|---|
+"""
+
+
+class Case(NamedTuple):
+    """What was wrong, what came of it, a command, its exit status and what it has to say."""
+
+    name: str
+    before: str
+    command: str
+    status: int
+    says: str
+
+
+VALVE = '--column "time=Zeit [s]" --column "command=Sollwert [V]" --column "outlet=Druck [bar]"'
+BARE = "--column time=#1 --column command=#2 --column outlet=#3 --unit time=s --unit command=V --unit outlet=bar"
+LINE = '--column "inlet=p_valve (bar)" --column "outlet=p_chamber (bar)"'
+CYLINDER = (
+    '--column "command=u [V]" --column "pressure_1=p1 [bar]" --column "pressure_2=p2 [bar]" '
+    '--column "position=y [mm]" --area-1 4.91e-4 --area-2 2.37e-4 --dead-volume-1 1.2446e-4 '
+    "--dead-volume-2 9.906e-5 --supply-pressure 5e6"
+)
+FORCE = '--column "command=u [V]" --column "position=x [mm]" --column "force=F [N]"'
+FIT_LINE = f"fluidact-fit line datasets/line/trial1.csv {LINE} -o line.yaml -q"
+
+
+def _changed(old: str, new: str, then: str, file: str = "line.yaml") -> str:
+    """A fit of a line whose parameter file is changed, and what is done with it."""
+    return f"{FIT_LINE}; sed -i -E {shlex.quote(f's~{old}~{new}~')} {file}; {then}"
+
+
+_SIMULATE = f"fluidact-fit check line.yaml datasets/line/trial1.csv {LINE}"
+
+ROWS = [
+    Case(
+        "no header, one damaged line", "fits 955 of 1000 rows, PASS, no warning",
+        f'tail -n +2 datasets/valve/trial1.csv > n.csv; sed -i "45s/;[^;]*$//" n.csv; fluidact-fit valve n.csv {BARE} -o n.yaml',
+        0, r"1 line with the wrong number of fields left out \(line 45",
+    ),
+    Case(
+        "the same with `--strict`", "the same",
+        f'tail -n +2 datasets/valve/trial1.csv > n.csv; sed -i "45s/;[^;]*$//" n.csv; fluidact-fit valve n.csv {BARE} --strict -o n.yaml',
+        4, r"partial-lines: .*line 45",
+    ),
+    Case(
+        "50 rows, then the logger restarts", "49 rows lost",
+        "(head -n 51 datasets/line/trial1.csv; tail -n +2 datasets/line/trial2.csv) > r.csv; fluidact-fit inspect r.csv",
+        0, r"1050 rows|1051 lines: 1 above the data, 1050 data",
+    ),
+    Case(
+        "line 12 of a log with a header is cut", "header lost, line 12 not named",
+        "sed '12s/,[^,]*$//' datasets/line/trial1.csv > h.csv; fluidact-fit inspect h.csv",
+        0, r"line 12 left out: 2 fields",
+    ),
+    Case(
+        "`1.012` in a large log with decimal commas", "read as 1.012",
+        "(echo 'time;x'; seq 0 30000 | sed 's/.*/&,5;2,25/'; echo '30001,5;1.012') > d.csv; fluidact-fit inspect d.csv",
+        0, r"#2 +x +2.25 +2.25 +0 +1$",
+    ),
+    Case(
+        "the same in a small one", "refused, not a finite number",
+        "(echo 'time;x'; seq 0 300 | sed 's/.*/&,5;2,25/'; echo '301,5;1.012') > d.csv; fluidact-fit inspect d.csv",
+        0, r"#2 +x +2.25 +2.25 +0 +1$",
+    ),
+    Case(
+        "the same, fitted", "refused in a small log only",
+        "(echo 'time;force;position'; seq 0 300 | sed 's/.*/&,5;2,25;3,&/'; echo '301,5;1.012;3,5') > d.csv; fluidact-fit hydrostatic d.csv -o p.yaml",
+        3, r"'1.012', which is not a finite number",
+    ),
+    Case(
+        "`3,502` that means thousands", "read as 3.502, PASS",
+        "(echo 'time;x'; seq 100 400 | sed 's/.*/&;3,&/') > d.csv; fluidact-fit inspect d.csv",
+        3, r"may be 3\.\d+ or 3\d+",
+    ),
+    Case(
+        "`4.000` that means thousands", "read as 4.0, PASS",
+        "(echo 'time;x'; seq 100 400 | sed 's/.*/&;4.&/') > d.csv; fluidact-fit inspect d.csv",
+        3, r"may be 4\.\d+ or 4\d+",
+    ),
+    Case(
+        "`4 004` between tabs", "columns shifted",
+        r"(printf 'time\tx\n'; seq 100 400 | sed 's/.*/&\t4 &/') > d.tsv; fluidact-fit inspect d.tsv",
+        3, r"holds a blank: it may be 4\d+, or two numbers",
+    ),
+    Case(
+        "the same beside numbers with decimals", "columns shifted",
+        r"(printf 'time\tforce\tposition\n'; seq 100 400 | sed 's/.*/0.&\t4 &\t0.&1/') > d.tsv; fluidact-fit hydrostatic d.tsv -o p.yaml",
+        3, r"If ' ' stands between thousands, give --thousands ' '",
+    ),
+]  # fmt: skip
+UNITS = [
+    Case(
+        "unit `9^9^9` in a header", "hangs",
+        "sed '1s/(bar)/(9^9^9)/' datasets/line/trial1.csv > u.csv; fluidact-fit line u.csv --column 'inlet=p_valve (9^9^9)' --column outlet=#3 -o u.yaml",
+        0, r"no unit was given, SI was assumed: inlet in Pa",
+    ),
+    Case(
+        "unit `9^9^9^9` in a parameter file", "hangs, `ff.load` too",
+        _changed("unit: s,", "unit: 9^9^9^9,", _SIMULATE), 3, r"not a known unit|not written as a unit",
+    ),
+    Case(
+        "`--column time=ms` on a header `ms`", "reads seconds, WARN",
+        f"sed '1s/t (ms)/ms/' datasets/line/trial1.csv > u.csv; fluidact-fit line u.csv --column time=ms {LINE} -o u.yaml",
+        0, r"time_constant .* s |unit ms|'ms'",
+    ),
+    Case(
+        "header in bar, `--unit inlet=psi`", "passes without a word",
+        f"fluidact-fit line datasets/line/trial1.csv {LINE} --unit inlet=psi -o u.yaml",
+        0, r"psi",
+    ),
+    Case(
+        "a row of units below the header", "a column in V became newtons",
+        "(echo 't,u,p'; echo 's,V,bar'; tail -n +2 datasets/line/trial1.csv) > u.csv; fluidact-fit inspect u.csv",
+        0, r"#2 +u +V",
+    ),
+    Case(
+        "a row `ms,rpm,...` below the header", "not read",
+        "(echo 't,n,p'; echo 'ms,rpm,bar'; tail -n +2 datasets/line/trial1.csv) > u.csv; fluidact-fit inspect u.csv",
+        0, r"#2 +n +rpm",
+    ),
+    Case(
+        "torque in `% of 9.84 mN m`", "unknown unit",
+        "(echo 'Time [ms];Velocity [rpm];Torque [%]'; awk 'BEGIN {srand(1); for (k = 0; k < 4000; k++) {v = 3000 * sin(k / 300); print k \";\" v \";\" 10 * (v > 0 ? 1 : -1) + v / 300 + rand() - 0.5}}') > u.csv; fluidact-fit cylinder-friction u.csv --column 'torque=Torque [%]' --unit 'torque=% of 9.84 mN m' --column 'angular_velocity=Velocity [rpm]' -o u.yaml",
+        0, r"coulomb_positive +0.0009",
+    ),
+    Case(
+        "`barg`, `bara`, `psig`, `gpm`, `NL/min`", "unknown",
+        "(echo 't (s),a (barg),b (bara),c (psig),d (gpm),e (NL/min),f (l/min)'; seq 0 99 | sed 's/.*/0.0&1,1.5,2.5,3.5,4.5,5.5,6.5/' | sort -n) > u.csv; fluidact-fit inspect u.csv",
+        0, r"#6 +e +NL/min",
+    ),
+    Case(
+        "a line whose pressures are volts", "refused",
+        "sed '1s/bar/V/g' datasets/line/trial1.csv > u.csv; fluidact-fit line u.csv --column 'inlet=p_valve (V)' --column 'outlet=p_chamber (V)' -o u.yaml",
+        0, r"time_constant",
+    ),
+]  # fmt: skip
+PYTHON = "python -c"
+SOURCES = [
+    Case(
+        "a DataFrame", '"there is no such file"',
+        f"{PYTHON} 'import pandas as pd, fluidact_fit as ff; df = pd.read_csv(\"datasets/line/trial1.csv\"); print(ff.fit(\"line\", df, columns={{\"inlet\": \"p_valve (bar)\", \"outlet\": \"p_chamber (bar)\"}}).summary())'",
+        0, r"time_constant",
+    ),
+    Case(
+        "Parquet", "cannot be fitted",
+        f"{PYTHON} 'import pandas as pd; pd.read_csv(\"datasets/line/trial1.csv\").to_parquet(\"t.parquet\")'; fluidact-fit line t.parquet {LINE} -o p.yaml",
+        0, r"time_constant",
+    ),
+    Case(
+        "a `.mat` file", "cannot be fitted",
+        f"{PYTHON} 'import pandas as pd; from scipy.io import savemat; t = pd.read_csv(\"datasets/line/trial1.csv\").to_numpy(float); savemat(\"t.mat\", dict(zip(\"tuy\", t.T)))'; fluidact-fit line t.mat --column time=t --unit time=ms --column inlet=u --column outlet=y --unit inlet=bar --unit outlet=bar -o p.yaml",
+        0, r"time_constant",
+    ),
+    Case(
+        "a pipe", "cannot be fitted",
+        f"cat datasets/line/trial1.csv | fluidact-fit line - {LINE} -o p.yaml", 0, r"time_constant",
+    ),
+    Case(
+        "dSPACE ControlDesk", "not understood",
+        "(echo 'descriptions,Measurement,Name,Recording'; echo trace_size,1000; echo trace_names,,In1,In1; echo trace_units,,bar,bar; echo 'path,,Model Root/Valve/In1,Model Root/Line/In1'; echo flags,,1,1; echo min,,0,0; tail -n +2 datasets/line/trial1.csv | sed 's/,/e-3,/;s/^/,/;1s/^/trace_values/') > c.csv; fluidact-fit inspect c.csv",
+        0, r"ControlDesk",
+    ),
+    Case(
+        "leave out a run", "missing",
+        f"(cat datasets/line/trial1.csv; tail -n +2 datasets/line/trial2.csv) > r.csv; fluidact-fit line r.csv {LINE} --exclude 2 -o p.yaml",
+        0, r"samples 1000",
+    ),
+    Case(
+        "leave out a stretch", "missing",
+        f"fluidact-fit line datasets/line/trial1.csv {LINE} --exclude time=3:3.5 -o p.yaml",
+        0, r"samples 9\d\d",
+    ),
+]  # fmt: skip
+FILES = [
+    Case(
+        "`validity.X.high: [5.0]`", "exit 1",
+        _changed("(inlet: .*high: )[0-9.e+]+", r"\1[5.0]", _SIMULATE), 3, r"validity",
+    ),
+    Case(
+        "an unknown option", "loads",
+        _changed("^options:", "options:\\n  colour: blue", _SIMULATE), 3, r"colour",
+    ),
+    Case(
+        "a gain in kg", "loads",
+        _changed("(gain: .value: [^,]*, unit: )[^,]*,", r"\1kg,", _SIMULATE), 3, r"kg",
+    ),
+    Case(
+        "a negative rmse", "loads",
+        _changed("rmse: .value: ", "rmse: {value: -", _SIMULATE), 3, r"rmse",
+    ),
+    Case(
+        "a `model` that is not of the parameters", "loads",
+        _changed("(dead_time: )0[.][0-9]+([^,]*}$)", r"\10.5\2", _SIMULATE), 3, r"model",
+    ),
+    Case(
+        "a force map with one `input_offset`", "loads, and gives −370 V instead of 1.9 V",
+        f"fluidact-fit force-map datasets/force-map/trial1.csv {FORCE} -o map.yaml -q; sed -i -E 's~(input_offset.*value: .)([^],]+),[^]]*~\\1\\2~' map.yaml; fluidact-fit check map.yaml datasets/force-map/trial1.csv {FORCE}",
+        3, r"input_offset",
+    ),
+    Case(
+        "200,000 unknown keys", "over 20 s",
+        f"{FIT_LINE}; seq 1 200000 | sed 's/.*/key&: 1/' >> line.yaml; {_SIMULATE}", 3, r"line.yaml",
+    ),
+    Case(
+        "a text where options stand", "exit 1",
+        _changed("^options:", "options: text\\nmore:", _SIMULATE), 3, r"options",
+    ),
+    Case(
+        "`sample_time: -1` of the discrete form", "exit 1 or loads",
+        _changed("sample_time: [0-9.]+", "sample_time: -1", _SIMULATE), 3, r"sample_time",
+    ),
+    Case(
+        "a covariance of 1000 x 1000 texts", "over 20 s",
+        f"{FIT_LINE}; sed -i '/^    - .[0-9]/d' line.yaml; python -c 'print(\"\\n\".join([\"    - [\" + \", \".join([\"x\"] * 1000) + \"]\"] * 1000))' > m; sed -i '/^  matrix:/r m' line.yaml; {_SIMULATE}", 3, r"covariance|problem",
+    ),
+    Case(
+        "a reversed `reading_range`", "loads",
+        "fluidact-fit potentiometer datasets/potentiometer/trial1.csv --column reading=ADC --column 'reference=laser (mm)' -o p.yaml -q; sed -i -E 's~(reading_range: .*)\\[([0-9.]+), ([0-9.]+)\\]~\\1[\\3, \\2]~' p.yaml; fluidact-fit check p.yaml datasets/potentiometer/trial2.csv --column reading=ADC --column 'reference=laser (mm)'",
+        3, r"reading_range",
+    ),
+    Case(
+        "a million NaN", "65 MB of message",
+        f"{FIT_LINE}; (echo 'more:'; yes -- '- .nan' | head -n 1000000) >> line.yaml; {_SIMULATE}", 3, r"line.yaml",
+    ),
+]  # fmt: skip
+ENDS = [
+    Case(
+        "`hydraulic-cylinder` on 120 rows", "exit 1, ValueError",
+        f"head -n 121 datasets/hydraulic-cylinder/trial1.csv > s.csv; fluidact-fit hydraulic-cylinder s.csv {CYLINDER} --mass 14.54 -o p.yaml",
+        0, r"not-identified",
+    ),
+    Case(
+        "`--flow mlp` on thinned rows", "exit 1",
+        f"awk 'NR == 1 || NR % 40 == 0' datasets/hydraulic-cylinder/trial1.csv > s.csv; fluidact-fit hydraulic-cylinder s.csv {CYLINDER} --mass 14.54 --flow mlp -o p.yaml",
+        4, r"too slowly",
+    ),
+    Case("`--column inlet=#²`", "exit 1", "fluidact-fit line datasets/line/trial1.csv --column inlet=#² -o p.yaml", 3, r"no column '#²'"),
+    Case("`--scale time=1e-320`", "exit 1", f"fluidact-fit line datasets/line/trial1.csv {LINE} --scale time=1e-320 -o p.yaml", 2, r"too small"),
+    Case("`--controller-sample-time 1e308`", "exit 1", f"fluidact-fit line datasets/line/trial1.csv {LINE} --controller-sample-time 1e308 -o p.yaml", 2, r"controller-sample-time"),
+    Case("`--mass 1e300`", 'blames "the document"', f"fluidact-fit hydraulic-cylinder datasets/hydraulic-cylinder/trial1.csv {CYLINDER} --mass 1e300 -o p.yaml", 2, r"mass"),
+    Case("`--sound-speed 0`", "becomes the default", f"fluidact-fit line datasets/line/trial1.csv {LINE} --length 5 --sound-speed 0 -o p.yaml", 2, r"sound-speed"),
+    Case("`-o nodir/`", "writes a file", f"fluidact-fit line datasets/line/trial1.csv {LINE} -o nodir/", 2, r"nodir/ names a directory"),
+    Case(
+        "`MPLBACKEND=nonsense`", "exit 1",
+        f"MPLBACKEND=nonsense fluidact-fit line datasets/line/trial1.csv {LINE} -o p.yaml --plot p.png; ls p.png", 0, r"^p.png",
+    ),
+    Case(
+        "standard output closed", 'the file is written, then "Nothing was written", exit 1',
+        f"fluidact-fit line datasets/line/trial1.csv {LINE} -o p.yaml >&-; echo status $?; ls p.yaml", 0, r"status (0|141)",
+    ),
+    Case(
+        "standard error closed", "exit 1 in silence",
+        f"fluidact-fit line datasets/line/trial1.csv {LINE} -o p.yaml 2>&-", 0, r"written to p.yaml|time_constant",
+    ),
+    Case(
+        "an interrupt during the imports", "8 tracebacks of 60",
+        "for k in 1 2 3 4 5 6; do timeout -s INT 0.${k}5 fluidact-fit demo d 2>&1; done | grep -c Traceback; true", 0, r"^0$",
+    ),
+    Case(
+        "escape sequences in a header", "reach the terminal",
+        r"sed '1s/p_valve/\x1b[2Jp_valve/' datasets/line/trial1.csv > e.csv; fluidact-fit inspect e.csv | grep -c $'\x1b'; true", 0, r"^0$",
+    ),
+    Case(
+        "two runs with one new `-o`", "both succeed",
+        f"for k in 1 2; do (fluidact-fit line datasets/line/trial$k.csv {LINE} -o same.yaml -q; echo status $?) & done; wait", 0, r"status [1-9]",
+    ),
+]  # fmt: skip
+CASES = [*ROWS, *UNITS, *SOURCES, *FILES, *ENDS]
+
+
+class Outcome(NamedTuple):
+    """How a command ended, and the line that says what was wanted (``None`` without one)."""
+
+    status: int
+    line: str | None
+    text: str
+
+    def fits(self, case: Case) -> bool:
+        """Whether it is what the case asks for."""
+        return self.status == case.status and self.line is not None and "Traceback" not in self.text
+
+
+def run(case: Case) -> Outcome:
+    """Run the command of a case in a folder of its own."""
+    programs = str(Path(sys.executable).parent)
+    environment = {**os.environ, "PATH": programs + os.pathsep + os.environ["PATH"]}
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "datasets").symlink_to(ROOT / "datasets")
+        began = time.perf_counter()
+        done = subprocess.run(
+            ["bash", "-c", case.command], cwd=folder, env=environment, check=False,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=10 * _LONGEST,
+        )  # fmt: skip
+        seconds = time.perf_counter() - began
+    text = done.stdout.decode(errors="replace")
+    if seconds > 3 * _LONGEST:
+        text += f"\nTraceback: it hangs, {seconds:.0f} s"
+    lines = [line for line in text.splitlines() if re.search(case.says, line)]
+    return Outcome(done.returncode, lines[0].strip() if lines else None, text)
+
+
+def _short(text: str, most: int = 140) -> str:
+    text = text.replace("|", "\\|")
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def _shown(command: str) -> str:
+    for words in (VALVE, BARE, LINE, CYLINDER, FORCE):
+        command = command.replace(words, "COLUMNS")
+    return command
+
+
+def main() -> None:
+    """Run the cases, print or write the page; exit 1 where one is not as it should be."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="write the page")
+    parser.add_argument("--only", default="", help="cases whose name holds this")
+    given = parser.parse_args()
+    rows, commands, failed = [], [], 0
+    for number, case in enumerate((c for c in CASES if given.only in c.name), start=1):
+        outcome = run(case)
+        if not outcome.fits(case):
+            failed += 1
+            print(f"{case.name}: status {outcome.status}, {case.status} wanted, {case.says!r}\n"
+                  f"{case.command}\n{outcome.text[:1500]}", file=sys.stderr)  # fmt: skip
+        said = _short(outcome.line or "not what it should")
+        rows.append(f"| {number}. {case.name} | {case.before} | exit {outcome.status} | `{said}` |")
+        commands.append(f"{number}. `{_shown(case.command)}`")
+    page = _EXPLAINED + "\n".join(rows) + "\n\n## Commands\n\n" + "\n".join(commands) + "\n"
+    if given.write and not failed:
+        PAGE.write_text(page, encoding="utf-8")
+    else:
+        print(page)
+    print(f"{len(rows)} cases, {failed} not as they should be", file=sys.stderr)
+    sys.exit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()
