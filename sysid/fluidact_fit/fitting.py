@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -28,7 +28,19 @@ from .simulation import LogLike, open_logs
 _FEWEST = 8  # samples of a log that is fitted or judged
 _ROUNDS = 3  # fits without outliers: one may have hidden the next
 
+_F = TypeVar("_F", bound=Callable[..., Any])
 
+
+def _on_one_thread(function: _F) -> _F:
+    """Let a function compute on one thread, the examinations of a fit included.
+
+    Matrices are small: sharing one out among threads costs more than the product, most of all on
+    a busy machine, and the last digits would depend on how many there are.
+    """
+    return cast("_F", threadpool_limits.wrap(limits=1, user_api="blas")(function))
+
+
+@_on_one_thread
 def fit(
     family: str,
     logs: Sequence[LogLike] | Iterator[LogLike] | LogLike,
@@ -240,6 +252,7 @@ def _pairs(given: Mapping[str, tuple[float, float]] | None) -> dict[str, tuple[f
     return out
 
 
+@_on_one_thread
 def refit(
     document: ParameterDocument,
     logs: Sequence[Log],
@@ -288,9 +301,7 @@ def _estimate(
 ) -> Estimate[FamilyOptions]:
     """Let the family fit; where the arithmetic fails, the data are to blame."""
     try:
-        # Matrices are small: sharing one out among threads costs more than the product, most
-        # of all on a busy machine, and the last digits would depend on how many there are.
-        with _blaming_the_numbers(), threadpool_limits(limits=1, user_api="blas"):
+        with _blaming_the_numbers():
             return family.estimate(variant, experiments, request)
     except NotIdentifiedError as error:
         role = _input_behind(variant, experiments)

@@ -108,6 +108,13 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         """Without a spring the initial position is the same as an offset."""
         return () if np.real(values.get("stiffness", 0.0)) != 0.0 else (0,)
 
+    def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
+        """No spring at all: a weak one and a free initial position stand for a drift.
+
+        A search that ends beside zero may have stopped there with edges that make up for it.
+        """
+        return [{"stiffness": 0.0}] if values.get("stiffness") else []
+
     def coefficients(self, values: Mapping[str, float]) -> tuple[list[float], list[float]]:
         """``1 / (mass s^2 + damping s + stiffness)``."""
         return [1.0], [values["mass"], values["damping"], values.get("stiffness", 0.0)]
