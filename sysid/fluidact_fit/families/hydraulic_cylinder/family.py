@@ -217,7 +217,8 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
 
     def departures(self, plant: Plant[HydraulicCylinderOptions]) -> Sequence[Departure]:
         """Another fall of friction from rest; see :meth:`Family.departures`."""
-        return [another_fall(partial(fall_slopes, plant))] if plant.values.get("stribeck") else []
+        rises = plant.options.stage == "gray-box" and plant.values.get("stribeck")
+        return [another_fall(partial(fall_slopes, plant))] if rises else []
 
     def model(
         self, plant: Plant[HydraulicCylinderOptions], sample_time: float, hold: Hold

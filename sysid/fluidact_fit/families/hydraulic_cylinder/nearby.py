@@ -24,11 +24,12 @@ def fall_slopes(
         simulate(replace(plant, values={**plant.values, EXPONENT: 2.0 + by}), experiments)
         for by in (-_APART, _APART)
     )
-    return [
-        {role: (a - b) / (2.0 * _APART) for role, a, b in zip(
-            CHANNELS, (*x.also.values(), x.output), (*y.also.values(), y.output))}
-        for x, y in zip(less, more)
-    ]  # fmt: skip
+    out = []
+    for x, y in zip(less, more):
+        changes = {role: values - y.also[role] for role, values in x.also.items()}
+        changes[CHANNELS[-1]] = x.output - y.output
+        out.append({role: change / (2.0 * _APART) for role, change in changes.items()})
+    return out
 
 
 @dataclass(frozen=True)
