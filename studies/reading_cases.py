@@ -18,13 +18,12 @@ import shlex
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "reading-cases.md"
-_LONGEST = 10.0  # s; beyond it a command hangs
+_LONGEST = 30.0  # s, beyond which a command hangs: a fit and a check of its file take two
 _EXPLAINED = """\
 # Logs, options and files that were once misread
 
@@ -47,7 +46,6 @@ class Case(NamedTuple):
     says: str
 
 
-VALVE = '--column "time=Zeit [s]" --column "command=Sollwert [V]" --column "outlet=Druck [bar]"'
 BARE = "--column time=#1 --column command=#2 --column outlet=#3 --unit time=s --unit command=V --unit outlet=bar"
 LINE = '--column "inlet=p_valve (bar)" --column "outlet=p_chamber (bar)"'
 CYLINDER = (
@@ -59,28 +57,30 @@ FORCE = '--column "command=u [V]" --column "position=x [mm]" --column "force=F [
 FIT_LINE = f"fluidact-fit line datasets/line/trial1.csv {LINE} -o line.yaml -q"
 
 
-def _changed(old: str, new: str, then: str, file: str = "line.yaml") -> str:
-    """A fit of a line whose parameter file is changed, and what is done with it."""
-    return f"{FIT_LINE}; sed -i -E {shlex.quote(f's~{old}~{new}~')} {file}; {then}"
+CHECK_LINE = f"fluidact-fit check line.yaml datasets/line/trial1.csv {LINE}"
+CUT_VALVE = 'tail -n +2 datasets/valve/trial1.csv > n.csv; sed -i "45s/;[^;]*$//" n.csv'
 
 
-_SIMULATE = f"fluidact-fit check line.yaml datasets/line/trial1.csv {LINE}"
+def _changed(old: str, new: str) -> str:
+    """A fit of a line whose parameter file is changed, and checked."""
+    return f"{FIT_LINE}; sed -i -E {shlex.quote(f's~{old}~{new}~')} line.yaml; {CHECK_LINE}"
+
 
 ROWS = [
     Case(
         "no header, one damaged line", "fits 955 of 1000 rows, PASS, no warning",
-        f'tail -n +2 datasets/valve/trial1.csv > n.csv; sed -i "45s/;[^;]*$//" n.csv; fluidact-fit valve n.csv {BARE} -o n.yaml',
+        f'{CUT_VALVE}; fluidact-fit valve n.csv {BARE} -o n.yaml',
         0, r"1 line with the wrong number of fields left out \(line 45",
     ),
     Case(
         "the same with `--strict`", "the same",
-        f'tail -n +2 datasets/valve/trial1.csv > n.csv; sed -i "45s/;[^;]*$//" n.csv; fluidact-fit valve n.csv {BARE} --strict -o n.yaml',
+        f'{CUT_VALVE}; fluidact-fit valve n.csv {BARE} --strict -o n.yaml',
         4, r"partial-lines: .*line 45",
     ),
     Case(
         "50 rows, then the logger restarts", "49 rows lost",
         "(head -n 51 datasets/line/trial1.csv; tail -n +2 datasets/line/trial2.csv) > r.csv; fluidact-fit inspect r.csv",
-        0, r"1050 rows|1051 lines: 1 above the data, 1050 data",
+        0, r"1051 lines: 1 above the data, 1050 data",
     ),
     Case(
         "line 12 of a log with a header is cut", "header lost, line 12 not named",
@@ -131,12 +131,12 @@ UNITS = [
     ),
     Case(
         "unit `9^9^9^9` in a parameter file", "hangs, `ff.load` too",
-        _changed("unit: s,", "unit: 9^9^9^9,", _SIMULATE), 3, r"not a known unit|not written as a unit",
+        _changed("unit: s,", "unit: 9^9^9^9,"), 3, r"not a known unit|not written as a unit",
     ),
     Case(
         "`--column time=ms` on a header `ms`", "reads seconds, WARN",
         f"sed '1s/t (ms)/ms/' datasets/line/trial1.csv > u.csv; fluidact-fit line u.csv --column time=ms {LINE} -o u.yaml",
-        0, r"time_constant .* s |unit ms|'ms'",
+        0, r"time_constant +0\.1\d+ .* s ",
     ),
     Case(
         "header in bar, `--unit inlet=psi`", "passes without a word",
@@ -169,21 +169,20 @@ UNITS = [
         0, r"time_constant",
     ),
 ]  # fmt: skip
-PYTHON = "python -c"
 SOURCES = [
     Case(
         "a DataFrame", '"there is no such file"',
-        f"{PYTHON} 'import pandas as pd, fluidact_fit as ff; df = pd.read_csv(\"datasets/line/trial1.csv\"); print(ff.fit(\"line\", df, columns={{\"inlet\": \"p_valve (bar)\", \"outlet\": \"p_chamber (bar)\"}}).summary())'",
+        "python -c 'import pandas as pd, fluidact_fit as ff; df = pd.read_csv(\"datasets/line/trial1.csv\"); print(ff.fit(\"line\", df, columns={\"inlet\": \"p_valve (bar)\", \"outlet\": \"p_chamber (bar)\"}).summary())'",
         0, r"time_constant",
     ),
     Case(
         "Parquet", "cannot be fitted",
-        f"{PYTHON} 'import pandas as pd; pd.read_csv(\"datasets/line/trial1.csv\").to_parquet(\"t.parquet\")'; fluidact-fit line t.parquet {LINE} -o p.yaml",
+        f"python -c 'import pandas as pd; pd.read_csv(\"datasets/line/trial1.csv\").to_parquet(\"t.parquet\")'; fluidact-fit line t.parquet {LINE} -o p.yaml",
         0, r"time_constant",
     ),
     Case(
         "a `.mat` file", "cannot be fitted",
-        f"{PYTHON} 'import pandas as pd; from scipy.io import savemat; t = pd.read_csv(\"datasets/line/trial1.csv\").to_numpy(float); savemat(\"t.mat\", dict(zip(\"tuy\", t.T)))'; fluidact-fit line t.mat --column time=t --unit time=ms --column inlet=u --column outlet=y --unit inlet=bar --unit outlet=bar -o p.yaml",
+        "python -c 'import pandas as pd; from scipy.io import savemat; t = pd.read_csv(\"datasets/line/trial1.csv\").to_numpy(float); savemat(\"t.mat\", dict(zip(\"tuy\", t.T)))'; fluidact-fit line t.mat --column time=t --unit time=ms --column inlet=u --column outlet=y --unit inlet=bar --unit outlet=bar -o p.yaml",
         0, r"time_constant",
     ),
     Case(
@@ -209,23 +208,23 @@ SOURCES = [
 FILES = [
     Case(
         "`validity.X.high: [5.0]`", "exit 1",
-        _changed("(inlet: .*high: )[0-9.e+]+", r"\1[5.0]", _SIMULATE), 3, r"validity",
+        _changed("(inlet: .*high: )[0-9.e+]+", r"\1[5.0]"), 3, r"validity",
     ),
     Case(
         "an unknown option", "loads",
-        _changed("^options:", "options:\\n  colour: blue", _SIMULATE), 3, r"colour",
+        _changed("^options:", "options:\\n  colour: blue"), 3, r"colour",
     ),
     Case(
         "a gain in kg", "loads",
-        _changed("(gain: .value: [^,]*, unit: )[^,]*,", r"\1kg,", _SIMULATE), 3, r"kg",
+        _changed("(gain: .value: [^,]*, unit: )[^,]*,", r"\1kg,"), 3, r"kg",
     ),
     Case(
         "a negative rmse", "loads",
-        _changed("rmse: .value: ", "rmse: {value: -", _SIMULATE), 3, r"rmse",
+        _changed("rmse: .value: ", "rmse: {value: -"), 3, r"rmse",
     ),
     Case(
         "a `model` that is not of the parameters", "loads",
-        _changed("(dead_time: )0[.][0-9]+([^,]*}$)", r"\10.5\2", _SIMULATE), 3, r"model",
+        _changed("(dead_time: )0[.][0-9]+([^,]*}$)", r"\10.5\2"), 3, r"model",
     ),
     Case(
         "a force map with one `input_offset`", "loads, and gives −370 V instead of 1.9 V",
@@ -234,19 +233,19 @@ FILES = [
     ),
     Case(
         "200,000 unknown keys", "over 20 s",
-        f"{FIT_LINE}; seq 1 200000 | sed 's/.*/key&: 1/' >> line.yaml; {_SIMULATE}", 3, r"line.yaml",
+        f"{FIT_LINE}; seq 1 200000 | sed 's/.*/key&: 1/' >> line.yaml; {CHECK_LINE}", 3, r"line.yaml",
     ),
     Case(
         "a text where options stand", "exit 1",
-        _changed("^options:", "options: text\\nmore:", _SIMULATE), 3, r"options",
+        _changed("^options:", "options: text\\nmore:"), 3, r"options",
     ),
     Case(
-        "`sample_time: -1` of the discrete form", "exit 1 or loads",
-        _changed("sample_time: [0-9.]+", "sample_time: -1", _SIMULATE), 3, r"sample_time",
+        "`sample_time: -1`", "exit 1 or loads",
+        _changed("sample_time: [0-9.]+", "sample_time: -1"), 3, r"sample_time",
     ),
     Case(
         "a covariance of 1000 x 1000 texts", "over 20 s",
-        f"{FIT_LINE}; sed -i '/^    - .[0-9]/d' line.yaml; python -c 'print(\"\\n\".join([\"    - [\" + \", \".join([\"x\"] * 1000) + \"]\"] * 1000))' > m; sed -i '/^  matrix:/r m' line.yaml; {_SIMULATE}", 3, r"covariance|problem",
+        f"{FIT_LINE}; sed -i '/^    - .[0-9]/d' line.yaml; python -c 'print(\"\\n\".join([\"    - [\" + \", \".join([\"x\"] * 1000) + \"]\"] * 1000))' > m; sed -i '/^  matrix:/r m' line.yaml; {CHECK_LINE}", 3, r"covariance|problem",
     ),
     Case(
         "a reversed `reading_range`", "loads",
@@ -255,7 +254,7 @@ FILES = [
     ),
     Case(
         "a million NaN", "65 MB of message",
-        f"{FIT_LINE}; (echo 'more:'; yes -- '- .nan' | head -n 1000000) >> line.yaml; {_SIMULATE}", 3, r"line.yaml",
+        f"{FIT_LINE}; (echo 'more:'; yes -- '- .nan' | head -n 1000000) >> line.yaml; {CHECK_LINE}", 3, r"line.yaml",
     ),
 ]  # fmt: skip
 ENDS = [
@@ -321,15 +320,14 @@ def run(case: Case) -> Outcome:
     environment = {**os.environ, "PATH": programs + os.pathsep + os.environ["PATH"]}
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "datasets").symlink_to(ROOT / "datasets")
-        began = time.perf_counter()
-        done = subprocess.run(
-            ["bash", "-c", case.command], cwd=folder, env=environment, check=False,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=10 * _LONGEST,
-        )  # fmt: skip
-        seconds = time.perf_counter() - began
+        try:
+            done = subprocess.run(
+                ["bash", "-c", case.command], cwd=folder, env=environment, check=False,
+                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=_LONGEST,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return Outcome(-1, None, f"it hangs: no end after {_LONGEST:g} s")
     text = done.stdout.decode(errors="replace")
-    if seconds > 3 * _LONGEST:
-        text += f"\nTraceback: it hangs, {seconds:.0f} s"
     lines = [line for line in text.splitlines() if re.search(case.says, line)]
     return Outcome(done.returncode, lines[0].strip() if lines else None, text)
 
@@ -340,7 +338,7 @@ def _short(text: str, most: int = 140) -> str:
 
 
 def _shown(command: str) -> str:
-    for words in (VALVE, BARE, LINE, CYLINDER, FORCE):
+    for words in (BARE, LINE, CYLINDER, FORCE):
         command = command.replace(words, "COLUMNS")
     return command
 
