@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 import yaml
 from scipy.integrate import solve_ivp
+from studies.red_team.attacks import cylinder_friction as friction
 from studies.red_team.attacks import hydraulic_cylinder as hydraulic
 from studies.red_team.attacks import spring_cylinder as spring
 from studies.red_team.run import run, write
@@ -64,6 +65,22 @@ def test_the_rise_of_a_spring_cylinder_is_found_and_estimated() -> None:
         q = found.parameters[name]
         assert abs(q.number - RISING[name]) < 4.0 * bound, name
         assert 0.8 * bound < q.std_error < 1.25 * bound, name  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("shape", [0.5, 1.0, 4.0])
+@pytest.mark.parametrize("family", ["spring-cylinder", "cylinder-friction"])
+def test_another_fall_of_friction_is_named(family: str, shape: float) -> None:
+    """A fall more sudden than the law's passed once with levels 5 % and 7 standard errors off."""
+    rng = np.random.default_rng([23, int(10 * shape)])
+    other = {"shape": shape, "stribeck_speed": 0.01}
+    if family == "spring-cylinder":
+        logs = spring.log(rng, p={**RISING, **other})
+        options = {}
+    else:
+        law = {**friction.TRUTH, "stribeck": 1.2, **other, "stribeck_speed": 0.02}
+        logs, options = friction.record(rng, law=law), {"mass": friction.MASS}
+    found = ff.fit(family, logs, stribeck="estimate", **options)
+    assert "friction-shape" in {n.code for n in found.notices}
 
 
 @pytest.mark.parametrize(("runs", "least"), [(12, 9), pytest.param(24, 19, marks=pytest.mark.slow)])

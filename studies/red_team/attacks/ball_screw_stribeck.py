@@ -75,10 +75,10 @@ def _acceleration(machine: Machine, way: int) -> Callable[[float, float, float, 
     inertia, viscous = p.get("inertia", p.get("mass", 0.0)), p["viscous"]
     side = "positive" if way > 0 else "negative"
     kinetic = p[f"coulomb_{side}"]
-    fall, curve = p[f"breakaway_{side}"] - kinetic, p[SPEED]
+    fall, curve, shape = p[f"breakaway_{side}"] - kinetic, p[SPEED], p.get("shape", 2.0)
 
     def pull(begin: float, slope: float, t: float, v: float) -> float:
-        friction = kinetic + fall * math.exp(-((v / curve) ** 2)) + viscous * v
+        friction = kinetic + fall * math.exp(-((abs(v) / curve) ** shape)) + viscous * v
         return (begin + slope * t - friction) / inertia
 
     return pull
@@ -137,3 +137,5 @@ def attacks() -> Iterator[Attack]:
     for speed in (2.0, 10.0):
         other = Machine(SCREW, stribeck=speed)
         yield plain("Stribeck of another shape", f"{speed:g} rad/s", other, moving, "smooth")
+    sudden = Machine({**SCREW, SPEED: 10.0, "shape": 4.0})
+    yield asked("Stribeck of another shape", "fourth power", sudden, moving, "smooth")

@@ -285,11 +285,10 @@ def _machines() -> Iterator[Attack]:
     yield _attack("one bad sample", "force", spoil=partial(glitch, role="force", factor=30.0))
     yield _attack("one bad sample", "velocity", spoil=partial(glitch, role="velocity", factor=5.0))
     yield _attack("clipped", "at 5 N", spoil=partial(clip, level=5.0))
-    other = {"viscous": 45.0, "coulomb_positive": 2.4, "coulomb_negative": 2.4, "shape": 1.0,
-             "stribeck": 1.2, "stribeck_speed": 0.02}  # fmt: skip
-    yield _attack(
-        "Stribeck asked for", "another shape", other, options={"mass": MASS, "stribeck": "estimate"}
-    )
+    options = {"mass": MASS, "stribeck": "estimate"}
+    for words, shape in (("another shape", 1.0), ("a sudden fall", 4.0)):
+        other = {**TRUTH, "shape": shape, "stribeck": 1.2, "stribeck_speed": 0.02}
+        yield _attack("Stribeck asked for", words, other, options=options)
 
 
 def attacks() -> Iterator[Attack]:

@@ -355,8 +355,8 @@ def attacks() -> Iterator[Attack]:
     yield attack("Stribeck asked for", "micro-actuator, 5 kHz", small, options=wanted,
                  step=2e-4, volts=5.0, noise=(3e4, 5e-6), n=1500)  # fmt: skip
     yield attack("Stribeck asked for", "there is none", options=wanted)
-    yield attack("Stribeck asked for", "another shape", replace(rising, shape=1.0),
-                 options=wanted)  # fmt: skip
+    for words, shape in (("another shape", 1.0), ("a sudden fall", 4.0)):
+        yield attack("Stribeck asked for", words, replace(rising, shape=shape), options=wanted)
     for role, lag in (("pressure_1", 2e-3), ("position", 2e-3)):
         yield attack("sensor lag", f"{role} 2 ms", spoil=partial(_lagging, role=role, lag=lag))
     yield attack("sensors", "rounded",

@@ -38,7 +38,8 @@ def force(p: Mapping[str, float], u: Array, x: Array, v: Array, s: Array) -> Arr
     gain = p.get("pressure_gain", p.get("area", 0.0))
     lost = np.where(s > 0.0, p["coulomb_loading"], -p["coulomb_unloading"])
     if "stribeck" in p:
-        lost = lost + s * p["stribeck"] * np.exp(-((v / p["stribeck_speed"]) ** 2))
+        fall = (np.abs(v) / p["stribeck_speed"]) ** p.get("shape", 2.0)
+        lost = lost + s * p["stribeck"] * np.exp(-fall)
     return gain * u - p["stiffness"] * x - p["preload"] - lost - p["viscous"] * v
 
 
@@ -157,6 +158,10 @@ def attacks() -> Iterator[Attack]:
         yield _attack("Stribeck asked for", name, rising, options=wanted, noise={role: size},
                       velocity=role == "velocity",
                       repetitions=2)  # fmt: skip
+    for shape, speed in ((1.0, 0.004), (1.0, 0.01), (0.5, 0.01), (4.0, 0.01)):
+        other = {**rising, "stribeck_speed": speed, "shape": shape}
+        name = f"2 N, {1e3 * speed:g} mm/s, shape {shape:g}"
+        yield _attack("Stribeck asked for", name, other, options=wanted, repetitions=4)
     yield _attack("Stribeck asked for", "stroke 1 mm", rising, options=wanted, stroke=1e-3)
     yield _attack("Stribeck asked for", "there is none", options=wanted, repetitions=2)
     yield _attack("recording", "half a cycle", n=200, repetitions=3)

@@ -25,6 +25,8 @@ EXPONENT = "stribeck_exponent"  # of the curve: 2, but a fit is tested for anoth
 _ALIKE, _DIFFERENT = 1.1, 1.5  # ratios of speeds that are one, and that are two
 _HELD = 0.01  # least share of the samples that a speed has
 _GRID = 16  # speeds at which the search begins
+_TOLD_APART = 4.0  # twice the logarithm of the likelihoods of two laws: two standard errors
+_FALLS = ((1.0, "exp(-|v| / stribeck_speed)"), (4.0, "exp(-(v / stribeck_speed)^4)"))
 _SLOWER = (
     "Record steady strokes at several speeds on either side of the one at which friction is least; "
     "leave --stribeck out if it does not rise towards rest."
@@ -115,10 +117,12 @@ def with_speed(values: Mapping[str, float], speed: FloatArray) -> dict[str, floa
 class RiseSearch:
     """The Stribeck speed on a grid from the slowest to the fastest motion.
 
-    ``solve`` gives the misfit and the Stribeck level at a speed; all else is linear in it.
+    ``solve`` gives the misfit, a sum or mean of squares over ``samples``, and the Stribeck level
+    at a speed; all else is linear in it.
     """
 
     ends: tuple[float, float]
+    samples: int
     solve: Callable[[float], tuple[float, float]]
 
     @cached_property
@@ -133,8 +137,9 @@ class RiseSearch:
         costs, levels = zip(*(self.solve(float(np.exp(s))) for s in self.grid))
         return np.array(costs), np.array(levels)
 
-    def best(self) -> tuple[float, float]:
-        """Level and speed of the best rise towards rest, of the best fall where none rises."""
+    @cached_property
+    def rise(self) -> tuple[float, float, float]:
+        """Misfit, level and speed of the best rise towards rest, of the best fall where none is."""
         from scipy.optimize import minimize_scalar
 
         costs, levels = self.found
@@ -142,35 +147,46 @@ class RiseSearch:
         ends = self.grid[max(k - 1, 0)], self.grid[min(k + 1, _GRID - 1)]
         at = minimize_scalar(lambda s: self.solve(float(np.exp(s)))[0], bounds=ends,
                              method="bounded", options={"xatol": 1e-4}).x  # fmt: skip
-        return self.solve(float(np.exp(at)))[1], float(np.exp(at))
+        return *self.solve(float(np.exp(at))), float(np.exp(at))
 
 
-def shape_notice(own: RiseSearch, exponential: RiseSearch) -> Notice | None:
-    """Say that another law would fit better with as many unknowns, where one does.
+def shape_notice(search: Callable[[float], RiseSearch]) -> Notice | None:
+    """Say that another law would fit as well with as many unknowns, where one does.
 
-    A level that *falls* towards rest is what friction that grows faster than in proportion
-    to the speed looks like.
+    ``search`` looks for the rise with an exponent of its fall: 2 is that of the law, from 0.5 to
+    "very large" have been proposed [1]_. A level that *falls* towards rest is what friction
+    that grows faster than in proportion to the speed looks like.
+
+    References
+    ----------
+    .. [1] B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, "A survey of models, analysis
+       tools and compensation methods for the control of machines with friction", Automatica
+       30(7), 1994, section 2.1.
     """
+    own = search(2.0)
     costs, levels = own.found
-    if levels.max() <= 0.0:
+    best, level, _ = own.rise
+    if level <= 0.0:
         return None
-    best = float(np.min(costs[levels > 0.0]))
     rivals = [
         (float(np.min(np.where(levels < 0.0, costs, np.inf))),
          "that grows faster than in proportion to the speed"),
-        (float(np.min(exponential.found[0])),
-         "that falls off from rest as exp(-|v| / stribeck_speed)"),
     ]  # fmt: skip
+    for exponent, words in _FALLS:
+        cost, level, _ = search(exponent).rise
+        if level > 0.0:
+            rivals.append((cost, f"that falls off from rest as {words}"))
     cost, words = min(rivals)
-    if cost > best:
+    if (cost - best) * own.samples > _TOLD_APART * best:
         return None
+    share = 100.0 * abs(cost / max(best, np.finfo(float).tiny) - 1.0)
+    fits = f"better ({share:.2g} % less" if cost < best else f"as well ({share:.2g} % more"
     return Notice(
         "friction-shape",
-        f"friction {words} would fit better with as many unknowns "
-        f"({100.0 * (1.0 - cost / best):.2g} % less "
-        "squared misfit): the levels and stribeck depend on the shape that is supposed. Use "
-        "the law within the speeds of the logs only, and judge it there by the picture "
-        "(--plot); steady strokes at more speeds show the shape.",
+        f"friction {words} would fit {fits} squared misfit) with as many unknowns: the levels "
+        "and stribeck depend on the shape that is supposed. Use the law within the speeds of "
+        "the logs only, and judge it there by the picture (--plot); steady strokes at more "
+        "speeds show the shape.",
     )
 
 

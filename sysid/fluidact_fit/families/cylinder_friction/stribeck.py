@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 from ...errors import Notice
 from ...estimation.stribeck import STRIBECK, RiseSearch, shape_notice, slowest_and_fastest
@@ -21,7 +22,8 @@ def _search(
         cost, values = at.quiet()
         return cost, {**held, **values}["stribeck"]
 
-    return RiseSearch(slowest_and_fastest(moving_speeds(data)), solve)
+    speeds = moving_speeds(data)
+    return RiseSearch(slowest_and_fastest(speeds), speeds.size, solve)
 
 
 def linearise(
@@ -30,7 +32,7 @@ def linearise(
     """Stribeck level and speed [N, m/s] at which to make the equation linear; zeros: none."""
     if "stribeck_speed" not in names:
         return held.get("stribeck", 0.0), held.get("stribeck_speed", 0.0)
-    return _search(data, names, held).best()
+    return _search(data, names, held).rise[1:]
 
 
 def other_shape(
@@ -39,4 +41,4 @@ def other_shape(
     """Say that another law fits better with as many unknowns, where one does."""
     if not set(STRIBECK) <= set(names):
         return None
-    return shape_notice(_search(data, names, held), _search(data, names, held, exponent=1.0))
+    return shape_notice(partial(_search, data, names, held))

@@ -83,7 +83,7 @@ class Regression:
         """Say that another law of the rise fits better with as many unknowns, where one does."""
         if not set(STRIBECK) <= set(self.solved.names):
             return None
-        return shape_notice(self.system.search(), self.system.search(exponent=1.0))
+        return shape_notice(self.system.search)
 
 
 def settle_levels(options: SpringOptions, fixed: Mapping[str, float]) -> SpringOptions:
@@ -190,7 +190,9 @@ class _System:
     def search(self, exponent: float = 2.0) -> RiseSearch:
         """The Stribeck speed over the range of the motion, on part of the samples."""
         names = [n for n in self.names if n != "stribeck_speed"]
-        thin = slice(None, None, -(-sum(int(d.kept.sum()) for d in self.runs) // _ENOUGH))
+        samples = sum(int(d.kept.sum()) for d in self.runs)
+        every = -(-samples // _ENOUGH)
+        thin = slice(None, None, every)
 
         def solve(speed: float) -> tuple[float, float]:
             """Squared mean size of the residuals [N2], which spikes hardly change, and level."""
@@ -199,11 +201,11 @@ class _System:
             level = {**self.held, **dict(zip(names, best.values.tolist()))}["stribeck"]
             return float(np.mean(np.abs(y - a @ best.values))) ** 2, level
 
-        return RiseSearch(speed_range(self.runs), solve)
+        return RiseSearch(speed_range(self.runs), -(-samples // every), solve)
 
     def _start(self) -> Rise:
         if "stribeck_speed" in self.names:
-            return Rise(*self.search().best())
+            return Rise(*self.search().rise[1:])
         return Rise(*(self.held.get(n, 0.0) for n in STRIBECK))
 
     def _about(self, rise: Rise) -> Regression:
