@@ -38,7 +38,7 @@ from ...options import settled
 from .block import TransferBlock
 from .discrete import discretise
 from .fit import TransferFit, dead_time_axis, grid_search, unrecorded_time
-from .model import TransferModel, are_short, simulate_transfer, time_scales
+from .model import Free, TransferModel, any_start, are_short, simulate_transfer, time_scales
 
 
 @dataclass(frozen=True)
@@ -176,9 +176,9 @@ class TransferFamily(Family[T], Generic[T]):
         """Far from some values, others that samples every ``step`` [s] may not tell from them."""
         return []
 
-    def confounded(self, values: Values) -> tuple[int, ...]:
-        """States whose free response is a constant, which the offset already stands for."""
-        return ()
+    def beginnings(self, values: Values) -> Free:
+        """What a run with an offset of its own may have begun with; any state."""
+        return any_start(*self.realise(values))
 
     def transfer_model(
         self,
@@ -196,7 +196,7 @@ class TransferFamily(Family[T], Generic[T]):
             self.realise,
             gain=self.gain,
             dead_zone=self.dead_zone,
-            confounded=self.confounded,
+            beginnings=self.beginnings,
             rest=rest,
             common_offset=common_offset,
             unrecorded=unrecorded,

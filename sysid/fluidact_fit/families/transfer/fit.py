@@ -275,8 +275,15 @@ class TransferFit:
             times = max(2, int(np.ceil(fast * step / _FAST)))
             reason = (
                 f"{best.eta[k]:.3g} and {eta[k]:.3g}{after_number(spec.unit)} explain these "
-                "samples equally well, because the output has answered before the next sample is "
-                f"taken. Sample at least {times} times faster."
+                "samples equally well"
+            )
+            reason += (
+                "."
+                if fast * step <= _FAST
+                else (
+                    ", because the output has answered before the next sample is taken. Sample at "
+                    f"least {times} times faster."
+                )
             )
             refuse(replace(spec, neutral=None), reason)
 

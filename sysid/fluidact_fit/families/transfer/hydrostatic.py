@@ -34,7 +34,7 @@ from ...family import ParameterSpec, Quantity, Request, Role, Variant
 from ...options import choice
 from .base import ASKED, Plan, Searched, TransferFamily, TransferOptions
 from .fit import dead_time_axis, grid_search
-from .model import TransferModel, time_scales
+from .model import Free, TransferModel, time_scales
 
 
 @dataclass(frozen=True)
@@ -104,9 +104,21 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         a = np.array([[0.0, 1.0], [-values.get("stiffness", 0.0) / m, -values["damping"] / m]])
         return a, np.array([0.0, 1.0 / m]), np.array([1.0, 0.0])
 
-    def confounded(self, values: Values) -> tuple[int, ...]:
-        """Without a spring the initial position is the same as an offset."""
-        return () if np.real(values.get("stiffness", 0.0)) != 0.0 else (0,)
+    def beginnings(self, values: Values) -> Free:
+        """An initial velocity, and with a spring a constant force beside the offset.
+
+        ``1 / k`` times the change of the free response to an initial position is minus the
+        response to a constant force: beside an offset they stand for the same, and only the
+        latter can be computed with a spring that hardly is one. Without a spring the initial
+        position is an offset.
+        """
+        a, b, c = self.realise(values)
+        k = values.get("stiffness")
+        if k is None:
+            return Free(a, c, (1,), (1,))
+        pushed = np.zeros((3, 3), dtype=a.dtype)
+        pushed[:2, :2], pushed[:2, 2] = a, b
+        return Free(pushed, np.append(c, 0.0), (1, 2), (1, 2) if np.real(k) != 0.0 else (1,))
 
     def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
         """No spring at all: a weak one and a free initial position stand for a drift.
@@ -158,14 +170,15 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
     ) -> list[dict[str, float]]:
         """Profile over time constant, edges and the rest; ``1/damping`` is eliminated."""
 
-        def per_damping(values: Values) -> tuple[Any, Any, Any]:
-            return self.realise({**values, "damping": 1.0})
+        def per_damping(values: Values) -> Values:
+            return {**values, "damping": 1.0}
 
         step, _ = time_scales(experiments)
         used = [n for n in plan.names if n != "damping"]
         model = TransferModel(
-            experiments, "force", "position", per_damping, gain="mobility",
-            dead_zone=True, confounded=self.confounded, rest=rest,
+            experiments, "force", "position", lambda v: self.realise(per_damping(v)),
+            gain="mobility", dead_zone=True, rest=rest,
+            beginnings=lambda v: self.beginnings(per_damping(v)),
         )  # fmt: skip
         free = {n: Unknown(n) for n in used}
         free["mobility"] = Unknown("mobility", 1e-300)

@@ -28,6 +28,26 @@ Realisation = Callable[[Values], tuple[Array, Array, Array]]
 
 
 @dataclass(frozen=True)
+class Free:
+    """A system of which some states stand for all that a run may have begun with.
+
+    ``y = C exp(A t) e_i`` for every state ``i`` of ``states``; a column for each is there
+    whatever the values are, zero where ``kept`` has it not.
+    """
+
+    a: Array
+    c: Array
+    states: tuple[int, ...]
+    kept: tuple[int, ...]
+
+
+def any_start(a: Array, b: Array, c: Array) -> Free:
+    """Every state of a system by itself."""
+    every = tuple(range(c.size))
+    return Free(a, c, every, every)
+
+
+@dataclass(frozen=True)
 class _Prepared:
     """Input and grids of one experiment, computed once.
 
@@ -65,9 +85,10 @@ class TransferModel:
         Whether the input passes ``dead_zone_negative`` and ``dead_zone_positive``.
         Without one, the response is to the departure of the input from its first value,
         and the level goes into the offset.
-    confounded
-        States whose free response is a constant, like the position of a free mass: the
-        offset already stands for them.
+    beginnings
+        ``beginnings(values)``: what a run with an offset of its own may have begun with. A
+        state whose free response is a constant, like the position of a free mass, is not
+        among them: the offset already stands for it.
     unrecorded
         How long the output of a run answers to the input before it [s]: what was measured
         until then is left out, and the initial state is that of the first sample after it.
@@ -82,14 +103,14 @@ class TransferModel:
         *,
         gain: str | None = None,
         dead_zone: bool = False,
-        confounded: Callable[[Values], tuple[int, ...]] = lambda values: (),
+        beginnings: Callable[[Values], Free] | None = None,
         rest: bool = False,
         common_offset: bool = False,
         unrecorded: float = 0.0,
     ) -> None:
         self.rest, self.common_offset, self.unrecorded = rest, common_offset, unrecorded
         self.realise, self.gain, self.dead_zone = realise, gain, dead_zone
-        self.confounded = confounded
+        self.beginnings = beginnings or (lambda values: any_start(*realise(values)))
         self.resolutions = [
             e.signals[output_role].resolution for e in experiments if output_role in e
         ]
@@ -137,7 +158,9 @@ class TransferModel:
             a, b, c, p.u, p.nodes, p.samples, p.parts, dead_time=values.get("dead_time", 0.0),
             shape=self._shape(index, values), run=partial(self._states, index, a, b),
         )  # fmt: skip
-        for y, local in zip(forced, self._local(index, a, c, values), strict=True):
+        # an offset that is shared stands for no initial state
+        free = any_start(a, b, c) if p.log is not None else self.beginnings(values)
+        for y, local in zip(forced, self._local(index, free), strict=True):
             offsets = np.zeros((y.size, len(self.several)))
             if p.log is not None:
                 offsets[:, p.log] = 1.0
@@ -187,23 +210,22 @@ class TransferModel:
         """Steady output of one run at the level that its input starts from."""
         return 0.0 if self.gain is None else float(values[self.gain]) * self.levels[index]
 
-    def _local(self, index: int, a: Array, c: Array, values: Values) -> Iterator[Array]:
+    def _local(self, index: int, free: Free) -> Iterator[Array]:
         """Columns of the unknowns that belong to one run: initial state and own offset."""
         p = self.prepared[index]
-        skip = self.confounded(values) if p.log is None else ()
         # as many columns whatever the values: derivatives are taken column by column
-        kept = np.array([i not in skip for i in range(c.size)], dtype=float)
-        for part, free in zip(p.parts, self._free(index, a, c), strict=True):
-            states = 0 if free is None else c.size
-            kind = float if free is None else free.dtype
+        kept = np.array([i in free.kept for i in free.states], dtype=float)
+        for part, every in zip(p.parts, self._free(index, free), strict=True):
+            states = 0 if every is None else kept.size
+            kind = float if every is None else every.dtype
             out = np.ones((part.stop - part.start, states + (p.log is None)), dtype=kind)
-            if free is not None:
-                np.multiply(free, kept, out=out[:, :states])
+            if every is not None:
+                np.multiply(every[:, free.states], kept, out=out[:, :states])
             yield out
 
-    def _free(self, index: int, a: Array, c: Array) -> Iterator[Array | None]:
+    def _free(self, index: int, free: Free) -> Iterator[Array | None]:
         """Free responses; none of a run that starts at rest."""
-        p = self.prepared[index]
+        p, a, c = self.prepared[index], free.a, free.c
         if p.rest:
             yield from (None for _ in p.parts)
         elif len(p.parts) > 1:
