@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -14,6 +14,13 @@ BoolArray = npt.NDArray[np.bool_]
 IndexArray = npt.NDArray[np.intp]
 Array = npt.NDArray[Any]  # real, or complex where derivatives are taken by complex steps
 Hold = Literal["zoh", "foh", "smooth", "auto"]
+BLOCK_ROWS = 1 << 15  # of a block: what is made of it stays in the cache
+
+
+def blocks(rows: int) -> Iterator[slice]:
+    """Cut a record into blocks; a record no longer than one, or an empty one, is one."""
+    for begin in range(0, max(rows, 1), BLOCK_ROWS):
+        yield slice(begin, min(begin + BLOCK_ROWS, rows))
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 
-from fluidact_fit import fit
-from fluidact_fit.estimation import blocks
+from fluidact_fit import experiment, fit
 from fluidact_fit.estimation.blocks import condense, rows_of
 from fluidact_fit.estimation.linear import transition
 from fluidact_fit.estimation.uncertainty import covariance, fit_autoregression
@@ -59,7 +58,7 @@ def test_several_blocks_give_what_one_does(monkeypatch, uneven, hold, more):
     log = second_order_log(6_000, uneven, hold == "zoh")
     found = []
     for rows in (1 << 20, 700):
-        monkeypatch.setattr(blocks, "ROWS", rows)
+        monkeypatch.setattr(experiment, "BLOCK_ROWS", rows)
         found.append(fit("hydrostatic", [log], hold={"force": hold}, **more))
     one, several = found
     for name, q in one.parameters.items():
@@ -91,7 +90,7 @@ def examined(result):
 
 def test_a_triangle_keeps_the_products_of_columns(monkeypatch):
     rng = np.random.default_rng(7)
-    monkeypatch.setattr(blocks, "ROWS", 500)
+    monkeypatch.setattr(experiment, "BLOCK_ROWS", 500)
     n = 20_000
     k = np.arange(n)
     large = 1e9 * rng.standard_normal(n)
@@ -130,7 +129,7 @@ def test_covariance_of_coloured_residuals_is_that_of_the_toeplitz_matrix(monkeyp
     bread = np.linalg.inv(j.T @ j)
     expected = bread @ (j.T @ toeplitz(r) @ j) @ bread
     for rows in (1 << 20, 64):
-        monkeypatch.setattr(blocks, "ROWS", rows)
+        monkeypatch.setattr(experiment, "BLOCK_ROWS", rows)
         assert covariance([j], [residual]).covariance == pytest.approx(expected, rel=1e-9)
 
 
@@ -143,7 +142,7 @@ def test_covariance_of_coloured_residuals_is_that_of_the_toeplitz_matrix(monkeyp
     ],
 )
 def test_another_row_of_a_long_log_takes_little_memory(monkeypatch, sizes, most):
-    monkeypatch.setattr(blocks, "ROWS", 1 << 12)
+    monkeypatch.setattr(experiment, "BLOCK_ROWS", 1 << 12)
     log = second_order_log(sizes[1], False, True)
     # what a first fit imports would hide the memory of rows
     fit("hydrostatic", {name: values[:2000] for name, values in log.items()})

@@ -12,10 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ..estimation.blocks import blocks, condense
+from ..estimation.blocks import condense
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.uncertainty import fit_autoregression, innovations, middle_of
-from ..experiment import BoolArray, FloatArray
+from ..experiment import BoolArray, FloatArray, blocks
 
 _ORDER = 25  # highest of the autoregression that whitens the residual
 

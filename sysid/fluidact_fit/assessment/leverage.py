@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..estimation.blocks import blocks, condense, rows_of
-from ..experiment import BoolArray, FloatArray
+from ..estimation.blocks import condense, rows_of
+from ..experiment import BoolArray, FloatArray, blocks
 
 _ODD = 1e-6  # probability of a residual that large among all samples
 _MOVES = 0.5  # standard errors by which an odd sample may move a parameter

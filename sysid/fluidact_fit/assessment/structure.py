@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
-from ..estimation.blocks import blocks
 from ..estimation.noise import noise_floor
 from ..estimation.recursion import run_recursion
-from ..experiment import FloatArray
+from ..experiment import FloatArray, blocks
 from ..family import Departure, ParameterSpec, Role
 from ..options import describe
 from ..units import as_share

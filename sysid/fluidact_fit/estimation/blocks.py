@@ -25,17 +25,10 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from ..experiment import FloatArray
+from ..experiment import FloatArray, blocks
 
-ROWS = 1 << 15  # rows of a block: what is made of it stays in the cache
 _APART = 1e-7  # least part of a column that the ones before leave, to divide by a triangle
 _GROWN = 1e5  # trace of the sum of products beyond which a new triangle is taken
-
-
-def blocks(rows: int) -> Iterator[slice]:
-    """Cut a record into blocks; a record no longer than one, or an empty one, is one."""
-    for begin in range(0, max(rows, 1), ROWS):
-        yield slice(begin, min(begin + ROWS, rows))
 
 
 def rows_of(tables: Sequence[FloatArray]) -> Iterator[FloatArray]:

@@ -60,10 +60,9 @@ def _all_first(count: int) -> npt.NDArray[np.integer[Any]]:
 def make_grid(instants: FloatArray) -> Grid:
     """Group the steps of a sequence of instants, shape ``(m + 1,)`` [s]."""
     steps = np.diff(instants)
-    unit = float(np.median(steps)) if steps.size else 1.0
-    if steps.size and float(np.ptp(steps)) <= 1e-6 * unit:
+    mean = float(instants[-1] - instants[0]) / max(steps.size, 1)
+    if steps.size and float(np.ptp(steps)) <= 1e-6 * mean:
         # a snapped log: what is left is the rounding of t0 + k Ts
-        mean = (instants[-1] - instants[0]) / steps.size
         return Grid(instants, np.array([mean]), _all_first(steps.size))
-    distinct, which = group(steps, unit)
+    distinct, which = group(steps, float(np.median(steps)) if steps.size else 1.0)
     return Grid(instants, distinct, which)

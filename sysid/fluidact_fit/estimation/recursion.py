@@ -8,7 +8,7 @@ from math import ceil
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import Array
+from ..experiment import Array, FloatArray
 
 
 def orbit(start: Array, phi: Array, count: int) -> Array:
@@ -43,6 +43,41 @@ def run_recursion(driven: Array, coefficients: npt.ArrayLike) -> Array:
     for k, column in enumerate(columns):
         columns[k] = dtbsv(c.shape[0], band, column, lower=1, diag=1)
     return out
+
+
+def clamped(
+    start: float, low: npt.ArrayLike, high: npt.ArrayLike, steps: npt.ArrayLike, count: int
+) -> FloatArray:
+    """``x_k = min(max(x_(k-1) + steps_k, low_k), high_k)``, shape ``(count,)``; exact.
+
+    A step followed by a clamp, and any number of them one after the other, is again a step
+    followed by a clamp. About ``sqrt(count)`` blocks are first taken as one such each, which gives
+    the value that each begins with, and then advance side by side.
+    """
+    width = max(1, ceil(count**0.5))
+    blocks = -(-count // width)
+
+    def cut(values: npt.ArrayLike, idle: float) -> FloatArray:
+        if np.ndim(values) == 0:
+            return np.broadcast_to(np.asarray(values, dtype=float), (width, blocks))
+        out = np.full(blocks * width, idle)
+        out[:count] = values
+        return out.reshape(blocks, width).T
+
+    a, b, c = cut(steps, 0.0), cut(low, -np.inf), cut(high, np.inf)
+    step, least, most = np.zeros(blocks), np.full(blocks, -np.inf), np.full(blocks, np.inf)
+    for more, lowest, highest in zip(a, b, c, strict=True):
+        step += more
+        least = np.minimum(np.maximum(least + more, lowest), highest)
+        most = np.minimum(np.maximum(most + more, lowest), highest)
+    now, x = np.empty(blocks), start
+    for k in range(blocks):
+        now[k] = x
+        x = min(max(x + step[k], least[k]), most[k])
+    found = np.empty((blocks, width))
+    for j, (more, lowest, highest) in enumerate(zip(a, b, c, strict=True)):
+        found[:, j] = now = np.minimum(np.maximum(now + more, lowest), highest)
+    return found.reshape(-1)[:count]
 
 
 def scan(phi: Array, forcing: Array, start: Array) -> Array:

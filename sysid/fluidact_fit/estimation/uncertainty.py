@@ -22,8 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..experiment import BoolArray, FloatArray
-from .blocks import blocks, condense, rows_of
+from ..experiment import BoolArray, FloatArray, blocks
+from .blocks import condense, rows_of
 from .recursion import run_recursion
 
 _LONG = 200_000  # samples of a series that its autocorrelation is judged by

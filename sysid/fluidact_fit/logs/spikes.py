@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import Notice
-from ..experiment import BoolArray, Experiment, FloatArray, IndexArray
+from ..experiment import BoolArray, Experiment, FloatArray, IndexArray, blocks
 from ..family import Variant
 from .log import count_of
 
@@ -68,35 +68,48 @@ def find_spikes(values: FloatArray, moved: BoolArray) -> IndexArray:
 
     Shape ``(n,)`` each.
     """
-    jumps = np.diff(values)
-    size = np.abs(jumps)
-    height = np.zeros(values.size)
-    there_and_back = jumps[:-1] * jumps[1:] < 0.0
-    inner = np.minimum(size[:-1], size[1:])
-    back = np.abs(values[2:] - values[:-2]) <= _BACK * inner
-    height[1:-1] = np.where(there_and_back & back, inner, 0.0)
-    height[0] = size[0] if size[1] <= _BACK * size[0] else 0.0
-    height[-1] = size[-1] if size[-2] <= _BACK * size[-1] else 0.0
-    height[moved] = 0.0
+    alone, height = _back_again(values, moved)
     most = max(3, int(_SHARE * values.size))
-    order = np.argsort(-height)[:most]
-    order = order[height[order] > 0.0]
-    far = height[order] > _FARTHER * _left_when_removed(size, order)
+    order = alone[np.argsort(-height)[:most]]
+    far = np.sort(height)[::-1][:most] > _FARTHER * _left_when_removed(values, order)
     count = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
     return np.sort(order[:count])
 
 
-def _left_when_removed(size: FloatArray, order: IndexArray) -> FloatArray:
+def _back_again(values: FloatArray, moved: BoolArray) -> tuple[IndexArray, FloatArray]:
+    """Samples from which the signal is back with the next, and how far off each lies, ``(m,)``."""
+    places, heights = [], []
+    for at in blocks(values.size - 2):
+        part = values[at.start : at.stop + 2]
+        jumps = np.diff(part)
+        inner = np.minimum(np.abs(jumps[:-1]), np.abs(jumps[1:]))
+        found = (jumps[:-1] * jumps[1:] < 0.0) & (np.abs(part[2:] - part[:-2]) <= _BACK * inner)
+        found &= ~moved[at.start + 1 : at.stop + 1]
+        places.append(at.start + 1 + np.flatnonzero(found))
+        heights.append(inner[found])
+    first, last = np.abs(np.diff(values[:3])), np.abs(np.diff(values[-3:]))[::-1]
+    for place, (jump, beside) in ((0, first), (values.size - 1, last)):
+        if jump > 0.0 and beside <= _BACK * jump and not moved[place]:
+            places.append(np.array([place]))
+            heights.append(np.array([jump]))
+    return np.concatenate(places), np.concatenate(heights)
+
+
+def _left_when_removed(values: FloatArray, order: IndexArray) -> FloatArray:
     """Largest jump that is left when the first 1, 2, ... samples of ``order`` are gone.
 
     Shape ``(m,)``; every sample takes the jumps on both its sides with it.
     """
-    gone = np.full(size.size, order.size)  # place in the order at which a jump goes, or never
-    for side in (order - 1, order):
-        inside = (side >= 0) & (side < size.size)
-        np.minimum.at(gone, side[inside], np.flatnonzero(inside))
+    size = np.diff(values)
+    np.abs(size, out=size)
+    sides = np.column_stack((order - 1, order)).ravel()
+    inside = (sides >= 0) & (sides < size.size)
+    # a jump goes with the first of its two samples
+    jumps, at = np.unique(sides[inside], return_index=True)
     largest = np.zeros(order.size + 1)
-    np.maximum.at(largest, gone, size)
+    np.maximum.at(largest, np.flatnonzero(inside)[at] // 2, size[jumps])
+    size[jumps] = 0.0
+    largest[-1] = size.max()
     left: FloatArray = np.maximum.accumulate(largest[::-1])[::-1][1:]
     return left
 

@@ -32,6 +32,7 @@ from ...estimation.inputs import PiecewiseInput, piecewise, settled_hold
 from ...estimation.linear import forced_response
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis
+from ...estimation.recursion import clamped
 from ...experiment import Array, Experiment, FloatArray, Signal
 
 _PARTS = 8  # of a sample time, for a command that moves
@@ -44,15 +45,13 @@ def play(command: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
     ``w_k = min(max(w_{k-1}, u_k - h/2), u_k + h/2)``, starting at the first command; all in the
     unit of the command.
     """
-    half = 0.5 * width
-    out, slope = np.empty(command.size), np.empty(command.size)
-    now, by = float(command[0]), 0.0
-    for k, u in enumerate(command.tolist()):
-        if u - half > now:
-            now, by = u - half, -0.5
-        elif u + half < now:
-            now, by = u + half, 0.5
-        out[k], slope[k] = now, by
+    low, high = command - 0.5 * width, command + 0.5 * width
+    out = clamped(float(command[0]), low, high, 0.0, command.size)
+    before = np.concatenate((command[:1], out[:-1]))
+    pulled, pushed = low > before, high < before
+    last = np.maximum.accumulate(np.where(pulled | pushed, np.arange(out.size), -1))
+    # until either edge is met the output does not depend on the width
+    slope = np.where(last < 0, 0.0, np.where(pulled[last], -0.5, 0.5))
     return out, slope
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import UsageError
+from ...estimation.recursion import clamped
 from ...experiment import FloatArray
 from ...family import Value
 from .rational_bezier import blend, is_monotone, rational_bezier, rational_bezier_slope
@@ -28,13 +29,10 @@ def rising_share(reading: npt.ArrayLike, dead_band: float, state: float = 0.0) -
     there = np.flatnonzero(np.isfinite(values))  # a reading that is missing moves nothing
     moved = np.zeros(values.size)
     moved[there[1:]] = np.diff(values[there]) * (2.0 / max(dead_band, 1e-300))
-    at = np.flatnonzero(moved)
-    states = [state]
-    for step in moved[at].tolist():
-        states.append(min(max(states[-1] + step, -1.0), 1.0))
-    # between two moves the share stays
-    length = np.diff(np.concatenate(([0], at, [values.size])))
-    return 0.5 + 0.5 * np.repeat(np.array(states), length)
+    share = clamped(state, -1.0, 1.0, moved, values.size)
+    share *= 0.5
+    share += 0.5
+    return share
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,8 @@ def _stretches(t: FloatArray, unknowns: int) -> npt.NDArray[np.intp]:
     count = max(min(_STRETCHES, t.size // 5), 1)
     edges = np.unique(np.quantile(t, np.arange(1, count) / count))
     key = np.searchsorted(edges, t, side="right")
-    return np.unique(key, return_inverse=True)[1]
+    used = np.bincount(key) > 0
+    return (np.cumsum(used) - 1)[key]
 
 
 def widen(spread: Uncertainty, white: Uncertainty, misfit: Misfit | None) -> Uncertainty:

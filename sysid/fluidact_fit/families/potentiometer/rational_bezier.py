@@ -22,10 +22,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...estimation.blocks import blocks
 from ...estimation.problem import Basis, Problem, Unknown
 from ...estimation.separable import Search, solve_from
-from ...experiment import Array, FloatArray
+from ...experiment import Array, FloatArray, blocks
 
 LOG_WEIGHT_LIMIT = float(np.log(50.0))
 _FEW = 24  # rows that are left out one by one

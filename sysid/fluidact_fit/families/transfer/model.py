@@ -13,14 +13,14 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from ...estimation.blocks import blocks, condense
+from ...estimation.blocks import condense
 from ...estimation.grid import Grid, make_grid
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, piecewise
 from ...estimation.least_squares import project_out
 from ...estimation.linear import forced_pieces, free_pieces, states_at_nodes
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis
-from ...experiment import Array, Experiment, FloatArray, Signal
+from ...experiment import Array, Experiment, FloatArray, Signal, blocks
 from ...family import Simulated
 
 T = TypeVar("T")
@@ -158,9 +158,7 @@ class TransferModel:
             a, b, c, p.u, p.nodes, p.samples, p.parts, dead_time=values.get("dead_time", 0.0),
             shape=self._shape(index, values), run=partial(self._states, index, a, b),
         )  # fmt: skip
-        # an offset that is shared stands for no initial state
-        free = any_start(a, b, c) if p.log is not None else self.beginnings(values)
-        for y, local in zip(forced, self._local(index, free), strict=True):
+        for y, local in zip(forced, self._local(index, values), strict=True):
             offsets = np.zeros((y.size, len(self.several)))
             if p.log is not None:
                 offsets[:, p.log] = 1.0
@@ -210,9 +208,17 @@ class TransferModel:
         """Steady output of one run at the level that its input starts from."""
         return 0.0 if self.gain is None else float(values[self.gain]) * self.levels[index]
 
-    def _local(self, index: int, free: Free) -> Iterator[Array]:
+    def free_responses(self, index: int, values: Values) -> Iterator[FloatArray]:
+        """Free responses without the offset of one run, block by block."""
+        own = self.prepared[index].log is None
+        return (np.asarray(x[:, :-1] if own else x) for x in self._local(index, values))
+
+    def _local(self, index: int, values: Values) -> Iterator[Array]:
         """Columns of the unknowns that belong to one run: initial state and own offset."""
         p = self.prepared[index]
+        # an offset that is shared stands for no initial state
+        shared = p.log is not None
+        free = any_start(*self.realise(values)) if shared else self.beginnings(values)
         # as many columns whatever the values: derivatives are taken column by column
         kept = np.array([i in free.kept for i in free.states], dtype=float)
         for part, every in zip(p.parts, self._free(index, free), strict=True):
@@ -309,32 +315,40 @@ def simulate_transfer(
     out: dict[int, Simulated] = {}
     for owner in dict.fromkeys(owners):
         own = [i for i in runs if owners[i] == owner]
-        found = _fit_offset([condense(_columns(model, i, values)) for i in own])
-        for i, unknowns in zip(own, found):
-            output = _fitted_output(model, i, values, unknowns)
+        forced = [np.empty(model.measured[i].size) for i in own]
+        found = _fit_offset(
+            [condense(_columns(model, i, values, y)) for i, y in zip(own, forced, strict=True)]
+        )
+        for i, y, unknowns in zip(own, forced, found, strict=True):
+            output = _fitted_output(model, i, values, y, unknowns)
             out[i] = Simulated(output, offset=float(unknowns[-1]) - model.level(i, values))
     return [out[i] for i in runs]
 
 
-def _columns(model: TransferModel, index: int, values: Values) -> Iterator[FloatArray]:
-    """Free responses, a constant, and what both are to explain, block by block."""
+def _columns(
+    model: TransferModel, index: int, values: Values, forced: FloatArray
+) -> Iterator[FloatArray]:
+    """Free responses, a constant, and what both are to explain, block by block.
+
+    The response to the input, shape ``(n,)``, is kept in ``forced``.
+    """
     for part, (known, free) in zip(model.prepared[index].parts, model.responses(index, values)):
+        forced[part] = known
         rest = model.measured[index][part] - known
         yield np.column_stack((free, np.ones(rest.size), rest))
 
 
 def _fitted_output(
-    model: TransferModel, index: int, values: Values, unknowns: FloatArray
+    model: TransferModel, index: int, values: Values, forced: FloatArray, unknowns: FloatArray
 ) -> FloatArray:
     """Output of a run with its initial state and offset, NaN where nothing is described."""
     p = model.prepared[index]
-    fitted = np.empty(p.samples.instants.size)
-    for part, (known, free) in zip(p.parts, model.responses(index, values)):
-        fitted[part] = known + free @ unknowns[:-1] + unknowns[-1]
-    if fitted.size == p.used.size:
-        return fitted
+    for part, free in zip(p.parts, model.free_responses(index, values), strict=True):
+        forced[part] += free @ unknowns[:-1] + unknowns[-1]
+    if forced.size == p.used.size:
+        return forced
     output = np.full(p.used.size, np.nan)
-    output[p.used] = fitted
+    output[p.used] = forced
     return output
 
 
