@@ -68,6 +68,19 @@ def test_table_agrees_with_pint(unit: str) -> None:
         ("% of 9.84 mN m", "N m", 9.84e-5),
         ("% of 9,84 mNm", "N m", 9.84e-5),
         ("percent of 2 kN", "N", 20.0),
+        ("Milliseconds", "s", 1e-3),
+        ("mS", "s", 1e-3),
+        ("Second", "s", 1.0),
+        ("Minutes", "s", 60.0),
+        ("MPA", "Pa", 1e6),
+        ("psid", "Pa", 6894.757293168361),
+        ("kg/cm²", "Pa", 98066.5),
+        ("lbs/in^2", "Pa", 6894.757293168361),
+        ("cmH₂O", "Pa", 98.0665),
+        ("cfm", "m^3/s", 4.719474432e-4),
+        ("min-1", "rad/s", math.pi / 30),
+        ("VDC", "V", 1.0),
+        ("KN", "N", 1e3),
     ],
 )
 def test_factors(unit: str, si: str, factor: float) -> None:
@@ -99,6 +112,15 @@ def test_refusals_name_both_sides(unit: str, si: str, words: list[str]) -> None:
     assert str(error.value).startswith("a.csv, column 'x': ")
     for word in words:  # the remedy is in the words of the command line, its text in Python's
         assert word in f"{error.value}\n{error.value.remedy}"
+
+
+@pytest.mark.parametrize(
+    ("unit", "si"), [("Mm", "m"), ("Ms", "s"), ("MV", "V"), ("Mm/s", "m/s"), ("nl/min", "m^3/s")]
+)
+def test_a_slip_of_a_prefix_is_no_unit(unit: str, si: str) -> None:
+    """A stroke in 'Mm' made a mass of 5e-8 kg, PASS."""
+    with pytest.raises(UnitError, match="taken for a slip"):
+        units.conversion_factor(unit, si)
 
 
 @pytest.mark.parametrize(
@@ -137,6 +159,24 @@ def test_refusals_name_both_sides(unit: str, si: str, words: list[str]) -> None:
         ("flow (m^3/s)", "flow", "m^3/s"),
         ("pos [wobble]", "pos", "wobble"),
         ("pos []", "pos", None),
+        ("Zeit / ms", "Zeit", "ms"),
+        ("t/ms", "t", "ms"),
+        ("v / m/s", "v", "m/s"),
+        ("Flow l/min", "Flow", "l/min"),
+        ("Inlet, psi", "Inlet", "psi"),
+        ("Inlet, psi (LGR S/N: 1)", "Inlet", "psi"),
+        ("time in ms", "time", "ms"),
+        ("Input 1 PSI", "Input 1", "PSI"),
+        ("p （bar）", "p", "bar"),
+        ("p {bar}", "p", "bar"),
+        ("t_ns", "t", "ns"),
+        ("pos (Mm)", "pos", "Mm"),
+        ("counts/rev", "counts/rev", None),
+        ("motor turn", "motor turn", None),
+        ("valve second", "valve second", None),
+        ("x min", "x min", None),
+        ("chamber A", "chamber A", None),
+        ("Date, time", "Date, time", None),
         ("", "", None),
     ],
 )
@@ -163,7 +203,8 @@ def test_doubtful_suffixes() -> None:
 @pytest.mark.parametrize(
     ("unit", "reference"),
     [("barg", "gauge"), ("bara", "absolute"), ("psia", "absolute"), ("kPa(g)", "gauge"),
-     ("Bar rel", "gauge"), ("bar", ""), ("Pag", "gauge"), ("mN", ""), ("nonsense", "")],
+     ("Bar rel", "gauge"), ("bar, gauge", "gauge"), ("bar abs.", "absolute"), ("barÜ", "gauge"),
+     ("ata", "absolute"), ("bar", ""), ("Pag", "gauge"), ("mN", ""), ("nonsense", "")],
 )  # fmt: skip
 def test_what_a_pressure_is_counted_from(unit: str, reference: str) -> None:
     assert units.pressure_reference(unit) == reference

@@ -144,7 +144,7 @@ _READING = {
         "Nothing, unless the times themselves are doubtful.",
     ),
     "unit-assumed": _information(
-        "A column has no unit, so SI was assumed.",
+        "A column has no unit that is known, so one was assumed, SI as a rule.",
         "Put the unit into the header or give `--unit ROLE=UNIT`.",
     ),
     "unit-overridden": _warning(

@@ -20,9 +20,11 @@ from .unit_table import (
     DOUBTFUL_HEADERS,
     DOUBTFUL_SUFFIXES,
     GAUGE,
+    LAST_WORDS,
     NUMBER,
     QUANTITIES,
     REFERENCED,
+    SLIPPED,
     STANDARD_FLOW,
     SUFFIXES,
     TABLE,
@@ -32,6 +34,15 @@ from .unit_table import (
 _SCALE, _STANDARD = "a scale with an offset", "a flow of gas at a standard state"
 
 _TEMPERATURES = {"degC", "degF", "K"}
+
+_LETTERS = str.maketrans({"µ": "u", "μ": "u", "²": "^2", "³": "^3", "₂": "2", "₃": "3"})
+_WIDE = str.maketrans("［］【】（）", "[][]()")
+# A name and its unit: "Zeit / ms", "t/ms", "Inlet, psi", "time in ms", "Input 1 PSI".
+_BEHIND = (
+    re.compile(r"(?P<name>.*\S)(?: / |, ?| in )(?P<unit>\S.*)"),
+    re.compile(r"(?P<name>[^\W\d]+)/(?P<unit>\S+)"),
+    re.compile(r"(?P<name>.*\S) (?P<unit>\S{2,})"),
+)
 
 # What may be asked of pint: names with small powers, as products and quotients, with one level
 # of brackets. Its own grammar computes what it reads, and 9^9^9 takes forever.
@@ -52,8 +63,7 @@ _RATED = re.compile(
 def normalise_unit(unit: str) -> str:
     """Return a unit in the spelling of the table: ``µ`` as ``u``, ``m²`` and ``m2`` as ``m^2``."""
     text = unit.strip()
-    for written, meant in (("µ", "u"), ("μ", "u"), ("²", "^2"), ("³", "^3")):
-        text = text.replace(written, meant)
+    text = text.translate(_LETTERS)
     text = text.replace("°", "deg").replace("·", " ").replace("⋅", " ").replace("**", "^")
     text = re.sub(r"\s*([/*^])\s*", r"\1", re.sub(r"\s+", " ", text))
     text = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", " ", text)  # in-lb
@@ -125,6 +135,8 @@ def _look_up(unit: str) -> tuple[float, str] | None:
     text, _ = _split_reference(normalise_unit(unit))
     if text in TABLE:
         return TABLE[text]
+    if SLIPPED.search(text):
+        return None
     return (math.nan, _STANDARD) if STANDARD_FLOW.fullmatch(text) else _ask_pint(text)
 
 
@@ -245,7 +257,10 @@ def _shown(unit: str) -> str:
 def _unknown(unit: str, si_unit: str, where: str) -> UnitError:
     text = normalise_unit(unit)
     what = "is not known."
-    if len(unit) > _LONGEST or not _EXPRESSION.fullmatch(text):
+    if slipped := SLIPPED.search(text):
+        size = "a million" if slipped[0][0] == "M" else "a billionth"
+        what = f"is taken for a slip: it would be {size} of {slipped[0][1:]!r}."
+    elif len(unit) > _LONGEST or not _EXPRESSION.fullmatch(text):
         what = "is not written as a unit: names with small powers, their products and quotients."
     return UnitError(
         f"unit {_shown(unit)} {what}",
@@ -291,18 +306,19 @@ def _wrong_quantity(unit: str, si_unit: str, where: str) -> UnitError:
 def parse_unit_from_header(header: str) -> tuple[str, str | None]:
     """Split a header into name and unit.
 
-    ``pos [mm]``, ``pos (mm)`` and ``pos_mm`` are a position in millimetres. Square
-    brackets always hold a unit; round ones only when the text is one (``Force (left)`` is
-    a name); behind an underscore only a short, case-sensitive list counts. A header that is
-    nothing but a common unit (``ms``, ``rpm``) is name and unit at once.
+    ``pos [mm]``, ``pos (mm)``, ``pos / mm``, ``pos, mm``, ``pos in mm``, ``pos mm`` and ``pos_mm``
+    are a position in millimetres. Square brackets always hold a unit; other ways of writing
+    one only when the text is a common one (``Force (left)`` is a name), and behind an underscore
+    only a short, case-sensitive list counts. A header that is nothing but a common unit (``ms``,
+    ``rpm``) is name and unit at once.
 
     Returns
     -------
     tuple
         Name, and unit or ``None``.
     """
-    text = header.strip()
-    for opening, closing in ("[]", "()"):
+    text = header.strip().translate(_WIDE)
+    for opening, closing in ("[]", "()", "{}", "<>"):
         name, found, unit = text.removesuffix(closing).rpartition(opening)
         if not found or not text.endswith(closing) or closing in unit:
             continue
@@ -311,12 +327,29 @@ def parse_unit_from_header(header: str) -> tuple[str, str | None]:
             return name, unit.strip() or None
         if name and _is_unit_in_round_brackets(unit):
             return name, unit.strip()
-        return text, None
+        # "Inlet, psi (LGR S/N: 1)": a remark
+        behind = _unit_behind(name) if opening == "(" else None
+        return behind or (text, None)
     for suffix, unit in SUFFIXES.items():
         name = text.removesuffix(f"_{suffix}")
         if name != text and name.strip("_"):
             return name, unit
-    return text, text if _is_common_unit(text) else None
+    return (text, text) if _is_common_unit(text) else _unit_behind(text) or (text, None)
+
+
+def _unit_behind(text: str) -> tuple[str, str] | None:
+    """Name and unit of a header that ends in a common unit without brackets."""
+    for form in _BEHIND:
+        found = form.fullmatch(text)
+        if found is None or not _is_common_unit(found["unit"]):
+            continue
+        name, unit = found["name"], found["unit"]
+        if form is not _BEHIND[0] and unit in DOUBTFUL_HEADERS | LAST_WORDS:
+            continue
+        # "m/s", "counts/rev" and "N m" are units as they stand
+        if normalise_unit(name) not in TABLE or form is _BEHIND[0]:
+            return name, unit
+    return None
 
 
 def is_doubtful_suffix(header: str) -> bool:
@@ -355,4 +388,7 @@ def _is_unit_in_round_brackets(text: str) -> bool:
         return text.strip() in {"counts", "raw", "ADC", "-"}
     # pint reads many remarks as units ("act" is an attocarat), so a word has to be in the
     # table; an expression with an operator may be anything pint knows.
-    return _is_common_unit(text) or (bool(re.search(r"[/*^ ]", unit)) and is_unit(text))
+    # What slipped is refused later on: taken for a remark it would be SI.
+    if _is_common_unit(text) or SLIPPED.fullmatch(unit):
+        return True
+    return bool(re.search(r"[/*^ ]", unit)) and is_unit(text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -110,7 +111,9 @@ def test_the_end_of_summer_time(tmp_path: Path, date: str) -> None:
     assert [n.code for n in log.notices] == ["clock-set-back"]
 
 
-@pytest.mark.parametrize(("days", "known"), [((1, 2, 3), False), ((11, 12, 13), True)])
+@pytest.mark.parametrize(
+    ("days", "known"), [((1, 3, 5), False), ((1, 2, 3), True), ((11, 12, 13), True)]
+)
 def test_days_and_months_are_not_guessed(
     tmp_path: Path, days: tuple[int, ...], known: bool
 ) -> None:
@@ -121,6 +124,57 @@ def test_days_and_months_are_not_guessed(
         assert log.columns[0].values[20] == 86_400.0
     else:
         assert log.columns[0].bad[0] == rows[0].partition(",")[0]
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_log_that_passes_midnight_tells_day_from_month(tmp_path: Path, first: bool) -> None:
+    rows = stamps("{clock}.{ms},{k}", start=86_398.0)
+    days = ("01/02/2020", "02/02/2020") if first else ("01/02/2020", "01/03/2020")
+    rows = [f"{days[k >= 16]} {row}" for k, row in enumerate(rows)]
+    log = read(tmp_path, "time,p", rows)
+    np.testing.assert_array_equal(log.columns[0].values, 0.125 * np.arange(40))
+
+
+@pytest.mark.parametrize(
+    "cell",
+    [
+        lambda t: f"{t:g} sec",
+        lambda t: f"{1000 * t:g} ms",
+        lambda t: f"0 days 00:00:{t:09.6f}" if t else "0 days 00:00:00",
+        lambda t: f"04-Mar-2020 11:59:{50 + t:06.3f}",
+        lambda t: f"4-Mai-2020 11:59:{50 + t:06.3f}",
+    ],
+)
+def test_durations_and_names_of_months(tmp_path: Path, cell: Callable[[float], str]) -> None:
+    log = read(tmp_path, "Time,p", [f"{cell(0.125 * k)},{k}.5" for k in range(40)])
+    np.testing.assert_allclose(log.columns[0].values, 0.125 * np.arange(40), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("first", "step", "unit"),
+    [(1583323197, 0.125, "s"), (1583323197000, 125, "ms"), (1583323197000000, 125000, "us"),
+     (1583323197000000000, 125000000, "ns"), (43894.5, 0.125 / 86400, "d")],
+)  # fmt: skip
+def test_stamps_of_a_calendar_need_no_unit(
+    tmp_path: Path, first: float, step: float, unit: str
+) -> None:
+    """Nanoseconds since 1970 were taken for seconds: a time constant of 7.98e7 s."""
+    rows = [f"{first + k * step:.12f},{k}.5" if unit in "sd" else f"{first + k * step},{k}.5"
+            for k in range(40)]  # fmt: skip
+    bound = read_log(read(tmp_path, "time,p", rows).path, columns={"outlet": "p"})
+    (one,), notices = experiments(bound, Variant("any", ROLES, ()))
+    assert one.sample_time == pytest.approx(0.125, rel=1e-5)
+    assert any(f"time in {unit} ('time'" in n.message for n in notices)
+    given = read_log(bound.path, columns={"outlet": "p"}, units={"time": "s"})
+    (one,), _ = experiments(given, Variant("any", ROLES, ()))
+    assert one.sample_time == pytest.approx(step, rel=1e-5)  # what the user says is believed
+
+
+def test_seconds_of_a_fast_logger_are_not_days(tmp_path: Path) -> None:
+    rows = [f"{43894.5 + k * 1e-4:.4f},{k}.5" for k in range(40)]
+    bound = read_log(read(tmp_path, "time,p", rows).path, columns={"outlet": "p"})
+    (one,), _ = experiments(bound, Variant("any", ROLES, ()))
+    assert one.sample_time == pytest.approx(1e-4)
 
 
 def test_a_stamp_that_is_none_is_named(tmp_path: Path) -> None:

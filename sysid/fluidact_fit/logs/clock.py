@@ -129,11 +129,22 @@ def _nanoseconds(
 
 def _day_first(slashed: set[tuple[int, int, int]]) -> bool | None:
     """Whether the day stands first in such dates, ``None`` where they do not tell."""
-    if any(a > 12 for a, _, _ in slashed) and all(b <= 12 for _, b, _ in slashed):
-        return True
-    if all(a <= 12 for a, _, _ in slashed) and any(b > 12 for _, b, _ in slashed):
-        return False
-    return True if len(slashed) <= 1 and all(max(a, b) <= 12 for a, b, _ in slashed) else None
+    if len(slashed) <= 1 and all(max(a, b) <= 12 for a, b, _ in slashed):
+        return True  # any day is as good as another
+    orders = {True: [(y, b, a) for a, b, y in slashed], False: [(y, a, b) for a, b, y in slashed]}
+    found = {order: _days(dates) for order, dates in orders.items()}
+    known = [order for order, days in found.items() if days]
+    if len(known) == 2:  # a log that passes midnight goes on with the next day
+        known = [o for o in known if max(found[o]) - min(found[o]) == len(slashed) - 1]
+    return known[0] if len(known) == 1 else None
+
+
+def _days(dates: Sequence[tuple[int, int, int]]) -> list[int]:
+    """Numbers of some days, nothing where one of them does not exist."""
+    try:
+        return [date(*d).toordinal() for d in dates]
+    except ValueError:
+        return []
 
 
 def _instant(stamp: Stamp, day_first: bool) -> int | None:

@@ -15,11 +15,16 @@ from ..family import Role
 from ..units import conversion_factor, same_dimension
 from .layout import BLANKS, GROUPED
 from .log import Column, Log, name_lines
+from .stamps import is_stamp
 
 TIME = Role("time", "s", "instants of the samples")
 # Time is the one role with a symbol that is in general use as a header.
 _SYNONYMS = {"time": ("t",)}
 _NUMBER = re.compile("#[0-9]{1,9}")
+_REMARK = re.compile(r"[(\[{<][^()\[\]{}<>]+[)\]}>]\s*$")
+_EPOCH = 9.5e8, 4.2e9  # s since 1970: the years 2000 to 2103
+_SPREADSHEET = 30_000.0, 65_000.0  # days since 1900: the years 1982 to 2077
+_DAYS_STEP = 2e-5  # below it numbers of that size are hardly seconds: 50,000 rows a second
 _TIME_NAME = re.compile("time|zeit|temps|tiempo|stamp|clock|elapsed|seconds|millis|micros", re.I)
 
 
@@ -194,6 +199,10 @@ def bind_role(log: Log, role: Role) -> Binding | None:
     believed = role.name in log.units or not column.doubtful
     if unit and not believed and not same_dimension(unit, role.unit):
         unit = None  # "valve_m" as a voltage: the m was an index
+    # A raw reading is used as it is; assuming a unit for it changes nothing.
+    assumed = unit is None and role.unit != "1"
+    if assumed and role.name == TIME.name and role.name not in log.scales:
+        unit = _unit_of_calendar(column)
     role = in_unit(role, unit)
     scale = log.scales.get(role.name, 1.0)
     return Binding(
@@ -202,9 +211,27 @@ def bind_role(log: Log, role: Role) -> Binding | None:
         unit=unit or role.unit,
         scale=scale,
         to_si=scale * (conversion_factor(unit, role.unit, where) if unit else 1.0),
-        # A raw reading is used as it is; assuming a unit for it changes nothing.
-        assumed=unit is None and role.unit != "1",
+        assumed=assumed,
     )
+
+
+def _unit_of_calendar(column: Column) -> str | None:
+    """Unit of stamps that count from 1970, or as spreadsheets do from 1900; else ``None``.
+
+    As seconds they would be centuries, or rows within a microsecond of each other.
+    """
+    known = column.values[np.isfinite(column.values)]
+    if known.size < 2:
+        return None
+    low, high = float(known.min()), float(known.max())
+    for unit, size in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
+        if _EPOCH[0] * size <= low and high <= _EPOCH[1] * size:
+            return unit
+    steps = np.diff(known)
+    if _SPREADSHEET[0] <= low and high <= _SPREADSHEET[1] and np.any(steps > 0.0):
+        usual = float(np.median(steps[steps > 0.0]))
+        return "d" if usual < _DAYS_STEP else None
+    return None
 
 
 def time_candidate(log: Log) -> Binding | None:
@@ -273,6 +300,9 @@ def require_roles(log: Log, roles: Sequence[Role]) -> None:
     names = " and ".join(f"'{name}'" for name in missing)
     remedy = f"Give --column {missing[0]}=HEADER (or #N)"
     if missing[0] == "time":
+        likely = time_candidate(log)
+        if likely is not None:
+            remedy = f"Give --column time=#{likely.column.index}, which looks like it"
         remedy += ", or --sample-time SECONDS if it was not recorded"
     raise LogError(
         f"no column is named {names}.",
@@ -286,12 +316,21 @@ def assumed_notice(log: Log, bindings: Iterable[Binding]) -> Iterator[Notice]:
     """Report all units that were assumed, in one notice."""
     assumed = [b for b in bindings if b.assumed]
     if assumed:
-        texts = ", ".join(f"{b.role.name} in {b.unit} ('{b.column.label}')" for b in assumed)
+        texts = ", ".join(f"{b.role.name} in {b.unit} ({_why(b)})" for b in assumed)
         yield Notice(
             "unit-assumed",
-            f"{log.name}: no unit was given, SI was assumed: {texts}. "
+            f"{log.name}: no unit was found, and one was assumed: {texts}. "
             f"Name it with --unit {assumed[0].role.name}=UNIT.",
         )
+
+
+def _why(binding: Binding) -> str:
+    """The column whose unit was assumed, and what tells or does not tell it."""
+    label = f"'{binding.column.label}'"
+    if binding.unit != binding.role.unit:
+        return f"{label}, by the size of its numbers"
+    remark = _REMARK.search(binding.column.header)
+    return f"{label}, in which '{remark[0]}' is no unit that is known" if remark else label
 
 
 def require_numbers(log: Log, binding: Binding, rows: IndexArray) -> None:
@@ -313,6 +352,11 @@ def require_numbers(log: Log, binding: Binding, rows: IndexArray) -> None:
     if text and any(form.match(text) for form in (*GROUPED.values(), BLANKS)):
         sign = next(c for c in text if not c.isdigit() and c not in "+-")
         remedy = f"If '{sign}' stands between thousands, give --thousands '{sign}'."
+    elif text and is_stamp(text):
+        remedy = (
+            "Where day and month cannot be told apart, export the dates as 2024-05-31; or give "
+            "--sample-time SECONDS."
+        )
     raise LogError(
         f"column '{binding.column.label}' {found}", where=log.where(wrong[0]), remedy=remedy
     )

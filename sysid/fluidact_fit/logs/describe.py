@@ -132,7 +132,7 @@ def _describe_time(log: Log, notices: list[Notice]) -> dict[str, Any] | None:
             return None
         runs, found = split_runs(log, binding)
     except LogError as error:
-        notices.append(Notice("time-unusable", str(error).replace("\n", " ")))
+        notices.append(Notice("time-unusable", error.text.replace("\n", " ")))
         return None
     notices += found
     notices += check_sampling(log, runs)

@@ -12,6 +12,8 @@ _DATE = (
     r"(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})"
     rf"|(?P<dd>\d{{1,2}})\.(?P<dm>\d{{1,2}})\.(?P<dy>{_YEAR})"
     rf"|(?P<a>\d{{1,2}})[/-](?P<b>\d{{1,2}})[/-](?P<c>{_YEAR})"
+    rf"|(?P<nd>\d{{1,2}})[- ](?P<nm>[^\W\d_]{{3}})[- ](?P<ny>{_YEAR})"
+    r"|(?P<days>\d+) days?"
 )
 _CLOCK = (
     r"(?P<hour>\d{1,3}):(?P<minute>\d\d)(?::(?P<second>\d\d)(?:[.,:](?P<part>\d+))?)?"
@@ -21,6 +23,11 @@ _STAMP = re.compile(
     rf"(?:{_DATE})?(?:(?:^|T|\s+){_CLOCK})?\s*(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?", re.ASCII
 )
 SECOND = 10**9
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_OTHER_MONTHS = {"mär": 3, "mai": 5, "okt": 10, "dez": 12}
+# How long since the start, as MATLAB writes it: 0.01 sec
+_DURATION = re.compile(r"(?P<size>\d+(?:\.\d*)?) (?P<unit>ms|s|sec|min|hr)", re.ASCII)
+_SIZES = {"ms": SECOND // 1000, "s": SECOND, "sec": SECOND, "min": 60 * SECOND, "hr": 3600 * SECOND}
 
 
 class Stamp(NamedTuple):
@@ -36,7 +43,9 @@ class Stamp(NamedTuple):
 
 def is_stamp(text: str) -> bool:
     """Return whether a cell is a date, a time of day with seconds, or both."""
-    return len(text) >= 7 and text[0].isdigit() and read_stamp(text) is not None
+    if not text[:1].isdigit():
+        return False
+    return bool(_DURATION.fullmatch(text)) or (len(text) >= 7 and read_stamp(text) is not None)
 
 
 def is_date(text: str) -> bool:
@@ -55,7 +64,8 @@ def read_stamp(text: str) -> Stamp | None:
     """Return what a cell says, ``None`` where it is no date and no time of day."""
     found = _STAMP.fullmatch(text)
     if found is None:
-        return None
+        since = _DURATION.fullmatch(text)
+        return since and Stamp(None, round(float(since["size"]) * _SIZES[since["unit"]]), None)
     slashed = None if found["a"] is None else (int(found["a"]), int(found["b"]), _year(found["c"]))
     day = None
     try:
@@ -63,6 +73,10 @@ def read_stamp(text: str) -> Stamp | None:
             day = date(int(found["y"]), int(found["m"]), int(found["d"])).toordinal()
         elif found["dy"] is not None:
             day = date(_year(found["dy"]), int(found["dm"]), int(found["dd"])).toordinal()
+        elif found["nm"] is not None:
+            day = date(_year(found["ny"]), _month(found["nm"]), int(found["nd"])).toordinal()
+        elif found["days"] is not None:
+            day = int(found["days"])
     except ValueError:
         return None
     dated = day is not None or slashed is not None
@@ -78,6 +92,12 @@ def read_stamp(text: str) -> Stamp | None:
     part = int((found["part"] or "0")[:9].ljust(9, "0"))
     time = ((hour * 60 + minute) * 60 + second) * SECOND + part
     return Stamp(day, time - _offset(found["zone"]), slashed)
+
+
+def _month(name: str) -> int:
+    """Number of a month by its first three letters; 0, which no date has, where it is none."""
+    folded = name.casefold()
+    return _MONTHS.index(folded) + 1 if folded in _MONTHS else _OTHER_MONTHS.get(folded, 0)
 
 
 def _year(digits: str) -> int:

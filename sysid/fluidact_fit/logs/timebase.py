@@ -22,6 +22,8 @@ from .log import Log, count_of, name_lines
 WRAP = 2.0**32
 MIN_RUN = 3
 _UNIFORM = 1e-6
+# Steps of whole numbers from which on they are likely to be such a part of a second.
+_SMALLER = ((1e5, "nanoseconds", "ns"), (1e3, "microseconds", "us"), (1.0, "milliseconds", "ms"))
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,8 @@ def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
     resolution = print_resolution(part.stamps)
     parts = repair.mend_ties(repair.cut_at_restarts(part), resolution)
     parts = repair.leave_out_short(parts)
-    if binding.assumed and binding.scale == 1.0 and resolution >= 1:
+    seconds = binding.unit == binding.role.unit and binding.scale == 1.0
+    if binding.assumed and seconds and resolution >= 1:
         repair.doubt_unit(part.stamps)
     factor = abs(binding.to_si)
     return [make_run(p.rows, p.stamps, resolution, factor) for p in parts], repair.notices
@@ -331,14 +334,15 @@ class _Repair:
         return [p for p in parts if p.rows.size >= MIN_RUN]
 
     def doubt_unit(self, stamps: FloatArray) -> None:
-        """Warn when seconds were assumed but the numbers look like milliseconds."""
+        """Warn when seconds were assumed but the numbers look like a smaller unit of time."""
         steps = np.diff(stamps)
         usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
         if stamps.size >= 3 and usual >= 1:
+            name, unit = next(x for size, *x in _SMALLER if usual >= size)
             self.notice(
                 "time-unit-doubtful",
                 ": time has no unit and was taken as seconds, but its whole numbers "
-                f"step by {usual:g}. If they are milliseconds, give --unit time=ms.",
+                f"step by {usual:g}. If they are {name}, give --unit time={unit}.",
             )
 
 
