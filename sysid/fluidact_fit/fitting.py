@@ -17,7 +17,14 @@ from .experiment import Experiment
 from .families import get_family
 from .family import Estimate, Family, FamilyOptions, ParameterDocument, Quantity, Request, Variant
 from .findings import Findings, make_parameter_document
-from .logs import Log, choose_variant, provenance, require_agreement, share_columns
+from .logs import (
+    Log,
+    choose_variant,
+    provenance,
+    require_agreement,
+    require_other_data,
+    share_columns,
+)
 from .logs import experiments as experiments_of
 from .logs.experiments import LONGEST, SHORTEST
 from .options import plausible
@@ -379,6 +386,7 @@ def _prepare(logs: Sequence[Log], variant: Variant) -> tuple[list[Experiment], l
             where=logs[0].name,
             remedy="See the warnings above; `fluidact-fit inspect` shows what is in a log.",
         )
+    require_other_data(variant, found)
     return settle_holds(found), notices
 
 

@@ -88,6 +88,10 @@ _READING = {
         "Lines with the wrong number of fields were left out.",
         "Nothing, if they are few; otherwise check how the log was written.",
     ),
+    "readings-repeated": _warning(
+        "A channel that moves repeats its last reading in some rows: it is slower than its log.",
+        "Record at the rate of the slowest channel, or each channel with its own time.",
+    ),
     "rows-above-table": _warning(
         "Lines above the table, or above its header, hold numbers and little else; they were left "
         "out.",

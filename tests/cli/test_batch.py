@@ -93,8 +93,8 @@ def test_strict_tells_of_failed_jobs(fleet: Path, apart: Run) -> None:
 
 def test_jobs_from_the_names_of_logs(valve: Log, tmp_path: Path, apart: Run) -> None:
     for k in range(2):
-        for trial in "ab":
-            valve(f"unit{k}_{trial}.csv", seed=k)
+        for seed, trial in enumerate("ab"):
+            valve(f"unit{k}_{trial}.csv", seed=2 * k + seed)
     words = ("--family", "valve", "--logs", "unit*.csv", "--group-by", "unit{job}_*.csv")
     done = apart("batch", *words, "--options", "--window :3", "-o", "out", cwd=tmp_path)
     assert done.status == 0, done.err

@@ -51,8 +51,12 @@ def record(
     runs: int = 1,
     noise: float = 0.0,
     offset: float = 0.0,
+    rate: float | None = None,
 ) -> list[Recording]:
-    """Strokes; ``sigma`` is noise of the position in shares of its own deviation."""
+    """Strokes; ``sigma`` is noise of the position in shares of its own deviation.
+
+    ``rate`` is how often the force is converted, where that is less often than it is logged [Hz].
+    """
     out = []
     for _ in range(runs):
         h = step / FINE
@@ -61,6 +65,8 @@ def record(
         x = respond(truth, u, h)[::FINE]
         x = x + sigma * x.std() * rng.standard_normal(n)
         force = u[::FINE] + noise * rng.standard_normal(n) + offset
+        if rate is not None:
+            force = force[(np.floor(np.arange(n) * step * rate) / rate / step).astype(int)]
         out.append({"time": np.arange(n) * step, "force": force, "position": x})
     return out
 
@@ -104,6 +110,9 @@ def attacks() -> Iterator[Attack]:
     for reach in (-3.1, -3.5, -5.0):
         yield attack("edge barely crossed", f"force down to {reach:g} of -3 N", TRUTH,
                      partial(record, low=reach), repetitions=3)  # fmt: skip
+    for rate in (80.0, 33.3):
+        yield attack("channel slower than the log", f"force at {rate:g} Hz", TRUTH,
+                     partial(record, rate=rate), repetitions=2)  # fmt: skip
     for stiffness in (0.0, 200.0, 1e4, 1e5):
         truth = {**TRUTH, "stiffness": stiffness}
         options = {"stiffness": "estimate"}

@@ -114,6 +114,28 @@ def _same(recording: Recording, rng: np.random.Generator) -> Recording:
     return {**recording, "outlet": recording["inlet"]}
 
 
+def _slow_inlet(recording: Recording, rng: np.random.Generator, rows: int) -> Recording:
+    """An inlet that is converted less often than it is logged."""
+    inlet = recording["inlet"]
+    return {**recording, "inlet": inlet[np.arange(inlet.size) // rows * rows]}
+
+
+def _hysteresis(recording: Recording, rng: np.random.Generator, width: float) -> Recording:
+    """An outlet transducer with play, in parts of its range; its noise comes after it."""
+    clean = recording["outlet"]
+    out, now = np.empty(clean.size), float(clean[0])
+    half = 0.5 * width * float(np.ptp(clean))
+    for k, y in enumerate(clean.tolist()):
+        now = min(max(now, y - half), y + half)
+        out[k] = now
+    return {**recording, "outlet": out + 0.005 * rng.standard_normal(out.size)}
+
+
+def _spoilt(rng: np.random.Generator, spoil: Spoil, **more: float) -> list[Recording]:
+    """Smooth logs, spoilt."""
+    return [spoil(r, rng) for r in smooth(rng, **more)]
+
+
 def _bounds(truth: Mapping[str, float], step: float, sigma: float) -> dict[str, float]:
     rng = np.random.default_rng(1)
     time = np.arange(1000) * step
@@ -154,6 +176,14 @@ def attacks() -> Iterator[Attack]:
     for gap in ((4.0, 4.9), (4.0, 4.2)):
         yield attack("gap in a smooth inlet", f"{gap[1] - gap[0]:.1g} s", TRUTH,
                      partial(smooth, gap=gap), repetitions=3)  # fmt: skip
+    for rows in (2, 3):
+        yield attack("channel slower than the log", f"inlet every {rows} rows", TRUTH,
+                     partial(_spoilt, spoil=partial(_slow_inlet, rows=rows)),
+                     repetitions=2)  # fmt: skip
+    for width in (0.005, 0.02):
+        yield attack("hysteresis of the outlet", f"{100 * width:g} % of its range", TRUTH,
+                     partial(_spoilt, spoil=partial(_hysteresis, width=width), sigma=0.0),
+                     repetitions=2)  # fmt: skip
     yield attack("mixed-up columns", "inlet and outlet swapped", TRUTH,
                  partial(record, spoil=_swapped), repetitions=2)  # fmt: skip
     yield attack("mixed-up columns", "one column twice", TRUTH,

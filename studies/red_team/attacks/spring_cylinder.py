@@ -70,6 +70,15 @@ def log(
     return [spoil(r, rng) if spoil else r]
 
 
+def _with_play(values: Array, width: float) -> Array:
+    """What is read behind a coupling with play."""
+    out, now = np.empty(values.size), float(values[0])
+    for k, x in enumerate(values.tolist()):
+        now = min(max(now, x - 0.5 * width), x + 0.5 * width)
+        out[k] = now
+    return out
+
+
 def _spoil(r: Recording, rng: np.random.Generator, what: str) -> Recording:
     y, x, n = r["force"], r["position"], r["force"].size
     size = float(np.ptp(y))
@@ -84,6 +93,12 @@ def _spoil(r: Recording, rng: np.random.Generator, what: str) -> Recording:
     elif what == "glitch":
         y = y.copy()
         y[n // 2] = 50.0 * size
+    elif what == "slow position":
+        x = x[np.arange(n) // 3 * 3]
+    elif what == "play of the position":
+        x = _with_play(x, 1e-3)
+    elif what == "curved valve":
+        y = y + 31.0 * 0.1 * (1.0 - (r["command"] / 2.5 - 1.0) ** 2)
     elif what == "progressive spring":
         y = y - 8e3 * ((x - x.mean()) ** 2 - x.var())  # as stiff on average
     elif what == "vibration":
@@ -143,6 +158,7 @@ def attacks() -> Iterator[Attack]:
     for what in (
         "drift", "clipped force", "coarse position", "late force", "glitch",
         "progressive spring", "vibration", "lost rows", "filtered noise",
+        "slow position", "play of the position", "curved valve",
     ):  # fmt: skip
         yield _attack("recording", what, spoil=partial(_spoil, what=what), repetitions=3)
     yield _attack("recording", "vibration, stroke 3 mm", stroke=0.003,

@@ -35,7 +35,7 @@ from ..experiment import FloatArray
 from .beside import Beside
 from .optimum import Optimum
 
-_SIGNIFICANT = 5.0  # standard errors of the added term
+_SIGNIFICANT = 4.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
 

@@ -27,6 +27,7 @@ from ..units import as_share
 from .beside import all_of
 from .optimum import Optimum, Series, delayed, root_mean_square, shifted
 from .score import Score, Term, judge_term
+from .shapes import shape_terms
 
 _PREFERRED = 0.8  # share of the best significance at which a parameter of the family is named
 _LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
@@ -80,6 +81,7 @@ def _terms(at: Optimum) -> Iterator[Term]:
             yield _delay(at, role.name, step)
     for name in at.roles:
         yield from _lags(at, name, step)
+    yield from shape_terms(at)
 
 
 def _lags(at: Optimum, role: str, step: float) -> Iterator[Term]:

@@ -9,6 +9,7 @@ from .describe import describe, provenance
 from .experiments import choose_variant, experiments
 from .log import Column, Dialect, Log, StepInput
 from .reader import read_log
+from .repeats import require_other_data
 
 __all__ = [
     "Column",
@@ -22,5 +23,6 @@ __all__ = [
     "provenance",
     "read_log",
     "require_agreement",
+    "require_other_data",
     "share_columns",
 ]

@@ -25,6 +25,7 @@ from .columns import (
     require_roles,
 )
 from .log import Log, StepInput, check_hold
+from .repeats import check_repeats
 from .spikes import replace_spikes
 from .surgery import exclude_runs
 from .timebase import (
@@ -98,6 +99,7 @@ def experiments(
     notices += _time_bases(log, found)
     notices += check_sampling(log, runs)
     notices += check_signals(log, bindings, found)
+    notices += check_repeats(log, bindings, found)
     return found, notices
 
 

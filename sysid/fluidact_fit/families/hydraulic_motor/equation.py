@@ -32,27 +32,11 @@ from ...estimation.inputs import PiecewiseInput, piecewise, settled_hold
 from ...estimation.linear import forced_response
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis
-from ...estimation.recursion import clamped
+from ...estimation.recursion import play
 from ...experiment import Array, Experiment, FloatArray, Signal
 
 _PARTS = 8  # of a sample time, for a command that moves
 _MOST = 400_000  # instants of a moving command
-
-
-def play(command: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
-    """Play of a given width ``h``, and its derivative by the width, ``(n,)`` each.
-
-    ``w_k = min(max(w_{k-1}, u_k - h/2), u_k + h/2)``, starting at the first command; all in the
-    unit of the command.
-    """
-    low, high = command - 0.5 * width, command + 0.5 * width
-    out = clamped(float(command[0]), low, high, 0.0, command.size)
-    before = np.concatenate((command[:1], out[:-1]))
-    pulled, pushed = low > before, high < before
-    last = np.maximum.accumulate(np.where(pulled | pushed, np.arange(out.size), -1))
-    # until either edge is met the output does not depend on the width
-    slope = np.where(last < 0, 0.0, np.where(pulled[last], -0.5, 0.5))
-    return out, slope
 
 
 def static_speed(spool: Array, values: Values) -> Array:

@@ -1,0 +1,123 @@
+"""Readings that stand twice: in a channel slower than its log, and in two logs of one fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from ..errors import LogError, Notice
+from ..experiment import Experiment, FloatArray
+from ..family import Variant
+from .columns import Binding
+from .log import Log
+
+_SET = ("V", "A", "1")  # units of what a controller sets and holds; others are of sensors
+_FAST = 4.0  # times the least change: between two such ones a signal does not rest by chance
+_LONGEST = 10  # rows for which a slow channel repeats a reading
+_FEWEST = 10  # repeats
+_SHARE = 0.03  # of the changes of a moving signal, that come late
+_CHANCE = 3.0  # times the repeats that noise makes
+_ONWARDS = 0.7  # of successive changes in one direction: a motion, not levels set one by one
+_ROWS = 25  # that two records have in common only if one is a copy
+_PROBES = 16  # places of a record that are looked for in another one
+_MOST = 40  # records that are compared with each other
+
+
+def check_repeats(
+    log: Log, bindings: Mapping[str, Binding], experiments: Sequence[Experiment]
+) -> Iterator[Notice]:
+    """Warn of channels that repeat their last reading although they move.
+
+    A converter slower than the logger leaves rows with old readings: the channel comes late by a
+    part of its own period, which no model knows of.
+    """
+    for role, binding in bindings.items():
+        if role == "time" or (binding.role.hold == "zoh" and binding.role.unit in _SET):
+            continue
+        parts = [e[role] for e in experiments if role in e and e[role].size == e.time.size]
+        every = max((_rows_per_reading(p) for p in parts), default=1.0)
+        if every == 1.0:
+            continue
+        step = next(e.sample_time for e in experiments if role in e)
+        yield Notice(
+            "readings-repeated",
+            f"{log.name}: {role} (column '{binding.column.label}') repeats its last reading while "
+            f"it moves: there is a new one about every {every:.3g} rows ({every * step:.3g} s), so "
+            "what is recorded is late by up to that. Masses, lags and dead times depend on it. "
+            "Record at the rate of the slowest channel, or each channel with its own time.",
+        )
+
+
+def _rows_per_reading(values: FloatArray) -> float:
+    """Mean number of rows that a reading of a moving signal stands for; 1 where all are new."""
+    steps = np.diff(values)
+    size = np.abs(steps)
+    changes = np.flatnonzero(steps)
+    if changes.size < 3 * _FEWEST:
+        return 1.0
+    least = float(size[changes].min())
+    fast = size >= _FAST * least
+    rows = np.diff(changes)
+    moving = fast[changes[:-1]] & fast[changes[1:]] & (rows <= _LONGEST)
+    late = int(np.count_nonzero(moving & (rows > 1)))
+    # noise of a converter makes no change about as often as one of a single step to either side
+    small = (size[1:-1] > 0.0) & (size[1:-1] < 1.5 * least) & fast[:-2] & fast[2:]
+    by_chance = _CHANCE * (0.5 * float(np.count_nonzero(small)) + 1.0)
+    if late < max(_FEWEST, by_chance, _SHARE * float(np.count_nonzero(moving))):
+        return 1.0
+    onwards = steps[changes[:-1]] * steps[changes[1:]] > 0.0
+    if np.count_nonzero(onwards & moving) < _ONWARDS * np.count_nonzero(moving):
+        return 1.0
+    return float(rows[moving].mean())
+
+
+def require_other_data(variant: Variant, experiments: Sequence[Experiment]) -> None:
+    """Refuse logs that hold the same rows: each counts once (``LogError``)."""
+    role = variant.output.name
+    runs = [e for e in experiments if role in e and e[role].size >= _ROWS]
+    if len({e.log for e in runs}) < 2:
+        return
+    seen: dict[bytes, Experiment] = {}
+    for e in runs:
+        other = seen.setdefault(b"".join(s.values.tobytes() for s in e.signals.values()), e)
+        if other.log != e.log:
+            raise _twice(other, e)
+    if len(runs) > _MOST:
+        return
+    for k, e in enumerate(runs):
+        for other in runs[:k]:
+            if other.log != e.log and _overlap(_table(other, variant), _table(e, variant)):
+                raise _twice(other, e)
+
+
+def _table(e: Experiment, variant: Variant) -> FloatArray:
+    """Channels of a run that were recorded with every row, shape ``(n, c)``."""
+    size = e[variant.output.name].size
+    names = [r.name for r in variant.roles if r.name in e and e[r.name].size == size]
+    return np.column_stack([e[n] for n in names])
+
+
+def _overlap(one: FloatArray, two: FloatArray) -> bool:
+    """Whether some consecutive rows, each unlike the one before, stand in both."""
+    if one.shape[1] != two.shape[1]:
+        return False
+    for at in np.linspace(0, two.shape[0] - _ROWS, _PROBES).astype(int):
+        part = two[at : at + _ROWS]
+        if np.any(np.all(np.diff(part, axis=0) == 0.0, axis=1)):
+            continue
+        for k in np.flatnonzero(one[: one.shape[0] - _ROWS + 1, -1] == part[0, -1])[:_MOST]:
+            if np.array_equal(one[k : k + _ROWS], part):
+                return True
+    return False
+
+
+def _twice(one: Experiment, two: Experiment) -> LogError:
+    names = f"{one.name} and {two.name}"
+    if one.name == two.name:
+        names = f"{one.name} and another log of that name"
+    return LogError(
+        f"{names} hold the same rows.",
+        expected="Expected every recording once: what counts twice makes intervals too short.",
+        remedy="Leave one of them out, or cut what they share with --window.",
+    )

@@ -1,0 +1,90 @@
+"""Readings that stand twice: in a channel slower than its log, and in two logs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import fluidact_fit as ff
+from fluidact_fit import LogError
+from fluidact_fit.logs.repeats import _rows_per_reading
+
+STEP = 0.01  # s
+
+
+def motion(rng: np.random.Generator, rows: int = 2000) -> np.ndarray:
+    t = np.arange(rows) * STEP
+    omega = 2.0 * np.pi * np.array([0.3, 0.7, 1.3]) * rng.uniform(0.9, 1.1, 3)
+    return np.sin(np.outer(t, omega) + rng.uniform(0.0, 6.0, 3)).sum(axis=1)
+
+
+def slow(values: np.ndarray, rate: float) -> np.ndarray:
+    """What a logger at 100 Hz reads of a converter at another rate [Hz]."""
+    return values[
+        np.floor(np.floor(np.arange(values.size) * STEP * rate) / rate / STEP).astype(int)
+    ]
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(20.0, 92.0))
+@settings(max_examples=40)
+def test_a_converter_slower_than_the_log_is_seen(seed: int, rate: float) -> None:
+    rng = np.random.default_rng(seed)
+    seen = slow(motion(rng) + 1e-4 * rng.standard_normal(2000), rate)
+    assert _rows_per_reading(seen) == pytest.approx(100.0 / rate, rel=0.1)
+
+
+@given(
+    st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-3, 1e-2, 0.1]), st.sampled_from([0.0, 0.05])
+)
+@settings(max_examples=60)
+def test_a_coarse_or_noisy_motion_is_not(seed: int, step: float, noise: float) -> None:
+    rng = np.random.default_rng(seed)
+    values = motion(rng) + noise * rng.standard_normal(2000)
+    assert _rows_per_reading(np.round(values / step) * step if step else values) == 1.0
+
+
+@pytest.mark.parametrize("clock", [1, 2, 5])
+def test_levels_that_are_set_are_not(clock: int) -> None:
+    rng = np.random.default_rng(7)
+    assert _rows_per_reading(np.repeat(rng.uniform(-1.0, 1.0, 400), clock)) == 1.0
+    assert _rows_per_reading(np.repeat(rng.integers(0, 2, 400).astype(float), clock)) == 1.0
+
+
+def line_log(seed: int, rows: int = 600) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    t, u, y = np.arange(rows) * STEP, motion(rng, rows), np.zeros(rows)
+    decay = np.exp(-STEP / 0.12)
+    for k in range(1, rows):
+        y[k] = decay * y[k - 1] + (1.0 - decay) * 0.5 * (u[k] + u[k - 1])
+    return {"time [s]": t, "inlet [bar]": u, "outlet [bar]": y + 0.01 * rng.standard_normal(rows)}
+
+
+def test_a_slow_inlet_is_named_in_the_fit() -> None:
+    """Every reading twice: a dead time 65 % off at 50 standard errors, PASS."""
+    log = line_log(0)
+    assert "readings-repeated" not in {n.code for n in ff.fit("line", log).notices}
+    found = ff.fit("line", {**log, "inlet [bar]": slow(log["inlet [bar]"], 50.0)})
+    (said,) = (n.message for n in found.notices if n.code == "readings-repeated")
+    assert "inlet" in said
+    assert "every 2 rows (0.02 s)" in said
+    assert found.verdict == "warn"
+
+
+def test_a_log_given_twice_is_refused() -> None:
+    """Five times the same log made intervals that held 55 times in 100."""
+    one, two = line_log(1), line_log(2)
+    ff.fit("line", [one, two])
+    with pytest.raises(LogError, match="hold the same rows"):
+        ff.fit("line", [one, two, dict(one)])
+
+
+def test_logs_that_overlap_are_refused() -> None:
+    whole = line_log(3, 900)
+    first = {n: v[:600] for n, v in whole.items()}
+    second = {n: v[400:] - (v[400] if n == "time [s]" else 0.0) for n, v in whole.items()}
+    with pytest.raises(LogError, match="cut what they share"):
+        ff.fit("line", [first, second])
+    apart = {n: v[600:] for n, v in whole.items()}
+    ff.fit("line", [first, apart])
