@@ -177,6 +177,11 @@ _JUDGEMENT = {
         "with it by more than their intervals say.",
         "Fix the value that the message names if it is known, or record what determines it.",
     ),
+    "errors-change-slowly": _warning(
+        "The residuals hold errors that change slowly, which the intervals do not know of.",
+        "Look for a sensor that warms up, a supply that wanders or a machine that changes; record "
+        "for longer.",
+    ),
     "few-independent-samples": _warning(
         "The residuals are autocorrelated over so long that the samples are worth only a few "
         "independent ones for every unknown, which do not show how large the errors are.",

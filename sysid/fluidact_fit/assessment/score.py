@@ -46,8 +46,9 @@ class Term:
 
     ``columns`` are its directions in the output, per run and per ``unit``; ``words`` says what
     a size of it would mean, ``remedy`` what to do. ``offered`` marks a parameter of the family.
-    The directions are those of a size up to ``most``. ``instruments`` are the directions by what
-    stands in for noisy inputs; empty where the columns know nothing of the noise.
+    The directions are those of a size up to ``most``; the term counts where it would move a
+    parameter by more than ``least``, in parts of its value. ``instruments`` are the directions by
+    what stands in for noisy inputs; empty where the columns know nothing of the noise.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Term:
     columns: Sequence[FloatArray]
     offered: bool = False
     most: float = np.inf
+    least: float = 0.0
     instruments: Sequence[FloatArray] = ()
 
 
@@ -66,6 +68,7 @@ class Score:
 
     ``size`` is that of the term [its unit], ``deviations`` that in its standard errors;
     ``parameter`` would move by ``shift`` [its unit], ``errors`` of its standard errors.
+    ``share`` is the largest part of its value that one would move by, significantly.
     """
 
     term: Term
@@ -74,11 +77,12 @@ class Score:
     parameter: str
     shift: float
     errors: float
+    share: float
 
     @property
     def telling(self) -> bool:
         """Whether the term is there, and matters."""
-        possible = abs(self.size) <= self.term.most
+        possible = abs(self.size) <= self.term.most and self.share >= self.term.least
         return possible and abs(self.deviations) > _SIGNIFICANT and abs(self.errors) > _MATTERS
 
 
@@ -92,12 +96,14 @@ def judge_term(at: Optimum, term: Term) -> Score | None:
         return None
     x, deviation = found
     errors = x[:-1] / at.errors
+    values = np.array([abs(at.number(n)) or 1e-300 for n in at.names])
+    shares = np.where(np.abs(errors) > _MATTERS, np.abs(x[:-1]) / values, 0.0)
     worst = int(np.argmax(np.abs(errors)))
     size = float(x[-1])
     kept = replace(term, columns=(), instruments=())  # those of many terms are too much to keep
     return Score(
         kept, size, size / max(deviation, 1e-300), at.names[worst], float(x[worst]),
-        float(errors[worst]),
+        float(errors[worst]), float(shares.max()),
     )  # fmt: skip
 
 

@@ -23,6 +23,7 @@ from .score import Term
 _PART = 0.01  # of its range, by which a channel is bowed, and most play of one
 _NARROW = 0.001  # of its range, of which play is: wider, it begins late after a reversal
 _ABOVE = 6.0  # times its noise, of which it has to be: narrower, it follows the noise
+_MATTERS = 0.005  # of a parameter, by which it has to move: no channel is quite straight
 _LEAST = 1e-12  # of the residual, that a change has to be
 _PLAY = (
     "Check the coupling of the sensor, its hysteresis, and friction beside what the model has: "
@@ -61,7 +62,9 @@ def _output_play(at: Optimum, name: str) -> Iterator[Term]:
             change[known] = play(s.simulated[known], width)[0] - s.simulated[known]
             columns[k] = all_of(change, s.used) / (width * s.scale)
     unit = at.variant.role(name).unit
-    yield Term(f"play of {name}", unit, partial(_played, name, unit), _PLAY, columns)
+    yield Term(
+        f"play of {name}", unit, partial(_played, name, unit), _PLAY, columns, least=_MATTERS
+    )
 
 
 def _width(records: Sequence[FloatArray]) -> float | None:
@@ -101,7 +104,7 @@ def _changed(
     found = at.change([_with(e, role, change) for e in at.experiments])
     if root_mean_square(found) > _LEAST * at.sigma:
         columns = [c / size for c in found]
-        yield Term(name, at.variant.role(role).unit, words, remedy, columns)
+        yield Term(name, at.variant.role(role).unit, words, remedy, columns, least=_MATTERS)
 
 
 def _with(e: Experiment, role: str, change: Callable[[FloatArray], FloatArray]) -> Experiment:
