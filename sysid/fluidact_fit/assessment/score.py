@@ -58,7 +58,7 @@ class Term:
     columns: Sequence[FloatArray]
     offered: bool = False
     most: float = np.inf
-    least: float = 0.0
+    least: float = 5e-4  # no bench is better than that
     instruments: Sequence[FloatArray] = ()
 
 

@@ -15,7 +15,7 @@ from .model import BREAKAWAY, SPEED, Compared
 from .stages import Stage
 
 DECISIVE = 3.0  # residual per noise above which forces are at work that the model lacks
-BEYOND_HELP = 30.0  # above which no other instant of a break-away would make it small
+BEYOND_HELP = 100.0  # above which no other instant of a break-away would make it small
 
 
 def residual_to_noise(stage: Stage) -> float:

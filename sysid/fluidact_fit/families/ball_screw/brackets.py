@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -20,18 +20,22 @@ from .model import (
 )
 from .stages import Stage, values_at
 
-_ROUNDS = 4  # of bracketing the levels and refitting the others, at most
+_ROUNDS = 12  # of bracketing the levels and refitting the others, at most
+_PASSES = 8  # of choosing among neighbouring levels, at most
 _WORTH = 1e-3  # share by which the cost has to fall in a round to be worth another one
 _NEAR = 4  # commanded levels on either side of a bracket that are tried as well
 _CELLS = 20  # into which the first pass over the levels divides them
 _CELLS_NEAR = 14  # into which a later one does, near what an earlier one found
 # A search may cost this much, counted in nodes that are simulated, an event being worth many;
 # some seconds. Logs whose every level fits differently (lost rows, noise) would take for ever.
-_LIMIT = 2.5e6
+_LIMIT = 5e6
 _EVENT = 250
 _DERIVATIVES = 3  # simulations that one with its derivatives costs
 _REFITS = 3  # at one level, however much has been spent
 _HOPELESS = 20.0  # times the best cost: more than that by linear prediction is not refitted
+_FAR = 3.0  # times the error of the encoder: a fit so far off is at the wrong levels
+_AROUND = 8  # cells on either side of both levels that are tried together
+_PAIRS = 5  # of them that are refitted
 _CELLS_REFITTED = 40  # at most, inside a bracket, when everything is refitted beside them
 
 
@@ -146,12 +150,17 @@ def narrow_levels(
     """
     staircase, found = _Staircase(stage, lag=False), dict(brackets)
     best = staircase.refit(stage.start)
-    for _ in range(3):
+    for _ in range(_PASSES):
         before = best.cost
         for name in brackets:
             found[name], best = staircase.choose(name, found[name], best)
         if best.cost >= before * (1.0 - staircase.slack) or staircase.exhausted():
-            break
+            if not staircase.is_far(best) or len(found) < 2 or staircase.exhausted():
+                break
+            # each level makes up for the other: neither can be moved alone
+            before, (found, best) = best.cost, staircase.choose_both(found, best)
+            if best.cost >= before * (1.0 - staircase.slack):
+                break
     found = staircase.recorded(found, best.values)
     return _held(stage, found, best.values), found
 
@@ -277,6 +286,40 @@ class _Staircase:
         if first.cost < best.cost:
             best = first
         return replace(ends, value=value), best.at(name, value)
+
+    def is_far(self, best: _Refitted) -> bool:
+        """Whether the position is missed by far more than its encoder rounds off."""
+        rows = sum(y.size for y in self.model.measured)
+        return best.cost > rows * (_FAR * self.stage.rounding) ** 2
+
+    def choose_both(
+        self, brackets: Mapping[str, Bracket], best: _Refitted
+    ) -> tuple[dict[str, Bracket], _Refitted]:
+        """The brackets of two levels moved together, to the cells near them that fit best."""
+        cells = [self._cells_near(name, best) for name in brackets]
+        pairs = list(product(*(range(edges.size - 1) for edges in cells)))
+        if not pairs:
+            return dict(brackets), best
+        points = [
+            {n: 0.5 * float(e[k] + e[k + 1]) for n, e, k in zip(brackets, cells, pair)}
+            for pair in pairs
+        ]
+        predicted = best.predict(np.array([self.errors({**best.values, **p}) for p in points]))
+        chosen = list(np.argsort(predicted, kind="stable")[:_PAIRS])
+        found = {int(k): self.refit({**best.values, **points[k]}) for k in chosen}
+        k, first = min(found.items(), key=lambda pair: pair[1].cost)
+        if first.cost >= best.cost:
+            return dict(brackets), best
+        return {
+            n: Bracket(float(e[i]), float(e[i + 1]), points[k][n])
+            for n, e, i in zip(brackets, cells, pairs[k])
+        }, first
+
+    def _cells_near(self, name: str, best: _Refitted) -> FloatArray:
+        """Commanded levels about the present value of a static one."""
+        levels = self.levels(best.values, name.removeprefix("breakaway_"))
+        at = int(np.searchsorted(levels, best.values[name]))
+        return levels[max(at - 1 - _AROUND, 0) : at + 1 + _AROUND]
 
 
 @dataclass(frozen=True)

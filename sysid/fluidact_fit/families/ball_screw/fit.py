@@ -18,7 +18,13 @@ from .drive_errors import warn_of_held_noise, with_drive_errors
 from .model import BREAKAWAY, EXCESS, SIDES, SPEED, Compared, DriveModel, axis_of
 from .options import BallScrewOptions
 from .reported import derived_numbers, in_levels, refusal_notices, specs_of_file, with_brackets
-from .stages import Stage, excess_specs, first_stages, without_idle_levels
+from .stages import (
+    Stage,
+    excess_specs,
+    first_stages,
+    with_high_levels,
+    without_idle_levels,
+)
 from .stribeck import (
     fastest,
     inside_cells,
@@ -50,6 +56,10 @@ def fit_drive(
     stage = first_stages(variant, experiments, request, one_sided)
     if request.options.stribeck == "none" or SPEED in request.fixed:
         ready = _levels_and_forces(without_idle_levels(stage), request)
+        if ready.beyond and request.options.compared is None:
+            # a search that began beside a static level may never have broken away there
+            again = _levels_and_forces(with_high_levels(stage), request)
+            ready = ready if again.beyond else again
         return _finish(_fit_position(variant, ready, request), variant, request)
     refusal = without_level(stage)
     if refusal is None:

@@ -34,6 +34,7 @@ from .model import (
     leading_parts,
 )
 
+_HIGH = 0.5  # of a kinetic level, above which a static one may be looked for
 _NEVER = "the axis never breaks away from rest in this direction."
 
 
@@ -184,6 +185,12 @@ def without_idle_levels(stage: Stage) -> Stage:
         return stage
     moved = {s for s, n in zip(SIDES, np.sum([m.breakaways for m in motions], axis=0)) if n}
     return stage.refuse_levels(_NEVER, [s for s in stage.open_sides() if s not in moved])
+
+
+def with_high_levels(stage: Stage) -> Stage:
+    """The stage with all static levels open that are not fixed, well above the kinetic ones."""
+    high = {EXCESS[s]: _HIGH * stage.start[f"coulomb_{s}"] for s in stage.open_sides()}
+    return replace(stage, start={**stage.start, **high})
 
 
 def _inverse_dynamics(
