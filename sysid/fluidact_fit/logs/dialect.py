@@ -309,7 +309,7 @@ def _lay_out(
         units=units,
         again=frozenset(lines[i] for i in (header.row, header.units_row) if i is not None),
         clocks=clocks,
-        stray=tuple(sorted(stray - {header.units_row})),
+        stray=tuple(i for i in sorted(stray - {header.units_row}) if i < start),
     )
 
 

@@ -22,6 +22,7 @@ from .clock import read_clocks
 from .groups import complete, merge
 from .layout import Layout
 from .log import IntArray, count_of, name_lines
+from .restart import refuse_other_header, refuse_other_width, refuse_rows_above
 from .source import Source
 
 FAST_FROM_BYTES = 6_000_000
@@ -57,11 +58,15 @@ def read_table(source: Source, layout: Layout) -> Table:
     offset = 0
     for _ in range(layout.first_row):
         offset = source.data.find(b"\n", offset) + 1
+    table = None
     if len(source.data) - offset >= FAST_FROM_BYTES:
         table = _read_fast(source, layout, offset)
-        if table is not None:
-            return table
-    return _read_careful(source, layout, offset)
+    if table is None:
+        table = _read_careful(source, layout, offset)
+    if layout.stray:
+        above = source.data[:offset].decode(errors="replace").split("\n")
+        refuse_rows_above(above, layout, table.data_lines, source.name)
+    return table
 
 
 def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
@@ -106,6 +111,8 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     columns = _parse_with_pandas(data, offset, layout)
     if columns is None or columns[0].size != rows:
         return None
+    if np.logical_and.reduce([np.isnan(column) for column in columns]).any():
+        return None  # it may be a second header
     # The count above says nothing of blanks, nor of blank lines in a single column.
     uncounted = layout.delimiter == " " or layout.width == 1
     if uncounted and not np.isfinite(columns[-1]).all():
@@ -194,7 +201,8 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
                 "The recording probably stopped while it was written.",
             )
         )
-    notices += _judge_ragged(source.name, layout, ragged, len(rows))
+    first = text.split("\n")[ragged[0][0] - layout.first_row - 1] if ragged else ""
+    notices += _judge_ragged(source.name, layout, ragged, len(rows), first)
     if not rows:
         raise LogError(
             "the table holds no complete row.",
@@ -239,6 +247,8 @@ def _with_numbers(
             wrong = np.flatnonzero(np.isnan(seconds))
             read[k] = seconds, {int(row): columns[k][row].strip() for row in wrong}
     values, bad = tuple(v for v, _ in read), tuple(b for _, b in read)
+    for row in np.flatnonzero(np.logical_and.reduce([np.isnan(v) for v in values])):
+        refuse_other_header(split.rows[row], layout, int(lines[row]), name)
     data_lines = int(lines.size)
     if layout.groups:
         merged = merge(values, bad, lines, layout, name)
@@ -383,15 +393,16 @@ def _is_cut(line: str, before: Sequence[str], layout: Layout, ends_open: bool) -
 
 
 def _judge_ragged(
-    name: str, layout: Layout, ragged: Sequence[tuple[int, int]], rows: int
+    name: str, layout: Layout, ragged: Sequence[tuple[int, int]], rows: int, first: str
 ) -> list[Notice]:
-    """Warn of few lines with the wrong number of fields, refuse many."""
+    """Warn of few lines with the wrong number of fields, refuse many; ``first`` is one of them."""
     if not ragged:
         return []
     serial = layout.hints.serial
     allowed = RAGGED_SHARE_SERIAL if serial else RAGGED_SHARE
     line, found = ragged[0]
     if len(ragged) > allowed * (rows + len(ragged)):
+        refuse_other_width(first, line, layout, name)
         raise LogError(
             f"{count_of(found, 'field')} where the table has {count_of(layout.width, 'column')}"
             + (f" ({len(ragged)} such lines)." if len(ragged) > 1 else "."),
