@@ -16,7 +16,7 @@ from ..errors import LogError, Notice
 from ..units import parse_unit_from_header, same_dimension
 from . import controldesk, labview, rigol, serial, tektronix, twincat
 from .clock import find_clocks, join_fraction
-from .decimals import refuse_ambiguous
+from .decimals import find_thousands, refuse_ambiguous
 from .header import Header, find_header, join_quoted, name_rows
 from .layout import GROUPED, LONG_CELL, NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
 from .log import count_of, name_lines
@@ -29,7 +29,8 @@ MAX_COLUMNS = 4096
 
 _NUMBER_COMMA_STRICT = re.compile(r"[+-]?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 # Separator and decimal sign; of equally good ones the first wins.
-_CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")]
+_CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")] + [(",", ",")]
+_QUOTED_COMMA = re.compile(r'"[^",]*\d,[^"]*"')  # a comma that does not separate columns
 _SEVERAL = re.compile(r"[\d.,+'-]+\s*[\t;| ](.*[\t;| ])?\s*[\d.,+-]+$")  # numbers in one cell
 _CUT_WRONG = 0.1
 # separators between digits that no number holds, and more commas than one where blanks separate
@@ -66,6 +67,8 @@ def find_layout(source: Source, written: Written) -> Layout:
         cut = capture.around(_choose_cut(capture.values(body), hints, written, source.name))
     else:
         cut = join_fraction(body, _choose_cut(body, hints, written, source.name))
+    if written.thousands is None:
+        cut = replace(cut, thousands=find_thousands(body, source.lines, cut))
     if written.decimal is None and not cut.thousands:
         refuse_ambiguous(body, source.lines, cut, source.name)
     start = None if hints.data_from is None else Start(hints.data_from, ())
@@ -173,8 +176,11 @@ def _best_cut(body: Sequence[str], hints: Hints, written: Written) -> tuple[floa
     best, chosen = 0.0, None
     tabbed = _has_tabs(body)
     alike: set[str] = set()  # decimal signs tried with a separator that no line holds
+    quoted = any(map(_QUOTED_COMMA.search, body))
     for delimiter, decimal in _candidates(hints.delimiter):
-        if written.decimal not in (None, decimal) or written.thousands in (decimal, delimiter):
+        if written.decimal not in (None, decimal) or written.thousands == decimal:
+            continue
+        if delimiter in (decimal, written.thousands) and not quoted:
             continue
         if tabbed and delimiter == " ":
             continue
@@ -199,7 +205,7 @@ def _candidates(delimiter: str | None) -> list[tuple[str, str]]:
     """Separators and decimal signs to try, with a given separator only that."""
     if delimiter is None:
         return _CANDIDATES
-    return [(delimiter, sign) for sign in ".," if sign != delimiter]
+    return [(delimiter, sign) for sign in ".,"]
 
 
 def _has_tabs(body: Sequence[str]) -> bool:

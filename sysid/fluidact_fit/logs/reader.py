@@ -173,7 +173,7 @@ def _checked_writing(written: Written) -> Written:
     """Refuse signs that cannot be what they are said to be."""
     signs = {
         "--decimal": (written.decimal, ".,"),
-        "--thousands": (written.thousands, ".,' \u00a0\u202f_"),
+        "--thousands": (written.thousands, ".,'\u2019 \u00a0\u202f\u2009_"),
         "--delimiter": (written.delimiter, "\t;,| "),
     }
     for option, (sign, known) in signs.items():
@@ -183,7 +183,9 @@ def _checked_writing(written: Written) -> Written:
                 expected="Expected one of " + ", ".join(repr(s) for s in known) + ".",
                 remedy="Leave it out, or give one of them in quotes.",
             )
-    chosen = [sign for sign, _ in signs.values() if sign is not None]
+    chosen = [sign for sign in (written.decimal, written.thousands) if sign is not None]
+    if written.delimiter != ",":  # a comma between quotes does not separate
+        chosen += [written.delimiter] if written.delimiter is not None else []
     if len(set(chosen)) < len(chosen):
         raise UsageError(
             "--decimal, --thousands and --delimiter name the same sign.",
