@@ -1,4 +1,4 @@
-"""Signs between thousands, and decimal commas between quotes."""
+"""Signs between thousands, decimal commas between quotes, and other odd ways to write a row."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pytest
 
 from fluidact_fit.errors import LogError, UsageError
 from fluidact_fit.logs import Log, read_log
+from fluidact_fit.logs import table as table_module
 
 NUMBERS = [(0.5 * k, 998.25 + k, 12000.75 + k) for k in range(60)]
 
@@ -92,3 +93,37 @@ def test_a_cell_that_tells_otherwise_leaves_thousands_to_the_user(
 def test_one_sign_for_two_things_is_refused(tmp_path: Path, signs: dict[str, str]) -> None:
     with pytest.raises(UsageError):
         read(tmp_path, table(";", ",", "."), **signs)
+
+
+@pytest.mark.parametrize("sign", [",", ";", "\t"])
+def test_rows_between_one_pair_of_quotes(tmp_path: Path, sign: str) -> None:
+    lines = [f'"{line}"' for line in table(sign, ".", "")]
+    log = read(tmp_path, lines)
+    require_numbers(log)
+    assert [c.header for c in log.columns] == ["time", "inlet", "outlet"]
+
+
+@pytest.mark.parametrize("limit", [0, 10**9])
+def test_blanks_behind_a_sign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: int) -> None:
+    monkeypatch.setattr(table_module, "FAST_FROM_BYTES", limit)
+    lines = [f"{time:.2f};+{inlet:10.2f};-  {outlet:.2f}" for time, inlet, outlet in NUMBERS]
+    log = read(tmp_path, ["time;inlet;outlet", *lines])
+    assert log.columns[1].values[0] == 998.25
+    assert log.columns[2].values[0] == -12000.75
+
+
+def test_what_a_logger_set_aside_and_did_not_fill(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes("\n".join([*table(";", ".", ""), ""]).encode() + bytes(5000))
+    require_numbers(read_log(path))
+    path.write_bytes(b"time;inlet\n1;\0\0\n" + b"2;3\n" * 50)
+    with pytest.raises(LogError, match="binary file"):
+        read_log(path)
+
+
+def test_commas_between_columns_and_before_decimals_are_refused(tmp_path: Path) -> None:
+    lines = [",".join(f"{x:.2f}" for x in row).replace(".", ",") for row in NUMBERS]
+    with pytest.raises(LogError, match=r"6 numbers in a row and 3 names: a comma") as caught:
+        read(tmp_path, ["time,inlet,outlet", *lines])
+    assert "--skip-rows" in caught.value.text
+    assert len(read(tmp_path, ["time,inlet,outlet", *lines], skip_rows=1).columns) == 6

@@ -42,8 +42,8 @@ def refuse_ambiguous(
 
     ``3,502`` is 3.502 or 3502. One cell tells for the whole log: ``0,5`` and ``12,25`` hold
     decimals, unless more of them say the same of the other sign. Where commas separate the columns
-    a point is a decimal point, and a comma between quotes may be either. Lines of the ``sample`` are
-    looked at first, ``every`` line of the file where they do not tell.
+    a point is a decimal point, and a comma between quotes may be either. Lines of the ``sample``
+    are looked at first, ``every`` line of the file where they do not tell.
 
     Raises
     ------
@@ -56,6 +56,25 @@ def refuse_ambiguous(
         return
     whole = doubtful.replace(cut.decimal, "")
     raise _refusal(doubtful, whole, repr(cut.decimal), cut, name)
+
+
+def refuse_commas_for_both(
+    names: Sequence[str], sample: Iterable[str], cut: Cut, name: str
+) -> None:
+    """Refuse whole numbers between commas, twice as many as there are names for them."""
+    if cut.delimiter != "," or len(names) < 2 or not all(names):
+        return
+    rows = [cells for line in sample if len(cells := cut.split(line)) == cut.width]
+    if not all(cell.lstrip("+-").isdigit() for row in rows for cell in row):
+        return
+    raise LogError(
+        f"{cut.width} numbers in a row and {len(names)} names: a comma stands between the columns "
+        "and before decimals.",
+        where=name,
+        expected="Expected decimal points, or another sign between the columns.",
+        remedy="Export it again with semicolons or tabs between the columns; --skip-rows reads "
+        "the numbers as they stand.",
+    )
 
 
 def _doubtful(lines: Iterable[str], cut: Cut, name: str) -> str | None:

@@ -16,7 +16,7 @@ from ..errors import LogError, Notice
 from ..units import parse_unit_from_header, same_dimension
 from . import controldesk, labview, rigol, serial, tektronix, twincat
 from .clock import find_clocks, join_fraction
-from .decimals import find_thousands, refuse_ambiguous
+from .decimals import find_thousands, refuse_ambiguous, refuse_commas_for_both
 from .header import Header, find_header, join_quoted, name_rows
 from .layout import GROUPED, LONG_CELL, NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
 from .log import count_of, name_lines
@@ -27,7 +27,7 @@ from .stray import find_stray, holds_digits, is_damaged_row
 
 MAX_COLUMNS = 4096
 
-_NUMBER_COMMA_STRICT = re.compile(r"[+-]?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
+_NUMBER_COMMA_STRICT = re.compile(r"([+-] *)?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 # Separator and decimal sign; of equally good ones the first wins.
 _CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")] + [(",", ",")]
 _QUOTED_COMMA = re.compile(r'"[^",]*\d,[^"]*"')  # a comma that does not separate columns
@@ -37,6 +37,8 @@ _CUT_WRONG = 0.1
 _LIST = re.compile(r".*\d\s*[\t;|]\s*[+-]?\.?\d")
 _COMMAS = re.compile(r".*\d,[^,]*\d[^,]*,")
 _LIST_WRONG = 1.0
+_QUOTED_ROW = re.compile(r'\s*"[^"]*([\t;,|])[^"]*\1[^"]*"\s*')  # all of it in one pair of quotes
+_QUOTED_LINE = re.compile(r'\s*"([^"]*)"\s*')
 _GAP = 3  # lines without numbers among damaged rows
 _PUTTY_MARK = "=~=~=~=~="
 _SAMPLE = 120
@@ -65,6 +67,10 @@ def find_layout(source: Source, written: Written) -> Layout:
             names=capture.names,
         )
         cut = capture.around(_choose_cut(capture.values(body), hints, written, source.name))
+    elif 2 * sum(map(bool, map(_QUOTED_ROW.fullmatch, body))) > len(body):
+        body = list(map(_unquoted, body))
+        cut = _choose_cut(body, hints, written, source.name)
+        cut = replace(join_fraction(body, cut), tidy=_unquoted)
     else:
         cut = join_fraction(body, _choose_cut(body, hints, written, source.name))
     if written.thousands is None:
@@ -208,6 +214,12 @@ def _candidates(delimiter: str | None) -> list[tuple[str, str]]:
     return [(delimiter, sign) for sign in ".,"]
 
 
+def _unquoted(line: str) -> str:
+    """A line without the quotes around all of it."""
+    found = _QUOTED_LINE.fullmatch(line)
+    return found[1] if found else line
+
+
 def _has_tabs(body: Sequence[str]) -> bool:
     """Whether tabs separate the columns: blanks are then part of a cell, as in ``4 004``."""
     counts = Counter(line.strip().count("\t") for line in body)
@@ -310,6 +322,9 @@ def _lay_out(
         header = _fewer_names(lines, start, cut, hints, named, dates) or header
     if named is not None and header.row is None:
         raise _no_header(lines[named - 1] if named <= len(lines) else "", named, cut, name)
+    if header.row is None and cut.width % 2 == 0:
+        half = find_header(lines, start, replace(cut, width=cut.width // 2), hints, named)
+        refuse_commas_for_both(half.names, body, cut, name)
     if hints.serial and header.row is None:
         # What stands above the first whole line is a part of one, and is to be named.
         start = next((i for i in range(start) if lines[i].strip()), start)

@@ -12,7 +12,7 @@ from ..errors import Notice
 from .stamps import is_stamp
 
 NUMBER = {
-    decimal: re.compile(rf"[+-]?(\d+({sign}\d*)?|{sign}\d+)([eEdD][+-]?\d+)?$", re.ASCII)
+    decimal: re.compile(rf"([+-] *)?(\d+({sign}\d*)?|{sign}\d+)([eEdD][+-]?\d+)?$", re.ASCII)
     for decimal, sign in ((".", r"\."), (",", ","))
 }
 # Signs between thousands that are one sign, however it is written.

@@ -152,6 +152,7 @@ def _decode(raw: bytes, name: str) -> tuple[str, bytes]:
 
 def _checked(raw: bytes, name: str, encoding: str) -> tuple[str, bytes]:
     """Return UTF-8 bytes as they are, anything else as Windows-1252."""
+    raw = raw.rstrip(b"\0") or raw  # what a logger set aside for its file, and did not fill
     head = raw[:_PROBE]
     control = len(head) - len(head.translate(None, _CONTROL))
     if b"\0" in raw or control > 0.01 * len(head):

@@ -359,7 +359,7 @@ def _to_numbers(cells: Sequence[str], layout: Layout) -> tuple[FloatArray, dict[
     for row, cell in enumerate(cells):
         text = cell.strip()
         if layout.is_number(text):
-            values[row] = float(re.sub("[dD]", "e", text.replace(",", ".")))
+            values[row] = float(re.sub("[dD]", "e", text.replace(",", ".").replace(" ", "")))
         if not np.isfinite(values[row]):
             values[row] = np.nan
             if text or len(bad) < MAX_BAD_KEPT:
