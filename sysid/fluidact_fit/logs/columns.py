@@ -298,7 +298,7 @@ def require_numbers(log: Log, binding: Binding, rows: IndexArray) -> None:
     """Refuse cells of a used column that are no finite number; the error names the first."""
     role = binding.role.name
     wrong = rows[~np.isfinite(binding.column.values[rows])]
-    if not wrong.size or (binding.column.sparse and wrong.size < rows.size):
+    if not wrong.size:
         return
     text = binding.column.bad.get(int(wrong[0]))
     if text is None:

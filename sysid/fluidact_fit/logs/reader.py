@@ -14,6 +14,7 @@ from ..units import is_doubtful_suffix, parse_unit_from_header
 from .arrays import log_of, make_log
 from .binary import read_binary
 from .dialect import find_layout
+from .groups import sparse_columns
 from .layout import Layout, Written
 from .log import Account, Column, Dialect, Log, StepInput, check_hold
 from .merging import merged
@@ -224,12 +225,14 @@ def _count_blank(source: Source, above: int) -> int:
 
 def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:
     columns = []
+    rasters = sparse_columns(table.values, table.bad)
     parts = zip(layout.headers, layout.units, table.values, table.bad)
     for index, (header, unit_in_row, values, bad) in enumerate(parts, start=1):
         name, unit = parse_unit_from_header(header)
         doubtful = not unit_in_row and is_doubtful_suffix(header)
-        sparse = layout.hints.sparse and bool(bad) and not any(bad.values())
         clock = index - 1 in layout.clocks
+        empty = layout.hints.sparse and bool(bad) and not any(bad.values())
+        sparse = empty or (index - 1 in rasters and not clock)
         columns.append(
             Column(index, header, name, unit_in_row or unit, doubtful, values, bad, sparse, clock)
         )

@@ -113,6 +113,9 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         return None
     if np.logical_and.reduce([np.isnan(column) for column in columns]).any():
         return None  # it may be a second header
+    holes = (np.isnan(column).sum() for column in columns)
+    if any(MAX_BAD_KEPT < found < rows for found in holes):
+        return None  # whether they are empty or hold text is not known of all of them
     # The count above says nothing of blanks, nor of blank lines in a single column.
     uncounted = layout.delimiter == " " or layout.width == 1
     if uncounted and not np.isfinite(columns[-1]).all():
