@@ -31,6 +31,7 @@ RAGGED_SHARE = 0.01
 _ODD_BLANKS = tuple(
     chr(k).encode() for k in range(0x3001) if chr(k).isspace() and chr(k) not in "\t\n\r "
 )
+_REMARK = re.compile(r"\s*(#|%|//)\s*[^\W\d]|[\x00-\x1f]+\s*$")  # of words, or an end mark
 _SEPARATED = re.compile(r"(?<=\S)[\s,;|]+(?=\S)")
 RAGGED_SHARE_SERIAL = 0.5
 
@@ -205,7 +206,7 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
             )
         )
     first = text.split("\n")[ragged[0][0] - layout.first_row - 1] if ragged else ""
-    notices += _judge_ragged(source.name, layout, ragged, len(rows), first)
+    notices += _judge_ragged(source.name, layout, split, first)
     if not rows:
         raise LogError(
             "the table holds no complete row.",
@@ -221,7 +222,10 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
                 "begins where the time starts again.",
             )
         )
-    left_out = [(n, f"{count_of(found, 'field')}" if found else "broken") for n, found in ragged]
+    left_out = [
+        (n, "text" if n in split.remarks else count_of(found, "field") if found else "broken")
+        for n, found in ragged
+    ]
     left_out += [(n, "header again") for n in split.again]
     left_out += [(n, "written by the logger itself") for n in split.sessions]
     left_out += [(cut, "cut short")] if cut else []
@@ -264,11 +268,13 @@ def _with_numbers(
 @dataclass(frozen=True)
 class _Lines:
     """Lines of a table: cells and line of every row, line and number of fields where that is
-    wrong, lines that repeat the header, those of the logger itself and those of segments."""
+    wrong, which of these are remarks in words, lines that repeat the header, those of the logger
+    itself and those of segments."""
 
     rows: list[list[str]]
     lines: list[int]
     ragged: list[tuple[int, int]]
+    remarks: set[int]
     again: list[int]
     sessions: list[int]
     skipped: list[int]
@@ -282,7 +288,7 @@ class _Lines:
 
 def _split_rows(text: str, layout: Layout) -> _Lines:
     """Sort the lines of a table."""
-    out = _Lines([], [], [], [], [], [])
+    out = _Lines([], [], [], set(), [], [], [])
     rows, lines, ragged = out.rows, out.lines, out.ragged
     short: dict[int, int] = {}  # rows of groups that have ended, and their number of cells
     width, delimiter, needed = layout.width, layout.delimiter, layout.needed
@@ -310,6 +316,8 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
             lines.append(number)
         else:
             ragged.append((number, len(fields)))
+            if _is_remark(line, layout):
+                out.remarks.add(number)
         if len(fields) < needed and filled is not None:
             short[number] = len(fields)
     if short:
@@ -376,6 +384,8 @@ def _is_cut(line: str, before: Sequence[str], layout: Layout, ends_open: bool) -
     Too few fields are a cut; so is, in a file without a final line end, an empty or
     unfinished last cell, or fewer decimals than all lines before agree on.
     """
+    if _is_remark(line, layout):
+        return False
     fields = layout.split(line)
     if layout.groups:
         return complete(fields, layout) is None and len(fields) < layout.width
@@ -395,29 +405,48 @@ def _is_cut(line: str, before: Sequence[str], layout: Layout, ends_open: bool) -
     return len(cells) >= 5 and len(set(decimals)) == 1 and last < decimals[0]
 
 
-def _judge_ragged(
-    name: str, layout: Layout, ragged: Sequence[tuple[int, int]], rows: int, first: str
-) -> list[Notice]:
-    """Warn of few lines with the wrong number of fields, refuse many; ``first`` is one of them."""
+def _is_remark(line: str, layout: Layout) -> bool:
+    """Whether a line says something in words, or marks the end of the file; terminals aside."""
+    if layout.hints.serial:
+        return False
+    letters, digits = sum(map(str.isalpha, line)), sum(map(str.isdigit, line))
+    words = letters > max(digits, 2) and not any(map(layout.is_value, layout.split(line)))
+    return words or bool(_REMARK.match(line))
+
+
+def _judge_ragged(name: str, layout: Layout, split: _Lines, first: str) -> list[Notice]:
+    """Warn of few lines with the wrong number of fields, refuse many; ``first`` is the first of them.
+
+    Remarks below the last row are no rows that were lost.
+    """
+    ragged, rows = split.ragged, len(split.rows)
     if not ragged:
         return []
     serial = layout.hints.serial
     allowed = RAGGED_SHARE_SERIAL if serial else RAGGED_SHARE
-    line, found = ragged[0]
-    if len(ragged) > allowed * (rows + len(ragged)):
-        refuse_other_width(first, line, layout, name)
+    last = split.lines[-1] if split.lines else 0
+    counted = [(n, found) for n, found in ragged if n < last or n not in split.remarks]
+    if len(counted) > allowed * (rows + len(counted)):
+        refuse_other_width(first, ragged[0][0], layout, name)
+        line, found = counted[0]
         raise LogError(
             f"{count_of(found, 'field')} where the table has {count_of(layout.width, 'column')}"
-            + (f" ({len(ragged)} such lines)." if len(ragged) > 1 else "."),
+            + (f" ({len(counted)} such lines)." if len(counted) > 1 else "."),
             where=f"{name}, line {line}",
             expected=f"Expected {count_of(layout.width, 'field')} on every line.",
-            remedy="Correct or remove the line, or check that the file holds one table only.",
+            remedy=f"Correct or remove {'these lines' if len(counted) > 1 else 'the line'}, or check "
+            "that the file holds one table only.",
         )
+    partial = [n for n, _ in ragged if n not in split.remarks]
     cause = "as terminals do when they start mid-line" if serial else "partly written lines"
     return [
         Notice(
             "partial-lines",
-            f"{name}: {count_of(len(ragged), 'line')} with the wrong number of fields left out "
-            f"({name_lines([n for n, _ in ragged])}; {cause}).",
+            f"{name}: {count_of(len(lines), 'line')} {what} left out ({name_lines(lines)}{why}).",
         )
+        for lines, what, why in (
+            (partial, "with the wrong number of fields", f"; {cause}"),
+            (sorted(split.remarks), "of text", ""),
+        )
+        if lines
     ]
