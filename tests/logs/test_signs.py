@@ -112,10 +112,12 @@ def test_blanks_behind_a_sign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, l
     assert log.columns[2].values[0] == -12000.75
 
 
-def test_what_a_logger_set_aside_and_did_not_fill(tmp_path: Path) -> None:
+def test_room_that_was_not_filled_is_named(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_bytes("\n".join([*table(";", ".", ""), ""]).encode() + bytes(5000))
-    require_numbers(read_log(path))
+    with pytest.raises(LogError, match="ends with 5000 zero bytes") as caught:
+        read_log(path)
+    assert "tr -d '\\000'" in caught.value.text
     path.write_bytes(b"time;inlet\n1;\0\0\n" + b"2;3\n" * 50)
     with pytest.raises(LogError, match="binary file"):
         read_log(path)

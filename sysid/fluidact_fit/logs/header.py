@@ -147,8 +147,9 @@ def _names_alone(rows: Sequence[_Row], cut: Cut) -> tuple[_Row, _Row | None] | N
 
 
 def _most_distinct(nearest: _Row, others: Sequence[_Row]) -> _Row:
-    """The nearest row that tells the columns apart, if it does not."""
-    if nearest.distinct == nearest.filled:
+    """The nearest row that tells the columns apart, if it does not and says something else."""
+    words = all(any(map(str.isalpha, cell)) for cell in nearest.cells if cell)
+    if nearest.distinct == nearest.filled or not words:
         return nearest
     return max([nearest, *others], key=lambda row: row.distinct)
 

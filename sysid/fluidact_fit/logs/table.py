@@ -415,9 +415,9 @@ def _is_remark(line: str, layout: Layout) -> bool:
 
 
 def _judge_ragged(name: str, layout: Layout, split: _Lines, first: str) -> list[Notice]:
-    """Warn of few lines with the wrong number of fields, refuse many; ``first`` is the first of them.
+    """Warn of few lines with the wrong number of fields, refuse many.
 
-    Remarks below the last row are no rows that were lost.
+    ``first`` is the text of the first one. Remarks below the last row are no rows that were lost.
     """
     ragged, rows = split.ragged, len(split.rows)
     if not ragged:
@@ -434,8 +434,8 @@ def _judge_ragged(name: str, layout: Layout, split: _Lines, first: str) -> list[
             + (f" ({len(counted)} such lines)." if len(counted) > 1 else "."),
             where=f"{name}, line {line}",
             expected=f"Expected {count_of(layout.width, 'field')} on every line.",
-            remedy=f"Correct or remove {'these lines' if len(counted) > 1 else 'the line'}, or check "
-            "that the file holds one table only.",
+            remedy=f"Correct or remove {'these lines' if len(counted) > 1 else 'the line'}, or "
+            "check that the file holds one table only.",
         )
     partial = [n for n, _ in ragged if n not in split.remarks]
     cause = "as terminals do when they start mid-line" if serial else "partly written lines"
