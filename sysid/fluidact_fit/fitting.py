@@ -135,7 +135,8 @@ def fit(
     )  # fmt: skip
     variant, experiments, notices = given.variant, given.experiments, list(given.notices)
     request.progress("fitting")
-    estimate = _estimate(chosen, variant, experiments, request)
+    with _naming_placeholders(notices):
+        estimate = _estimate(chosen, variant, experiments, request)
     with _blaming_the_numbers():
         sources, declared = given.sources, given.declared
         found = _without_outliers(
@@ -341,6 +342,21 @@ def _without_outliers(found: Findings) -> Findings:
             return found
         now = replace(now, experiments=runs, estimate=estimate, outliers=gone)
     return found
+
+
+@contextmanager
+def _naming_placeholders(notices: Sequence[Notice]) -> Iterator[None]:
+    """Where nothing can be determined, values that were hardly measured are named first."""
+    try:
+        yield
+    except NotIdentifiedError as error:
+        found = [n.message for n in notices if n.code == "placeholder-values"]
+        if not found:
+            raise
+        remedy = "\n".join([*found, error.remedy])
+        raise NotIdentifiedError(
+            error.what, where=error.where, expected=error.expected, remedy=remedy
+        ) from error
 
 
 @contextmanager

@@ -85,8 +85,13 @@ _READING = {
         "Nothing; give `--window` or `--exclude` to use another part.",
     ),
     "partial-lines": _information(
-        "Lines with the wrong number of fields were left out.",
+        "Lines with the wrong number of fields, or of text, were left out.",
         "Nothing, if they are few; otherwise check how the log was written.",
+    ),
+    "placeholder-values": _warning(
+        "A few rows of a signal hold one value far from all others, as loggers write for a missing "
+        "one.",
+        "Leave the rows that are named out with `--exclude lines=FIRST:LAST`.",
     ),
     "readings-repeated": _warning(
         "A channel that moves repeats its last reading in some rows: it is slower than its log.",

@@ -391,9 +391,10 @@ def test_a_column_of_another_notation_does_not_cut_the_others(
 
 
 def test_a_number_with_both_signs_says_which_option_reads_it(tmp_path: Path) -> None:
+    """Where another cell of the log tells otherwise."""
     path = tmp_path / "log.csv"
-    rows = [f"{k},00;1.0{k:02d},50;3,6" for k in range(30)]
-    path.write_text("\n".join(["time;command;outlet", *rows]) + "\n", encoding="utf-8")
+    rows = [f"{k},00;1.0{k:02d},50;3,6;0{'.' if k == 3 else ','}5" for k in range(30)]
+    path.write_text("\n".join(["time;command;outlet;other", *rows]) + "\n", encoding="utf-8")
     with pytest.raises(LogError, match=r"give thousands '\.'"):
         ff.fit("valve", path)
 

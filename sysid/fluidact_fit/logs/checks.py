@@ -10,7 +10,7 @@ from ..errors import Notice
 from ..experiment import BoolArray, Experiment, FloatArray, IndexArray
 from ..units import after_number
 from .columns import Binding
-from .log import Log, count_of
+from .log import Column, Log, count_of, exclude_lines, name_lines
 from .timebase import Run
 
 _MANY = 100_000
@@ -20,6 +20,9 @@ _STUCK = 8
 _MOVING = 50
 _ASIDE = 3  # samples over which speed is judged
 _FAST = 0.25
+_AWAY = 10.0  # times the range of all other values
+_VARIED = 20  # other values, of which there are few in a command
+_RARE = 0.02
 
 
 def smallest_step(values: FloatArray) -> float:
@@ -62,6 +65,40 @@ def check_sampling(log: Log, runs: Sequence[Run]) -> Iterator[Notice]:
         )
 
 
+def placeholder_rows(values: FloatArray) -> IndexArray:
+    """Rows that hold one value far outside all others, as a logger writes for none (-999).
+
+    ``values`` of shape ``(n,)``, NaN are ignored; empty where there is no such value.
+    """
+    known = values[np.isfinite(values)]
+    for extreme in (known.max(initial=-np.inf), known.min(initial=np.inf)):
+        found = known == extreme
+        if not 1 < np.count_nonzero(found) <= _RARE * known.size:
+            continue
+        rest = known[~found]
+        away = float(np.abs(rest - extreme).min())
+        if away > _AWAY * float(np.ptp(rest)) and np.unique(rest).size > _VARIED:
+            return np.flatnonzero(values == extreme)
+    return np.array([], dtype=np.int64)
+
+
+def check_placeholders(log: Log, columns: Sequence[Column]) -> Iterator[Notice]:
+    """Name cells of columns with a value that can hardly have been measured."""
+    for column in columns:
+        rows = np.array([]) if column.clock else placeholder_rows(column.values)
+        if not rows.size:
+            continue
+        others = np.delete(column.values, rows)
+        lines = log.lines[rows]
+        yield Notice(
+            "placeholder-values",
+            f"{log.name}: column '{column.label}' holds {column.values[rows[0]]:.10g} in "
+            f"{count_of(rows.size, 'row')} ({name_lines(lines)}), far from all others "
+            f"({np.nanmin(others):g} to {np.nanmax(others):g}): it seems to stand for a value that "
+            f"is missing. Leave the rows out with {exclude_lines(lines)}.",
+        )
+
+
 def check_signals(
     log: Log, bindings: Mapping[str, Binding], experiments: Sequence[Experiment]
 ) -> Iterator[Notice]:
@@ -74,6 +111,8 @@ def check_signals(
         high = max(float(part.max()) for part in parts)
         column = f"{log.name}: {role} (column '{binding.column.label}')"
         unit = after_number(binding.role.unit)
+        if _is_odd(binding, parts):
+            yield from check_placeholders(log, [binding.column])
         if low == high:
             yield Notice(
                 "constant-signal",
@@ -86,6 +125,14 @@ def check_signals(
                 f"{unit}, for {samples} samples in a row: the sensor or its "
                 "converter may be clipped. Record within its range, or cut the log with --window.",
             )
+
+
+def _is_odd(binding: Binding, parts: Sequence[FloatArray]) -> bool:
+    """Whether a value that stands for a missing one is used, and was not replaced as a spike."""
+    raw = binding.column.values
+    rows = placeholder_rows(raw)
+    odd = raw[rows[:1]] * binding.to_si
+    return any(bool(np.isin(part, odd).any()) for part in parts)
 
 
 def _clipped(parts: Sequence[FloatArray], low: float, high: float) -> int:

@@ -14,7 +14,7 @@ from ..experiment import IndexArray
 from ..family import Role
 from ..units import conversion_factor, same_dimension
 from .layout import BLANKS, GROUPED
-from .log import Column, Log, name_lines
+from .log import Column, Log, exclude_lines, name_lines
 from .stamps import is_stamp
 
 TIME = Role("time", "s", "instants of the samples")
@@ -337,7 +337,7 @@ def require_numbers(log: Log, binding: Binding, rows: IndexArray) -> None:
     """Refuse cells of a used column that are no finite number; the error names the first."""
     role = binding.role.name
     wrong = rows[~np.isfinite(binding.column.values[rows])]
-    if not wrong.size or (binding.column.sparse and wrong.size < rows.size):
+    if not wrong.size:
         return
     text = binding.column.bad.get(int(wrong[0]))
     if text is None:
@@ -349,6 +349,11 @@ def require_numbers(log: Log, binding: Binding, rows: IndexArray) -> None:
     if wrong.size > 1:
         found += f" {wrong.size - 1} more such cells ({name_lines(log.lines[wrong[1:]])})."
     remedy = f"Give --column {role}=... if this is not the {role}, or remove the line."
+    if 2 * wrong.size > rows.size:
+        remedy = f"Give --column {role}=... with a column of numbers."
+    elif wrong.size > 1:
+        options = exclude_lines(log.lines[wrong])
+        remedy = f"Give --column {role}=... if this is not the {role}, or leave out with {options}."
     if text and any(form.match(text) for form in (*GROUPED.values(), BLANKS)):
         sign = next(c for c in text if not c.isdigit() and c not in "+-")
         remedy = f"If '{sign}' stands between thousands, give --thousands '{sign}'."

@@ -6,10 +6,33 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 
 from ..errors import LogError
-from .layout import BLANKS, NUMBER, Cut
+from .layout import ALIKE, BLANKS, GROUPED, NUMBER, Cut
 
 _GROUPED = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}$") for sign in ".,"}
 _SURE = 1000  # cells that tell; no more are looked at
+
+
+def find_thousands(sample: Iterable[str], every: Callable[[], Iterable[str]], cut: Cut) -> str:
+    """The sign between thousands where cells hold both signs, as ``3.500,25``; empty without one.
+
+    Every such cell of the ``sample`` has to agree, and no cell of ``every`` line may have the sign
+    before decimals.
+    """
+    grouped = GROUPED[cut.decimal]
+    cells = (cell for line in sample for cell in cut.split(line))
+    written = {found["sign"] for cell in cells if (found := grouped.match(cell))}
+    signs = {next((s for s, alike in ALIKE.items() if sign in alike), sign) for sign in written}
+    if len(signs) != 1:
+        return ""
+    sign = signs.pop()
+    if sign not in NUMBER:
+        return sign
+    told = any(
+        sign in cell and NUMBER[sign].match(cell) and not _GROUPED[sign].match(cell)
+        for line in every()
+        for cell in cut.split(line)
+    )
+    return "" if told else sign
 
 
 def refuse_ambiguous(
@@ -19,8 +42,8 @@ def refuse_ambiguous(
 
     ``3,502`` is 3.502 or 3502. One cell tells for the whole log: ``0,5`` and ``12,25`` hold
     decimals, unless more of them say the same of the other sign. Where commas separate the columns
-    a point is a decimal point. Lines of the ``sample`` are looked at first, ``every`` line of the
-    file where they do not tell.
+    a point is a decimal point, and a comma between quotes may be either. Lines of the ``sample``
+    are looked at first, ``every`` line of the file where they do not tell.
 
     Raises
     ------
@@ -28,10 +51,30 @@ def refuse_ambiguous(
         With both readings.
     """
     doubtful = _doubtful(sample, cut, name)
-    if doubtful is None or cut.delimiter == "," or _doubtful(every(), cut, name) is None:
+    certain = cut.delimiter == "," and cut.decimal == "."
+    if doubtful is None or certain or _doubtful(every(), cut, name) is None:
         return
     whole = doubtful.replace(cut.decimal, "")
     raise _refusal(doubtful, whole, repr(cut.decimal), cut, name)
+
+
+def refuse_commas_for_both(
+    names: Sequence[str], sample: Iterable[str], cut: Cut, name: str
+) -> None:
+    """Refuse whole numbers between commas, twice as many as there are names for them."""
+    if cut.delimiter != "," or len(names) < 2 or not all(names):
+        return
+    rows = [cells for line in sample if len(cells := cut.split(line)) == cut.width]
+    if not all(cell.lstrip("+-").isdigit() for row in rows for cell in row):
+        return
+    raise LogError(
+        f"{cut.width} numbers in a row and {len(names)} names: a comma stands between the columns "
+        "and before decimals.",
+        where=name,
+        expected="Expected decimal points, or another sign between the columns.",
+        remedy="Export it again with semicolons or tabs between the columns; --skip-rows reads "
+        "the numbers as they stand.",
+    )
 
 
 def _doubtful(lines: Iterable[str], cut: Cut, name: str) -> str | None:

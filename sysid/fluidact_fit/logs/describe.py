@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import LogError, Notice
 from ..experiment import Experiment
 from ..family import Role
-from .checks import check_sampling, smallest_step
+from .checks import check_placeholders, check_sampling, smallest_step
 from .columns import TIME, bind_role, time_candidate
 from .log import Column, Log
 from .timebase import split_runs
@@ -28,7 +28,7 @@ def describe(log: Log) -> dict[str, Any]:
         one was taken for), ``dialect``, ``columns`` (raw units), ``time`` (``None`` without a time
         column) and ``notices``.
     """
-    notices = list(log.notices)
+    notices = [*log.notices, *check_placeholders(log, log.columns)]
     time = _describe_time(log, notices)
     dialect = log.dialect
     return {

@@ -16,8 +16,8 @@ from ..errors import LogError, Notice
 from ..units import parse_unit_from_header, same_dimension
 from . import controldesk, labview, rigol, serial, tektronix, twincat
 from .clock import find_clocks, join_fraction
-from .decimals import refuse_ambiguous
-from .header import Header, find_header
+from .decimals import find_thousands, refuse_ambiguous, refuse_commas_for_both
+from .header import Header, find_header, join_quoted, name_rows
 from .layout import GROUPED, LONG_CELL, NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
 from .log import count_of, name_lines
 from .source import Source
@@ -27,15 +27,18 @@ from .stray import find_stray, holds_digits, is_damaged_row
 
 MAX_COLUMNS = 4096
 
-_NUMBER_COMMA_STRICT = re.compile(r"[+-]?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
+_NUMBER_COMMA_STRICT = re.compile(r"([+-] *)?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 # Separator and decimal sign; of equally good ones the first wins.
-_CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")]
+_CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")] + [(",", ",")]
+_QUOTED_COMMA = re.compile(r'"[^",]*\d,[^"]*"')  # a comma that does not separate columns
 _SEVERAL = re.compile(r"[\d.,+'-]+\s*[\t;| ](.*[\t;| ])?\s*[\d.,+-]+$")  # numbers in one cell
 _CUT_WRONG = 0.1
 # separators between digits that no number holds, and more commas than one where blanks separate
 _LIST = re.compile(r".*\d\s*[\t;|]\s*[+-]?\.?\d")
 _COMMAS = re.compile(r".*\d,[^,]*\d[^,]*,")
 _LIST_WRONG = 1.0
+_QUOTED_ROW = re.compile(r'\s*"[^"]*([\t;,|])[^"]*\1[^"]*"\s*')  # all of it in one pair of quotes
+_QUOTED_LINE = re.compile(r'\s*"([^"]*)"\s*')
 _GAP = 3  # lines without numbers among damaged rows
 _PUTTY_MARK = "=~=~=~=~="
 _SAMPLE = 120
@@ -64,8 +67,14 @@ def find_layout(source: Source, written: Written) -> Layout:
             names=capture.names,
         )
         cut = capture.around(_choose_cut(capture.values(body), hints, written, source.name))
+    elif 2 * sum(map(bool, map(_QUOTED_ROW.fullmatch, body))) > len(body):
+        body = list(map(_unquoted, body))
+        cut = _choose_cut(body, hints, written, source.name)
+        cut = replace(join_fraction(body, cut), tidy=_unquoted)
     else:
         cut = join_fraction(body, _choose_cut(body, hints, written, source.name))
+    if written.thousands is None:
+        cut = replace(cut, thousands=find_thousands(body, source.lines, cut))
     if written.decimal is None and not cut.thousands:
         refuse_ambiguous(body, source.lines, cut, source.name)
     start = None if hints.data_from is None else Start(hints.data_from, ())
@@ -75,8 +84,9 @@ def find_layout(source: Source, written: Written) -> Layout:
             head = source.lines()
             start = find_start(_hidden(head, skipped), cut, complete=True)
         if start is None:
-            raise _no_table(source.name)
-    layout = _lay_out(_hidden(head, written.skip_rows), body, start, cut, hints, written.header_row)
+            raise _no_table(source.name, skipped)
+    visible = _hidden(head, written.skip_rows)
+    layout = _lay_out(visible, body, start, cut, hints, written, source.name)
     return replace(layout, notices=(*layout.notices, *_stray_notice(layout, source.name)))
 
 
@@ -172,8 +182,11 @@ def _best_cut(body: Sequence[str], hints: Hints, written: Written) -> tuple[floa
     best, chosen = 0.0, None
     tabbed = _has_tabs(body)
     alike: set[str] = set()  # decimal signs tried with a separator that no line holds
+    quoted = any(map(_QUOTED_COMMA.search, body))
     for delimiter, decimal in _candidates(hints.delimiter):
-        if written.decimal not in (None, decimal) or written.thousands in (decimal, delimiter):
+        if written.decimal not in (None, decimal) or written.thousands == decimal:
+            continue
+        if delimiter in (decimal, written.thousands) and not quoted:
             continue
         if tabbed and delimiter == " ":
             continue
@@ -198,7 +211,13 @@ def _candidates(delimiter: str | None) -> list[tuple[str, str]]:
     """Separators and decimal signs to try, with a given separator only that."""
     if delimiter is None:
         return _CANDIDATES
-    return [(delimiter, sign) for sign in ".," if sign != delimiter]
+    return [(delimiter, sign) for sign in ".,"]
+
+
+def _unquoted(line: str) -> str:
+    """A line without the quotes around all of it."""
+    found = _QUOTED_LINE.fullmatch(line)
+    return found[1] if found else line
 
 
 def _has_tabs(body: Sequence[str]) -> bool:
@@ -223,9 +242,14 @@ def _rate_cut(
     width = count - 1 if trailing else count
     if trailing:
         share += counts[width]
+    # Bars around the rows of a printed table
+    lead = int(trailing and delimiter == "|" and width > 1 and all(not row[0] for row in usual))
+    width -= lead
     pattern = NUMBER["."] if decimal == "." else _NUMBER_COMMA_STRICT
-    cut = Cut(delimiter, decimal, width, trailing=trailing, thousands=thousands)
-    cells = [cell for row in usual for cell in row[:width] if cell.casefold() not in NO_VALUE]
+    cut = Cut(delimiter, decimal, width, trailing=trailing, thousands=thousands, lead=lead)
+    cells = [
+        cell for row in usual for cell in row[lead:][:width] if cell.casefold() not in NO_VALUE
+    ]
     if not cells:
         return None
     plain = [cut.without_thousands(cell) for cell in cells]
@@ -249,12 +273,27 @@ def _is_cut_wrong(cell: str, delimiter: str) -> float:
     return _CUT_WRONG if _SEVERAL.match(cell) else 0.0
 
 
-def _no_table(name: str) -> LogError:
+def _no_table(name: str, skipped: int = 0) -> LogError:
     return LogError(
-        "no table of numbers was found.",
+        "no table of numbers was found" + (f" below line {skipped}." if skipped else "."),
         where=name,
         expected="Expected rows of numbers separated by commas, semicolons, tabs or blanks.",
         remedy="Open the file in an editor, and export it again as CSV if it is something else.",
+    )
+
+
+def _no_header(line: str, named: int, cut: Cut, name: str) -> LogError:
+    """Why the line that the user named has no names of the columns."""
+    cells = cut.split(line)
+    if len(cells) == cut.width and any(cells):
+        found = "it holds numbers"
+    else:
+        found = f"it has {count_of(len(cells), 'cell')} where the rows have {cut.width}"
+    return LogError(
+        f"this line cannot be the header of --header-row {named}: {found}.",
+        where=f"{name}, line {named}",
+        expected="Expected one name for every column.",
+        remedy="Name another line, or give --skip-rows with the number of lines above the table.",
     )
 
 
@@ -264,23 +303,28 @@ def _lay_out(
     found: Start,
     cut: Cut,
     hints: Hints,
-    named: int | None,
+    written: Written,
+    name: str,
 ) -> Layout:
     """Put together what was found: the columns of clock times, names and units among it."""
     clocks = find_clocks([row for line in body if len(row := cut.split(line)) >= cut.width])
-    start, stray = found.first, set(found.stray)
+    start, stray, named = found.first, set(found.stray), written.header_row
+    as_written = lines
+    lines = _without_entries(join_quoted(lines, start, cut), found, named)
     header = find_header(lines, start, cut, hints, named)
     if named is None and header.row is not None and is_damaged_row(lines[header.row], cut):
         rows = {i for i in range(start) if lines[i].strip() and is_damaged_row(lines[i], cut)}
         stray |= rows
         hidden = ["" if i in rows else line for i, line in enumerate(lines)]
         header = find_header(hidden, start, cut, hints, named)
-    dates = [k for k in clocks.values() if k is not None]
-    if header.row is None and cut.delimiter == " " and dates:
-        # A blank separates day and time, too: one name stands for both.
-        header = find_header(lines, start, replace(cut, width=cut.width - 1), hints, named)
-        header.names.insert(dates[0], "")
-        header.units.insert(dates[0], "")
+    if header.row is None:
+        dates = [k for k in clocks.values() if k is not None]
+        header = _fewer_names(lines, start, cut, hints, named, dates) or header
+    if named is not None and header.row is None:
+        raise _no_header(lines[named - 1] if named <= len(lines) else "", named, cut, name)
+    if header.row is None and cut.width % 2 == 0:
+        half = find_header(lines, start, replace(cut, width=cut.width // 2), hints, named)
+        refuse_commas_for_both(half.names, body, cut, name)
     if hints.serial and header.row is None:
         # What stands above the first whole line is a part of one, and is to be named.
         start = next((i for i in range(start) if lines[i].strip()), start)
@@ -307,10 +351,34 @@ def _lay_out(
         units_row=header.units_row,
         headers=names,
         units=units,
-        again=frozenset(lines[i] for i in (header.row, header.units_row) if i is not None),
+        again=frozenset(as_written[i] for i in (header.row, header.units_row) if i is not None),
         clocks=clocks,
-        stray=tuple(sorted(stray - {header.units_row})),
+        stray=tuple(i for i in sorted(stray - {header.units_row}) if i < start),
     )
+
+
+def _without_entries(lines: Sequence[str], found: Start, named: int | None) -> Sequence[str]:
+    """The lines without the entries of a preamble right above the table.
+
+    What stands above these names them, and no columns, unless it is ``named``.
+    """
+    if not found.entries:
+        return lines
+    hidden = ["" if i in found.entries else line for i, line in enumerate(lines)]
+    return hidden if named is not None else _hidden(hidden, found.entries[-1] + 1)
+
+
+def _fewer_names(
+    lines: Sequence[str], start: int, cut: Cut, hints: Hints, named: int | None, dates: list[int]
+) -> Header | None:
+    """A header with fewer names than columns, ``None`` without one."""
+    if dates and cut.delimiter == " ":
+        # A blank separates day and time, too: one name stands for both.
+        header = find_header(lines, start, replace(cut, width=cut.width - 1), hints, named)
+        header.names.insert(dates[0], "")
+        header.units.insert(dates[0], "")
+        return header
+    return None if hints.names else name_rows(lines, start, cut, named)
 
 
 def _damaged(lines: Sequence[str], start: int, cut: Cut, header: Header) -> list[int]:

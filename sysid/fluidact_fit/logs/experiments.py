@@ -268,7 +268,7 @@ def _measured_signal(log: Log, binding: Binding, run: Run, whole: Run, resolutio
     rows, time = run.rows, run.time
     if binding.column.sparse and whole.time.size:
         kept = np.isfinite(binding.column.values[whole.rows])
-        if not np.array_equal(whole.rows[kept], rows):
+        if kept.any() and not np.array_equal(whole.rows[kept], rows):
             rows, time = whole.rows[kept], whole.time[kept]
     require_numbers(log, binding, rows)
     role, raw = binding.role, binding.column.values[rows]

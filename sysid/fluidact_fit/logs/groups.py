@@ -12,6 +12,7 @@ from ..experiment import BoolArray, FloatArray, IndexArray
 from .layout import Group, Layout
 from .log import IntArray
 
+_OFTEN = 0.2  # share of empty cells that are no damage
 _MOST_HOLES = 5000  # as many as are kept of cells that are no numbers
 
 
@@ -24,6 +25,26 @@ class Merged:
     bad: tuple[dict[int, str], ...]
     lines: IntArray
     empty: IndexArray
+
+
+def sparse_columns(
+    values: Sequence[FloatArray], bad: Sequence[Mapping[int, str]]
+) -> frozenset[int]:
+    """Columns with cells that are empty because nothing was sampled then, by their indices.
+
+    Those that are often empty and hold nothing else but numbers, and those that are empty only
+    where one of these is not: columns of different rasters, in rows of one time.
+    """
+    holes = {
+        k: np.isnan(column)
+        for k, column in enumerate(values)
+        if bad[k] and not any(bad[k].values()) and np.isfinite(column).sum() > 1
+    }
+    often = {k for k, empty in holes.items() if empty.mean() >= _OFTEN}
+    if not often:
+        return frozenset()
+    elsewhere = np.logical_or.reduce([~holes[k] for k in often])
+    return frozenset(k for k, empty in holes.items() if k in often or elsewhere[empty].all())
 
 
 def group_columns(names: Sequence[str], key: str) -> list[Group]:

@@ -12,12 +12,18 @@ from ..errors import Notice
 from .stamps import is_stamp
 
 NUMBER = {
-    decimal: re.compile(rf"[+-]?(\d+({sign}\d*)?|{sign}\d+)([eEdD][+-]?\d+)?$", re.ASCII)
+    decimal: re.compile(rf"([+-] *)?(\d+({sign}\d*)?|{sign}\d+)([eEdD][+-]?\d+)?$", re.ASCII)
     for decimal, sign in ((".", r"\."), (",", ","))
 }
+# Signs between thousands that are one sign, however it is written.
+ALIKE = {" ": " \u00a0\u202f\u2009", "'": "'\u2019"}
 # With signs between thousands, and a decimal sign that tells them apart.
 GROUPED = {
-    decimal: re.compile(rf"[+-]?\d{{1,3}}([{other}' ]\d{{3}})+{re.escape(decimal)}\d+$", re.ASCII)
+    decimal: re.compile(
+        rf"[+-]?\d{{1,3}}(?P<sign>[{other}{''.join(ALIKE.values())}])\d{{3}}((?P=sign)\d{{3}})*"
+        rf"{re.escape(decimal)}\d+$",
+        re.ASCII,
+    )
     for decimal, other in ((".", ","), (",", "."))
 }
 BLANKS = re.compile(r"[+-]?[1-9]\d{0,2}([ \u00a0\u202f]\d{3})+$")  # between thousands
@@ -99,12 +105,13 @@ class Cut:
 
     def without_thousands(self, text: str) -> str:
         """The text of a number without the signs between its groups of three digits."""
-        if not self.thousands or self.thousands not in text:
+        if not self.thousands:
             return text
         whole, sign, rest = text.partition(self.decimal)
-        if not re.fullmatch(rf"[+-]?\d{{1,3}}({re.escape(self.thousands)}\d{{3}})+", whole):
+        between = f"[{re.escape(ALIKE.get(self.thousands, self.thousands))}]"
+        if not re.fullmatch(rf"[+-]?\d{{1,3}}({between}\d{{3}})+", whole, re.ASCII):
             return text
-        return whole.replace(self.thousands, "") + sign + rest
+        return re.sub(between, "", whole) + sign + rest
 
     def is_row(self, line: str, needed: float) -> bool:
         """Return whether a line has as many fields as a row, the needed share of them numbers."""

@@ -203,6 +203,15 @@ def name_lines(lines: Sequence[int] | IntArray, shown: int = 4) -> str:
     return f"lines {', '.join(texts[:-1])} and {texts[-1]}"
 
 
+def exclude_lines(lines: Sequence[int] | IntArray, shown: int = 3) -> str:
+    """Return the options that leave out lines, ``--exclude lines=7 --exclude lines=9:12``."""
+    numbers = np.asarray(lines, dtype=np.int64)
+    blocks = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
+    ends = [f"{b[0]}:{b[-1]}" if b.size > 1 else f"{b[0]}" for b in blocks[:shown]]
+    more = f" and so on for {count_of(len(blocks) - shown, 'more place')}"
+    return " ".join(f"--exclude lines={end}" for end in ends) + more * (len(blocks) > shown)
+
+
 def count_of(number: int, noun: str) -> str:
     """Return ``1 line`` or ``3 lines``."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -14,6 +14,7 @@ from ..units import is_doubtful_suffix, parse_unit_from_header
 from .arrays import log_of, make_log
 from .binary import read_binary
 from .dialect import find_layout
+from .groups import sparse_columns
 from .layout import Layout, Written
 from .log import Account, Column, Dialect, Log, StepInput, check_hold
 from .merging import merged
@@ -173,7 +174,7 @@ def _checked_writing(written: Written) -> Written:
     """Refuse signs that cannot be what they are said to be."""
     signs = {
         "--decimal": (written.decimal, ".,"),
-        "--thousands": (written.thousands, ".,' \u00a0\u202f_"),
+        "--thousands": (written.thousands, ".,'\u2019 \u00a0\u202f\u2009_"),
         "--delimiter": (written.delimiter, "\t;,| "),
     }
     for option, (sign, known) in signs.items():
@@ -183,7 +184,9 @@ def _checked_writing(written: Written) -> Written:
                 expected="Expected one of " + ", ".join(repr(s) for s in known) + ".",
                 remedy="Leave it out, or give one of them in quotes.",
             )
-    chosen = [sign for sign, _ in signs.values() if sign is not None]
+    chosen = [sign for sign in (written.decimal, written.thousands) if sign is not None]
+    if written.delimiter != ",":  # a comma between quotes does not separate
+        chosen += [written.delimiter] if written.delimiter is not None else []
     if len(set(chosen)) < len(chosen):
         raise UsageError(
             "--decimal, --thousands and --delimiter name the same sign.",
@@ -222,12 +225,14 @@ def _count_blank(source: Source, above: int) -> int:
 
 def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:
     columns = []
+    rasters = sparse_columns(table.values, table.bad)
     parts = zip(layout.headers, layout.units, table.values, table.bad)
     for index, (header, unit_in_row, values, bad) in enumerate(parts, start=1):
         name, unit = parse_unit_from_header(header)
         doubtful = not unit_in_row and is_doubtful_suffix(header)
-        sparse = layout.hints.sparse and bool(bad) and not any(bad.values())
         clock = index - 1 in layout.clocks
+        empty = layout.hints.sparse and bool(bad) and not any(bad.values())
+        sparse = empty or (index - 1 in rasters and not clock)
         columns.append(
             Column(index, header, name, unit_in_row or unit, doubtful, values, bad, sparse, clock)
         )

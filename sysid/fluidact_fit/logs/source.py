@@ -154,6 +154,15 @@ def _checked(raw: bytes, name: str, encoding: str) -> tuple[str, bytes]:
     """Return UTF-8 bytes as they are, anything else as Windows-1252."""
     head = raw[:_PROBE]
     control = len(head) - len(head.translate(None, _CONTROL))
+    filled = raw.rstrip(b"\0")
+    if filled and b"\0" not in filled and filled != raw:
+        raise LogError(
+            f"the file ends with {len(raw) - len(filled)} zero bytes: the logger set room aside "
+            "that it did not fill, or lost what it had written.",
+            where=name,
+            expected="Expected text to the end.",
+            remedy="Check that nothing is missing, and remove them: tr -d '\\000' < LOG > COPY.",
+        )
     if b"\0" in raw or control > 0.01 * len(head):
         raise _refusal("this is a binary file.", name, "Export the recording as CSV.")
     if raw.isascii():

@@ -7,22 +7,29 @@ hardly be of a preamble; what looks like a row above that is named, for somebody
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from .layout import Cut
+from .layout import NO_VALUE, Cut
 
 # Numbers and signs that separate them, whichever: a row that lost its separators.
 _NUMBERS = re.compile(r"(?=.*\d)[\d\s.,;|+\-eE]+")
 _DATE = re.compile(r"\s*\d+-\d+-\d+\s*")
+_SAMPLE = 200
+_SOME = 0.2
 _ENOUGH = 3  # rows one below the other that no preamble holds by accident
 
 
 class Start(NamedTuple):
-    """Index of the first line of the table, and those of lines above that look like rows."""
+    """Index of the first line of the table, and those of lines above that look like rows.
+
+    ``entries`` are lines of a preamble right above the first line that are written as rows are.
+    """
 
     first: int
     stray: tuple[int, ...]
+    entries: tuple[int, ...] = ()
 
 
 class _Block(NamedTuple):
@@ -102,6 +109,7 @@ def _choose(lines: Sequence[str], blocks: Sequence[_Block], cut: Cut) -> Start:
     file, unless names stand below it: numbers above the names count the columns.
     """
     longest = max(blocks, key=lambda b: len(b.rows))
+    worded = _worded(lines, longest, cut)
     enough = min(_ENOUGH, 0.2 * len(longest.rows))
     numbers_only = 2 * len(longest.plain) > len(longest.rows)  # a date with text is then no row
     stray: list[int] = []
@@ -111,10 +119,41 @@ def _choose(lines: Sequence[str], blocks: Sequence[_Block], cut: Cut) -> Start:
         at_top = not above and cut.width > 2 and not _names_columns(below, cut)
         certain = block.plain and (at_top or _names_columns(above, cut))
         usual = block.plain or not numbers_only or len(block.rows) >= _ENOUGH
+        usual = usual and any(_words(lines[i], cut) <= worded for i in block.rows)
         if block.rows and (certain or (usual and len(block.rows) >= enough)):
-            return Start(block.lines[0], tuple(stray))
+            first = _below_entries(lines, block, worded, cut)
+            return Start(first, tuple(stray), tuple(i for i in block.lines if i < first))
         stray += [i for i in block.lines if block.plain and i >= block.plain[0]]
     raise AssertionError("the longest block is one of several rows")
+
+
+def _worded(lines: Sequence[str], block: _Block, cut: Cut) -> set[int]:
+    """Columns that hold words in some of the rows, as a preamble does before its numbers."""
+    rows = block.rows[:_SAMPLE]
+    counts = Counter(column for i in rows for column in _words(lines[i], cut))
+    return {column for column, count in counts.items() if count > _SOME * len(rows)}
+
+
+def _words(line: str, cut: Cut) -> set[int]:
+    """Columns in which a line holds a word: more letters than digits, and one of them first."""
+    return {
+        column
+        for column, cell in enumerate(cut.split(line))
+        if cell[:1].isalpha()
+        and 2 * sum(map(str.isalpha, cell)) > sum(map(str.isalnum, cell))
+        and cell.casefold() not in NO_VALUE
+    }
+
+
+def _below_entries(lines: Sequence[str], block: _Block, worded: set[int], cut: Cut) -> int:
+    """First line of a block without the entries of a preamble, which an empty line ends."""
+    first = block.lines[0]
+    for before, index in zip(block.lines, block.lines[1:]):
+        if _words(lines[before], cut) <= worded:
+            break
+        if index > before + 1:
+            first = index
+    return first
 
 
 def _names_columns(line: str, cut: Cut) -> bool:

@@ -22,6 +22,7 @@ from .clock import read_clocks
 from .groups import complete, merge
 from .layout import Layout
 from .log import IntArray, count_of, name_lines
+from .restart import refuse_other_header, refuse_other_width, refuse_rows_above
 from .source import Source
 
 FAST_FROM_BYTES = 6_000_000
@@ -30,6 +31,7 @@ RAGGED_SHARE = 0.01
 _ODD_BLANKS = tuple(
     chr(k).encode() for k in range(0x3001) if chr(k).isspace() and chr(k) not in "\t\n\r "
 )
+_REMARK = re.compile(r"\s*(#|%|//)\s*[^\W\d]|[\x00-\x1f]+\s*$")  # of words, or an end mark
 _SEPARATED = re.compile(r"(?<=\S)[\s,;|]+(?=\S)")
 RAGGED_SHARE_SERIAL = 0.5
 
@@ -57,11 +59,15 @@ def read_table(source: Source, layout: Layout) -> Table:
     offset = 0
     for _ in range(layout.first_row):
         offset = source.data.find(b"\n", offset) + 1
+    table = None
     if len(source.data) - offset >= FAST_FROM_BYTES:
         table = _read_fast(source, layout, offset)
-        if table is not None:
-            return table
-    return _read_careful(source, layout, offset)
+    if table is None:
+        table = _read_careful(source, layout, offset)
+    if layout.stray:
+        above = source.data[:offset].decode(errors="replace").split("\n")
+        refuse_rows_above(above, layout, table.data_lines, source.name)
+    return table
 
 
 def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
@@ -106,6 +112,11 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     columns = _parse_with_pandas(data, offset, layout)
     if columns is None or columns[0].size != rows:
         return None
+    if np.logical_and.reduce([np.isnan(column) for column in columns]).any():
+        return None  # it may be a second header
+    holes = (np.isnan(column).sum() for column in columns)
+    if any(MAX_BAD_KEPT < found < rows for found in holes):
+        return None  # whether they are empty or hold text is not known of all of them
     # The count above says nothing of blanks, nor of blank lines in a single column.
     uncounted = layout.delimiter == " " or layout.width == 1
     if uncounted and not np.isfinite(columns[-1]).all():
@@ -194,7 +205,8 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
                 "The recording probably stopped while it was written.",
             )
         )
-    notices += _judge_ragged(source.name, layout, ragged, len(rows))
+    first = text.split("\n")[ragged[0][0] - layout.first_row - 1] if ragged else ""
+    notices += _judge_ragged(source.name, layout, split, first)
     if not rows:
         raise LogError(
             "the table holds no complete row.",
@@ -210,7 +222,10 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
                 "begins where the time starts again.",
             )
         )
-    left_out = [(n, f"{count_of(found, 'field')}" if found else "broken") for n, found in ragged]
+    left_out = [
+        (n, "text" if n in split.remarks else count_of(found, "field") if found else "broken")
+        for n, found in ragged
+    ]
     left_out += [(n, "header again") for n in split.again]
     left_out += [(n, "written by the logger itself") for n in split.sessions]
     left_out += [(cut, "cut short")] if cut else []
@@ -239,6 +254,8 @@ def _with_numbers(
             wrong = np.flatnonzero(np.isnan(seconds))
             read[k] = seconds, {int(row): columns[k][row].strip() for row in wrong}
     values, bad = tuple(v for v, _ in read), tuple(b for _, b in read)
+    for row in np.flatnonzero(np.logical_and.reduce([np.isnan(v) for v in values])):
+        refuse_other_header(split.rows[row], layout, int(lines[row]), name)
     data_lines = int(lines.size)
     if layout.groups:
         merged = merge(values, bad, lines, layout, name)
@@ -251,11 +268,13 @@ def _with_numbers(
 @dataclass(frozen=True)
 class _Lines:
     """Lines of a table: cells and line of every row, line and number of fields where that is
-    wrong, lines that repeat the header, those of the logger itself and those of segments."""
+    wrong, which of these are remarks in words, lines that repeat the header, those of the logger
+    itself and those of segments."""
 
     rows: list[list[str]]
     lines: list[int]
     ragged: list[tuple[int, int]]
+    remarks: set[int]
     again: list[int]
     sessions: list[int]
     skipped: list[int]
@@ -269,7 +288,7 @@ class _Lines:
 
 def _split_rows(text: str, layout: Layout) -> _Lines:
     """Sort the lines of a table."""
-    out = _Lines([], [], [], [], [], [])
+    out = _Lines([], [], [], set(), [], [], [])
     rows, lines, ragged = out.rows, out.lines, out.ragged
     short: dict[int, int] = {}  # rows of groups that have ended, and their number of cells
     width, delimiter, needed = layout.width, layout.delimiter, layout.needed
@@ -297,6 +316,8 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
             lines.append(number)
         else:
             ragged.append((number, len(fields)))
+            if _is_remark(line, layout):
+                out.remarks.add(number)
         if len(fields) < needed and filled is not None:
             short[number] = len(fields)
     if short:
@@ -349,7 +370,7 @@ def _to_numbers(cells: Sequence[str], layout: Layout) -> tuple[FloatArray, dict[
     for row, cell in enumerate(cells):
         text = cell.strip()
         if layout.is_number(text):
-            values[row] = float(re.sub("[dD]", "e", text.replace(",", ".")))
+            values[row] = float(re.sub("[dD]", "e", text.replace(",", ".").replace(" ", "")))
         if not np.isfinite(values[row]):
             values[row] = np.nan
             if text or len(bad) < MAX_BAD_KEPT:
@@ -363,6 +384,8 @@ def _is_cut(line: str, before: Sequence[str], layout: Layout, ends_open: bool) -
     Too few fields are a cut; so is, in a file without a final line end, an empty or
     unfinished last cell, or fewer decimals than all lines before agree on.
     """
+    if _is_remark(line, layout):
+        return False
     fields = layout.split(line)
     if layout.groups:
         return complete(fields, layout) is None and len(fields) < layout.width
@@ -382,28 +405,48 @@ def _is_cut(line: str, before: Sequence[str], layout: Layout, ends_open: bool) -
     return len(cells) >= 5 and len(set(decimals)) == 1 and last < decimals[0]
 
 
-def _judge_ragged(
-    name: str, layout: Layout, ragged: Sequence[tuple[int, int]], rows: int
-) -> list[Notice]:
-    """Warn of few lines with the wrong number of fields, refuse many."""
+def _is_remark(line: str, layout: Layout) -> bool:
+    """Whether a line says something in words, or marks the end of the file; terminals aside."""
+    if layout.hints.serial:
+        return False
+    letters, digits = sum(map(str.isalpha, line)), sum(map(str.isdigit, line))
+    words = letters > max(digits, 2) and not any(map(layout.is_value, layout.split(line)))
+    return words or bool(_REMARK.match(line))
+
+
+def _judge_ragged(name: str, layout: Layout, split: _Lines, first: str) -> list[Notice]:
+    """Warn of few lines with the wrong number of fields, refuse many.
+
+    ``first`` is the text of the first one. Remarks below the last row are no rows that were lost.
+    """
+    ragged, rows = split.ragged, len(split.rows)
     if not ragged:
         return []
     serial = layout.hints.serial
     allowed = RAGGED_SHARE_SERIAL if serial else RAGGED_SHARE
-    line, found = ragged[0]
-    if len(ragged) > allowed * (rows + len(ragged)):
+    last = split.lines[-1] if split.lines else 0
+    counted = [(n, found) for n, found in ragged if n < last or n not in split.remarks]
+    if len(counted) > allowed * (rows + len(counted)):
+        refuse_other_width(first, ragged[0][0], layout, name)
+        line, found = counted[0]
         raise LogError(
             f"{count_of(found, 'field')} where the table has {count_of(layout.width, 'column')}"
-            + (f" ({len(ragged)} such lines)." if len(ragged) > 1 else "."),
+            + (f" ({len(counted)} such lines)." if len(counted) > 1 else "."),
             where=f"{name}, line {line}",
             expected=f"Expected {count_of(layout.width, 'field')} on every line.",
-            remedy="Correct or remove the line, or check that the file holds one table only.",
+            remedy=f"Correct or remove {'these lines' if len(counted) > 1 else 'the line'}, or "
+            "check that the file holds one table only.",
         )
+    partial = [n for n, _ in ragged if n not in split.remarks]
     cause = "as terminals do when they start mid-line" if serial else "partly written lines"
     return [
         Notice(
             "partial-lines",
-            f"{name}: {count_of(len(ragged), 'line')} with the wrong number of fields left out "
-            f"({name_lines([n for n, _ in ragged])}; {cause}).",
+            f"{name}: {count_of(len(lines), 'line')} {what} left out ({name_lines(lines)}{why}).",
         )
+        for lines, what, why in (
+            (partial, "with the wrong number of fields", f"; {cause}"),
+            (sorted(split.remarks), "of text", ""),
+        )
+        if lines
     ]

@@ -1,0 +1,80 @@
+"""A logger that starts again in the same file, with other columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from fluidact_fit.errors import LogError
+from fluidact_fit.logs import Log, read_log
+from fluidact_fit.logs import table as table_module
+
+FIRST = ["Time [s],inlet [bar],outlet [bar]", *(f"0.{k},3.5{k},3.3{k}" for k in range(10, 70))]
+WIDER = ["Time [s],oil [degC],inlet [bar],outlet [bar]", *(f"1.{k},40,3,2.{k}" for k in range(70))]
+
+
+def read(folder: Path, lines: list[str], **options: object) -> Log:
+    path = folder / "log.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return read_log(path, **options)
+
+
+@pytest.mark.parametrize("more", [10, 70])
+def test_columns_that_change_are_refused(tmp_path: Path, more: int) -> None:
+    lines = [*FIRST, *WIDER[: 1 + more]]
+    with pytest.raises(LogError) as caught:
+        read(tmp_path, lines)
+    assert "line 62: the columns change: " in caught.value.text
+    assert "--header-row 62" in caught.value.text
+    below = read(tmp_path, lines, header_row=62)
+    assert below.rows == more
+    assert [c.name for c in below.columns] == ["Time", "oil", "inlet", "outlet"]
+    assert read(tmp_path, lines, skip_rows=61).rows == more
+
+
+SECOND = [
+    ("Time [s],inlet [psi],outlet [psi]", "column #2 is 'inlet [psi]', above it is 'inlet [bar]'"),
+    ("Time [s],outlet [bar],inlet [bar]", "column #2 is 'outlet [bar]', above it is 'inlet [bar]'"),
+    ("Time [ms],inlet [bar],outlet [bar]", "column #1 is 'Time [ms]', above it is 'Time [s]'"),
+]
+
+
+@pytest.mark.parametrize(("second", "told"), SECOND)
+@pytest.mark.parametrize("limit", [0, 10**9])
+@pytest.mark.parametrize("exclude", [(), ("lines=62",)])
+def test_a_second_header_that_differs_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, second: str, told: str, limit: int,
+    exclude: tuple[str, ...],
+) -> None:  # fmt: skip
+    """Without the line, what stands below it would be read as what stands above."""
+    monkeypatch.setattr(table_module, "FAST_FROM_BYTES", limit)
+    lines = [*FIRST, second, *FIRST[1:]]
+    with pytest.raises(LogError) as caught:
+        read(tmp_path, lines, exclude=exclude)
+    assert "line 62: a second header that differs" in caught.value.text
+    assert told in caught.value.text
+    assert read(tmp_path, lines, header_row=62).rows == 60
+
+
+def test_other_units_in_a_row_of_their_own_are_refused(tmp_path: Path) -> None:
+    lines = ["Time;inlet", "s;bar", *(f"{k};3.{k}" for k in range(30))]
+    again = read(tmp_path, [*lines, *lines])
+    assert again.rows == 60
+    with pytest.raises(LogError, match="column #2 is 'psi', above it is 'bar'"):
+        read(tmp_path, [*lines, lines[0], "s;psi", *lines[2:]])
+
+
+@pytest.mark.parametrize("line", ["OL,OL,OL", "recording,stopped,now", "nan,nan,nan", ",,"])
+def test_words_between_rows_are_no_header(tmp_path: Path, line: str) -> None:
+    assert read(tmp_path, [*FIRST, line, *FIRST[1:]]).rows == 121
+
+
+def test_lines_above_the_data_are_not_counted_twice(tmp_path: Path) -> None:
+    """Counts of a potentiometer in hexadecimal: some rows look damaged, and are rows."""
+    rows = ["37B;48.055", "36C;47.030", "35D;46.030", "34B;44.731", "337;43.500"]
+    rows += [f"{k};{k}.5" for k in range(9)]
+    log = read(tmp_path, ["reading;reference [mm]", *rows])
+    account = log.account
+    assert (account.header_lines, account.data_rows) == (1, len(rows))
+    assert not account.left_out
