@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from studies.red_team.attacks import ball_screw as screw
 
+import fluidact_fit as ff
 from fluidact_fit import LogError
 from fluidact_fit.estimation.lost_rows import fill_lost_rows, find_lost_rows
 from fluidact_fit.experiment import Experiment, Signal
@@ -190,3 +192,17 @@ def test_levels_are_found_within_a_price(monkeypatch: pytest.MonkeyPatch) -> Non
     for name in ("breakaway_positive", "breakaway_negative"):
         q = found.parameters[name]
         assert q.status != "estimated" or q.ci95[0] <= DRIVE[name] <= q.ci95[1]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pushes_by_turns_are_found(seed: int) -> None:
+    """Either level makes up for the other: all of such logs ended at 12 % too much friction."""
+    machine, log = screw.Machine(screw.HEAVY), screw.Logger(
+        step=0.002, duration=6.0, count=2.0 * np.pi / 8192.0, kind="pushes"
+    )  # fmt: skip
+    (recording,) = screw.record(np.random.default_rng([5, seed]), machine, log)
+    found = ff.fit("ball-screw", recording)
+    assert found.verdict == "pass"
+    for name, true in screw.HEAVY.items():
+        q = found.parameters[name]
+        assert abs(q.number - true) < 4.0 * q.std_error, name

@@ -30,6 +30,10 @@ MICRO = {
     "mass": 2e-3, "viscous": 0.05, "coulomb_positive": 8e-3, "coulomb_negative": 6e-3,
     "breakaway_positive": 1.1e-2, "breakaway_negative": 9e-3,
 }  # fmt: skip
+HEAVY = {
+    "inertia": 2e-4, "viscous": 3e-4, "coulomb_positive": 0.02, "coulomb_negative": 0.024,
+    "breakaway_positive": 0.03, "breakaway_negative": 0.034,
+}  # fmt: skip
 STATIC = ("breakaway_positive", "breakaway_negative")
 
 
@@ -133,6 +137,17 @@ def levels(rng: np.random.Generator, n: int, step: float, size: float) -> Array:
     return u
 
 
+def pushes(rng: np.random.Generator, n: int, step: float, size: float) -> Array:
+    """Half-sines of 0.6 s to 1 s to either side by turns, each anew from rest."""
+    u, k, way = np.zeros(n), round(0.1 / step), 1.0
+    while k < n:
+        rows = round(rng.uniform(0.6, 1.0) / step)
+        push = way * size * rng.uniform(1.2, 1.8) * np.sin(np.linspace(0.0, np.pi, rows))
+        u[k : k + rows] = push[: n - k]
+        k, way = k + rows, -way
+    return u
+
+
 Move = Callable[[Machine, Array, float, bool], Array]
 
 
@@ -145,7 +160,7 @@ class Logger:
     count: float = COUNT
     noise: float = 0.0  # of the position, beside the counts
     drive_noise: float = 0.0  # of the recorded drive, not of the acting one
-    kind: str = "held"  # how the drive moves: held, levels, lines or continuous
+    kind: str = "held"  # how the drive moves: held, levels, pushes, lines or continuous
     lost: float = 0.0  # part of the rows
     jitter: float = 0.0  # of the instants, part of a sample
     logs: int = 1
@@ -154,7 +169,7 @@ class Logger:
     @property
     def jumps(self) -> bool:
         """Whether the drive is held between samples."""
-        return self.kind in ("held", "levels")
+        return self.kind in ("held", "levels", "pushes")
 
 
 def record(
@@ -181,6 +196,8 @@ def _drive(rng: np.random.Generator, machine: Machine, logger: Logger) -> Array:
         return wave(fine * logger.step)
     if logger.kind == "levels":
         u = levels(rng, n, logger.step, size)
+    elif logger.kind == "pushes":
+        u = pushes(rng, n, logger.step, size)
     else:  # in the steps of the controller
         u = np.round(wave(np.arange(n) * logger.step) / size * 1000.0) * size / 1000.0
     return np.interp(fine, np.arange(n), u) if logger.kind == "lines" else u[fine.astype(int)]
@@ -268,6 +285,10 @@ def attacks() -> Iterator[Attack]:
     moving = replace(plain, kind="continuous")
     axis_log = Logger(count=1e-6, duration=10.0, step=0.005)
     micro_log = Logger(count=1e-7, step=0.005, duration=5.0)
+    pushed = Logger(step=0.002, duration=6.0, count=2.0 * math.pi / 8192.0, kind="pushes")
+    yield make_attack(
+        "right model, held drive", "pushes by turns", Machine(HEAVY), pushed, repetitions=4
+    )
     yield make_attack("right model, held drive", "chirp", screw, plain, bounds=True, repetitions=8)
     yield make_attack(
         "right model, held drive",

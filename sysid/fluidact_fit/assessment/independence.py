@@ -68,7 +68,10 @@ def _errors_by_blocks(at: Optimum) -> FloatArray:
     from scipy.special import chdtri
 
     table = condense(rows_of(at.jacobians))
-    inverse = np.linalg.pinv(table / (scale := np.linalg.norm(table, axis=0) + 1e-300))
+    scale = np.linalg.norm(table, axis=0)
+    if not np.all(scale > 0.0):  # the output says nothing of a parameter that was fitted to others
+        return np.zeros(scale.size)
+    inverse = np.linalg.pinv(table / scale)
     bread = inverse @ inverse.T / np.outer(scale, scale)
     known, n = at.errors**2, sum(r.size for r in at.residuals)
     out = np.zeros(known.size)

@@ -96,8 +96,10 @@ def judge_term(at: Optimum, term: Term) -> Score | None:
         return None
     x, deviation = found
     errors = x[:-1] / at.errors
-    values = np.array([abs(at.number(n)) or 1e-300 for n in at.names])
-    shares = np.where(np.abs(errors) > _MATTERS, np.abs(x[:-1]) / values, 0.0)
+    values = np.abs([at.number(n) for n in at.names])
+    shares = np.full(values.size, np.inf)  # whatever is added to zero
+    np.divide(np.abs(x[:-1]), values, out=shares, where=values > np.finfo(float).tiny)
+    shares[np.abs(errors) <= _MATTERS] = 0.0
     worst = int(np.argmax(np.abs(errors)))
     size = float(x[-1])
     kept = replace(term, columns=(), instruments=())  # those of many terms are too much to keep
