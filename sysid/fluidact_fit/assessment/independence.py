@@ -32,7 +32,7 @@ _FEWEST = 8.0  # independent samples an unknown: with fewer, errors of 4 standar
 
 _BLOCKS = (6, 12, 24, 48)  # whose contributions to an estimate are compared
 _SHORTEST = 25  # rows of a block
-_BY_CHANCE = 1e-4  # probability at which they count for no chance
+_BY_CHANCE = 1e-5  # probability at which they count for no chance
 _WIDER = 1.5  # times its standard error, that the error of a parameter has to be by them
 
 

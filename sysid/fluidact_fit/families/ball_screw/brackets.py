@@ -33,7 +33,9 @@ _EVENT = 250
 _DERIVATIVES = 3  # simulations that one with its derivatives costs
 _REFITS = 3  # at one level, however much has been spent
 _HOPELESS = 20.0  # times the best cost: more than that by linear prediction is not refitted
-_FAR = 3.0  # times the error of the encoder: a fit so far off is at the wrong levels
+_TOLD = 4.0  # twice the logarithm of the likelihoods of two levels: two standard errors
+_FAR = 6.0  # times the error of the encoder: a fit so far off may be at the wrong levels
+_BETTER = 0.25  # of the cost, that is left at the right ones: noise of the drive stays
 _AROUND = 8  # cells on either side of both levels that are tried together
 _PAIRS = 5  # of them that are refitted
 _CELLS_REFITTED = 40  # at most, inside a bracket, when everything is refitted beside them
@@ -188,7 +190,7 @@ class _Staircase:
         kept = {*stage.held, *BREAKAWAY.values(), *EXCESS.values()}
         self.others = [n for n in stage.names if n not in kept]
         # share of the cost that does not count as a difference
-        self.slack = 4.0 / sum(y.size for y in self.model.measured)
+        self.slack = _TOLD / sum(y.size for y in self.model.measured)
         motions = [self.model.motion(i, stage.start)[0] for i in range(len(part))]
         self._price = sum(m.velocity.size + _EVENT * m.stops for m in motions)
         self._spent = 0.0
@@ -249,7 +251,8 @@ class _Staircase:
         found = stage.solve(problem, max_iterations=15, tolerance=0.05)
         self._spent += _DERIVATIVES * self._price * (found.iterations + 1)
         now = {**values, **values_at(problem, found.eta)}
-        return _Refitted(found.cost, now, np.vstack(found.jacobian))
+        independent = sum(map(_independent, found.residuals))
+        return _Refitted(found.cost, now, np.vstack(found.jacobian), independent)
 
     def choose(self, name: str, bracket: Bracket, best: _Refitted) -> tuple[Bracket, _Refitted]:
         """The bracket of one level among the commanded ones, and the fit there."""
@@ -275,7 +278,9 @@ class _Staircase:
         if not found:
             return bracket, best
         first = min(found.values(), key=lambda f: f.cost)
-        most = min(first.cost, best.cost) * (1.0 + self.slack)
+        # what forces beyond the model leave is autocorrelated, and says less of a level
+        slack = max(self.slack, _TOLD / max(min(first.independent, best.independent), 1.0))
+        most = min(first.cost, best.cost) * (1.0 + slack)
         if first.cost > most:
             return bracket, best
         sizes = [g.size for g in groups]
@@ -308,11 +313,12 @@ class _Staircase:
         chosen = list(np.argsort(predicted, kind="stable")[:_PAIRS])
         found = {int(k): self.refit({**best.values, **points[k]}) for k in chosen}
         k, first = min(found.items(), key=lambda pair: pair[1].cost)
-        if first.cost >= best.cost:
+        if first.cost > _BETTER * best.cost:
             return dict(brackets), best
+        # what was as good before is looked at again
         return {
-            n: Bracket(float(e[i]), float(e[i + 1]), points[k][n])
-            for n, e, i in zip(brackets, cells, pairs[k])
+            n: Bracket(min(b.low, float(e[i])), max(b.high, float(e[i + 1])), points[k][n])
+            for (n, b), e, i in zip(brackets.items(), cells, pairs[k])
         }, first
 
     def _cells_near(self, name: str, best: _Refitted) -> FloatArray:
@@ -324,11 +330,15 @@ class _Staircase:
 
 @dataclass(frozen=True)
 class _Refitted:
-    """A fit beside held static levels: its cost, all values, and the Jacobian there."""
+    """A fit beside held static levels: its cost, all values, and the Jacobian there.
+
+    ``independent`` is how many independent samples its residuals are worth.
+    """
 
     cost: float
     values: dict[str, float]
     jacobian: FloatArray
+    independent: float
 
     def predict(self, errors: FloatArray) -> FloatArray:
         """Costs that refits would reach from rows of errors if the Jacobian stayed as it is."""
@@ -340,6 +350,15 @@ class _Refitted:
     def at(self, name: str, level: float) -> _Refitted:
         """The same fit at another level that the logs cannot tell from its own."""
         return replace(self, values={**self.values, name: level})
+
+
+def _independent(residual: FloatArray) -> float:
+    """How many independent samples would show the size of the residual as well."""
+    power = float(residual @ residual)
+    if power == 0.0:
+        return float(residual.size)
+    alike = min(max(float(residual[1:] @ residual[:-1]) / power, 0.0), 1.0 - 1e-6)
+    return residual.size * (1.0 - alike**2) / (1.0 + alike**2)
 
 
 def levels_above(
