@@ -213,7 +213,7 @@ def test_bracketing_ends_when_the_cost_no_longer_falls(monkeypatch: pytest.Monke
 
     def refit(self: brackets._Staircase, values: dict) -> brackets._Refitted:
         asked.append(next(costs))
-        return brackets._Refitted(asked[-1], values, np.zeros((1, 0)))
+        return brackets._Refitted(asked[-1], values, np.zeros((1, 0)), 1.0)
 
     def search(*given: object) -> Bracket:
         centre = next(centres)
