@@ -127,7 +127,7 @@ UNITS = [
     Case(
         "unit `9^9^9` in a header", "hangs",
         "sed '1s/(bar)/(9^9^9)/' datasets/line/trial1.csv > u.csv; fluidact-fit line u.csv --column 'inlet=p_valve (9^9^9)' --column outlet=#3 -o u.yaml",
-        0, r"in which '(9^9^9)' is no unit that is known",
+        0, r"in which '\(9\^9\^9\)' is no unit that is known",
     ),
     Case(
         "unit `9^9^9^9` in a parameter file", "hangs, `ff.load` too",

@@ -39,6 +39,7 @@ _EXAMINATIONS = {
     "given": find_reliance,
     "conditional": find_conditional,
 }
+_TELL_MORE = ("unmodelled-response", "halves-disagree")
 _LAGS = 10
 _ONE_SIDED = 1.5  # times the correlation with the input's past: more than chance, and than misfit
 _PAST = 20  # highest order of an autoregression of input or residual
@@ -105,6 +106,8 @@ def _examined(at: Optimum | None, noisy: bool) -> tuple[dict[str, Any], list[Not
             continue
         details[name], said = examine(at)
         notices += said
+    if any(n.code in _TELL_MORE for n in notices):  # what they name changes slowly as well
+        notices = [n for n in notices if n.code != "errors-change-slowly"]
     return {name: entry for name, entry in details.items() if entry}, notices
 
 
