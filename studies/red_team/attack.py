@@ -142,6 +142,15 @@ class Result:
         ]
 
 
+def with_play(values: Array, width: float) -> Array:
+    """What follows values behind play, from the first one on."""
+    out, now = np.empty(values.size), float(values[0])
+    for k, x in enumerate(values.tolist()):
+        now = min(max(now, x - 0.5 * width), x + 0.5 * width)
+        out[k] = now
+    return out
+
+
 def cramer_rao(
     simulate: Callable[[Mapping[str, float]], Sequence[Array]],
     truth: Mapping[str, float],

@@ -37,9 +37,10 @@ _TEMPERATURES = {"degC", "degF", "K"}
 
 _LETTERS = str.maketrans({"µ": "u", "μ": "u", "²": "^2", "³": "^3", "₂": "2", "₃": "3"})
 _WIDE = str.maketrans("［］【】（）", "[][]()")
-# A name and its unit: "Zeit / ms", "t/ms", "Inlet, psi", "time in ms", "Input 1 PSI".
-_BEHIND = (
-    re.compile(r"(?P<name>.*\S)(?: / |, ?| in )(?P<unit>\S.*)"),
+# A name and its unit: "Zeit / ms", "Inlet, psi", "time in ms"; where no sign says so, the unit may
+# be a part of the name: "t/ms", "Input 1 PSI".
+_MARKED = re.compile(r"(?P<name>.*\S)(?: / |, ?| in )(?P<unit>\S.*)")
+_BARE = (
     re.compile(r"(?P<name>[^\W\d]+)/(?P<unit>\S+)"),
     re.compile(r"(?P<name>.*\S) (?P<unit>\S{2,})"),
 )
@@ -339,16 +340,17 @@ def parse_unit_from_header(header: str) -> tuple[str, str | None]:
 
 def _unit_behind(text: str) -> tuple[str, str] | None:
     """Name and unit of a header that ends in a common unit without brackets."""
-    for form in _BEHIND:
+    found = _MARKED.fullmatch(text)
+    if found and _is_common_unit(found["unit"]):
+        return found["name"], found["unit"]
+    for form in _BARE:
         found = form.fullmatch(text)
         if found is None or not _is_common_unit(found["unit"]):
             continue
-        name, unit = found["name"], found["unit"]
-        if form is not _BEHIND[0] and unit in DOUBTFUL_HEADERS | LAST_WORDS:
-            continue
         # "m/s", "counts/rev" and "N m" are units as they stand
-        if normalise_unit(name) not in TABLE or form is _BEHIND[0]:
-            return name, unit
+        part = found["unit"] in DOUBTFUL_HEADERS | LAST_WORDS
+        if not part and normalise_unit(found["name"]) not in TABLE:
+            return found["name"], found["unit"]
     return None
 
 
@@ -386,9 +388,8 @@ def _is_unit_in_round_brackets(text: str) -> bool:
     unit = normalise_unit(text)
     if not unit or unit == "1":
         return text.strip() in {"counts", "raw", "ADC", "-"}
+    if SLIPPED.fullmatch(unit):
+        return True  # to be refused: taken for a remark it would be SI
     # pint reads many remarks as units ("act" is an attocarat), so a word has to be in the
     # table; an expression with an operator may be anything pint knows.
-    # What slipped is refused later on: taken for a remark it would be SI.
-    if _is_common_unit(text) or SLIPPED.fullmatch(unit):
-        return True
-    return bool(re.search(r"[/*^ ]", unit)) and is_unit(text)
+    return _is_common_unit(text) or (bool(re.search(r"[/*^ ]", unit)) and is_unit(text))

@@ -16,10 +16,9 @@ from dataset_fits import fit_dataset
 from fluidact_fit.control import make_block
 from fluidact_fit.demo import load_dataset
 from fluidact_fit.errors import LogError, NotIdentifiedError
-from fluidact_fit.estimation.recursion import play
 from fluidact_fit.experiment import Experiment, FloatArray, Hold, Signal
 from fluidact_fit.families.hydraulic_motor.block import MotorBlock
-from fluidact_fit.families.hydraulic_motor.equation import MotorModel, static_speed
+from fluidact_fit.families.hydraulic_motor.equation import MotorModel, play, static_speed
 from fluidact_fit.families.hydraulic_motor.family import HydraulicMotor
 from fluidact_fit.families.hydraulic_motor.fit import MotorOptions
 from fluidact_fit.family import Plant

@@ -143,6 +143,7 @@ def test_a_log_that_passes_midnight_tells_day_from_month(tmp_path: Path, first: 
         lambda t: f"0 days 00:00:{t:09.6f}" if t else "0 days 00:00:00",
         lambda t: f"04-Mar-2020 11:59:{50 + t:06.3f}",
         lambda t: f"4-Mai-2020 11:59:{50 + t:06.3f}",
+        lambda t: f"4-Mär-2020 11:59:{50 + t:06.3f}",
     ],
 )
 def test_durations_and_names_of_months(tmp_path: Path, cell: Callable[[float], str]) -> None:

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from ..attack import Array, Attack, Recording, cramer_rao
+from ..attack import Array, Attack, Recording, cramer_rao, with_play
 
 UNITS = {"command": "A", "speed": "rad/s"}
 TRUTH = {
@@ -28,15 +28,6 @@ def static(w: Array, p: Mapping[str, float]) -> Array:
     return np.asarray(np.sign(w) * p["gain"] * bent)
 
 
-def play(u: Array, width: float) -> Array:
-    """Spool that follows its command with play, from the first command on."""
-    out, now = np.empty(u.size), float(u[0])
-    for k, x in enumerate(u):
-        now = min(max(now, x - width / 2.0), x + width / 2.0)
-        out[k] = now
-    return out
-
-
 def simulate(
     p: Mapping[str, float], t: Array, u: Array, moves: bool = False, second: float = 0.0
 ) -> Array:
@@ -50,7 +41,7 @@ def simulate(
         at = np.unique(np.concatenate([t[:-1] + k / FINE * np.diff(t) for k in range(FINE)]
                                       + [t[-1:]]))  # fmt: skip
         now = np.interp(at, t, u)
-    target = static(play(now, p["hysteresis"]), p)
+    target = static(with_play(now, p["hysteresis"]), p)
     slope = np.append(np.diff(target) / np.diff(at), 0.0) if moves else np.zeros(at.size)
     event = np.concatenate((at + p["dead_time"], t))
     order = np.argsort(event, kind="stable")

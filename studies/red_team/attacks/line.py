@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from ..attack import Array, Attack, Recording, cramer_rao
+from ..attack import Array, Attack, Recording, cramer_rao, with_play
 
 UNITS = {"inlet": "Pa", "outlet": "Pa"}
 TRUTH = {"gain": 1.0, "time_constant": 0.12, "dead_time": 0.0147}
@@ -123,12 +123,8 @@ def _slow_inlet(recording: Recording, rng: np.random.Generator, rows: int) -> Re
 def _hysteresis(recording: Recording, rng: np.random.Generator, width: float) -> Recording:
     """An outlet transducer with play, in parts of its range; its noise comes after it."""
     clean = recording["outlet"]
-    out, now = np.empty(clean.size), float(clean[0])
-    half = 0.5 * width * float(np.ptp(clean))
-    for k, y in enumerate(clean.tolist()):
-        now = min(max(now, y - half), y + half)
-        out[k] = now
-    return {**recording, "outlet": out + 0.005 * rng.standard_normal(out.size)}
+    seen = with_play(clean, width * float(np.ptp(clean)))
+    return {**recording, "outlet": seen + 0.005 * rng.standard_normal(seen.size)}
 
 
 def _spoilt(rng: np.random.Generator, spoil: Spoil, **more: float) -> list[Recording]:

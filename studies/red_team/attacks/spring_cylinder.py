@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from ..attack import Array, Attack, Recording, cramer_rao
+from ..attack import Array, Attack, Recording, cramer_rao, with_play
 
 UNITS = {"command": "V", "pressure": "Pa", "position": "m", "force": "N", "velocity": "m/s"}
 TRUTH = {
@@ -70,15 +70,6 @@ def log(
     return [spoil(r, rng) if spoil else r]
 
 
-def _with_play(values: Array, width: float) -> Array:
-    """What is read behind a coupling with play."""
-    out, now = np.empty(values.size), float(values[0])
-    for k, x in enumerate(values.tolist()):
-        now = min(max(now, x - 0.5 * width), x + 0.5 * width)
-        out[k] = now
-    return out
-
-
 def _spoil(r: Recording, rng: np.random.Generator, what: str) -> Recording:
     y, x, n = r["force"], r["position"], r["force"].size
     size = float(np.ptp(y))
@@ -96,7 +87,7 @@ def _spoil(r: Recording, rng: np.random.Generator, what: str) -> Recording:
     elif what == "slow position":
         x = x[np.arange(n) // 3 * 3]
     elif what == "play of the position":
-        x = _with_play(x, 1e-3)
+        x = with_play(x, 1e-3)
     elif what == "curved valve":
         y = y + 31.0 * 0.1 * (1.0 - (r["command"] / 2.5 - 1.0) ** 2)
     elif what == "progressive spring":

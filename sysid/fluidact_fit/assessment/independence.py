@@ -24,13 +24,12 @@ import numpy as np
 
 from ..errors import Notice
 from ..estimation.blocks import condense, rows_of
+from ..estimation.uncertainty import inverse_information
 from ..experiment import FloatArray
 from .optimum import Optimum
 
 _FEWEST = 8.0  # independent samples an unknown: with fewer, errors of 4 standard errors were seen
-
-
-_BLOCKS = (6, 12, 24, 48)  # whose contributions to an estimate are compared
+_BLOCKS = (6, 12, 24, 48)  # of rows, whose contributions are compared; each divides the last
 _SHORTEST = 25  # rows of a block
 _BY_CHANCE = 1e-5  # probability at which they count for no chance
 _WIDER = 1.5  # times its standard error, that the error of a parameter has to be by them
@@ -67,19 +66,18 @@ def _errors_by_blocks(at: Optimum) -> FloatArray:
     """Standard errors by the contributions of blocks of rows, 0 where no more than chance."""
     from scipy.special import chdtri
 
-    table = condense(rows_of(at.jacobians))
-    scale = np.linalg.norm(table, axis=0)
-    if not np.all(scale > 0.0):  # the output says nothing of a parameter that was fitted to others
-        return np.zeros(scale.size)
-    inverse = np.linalg.pinv(table / scale)
-    bread = inverse @ inverse.T / np.outer(scale, scale)
+    bread, blind = inverse_information(condense(rows_of(at.jacobians)))
     known, n = at.errors**2, sum(r.size for r in at.residuals)
+    counts = [count for count in _BLOCKS if n >= count * _SHORTEST]
     out = np.zeros(known.size)
-    for count in _BLOCKS:
-        if n < count * _SHORTEST:
-            break
-        sums = [_score(at, k * n // count, (k + 1) * n // count) for k in range(count)]
-        found = np.sum((np.array(sums) @ bread) ** 2, axis=0) * count / (count - 1)
+    if np.any(blind) or not counts:  # the output may say nothing of what was fitted to others
+        return out
+    finest = counts[-1]
+    scores = np.array([_score(at, k * n // finest, (k + 1) * n // finest) for k in range(finest)])
+    parts = scores @ bread
+    for count in counts:
+        sums = parts.reshape(count, finest // count, known.size).sum(axis=1)
+        found = np.sum(sums**2, axis=0) * count / (count - 1)
         more = found > known * chdtri(count - 1, _BY_CHANCE) / (count - 1)
         out = np.where(more, np.maximum(out, found), out)
     return np.sqrt(out)
@@ -97,6 +95,7 @@ def _score(at: Optimum, begin: int, end: int) -> FloatArray:
 
 
 def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
+    """How many independent samples would show the size of the errors as well."""
     independent, unknowns = at.estimate.independent, len(at.names)
     if not np.isfinite(independent):
         return {}, []

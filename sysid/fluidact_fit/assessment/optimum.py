@@ -331,7 +331,12 @@ def delayed(experiment: Experiment, role: str, by: float) -> Experiment:
 
 def shifted(experiment: Experiment, role: str, rows: int) -> Experiment:
     """The same run with the readings of an input that many rows later; the ends keep theirs."""
-    signal = experiment.signals[role]
-    source = np.clip(np.arange(signal.values.size) - rows, 0, signal.values.size - 1)
-    moved = replace(signal, values=signal.values[source])
-    return replace(experiment, signals={**experiment.signals, role: moved})
+    values = experiment[role]
+    source = np.clip(np.arange(values.size) - rows, 0, values.size - 1)
+    return with_readings(experiment, role, values[source])
+
+
+def with_readings(experiment: Experiment, role: str, values: FloatArray) -> Experiment:
+    """The same run with other readings of an input."""
+    signal = replace(experiment.signals[role], values=values)
+    return replace(experiment, signals={**experiment.signals, role: signal})

@@ -8,16 +8,15 @@ bowed adds ``1 - s^2`` times its bow amid its range, ``s`` going from -1 to 1 ov
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from ..estimation.noise import noise_floor
-from ..estimation.recursion import play
-from ..experiment import Experiment, FloatArray
+from ..estimation.recursion import behind_play
+from ..experiment import FloatArray
 from .beside import all_of
-from .optimum import Optimum, root_mean_square
+from .optimum import Optimum, root_mean_square, with_readings
 from .score import Term
 
 _PART = 0.01  # of its range, by which a channel is bowed, and most play of one
@@ -49,18 +48,19 @@ def shape_terms(at: Optimum) -> Iterator[Term]:
 
 
 def _output_play(at: Optimum, name: str) -> Iterator[Term]:
-    own = [s for s in at.series if s.role == name]
-    found = [s.simulated[np.isfinite(s.simulated)] for s in own]
-    width = _width(found)
+    own = [s.simulated for s in at.series if s.role == name]
+    width = _width([all_of(values, np.isfinite(values)) for values in own])
     if width is None:
         return
-    columns = [np.zeros(int(s.used.sum())) for s in at.series]
-    for k, s in enumerate(at.series):
+    columns = []
+    for s in at.series:
+        change = np.zeros(s.simulated.size)
         if s.role == name:
             known = np.isfinite(s.simulated)
-            change = np.zeros(s.simulated.size)
-            change[known] = play(s.simulated[known], width)[0] - s.simulated[known]
-            columns[k] = all_of(change, s.used) / (width * s.scale)
+            change[known] = behind_play(all_of(s.simulated, known), width)
+            change[known] -= s.simulated[known]
+            change /= width * s.scale
+        columns.append(all_of(change, s.used))
     unit = at.variant.role(name).unit
     yield Term(
         f"play of {name}", unit, partial(_played, name, unit), _PLAY, columns, least=_MATTERS
@@ -91,7 +91,7 @@ def _input_terms(at: Optimum, role: str, unit: str) -> Iterator[Term]:
     yield from _changed(at, f"bow of {role}", role, bowed, bow, partial(_bowed, role, unit), _BOW)
     if width is not None:
         yield from _changed(
-            at, f"play of {role}", role, lambda x: play(x, width)[0], width,
+            at, f"play of {role}", role, lambda x: behind_play(x, width), width,
             partial(_played, role, unit), _PLAY,
         )  # fmt: skip
 
@@ -101,17 +101,10 @@ def _changed(
     words: Callable[[float], str], remedy: str,
 ) -> Iterator[Term]:  # fmt: skip
     """The term of another reading of an input, per unit of its size."""
-    found = at.change([_with(e, role, change) for e in at.experiments])
+    found = at.change([with_readings(e, role, change(e[role])) for e in at.experiments])
     if root_mean_square(found) > _LEAST * at.sigma:
         columns = [c / size for c in found]
         yield Term(name, at.variant.role(role).unit, words, remedy, columns, least=_MATTERS)
-
-
-def _with(e: Experiment, role: str, change: Callable[[FloatArray], FloatArray]) -> Experiment:
-    """A run with one of its inputs changed."""
-    signal = e.signals[role]
-    moved = replace(signal, values=change(signal.values))
-    return replace(e, signals={**e.signals, role: moved})
 
 
 def _played(role: str, unit: str, size: float) -> str:

@@ -8,7 +8,7 @@ from math import ceil
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import Array, FloatArray
+from ..experiment import Array, FloatArray, blocks
 
 
 def orbit(start: Array, phi: Array, count: int) -> Array:
@@ -51,49 +51,43 @@ def clamped(
     """``x_k = min(max(x_(k-1) + steps_k, low_k), high_k)``, shape ``(count,)``; exact.
 
     A step followed by a clamp, and any number of them one after the other, is again a step
-    followed by a clamp. About ``sqrt(count)`` blocks are first taken as one such each, which gives
+    followed by a clamp. About ``sqrt(count)`` parts are first taken as one such each, which gives
     the value that each begins with, and then advance side by side.
     """
     width = max(1, ceil(count**0.5))
-    blocks = -(-count // width)
+    rows = -(-count // width)
 
     def cut(values: npt.ArrayLike, idle: float) -> FloatArray:
         if np.ndim(values) == 0:
-            return np.broadcast_to(np.asarray(values, dtype=float), (width, blocks))
-        out = np.full(blocks * width, idle)
+            return np.broadcast_to(np.asarray(values, dtype=float), (width, rows))
+        out = np.full(rows * width, idle)
         out[:count] = values
-        return out.reshape(blocks, width).T
+        return out.reshape(rows, width).T
 
     a, b, c = cut(steps, 0.0), cut(low, -np.inf), cut(high, np.inf)
-    step, least, most = np.zeros(blocks), np.full(blocks, -np.inf), np.full(blocks, np.inf)
+    step, least, most = np.zeros(rows), np.full(rows, -np.inf), np.full(rows, np.inf)
     for more, lowest, highest in zip(a, b, c, strict=True):
         step += more
         least = np.minimum(np.maximum(least + more, lowest), highest)
         most = np.minimum(np.maximum(most + more, lowest), highest)
-    now, x = np.empty(blocks), start
-    for k in range(blocks):
+    now, x = np.empty(rows), start
+    for k in range(rows):
         now[k] = x
         x = min(max(x + step[k], least[k]), most[k])
-    found = np.empty((blocks, width))
+    found = np.empty((rows, width))
     for j, (more, lowest, highest) in enumerate(zip(a, b, c, strict=True)):
         found[:, j] = now = np.minimum(np.maximum(now + more, lowest), highest)
     return found.reshape(-1)[:count]
 
 
-def play(command: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
-    """Play of a given width ``h``, and its derivative by the width, ``(n,)`` each.
-
-    ``w_k = min(max(w_{k-1}, u_k - h/2), u_k + h/2)``, starting at the first command; all in the
-    unit of the command.
-    """
-    low, high = command - 0.5 * width, command + 0.5 * width
-    out = clamped(float(command[0]), low, high, 0.0, command.size)
-    before = np.concatenate((command[:1], out[:-1]))
-    pulled, pushed = low > before, high < before
-    last = np.maximum.accumulate(np.where(pulled | pushed, np.arange(out.size), -1))
-    # until either edge is met the output does not depend on the width
-    slope = np.where(last < 0, 0.0, np.where(pulled[last], -0.5, 0.5))
-    return out, slope
+def behind_play(values: FloatArray, width: float) -> FloatArray:
+    """``w_k = min(max(w_(k-1), u_k - h/2), u_k + h/2)``, starting at the first value, ``(n,)``."""
+    out, now = np.empty(values.size), float(values[0])
+    for at in blocks(values.size):
+        part = values[at]
+        out[at] = clamped(now, part - 0.5 * width, part + 0.5 * width, 0.0, part.size)
+        now = float(out[at][-1])
+    return out
 
 
 def scan(phi: Array, forcing: Array, start: Array) -> Array:

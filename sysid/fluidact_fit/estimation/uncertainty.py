@@ -223,7 +223,7 @@ def _positive(matrix: FloatArray) -> FloatArray:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
 
 
-def _inverse_information(table: FloatArray) -> tuple[FloatArray, BoolArray]:
+def inverse_information(table: FloatArray) -> tuple[FloatArray, BoolArray]:
     """``(J'J)^-1`` where the data determine it, and which unknowns they do not.
 
     ``table`` has the products of the columns of ``J``.
@@ -287,7 +287,7 @@ def covariance(
     degrees = max(n - p - local_unknowns, 1)
     cost = float(sum(float(r @ r) for r in residuals))
     sigma = max(np.sqrt(cost / degrees), sigma_floor)
-    bread, blind = _inverse_information(stacked)
+    bread, blind = inverse_information(stacked)
     order, middle, independent = 0, None, np.inf
     if robust:
         a, variance = _noise_model(residuals)

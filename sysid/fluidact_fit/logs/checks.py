@@ -70,33 +70,39 @@ def placeholder_rows(values: FloatArray) -> IndexArray:
 
     ``values`` of shape ``(n,)``, NaN are ignored; empty where there is no such value.
     """
-    known = values[np.isfinite(values)]
-    for extreme in (known.max(initial=-np.inf), known.min(initial=np.inf)):
-        found = known == extreme
-        if not 1 < np.count_nonzero(found) <= _RARE * known.size:
+    known = np.isfinite(values)
+    ends = _ends(values, known)
+    for extreme in ends[::-1]:
+        others = known & (values != extreme)
+        count, rest = np.count_nonzero(known), np.count_nonzero(others)
+        if not 1 < count - rest <= _RARE * count:
             continue
-        rest = known[~found]
-        away = float(np.abs(rest - extreme).min())
-        if away > _AWAY * float(np.ptp(rest)) and np.unique(rest).size > _VARIED:
+        low, high = _ends(values, others)
+        away = min(abs(extreme - low), abs(extreme - high))
+        if away > _AWAY * (high - low) and np.unique(values[others]).size > _VARIED:
             return np.flatnonzero(values == extreme)
     return np.array([], dtype=np.int64)
 
 
-def check_placeholders(log: Log, columns: Sequence[Column]) -> Iterator[Notice]:
-    """Name cells of columns with a value that can hardly have been measured."""
-    for column in columns:
-        rows = np.array([]) if column.clock else placeholder_rows(column.values)
-        if not rows.size:
-            continue
-        others = np.delete(column.values, rows)
-        lines = log.lines[rows]
-        yield Notice(
-            "placeholder-values",
-            f"{log.name}: column '{column.label}' holds {column.values[rows[0]]:.10g} in "
-            f"{count_of(rows.size, 'row')} ({name_lines(lines)}), far from all others "
-            f"({np.nanmin(others):g} to {np.nanmax(others):g}): it seems to stand for a value that "
-            f"is missing. Leave the rows out with {exclude_lines(lines)}.",
-        )
+def _ends(values: FloatArray, chosen: BoolArray) -> tuple[float, float]:
+    """Smallest and largest of some values."""
+    low = values.min(where=chosen, initial=np.inf)
+    return float(low), float(values.max(where=chosen, initial=-np.inf))
+
+
+def check_placeholders(log: Log, column: Column) -> Iterator[Notice]:
+    """Name cells of a column with a value that can hardly have been measured."""
+    rows = placeholder_rows(column.values)
+    if column.clock or not rows.size:
+        return
+    others, lines = np.delete(column.values, rows), log.lines[rows]
+    yield Notice(
+        "placeholder-values",
+        f"{log.name}: column '{column.label}' holds {column.values[rows[0]]:.10g} in "
+        f"{count_of(rows.size, 'row')} ({name_lines(lines)}), far from all others "
+        f"({np.nanmin(others):g} to {np.nanmax(others):g}): it seems to stand for a value that "
+        f"is missing. Leave the rows out with {exclude_lines(lines)}.",
+    )
 
 
 def check_signals(
@@ -112,7 +118,7 @@ def check_signals(
         column = f"{log.name}: {role} (column '{binding.column.label}')"
         unit = after_number(binding.role.unit)
         if _is_odd(binding, parts):
-            yield from check_placeholders(log, [binding.column])
+            yield from check_placeholders(log, binding.column)
         if low == high:
             yield Notice(
                 "constant-signal",

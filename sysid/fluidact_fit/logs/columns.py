@@ -220,9 +220,9 @@ def _unit_of_calendar(column: Column) -> str | None:
 
     As seconds they would be centuries, or rows within a microsecond of each other.
     """
+    if column.values.size < 2 or not column.values[0] >= _SPREADSHEET[0]:
+        return None  # before anything is looked at whole: most stamps begin near zero
     known = column.values[np.isfinite(column.values)]
-    if known.size < 2:
-        return None
     low, high = float(known.min()), float(known.max())
     for unit, size in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
         if _EPOCH[0] * size <= low and high <= _EPOCH[1] * size:

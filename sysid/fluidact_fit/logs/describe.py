@@ -28,7 +28,7 @@ def describe(log: Log) -> dict[str, Any]:
         one was taken for), ``dialect``, ``columns`` (raw units), ``time`` (``None`` without a time
         column) and ``notices``.
     """
-    notices = [*log.notices, *check_placeholders(log, log.columns)]
+    notices = [*log.notices, *(n for c in log.columns for n in check_placeholders(log, c))]
     time = _describe_time(log, notices)
     dialect = log.dialect
     return {

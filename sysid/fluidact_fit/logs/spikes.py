@@ -70,8 +70,9 @@ def find_spikes(values: FloatArray, moved: BoolArray) -> IndexArray:
     """
     alone, height = _back_again(values, moved)
     most = max(3, int(_SHARE * values.size))
-    order = alone[np.argsort(-height)[:most]]
-    far = np.sort(height)[::-1][:most] > _FARTHER * _left_when_removed(values, order)
+    highest = np.argsort(-height)[:most]
+    order = alone[highest]
+    far = height[highest] > _FARTHER * _left_when_removed(values, order)
     count = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
     return np.sort(order[:count])
 

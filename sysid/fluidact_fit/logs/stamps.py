@@ -12,7 +12,7 @@ _DATE = (
     r"(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})"
     rf"|(?P<dd>\d{{1,2}})\.(?P<dm>\d{{1,2}})\.(?P<dy>{_YEAR})"
     rf"|(?P<a>\d{{1,2}})[/-](?P<b>\d{{1,2}})[/-](?P<c>{_YEAR})"
-    rf"|(?P<nd>\d{{1,2}})[- ](?P<nm>[^\W\d_]{{3}})[- ](?P<ny>{_YEAR})"
+    rf"|(?P<nd>\d{{1,2}})[- ](?P<nm>[A-Za-zä]{{3}})[- ](?P<ny>{_YEAR})"
     r"|(?P<days>\d+) days?"
 )
 _CLOCK = (
@@ -23,8 +23,10 @@ _STAMP = re.compile(
     rf"(?:{_DATE})?(?:(?:^|T|\s+){_CLOCK})?\s*(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?", re.ASCII
 )
 SECOND = 10**9
-_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-_OTHER_MONTHS = {"mär": 3, "mai": 5, "okt": 10, "dez": 12}
+_MONTHS = {
+    "jan": 1, "feb": 2, "mar": 3, "apr": 4, "may": 5, "jun": 6, "jul": 7, "aug": 8, "sep": 9,
+    "oct": 10, "nov": 11, "dec": 12, "mär": 3, "mai": 5, "okt": 10, "dez": 12,
+}  # fmt: skip
 # How long since the start, as MATLAB writes it: 0.01 sec
 _DURATION = re.compile(r"(?P<size>\d+(?:\.\d*)?) (?P<unit>ms|s|sec|min|hr)", re.ASCII)
 _SIZES = {"ms": SECOND // 1000, "s": SECOND, "sec": SECOND, "min": 60 * SECOND, "hr": 3600 * SECOND}
@@ -42,10 +44,9 @@ class Stamp(NamedTuple):
 
 
 def is_stamp(text: str) -> bool:
-    """Return whether a cell is a date, a time of day with seconds, or both."""
-    if not text[:1].isdigit():
-        return False
-    return bool(_DURATION.fullmatch(text)) or (len(text) >= 7 and read_stamp(text) is not None)
+    """Return whether a cell is a date, a time of day with seconds, both, or a duration."""
+    long = len(text) >= 7 or _DURATION.fullmatch(text) is not None
+    return long and text[0].isdigit() and read_stamp(text) is not None
 
 
 def is_date(text: str) -> bool:
@@ -74,10 +75,12 @@ def read_stamp(text: str) -> Stamp | None:
         elif found["dy"] is not None:
             day = date(_year(found["dy"]), int(found["dm"]), int(found["dd"])).toordinal()
         elif found["nm"] is not None:
-            day = date(_year(found["ny"]), _month(found["nm"]), int(found["nd"])).toordinal()
+            day = date(
+                _year(found["ny"]), _MONTHS[found["nm"].casefold()], int(found["nd"])
+            ).toordinal()
         elif found["days"] is not None:
             day = int(found["days"])
-    except ValueError:
+    except (ValueError, KeyError):
         return None
     dated = day is not None or slashed is not None
     if found["hour"] is None:
@@ -92,12 +95,6 @@ def read_stamp(text: str) -> Stamp | None:
     part = int((found["part"] or "0")[:9].ljust(9, "0"))
     time = ((hour * 60 + minute) * 60 + second) * SECOND + part
     return Stamp(day, time - _offset(found["zone"]), slashed)
-
-
-def _month(name: str) -> int:
-    """Number of a month by its first three letters; 0, which no date has, where it is none."""
-    folded = name.casefold()
-    return _MONTHS.index(folded) + 1 if folded in _MONTHS else _OTHER_MONTHS.get(folded, 0)
 
 
 def _year(digits: str) -> int:

@@ -112,10 +112,10 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     columns = _parse_with_pandas(data, offset, layout)
     if columns is None or columns[0].size != rows:
         return None
-    if np.logical_and.reduce([np.isnan(column) for column in columns]).any():
+    holes = [np.isnan(column) for column in columns]
+    if np.logical_and.reduce(holes).any():
         return None  # it may be a second header
-    holes = (np.isnan(column).sum() for column in columns)
-    if any(MAX_BAD_KEPT < found < rows for found in holes):
+    if any(MAX_BAD_KEPT < np.count_nonzero(found) < rows for found in holes):
         return None  # whether they are empty or hold text is not known of all of them
     # The count above says nothing of blanks, nor of blank lines in a single column.
     uncounted = layout.delimiter == " " or layout.width == 1

@@ -156,13 +156,12 @@ def narrow_levels(
         before = best.cost
         for name in brackets:
             found[name], best = staircase.choose(name, found[name], best)
-        if best.cost >= before * (1.0 - staircase.slack) or staircase.exhausted():
-            if not staircase.is_far(best) or len(found) < 2 or staircase.exhausted():
-                break
-            # each level makes up for the other: neither can be moved alone
-            before, (found, best) = best.cost, staircase.choose_both(found, best)
-            if best.cost >= before * (1.0 - staircase.slack):
-                break
+        if best.cost < before * (1.0 - staircase.slack) and not staircase.exhausted():
+            continue
+        moved = staircase.choose_both(found, best)
+        if moved is None:
+            break
+        found, best = moved
     found = staircase.recorded(found, best.values)
     return _held(stage, found, best.values), found
 
@@ -292,19 +291,22 @@ class _Staircase:
             best = first
         return replace(ends, value=value), best.at(name, value)
 
-    def is_far(self, best: _Refitted) -> bool:
-        """Whether the position is missed by far more than its encoder rounds off."""
-        rows = sum(y.size for y in self.model.measured)
-        return best.cost > rows * (_FAR * self.stage.rounding) ** 2
-
     def choose_both(
         self, brackets: Mapping[str, Bracket], best: _Refitted
-    ) -> tuple[dict[str, Bracket], _Refitted]:
-        """The brackets of two levels moved together, to the cells near them that fit best."""
+    ) -> tuple[dict[str, Bracket], _Refitted] | None:
+        """The brackets of two levels moved together, to the cells near them that fit best.
+
+        Each makes up for the other, so that neither can be moved alone. ``None`` where the position
+        is not missed by far, or not by far less than before.
+        """
+        rows = sum(y.size for y in self.model.measured)
+        far = best.cost > rows * (_FAR * self.stage.rounding) ** 2
+        if not far or len(brackets) < 2 or self.exhausted():
+            return None
         cells = [self._cells_near(name, best) for name in brackets]
         pairs = list(product(*(range(edges.size - 1) for edges in cells)))
         if not pairs:
-            return dict(brackets), best
+            return None
         points = [
             {n: 0.5 * float(e[k] + e[k + 1]) for n, e, k in zip(brackets, cells, pair)}
             for pair in pairs
@@ -314,7 +316,7 @@ class _Staircase:
         found = {int(k): self.refit({**best.values, **points[k]}) for k in chosen}
         k, first = min(found.items(), key=lambda pair: pair[1].cost)
         if first.cost > _BETTER * best.cost:
-            return dict(brackets), best
+            return None
         # what was as good before is looked at again
         return {
             n: Bracket(min(b.low, float(e[i])), max(b.high, float(e[i + 1])), points[k][n])

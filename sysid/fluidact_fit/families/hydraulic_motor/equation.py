@@ -32,11 +32,21 @@ from ...estimation.inputs import PiecewiseInput, piecewise, settled_hold
 from ...estimation.linear import forced_response
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis
-from ...estimation.recursion import play
+from ...estimation.recursion import behind_play
 from ...experiment import Array, Experiment, FloatArray, Signal
 
 _PARTS = 8  # of a sample time, for a command that moves
 _MOST = 400_000  # instants of a moving command
+
+
+def play(command: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+    """Play of a width, and its derivative by the width, ``(n,)`` each [unit of the command]."""
+    out = behind_play(command, width)
+    before = np.concatenate((command[:1], out[:-1]))
+    pulled, pushed = command - 0.5 * width > before, command + 0.5 * width < before
+    last = np.maximum.accumulate(np.where(pulled | pushed, np.arange(out.size), -1))
+    # until either edge is met the output does not depend on the width
+    return out, np.where(last < 0, 0.0, np.where(pulled[last], -0.5, 0.5))
 
 
 def static_speed(spool: Array, values: Values) -> Array:

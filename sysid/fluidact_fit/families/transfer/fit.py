@@ -272,20 +272,17 @@ class TransferFit:
             fast = max(
                 self.fastest({**fitted.values, **dict(zip(names, at))}) for at in (best.eta, eta)
             )
-            times = max(2, int(np.ceil(fast * step / _FAST)))
             reason = (
                 f"{best.eta[k]:.3g} and {eta[k]:.3g}{after_number(spec.unit)} explain these "
                 "samples equally well"
             )
-            reason += (
-                "."
-                if fast * step <= _FAST
-                else (
+            if fast * step > _FAST:
+                times = max(2, int(np.ceil(fast * step / _FAST)))
+                reason += (
                     ", because the output has answered before the next sample is taken. Sample at "
-                    f"least {times} times faster."
+                    f"least {times} times faster"
                 )
-            )
-            refuse(replace(spec, neutral=None), reason)
+            refuse(replace(spec, neutral=None), f"{reason}.")
 
     def _starts_at_rest(self, experiments: Sequence[Experiment]) -> bool:
         """Whether short runs are taken to start at rest.

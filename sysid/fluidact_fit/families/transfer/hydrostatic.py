@@ -115,10 +115,12 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         a, b, c = self.realise(values)
         k = values.get("stiffness")
         if k is None:
-            return Free(a, c, (1,), (1,))
+            return Free(a, c, (1,))
         pushed = np.zeros((3, 3), dtype=a.dtype)
-        pushed[:2, :2], pushed[:2, 2] = a, b
-        return Free(pushed, np.append(c, 0.0), (1, 2), (1, 2) if np.real(k) != 0.0 else (1,))
+        pushed[:2, :2] = a
+        if np.real(k) != 0.0:
+            pushed[:2, 2] = b
+        return Free(pushed, np.append(c, 0.0), (1, 2))
 
     def elsewhere(self, values: Values, step: float) -> list[dict[str, float]]:
         """No spring at all: a weak one and a free initial position stand for a drift.
@@ -177,8 +179,7 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         used = [n for n in plan.names if n != "damping"]
         model = TransferModel(
             experiments, "force", "position", lambda v: self.realise(per_damping(v)),
-            gain="mobility", dead_zone=True, rest=rest,
-            beginnings=lambda v: self.beginnings(per_damping(v)),
+            lambda v: self.beginnings(per_damping(v)), gain="mobility", dead_zone=True, rest=rest,
         )  # fmt: skip
         free = {n: Unknown(n) for n in used}
         free["mobility"] = Unknown("mobility", 1e-300)

@@ -31,20 +31,18 @@ Realisation = Callable[[Values], tuple[Array, Array, Array]]
 class Free:
     """A system of which some states stand for all that a run may have begun with.
 
-    ``y = C exp(A t) e_i`` for every state ``i`` of ``states``; a column for each is there
-    whatever the values are, zero where ``kept`` has it not.
+    ``y = C exp(A t) e_i`` for every state ``i`` of ``states``; they are as many whatever the
+    values are, for derivatives are taken column by column.
     """
 
     a: Array
     c: Array
     states: tuple[int, ...]
-    kept: tuple[int, ...]
 
 
 def any_start(a: Array, b: Array, c: Array) -> Free:
     """Every state of a system by itself."""
-    every = tuple(range(c.size))
-    return Free(a, c, every, every)
+    return Free(a, c, tuple(range(c.size)))
 
 
 @dataclass(frozen=True)
@@ -78,6 +76,10 @@ class TransferModel:
         With the roles ``input_role`` and ``output_role``.
     realise
         ``values -> (A, B, C)``, analytic; balanced so that ``A`` has equal entries.
+    beginnings
+        ``beginnings(values)``: what a run with an offset of its own may have begun with. A
+        state whose free response is a constant, like the position of a free mass, is not
+        among them: the offset already stands for it.
     gain
         Name of the parameter that multiplies the response, or None when the gain is
         part of the realisation.
@@ -85,10 +87,6 @@ class TransferModel:
         Whether the input passes ``dead_zone_negative`` and ``dead_zone_positive``.
         Without one, the response is to the departure of the input from its first value,
         and the level goes into the offset.
-    beginnings
-        ``beginnings(values)``: what a run with an offset of its own may have begun with. A
-        state whose free response is a constant, like the position of a free mass, is not
-        among them: the offset already stands for it.
     unrecorded
         How long the output of a run answers to the input before it [s]: what was measured
         until then is left out, and the initial state is that of the first sample after it.
@@ -100,17 +98,17 @@ class TransferModel:
         input_role: str,
         output_role: str,
         realise: Realisation,
+        beginnings: Callable[[Values], Free],
         *,
         gain: str | None = None,
         dead_zone: bool = False,
-        beginnings: Callable[[Values], Free] | None = None,
         rest: bool = False,
         common_offset: bool = False,
         unrecorded: float = 0.0,
     ) -> None:
         self.rest, self.common_offset, self.unrecorded = rest, common_offset, unrecorded
         self.realise, self.gain, self.dead_zone = realise, gain, dead_zone
-        self.beginnings = beginnings or (lambda values: any_start(*realise(values)))
+        self.beginnings = beginnings
         self.resolutions = [
             e.signals[output_role].resolution for e in experiments if output_role in e
         ]
@@ -219,14 +217,12 @@ class TransferModel:
         # an offset that is shared stands for no initial state
         shared = p.log is not None
         free = any_start(*self.realise(values)) if shared else self.beginnings(values)
-        # as many columns whatever the values: derivatives are taken column by column
-        kept = np.array([i in free.kept for i in free.states], dtype=float)
         for part, every in zip(p.parts, self._free(index, free), strict=True):
-            states = 0 if every is None else kept.size
+            states = 0 if every is None else len(free.states)
             kind = float if every is None else every.dtype
             out = np.ones((part.stop - part.start, states + (p.log is None)), dtype=kind)
             if every is not None:
-                np.multiply(every[:, free.states], kept, out=out[:, :states])
+                out[:, :states] = every[:, free.states]
             yield out
 
     def _free(self, index: int, free: Free) -> Iterator[Array | None]:
