@@ -25,8 +25,10 @@ from ...experiment import Experiment, FloatArray, Signal
 from .model import Axis, DriveModel
 
 _DRAWS = 24  # disturbances; they tell a standard error to a seventh
+_FIRST = 4  # of them, after which it shows whether they matter at all
+_MATTERS = 0.1  # of a standard error, which the first have to move an estimate by
 _ORDER = 8  # of the differences that leave noise of a drive, and nothing of a sine
-_LEAST = 1e-4  # of the range of the drive: errors below it are rounding
+_LEAST = 1e-7  # of the range of the drive: errors below it are rounding
 # of the range of a held drive: below is the curve of a chirp, above are levels that were commanded
 _HELD_NOISE = (5e-4, 0.02)
 
@@ -51,15 +53,19 @@ def with_drive_errors(
     scale: list[FloatArray | float] = [*weights] or [1.0] * len(drives)
     before = _rows(model, fitted)
     j = np.vstack(fitted.solution.jacobian)
-    moves = []
-    for _ in range(_DRAWS):
-        disturbed = model.disturbed([e * rng.standard_normal(e.size) for e in errors])
-        change = [w * (a - b) for w, a, b in zip(scale, _rows(disturbed, fitted), before)]
-        moves.append(np.linalg.lstsq(j, np.concatenate(change), rcond=1e-12)[0])
     # a residual that is autocorrelated has shown part of it already: the larger of the two
     plain = covariance(fitted.solution.jacobian, fitted.solution.residuals, robust=False)
-    variances = np.diag(plain.covariance) + np.mean(np.square(moves), axis=0)
-    return replace(fitted, covariance=enlarge(fitted.covariance, variances))
+    known = np.diag(plain.covariance)
+    moves: list[FloatArray] = []
+    for count in (_FIRST, _DRAWS):
+        while len(moves) < count:
+            disturbed = model.disturbed([e * rng.standard_normal(e.size) for e in errors])
+            change = [w * (a - b) for w, a, b in zip(scale, _rows(disturbed, fitted), before)]
+            moves.append(np.linalg.lstsq(j, np.concatenate(change), rcond=1e-12)[0])
+        added = np.mean(np.square(moves), axis=0)
+        if np.all(added < _MATTERS**2 * known):
+            return fitted
+    return replace(fitted, covariance=enlarge(fitted.covariance, known + added))
 
 
 def warn_of_held_noise(axis: Axis, experiments: Sequence[Experiment]) -> list[Notice]:
