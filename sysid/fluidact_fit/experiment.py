@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -62,6 +62,11 @@ class Signal:
     before: float = 0.0
     resolution: float = 0.0
     recorded: Mapping[int, float] = field(default_factory=dict)
+
+    def beginning(self, values: int) -> Signal:
+        """The signal without what comes after its first values."""
+        kept = {k: x for k, x in self.recorded.items() if k < values}
+        return replace(self, time=self.time[:values], values=self.values[:values], recorded=kept)
 
 
 @dataclass(frozen=True)
@@ -133,3 +138,14 @@ class Experiment:
         if self.time.size:
             return int(self.time.size)
         return max((s.values.size for s in self.signals.values()), default=0)
+
+    def beginning(self, samples: int) -> Experiment:
+        """The run without what comes after its first samples; itself if it has no more."""
+        if self.samples <= samples:
+            return self
+        time, signals = self.time[:samples], {}
+        for role, s in self.signals.items():
+            own = self.time.size and s.time.size != self.time.size
+            values = np.searchsorted(s.time, time[-1], side="right") if own else samples
+            signals[role] = s.beginning(int(values))
+        return replace(self, time=time, signals=signals)

@@ -98,6 +98,37 @@ class Optimum:
         """The runs that were fitted."""
         return [s.experiment for s in self.fitted]
 
+    def beginning(self, rows: int) -> Optimum:
+        """The same fit over the first rows of every run; itself where no run has more."""
+        if all(e.samples <= rows for e in self.experiments):
+            return self
+        runs = [e.beginning(rows) for e in self.experiments]
+        output = self.variant.output.name
+        fitted = [
+            Simulation.of(e, found, output)
+            for e, found in zip(runs, self.family.simulate(self.plant, runs), strict=True)
+        ]
+        counts = [int(s.used[:rows].sum()) for s in self.series]
+        series = [
+            replace(
+                s,
+                experiment=runs[s.run],
+                used=s.used[:rows],
+                simulated=fitted[s.run].simulated
+                if s.role == output
+                else fitted[s.run].also[s.role],
+            )
+            for s in self.series
+        ]
+        return replace(
+            self,
+            estimate=replace(self.estimate, nearby=None),  # knows whole runs only
+            fitted=fitted,
+            series=series,
+            residuals=[r[:n] for r, n in zip(self.residuals, counts, strict=True)],
+            jacobians=[j[:n] for j, n in zip(self.jacobians, counts, strict=True)],
+        )
+
     def change(
         self,
         experiments: Sequence[Experiment] | None = None,

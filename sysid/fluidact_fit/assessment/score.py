@@ -20,6 +20,8 @@ References
 ----------
 .. [1] C. R. Rao, "Large sample tests of statistical hypotheses concerning several
    parameters", Proc. Cambridge Phil. Soc. 44, 1948.
+.. [2] E. B. Wilson, M. M. Hilferty, "The distribution of chi-square", Proc. National Academy of
+   Sciences 17, 1931.
 """
 
 from __future__ import annotations
@@ -48,7 +50,9 @@ class Term:
     a size of it would mean, ``remedy`` what to do. ``offered`` marks a parameter of the family.
     The directions are those of a size up to ``most``; the term counts where it would move a
     parameter by more than ``least``, in parts of its value. ``instruments`` are the directions by
-    what stands in for noisy inputs; empty where the columns know nothing of the noise.
+    what stands in for noisy inputs; empty where the columns know nothing of the noise. Where the
+    residual itself has chosen the direction out of several, ``chosen`` is their number: by chance
+    it then has as much of it as of all of them.
     """
 
     name: str
@@ -60,6 +64,7 @@ class Term:
     most: float = np.inf
     least: float = 5e-4  # no bench is better than that
     instruments: Sequence[FloatArray] = ()
+    chosen: int = 1
 
 
 @dataclass(frozen=True)
@@ -102,11 +107,49 @@ def judge_term(at: Optimum, term: Term) -> Score | None:
     shares[np.abs(errors) <= _MATTERS] = 0.0
     worst = int(np.argmax(np.abs(errors)))
     size = float(x[-1])
+    deviations = _as_one(size / max(deviation, 1e-300), term.chosen)
     kept = replace(term, columns=(), instruments=())  # those of many terms are too much to keep
     return Score(
-        kept, size, size / max(deviation, 1e-300), at.names[worst], float(x[worst]),
+        kept, size, deviations, at.names[worst], float(x[worst]),
         float(errors[worst]), float(shares.max()),
     )  # fmt: skip
+
+
+def fit_together(
+    at: Optimum, columns: Sequence[FloatArray], scale: float
+) -> tuple[FloatArray, int] | None:
+    """Sizes of several directions at once, as the residual has them beside the parameters.
+
+    What the parameters can do as well is left to them: of sizes that fit alike these are the least,
+    ``scale`` being what is to be expected of one.
+
+    Returns
+    -------
+    The sizes, shape ``(q,)``, and how many of the directions are not those of parameters; ``None``
+    where none is.
+    """
+    beside = at.beside_residual(columns)
+    p, q = at.jacobians[0].shape[1], columns[0].shape[1]
+    if not beside.finite or beside.rows <= p + q + 1:
+        return None
+    triangle = np.asarray(np.linalg.qr(beside.whiten(beside.left_over()), mode="r"))
+    own, target = triangle[p : p + q, p:-1], triangle[p : p + q, -1]
+    whole = np.linalg.norm(triangle[:, p:-1], axis=0).max()
+    count = int(np.sum(np.linalg.svd(own, compute_uv=False) > _OWN * whole))
+    sigma = float(np.linalg.norm(triangle[p + q :, -1])) / np.sqrt(beside.rows - p - q)
+    if not count:
+        return None
+    expected = np.eye(q) * (sigma / scale)
+    return scaled_least_squares(np.vstack((own, expected)), np.append(target, np.zeros(q))), count
+
+
+def _as_one(deviations: float, chosen: int) -> float:
+    """Standard errors of one direction that are as rare as these of the best of several [2]_."""
+    if chosen == 1:
+        return deviations
+    spread = 2.0 / (9.0 * chosen)
+    cube = np.cbrt(deviations**2 / chosen)
+    return float(np.copysign(max((cube - 1.0 + spread) / np.sqrt(spread), 0.0), deviations))
 
 
 def _whitened(beside: Beside) -> tuple[FloatArray, float] | None:

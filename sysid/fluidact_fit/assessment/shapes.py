@@ -1,8 +1,11 @@
-"""Channels that are not straight: play and hysteresis, and a characteristic that is bowed.
+"""Channels that are not straight: play and hysteresis, and characteristics of another shape.
 
 Each is a term that a model may lack, judged like the others of :mod:`.structure`. A sensor or
 valve with play ``w`` shows ``x - w/2`` on the way up and ``x + w/2`` on the way down; one that is
-bowed adds ``1 - s^2`` times its bow amid its range, ``s`` going from -1 to 1 over it.
+bowed adds ``1 - s^2`` times its bow amid its range, ``s`` going from -1 to 1 over it. Where a
+valve opens softly, differs from one direction to the other or saturates in another way than its
+model, its command acts as if it were a little more here and less there: how much at every one of
+some places is fitted to the residual, and the curve through them is the term.
 """
 
 from __future__ import annotations
@@ -17,9 +20,10 @@ from ..estimation.recursion import behind_play
 from ..experiment import FloatArray
 from .beside import all_of
 from .optimum import Optimum, root_mean_square, with_readings
-from .score import Term
+from .score import Term, fit_together
 
 _PART = 0.01  # of its range, by which a channel is bowed, and most play of one
+_PLACES = 9  # over the range of an input, between which its characteristic is straight
 _NARROW = 0.001  # of its range, of which play is: wider, it begins late after a reversal
 _ABOVE = 6.0  # times its noise, of which it has to be: narrower, it follows the noise
 _MATTERS = 0.005  # of a parameter, by which it has to move: no channel is quite straight
@@ -82,29 +86,58 @@ def _input_terms(at: Optimum, role: str, unit: str) -> Iterator[Term]:
     low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
     if low == high:
         return
-    bow, width = _PART * (high - low), _width(values)
-
-    def bowed(x: FloatArray) -> FloatArray:
-        place = 2.0 * (x - low) / (high - low) - 1.0
-        return x + bow * (1.0 - place**2)
-
-    yield from _changed(at, f"bow of {role}", role, bowed, bow, partial(_bowed, role, unit), _BOW)
-    if width is not None:
-        yield from _changed(
-            at, f"play of {role}", role, lambda x: behind_play(x, width), width,
-            partial(_played, role, unit), _PLAY,
-        )  # fmt: skip
+    yield from _characteristic(at, role, unit, (low, high))
+    width = _width(values)
+    if width is None:
+        return
+    change = _change(at, role, lambda x: behind_play(x, width), width)
+    if change is not None:
+        yield Term(
+            f"play of {role}", unit, partial(_played, role, unit), _PLAY, change, least=_MATTERS
+        )
 
 
-def _changed(
-    at: Optimum, name: str, role: str, change: Callable[[FloatArray], FloatArray], size: float,
-    words: Callable[[float], str], remedy: str,
-) -> Iterator[Term]:  # fmt: skip
-    """The term of another reading of an input, per unit of its size."""
-    found = at.change([with_readings(e, role, change(e[role])) for e in at.experiments])
-    if root_mean_square(found) > _LEAST * at.sigma:
-        columns = [c / size for c in found]
-        yield Term(name, at.variant.role(role).unit, words, remedy, columns, least=_MATTERS)
+def _characteristic(at: Optimum, role: str, unit: str, span: tuple[float, float]) -> Iterator[Term]:
+    """A bow, and any curve: straight lines between places over the range."""
+    places, hats = np.linspace(*span, _PLACES), []
+    reach = _PART * (span[1] - span[0])
+    for only in np.eye(_PLACES):
+        raised = partial(_raised, places=places, by=reach * only)
+        hats.append(_change(at, role, raised, reach))
+    known = [k for k, hat in enumerate(hats) if hat is not None]
+    if not known:
+        return
+    columns = [np.column_stack(parts) for parts in zip(*(hats[k] for k in known), strict=True)]
+    bow = 1.0 - np.linspace(-1.0, 1.0, _PLACES)[known] ** 2
+    yield Term(
+        f"bow of {role}", unit, partial(_bowed, role, unit), _BOW, [c @ bow for c in columns],
+        least=_MATTERS,
+    )  # fmt: skip
+    found = fit_together(at, columns, reach)
+    if found is None:
+        return
+    sizes, count = found
+    most = int(np.argmax(np.abs(sizes)))
+    words = partial(_bent, role, unit, float(np.sign(sizes[most])), places[known[most]])
+    shape = sizes / max(abs(sizes[most]), np.finfo(float).tiny)
+    yield Term(
+        f"characteristic of {role}", unit, words, _BOW, [c @ shape for c in columns],
+        least=_MATTERS, chosen=count,
+    )  # fmt: skip
+
+
+def _raised(x: FloatArray, places: FloatArray, by: FloatArray) -> FloatArray:
+    return x + np.interp(x, places, by)
+
+
+def _change(
+    at: Optimum, role: str, other: Callable[[FloatArray], FloatArray], size: float
+) -> list[FloatArray] | None:
+    """What another reading of an input changes, per unit of its size."""
+    found = at.change([with_readings(e, role, other(e[role])) for e in at.experiments])
+    if not root_mean_square(found) > _LEAST * at.sigma:
+        return None
+    return [c / size for c in found]
 
 
 def _played(role: str, unit: str, size: float) -> str:
@@ -115,3 +148,8 @@ def _played(role: str, unit: str, size: float) -> str:
 def _bowed(role: str, unit: str, size: float) -> str:
     way = "more" if size > 0.0 else "less"
     return f"'{role}' is a curve, {abs(size):.3g} {unit} {way} amid its range than a straight line"
+
+
+def _bent(role: str, unit: str, sign: float, place: float, size: float) -> str:
+    way = "more" if sign * size > 0.0 else "less"
+    return f"'{role}' acts as {abs(size):.3g} {unit} {way} at {place:.3g} {unit} than it shows"

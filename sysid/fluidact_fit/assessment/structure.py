@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from .optimum import Optimum, Series, delayed, root_mean_square, shifted
 from .score import Score, Term, judge_term
 from .shapes import shape_terms
 
+_LONG = 200_000  # samples of every run that show the shape of a channel as well as all of them
 _PREFERRED = 0.8  # share of the best significance at which a parameter of the family is named
 _LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
 _FARTHEST = 10.0  # times the lag that was tried: of a longer one nothing is known
@@ -45,7 +47,11 @@ _LAG_REMEDY = (
 
 def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Judge every term that the model may lack: entries for the file, and a warning."""
-    scores = [s for s in (judge_term(at, t) for t in _terms(at)) if s is not None]
+    part = at.beginning(_LONG)
+    judged = chain(
+        (judge_term(at, t) for t in _terms(at)), (judge_term(part, t) for t in shape_terms(part))
+    )
+    scores = [s for s in judged if s is not None]
     table = {
         s.term.name: {
             "size": s.size,
@@ -81,7 +87,6 @@ def _terms(at: Optimum) -> Iterator[Term]:
             yield _delay(at, role.name, step)
     for name in at.roles:
         yield from _lags(at, name, step)
-    yield from shape_terms(at)
 
 
 def _lags(at: Optimum, role: str, step: float) -> Iterator[Term]:

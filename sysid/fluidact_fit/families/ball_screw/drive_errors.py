@@ -61,7 +61,7 @@ def with_drive_errors(
         while len(moves) < count:
             disturbed = model.disturbed([e * rng.standard_normal(e.size) for e in errors])
             change = [w * (a - b) for w, a, b in zip(scale, _rows(disturbed, fitted), before)]
-            moves.append(np.linalg.lstsq(j, np.concatenate(change), rcond=1e-12)[0])
+            moves.append(np.asarray(np.linalg.lstsq(j, np.concatenate(change), rcond=1e-12)[0]))
         added = np.mean(np.square(moves), axis=0)
         if np.all(added < _MATTERS**2 * known):
             return fitted

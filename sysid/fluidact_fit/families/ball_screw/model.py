@@ -204,14 +204,7 @@ def _on_samples(
 
 def leading_parts(experiments: Sequence[Experiment], samples: int = _LONG) -> list[Experiment]:
     """What the early stages look at: the first samples of every log."""
-    part = slice(0, samples)
-    out = []
-    for e in experiments:
-        signals = {
-            r: replace(s, time=s.time[part], values=s.values[part]) for r, s in e.signals.items()
-        }
-        out.append(replace(e, time=e.time[part], signals=signals))
-    return out
+    return [e.beginning(samples) for e in experiments]
 
 
 def increments(experiments: Sequence[Experiment], axis: Axis) -> Compared:
