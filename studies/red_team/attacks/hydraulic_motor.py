@@ -20,12 +20,21 @@ Spoil = Callable[[Recording, np.random.Generator], Recording]
 
 
 def static(w: Array, p: Mapping[str, float]) -> Array:
-    """Steady speed over the spool's command."""
-    x = np.minimum(np.abs(w), p.get("saturation_command", np.inf)) - p["dead_zone"]
-    x = np.maximum(x, 0.0)
-    k = p["curvature"]
+    """Steady speed over the spool's command.
+
+    Besides what the model has: ``soft`` edges of the dead zone [A], another ``power`` of what the
+    spool opens, a dead zone and a gain that are larger by some part in the other direction.
+    """
+    other = np.where(w < 0.0, 1.0, 0.0)
+    edge = p["dead_zone"] * (1.0 + p.get("dead_zone_more", 0.0) * other)
+    x = np.minimum(np.abs(w), p.get("saturation_command", np.inf)) - edge
+    soft, k = p.get("soft", 0.0), p["curvature"]
+    x = soft * np.logaddexp(0.0, x / soft) if soft else np.maximum(x, 0.0)
+    x = x ** p.get("power", 1.0)
+    if "round" in p:  # saturates by and by
+        return np.asarray(np.sign(w) * p["gain"] * p["round"] * np.tanh(x / p["round"]))
     bent = x if k == 0.0 else (1.0 - np.exp(-k * x)) / k
-    return np.asarray(np.sign(w) * p["gain"] * bent)
+    return np.asarray(np.sign(w) * p["gain"] * (1.0 + p.get("gain_more", 0.0) * other) * bent)
 
 
 def simulate(
@@ -222,6 +231,15 @@ def attacks() -> Iterator[Attack]:
         "filtered noise",
     ):
         yield _attack("sensor", what, spoil=partial(_add, what=what), repetitions=2)
+    for name, more, unlike in (
+        ("opens softly", {"soft": 0.05}, ()),
+        ("square root", {"power": 0.8}, ("gain", "curvature")),
+        ("saturates by and by", {"round": 0.76}, ("curvature", "saturation_command")),
+        ("dead zone 10 % wider one way", {"dead_zone_more": 0.1}, ()),
+        ("gain 5 % higher one way", {"gain_more": 0.05}, ()),
+    ):
+        truth = {k: v for k, v in TRUTH.items() if k not in unlike}
+        yield _attack("valve of another shape", name, truth, p={**TRUTH, **more}, repetitions=4)
     none = {**TRUTH, "hysteresis": 0.0}
     yield _attack("absent", "no hysteresis", none, p=none, repetitions=3)
     none = {**TRUTH, "dead_time": 0.0}

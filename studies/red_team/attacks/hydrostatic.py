@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
 import numpy as np
@@ -39,6 +39,36 @@ def respond(truth: Mapping[str, float], u: Array, h: float) -> Array:
     return np.asarray(lfilter(b.ravel(), a, w))
 
 
+def differ(
+    truth: Mapping[str, float], u: Array, h: float, *,
+    friction: float = 0.0, turbulent: float = 0.0, soft: float = 0.0,
+) -> Array:  # fmt: skip
+    """Position of a machine that is not the model.
+
+    It has Coulomb ``friction`` [N], ``turbulent`` losses by the square of its speed [N s^2/m^2] or
+    ``soft`` edges [N]. Steps of the speed in closed form with the damping of the moment; it stops
+    where friction would turn it.
+    """
+    up, down = u - truth["dead_zone_positive"], truth["dead_zone_negative"] - u
+    if soft:
+        w = soft * (np.logaddexp(0.0, up / soft) - np.logaddexp(0.0, down / soft))
+    else:
+        w = np.maximum(up, 0.0) - np.maximum(down, 0.0)
+    m, x, v = truth["mass"], 0.0, 0.0
+    out = np.empty(u.size)
+    for k, push in enumerate(w.tolist()):
+        out[k] = x
+        way = np.sign(v) or (np.sign(push) if abs(push) > friction else 0.0)
+        if way == 0.0:
+            continue
+        rate = (truth["damping"] + turbulent * abs(v)) / m
+        final = (push - way * friction) / (m * rate)
+        new = final + (v - final) * np.exp(-rate * h)
+        new = 0.0 if new * way < 0.0 and abs(push) <= friction else new
+        x, v = x + 0.5 * h * (v + new), float(new)
+    return out
+
+
 def record(
     rng: np.random.Generator,
     *,
@@ -52,6 +82,7 @@ def record(
     noise: float = 0.0,
     offset: float = 0.0,
     rate: float | None = None,
+    machine: Callable[[Mapping[str, float], Array, float], Array] = respond,
 ) -> list[Recording]:
     """Strokes; ``sigma`` is noise of the position in shares of its own deviation.
 
@@ -62,7 +93,7 @@ def record(
         h = step / FINE
         t = np.arange((n - 1) * FINE + 1) * h
         u = wave(rng, t, step / 0.01, low, high)
-        x = respond(truth, u, h)[::FINE]
+        x = machine(truth, u, h)[::FINE]
         x = x + sigma * x.std() * rng.standard_normal(n)
         force = u[::FINE] + noise * rng.standard_normal(n) + offset
         if rate is not None:
@@ -113,6 +144,14 @@ def attacks() -> Iterator[Attack]:
     for rate in (80.0, 33.3):
         yield attack("channel slower than the log", f"force at {rate:g} Hz", TRUTH,
                      partial(record, rate=rate), repetitions=2)  # fmt: skip
+    for name, unlike, more in (
+        ("friction of 1 N", "dead_zone_negative dead_zone_positive", {"friction": 1.0}),
+        ("half of the losses turbulent", "damping", {"turbulent": 3e5}),
+        ("edges 0.5 N wide", "", {"soft": 0.5}),
+    ):
+        truth = {n: x for n, x in TRUTH.items() if n not in unlike.split()}
+        yield attack("another machine", name, truth,
+                     partial(record, machine=partial(differ, **more)), repetitions=4)  # fmt: skip
     for stiffness in (0.0, 200.0, 1e4, 1e5):
         truth = {**TRUTH, "stiffness": stiffness}
         options = {"stiffness": "estimate"}

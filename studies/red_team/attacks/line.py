@@ -96,6 +96,36 @@ def smooth(
     return [{"time": time[kept], "inlet": inlet[kept], "outlet": noisy[kept]}]
 
 
+def throttled(
+    rng: np.random.Generator,
+    *,
+    truth: Mapping[str, float] = TRUTH,
+    step: float = 0.01,
+    n: int = 1000,
+    sigma: float = 0.01,
+    laminar: float = 0.1,
+) -> list[Recording]:
+    """Turbulent flow through a throttle into the volume: by the root of the pressure over it.
+
+    ``laminar`` is the pressure over it below which the flow is laminar, in parts of the steps.
+    """
+    fine = 20
+    time = np.arange(n * fine) * (step / fine)
+    at = switches(rng, time[-1], 0.3, 1.0)
+    at[1:] = np.round(at[1:] / step) * step
+    levels = rng.uniform(-1.0, 1.0, at.size)
+    late = levels[np.searchsorted(at + truth["dead_time"], time, side="right") - 1]
+    y, out = float(levels[0]), np.empty(time.size)
+    rate = step / fine / truth["time_constant"]
+    for k, level in enumerate(late.tolist()):
+        out[k] = y
+        over = level - y
+        y += rate * over / (1.0 + abs(over) / laminar) ** 0.5
+    inlet = levels[np.searchsorted(at, time[::fine] + 1e-9, side="right") - 1]
+    outlet = out[::fine] + sigma * rng.standard_normal(n)
+    return [{"time": time[::fine], "inlet": inlet, "outlet": outlet}]
+
+
 def _noisy_inlet(recording: Recording, rng: np.random.Generator, sigma: float) -> Recording:
     inlet = recording["inlet"]
     return {**recording, "inlet": inlet + sigma * rng.standard_normal(inlet.size)}
@@ -184,6 +214,10 @@ def attacks() -> Iterator[Attack]:
                  partial(record, spoil=_swapped), repetitions=2)  # fmt: skip
     yield attack("mixed-up columns", "one column twice", TRUTH,
                  partial(record, spoil=_same), repetitions=2)  # fmt: skip
+    ends = {n: TRUTH[n] for n in ("gain", "dead_time")}
+    for laminar in (0.1, 1.0):
+        yield attack("turbulent flow", f"laminar below {50 * laminar:g} % of the steps", ends,
+                     partial(throttled, laminar=laminar), repetitions=3)  # fmt: skip
     for tau in (0.002, 0.0005):
         truth = {**TRUTH, "time_constant": tau}
         yield attack("faster than the sampling", f"{1e3 * tau:g} ms at 100 Hz", truth,

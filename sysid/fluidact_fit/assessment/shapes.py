@@ -11,6 +11,7 @@ some places is fitted to the residual, and the curve through them is the term.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -108,22 +109,30 @@ def _characteristic(at: Optimum, role: str, unit: str, span: tuple[float, float]
     if not known:
         return
     columns = [np.column_stack(parts) for parts in zip(*(hats[k] for k in known), strict=True)]
-    bow = 1.0 - np.linspace(-1.0, 1.0, _PLACES)[known] ** 2
-    yield Term(
-        f"bow of {role}", unit, partial(_bowed, role, unit), _BOW, [c @ bow for c in columns],
-        least=_MATTERS,
-    )  # fmt: skip
+    place = np.asarray(places[known], dtype=float)
+
+    def term(
+        name: str, per: str, words: Callable[[str, str, float], str], way: Sequence[FloatArray]
+    ) -> Term:
+        return Term(f"{name} {role}", per, partial(words, role, unit), _BOW, way, least=_MATTERS)
+
+    bow = 1.0 - (2.0 * (place - span[0]) / (span[1] - span[0]) - 1.0) ** 2
+    yield term("bow of", unit, _bowed, [c @ bow for c in columns])
+    if span[0] < 0.0 < span[1]:
+        below = np.minimum(place, 0.0)
+        yield term("gain below zero of", "1", _steeper, [c @ below for c in columns])
+        aside = _change(at, role, lambda x: x + reach * (x < 0.0), reach)
+        if aside is not None:
+            yield term("offset below zero of", unit, _aside, aside)
     found = fit_together(at, columns, reach)
     if found is None:
         return
     sizes, count = found
     most = int(np.argmax(np.abs(sizes)))
-    words = partial(_bent, role, unit, float(np.sign(sizes[most])), places[known[most]])
+    words = partial(_bent, float(np.sign(sizes[most])), float(place[most]))
     shape = sizes / max(abs(sizes[most]), np.finfo(float).tiny)
-    yield Term(
-        f"characteristic of {role}", unit, words, _BOW, [c @ shape for c in columns],
-        least=_MATTERS, chosen=count,
-    )  # fmt: skip
+    any_curve = term("characteristic of", unit, words, [c @ shape for c in columns])
+    yield replace(any_curve, chosen=count)
 
 
 def _raised(x: FloatArray, places: FloatArray, by: FloatArray) -> FloatArray:
@@ -150,6 +159,16 @@ def _bowed(role: str, unit: str, size: float) -> str:
     return f"'{role}' is a curve, {abs(size):.3g} {unit} {way} amid its range than a straight line"
 
 
-def _bent(role: str, unit: str, sign: float, place: float, size: float) -> str:
+def _aside(role: str, unit: str, size: float) -> str:
+    way = "more" if size > 0.0 else "less"
+    return f"'{role}' acts as {abs(size):.3g} {unit} {way} than it shows where it is negative"
+
+
+def _steeper(role: str, unit: str, size: float) -> str:
+    way = "more" if size > 0.0 else "less"
+    return f"'{role}' acts by {100.0 * abs(size):.3g} % {way} where it is negative than elsewhere"
+
+
+def _bent(sign: float, place: float, role: str, unit: str, size: float) -> str:
     way = "more" if sign * size > 0.0 else "less"
     return f"'{role}' acts as {abs(size):.3g} {unit} {way} at {place:.3g} {unit} than it shows"
