@@ -139,6 +139,11 @@ class Experiment:
             return int(self.time.size)
         return max((s.values.size for s in self.signals.values()), default=0)
 
+    def with_readings(self, role: str, values: FloatArray) -> Experiment:
+        """The run with other readings of a role."""
+        signal = replace(self.signals[role], values=values)
+        return replace(self, signals={**self.signals, role: signal})
+
     def beginning(self, samples: int) -> Experiment:
         """The run without what comes after its first samples; itself if it has no more."""
         if self.samples <= samples:

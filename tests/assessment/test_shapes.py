@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from studies.red_team.attack import Attack
-from studies.red_team.attacks import line, spring_cylinder
+from studies.red_team.attacks import hydraulic_motor, line, spring_cylinder
 
 import fluidact_fit as ff
 
@@ -24,6 +24,17 @@ def find(module: object, group: str, name: str) -> Attack:
         (spring_cylinder, "recording", "play of the position", "'position' shows"),
         # preload 20 % off at 10
         (spring_cylinder, "recording", "curved valve", "'command' is a curve"),
+        # dead zone 29 % off at 12 standard errors
+        (hydraulic_motor, "valve of another shape", "opens softly", "'command' acts by and by"),
+        # gain 16 % off at 19
+        (hydraulic_motor, "valve of another shape", "saturates by and by", "'command' acts as"),
+        # dead zone 5 % off at 12
+        (
+            hydraulic_motor,
+            "valve of another shape",
+            "dead zone 10 % wider one way",
+            "'command' acts as",
+        ),
     ],
 )
 def test_a_channel_that_is_not_straight_is_named(
@@ -39,7 +50,11 @@ def test_a_channel_that_is_not_straight_is_named(
 
 @pytest.mark.parametrize(
     ("module", "group", "name"),
-    [(line, "right model", "smooth"), (spring_cylinder, "right model", "command")],
+    [
+        (line, "right model", "smooth"),
+        (spring_cylinder, "right model", "command"),
+        (hydraulic_motor, "right model", "stairs"),
+    ],
 )
 def test_straight_channels_are_not(module: object, group: str, name: str) -> None:
     attack = find(module, group, name)

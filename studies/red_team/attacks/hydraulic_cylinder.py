@@ -23,7 +23,8 @@ class Plant:
 
     ``stiction`` is what the friction has above its Coulomb level at rest [N], gone at a few
     times ``stribeck`` [m/s] as ``exp(-(v / stribeck)^shape)``; ``leakage`` [m3/(s Pa)] passes the
-    piston.
+    piston. The edges of the valve are ``soft`` by so many volts, and its opening is ``bent``: by
+    that share more for every volt.
     """
 
     area_1: float = 4.91e-4
@@ -43,6 +44,8 @@ class Plant:
     stribeck: float = 0.01
     shape: float = 1.0
     leakage: float = 0.0
+    soft: float = 0.0
+    bent: float = 0.0
     middle: float = 0.1
 
     def given(self, **changed: float) -> dict[str, float]:
@@ -55,7 +58,7 @@ class Plant:
     def truth(self) -> dict[str, float]:
         """What the fit should find."""
         return {
-            "valve_gain_1": self.gain, "valve_gain_2": self.gain,
+            **({} if self.bent else {"valve_gain_1": self.gain, "valve_gain_2": self.gain}),
             **{f"line_loss_{i}": r for i, r in enumerate(self.losses, start=1)},
             "bulk_modulus": self.bulk_modulus,
             "dead_zone_negative": self.edges[0], "dead_zone_positive": self.edges[1],
@@ -71,6 +74,11 @@ def _orifice(k: float, drop: float, loss: float) -> float:
     return math.copysign(k * x, drop)
 
 
+def _bend(x: float) -> float:
+    """``ln(1 + e^x)``, straight far from zero."""
+    return max(x, 0.0) + math.log1p(math.exp(-abs(x)))
+
+
 def _friction(m: Plant, v: float) -> float:
     """Level of the dry friction at a speed [N]."""
     if not m.stiction:
@@ -82,6 +90,9 @@ def _rates(m: Plant, x: State, u: float, way: float) -> State:
     p1, p2, y, v = x
     low, high = m.edges
     e = u - high if u > high else u - low if u < low else 0.0
+    if m.soft:
+        e = m.soft * (_bend((u - high) / m.soft) - _bend((low - u) / m.soft))
+    e *= 1.0 + m.bent * abs(e)
     k = m.gain * abs(e)
     r1, r2, r3, r4 = m.losses
     if e >= 0.0:
@@ -337,6 +348,11 @@ def attacks() -> Iterator[Attack]:
         yield attack("command acts late", f"{1e3 * late:g} ms", late=late)
     for leakage in (1e-12, 1e-11):
         yield attack("leakage", f"{leakage:g} m3/(s Pa)", replace(Plant(), leakage=leakage))
+    for words, plant in (
+        ("edges 0.05 V wide", replace(Plant(), soft=0.05)),
+        ("opens 4 % more a volt", replace(Plant(), bent=0.04)),
+    ):
+        yield attack("valve of another shape", words, plant)
     yield attack("stribeck", "50 % more at rest", replace(Plant(), coulomb=200.0, stiction=100.0))
     yield attack(
         "stribeck", "900 N and 300 N more", replace(Plant(), coulomb=900.0, stiction=300.0)

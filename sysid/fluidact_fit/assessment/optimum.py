@@ -364,10 +364,4 @@ def shifted(experiment: Experiment, role: str, rows: int) -> Experiment:
     """The same run with the readings of an input that many rows later; the ends keep theirs."""
     values = experiment[role]
     source = np.clip(np.arange(values.size) - rows, 0, values.size - 1)
-    return with_readings(experiment, role, values[source])
-
-
-def with_readings(experiment: Experiment, role: str, values: FloatArray) -> Experiment:
-    """The same run with other readings of an input."""
-    signal = replace(experiment.signals[role], values=values)
-    return replace(experiment, signals={**experiment.signals, role: signal})
+    return experiment.with_readings(role, values[source])

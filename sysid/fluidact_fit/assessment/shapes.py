@@ -20,7 +20,7 @@ from ..estimation.noise import noise_floor
 from ..estimation.recursion import behind_play
 from ..experiment import FloatArray
 from .beside import all_of
-from .optimum import Optimum, root_mean_square, with_readings
+from .optimum import Optimum, root_mean_square
 from .score import Term, fit_together
 
 _PART = 0.01  # of its range, by which a channel is bowed, and most play of one
@@ -143,7 +143,7 @@ def _change(
     at: Optimum, role: str, other: Callable[[FloatArray], FloatArray], size: float
 ) -> list[FloatArray] | None:
     """What another reading of an input changes, per unit of its size."""
-    found = at.change([with_readings(e, role, other(e[role])) for e in at.experiments])
+    found = at.change([e.with_readings(role, other(e[role])) for e in at.experiments])
     if not root_mean_square(found) > _LEAST * at.sigma:
         return None
     return [c / size for c in found]

@@ -49,7 +49,8 @@ def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Judge every term that the model may lack: entries for the file, and a warning."""
     part = at.beginning(_LONG)
     judged = chain(
-        (judge_term(at, t) for t in _terms(at)), (judge_term(part, t) for t in shape_terms(part))
+        (judge_term(at, t) for t in _terms(at)),
+        (judge_term(part, t) for t in (*_departures(part), *shape_terms(part))),
     )
     scores = [s for s in judged if s is not None]
     table = {
@@ -76,7 +77,6 @@ def _terms(at: Optimum) -> Iterator[Term]:
     runs = at.experiments
     yield from _offered(at)
     yield from _levels(at)
-    yield from _departures(at)
     for name in at.roles:
         yield _drift(at, name)
     if not all(e.time.size for e in runs):

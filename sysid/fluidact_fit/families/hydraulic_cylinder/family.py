@@ -48,6 +48,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice, NotIdentifiedError
+from ...estimation.departures import soft_edges
 from ...estimation.named_model import check_request
 from ...estimation.results import refuse
 from ...estimation.stribeck import another_fall, free_names, rise_words, stribeck_specs
@@ -69,7 +70,7 @@ from ...family import (
 )
 from .block import HydraulicBlock
 from .case import Case, check_settled, make_case
-from .equations import THETA
+from .equations import EDGES, THETA
 from .gray_fit import fit_gray
 from .nearby import fall_slopes
 from .networks import LAYERS, NETWORKS, fit_networks, flow_view
@@ -216,9 +217,12 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         return flow_view(case, plant.values)
 
     def departures(self, plant: Plant[HydraulicCylinderOptions]) -> Sequence[Departure]:
-        """Another fall of friction from rest; see :meth:`Family.departures`."""
-        rises = plant.options.stage == "gray-box" and plant.values.get("stribeck")
-        return [another_fall(partial(fall_slopes, plant))] if rises else []
+        """Soft edges, another fall of friction from rest; see :meth:`Family.departures`."""
+        if plant.options.stage != "gray-box":
+            return []
+        low, high = (plant.numbers[edge] for edge in EDGES)
+        fall = [another_fall(partial(fall_slopes, plant))] if plant.values.get("stribeck") else []
+        return [soft_edges(plant, "command", (low, high)), *fall]
 
     def model(
         self, plant: Plant[HydraulicCylinderOptions], sample_time: float, hold: Hold

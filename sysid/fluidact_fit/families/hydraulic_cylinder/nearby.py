@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from ...estimation.departures import slopes
 from ...estimation.stribeck import EXPONENT, with_speed
 from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulate, Simulated
@@ -24,12 +25,7 @@ def fall_slopes(
         simulate(replace(plant, values={**plant.values, EXPONENT: 2.0 + by}), experiments)
         for by in (-_APART, _APART)
     )
-    out = []
-    for x, y in zip(less, more):
-        changes = {role: values - y.also[role] for role, values in x.also.items()}
-        changes[CHANNELS[-1]] = x.output - y.output
-        out.append({role: change / (2.0 * _APART) for role, change in changes.items()})
-    return out
+    return slopes(more, less, CHANNELS[-1], 2.0 * _APART)
 
 
 @dataclass(frozen=True)

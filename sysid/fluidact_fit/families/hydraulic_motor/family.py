@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice, UsageError
+from ...estimation.departures import soft_edges
 from ...estimation.named_model import Values, check_request
 from ...estimation.parametric import Fitted
 from ...experiment import Experiment, Hold
 from ...family import (
+    Departure,
     Estimate,
     Family,
     ParameterDocument,
@@ -136,6 +138,11 @@ class HydraulicMotor(Family[MotorOptions]):
         limit = np.inf if limit is None else limit
         experiments = (held_levels(experiments, noise) if noise else None) or experiments
         return [simulate_run(e, plant.numbers, limit, offset) for e in experiments]
+
+    def departures(self, plant: Plant[MotorOptions]) -> Sequence[Departure]:
+        """Soft edges of the dead zone; see :meth:`Family.departures`."""
+        edge = plant.numbers["dead_zone"]
+        return [soft_edges(plant, "command", (-edge, edge))]
 
     def model(self, plant: Plant[MotorOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
         """The static curve and the lag behind it."""

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from ...errors import Notice
+from ...estimation.departures import soft_edges
 from ...estimation.information import sensitivity
 from ...estimation.named_model import Values, bind, check_request, make_unknowns
 from ...estimation.parametric import Fitted
@@ -22,6 +23,7 @@ from ...estimation.problem import Unknown
 from ...estimation.results import Refusal
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
+    Departure,
     Estimate,
     Excitation,
     Family,
@@ -305,6 +307,13 @@ class TransferFamily(Family[T], Generic[T]):
         if sample_time > 0.0:
             section["discrete"] = discretise(numerator, denominator, sample_time, dead_time)
         return section
+
+    def departures(self, plant: Plant[T]) -> Sequence[Departure]:
+        """Soft edges of a dead zone; see :meth:`Family.departures`."""
+        if not self.dead_zone:
+            return []
+        v, (role,) = plant.numbers, plant.variant.driving
+        return [soft_edges(plant, role.name, (v["dead_zone_negative"], v["dead_zone_positive"]))]
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:
         """A command, played to the input; see :meth:`Family.excitation`."""

@@ -1,0 +1,60 @@
+"""Ways in which machines of several families depart from their models; see :class:`.Departure`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..experiment import Experiment, FloatArray
+from ..family import Departure, Plant, Simulate, Simulated
+
+_SOFT = 0.03  # of the range of a command, over which an edge is tried to open
+
+
+def soft_edges(plant: Plant[Any], role: str, edges: tuple[float, float]) -> Departure:
+    """A dead zone whose edges open by and by, as those of a spool with notches do.
+
+    Beyond the edge ``a`` the effective command is ``r ln(1 + exp((u - a) / r))`` in place of
+    ``max(u - a, 0)``, ``r`` a small part of the range: the largest change is ``r ln 2``, at the
+    edge itself.
+    """
+    return Departure(
+        "soft edges of the dead zone",
+        f"'{role}' acts by and by, not all at once, where it leaves the dead zone",
+        "Edges and slope beside them depend on the shape that is supposed: use them within the "
+        "commands of the logs only, or fit commands far from the edges by themselves.",
+        partial(_softened, plant, role, edges),
+    )
+
+
+def _softened(
+    plant: Plant[Any], role: str, edges: tuple[float, float],
+    experiments: Sequence[Experiment], simulate: Simulate,
+) -> list[dict[str, FloatArray]]:  # fmt: skip
+    low, high = edges
+    reach = _SOFT * max(float(np.ptp(e[role])) for e in experiments)
+    soft = []
+    for e in experiments:
+        u = e[role]
+        beyond = np.logaddexp(0.0, (u - high) / reach) - np.logaddexp(0.0, (low - u) / reach)
+        # as much beyond an edge of the model as the softer one lets pass
+        soft.append(e.with_readings(role, reach * beyond + np.where(beyond > 0.0, high, low)))
+    output = plant.variant.output.name
+    return slopes(simulate(plant, experiments), simulate(plant, soft), output, reach)
+
+
+def slopes(
+    before: Sequence[Simulated], after: Sequence[Simulated], output: str, by: float
+) -> list[dict[str, FloatArray]]:
+    """Change of all channels of every run, by role, per size of what changed them."""
+
+    def channels(one: Simulated) -> Mapping[str, FloatArray]:
+        return {**one.also, output: one.output}
+
+    return [
+        {role: (values - channels(x)[role]) / by for role, values in channels(y).items()}
+        for x, y in zip(before, after, strict=True)
+    ]
