@@ -35,8 +35,8 @@ _STRETCHES = 60  # of a sweep
 _BY_CHANCE = 0.01  # probability of a ratio of mean squares that is no accident
 _SURELY = 1e-6
 _MATTERS = 2e-3  # part of the stroke
-_TREMBLE = 8.0  # standard deviations of a reading that it has to move to have a direction
 _TWO_LEVELS = -1.35  # excess kurtosis of residuals
+_TREMBLE = 8.0  # standard deviations of a reading that it has to move to have a direction
 _APART = 5.0  # standard errors of a difference between both directions
 
 
@@ -180,17 +180,22 @@ def direction_notice(
     """
     if fit.shape.branches > 1:
         return []
-    # a reading that only trembles has no direction
-    tremble = max(noise_floor(data.reading[p]) for p in data.parts)
-    band = max(5e-3 * scaled.span, _TREMBLE * tremble)
-    share = np.concatenate([rising_share(data.reading[p], band) for p in data.parts])[data.used]
-    way = share - 0.5
+    readings = [data.reading[p] for p in data.parts]
+    tremble = _TREMBLE * max(noise_floor(x[np.isfinite(x)]) for x in readings)
+    band = 5e-3 * scaled.span
+    shares = [rising_share(x, max(tremble, band)) for x in readings]
+    way = np.concatenate(shares)[data.used] - 0.5
     rest = scaled.rows.y - scaled.evaluate(fit)
     ways = sorted((np.count_nonzero(way > 0.4), np.count_nonzero(way < -0.4)))
     if ways[0] < 10:
         sweep = ways[1] > 0.9 * way.size and find_positions(scaled.rows.t) is None
         one_way = [_one_way()] if sweep and not ways[0] else []
         return _two_groups_notice(rest, scaled) or one_way
+    if tremble > band:
+        # of the reading before: one that is too high by chance both looks like rising and lies
+        # beside the curve
+        before = [np.concatenate((x[:1], x[:-1])) for x in shares]
+        way = np.concatenate(before)[data.used] - 0.5
     parts = contiguous_parts(data.sizes)
     columns = np.vstack([np.column_stack((jacobian(p), way[p])) for p in parts])
     scale = np.linalg.norm(columns, axis=0)
