@@ -45,6 +45,20 @@ def test_a_coarse_or_noisy_motion_is_not(seed: int, step: float, noise: float) -
     assert _rows_per_reading(np.round(values / step) * step if step else values) == 1.0
 
 
+@pytest.mark.parametrize("every", [2, 3, 5])
+@pytest.mark.parametrize("noise", [1e-3, 0.3])
+def test_a_noisy_output_that_repeats_every_reading_is_seen(every: int, noise: float) -> None:
+    """A position at half the rate of its log: mass 16 % off at 10 standard errors, PASS.
+
+    Its noise goes to and fro, which levels that are set one by one do too.
+    """
+    rng = np.random.default_rng(every)
+    values = motion(rng) + noise * rng.standard_normal(2000)
+    assert _rows_per_reading(np.repeat(values, every), led=True) == pytest.approx(every, rel=0.01)
+    for step in (1e-3, 0.05):
+        assert _rows_per_reading(np.round(values / step) * step, led=True) == 1.0
+
+
 @pytest.mark.parametrize("clock", [1, 2, 5])
 def test_levels_that_are_set_are_not(clock: int) -> None:
     rng = np.random.default_rng(7)

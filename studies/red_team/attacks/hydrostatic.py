@@ -82,11 +82,13 @@ def record(
     noise: float = 0.0,
     offset: float = 0.0,
     rate: float | None = None,
+    every: int = 1,
     machine: Callable[[Mapping[str, float], Array, float], Array] = respond,
 ) -> list[Recording]:
     """Strokes; ``sigma`` is noise of the position in shares of its own deviation.
 
-    ``rate`` is how often the force is converted, where that is less often than it is logged [Hz].
+    ``rate`` is how often the force is converted, where that is less often than it is logged [Hz];
+    the position has a new reading ``every`` so many rows.
     """
     out = []
     for _ in range(runs):
@@ -95,6 +97,7 @@ def record(
         u = wave(rng, t, step / 0.01, low, high)
         x = machine(truth, u, h)[::FINE]
         x = x + sigma * x.std() * rng.standard_normal(n)
+        x = x[np.arange(n) // every * every]
         force = u[::FINE] + noise * rng.standard_normal(n) + offset
         if rate is not None:
             force = force[(np.floor(np.arange(n) * step * rate) / rate / step).astype(int)]
@@ -144,6 +147,8 @@ def attacks() -> Iterator[Attack]:
     for rate in (80.0, 33.3):
         yield attack("channel slower than the log", f"force at {rate:g} Hz", TRUTH,
                      partial(record, rate=rate), repetitions=2)  # fmt: skip
+    yield attack("channel slower than the log", "every position twice", TRUTH,
+                 partial(record, every=2), repetitions=2)  # fmt: skip
     for name, unlike, more in (
         ("friction of 1 N", "dead_zone_negative dead_zone_positive", {"friction": 1.0}),
         ("half of the losses turbulent", "damping", {"turbulent": 3e5}),

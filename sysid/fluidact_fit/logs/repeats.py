@@ -21,6 +21,7 @@ _FEWEST = 10  # repeats
 _SHARE = 0.03  # of the changes of a moving signal, that come late
 _CHANCE = 3.0  # times the repeats that noise makes
 _ONWARDS = 0.7  # of successive changes in one direction: a motion, not levels set one by one
+_ALWAYS = 0.98  # of the changes of a signal that repeats every reading
 _ROWS = 25  # that two records have in common only if one is a copy
 _PROBES = 16  # places of a record that are looked for in another one
 _MOST = 40  # records that are compared with each other
@@ -38,7 +39,8 @@ def check_repeats(
         if role == "time" or (binding.role.hold == "zoh" and binding.role.unit in _SET):
             continue
         parts = [e[role] for e in experiments if role in e and e[role].size == e.time.size]
-        every = max((_rows_per_reading(p) for p in parts), default=1.0)
+        led = binding.role.hold is None  # no level of it is set one by one
+        every = max((_rows_per_reading(p, led) for p in parts), default=1.0)
         if every == 1.0:
             continue
         step = next(e.sample_time for e in experiments if role in e)
@@ -51,8 +53,12 @@ def check_repeats(
         )
 
 
-def _rows_per_reading(values: FloatArray) -> float:
-    """Mean number of rows that a reading of a moving signal stands for; 1 where all are new."""
+def _rows_per_reading(values: FloatArray, led: bool = False) -> float:
+    """Mean number of rows that a reading of a moving signal stands for; 1 where all are new.
+
+    A signal that is ``led`` follows others: where it never changes from one row to the next it
+    repeats its readings, be it in motion or in its noise.
+    """
     steps = np.diff(values)
     size = np.abs(steps)
     changes = np.flatnonzero(steps)
@@ -68,6 +74,8 @@ def _rows_per_reading(values: FloatArray) -> float:
     by_chance = _CHANCE * (0.5 * float(np.count_nonzero(small)) + 1.0)
     if late < max(_FEWEST, by_chance, _SHARE * float(np.count_nonzero(moving))):
         return 1.0
+    if led and late > _ALWAYS * np.count_nonzero(moving):
+        return float(rows[moving].mean())
     onwards = steps[changes[:-1]] * steps[changes[1:]] > 0.0
     if np.count_nonzero(onwards & moving) < _ONWARDS * np.count_nonzero(moving):
         return 1.0
