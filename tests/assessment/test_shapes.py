@@ -8,6 +8,8 @@ from studies.red_team.attack import Attack
 from studies.red_team.attacks import hydraulic_motor, line, spring_cylinder
 
 import fluidact_fit as ff
+from fluidact_fit.assessment import structure
+from fluidact_fit.experiment import Experiment, Signal
 
 
 def find(module: object, group: str, name: str) -> Attack:
@@ -61,3 +63,35 @@ def test_straight_channels_are_not(module: object, group: str, name: str) -> Non
     for seed in range(6):
         (recording,) = attack.record(np.random.default_rng([31, seed]))
         assert ff.fit(attack.family, recording).verdict == "pass"
+
+
+def test_part_of_a_long_log_shows_what_is_always_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same terms, of the same size within their errors, from half of the rows."""
+    attack = find(hydraulic_motor, "valve of another shape", "saturates by and by")
+    (recording,) = attack.record(np.random.default_rng(31))
+    whole = ff.fit(attack.family, recording)
+    monkeypatch.setattr(structure, "_LONG", 750)
+    part = ff.fit(attack.family, recording)
+    assert {n: q.value for n, q in part.parameters.items()} == {
+        n: q.value for n, q in whole.parameters.items()
+    }
+    for name in ("characteristic of command", "lag of 8 samples", "delay of command"):
+        one, other = (f.document.fit["missing_response"][name] for f in (whole, part))
+        assert other["deviations"] != one["deviations"]
+        assert abs(other["size"] - one["size"]) < 4.0 * abs(other["size"] / other["deviations"])
+    assert "unmodelled-response" in {n.code for n in part.notices}
+
+
+def test_the_beginning_of_a_run_has_the_beginnings_of_its_signals() -> None:
+    """Also those that were sampled at other instants, or have one node."""
+    time = np.arange(10) * 0.1
+    slow = Signal("b", time[::2] + 0.05, np.arange(5.0), "1", recorded={1: 7.0, 4: 8.0})
+    step = Signal("c", np.array([0.2]), np.array([3.0]), "1")
+    signals = {"a": Signal("a", time, np.arange(10.0), "1"), "b": slow, "c": step}
+    part = Experiment("run", 0, time, signals, 0.1, True).beginning(4)
+    assert part.time.tolist() == time[:4].tolist()
+    assert part["a"].tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert part["b"].tolist() == [0.0, 1.0]
+    assert dict(part.signals["b"].recorded) == {1: 7.0}
+    assert part["c"].tolist() == [3.0]
+    assert part.beginning(4) is part

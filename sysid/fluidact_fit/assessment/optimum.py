@@ -99,8 +99,11 @@ class Optimum:
         return [s.experiment for s in self.fitted]
 
     def beginning(self, rows: int) -> Optimum:
-        """The same fit over the first rows of every run; itself where no run has more."""
-        if all(e.samples <= rows for e in self.experiments):
+        """The same fit over the first rows of every run; itself where no run has more.
+
+        Nor is one cut whose inputs are noisy: what stands in for them knows whole runs only.
+        """
+        if self.instruments or all(e.samples <= rows for e in self.experiments):
             return self
         runs = [e.beginning(rows) for e in self.experiments]
         output = self.variant.output.name

@@ -100,15 +100,19 @@ def _input_terms(at: Optimum, role: str, unit: str) -> Iterator[Term]:
 
 def _characteristic(at: Optimum, role: str, unit: str, span: tuple[float, float]) -> Iterator[Term]:
     """A bow, and any curve: straight lines between places over the range."""
-    places, hats = np.linspace(*span, _PLACES), []
+    places, known = np.linspace(*span, _PLACES), list[int]()
     reach = _PART * (span[1] - span[0])
-    for only in np.eye(_PLACES):
-        raised = partial(_raised, places=places, by=reach * only)
-        hats.append(_change(at, role, raised, reach))
-    known = [k for k, hat in enumerate(hats) if hat is not None]
+    columns = [np.zeros((r.size, _PLACES)) for r in at.residuals]
+    for k, only in enumerate(np.eye(_PLACES)):
+        hat = _change(at, role, partial(_raised, places=places, by=reach * only), reach)
+        if hat is None:
+            continue
+        for c, values in zip(columns, hat, strict=True):
+            c[:, len(known)] = values
+        known.append(k)
     if not known:
         return
-    columns = [np.column_stack(parts) for parts in zip(*(hats[k] for k in known), strict=True)]
+    columns = [c[:, : len(known)] for c in columns]
     place = np.asarray(places[known], dtype=float)
 
     def term(

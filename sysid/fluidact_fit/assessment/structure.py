@@ -30,7 +30,7 @@ from .optimum import Optimum, Series, delayed, root_mean_square, shifted
 from .score import Score, Term, judge_term
 from .shapes import shape_terms
 
-_LONG = 200_000  # samples of every run that show the shape of a channel as well as all of them
+_LONG = 200_000  # samples of every run that show as well as all of them what is always there
 _PREFERRED = 0.8  # share of the best significance at which a parameter of the family is named
 _LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
 _FARTHEST = 10.0  # times the lag that was tried: of a longer one nothing is known
@@ -49,8 +49,7 @@ def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Judge every term that the model may lack: entries for the file, and a warning."""
     part = at.beginning(_LONG)
     judged = chain(
-        (judge_term(at, t) for t in _terms(at)),
-        (judge_term(part, t) for t in (*_departures(part), *shape_terms(part))),
+        (judge_term(at, t) for t in _terms_of_time(at)), (judge_term(part, t) for t in _terms(part))
     )
     scores = [s for s in judged if s is not None]
     table = {
@@ -72,13 +71,18 @@ def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     return table, [_notice(at, max(near or telling, key=lambda s: abs(s.deviations)))]
 
 
-def _terms(at: Optimum) -> Iterator[Term]:
-    """Everything that is tried: what the family offers, delays, lags and a drift."""
-    runs = at.experiments
-    yield from _offered(at)
+def _terms_of_time(at: Optimum) -> Iterator[Term]:
+    """What changes from one log to another, or on the way."""
     yield from _levels(at)
     for name in at.roles:
         yield _drift(at, name)
+
+
+def _terms(at: Optimum) -> Iterator[Term]:
+    """What is always there: what the family offers, delays, lags, shapes."""
+    runs = at.experiments
+    yield from _offered(at)
+    yield from _departures(at)
     if not all(e.time.size for e in runs):
         return
     step = min(e.sample_time for e in runs)
@@ -87,6 +91,7 @@ def _terms(at: Optimum) -> Iterator[Term]:
             yield _delay(at, role.name, step)
     for name in at.roles:
         yield from _lags(at, name, step)
+    yield from shape_terms(at)
 
 
 def _lags(at: Optimum, role: str, step: float) -> Iterator[Term]:

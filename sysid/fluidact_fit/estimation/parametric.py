@@ -29,6 +29,7 @@ from .uncertainty import covariance, t_quantile
 
 _PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
 _MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
+_NEAR = 1e-7  # damping of a search that begins near its end
 DECISIVE = 12.0  # twice the log-likelihood ratio that tells one value from another
 _DECIDED = 10.0 * DECISIVE  # beyond all doubt
 
@@ -244,13 +245,16 @@ def _attempt(
     problem = bind(model, unknowns, held)
     begin = [np.array([s[u.name] for u in problem.nonlinear]) for s in starts]
     rows = sum(y.size for y in model.measured)
-    tolerance = 1e-5 if rows < _MANY else 1e-2
-    search = solve_from(problem, begin, tolerance=tolerance)
+    # of long logs a part was fitted before: the starts are near
+    limits: dict[str, Any] = {"tolerance": 1e-5}
+    if rows >= _MANY:
+        limits = {"tolerance": 1e-2, "damping": _NEAR}
+    search = solve_from(problem, begin, **limits)
     best, fair = search.best, model
     factors = _balance(model, best)
     if factors:
         fair = model.scaled(factors)
-        best = solve(bind(fair, unknowns, held), best.eta, tolerance=tolerance)
+        best = solve(bind(fair, unknowns, held), best.eta, **limits)
     found = fair.uncertainty(best)
     names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
     values = dict(zip(names, (*best.eta, *best.linear)))

@@ -38,6 +38,7 @@ def solve(
     *,
     max_iterations: int = 60,
     tolerance: float = 1e-5,
+    damping: float = 1e-3,
 ) -> Solution:
     """Minimise the sum of squared residuals from one start.
 
@@ -50,6 +51,9 @@ def solve(
     tolerance
         Relative change of all scaled unknowns, in units of their own standard errors,
         below which the iteration has converged.
+    damping
+        Of the first step: little where the start is near the minimum, for it is what keeps
+        unknowns that the data hardly tell apart from getting there at once.
     """
     scales = np.array([u.scale for u in problem.nonlinear])
     low, high = (b / scales for b in bounds_of(problem.nonlinear))
@@ -57,7 +61,7 @@ def solve(
     x = np.clip(np.asarray(start, dtype=float) / scales, low, high)
     fit = Eliminated(problem, x * scales)
     tangent = Tangent(fit, scales)
-    damping, count, moved, converged = 1e-3, 0, True, x.size == 0
+    count, moved, converged = 0, True, x.size == 0
     while not converged and count < max_iterations:
         if moved:
             j, r = tangent.normal()
