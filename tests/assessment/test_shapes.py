@@ -75,8 +75,8 @@ def test_part_of_a_long_log_shows_what_is_always_there(monkeypatch: pytest.Monke
     assert {n: q.value for n, q in part.parameters.items()} == {
         n: q.value for n, q in whole.parameters.items()
     }
-    for name in ("characteristic of command", "lag of 8 samples", "delay of command"):
-        one, other = (f.document.fit["missing_response"][name] for f in (whole, part))
+    for name in ("characteristic of command", "lag of 8 samples", "bow of command"):
+        one, other = (f.document.fit.details["missing_response"][name] for f in (whole, part))
         assert other["deviations"] != one["deviations"]
         assert abs(other["size"] - one["size"]) < 4.0 * abs(other["size"] / other["deviations"])
     assert "unmodelled-response" in {n.code for n in part.notices}
