@@ -168,6 +168,7 @@ class _Shift:
 
 def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any], list[Notice]]:
     """Judge the fit under another hold of every role that drives the model."""
+    at = at.part
     experiments = at.experiments
     if sum(e.samples for e in experiments) > _LONG:
         return {}, []

@@ -26,6 +26,7 @@ _STEP = 0.02  # of a standard error, for differences of a simulation
 _LATE = 0.1  # sample times by which a time is moved for a derivative
 _SMALL = 1e-3  # part of itself by which another value is moved at first
 _PART = 0.3  # standard deviations of the residual by which the output then changes
+_LONG = 200_000  # samples of every run that show as well as all of them what is always there
 _TRIES = 8  # to find that part
 
 
@@ -98,11 +99,13 @@ class Optimum:
         """The runs that were fitted."""
         return [s.experiment for s in self.fitted]
 
-    def beginning(self, rows: int) -> Optimum:
-        """The same fit over the first rows of every run; itself where no run has more.
+    @cached_property
+    def part(self) -> Optimum:
+        """The same fit over the first rows of long runs, which show what is always there.
 
-        Nor is one cut whose inputs are noisy: what stands in for them knows whole runs only.
+        One whose inputs are noisy stays whole: what stands in for them knows whole runs only.
         """
+        rows = _LONG
         if self.instruments or all(e.samples <= rows for e in self.experiments):
             return self
         runs = [e.beginning(rows) for e in self.experiments]

@@ -30,7 +30,6 @@ from .optimum import Optimum, Series, delayed, root_mean_square, shifted
 from .score import Score, Term, judge_term
 from .shapes import shape_terms
 
-_LONG = 200_000  # samples of every run that show as well as all of them what is always there
 _PREFERRED = 0.8  # share of the best significance at which a parameter of the family is named
 _LAGS = (0.5, 2.0, 8.0, 32.0)  # sample times
 _FARTHEST = 10.0  # times the lag that was tried: of a longer one nothing is known
@@ -47,9 +46,9 @@ _LAG_REMEDY = (
 
 def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Judge every term that the model may lack: entries for the file, and a warning."""
-    part = at.beginning(_LONG)
     judged = chain(
-        (judge_term(at, t) for t in _terms_of_time(at)), (judge_term(part, t) for t in _terms(part))
+        (judge_term(at, t) for t in _terms_of_time(at)),
+        (judge_term(at.part, t) for t in _terms(at.part)),
     )
     scores = [s for s in judged if s is not None]
     table = {
