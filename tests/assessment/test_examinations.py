@@ -159,6 +159,9 @@ class _LinearOptimum(Optimum):
     def unit(self, name):
         return ""
 
+    def number(self, name):
+        return 1.0
+
 
 class _Jumpy(_LinearOptimum):
     """An output that follows a stiffness, and that rounding moves as soon as there is one."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
 import numpy as np
+from scipy.signal import lfilter
 
 from ..attack import Array, Attack, Recording, cramer_rao, with_play
 
@@ -92,6 +93,13 @@ def _spoil(r: Recording, rng: np.random.Generator, what: str) -> Recording:
         y = y + 31.0 * 0.1 * (1.0 - (r["command"] / 2.5 - 1.0) ** 2)
     elif what == "progressive spring":
         y = y - 8e3 * ((x - x.mean()) ** 2 - x.var())  # as stiff on average
+    elif what == "return with twice the friction":
+        v = np.gradient(x, r["time"])
+        y = y + np.where(v < 0.0, 60.0 * np.abs(v), 0.0)
+    elif what == "valve behind by 10 ms":
+        u, h = r["command"], float(r["time"][1])
+        late = lfilter([1.0 - np.exp(-h / 0.01)], [1.0, -np.exp(-h / 0.01)], u)
+        y = y + 31.0 * (late - u)
     elif what == "vibration":
         # real motion at half the sampling rate: nothing is wrong with the position
         shake = 2e-4 * rng.standard_normal(n)
@@ -122,7 +130,7 @@ def _bounds(
 
 
 def _attack(group: str, name: str, truth: Mapping[str, float] = TRUTH, **more: object) -> Attack:
-    own = {k: more.pop(k) for k in ("options", "hold", "bounds", "fixed", "repetitions")
+    own = {k: more.pop(k) for k in ("options", "hold", "bounds", "fixed", "repetitions", "beyond")
            if k in more}  # fmt: skip
     return Attack("spring-cylinder", group, name, truth, partial(log, p=truth, **more), UNITS,
                   **own)  # fmt: skip
@@ -150,10 +158,14 @@ def attacks() -> Iterator[Attack]:
         "drift", "clipped force", "coarse position", "late force", "glitch",
         "progressive spring", "vibration", "lost rows", "filtered noise",
         "slow position", "play of the position", "curved valve",
+        "return with twice the friction",
     ):  # fmt: skip
         yield _attack("recording", what, spoil=partial(_spoil, what=what), repetitions=3)
     yield _attack("recording", "vibration, stroke 3 mm", stroke=0.003,
                   spoil=partial(_spoil, what="vibration"), repetitions=3)  # fmt: skip
+    yield _attack("recording", "valve behind by 10 ms", repetitions=3,
+                  spoil=partial(_spoil, what="valve behind by 10 ms"),
+                  beyond="At one rate of the command a lag is a hysteresis.")  # fmt: skip
     rising = {**TRUTH, "stribeck": 2.0, "stribeck_speed": 0.004}
     wanted = {"stribeck": "estimate"}
     yield _attack("Stribeck", "2 N, 4 mm/s", rising, repetitions=2)

@@ -14,9 +14,11 @@ from ..errors import Notice
 from ..estimation.agreement_of_logs import Drift, compare_logs
 from ..experiment import FloatArray
 from ..units import as_share
+from .leverage import Effect
 from .optimum import Optimum
 
 _LISTED = 5
+_LEAST = 5e-4  # part of a parameter that a sample has to move: no bench is better than that
 _FEWEST = 50  # samples of a part of the data that is compared with the rest
 _DISAGREE = 1e-4  # probability of a difference that large between parts of the data
 _MATTERS = 0.02  # part of a parameter that a difference must exceed
@@ -42,7 +44,8 @@ def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     entry: dict[str, Any] = {
         "largest_influence": influence.most, "largest_leverage": influence.leverage
     }  # fmt: skip
-    deciding = sorted((e for e in influence.effects if e.deciding), key=lambda e: -abs(e.errors))
+    deciding = [e for e in influence.effects if e.deciding and _matters(at, e)]
+    deciding.sort(key=lambda e: -abs(e.errors))
     if not deciding:
         return entry, []
     found = [
@@ -54,6 +57,12 @@ def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     ]  # fmt: skip
     entry["samples"] = [vars(s) for s in found]
     return entry, [_notice(found, len(deciding), at.unit(found[0].parameter))]
+
+
+def _matters(at: Optimum, e: Effect) -> bool:
+    """Whether a sample moves a parameter by more than any bench is worth."""
+    moved = abs(e.errors) * float(at.errors[e.parameter])
+    return moved > _LEAST * abs(at.number(at.names[e.parameter]))
 
 
 def _times(factor: float) -> str:

@@ -85,6 +85,14 @@ class Score:
     share: float
 
     @property
+    def unseen(self) -> dict[str, float]:
+        """How large the term could be without being significant, and what it would then move."""
+        if not self.size or not self.deviations:
+            return {}
+        size = min(_SIGNIFICANT * abs(self.size / self.deviations), self.term.most)
+        return {"unseen_size": size, "unseen_shift": size * abs(self.shift / self.size)}
+
+    @property
     def telling(self) -> bool:
         """Whether the term is there, and matters."""
         possible = abs(self.size) <= self.term.most and self.share >= self.term.least

@@ -59,6 +59,7 @@ def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
             "parameter": s.parameter,
             "shift": s.shift,
             "standard_errors": s.errors,
+            **s.unseen,
         }
         for s in scores
     }

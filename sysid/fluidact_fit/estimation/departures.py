@@ -35,7 +35,10 @@ def _softened(
     experiments: Sequence[Experiment], simulate: Simulate,
 ) -> list[dict[str, FloatArray]]:  # fmt: skip
     low, high = edges
-    reach = _SOFT * max(float(np.ptp(e[role])) for e in experiments)
+    ends = [(float(e[role].min()), float(e[role].max())) for e in experiments]
+    reach = _SOFT * (max(most for _, most in ends) - min(least for least, _ in ends))
+    if not reach:
+        return [{} for _ in experiments]
     soft = []
     for e in experiments:
         u = e[role]

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ...errors import Notice, NotIdentifiedError, UsageError
+from ...estimation.departures import slopes
 from ...estimation.named_model import check_request
 from ...estimation.stribeck import rise_words, stribeck_specs, with_speed
-from ...experiment import Experiment, Hold
+from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
     Curve,
+    Departure,
     Estimate,
     Family,
     ParameterDocument,
@@ -24,6 +27,7 @@ from ...family import (
     Plant,
     Request,
     Role,
+    Simulate,
     Simulated,
     StaticView,
     Variant,
@@ -145,6 +149,18 @@ class SpringCylinder(Family[SpringOptions]):
         """Force from command or pressure and motion; see :meth:`Family.simulate`."""
         return _simulate(plant, prepare(plant.variant, experiments, plant.options)[0])
 
+    def departures(self, plant: Plant[SpringOptions]) -> Sequence[Departure]:
+        """Viscous friction of its own for every direction; see :meth:`Family.departures`."""
+        return [
+            Departure(
+                "viscous friction by direction",
+                "viscous friction differs between extending and retracting",
+                "The value is a mean of both: fit strokes of one direction by themselves "
+                "(--window), and look for a seal or a flow that resists one way.",
+                partial(_one_way, plant),
+            )
+        ]
+
     def model(self, plant: Plant[SpringOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
         """The force, and its inverse for feed-forward control."""
         drive = plant.variant.name
@@ -190,6 +206,17 @@ class SpringCylinder(Family[SpringOptions]):
     def block(self, variant: Variant, document: ParameterDocument) -> SpringCylinderBlock:
         """The force of the cylinder and its exact inverse."""
         return SpringCylinderBlock(document, variant)
+
+
+def _one_way(
+    plant: Plant[SpringOptions], experiments: Sequence[Experiment], simulate: Simulate
+) -> list[dict[str, FloatArray]]:
+    """Derivatives of the force by the viscous friction, where the rod extends only."""
+    by = 0.01 * abs(plant.numbers["viscous"]) or 1.0
+    more = replace(plant, values={**plant.values, "viscous": plant.numbers["viscous"] + by})
+    before, after = simulate(plant, experiments), simulate(more, experiments)
+    found = slopes(before, after, "force", by)
+    return [{role: np.minimum(change, 0.0) for role, change in one.items()} for one in found]
 
 
 def _simulate(plant: Plant[SpringOptions], runs: Sequence[Run]) -> list[Simulated]:
