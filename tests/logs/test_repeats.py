@@ -86,6 +86,17 @@ def test_a_slow_inlet_is_named_in_the_fit() -> None:
     assert found.verdict == "warn"
 
 
+def test_readings_at_rest_are_not_repeated_ones() -> None:
+    """Forty positions with five readings each, in the order in which they were taken."""
+    place = np.repeat(np.linspace(0.0, 0.06, 40), 5)
+    rng = np.random.default_rng(2)
+    for noise in (0.0, 0.3):
+        reading = np.round(1000.0 * place / 0.06 + noise * rng.standard_normal(place.size))
+        log = {"time [s]": np.arange(200) * STEP, "reading": reading, "reference [m]": place}
+        found = ff.fit("potentiometer", log)
+        assert "readings-repeated" not in {n.code for n in found.notices}
+
+
 def test_a_log_given_twice_is_refused() -> None:
     """Five times the same log made intervals that held 55 times in 100."""
     one, two = line_log(1), line_log(2)

@@ -28,6 +28,7 @@ _SMALL = 1e-3  # part of itself by which another value is moved at first
 _PART = 0.3  # standard deviations of the residual by which the output then changes
 _LONG = 200_000  # samples of every run that show as well as all of them what is always there
 _TRIES = 8  # to find that part
+_FEWEST = 20  # samples of a series that can be examined
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,9 @@ class Optimum:
         One whose inputs are noisy stays whole: what stands in for them knows whole runs only.
         """
         rows = _LONG
-        if self.instruments or all(e.samples <= rows for e in self.experiments):
+        counts = [int(s.used[:rows].sum()) for s in self.series]
+        short = all(e.samples <= rows for e in self.experiments)
+        if self.instruments or short or min(counts) < _FEWEST:
             return self
         runs = [e.beginning(rows) for e in self.experiments]
         output = self.variant.output.name
@@ -114,18 +117,13 @@ class Optimum:
             Simulation.of(e, found, output)
             for e, found in zip(runs, self.family.simulate(self.plant, runs), strict=True)
         ]
-        counts = [int(s.used[:rows].sum()) for s in self.series]
-        series = [
-            replace(
-                s,
-                experiment=runs[s.run],
-                used=s.used[:rows],
-                simulated=fitted[s.run].simulated
-                if s.role == output
-                else fitted[s.run].also[s.role],
+        series = []
+        for s in self.series:
+            one = fitted[s.run]
+            simulated = one.simulated if s.role == output else one.also[s.role]
+            series.append(
+                replace(s, experiment=runs[s.run], used=s.used[:rows], simulated=simulated)
             )
-            for s in self.series
-        ]
         return replace(
             self,
             estimate=replace(self.estimate, nearby=None),  # knows whole runs only
@@ -258,7 +256,7 @@ def make_optimum(
         else np.zeros(0)
     )
     series, residuals = _series(variant, estimate, fitted)
-    if not names or min((r.size for r in residuals), default=0) < 20:
+    if not names or min((r.size for r in residuals), default=0) < _FEWEST:
         return None
     if not np.all(np.isfinite(errors)) or not np.all(errors > 0.0):
         return None

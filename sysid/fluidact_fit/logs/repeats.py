@@ -21,6 +21,7 @@ _FEWEST = 10  # repeats
 _SHARE = 0.03  # of the changes of a moving signal, that come late
 _CHANCE = 3.0  # times the repeats that noise makes
 _ONWARDS = 0.7  # of successive changes in one direction: a motion, not levels set one by one
+_REST = 0.2  # of its steps elsewhere, by which a channel moves that does not rest
 _ALWAYS = 0.98  # of the changes of a signal that repeats every reading
 _ROWS = 25  # that two records have in common only if one is a copy
 _PROBES = 16  # places of a record that are looked for in another one
@@ -35,11 +36,15 @@ def check_repeats(
     A converter slower than the logger leaves rows with old readings: the channel comes late by a
     part of its own period, which no model knows of.
     """
+    static = all(b.role.hold is None for b in bindings.values())
     for role, binding in bindings.items():
         if role == "time" or (binding.role.hold == "zoh" and binding.role.unit in _SET):
             continue
         parts = [e[role] for e in experiments if role in e and e[role].size == e.time.size]
-        led = binding.role.hold is None  # no level of it is set one by one
+        # what drives nothing is not set level by level, but it may rest as all channels do
+        led = binding.role.hold is None and any(_others_move(e, role) for e in experiments)
+        if static and not led:
+            continue
         every = max((_rows_per_reading(p, led) for p in parts), default=1.0)
         if every == 1.0:
             continue
@@ -51,6 +56,22 @@ def check_repeats(
             "what is recorded is late by up to that. Masses, lags and dead times depend on it. "
             "Record at the rate of the slowest channel, or each channel with its own time.",
         )
+
+
+def _others_move(experiment: Experiment, role: str) -> bool:
+    """Whether another channel moves while one repeats its reading, as it does at other rows."""
+    if role not in experiment or experiment[role].size != experiment.time.size:
+        return False
+    new = np.diff(experiment[role]) != 0.0
+    if not 0 < np.count_nonzero(new) < new.size:
+        return False
+    for other, signal in experiment.signals.items():
+        if other == role or signal.values.size != experiment.time.size:
+            continue
+        steps = np.abs(np.diff(signal.values))
+        if np.median(steps[~new]) > _REST * np.median(steps[new]):
+            return True
+    return False
 
 
 def _rows_per_reading(values: FloatArray, led: bool = False) -> float:
