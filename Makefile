@@ -114,7 +114,7 @@ study: $(INSTALLED_DEV)
 	$(BIN)/python studies/hydraulic_cylinder.py coverage
 	$(BIN)/python -m studies.replay --write
 	$(BIN)/python studies/avr.py --write
-	$(BIN)/python studies/prediction.py --write
+	$(BIN)/python -m studies.prediction --write
 	$(BIN)/python -m studies.long_logs --rows 1e5 1e6 1e7 --write
 
 # Half an hour on two cores; make red-team RED_TEAM='--family valve --verbose' runs a part.

@@ -1,7 +1,7 @@
 # ruff: noqa: T201 (it prints its table)
 """How often the predicted band of the tracking error holds that of the true machine.
 
-    python studies/prediction.py [--rigs 100] [--write]
+    python -m studies.prediction [--rigs 100] [--write]
 
 A rig is drawn, three short logs of it are simulated and fitted, and the closed loop is predicted
 from the parameter file with its uncertainty (``--draws`` of the command line). Then the true

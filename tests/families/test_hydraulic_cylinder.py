@@ -19,6 +19,7 @@ from studies.red_team.attacks import hydraulic_cylinder as attacks
 
 import fluidact_fit as ff
 from dataset_fits import fit_dataset
+from fluidact_fit.check import check_logs
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.estimation.problem import Unknown
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
@@ -784,3 +785,10 @@ def test_real_logs_that_the_gray_box_cannot_follow_fall_back_to_the_plateaus() -
     assert (full.document.options or {})["stage"] == "plateaus"
     for one, other in zip(full.fitted, plain.fitted):
         np.testing.assert_array_equal(one.simulated, other.simulated)
+
+
+def test_a_single_sample_is_refused(tmp_path: Path) -> None:
+    """It was divided by the time to the next one."""
+    log = ff.read_log(write(tmp_path / "one.csv", simulate(np.zeros(2))[:1]))
+    with pytest.raises(LogError, match="holds a single sample"):
+        check_logs(fitted().document, [log])

@@ -452,3 +452,12 @@ def test_separators_between_quotes_are_no_cells(tmp_path: Path) -> None:
     assert len(log.columns) == 3
     assert log.rows + len(left_out(log)) == 9
     assert set(log.columns[2].values.tolist()) <= {round(1.0 + k / 100.0, 2) for k in range(10, 19)}
+
+
+def test_a_first_row_in_the_other_notation_is_no_header(tmp_path: Path) -> None:
+    """Where a log changes its decimal sign, a first row with a missing cell was taken for names."""
+    rows = [["nan", "3.5022", "3.4277"]] + [[f"{k}", f"3.50{k}", f"3.42{k}"] for k in range(10, 40)]
+    rows += [[f"{k}", f"1,64{k}", f"2,03{k}"] for k in range(40, 80)]
+    log = read(tmp_path, ["\t".join(row) for row in rows])
+    assert log.dialect.header_line is None
+    assert log.account.data_rows + len(log.account.left_out) == len(rows)

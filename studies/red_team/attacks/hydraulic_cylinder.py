@@ -348,11 +348,10 @@ def attacks() -> Iterator[Attack]:
         yield attack("command acts late", f"{1e3 * late:g} ms", late=late)
     for leakage in (1e-12, 1e-11):
         yield attack("leakage", f"{leakage:g} m3/(s Pa)", replace(Plant(), leakage=leakage))
-    for words, plant in (
-        ("edges 0.05 V wide", replace(Plant(), soft=0.05)),
-        ("opens 4 % more a volt", replace(Plant(), bent=0.04)),
-    ):
-        yield attack("valve of another shape", words, plant)
+    shape = "valve of another shape"
+    yield attack(shape, "edges 0.05 V wide", replace(Plant(), soft=0.05))
+    bent = attack(shape, "opens 4 % more a volt", replace(Plant(), bent=0.04))
+    yield replace(bent, beyond="A valve that opens more and more looks like lines that lose less.")
     yield attack("stribeck", "50 % more at rest", replace(Plant(), coulomb=200.0, stiction=100.0))
     yield attack(
         "stribeck", "900 N and 300 N more", replace(Plant(), coulomb=900.0, stiction=300.0)

@@ -203,7 +203,9 @@ def header_cells(line: str, cut: Cut) -> list[str] | None:
             fields = fields[:width]
         if len(fields) != width or not any(fields):
             continue
-        if sum(map(cut.is_value, fields)) > 0.5 * width or _is_entry(fields):
+        other = replace(cut, decimal="." if cut.decimal == "," else ",")
+        numbers = [cut.is_value(cell) or other.is_value(cell) for cell in fields]
+        if sum(numbers) > 0.5 * width or _is_entry(fields):
             return None
         return [_COMMENT.sub("", fields[0]), *fields[1:]]
     return None

@@ -34,12 +34,19 @@ def simulate_run(e: Experiment, values: Values, options: HydraulicCylinderOption
     Raises
     ------
     UsageError, LogError
-        When an input is missing, or the piston would leave the range of the equations.
+        When an input is missing, a run has one sample only, or the piston would leave the range
+        of the equations.
     """
     known = [i for i in (1, 2) if f"valve_gain_{i}" in values]
     machine = read_machine(options, known)
     if "position" in e:
         check_volumes(machine, [e])
+    if e.samples < 2:
+        raise LogError(
+            f"{e.name} holds a single sample.",
+            expected="Two or more, for something to move from one to the next.",
+            remedy="Record longer; check --window where it was given.",
+        )
     if options.stage == "gray-box":
         states = _all_states(e, machine, values, options)
         also = {role: states[:, c] for c, role in enumerate(CHANNELS[:2])}
