@@ -193,7 +193,7 @@ def judge_files(
     if status not in (0, 5) and new:
         result.fail(WRONG, f"exit status {status}, and a file was written")
     for name in new:
-        if name.endswith(".yaml"):
+        if name.endswith(".yaml") and words[0] != "simulate":  # that is a table
             try:
                 read_document(name)
             except FluidactError as error:

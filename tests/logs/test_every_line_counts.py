@@ -461,3 +461,21 @@ def test_a_first_row_in_the_other_notation_is_no_header(tmp_path: Path) -> None:
     log = read(tmp_path, ["\t".join(row) for row in rows])
     assert log.dialect.header_line is None
     assert log.account.data_rows + len(log.account.left_out) == len(rows)
+
+
+def test_a_second_mark_of_byte_order_is_no_text(tmp_path: Path) -> None:
+    """It made names of the first row."""
+    path = tmp_path / "log.csv"
+    rows = [f"{k}\t{k}.5\t{k}.25" for k in range(20)]
+    path.write_bytes(("\ufeff" + "\n".join(rows)).encode("utf-16"))
+    log = read_log(path)
+    assert log.account.data_rows == 20
+
+
+def test_integers_too_large_for_a_machine_let_no_other_text_be_a_number(tmp_path: Path) -> None:
+    """Python, which reads them in place of pandas, reads ``1_000`` as well."""
+    rows = [f"{9 * 10**19 + k};{k}.5" for k in range(40)]
+    rows[30] = "1_000;30.5"
+    log = read(tmp_path, rows)
+    assert log.columns[0].bad == {30: "1_000"}
+    assert np.isnan(log.columns[0].values[30])

@@ -68,6 +68,8 @@ def make_source(path: Path, raw: bytes, sha256: str) -> Source:
         remedy = "Record it again, or check that the logger had finished writing."
         raise _refusal("the file is empty.", name, remedy)
     encoding, data = _decode(raw, name)
+    while data.startswith(codecs.BOM_UTF8):
+        data = data.removeprefix(codecs.BOM_UTF8)  # some loggers write another mark into the text
     if b"\r" in data:
         # "\r\r\n" is what a terminal log in text mode makes of "\r\n".
         for ending in (b"\r\r\n", b"\r\n", b"\r"):

@@ -156,6 +156,8 @@ def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatAr
     columns: list[FloatArray] = []
     for index in range(layout.lead, layout.lead + layout.width):
         series = frame[index]
+        if series.dtype == object and "integer" in pd.api.types.infer_dtype(series, skipna=True):
+            return None  # integers too large for a machine's: Python read them, and "1_000" too
         if series.dtype.kind in "fiu":
             column = series.to_numpy(dtype=np.float64)
         else:  # text somewhere in the column; booleans are text too: no logger means 1 by True
