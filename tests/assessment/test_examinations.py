@@ -144,6 +144,16 @@ def test_influence_is_that_of_leaving_the_sample_out():
     assert first["shift"] == pytest.approx((left_out - theta)[k], rel=1e-9)
 
 
+def test_a_sample_that_moves_nothing_that_matters_decides_nothing():
+    """A clean log of strokes was warned of for 0.02 % of a parameter."""
+    x = np.column_stack((np.linspace(0.0, 1.0, 60), np.ones(60)))
+    residual = 0.01 * np.random.default_rng(5).standard_normal(60)
+    residual[59] += 3.0
+    entry, notices = find_deciding_samples(_LargeOptimum.of(x, residual))
+    assert entry["largest_influence"] > 1.0
+    assert not notices
+
+
 class _LinearOptimum(Optimum):
     """A straight line in place of a family."""
 
@@ -161,6 +171,13 @@ class _LinearOptimum(Optimum):
 
     def number(self, name):
         return 1.0
+
+
+class _LargeOptimum(_LinearOptimum):
+    """Parameters of which no sample moves more than a small part."""
+
+    def number(self, name):
+        return 1e5
 
 
 class _Jumpy(_LinearOptimum):

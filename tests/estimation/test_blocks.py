@@ -7,7 +7,6 @@ import pytest
 from scipy.linalg import toeplitz
 
 from fluidact_fit import experiment, fit
-from fluidact_fit.assessment import optimum
 from fluidact_fit.estimation.blocks import condense, rows_of
 from fluidact_fit.estimation.linear import transition
 from fluidact_fit.estimation.uncertainty import covariance, fit_autoregression
@@ -144,7 +143,6 @@ def test_covariance_of_coloured_residuals_is_that_of_the_toeplitz_matrix(monkeyp
 )
 def test_another_row_of_a_long_log_takes_little_memory(monkeypatch, sizes, most):
     monkeypatch.setattr(experiment, "BLOCK_ROWS", 1 << 12)
-    monkeypatch.setattr(optimum, "_LONG", sizes[0] // 2)  # of longer ones it sees a part
     log = second_order_log(sizes[1], False, True)
     # what a first fit imports would hide the memory of rows
     fit("hydrostatic", {name: values[:2000] for name, values in log.items()})

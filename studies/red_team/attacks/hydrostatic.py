@@ -26,10 +26,17 @@ def wave(rng: np.random.Generator, t: Array, slow: float, low: float, high: floa
     return np.asarray(np.where(u > 0.0, high * u / u.max(), low * u / u.min()))
 
 
+def beyond(truth: Mapping[str, float], u: Array, soft: float = 0.0) -> Array:
+    """What the dead zone lets pass of a force; its edges are ``soft`` by so much [N]."""
+    up, down = u - truth["dead_zone_positive"], truth["dead_zone_negative"] - u
+    if soft:
+        return np.asarray(soft * (np.logaddexp(0.0, up / soft) - np.logaddexp(0.0, down / soft)))
+    return np.asarray(np.maximum(up, 0.0) - np.maximum(down, 0.0))
+
+
 def respond(truth: Mapping[str, float], u: Array, h: float) -> Array:
     """Position from the force on a fine grid: straight lines between its points, from rest."""
-    w = np.maximum(u - truth["dead_zone_positive"], 0.0)
-    w += np.minimum(u - truth["dead_zone_negative"], 0.0)
+    w = beyond(truth, u)
     late = truth.get("dead_time", 0.0)
     if late:
         t = np.arange(u.size) * h
@@ -49,11 +56,7 @@ def differ(
     ``soft`` edges [N]. Steps of the speed in closed form with the damping of the moment; it stops
     where friction would turn it.
     """
-    up, down = u - truth["dead_zone_positive"], truth["dead_zone_negative"] - u
-    if soft:
-        w = soft * (np.logaddexp(0.0, up / soft) - np.logaddexp(0.0, down / soft))
-    else:
-        w = np.maximum(up, 0.0) - np.maximum(down, 0.0)
+    w = beyond(truth, u, soft)
     m, x, v = truth["mass"], 0.0, 0.0
     out = np.empty(u.size)
     for k, push in enumerate(w.tolist()):

@@ -22,6 +22,11 @@ def switches(rng: np.random.Generator, span: float, shortest: float, longest: fl
     return np.r_[-1e9, instants[instants < span]]
 
 
+def held(at: Array, levels: Array, time: Array) -> Array:
+    """Levels that hold from each instant ``at`` to the next."""
+    return np.asarray(levels[np.searchsorted(at, time + 1e-9, side="right") - 1])
+
+
 def respond(truth: Mapping[str, float], at: Array, levels: Array, time: Array) -> Array:
     """Exact outlet of an inlet that is held from each instant ``at`` to the next.
 
@@ -63,7 +68,7 @@ def record(
         at = switches(rng, time[-1], *hold)
         at[1:] = np.round(at[1:] / step) * step
         levels = size * (np.arange(at.size) % 2 if two else rng.uniform(-1.0, 1.0, at.size))
-        inlet = levels[np.searchsorted(at, time + 1e-9, side="right") - 1]
+        inlet = held(at, levels, time)
         outlet = respond(truth, at, levels, time) + size * sigma * rng.standard_normal(time.size)
         recorded = slice(time.size - n, None)
         recording: Recording = {
@@ -114,14 +119,14 @@ def throttled(
     at = switches(rng, time[-1], 0.3, 1.0)
     at[1:] = np.round(at[1:] / step) * step
     levels = rng.uniform(-1.0, 1.0, at.size)
-    late = levels[np.searchsorted(at + truth["dead_time"], time, side="right") - 1]
+    late = held(at + truth["dead_time"], levels, time)
     y, out = float(levels[0]), np.empty(time.size)
     rate = step / fine / truth["time_constant"]
     for k, level in enumerate(late.tolist()):
         out[k] = y
         over = level - y
         y += rate * over / (1.0 + abs(over) / laminar) ** 0.5
-    inlet = levels[np.searchsorted(at, time[::fine] + 1e-9, side="right") - 1]
+    inlet = held(at, levels, time[::fine])
     outlet = out[::fine] + sigma * rng.standard_normal(n)
     return [{"time": time[::fine], "inlet": inlet, "outlet": outlet}]
 

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..estimation.blocks import condense
+from ..estimation.blocks import condense, joined
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.uncertainty import fit_autoregression, innovations, middle_of
 from ..experiment import BoolArray, FloatArray, blocks
@@ -124,7 +124,10 @@ class Beside:
         out = []
         for k, r in enumerate(self.residuals):
             mean = sum(float(np.sum(x @ found)) for x in self._blocks(k)) / r.size
-            out.append(self._table(k, middle_of(r.size)) @ found - mean)
+            middle = middle_of(r.size)
+            parts = (slice(middle.start + at.start, middle.start + at.stop)
+                     for at in blocks(middle.stop - middle.start))  # fmt: skip
+            out.append(joined([self._table(k, at) @ found for at in parts]) - mean)
         return out
 
 

@@ -50,7 +50,7 @@ _ROUNDS = 3  # Gauss-Newton steps under another hold
 _LONG_STEP = 2.0  # standard errors of a step after which another one is taken
 _EXPLAINS = 0.7  # of the residual, which another hold leaves at most where forces are in it
 _JUMP = 0.25  # part of its range that an input crosses in one sample when it jumps
-_LONG = 200_000  # samples beyond which a part of the log is enough
+_LONG = 200_000  # samples of all runs together, beyond which no other hold is tried
 _WORDS: dict[Hold, str] = {
     "zoh": "held between its samples",
     "foh": "on straight lines between its samples",

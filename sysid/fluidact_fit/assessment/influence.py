@@ -15,10 +15,9 @@ from ..estimation.agreement_of_logs import Drift, compare_logs
 from ..experiment import FloatArray
 from ..units import as_share
 from .leverage import Effect
-from .optimum import Optimum
+from .optimum import LEAST, Optimum
 
 _LISTED = 5
-_LEAST = 5e-4  # part of a parameter that a sample has to move: no bench is better than that
 _FEWEST = 50  # samples of a part of the data that is compared with the rest
 _DISAGREE = 1e-4  # probability of a difference that large between parts of the data
 _MATTERS = 0.02  # part of a parameter that a difference must exceed
@@ -62,7 +61,7 @@ def find_deciding_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
 def _matters(at: Optimum, e: Effect) -> bool:
     """Whether a sample moves a parameter by more than any bench is worth."""
     moved = abs(e.errors) * float(at.errors[e.parameter])
-    return moved > _LEAST * abs(at.number(at.names[e.parameter]))
+    return moved > LEAST * abs(at.number(at.names[e.parameter]))
 
 
 def _times(factor: float) -> str:

@@ -21,13 +21,14 @@ from ..units import after_number
 from .beside import Beside, all_of
 from .leverage import Influence, measure_influence
 
+LEAST = 5e-4  # part of a parameter: no bench is better than that
 _SAME = 1.0 - 1e-9  # correlation of two names for one unknown
 _STEP = 0.02  # of a standard error, for differences of a simulation
 _LATE = 0.1  # sample times by which a time is moved for a derivative
 _SMALL = 1e-3  # part of itself by which another value is moved at first
 _PART = 0.3  # standard deviations of the residual by which the output then changes
-_LONG = 200_000  # samples of every run that show as well as all of them what is always there
 _TRIES = 8  # to find that part
+_LONG = 200_000  # samples of every run that show as well as all of them what is always there
 _FEWEST = 20  # samples of a series that can be examined
 
 
@@ -107,9 +108,10 @@ class Optimum:
         One whose inputs are noisy stays whole: what stands in for them knows whole runs only.
         """
         rows = _LONG
+        if self.instruments or all(e.samples <= rows for e in self.experiments):
+            return self
         counts = [int(s.used[:rows].sum()) for s in self.series]
-        short = all(e.samples <= rows for e in self.experiments)
-        if self.instruments or short or min(counts) < _FEWEST:
+        if min(counts) < _FEWEST:
             return self
         runs = [e.beginning(rows) for e in self.experiments]
         output = self.variant.output.name

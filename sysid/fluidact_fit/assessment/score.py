@@ -35,7 +35,7 @@ from ..estimation.least_squares import scaled_least_squares
 from ..estimation.uncertainty import covariance
 from ..experiment import FloatArray
 from .beside import Beside
-from .optimum import Optimum
+from .optimum import LEAST, Optimum
 
 _SIGNIFICANT = 4.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
@@ -62,7 +62,7 @@ class Term:
     columns: Sequence[FloatArray]
     offered: bool = False
     most: float = np.inf
-    least: float = 5e-4  # no bench is better than that
+    least: float = LEAST
     instruments: Sequence[FloatArray] = ()
     chosen: int = 1
 

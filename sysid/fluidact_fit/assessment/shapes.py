@@ -154,25 +154,24 @@ def _change(
 
 
 def _played(role: str, unit: str, size: float) -> str:
-    way = "less" if size > 0.0 else "more"
-    return f"'{role}' shows {abs(size):.3g} {unit} {way} on the way up than on the way down"
+    return f"'{role}' shows {_more(-size, unit)} on the way up than on the way down"
 
 
 def _bowed(role: str, unit: str, size: float) -> str:
-    way = "more" if size > 0.0 else "less"
-    return f"'{role}' is a curve, {abs(size):.3g} {unit} {way} amid its range than a straight line"
+    return f"'{role}' is a curve, {_more(size, unit)} amid its range than a straight line"
 
 
 def _aside(role: str, unit: str, size: float) -> str:
-    way = "more" if size > 0.0 else "less"
-    return f"'{role}' acts as {abs(size):.3g} {unit} {way} than it shows where it is negative"
+    return f"'{role}' acts as {_more(size, unit)} than it shows where it is negative"
 
 
 def _steeper(role: str, unit: str, size: float) -> str:
-    way = "more" if size > 0.0 else "less"
-    return f"'{role}' acts by {100.0 * abs(size):.3g} % {way} where it is negative than elsewhere"
+    return f"'{role}' acts by {_more(100.0 * size, '%')} where it is negative than elsewhere"
 
 
 def _bent(sign: float, place: float, role: str, unit: str, size: float) -> str:
-    way = "more" if sign * size > 0.0 else "less"
-    return f"'{role}' acts as {abs(size):.3g} {unit} {way} at {place:.3g} {unit} than it shows"
+    return f"'{role}' acts as {_more(sign * size, unit)} at {place:.3g} {unit} than it shows"
+
+
+def _more(size: float, unit: str) -> str:
+    return f"{abs(size):.3g} {unit} {'more' if size > 0.0 else 'less'}"

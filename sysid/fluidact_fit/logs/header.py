@@ -195,6 +195,7 @@ def _is_word(cell: str, cut: Cut) -> bool:
 def header_cells(line: str, cut: Cut) -> list[str] | None:
     """Return the cells of a header line, ``None`` when the line is not one."""
     width = cut.width
+    other = replace(cut, decimal="." if cut.decimal == "," else ",")
     for text in (line, _COMMENT.sub("", line)):
         fields = cut.split(text)
         if cut.delimiter == " " and len(fields) != width:
@@ -203,7 +204,6 @@ def header_cells(line: str, cut: Cut) -> list[str] | None:
             fields = fields[:width]
         if len(fields) != width or not any(fields):
             continue
-        other = replace(cut, decimal="." if cut.decimal == "," else ",")
         numbers = [cut.is_value(cell) or other.is_value(cell) for cell in fields]
         if sum(numbers) > 0.5 * width or _is_entry(fields):
             return None
