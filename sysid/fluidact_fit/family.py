@@ -53,12 +53,15 @@ class Departure:
     response
         Derivatives of the channels of every experiment by its size, shape ``(n,)`` [SI] each, of
         the experiments and what simulates them near the fit. A channel without stays as it is.
+    unit
+        Of its size.
     """
 
     name: str
     words: str
     remedy: str
     response: Callable[[Sequence[Experiment], Simulate], Sequence[Mapping[str, FloatArray]]]
+    unit: str = "1"
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,25 @@ def test_straight_channels_are_not(module: object, group: str, name: str) -> Non
         assert ff.fit(attack.family, recording).verdict == "pass"
 
 
+@pytest.mark.parametrize(
+    ("module", "group", "name", "term", "unit", "size"),
+    [
+        (hydraulic_motor, "valve of another shape", "opens softly", "soft edges of the dead zone",
+         "A", 0.05),
+        (spring_cylinder, "recording", "return with twice the friction",
+         "viscous friction by direction", "N s/m", 60.0),
+    ],
+)  # fmt: skip
+def test_the_size_of_a_departure_has_its_unit(
+    module: object, group: str, name: str, term: str, unit: str, size: float
+) -> None:
+    attack = find(module, group, name)
+    (recording,) = attack.record(np.random.default_rng(31))
+    row = ff.fit(attack.family, recording).document.fit.details["missing_response"][term]
+    assert row["unit"] == unit
+    assert abs(row["size"]) == pytest.approx(size, rel=0.5)
+
+
 def test_what_a_small_delay_would_do_stands_in_the_file() -> None:
     """At one rate of the command a lag is a hysteresis: 9 % at 94 standard errors.
 

@@ -190,7 +190,7 @@ def _departures(at: Optimum) -> Iterator[Term]:
             else np.zeros(int(s.used.sum()))
             for s in at.series
         ]
-        yield Term(d.name, "1", partial(_departed, d), d.remedy, columns)
+        yield Term(d.name, d.unit, partial(_departed, d), d.remedy, columns)
 
 
 def _departed(departure: Departure, size: float) -> str:

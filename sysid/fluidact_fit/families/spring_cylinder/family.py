@@ -158,6 +158,7 @@ class SpringCylinder(Family[SpringOptions]):
                 "The value is a mean of both: fit strokes of one direction by themselves "
                 "(--window), and look for a seal or a flow that resists one way.",
                 partial(_one_way, plant),
+                plant.variant.parameter("viscous").unit,
             )
         ]
 
