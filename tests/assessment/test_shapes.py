@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from studies.red_team.attack import Attack
-from studies.red_team.attacks import hydraulic_motor, line, spring_cylinder
+from studies.red_team.attacks import hydraulic_motor, hydrostatic, line, spring_cylinder
 
 import fluidact_fit as ff
 from fluidact_fit.assessment import optimum
@@ -84,6 +86,23 @@ def test_the_size_of_a_departure_has_its_unit(
     row = ff.fit(attack.family, recording).document.fit.details["missing_response"][term]
     assert row["unit"] == unit
     assert abs(row["size"]) == pytest.approx(size, rel=0.5)
+
+
+@pytest.mark.parametrize(("friction", "named"), [(1.0, True), (0.0, False)])
+def test_dry_friction_is_told_from_a_dead_zone(friction: float, named: bool) -> None:
+    """Mass up to 10 % off at 10 standard errors, PASS: edges further out stood for friction."""
+    machine = partial(hydrostatic.differ, friction=friction)
+    recordings = hydrostatic.record(np.random.default_rng(31), runs=3, machine=machine)
+    result = ff.fit("hydrostatic", recordings)
+    row = result.document.fit.details["missing_response"]["dry friction"]
+    mass, low = result.parameters["mass"], result.parameters["dead_zone_negative"]
+    assert (abs(row["deviations"]) > 4.0) == named == (result.verdict == "warn")
+    if named:
+        error = abs(row["size"] / row["deviations"])
+        assert row["size"] == pytest.approx(friction, abs=4.0 * error)
+        assert low.value == pytest.approx(hydrostatic.TRUTH["dead_zone_negative"] - friction,
+                                          rel=0.1)  # fmt: skip
+        assert mass.value < hydrostatic.TRUTH["mass"] - 4.0 * mass.std_error
 
 
 def test_what_a_small_delay_would_do_stands_in_the_file() -> None:

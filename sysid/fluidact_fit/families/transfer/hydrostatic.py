@@ -17,20 +17,32 @@ References
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ...errors import LogError, Notice
+from ...estimation.departures import slopes
 from ...estimation.named_model import Values, bind
 from ...estimation.parametric import Fitted
 from ...estimation.problem import Unknown
 from ...estimation.results import Refusal
 from ...estimation.separable import solve
-from ...experiment import Experiment
-from ...family import ParameterSpec, Quantity, Request, Role, Variant
+from ...experiment import Experiment, FloatArray
+from ...family import (
+    Departure,
+    ParameterSpec,
+    Plant,
+    Quantity,
+    Request,
+    Role,
+    Simulate,
+    Variant,
+)
 from ...options import choice
 from .base import ASKED, Plan, Searched, TransferFamily, TransferOptions
 from .fit import dead_time_axis, grid_search
@@ -196,6 +208,24 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             out.append(start)
         return out
 
+    def departures(self, plant: Plant[HydrostaticOptions]) -> Sequence[Departure]:
+        """Dry friction beside what every dead zone is tried for; see :meth:`Family.departures`."""
+        always = super().departures(plant)
+        if "stiffness" in plant.values:  # friction and spring: see the spring cylinder
+            return always
+        return [
+            *always,
+            Departure(
+                "dry friction",
+                "dry friction acts on the piston, with a force that changes sign with its speed",
+                "The model has a dead zone, which is no friction: it lets the piston run on within "
+                "it. Use mass and edges for motions like those of the logs only, or fit a family "
+                "that knows friction (fluidact-fit families).",
+                partial(_resisted, plant),
+                plant.variant.role("force").unit,
+            ),
+        ]
+
     def derive(
         self, fitted: Fitted, options: HydrostaticOptions
     ) -> tuple[dict[str, Quantity], list[Notice]]:
@@ -214,6 +244,54 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             }
 
         return fitted.derive(units, function), []
+
+
+def _resisted(
+    plant: Plant[HydrostaticOptions], experiments: Sequence[Experiment], simulate: Simulate
+) -> list[dict[str, FloatArray]]:
+    """Change of the position per friction [N] that stands for so much of either edge.
+
+    A force that rises finds the same edges with both; one that falls brakes with friction.
+    """
+    v, edges = plant.numbers, ("dead_zone_negative", "dead_zone_positive")
+    low, high = (v[name] for name in edges)
+    friction = 0.5 * min(-low, high)
+    if friction <= 0.0:
+        return [{} for _ in experiments]
+    behind = replace(plant, values={**plant.values, **dict.fromkeys(edges, 0.0)})
+    pushed, resisted = [], []
+    for e, found in zip(experiments, simulate(plant, experiments), strict=True):
+        force = e["force"]
+        free = np.maximum(force - high + friction, 0.0) + np.minimum(force - low - friction, 0.0)
+        speed = float(found.output[1] - found.output[0]) / float(e.time[1] - e.time[0])
+        against = _friction(e.time, free, friction, v["mass"], v["damping"], speed)
+        pushed.append(
+            e.with_readings("force", np.maximum(force - high, 0.0) + np.minimum(force - low, 0.0))
+        )
+        resisted.append(e.with_readings("force", free - against))
+    return slopes(simulate(behind, pushed), simulate(behind, resisted), "position", friction)
+
+
+def _friction(
+    time: FloatArray, force: FloatArray, level: float, mass: float, damping: float, speed: float
+) -> FloatArray:
+    """Force of Coulomb friction on a damped mass, at the samples, shape ``(n,)`` [N].
+
+    The mean force drives every step, ``v_k+1 = f + (v_k - f) e^(-h c / m)`` with
+    ``f = (F - friction sgn v) / c``; a mass that would turn with less force than friction stays.
+    """
+    mean, kept = 0.5 * (force[1:] + force[:-1]), np.exp(-np.diff(time) * damping / mass)
+    out = []
+    for push, decay in zip(mean.tolist(), kept.tolist(), strict=True):
+        stays = abs(push) <= level
+        way = math.copysign(1.0, speed or push)
+        final = (push - way * level) / damping
+        new = final + (speed - final) * decay
+        if (stays and new * way < 0.0) or (stays and speed == 0.0):
+            new = 0.0
+        out.append(push - damping * (new - decay * speed) / (1.0 - decay))
+        speed = new
+    return np.asarray(0.5 * (np.append(out, out[-1]) + np.insert(out, 0, out[0])))
 
 
 def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
