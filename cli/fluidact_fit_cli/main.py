@@ -26,6 +26,8 @@ def main() -> None:
     try:
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, _interrupt)
+        # A fit uses one thread (see fitting.py); a pool that waits costs a quarter of a short one.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         _prepare_streams()
         status = run(sys.argv[1:])
         # All is done and said: whoever interrupts now only spoils the end of the interpreter.
