@@ -122,7 +122,7 @@ def _insertion(runs: hydrostatic.Runs) -> Figure:
 
 def _pneumatic(runs: Sequence[pneumatic.Insertion]) -> Figure:
     figure, (top, bottom) = _panels(4.8, 2.0, 1.4)
-    done = [(i, i.response) for i in runs if i.response is not None]
+    done = [(i, i.response) for i in runs if i.response is not None and not i.setting.differs]
     _reference(top, done[0][1])
     bottom.axhline(1.5, **_LINE, label="lag in the thesis, 8 bar")
     for (i, r), colour in zip(done, _COLOURS):
@@ -135,22 +135,16 @@ def _pneumatic(runs: Sequence[pneumatic.Insertion]) -> Figure:
 
 
 def _force(runs: Mapping[force.Key, Response]) -> Figure:
-    figure = Figure(figsize=(_WIDTH, 3.6), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    for axes, title in ((left, "n_s = 1"), (right, "50 N")):
-        dress(axes, title)
-        axes.set(xlabel="time [s]", ylabel="force [N]", xlim=(0.05, 0.7))
-    for (size, error), colour in zip(force.SOURCE.items(), _COLOURS):
-        r, first = runs[size, 1, "held"], size == 10.0
-        left.axhline(size + error, **_LINE, label="rest in the paper" if first else "")
-        left.plot(r.time, r.reference, **_HELD, label="reference" if first else "")
-        left.plot(r.time, r.output, color=colour, linewidth=1.2)
-    right.axhline(50.0 + force.SOURCE[50.0], **_LINE)
-    right.set_ylim(46.0, 54.0)
-    for steps, colour in zip((1, 10, 30), _COLOURS):
-        r = runs[50.0, steps, "held"]
-        right.plot(r.time, r.output, color=colour, linewidth=1.2, label=f"n_s = {steps}")
-    right.plot(r.time, r.reference, **_HELD)
-    legend(left)
-    legend(right)
+    figure = Figure(figsize=(_WIDTH, 5.4), layout="constrained")
+    each = figure.subplots(len(force.SOURCE), 1, sharex=True)
+    for axes, (size, error) in zip(each, force.SOURCE.items(), strict=True):
+        dress(axes, f"{size:g} N")
+        axes.set(ylabel="force [N]", xlim=(0.05, 0.7), ylim=(0.85 * size, 1.12 * size))
+        axes.axhline(size + error, **_LINE, label="rest in the paper, n_s = 1")
+        for steps, colour in zip(force.STEPS, _COLOURS):
+            r = runs[size, steps, "held"]
+            axes.plot(r.time, r.output, color=colour, linewidth=1.2, label=f"n_s = {steps}")
+        axes.plot(r.time, r.reference, **_HELD, label="reference")
+    each[-1].set_xlabel("time [s]")
+    legend(each[0])
     return figure
