@@ -129,3 +129,11 @@ def test_commas_between_columns_and_before_decimals_are_refused(tmp_path: Path) 
         read(tmp_path, ["time,inlet,outlet", *lines])
     assert "--skip-rows" in caught.value.text
     assert len(read(tmp_path, ["time,inlet,outlet", *lines], skip_rows=1).columns) == 6
+
+
+def test_codes_among_the_numbers_make_no_decimal_comma_a_separator(tmp_path: Path) -> None:
+    times = ["0.00", "0.01", "1/2", "1/2", "1/2"]  # two columns were read of three
+    rows = [f"{time} -0.{480 - 75 * k} 0,00" for k, time in enumerate(times)]
+    log = read(tmp_path, ["time torque angle", *rows])
+    assert [c.name for c in log.columns] == ["time", "torque", "angle"]
+    assert log.columns[1].values.tolist() == [-0.480, -0.405, -0.330, -0.255, -0.180]

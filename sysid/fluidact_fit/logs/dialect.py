@@ -31,7 +31,7 @@ _NUMBER_COMMA_STRICT = re.compile(r"([+-] *)?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 # Separator and decimal sign; of equally good ones the first wins.
 _CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")] + [(",", ",")]
 _QUOTED_COMMA = re.compile(r'"[^",]*\d,[^"]*"')  # a comma that does not separate columns
-_SEVERAL = re.compile(r"[\d.,+'-]+\s*[\t;| ](.*[\t;| ])?\s*[\d.,+-]+$")  # numbers in one cell
+_SEVERAL = re.compile(r"[\d.,+'/-]+\s*[\t;| ](.*[\t;| ])?\s*[\d.,+-]+$")  # numbers in one cell
 _CUT_WRONG = 0.1
 # separators between digits that no number holds, and more commas than one where blanks separate
 _LIST = re.compile(r".*\d\s*[\t;|]\s*[+-]?\.?\d")
@@ -260,6 +260,9 @@ def _rate_cut(
     score = (1.0 - len(others) / len(cells)) * share / len(rows)
     # Of two cuts that are as good, the one whose cells hold other separators is wrong.
     score -= sum(_is_cut_wrong(c, delimiter) for c in others if len(c) < LONG_CELL) / len(cells)
+    columns = zip(*(row[lead:][:width] for row in usual), strict=True)
+    if others and any(all(map(_several, column)) for column in columns):
+        score *= 0.5  # a column of nothing but several numbers a cell
     if width == 1:
         # One column is the last resort: "1,5" is two columns before it is one.
         score *= 0.9
@@ -270,7 +273,12 @@ def _is_cut_wrong(cell: str, delimiter: str) -> float:
     """How wrong it is to take a text for one cell, which may be several numbers."""
     if _LIST.match(cell) or (delimiter == " " and _COMMAS.match(cell)):
         return _LIST_WRONG
-    return _CUT_WRONG if _SEVERAL.match(cell) else 0.0
+    return _CUT_WRONG if _several(cell) else 0.0
+
+
+def _several(cell: str) -> bool:
+    """Whether a cell holds more numbers than one."""
+    return len(cell) < LONG_CELL and not is_stamp(cell) and _SEVERAL.match(cell) is not None
 
 
 def _no_table(name: str, skipped: int = 0) -> LogError:
