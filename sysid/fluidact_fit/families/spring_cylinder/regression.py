@@ -27,6 +27,7 @@ from ...estimation.stribeck import (
     undetermined,
 )
 from ...estimation.uncertainty import Uncertainty, covariance, enlarge, score_covariance
+from ...estimation.weak_instruments import reachable_variances
 from ...experiment import FloatArray
 from ...family import ParameterSpec, Request
 from ...specification import Variant
@@ -226,7 +227,7 @@ class _System:
         biased = bool(np.any(np.abs(self._bias(rise, a, best)) > _BIASED * errors))
         if biased:
             best = _reweighted(a, self.equations(rise, self.names, instead=True)[0], y, self.least)
-            found = spread(best)
+            found = _reaching(spread(best), best, a, y)
         values = dict(zip(self.names, best.values.tolist()))
         if "stribeck_speed" in values:
             values["stribeck_speed"] += rise.speed
@@ -272,6 +273,16 @@ class _Robust:
     scale: float
     limit: float
     columns: FloatArray
+
+
+def _reaching(found: Uncertainty, best: _Robust, a: FloatArray, y: FloatArray) -> Uncertainty:
+    """No less than what instruments that say little leave open."""
+    root = np.sqrt(best.weight)
+    variances = reachable_variances(
+        root[:, None] * a, root[:, None] * best.columns, root * (y - a @ best.values),
+        np.diag(found.covariance), found.degrees,
+    )  # fmt: skip
+    return replace(found, covariance=enlarge(found.covariance, variances))
 
 
 def _reweighted(a: FloatArray, z: FloatArray, y: FloatArray, least: tuple[float, float]) -> _Robust:
