@@ -41,6 +41,7 @@ _BLOCKS = (6, 12, 24, 48)  # of rows, whose contributions are compared; each div
 _SHORTEST = 25  # rows of a block
 _BY_CHANCE = 1e-5  # probability at which they count for no chance
 _TRIED = 60  # autocorrelations, closer to each other towards 1
+_ROUNDING = 1e-12  # part of a sum of squares that is none
 _NOT_RULED_OUT = 2.7  # twice the loss of log-likelihood of a value that a 95 % limit still holds
 _WIDER = 1.5  # times its standard error, that the error of a parameter has to be by them
 
@@ -155,7 +156,7 @@ def fewest_independent(jacobians: Sequence[FloatArray], residuals: Sequence[Floa
     a = 1.0 - np.geomspace(1.0, 1.0 / n, _TRIED)
     sums = here - a[:, None, None] * (lagged + lagged.T) + (a**2)[:, None, None] * inner
     x, xr, rr = sums[:, :p, :p], sums[:, :p, p:], sums[:, p, p]
-    left = rr - np.sum(xr * np.linalg.solve(x, xr), axis=(1, 2))
+    left = np.maximum(rr - np.sum(xr * np.linalg.solve(x, xr), axis=(1, 2)), _ROUNDING * rr)
     cost = (n - p) * np.log(left) + np.linalg.slogdet(x)[1] - runs * np.log1p(-(a**2))
     strongest = a[np.flatnonzero(cost < cost.min() + _NOT_RULED_OUT)[-1]]
     return float(n * (1.0 - strongest**2) / (1.0 + strongest**2))

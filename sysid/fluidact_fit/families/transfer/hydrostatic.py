@@ -256,7 +256,8 @@ def _resisted(
     v, edges = plant.numbers, ("dead_zone_negative", "dead_zone_positive")
     low, high = (v[name] for name in edges)
     friction = 0.5 * min(-low, high)
-    if friction <= 0.0:
+    alike = all(e["force"].size == e.samples > 1 for e in experiments)
+    if friction <= 0.0 or not alike:  # no dead zone to stand in, or forces at instants of their own
         return [{} for _ in experiments]
     behind = replace(plant, values={**plant.values, **dict.fromkeys(edges, 0.0)})
     pushed, resisted = [], []
@@ -280,16 +281,16 @@ def _friction(
     The mean force drives every step, ``v_k+1 = f + (v_k - f) e^(-h c / m)`` with
     ``f = (F - friction sgn v) / c``; a mass that would turn with less force than friction stays.
     """
-    mean, kept = 0.5 * (force[1:] + force[:-1]), np.exp(-np.diff(time) * damping / mass)
+    mean, lost = 0.5 * (force[1:] + force[:-1]), -np.expm1(-np.diff(time) * damping / mass)
     out = []
-    for push, decay in zip(mean.tolist(), kept.tolist(), strict=True):
+    for push, share in zip(mean.tolist(), lost.tolist(), strict=True):
         stays = abs(push) <= level
         way = math.copysign(1.0, speed or push)
-        final = (push - way * level) / damping
-        new = final + (speed - final) * decay
-        if (stays and new * way < 0.0) or (stays and speed == 0.0):
+        kept = speed * (1.0 - share)
+        new = kept + (push - way * level) / damping * share
+        if stays and (new * way < 0.0 or speed == 0.0):
             new = 0.0
-        out.append(push - damping * (new - decay * speed) / (1.0 - decay))
+        out.append(push - damping * (new - kept) / share)
         speed = new
     return np.asarray(0.5 * (np.append(out, out[-1]) + np.insert(out, 0, out[0])))
 
