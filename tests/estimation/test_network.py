@@ -85,7 +85,7 @@ def test_chords_measure_the_deviation_from_a_straight_line() -> None:
     x = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 2))
     bent = Network((np.array([[1.0, 0.0]]), np.array([[1.0]])), (np.zeros(1), np.zeros(1)))
     chords = Chords.along(x, 0, 2.0)
-    low, between, high = (chords.points[:, k, 0] for k in range(3))
+    low, between, high = chords.points[:, :, 0]
     line = np.maximum(high, 0.0) * (between - low) / (high - low)
     expected = 2.0 * np.mean((np.maximum(between, 0.0) - line) ** 2)
     assert chords.cost(bent) == pytest.approx(expected, rel=1e-12)

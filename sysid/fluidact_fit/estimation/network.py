@@ -167,7 +167,7 @@ class Chords:
     ``strength * mean((y(x_i) - (1 - t_i) y(low_i) - t_i y(high_i))^2)`` joins the cost, with
     ``x_i`` at the share ``t_i`` of the way from one end of the input's range to the other.
 
-    ``points`` has shape ``(m, 3, inputs)``: low, between, high; ``shares`` ``(m, 3)`` holds
+    ``points`` has shape ``(3, m, inputs)``: low, between, high; ``shares`` ``(3, m)`` holds
     the factors of their outputs.
     """
 
@@ -181,18 +181,18 @@ class Chords:
         rows = x[thin(x.shape[0], min(_CHORDS, (x.shape[0] + 1) // 2))]
         low, high = float(x[:, column].min()), float(x[:, column].max())
         t = np.mod(_GOLDEN * np.arange(rows.shape[0]), 1.0)
-        points = np.repeat(rows[:, None, :], 3, axis=1)
-        points[:, :, column] = low + (high - low) * np.column_stack((0.0 * t, t, 0.0 * t + 1.0))
-        return cls(points, np.column_stack((t - 1.0, np.ones(t.size), -t)), strength)
+        points = np.repeat(rows[None, :, :], 3, axis=0)
+        points[:, :, column] = low + (high - low) * np.vstack((0.0 * t, t, 0.0 * t + 1.0))
+        return cls(points, np.vstack((t - 1.0, np.ones(t.size), -t)), strength)
 
     def deviation(self, y: FloatArray) -> FloatArray:
         """Deviations for outputs (or columns of a Jacobian) at all points in a row."""
-        each = y.T.reshape(*y.shape[:0:-1], -1, 3)
-        return np.asarray(sum(each[..., k] * self.shares[:, k] for k in range(3))).T
+        each = y.T.reshape(*y.shape[:0:-1], 3, -1)
+        return np.asarray(sum(each[..., k, :] * self.shares[k] for k in range(3))).T
 
     @property
     def table(self) -> FloatArray:
-        """All points in rows, shape ``(3 m, inputs)``."""
+        """All points in rows, shape ``(3 m, inputs)``: all low ones, then all others."""
         return self.points.reshape(-1, self.points.shape[2])
 
     def cost(self, net: Network) -> float:
