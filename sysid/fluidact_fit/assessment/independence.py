@@ -32,7 +32,7 @@ import numpy as np
 
 from ..errors import Notice
 from ..estimation.blocks import condense, rows_of
-from ..estimation.uncertainty import inverse_information
+from ..estimation.uncertainty import independent_samples, inverse_information
 from ..experiment import FloatArray
 from .optimum import Optimum
 
@@ -158,5 +158,4 @@ def fewest_independent(jacobians: Sequence[FloatArray], residuals: Sequence[Floa
     x, xr, rr = sums[:, :p, :p], sums[:, :p, p:], sums[:, p, p]
     left = np.maximum(rr - np.sum(xr * np.linalg.solve(x, xr), axis=(1, 2)), _ROUNDING * rr)
     cost = (n - p) * np.log(left) + np.linalg.slogdet(x)[1] - runs * np.log1p(-(a**2))
-    strongest = a[np.flatnonzero(cost < cost.min() + _NOT_RULED_OUT)[-1]]
-    return float(n * (1.0 - strongest**2) / (1.0 + strongest**2))
+    return independent_samples(float(a[cost < cost.min() + _NOT_RULED_OUT][-1]), n)

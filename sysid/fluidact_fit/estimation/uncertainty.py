@@ -312,6 +312,11 @@ def covariance(
     return Uncertainty(total, degrees, float(sigma), order, independent)
 
 
+def independent_samples(memory: float, n: int) -> float:
+    """How many independent samples show the size of a first-order autoregression as well; [4]_."""
+    return n * (1.0 - memory**2) / (1.0 + memory**2)
+
+
 def _independent(a: FloatArray, n: int) -> float:
     """How many independent samples would show the size of an autoregression as well; [4]_."""
     r = _ar_autocovariance(a, 1.0)

@@ -8,6 +8,7 @@ from itertools import pairwise, product
 
 import numpy as np
 
+from ...estimation.uncertainty import independent_samples
 from ...experiment import FloatArray
 from .model import (
     BREAKAWAY,
@@ -360,7 +361,7 @@ def _independent(residual: FloatArray) -> float:
     if power == 0.0:
         return float(residual.size)
     alike = min(max(float(residual[1:] @ residual[:-1]) / power, 0.0), 1.0 - 1e-6)
-    return residual.size * (1.0 - alike**2) / (1.0 + alike**2)
+    return independent_samples(alike, residual.size)
 
 
 def levels_above(
