@@ -105,6 +105,18 @@ def test_dry_friction_is_told_from_a_dead_zone(friction: float, named: bool) -> 
         assert mass.value < hydrostatic.TRUTH["mass"] - 4.0 * mass.std_error
 
 
+@pytest.mark.parametrize(("turbulent", "named"), [(3e5, True), (0.0, False)])
+def test_turbulent_losses_are_told_from_edges(turbulent: float, named: bool) -> None:
+    """Mass 48 % and edges 15 % off at 8 standard errors, PASS."""
+    for seed in range(4):
+        machine = partial(hydrostatic.differ, turbulent=turbulent)
+        recordings = hydrostatic.record(np.random.default_rng([31, seed]), machine=machine)
+        result = ff.fit("hydrostatic", recordings)
+        row = result.document.fit.details["missing_response"]["turbulent losses"]
+        assert (abs(row["deviations"]) > 4.0) == named == (result.verdict == "warn")
+        assert not named or row["size"] > 0.0
+
+
 def test_what_a_small_delay_would_do_stands_in_the_file() -> None:
     """At one rate of the command a lag is a hysteresis: 9 % at 94 standard errors.
 

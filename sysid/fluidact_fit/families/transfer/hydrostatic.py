@@ -209,8 +209,18 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         return out
 
     def departures(self, plant: Plant[HydrostaticOptions]) -> Sequence[Departure]:
-        """Dry friction beside what every dead zone is tried for; see :meth:`Family.departures`."""
-        always = super().departures(plant)
+        """Turbulent losses, dry friction, soft edges; see :meth:`Family.departures`."""
+        always = [
+            *super().departures(plant),
+            Departure(
+                "turbulent losses",
+                "losses grow with the square of the speed, not with the speed alone",
+                "Damping and edges are those of the speeds of these logs: record each range of "
+                "speeds by itself, or look for a bore or a fitting that throttles.",
+                partial(_throttled, plant),
+                "N s2/m2",
+            ),
+        ]
         if "stiffness" in plant.values:  # friction and spring: see the spring cylinder
             return always
         return [
@@ -246,6 +256,40 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         return fitted.derive(units, function), []
 
 
+def _throttled(
+    plant: Plant[HydrostaticOptions], experiments: Sequence[Experiment], simulate: Simulate
+) -> list[dict[str, FloatArray]]:
+    """Derivatives of the position by a loss with the square of the speed [N s2/m2]."""
+    if not all(e["force"].size == e.samples > 1 for e in experiments):
+        return [{} for _ in experiments]
+    behind, pushed = _behind(plant, experiments)
+    before = simulate(behind, pushed)
+    speeds = [np.gradient(s.output, e.time) for e, s in zip(experiments, before, strict=True)]
+    highest = max(float(np.abs(v).max()) for v in speeds)
+    if not highest:
+        return [{} for _ in experiments]
+    by = plant.numbers["damping"] / highest
+    throttled = [
+        e.with_readings("force", e["force"] - by * v * np.abs(v)) for e, v in zip(pushed, speeds)
+    ]
+    return slopes(before, simulate(behind, throttled), "position", by)
+
+
+def _behind(
+    plant: Plant[HydrostaticOptions], experiments: Sequence[Experiment]
+) -> tuple[Plant[HydrostaticOptions], list[Experiment]]:
+    """The model without its dead zone, and the runs with what that lets pass for forces."""
+    v, edges = plant.numbers, ("dead_zone_negative", "dead_zone_positive")
+    low, high = (v[name] for name in edges)
+    passed = [
+        e.with_readings(
+            "force", np.maximum(e["force"] - high, 0.0) + np.minimum(e["force"] - low, 0.0)
+        )
+        for e in experiments
+    ]
+    return replace(plant, values={**plant.values, **dict.fromkeys(edges, 0.0)}), passed
+
+
 def _resisted(
     plant: Plant[HydrostaticOptions], experiments: Sequence[Experiment], simulate: Simulate
 ) -> list[dict[str, FloatArray]]:
@@ -253,22 +297,19 @@ def _resisted(
 
     A force that rises finds the same edges with both; one that falls brakes with friction.
     """
-    v, edges = plant.numbers, ("dead_zone_negative", "dead_zone_positive")
-    low, high = (v[name] for name in edges)
+    v = plant.numbers
+    low, high = v["dead_zone_negative"], v["dead_zone_positive"]
     friction = 0.5 * min(-low, high)
     alike = all(e["force"].size == e.samples > 1 for e in experiments)
     if friction <= 0.0 or not alike:  # no dead zone to stand in, or forces at instants of their own
         return [{} for _ in experiments]
-    behind = replace(plant, values={**plant.values, **dict.fromkeys(edges, 0.0)})
-    pushed, resisted = [], []
+    behind, pushed = _behind(plant, experiments)
+    resisted = []
     for e, found in zip(experiments, simulate(plant, experiments), strict=True):
         force = e["force"]
         free = np.maximum(force - high + friction, 0.0) + np.minimum(force - low - friction, 0.0)
         speed = float(found.output[1] - found.output[0]) / float(e.time[1] - e.time[0])
         against = _friction(e.time, free, friction, v["mass"], v["damping"], speed)
-        pushed.append(
-            e.with_readings("force", np.maximum(force - high, 0.0) + np.minimum(force - low, 0.0))
-        )
         resisted.append(e.with_readings("force", free - against))
     return slopes(simulate(behind, pushed), simulate(behind, resisted), "position", friction)
 
