@@ -21,6 +21,7 @@ import fluidact_fit as ff
 from dataset_fits import fit_dataset
 from fluidact_fit.check import check_logs
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
+from fluidact_fit.estimation.inputs import beyond_dead_zone
 from fluidact_fit.estimation.problem import Unknown
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families.hydraulic_cylinder.block import HydraulicBlock
@@ -28,7 +29,6 @@ from fluidact_fit.families.hydraulic_cylinder.equations import (
     GRAY_NAMES,
     Machine,
     chamber_flow,
-    effective_command,
     orifice_flow,
 )
 from fluidact_fit.families.hydraulic_cylinder.gray_box import (
@@ -162,7 +162,7 @@ def test_loss_brakes_in_both_directions() -> None:
 
 def test_dead_zone() -> None:
     u = np.array([-1.0, -0.1, 0.0, 0.1, 1.0])
-    assert effective_command(u, -0.3, 0.2) == pytest.approx([-0.7, 0.0, 0.0, 0.0, 0.8])
+    assert beyond_dead_zone(u, -0.3, 0.2) == pytest.approx([-0.7, 0.0, 0.0, 0.0, 0.8])
 
 
 def test_flow_agrees_with_the_generator() -> None:

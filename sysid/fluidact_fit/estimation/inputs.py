@@ -224,6 +224,16 @@ def _check_record(values: npt.ArrayLike, time: npt.ArrayLike) -> tuple[FloatArra
     return t, u
 
 
+def beyond_dead_zone(u: Array, negative: complex, positive: complex) -> Array:
+    """What a dead zone of slope one lets pass: ``max(u - u+, 0) + min(u - u-, 0)``, shape ``(n,)``.
+
+    The edges are complex in derivatives.
+    """
+    above = np.where(np.real(u - positive) > 0.0, u - positive, 0.0)
+    below = np.where(np.real(u - negative) < 0.0, u - negative, 0.0)
+    return np.asarray(above + below)
+
+
 def apply_dead_zone(u: PiecewiseInput, negative: complex, positive: complex) -> PiecewiseInput:
     """Pass an input through a dead zone of slope one; its kinks are located exactly.
 

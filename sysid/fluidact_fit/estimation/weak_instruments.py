@@ -86,8 +86,9 @@ def _reach(
         return x**2 * float(found[0, 0])
 
     scale = float(np.linalg.norm(residual) / np.linalg.norm(left))
-    rr, ee = max(of(residual), variance * x**2), of(left)
-    re = 0.5 * (of(residual / scale + left) - of(residual / scale) - ee) * scale
+    alone, ee = of(residual / scale), of(left)
+    re = 0.5 * (of(residual / scale + left) - alone - ee) * scale
+    rr = max(alone * scale**2, variance * x**2)
     if x**2 <= max(_WEAK, t**2) * ee:
         return np.inf
     rr, re, ee = t**2 * rr, t**2 * re, t**2 * ee

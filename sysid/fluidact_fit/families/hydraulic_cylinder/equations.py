@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...estimation.inputs import beyond_dead_zone
 from ...estimation.named_model import Values
 from ...estimation.stribeck import EXPONENT, STRIBECK
 from ...experiment import Array, BoolArray, FloatArray
@@ -99,16 +100,6 @@ class Machine:
         return np.array([share * area_2, share * area_1, position, 0.0])
 
 
-def effective_command(command: Array, negative: complex, positive: complex) -> Array:
-    """Command beyond the dead zone [V]: ``max(u - u+, 0) + min(u - u-, 0)``, shape ``(n,)``.
-
-    The edges are complex in derivatives.
-    """
-    above = np.where(np.real(command - positive) > 0.0, command - positive, 0.0)
-    below = np.where(np.real(command - negative) < 0.0, command - negative, 0.0)
-    return np.asarray(above + below)
-
-
 def orifice_flow(command: Array, drop: Array, gain: complex, loss: Array | complex) -> Array:
     """Flow through an orifice in series with a line, with the sign of the command [m3/s].
 
@@ -139,7 +130,7 @@ def chamber_flow(
     Positive while the piston extends. ``command`` [V] and ``pressure`` [Pa] have the shape
     ``(n,)``; ``values`` holds valve gain, the two losses of the chamber and the dead zone.
     """
-    beyond = effective_command(command, values["dead_zone_negative"], values["dead_zone_positive"])
+    beyond = beyond_dead_zone(command, values["dead_zone_negative"], values["dead_zone_positive"])
     extending = np.real(beyond) >= 0.0
     drop = machine.pressure_drop(chamber, extending, pressure)
     forward, backward = LOSSES[chamber]

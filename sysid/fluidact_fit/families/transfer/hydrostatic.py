@@ -17,35 +17,24 @@ References
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ...errors import LogError, Notice
-from ...estimation.departures import slopes
 from ...estimation.named_model import Values, bind
 from ...estimation.parametric import Fitted
 from ...estimation.problem import Unknown
 from ...estimation.results import Refusal
 from ...estimation.separable import solve
-from ...experiment import Experiment, FloatArray
-from ...family import (
-    Departure,
-    ParameterSpec,
-    Plant,
-    Quantity,
-    Request,
-    Role,
-    Simulate,
-    Variant,
-)
+from ...experiment import Experiment
+from ...family import Departure, ParameterSpec, Plant, Quantity, Request, Role, Variant
 from ...options import choice
 from .base import ASKED, Plan, Searched, TransferFamily, TransferOptions
 from .fit import dead_time_axis, grid_search
+from .losses import other_losses
 from .model import Free, TransferModel, time_scales
 
 
@@ -209,32 +198,8 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
         return out
 
     def departures(self, plant: Plant[HydrostaticOptions]) -> Sequence[Departure]:
-        """Turbulent losses, dry friction, soft edges; see :meth:`Family.departures`."""
-        always = [
-            *super().departures(plant),
-            Departure(
-                "turbulent losses",
-                "losses grow with the square of the speed, not with the speed alone",
-                "Damping and edges are those of the speeds of these logs: record each range of "
-                "speeds by itself, or look for a bore or a fitting that throttles.",
-                partial(_throttled, plant),
-                "N s2/m2",
-            ),
-        ]
-        if "stiffness" in plant.values:  # friction and spring: see the spring cylinder
-            return always
-        return [
-            *always,
-            Departure(
-                "dry friction",
-                "dry friction acts on the piston, with a force that changes sign with its speed",
-                "The model has a dead zone, which is no friction: it lets the piston run on within "
-                "it. Use mass and edges for motions like those of the logs only, or fit a family "
-                "that knows friction (fluidact-fit families).",
-                partial(_resisted, plant),
-                plant.variant.role("force").unit,
-            ),
-        ]
+        """Soft edges, and losses of another law; see :meth:`Family.departures`."""
+        return [*super().departures(plant), *other_losses(plant)]
 
     def derive(
         self, fitted: Fitted, options: HydrostaticOptions
@@ -254,86 +219,6 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             }
 
         return fitted.derive(units, function), []
-
-
-def _throttled(
-    plant: Plant[HydrostaticOptions], experiments: Sequence[Experiment], simulate: Simulate
-) -> list[dict[str, FloatArray]]:
-    """Derivatives of the position by a loss with the square of the speed [N s2/m2]."""
-    if not all(e["force"].size == e.samples > 1 for e in experiments):
-        return [{} for _ in experiments]
-    behind, pushed = _behind(plant, experiments)
-    before = simulate(behind, pushed)
-    speeds = [np.gradient(s.output, e.time) for e, s in zip(experiments, before, strict=True)]
-    highest = max(float(np.abs(v).max()) for v in speeds)
-    if not highest:
-        return [{} for _ in experiments]
-    by = plant.numbers["damping"] / highest
-    throttled = [
-        e.with_readings("force", e["force"] - by * v * np.abs(v)) for e, v in zip(pushed, speeds)
-    ]
-    return slopes(before, simulate(behind, throttled), "position", by)
-
-
-def _behind(
-    plant: Plant[HydrostaticOptions], experiments: Sequence[Experiment]
-) -> tuple[Plant[HydrostaticOptions], list[Experiment]]:
-    """The model without its dead zone, and the runs with what that lets pass for forces."""
-    v, edges = plant.numbers, ("dead_zone_negative", "dead_zone_positive")
-    low, high = (v[name] for name in edges)
-    passed = [
-        e.with_readings(
-            "force", np.maximum(e["force"] - high, 0.0) + np.minimum(e["force"] - low, 0.0)
-        )
-        for e in experiments
-    ]
-    return replace(plant, values={**plant.values, **dict.fromkeys(edges, 0.0)}), passed
-
-
-def _resisted(
-    plant: Plant[HydrostaticOptions], experiments: Sequence[Experiment], simulate: Simulate
-) -> list[dict[str, FloatArray]]:
-    """Change of the position per friction [N] that stands for so much of either edge.
-
-    A force that rises finds the same edges with both; one that falls brakes with friction.
-    """
-    v = plant.numbers
-    low, high = v["dead_zone_negative"], v["dead_zone_positive"]
-    friction = 0.5 * min(-low, high)
-    alike = all(e["force"].size == e.samples > 1 for e in experiments)
-    if friction <= 0.0 or not alike:  # no dead zone to stand in, or forces at instants of their own
-        return [{} for _ in experiments]
-    behind, pushed = _behind(plant, experiments)
-    resisted = []
-    for e, found in zip(experiments, simulate(plant, experiments), strict=True):
-        force = e["force"]
-        free = np.maximum(force - high + friction, 0.0) + np.minimum(force - low - friction, 0.0)
-        speed = float(found.output[1] - found.output[0]) / float(e.time[1] - e.time[0])
-        against = _friction(e.time, free, friction, v["mass"], v["damping"], speed)
-        resisted.append(e.with_readings("force", free - against))
-    return slopes(simulate(behind, pushed), simulate(behind, resisted), "position", friction)
-
-
-def _friction(
-    time: FloatArray, force: FloatArray, level: float, mass: float, damping: float, speed: float
-) -> FloatArray:
-    """Force of Coulomb friction on a damped mass, at the samples, shape ``(n,)`` [N].
-
-    The mean force drives every step, ``v_k+1 = f + (v_k - f) e^(-h c / m)`` with
-    ``f = (F - friction sgn v) / c``; a mass that would turn with less force than friction stays.
-    """
-    mean, lost = 0.5 * (force[1:] + force[:-1]), -np.expm1(-np.diff(time) * damping / mass)
-    out = []
-    for push, share in zip(mean.tolist(), lost.tolist(), strict=True):
-        stays = abs(push) <= level
-        way = math.copysign(1.0, speed or push)
-        kept = speed * (1.0 - share)
-        new = kept + (push - way * level) / damping * share
-        if stays and (new * way < 0.0 or speed == 0.0):
-            new = 0.0
-        out.append(push - damping * (new - kept) / share)
-        speed = new
-    return np.asarray(0.5 * (np.append(out, out[-1]) + np.insert(out, 0, out[0])))
 
 
 def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
