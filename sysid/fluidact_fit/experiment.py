@@ -144,6 +144,10 @@ class Experiment:
         signal = replace(self.signals[role], values=values)
         return replace(self, signals={**self.signals, role: signal})
 
+    def without(self, role: str) -> Experiment:
+        """The run without a role."""
+        return replace(self, signals={r: s for r, s in self.signals.items() if r != role})
+
     def beginning(self, samples: int) -> Experiment:
         """The run without what comes after its first samples; itself if it has no more."""
         if self.samples <= samples:

@@ -82,6 +82,18 @@ class Request(Generic[ReadT]):
 
 
 @dataclass(frozen=True)
+class NoiseLevel:
+    """White noise on a measured input.
+
+    ``sigma`` is its standard deviation [SI], ``relative`` the standard error of ``sigma**2`` as a
+    part of it: 0 where it was given.
+    """
+
+    sigma: float
+    relative: float = 0.0
+
+
+@dataclass(frozen=True)
 class Estimate(Generic[ReadT]):
     """What a family returns from a fit.
 
@@ -121,8 +133,8 @@ class Estimate(Generic[ReadT]):
         place. For families that estimate with instruments: the noise of such an input is in the
         residual and in every derivative of the output alike, but not in these.
     input_noise
-        Standard deviation of the noise on measured inputs that the estimate allows for, by role
-        [SI]. The residual then holds what the model makes of that noise.
+        Noise on measured inputs that the estimate allows for, by role. The residual then holds
+        what the model makes of it.
     independent
         How many independent samples would show the size of the errors as well as the residuals
         that the covariance was made of; infinite where those are white or more is known of them.
@@ -139,7 +151,7 @@ class Estimate(Generic[ReadT]):
     sensitivity_also: Sequence[Mapping[str, FloatArray]] = ()
     nearby: Callable[[Plant[ReadT], Sequence[Experiment]], list[Simulated]] | None = None
     represented: Callable[[Plant[ReadT], Sequence[Experiment]], list[Simulated]] | None = None
-    input_noise: Mapping[str, float] = field(default_factory=dict)
+    input_noise: Mapping[str, NoiseLevel] = field(default_factory=dict)
     independent: float = np.inf
 
     @property

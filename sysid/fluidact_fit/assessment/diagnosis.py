@@ -72,7 +72,7 @@ def diagnose(
     ``declared`` are the roles whose hold the user has given: those are not questioned, unless
     the data contradict them.
     """
-    details, notices = _examined(at, bool(estimate.input_noise))
+    details, notices = _examined(at)
     details["channels"], missed = judge_channels(family, estimate, fitted)
     notices += missed
     if not all(s.experiment.time.size for s in fitted):
@@ -91,19 +91,13 @@ def diagnose(
     return kept, [*doubts, *feedback, *notices]
 
 
-def _examined(at: Optimum | None, noisy: bool) -> tuple[dict[str, Any], list[Notice]]:
-    """What the derivatives of the fit show.
-
-    With ``noisy`` inputs the residual and every response of the model hold the same noise, which
-    a search for a missing response would take for one unless it has instruments.
-    """
+def _examined(at: Optimum | None) -> tuple[dict[str, Any], list[Notice]]:
+    """What the derivatives of the fit show."""
     details: dict[str, Any] = {}
     notices: list[Notice] = []
     if at is None:
         return details, notices
     for name, examine in _EXAMINATIONS.items():
-        if noisy and name == "missing_response" and not at.instruments:
-            continue
         details[name], said = examine(at)
         notices += said
     if any(n.code in _TELL_MORE for n in notices):  # what they name changes slowly as well
@@ -124,9 +118,9 @@ def _noise_through_model(
     moved = []
     for s in fitted:
         signals = dict(s.experiment.signals)
-        for role, sigma in estimate.input_noise.items():
+        for role, noise in estimate.input_noise.items():
             x = signals[role]
-            draw = sigma * rng.standard_normal(x.values.size)
+            draw = noise.sigma * rng.standard_normal(x.values.size)
             signals[role] = replace(x, values=x.values + draw)
         moved.append(replace(s.experiment, signals=signals))
     again = family.simulate(estimate.plant(variant), moved)

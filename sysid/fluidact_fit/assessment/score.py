@@ -15,6 +15,8 @@ for noisy inputs, ``X_Z`` the projection of ``X`` on ``Z`` and ``r`` the residua
 
 the autocorrelation ``R`` of what is left from an autoregression. Nothing is whitened then: that
 would bring the noise of earlier samples into the residual, of which the instruments are not free.
+Where it estimates by a score corrected for the noise, the terms are judged so as well: see
+:mod:`.copies`.
 
 References
 ----------
@@ -35,6 +37,7 @@ from ..estimation.least_squares import scaled_least_squares
 from ..estimation.uncertainty import covariance
 from ..experiment import FloatArray
 from .beside import Beside
+from .copies import Products
 from .optimum import LEAST, Optimum
 
 _SIGNIFICANT = 4.0  # standard errors of the added term
@@ -101,10 +104,7 @@ class Score:
 
 def judge_term(at: Optimum, term: Term) -> Score | None:
     """Size and significance of a term; ``None`` where the parameters can stand for it."""
-    beside = at.beside_residual(term.columns)
-    if not beside.finite:
-        return None
-    found = _instrumented(at, term, beside) if at.instruments else _whitened(beside)
+    found = _solve(at, term)
     if found is None:
         return None
     x, deviation = found
@@ -136,15 +136,21 @@ def fit_together(
     The sizes, shape ``(q,)``, and how many of the directions are not those of parameters; ``None``
     where none is.
     """
-    beside = at.beside_residual(columns)
     p, q = at.jacobians[0].shape[1], columns[0].shape[1]
-    if not beside.finite or beside.rows <= p + q + 1:
+    if at.copies:
+        products = at.copies.products(columns)
+        triangle, rows = products.triangle, products.rows
+    else:
+        beside = at.beside_residual(columns)
+        if not beside.finite:
+            return None
+        triangle, rows = _triangle(beside), beside.rows
+    if rows <= p + q + 1 or not np.all(np.isfinite(triangle)):
         return None
-    triangle = np.asarray(np.linalg.qr(beside.whiten(beside.left_over()), mode="r"))
     own, target = triangle[p : p + q, p:-1], triangle[p : p + q, -1]
     whole = np.linalg.norm(triangle[:, p:-1], axis=0).max()
     count = int(np.sum(np.linalg.svd(own, compute_uv=False) > _OWN * whole))
-    sigma = float(np.linalg.norm(triangle[p + q :, -1])) / np.sqrt(beside.rows - p - q)
+    sigma = float(np.linalg.norm(triangle[p + q :, -1])) / np.sqrt(rows - p - q)
     if not count:
         return None
     expected = np.eye(q) * (sigma / scale)
@@ -160,10 +166,24 @@ def _as_one(deviations: float, chosen: int) -> float:
     return float(np.copysign(max((cube - 1.0 + spread) / np.sqrt(spread), 0.0), deviations))
 
 
-def _whitened(beside: Beside) -> tuple[FloatArray, float] | None:
+def _solve(at: Optimum, term: Term) -> tuple[FloatArray, float] | None:
     """Changes of the parameters and size of the term, ``(p + 1,)``; standard error of the size."""
-    # the triangle holds all products of columns and residual
-    triangle = np.asarray(np.linalg.qr(beside.whiten(beside.left_over()), mode="r"))
+    if at.copies:
+        return _corrected(at.copies.products(term.columns))
+    beside = at.beside_residual(term.columns)
+    if not beside.finite:
+        return None
+    return _instrumented(at, term, beside) if at.instruments else _whitened(beside)
+
+
+def _triangle(beside: Beside) -> FloatArray:
+    """What holds all products of whitened columns and residual."""
+    return np.asarray(np.linalg.qr(beside.whiten(beside.left_over()), mode="r"))
+
+
+def _whitened(beside: Beside) -> tuple[FloatArray, float] | None:
+    """The same by rows as they become white."""
+    triangle = _triangle(beside)
     columns, target = triangle[:, :-1], triangle[:, -1]
     own = _own(columns)
     if not own:
@@ -171,6 +191,17 @@ def _whitened(beside: Beside) -> tuple[FloatArray, float] | None:
     x = scaled_least_squares(columns, target)
     degrees = max(beside.rows - columns.shape[1], 1)
     return x, float(np.linalg.norm(target - columns @ x)) / np.sqrt(degrees) / own
+
+
+def _corrected(products: Products) -> tuple[FloatArray, float] | None:
+    """The same where the noise of inputs is taken from all products."""
+    if not np.all(np.isfinite(products.recorded)):
+        return None
+    columns, target = products.triangle[:, :-1], products.triangle[:, -1]
+    if products.weak or not _own(columns):
+        return None
+    x = scaled_least_squares(columns, target)
+    return x, float(np.sqrt(products.covariance(x)[-1, -1]))
 
 
 def _instrumented(at: Optimum, term: Term, beside: Beside) -> tuple[FloatArray, float] | None:

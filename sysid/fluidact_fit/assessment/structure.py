@@ -26,6 +26,7 @@ from ..family import Departure, ParameterSpec, Role
 from ..options import describe
 from ..units import as_share
 from .beside import all_of
+from .noisy_inputs import beside_copies
 from .optimum import Optimum, Series, delayed, root_mean_square, shifted
 from .score import Score, Term, judge_term
 from .shapes import shape_terms
@@ -46,9 +47,11 @@ _LAG_REMEDY = (
 
 def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Judge every term that the model may lack: entries for the file, and a warning."""
+    whole = beside_copies(at)
+    part = whole if whole.copies else whole.part
     judged = chain(
-        (judge_term(at, t) for t in _terms_of_time(at)),
-        (judge_term(at.part, t) for t in _terms(at.part)),
+        (judge_term(whole, t) for t in _terms_of_time(whole)),
+        (judge_term(part, t) for t in _terms(part)),
     )
     scores = [s for s in judged if s is not None]
     table = {
@@ -266,7 +269,7 @@ class _Track:
     """A simulated channel on an even grid of instants, shape ``(m,)`` each.
 
     ``grid`` is ``None`` where that is the one of the samples. ``rough`` says that the noise of a
-    measured input is in it.
+    measured input is in it, and nothing else tells it.
     """
 
     grid: FloatArray | None
@@ -280,7 +283,8 @@ def _make_track(at: Optimum, s: Series) -> _Track:
     if not e.uniform or abs(float(np.ptp(t)) - (t.size - 1) * step) > 0.5 * step:
         grid = np.arange(t[0], t[-1] + step, step)
         values = np.interp(grid, t, s.simulated)
-    return _Track(grid, values, noise_floor(values) > _ROUGH * at.sigma * s.scale)
+    rough = not at.copies and noise_floor(values) > _ROUGH * at.sigma * s.scale
+    return _Track(grid, values, rough)
 
 
 def _behind(at: Optimum, tracks: Sequence[_Track | None], lag: float) -> list[FloatArray]:

@@ -306,7 +306,9 @@ def _correct(
         base = _score(problem, eta)
         if now > _FAR:  # what the noise adds hardly changes within part of a standard error
             added = _added(base, disturbed[:few], eta)
-        curvature, weak = _left_information(base, added, noise.relative)
+        curvature, weak = left_information(
+            base.curvature, [a.curvature for a in added], noise.relative
+        )
         target = _Score(base.slope, curvature, base.cost)
         step = target.solve(base.slope - np.mean([a.slope for a in added], axis=0))
         scale = base.cost / max(rows - eta.size, 1)
@@ -357,22 +359,22 @@ def _added(
     return out
 
 
-def _left_information(
-    base: _Score, added: Sequence[_Score], relative: float
+def left_information(
+    curvature: FloatArray, added: Sequence[FloatArray], relative: float
 ) -> tuple[FloatArray, bool]:
-    """Curvature without the part of the noise; directions that are all noise keep a little.
+    """Curvature ``(p, p)`` without the part of the noise, of which every draw ``added`` as much.
 
-    Weak is one in which what is left is not known, as one draw of the noise differs from
-    another and its power is known with the error ``relative``: no interval follows from it.
+    Directions that are all noise keep a little. Weak is one in which what is left is not known,
+    as one draw of the noise differs from another and its power is known with the error
+    ``relative``: no interval follows from it.
     """
-    d = np.sqrt(np.maximum(np.diag(base.curvature), 1e-300))
-    whole = base.curvature / np.outer(d, d)
+    d = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    whole = curvature / np.outer(d, d)
     # in the coordinates in which the whole is the unit matrix
     values, vectors = np.linalg.eigh(whole)
     root = vectors * np.sqrt(np.maximum(values, 1e-14 * values[-1]))
     each = np.array([
-        np.linalg.solve(root, np.linalg.solve(root, a.curvature / np.outer(d, d)).T)
-        for a in added
+        np.linalg.solve(root, np.linalg.solve(root, a / np.outer(d, d)).T) for a in added
     ])  # fmt: skip
     inner = each.mean(axis=0)
     kept, axes = np.linalg.eigh(np.eye(d.size) - 0.5 * (inner + inner.T))

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
+from ..family import NoiseLevel
 from .input_noise import Corrected, InputNoise, correct
 from .parametric import Fitted
 from .problem import Problem
@@ -65,9 +66,10 @@ def correct_named(
     values = {**solved.values, **fitted.fixed}
     values |= {n: float(fitted.specs[n].neutral or 0.0) for n in done.refused}
     kept = [n for n in fitted.notices if n.code != "not-identified"]
+    level = NoiseLevel(noise.sigma, noise.relative)
     return replace(
         fitted, values=values, names=solved.names, covariance=solved.covariance, intervals={},
-        refused=done.refused, order=-1, input_noise={noise.role: noise.sigma},
+        refused=done.refused, order=-1, input_noise={noise.role: level},
         notices=[*kept, *done.notices, *_notices(noise, solved, found)],
     )  # fmt: skip
 
@@ -97,8 +99,7 @@ def _notices(noise: InputNoise, solved: Solved, found: Corrected) -> list[Notice
     text = (
         f"{level}, which was allowed for: it would have changed {solved.names[most]} by "
         f"{found.bias[most]:+.2g}, {abs(found.bias[most]) / errors[most]:.1f} standard errors. "
-        "A cleaner sensor would narrow the intervals; with this one no search is made for delays "
-        "or lags that the model does not have."
+        "A cleaner sensor would narrow the intervals, and show sooner what the model lacks."
     )
     return [Notice("input-noise", text)]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
-from ..family import FamilyOptions, ParameterSpec, Request
+from ..family import FamilyOptions, NoiseLevel, ParameterSpec, Request
 from ..units import as_share
 from .agreement_of_logs import Drift, compare_logs
 from .blocks import condense, rows_of
@@ -47,7 +47,7 @@ class Fitted(Solved):
     logs
         The log of every experiment.
     input_noise
-        Noise on inputs that the estimate allows for, by role [SI].
+        Noise on inputs that the estimate allows for, by role.
     """
 
     order: int = 0
@@ -59,7 +59,7 @@ class Fitted(Solved):
     remarks: Mapping[str, Any] = field(default_factory=dict)
     factors: Mapping[int, float] = field(default_factory=dict)
     logs: Sequence[int] = ()
-    input_noise: Mapping[str, float] = field(default_factory=dict)
+    input_noise: Mapping[str, NoiseLevel] = field(default_factory=dict)
 
     def _reported(self) -> list[int]:
         return [k for k, n in enumerate(self.names) if n in self.specs]

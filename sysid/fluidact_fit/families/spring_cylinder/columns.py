@@ -24,6 +24,7 @@ import numpy as np
 from ...estimation.friction_law import stribeck_share
 from ...estimation.stribeck import STRIBECK, slowest_and_fastest
 from ...experiment import FloatArray
+from ...family import NoiseLevel
 from ...specification import Variant
 from .data import Run
 from .equation import GAINS
@@ -117,14 +118,14 @@ def speed_noise(runs: Sequence[Run]) -> float:
     return DROWNED * max(noises, default=0.0)
 
 
-def input_noise(variant: Variant, runs: Sequence[Run]) -> dict[str, float]:
-    """Noise of the inputs that were recorded, the largest of all runs, by role [SI]."""
+def input_noise(variant: Variant, runs: Sequence[Run]) -> dict[str, NoiseLevel]:
+    """Noise of the inputs that were recorded, the largest of all runs, by role."""
     out = {}
     for name, role in (("drive", variant.name), ("position", "position"), ("velocity", "velocity")):
         own = [d.instruments[name].noise for d in runs
                if name in d.instruments and role in d.experiment]  # fmt: skip
         out[role] = max(own, default=0.0)
-    return {role: sigma for role, sigma in out.items() if sigma}
+    return {role: NoiseLevel(sigma) for role, sigma in out.items() if sigma}
 
 
 def fitted_velocities(runs: Sequence[Run]) -> FloatArray:

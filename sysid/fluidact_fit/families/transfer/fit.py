@@ -26,7 +26,7 @@ from ...units import after_number
 from .model import answers_to_the_past, are_short
 
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
-_NEGLIGIBLE = 0.75  # standard errors that noise of the input may make without being allowed for
+_NEGLIGIBLE = 0.25  # standard errors that noise of the input may make without being allowed for
 _VALLEYS = 4  # of a grid search, from which the fit begins
 _RIVALS = 6  # places far from the best that are searched
 _OTHER = 4.0  # standard errors by which a value is another one
