@@ -479,3 +479,12 @@ def test_integers_too_large_for_a_machine_let_no_other_text_be_a_number(tmp_path
     log = read(tmp_path, rows)
     assert log.columns[0].bad == {30: "1_000"}
     assert np.isnan(log.columns[0].values[30])
+
+
+def test_a_truth_value_beside_a_number_is_no_name(tmp_path: Path) -> None:
+    """The first of four rows was taken for names, its number with it."""
+    rows = ["   3.41\t4.7636589e+00", "   6.41\t4.8393589e+00", "   6.41\t5.0029789e+00"]
+    log = read(tmp_path, ["TRUE\t4.7660989e+00", *rows])
+    assert log.rows == 4
+    assert log.columns[1].values[0] == 4.7660989
+    assert np.isnan(log.columns[0].values[0])

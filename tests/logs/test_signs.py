@@ -137,3 +137,11 @@ def test_codes_among_the_numbers_make_no_decimal_comma_a_separator(tmp_path: Pat
     log = read(tmp_path, ["time torque angle", *rows])
     assert [c.name for c in log.columns] == ["time", "torque", "angle"]
     assert log.columns[1].values.tolist() == [-0.480, -0.405, -0.330, -0.255, -0.180]
+
+
+def test_a_cell_with_the_separator_of_all_lines_is_two(tmp_path: Path) -> None:
+    """A code and a decimal comma: cut at the comma, ``1e;48`` and ``055``, the curve was lost."""
+    lines = ["ADC;laser (mm)", *(f"1e;{k},{k:02d}5" for k in range(40))]
+    log = read(tmp_path, lines)
+    assert [c.header for c in log.columns] == ["ADC", "laser (mm)"]
+    np.testing.assert_allclose(log.columns[1].values, [k + (10 * k + 5) / 1e3 for k in range(40)])

@@ -31,7 +31,10 @@ _NUMBER_COMMA_STRICT = re.compile(r"([+-] *)?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 # Separator and decimal sign; of equally good ones the first wins.
 _CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")] + [(",", ",")]
 _QUOTED_COMMA = re.compile(r'"[^",]*\d,[^"]*"')  # a comma that does not separate columns
-_SEVERAL = re.compile(r"[\d.,+'/-]+\s*[\t;| ](.*[\t;| ])?\s*[\d.,+-]+$")  # numbers in one cell
+# numbers in one cell, or a word and one
+_SEVERAL = re.compile(
+    r"([\d.,+'/-]+\s*[\t;| ](.*[\t;| ])?|\w+\s*[\t;|])\s*[\d.,+-]+$"
+)
 _CUT_WRONG = 0.1
 # separators between digits that no number holds, and more commas than one where blanks separate
 _LIST = re.compile(r".*\d\s*[\t;|]\s*[+-]?\.?\d")

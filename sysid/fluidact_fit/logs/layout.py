@@ -29,7 +29,8 @@ GROUPED = {
 BLANKS = re.compile(r"[+-]?[1-9]\d{0,2}([ \u00a0\u202f]\d{3})+$")  # between thousands
 _QUOTED = re.compile(r'"([^"]*)"|([^\s"]+)')
 LONG_CELL = 200  # characters, beyond which a search in it could take long
-NO_VALUE = {"", "nan", "inf", "-inf", "+inf", "na", "n/a", "null", "none", "-"}
+# what is written where there is no number; a truth value is none, and no name of a column
+NO_VALUE = {"", "nan", "inf", "-inf", "+inf", "na", "n/a", "null", "none", "-", "true", "false"}
 
 
 @dataclass(frozen=True)
