@@ -488,3 +488,29 @@ def test_a_truth_value_beside_a_number_is_no_name(tmp_path: Path) -> None:
     assert log.rows == 4
     assert log.columns[1].values[0] == 4.7660989
     assert np.isnan(log.columns[0].values[0])
+
+
+@pytest.mark.parametrize(
+    ("lost", "rows"),
+    [
+        (["t|F|x", "0,00|0,0031|24,5", "10,00\t-0,04\t24,5", "#VALUE!"],
+         [f"{20 + 10 * k},00\t0,0{k}5\t24,5" for k in range(30)]),
+        (["??\t4,7660989e+00"], [f"??\t4.{k:02d}6e+00" for k in range(30)]),
+    ],
+)  # fmt: skip
+def test_rows_above_the_table_that_lost_their_numbers_are_named(
+    tmp_path: Path, lost: list[str], rows: list[str]
+) -> None:
+    log = read(tmp_path, lost + rows)
+    assert log.rows == len(rows)
+    named = [k for k, line in enumerate(lost, 1) if not line.startswith("t|")]
+    assert left_out(log) == named
+    assert any(n.code == "rows-above-table" for n in log.notices)
+
+
+def test_a_date_in_a_preamble_is_no_row_between_blanks(tmp_path: Path) -> None:
+    """Day and time made it one cell wider than the table, which was refused for it."""
+    rows = [f"{891000 - 15 * k} {48055 - k},000" for k in range(60)]
+    log = read(tmp_path, ["Sample rate;100;Hz", "Date: 2020-01-02 10:11:12", *rows], decimal=",")
+    assert log.rows == 60
+    assert left_out(log) == []

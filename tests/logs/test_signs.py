@@ -145,3 +145,11 @@ def test_a_cell_with_the_separator_of_all_lines_is_two(tmp_path: Path) -> None:
     log = read(tmp_path, lines)
     assert [c.header for c in log.columns] == ["ADC", "laser (mm)"]
     np.testing.assert_allclose(log.columns[1].values, [k + (10 * k + 5) / 1e3 for k in range(40)])
+
+
+def test_commas_at_the_ends_of_cells_separate_them(tmp_path: Path) -> None:
+    """With a column of garbage the first number took half of it for its decimals."""
+    lines = [f"{19 + 2 * k},1 2, 0.59{k:02d}, 903, 306" for k in range(40)]
+    log = read(tmp_path, lines)
+    assert log.columns[0].values.tolist() == [19.0 + 2 * k for k in range(40)]
+    assert np.isnan(log.columns[1].values).all()

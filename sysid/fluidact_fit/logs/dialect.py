@@ -32,13 +32,12 @@ _NUMBER_COMMA_STRICT = re.compile(r"([+-] *)?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 _CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")] + [(",", ",")]
 _QUOTED_COMMA = re.compile(r'"[^",]*\d,[^"]*"')  # a comma that does not separate columns
 # numbers in one cell, or a word and one
-_SEVERAL = re.compile(
-    r"([\d.,+'/-]+\s*[\t;| ](.*[\t;| ])?|\w+\s*[\t;|])\s*[\d.,+-]+$"
-)
+_SEVERAL = re.compile(r"([\d.,+'/-]+\s*[\t;| ](.*[\t;| ])?|\w+\s*[\t;|])\s*[\d.,+-]+$")
 _CUT_WRONG = 0.1
-# separators between digits that no number holds, and more commas than one where blanks separate
+# separators between digits that no number holds, and where blanks separate more commas than one,
+# or one at the end
 _LIST = re.compile(r".*\d\s*[\t;|]\s*[+-]?\.?\d")
-_COMMAS = re.compile(r".*\d,[^,]*\d[^,]*,")
+_COMMAS = re.compile(r".*\d,([^,]*\d[^,]*,|$)")
 _LIST_WRONG = 1.0
 _QUOTED_ROW = re.compile(r'\s*"[^"]*([\t;,|])[^"]*\1[^"]*"\s*')  # all of it in one pair of quotes
 _QUOTED_LINE = re.compile(r'\s*"([^"]*)"\s*')

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from ..units import looks_like_unit
 from .layout import Cut, Hints
-from .start import holds_numbers
+from .start import holds_numbers, is_entry
 
 _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 _BRACKETED = re.compile(r"\[.*\]|\(.*\)")
@@ -204,17 +204,16 @@ def header_cells(line: str, cut: Cut) -> list[str] | None:
             fields = fields[:width]
         if len(fields) != width or not any(fields):
             continue
-        numbers = [cut.is_value(cell) or other.is_value(cell) for cell in fields]
-        if sum(numbers) > 0.5 * width or _is_entry(fields):
+        numbers = [cut.is_value(c) or other.is_value(c) or _is_lost(c) for c in fields]
+        if sum(numbers) > 0.5 * width or is_entry(fields):
             return None
         return [_COMMENT.sub("", fields[0]), *fields[1:]]
     return None
 
 
-def _is_entry(cells: Sequence[str]) -> bool:
-    """Whether a key stands before what is said of it: ``type: matrix``."""
-    keys = [cell.endswith(":") for cell in cells]
-    return any(keys[:-1]) and not all(keys)
+def _is_lost(cell: str) -> bool:
+    """Whether nothing of a cell outlived its encoding."""
+    return bool(cell) and set(cell) <= {"?", "\ufffd"}
 
 
 def _merge_units(line: str, width: int) -> list[str]:

@@ -30,7 +30,10 @@ BLANKS = re.compile(r"[+-]?[1-9]\d{0,2}([ \u00a0\u202f]\d{3})+$")  # between tho
 _QUOTED = re.compile(r'"([^"]*)"|([^\s"]+)')
 LONG_CELL = 200  # characters, beyond which a search in it could take long
 # what is written where there is no number; a truth value is none, and no name of a column
-NO_VALUE = {"", "nan", "inf", "-inf", "+inf", "na", "n/a", "null", "none", "-", "true", "false"}
+NO_VALUE = {
+    "", "nan", "inf", "-inf", "+inf", "na", "n/a", "null", "none", "-", "true", "false", "?", "??",
+    "#value!", "#n/a", "#div/0!", "#ref!", "#name?", "#num!", "#null!",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

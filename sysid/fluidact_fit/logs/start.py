@@ -83,7 +83,7 @@ def _is_plain(line: str) -> bool:
 def holds_numbers(line: str, cut: Cut) -> bool:
     """Whether half of the cells of a line are numbers, or one where it is as wide as a row."""
     cells = cut.split(line)
-    wide = _is_wide(cells, cut) and any(map(cut.is_value, cells))
+    wide = _is_wide(cells, cut) and any(map(cut.is_value, cells)) and not is_entry(cells)
     return wide or 0 < 2 * sum(map(cut.is_number, cells)) >= len(cells)
 
 
@@ -95,7 +95,13 @@ def looks_like_row(line: str, cut: Cut) -> bool:
     cells = cut.split(line)
     values = list(map(cut.is_value, cells))
     many = 2 * sum(values) > len(cells) - (len(cells) == cut.width > 2)
-    return values[:1] == [True] or (_is_wide(cells, cut) and many)
+    return values[:1] == [True] or (_is_wide(cells, cut) and many and not is_entry(cells))
+
+
+def is_entry(cells: Sequence[str]) -> bool:
+    """Whether a key stands before what is said of it: ``type: matrix``."""
+    keys = [cell.endswith(":") for cell in cells]
+    return any(keys[:-1]) and not all(keys)
 
 
 def _is_wide(cells: Sequence[str], cut: Cut) -> bool:
