@@ -514,3 +514,23 @@ def test_a_date_in_a_preamble_is_no_row_between_blanks(tmp_path: Path) -> None:
     log = read(tmp_path, ["Sample rate;100;Hz", "Date: 2020-01-02 10:11:12", *rows], decimal=",")
     assert log.rows == 60
     assert left_out(log) == []
+
+
+def test_a_garbled_row_below_others_is_no_header(tmp_path: Path) -> None:
+    rows = [f"6.41\t5.{k:02d}60289" for k in range(30)]
+    lost = ["6.41\t\u22125", "3.41\t4.7636589e+00", "6Y4a0Z0.1e+00\t- 4.+393589e+03X"]
+    log = read(tmp_path, lost + rows)
+    assert log.rows == 30
+    assert left_out(log) == [1, 2, 3]
+
+
+def test_rows_with_a_printed_minus_above_others_are_named(tmp_path: Path) -> None:
+    rows = [f"0,0{k:02d}|\u22125|99,9" for k in range(30)]
+    log = read(tmp_path, [row.replace("|", ";") for row in rows[:3]] + rows[3:])
+    assert log.rows == 27
+    assert left_out(log) == [1, 2, 3]
+
+
+def test_one_number_is_no_table(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="no table of numbers"):
+        read(tmp_path, ["7"])

@@ -67,14 +67,19 @@ def holds_digits(line: str) -> bool:
 
 
 def _is_odd(header: Header, lines: Sequence[str], cut: Cut) -> bool:
-    """Whether names below a row hold signs that no name has: they may be a row that was damaged."""
+    """Whether names below a row may be one that was damaged.
+
+    They hold signs that no name has, or are digits for the most part.
+    """
     above = next((s for s in reversed(lines[: header.row]) if s.strip()), "")
-    return looks_like_row(above, cut) and any(map(_NO_NAME.search, header.names))
+    names = list(filter(None, header.names))
+    digits = all(sum(map(str.isalpha, n)) < sum(map(str.isdigit, n)) for n in names)
+    return looks_like_row(above, cut) and (digits or any(map(_NO_NAME.search, names)))
 
 
 def _is_row_of_another_form(line: str, cut: Cut) -> bool:
     """Whether a line holds as many numbers as a row, and nothing else but what separates them."""
-    bare = line.replace('"', " ").strip()
+    bare = line.replace('"', " ").replace("\u2212", "-").strip()
     if cut.width < 2 or len(bare) > LONG_CELL * cut.width or is_stamp(bare):
         return False
     between = r"[;|\t]|\s+" if cut.delimiter != "," else r"[;|\t,]"
