@@ -534,3 +534,11 @@ def test_rows_with_a_printed_minus_above_others_are_named(tmp_path: Path) -> Non
 def test_one_number_is_no_table(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no table of numbers"):
         read(tmp_path, ["7"])
+
+
+def test_a_line_of_signs_below_rows_above_the_table_is_named_with_them(tmp_path: Path) -> None:
+    rows = [f"{10 * k}.00, 0.{k:02d}5, 0.00" for k in range(30)]
+    preamble = ["Channel 1: range 5.0 V, gain 1.5", "----------", "Recorder 3.1"]
+    log = read(tmp_path, [*preamble, *rows[:2], '+}\x07#9e"\t;a6Y.a11Y;\x1b', *rows[3:]])
+    assert log.rows == 27
+    assert left_out(log) == [4, 5, 6]

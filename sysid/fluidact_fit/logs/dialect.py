@@ -32,12 +32,13 @@ _NUMBER_COMMA_STRICT = re.compile(r"([+-] *)?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 _CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")] + [(",", ",")]
 _QUOTED_COMMA = re.compile(r'"[^",]*\d,[^"]*"')  # a comma that does not separate columns
 # numbers in one cell, or a word and one
-_SEVERAL = re.compile(r"([\d.,+'/-]+\s*[\t;| ](.*[\t;| ])?|\w+\s*[\t;|])\s*[\d.,+-]+$")
+_SEVERAL = re.compile(r"""([\d.,+'"/_-]+\s*[\t;| ](.*[\t;| ])?|\w+\s*[\t;|])\s*[\d.,+-]+$""")
 _CUT_WRONG = 0.1
 # separators between digits that no number holds, and where blanks separate more commas than one,
 # or one at the end
 _LIST = re.compile(r".*\d\s*[\t;|]\s*[+-]?\.?\d")
 _COMMAS = re.compile(r".*\d,([^,]*\d[^,]*,|$)")
+_QUOTED_IN = re.compile(r'.*\d.*"|.*".*\d')  # quotes beside digits, which were around other cells
 _LIST_WRONG = 1.0
 _QUOTED_ROW = re.compile(r'\s*"[^"]*([\t;,|])[^"]*\1[^"]*"\s*')  # all of it in one pair of quotes
 _QUOTED_LINE = re.compile(r'\s*"([^"]*)"\s*')
@@ -275,7 +276,7 @@ def _rate_cut(
 
 def _is_cut_wrong(cell: str, delimiter: str) -> float:
     """How wrong it is to take a text for one cell, which may be several numbers."""
-    if _LIST.match(cell) or (delimiter == " " and _COMMAS.match(cell)):
+    if _LIST.match(cell) or (delimiter == " " and _COMMAS.match(cell)) or _QUOTED_IN.match(cell):
         return _LIST_WRONG
     return _CUT_WRONG if _several(cell) else 0.0
 

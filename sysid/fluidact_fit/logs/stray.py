@@ -36,7 +36,8 @@ def find_stray(lines: Sequence[str], cut: Cut, header: Header, known: Collection
     found |= {i for i in rest if _is_row_of_another_form(lines[i], cut)}
     found |= {i for i in rest if _is_mostly_digits(lines[i], cut)}
     below = {i for i in rest if i >= min(found, default=len(lines))}  # what is damaged among them
-    return found | {i for i in below if holds_digits(lines[i]) or _is_gap(lines[i])}
+    lost = (i for i in below if _is_gap(lines[i]) or _is_garbled(lines[i]))
+    return found | {i for i in below if holds_digits(lines[i])}.union(lost)
 
 
 def is_damaged_row(line: str, cut: Cut) -> bool:
@@ -105,6 +106,11 @@ def _is_mostly_digits(line: str, cut: Cut) -> bool:
 def _is_gap(line: str) -> bool:
     """Whether a line says that it has no number, and nothing else."""
     return bool(line.strip()) and line.strip().casefold() in NO_VALUE
+
+
+def _is_garbled(line: str) -> bool:
+    """Whether a line holds signs that nobody writes."""
+    return not line.replace("\t", " ").isprintable()
 
 
 def _is_any_number(text: str) -> bool:
