@@ -542,3 +542,13 @@ def test_a_line_of_signs_below_rows_above_the_table_is_named_with_them(tmp_path:
     log = read(tmp_path, [*preamble, *rows[:2], '+}\x07#9e"\t;a6Y.a11Y;\x1b', *rows[3:]])
     assert log.rows == 27
     assert left_out(log) == [4, 5, 6]
+
+
+@pytest.mark.parametrize("first", ["#VALUE!", "?", "\u00b2"])
+def test_rows_above_others_with_more_columns_are_named(tmp_path: Path, first: str) -> None:
+    """Where a recording changes its columns nothing of the first part was read or named."""
+    early = [f"{first},0.000,0.0055{k:02d},{162964 + k}" for k in range(8)]
+    late = [f"{first},2,3,0.000,0.0055{k:02d},{162964 + k}" for k in range(30)]
+    log = read(tmp_path, ["t_s,u_valve_V,x_m,pA_Pa", *early, *late])
+    assert log.rows == 30
+    assert left_out(log) == list(range(2, 10))

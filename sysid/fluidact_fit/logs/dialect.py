@@ -88,7 +88,7 @@ def find_layout(source: Source, written: Written) -> Layout:
             start = find_start(_hidden(head, skipped), cut, complete=True)
         if start is None:
             raise _no_table(source.name, skipped)
-    if cut.width == 1 and complete and sum(map(bool, map(str.strip, head))) == 1:
+    if cut.width == 1 and complete and not any(map(str.strip, head[start.first + 1 :])):
         raise _no_table(source.name, skipped)  # one number is none
     visible = _hidden(head, written.skip_rows)
     layout = _lay_out(visible, body, start, cut, hints, written, source.name)

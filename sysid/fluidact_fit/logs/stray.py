@@ -12,7 +12,7 @@ from collections.abc import Collection, Sequence
 from .header import Header
 from .layout import LONG_CELL, NO_VALUE, NUMBER, Cut
 from .stamps import is_stamp
-from .start import looks_like_row
+from .start import is_entry, looks_like_row
 
 _ODD_SIGNS = re.compile(r"[^\d.,+\-eE]")
 _DECIMAL = re.compile(r"\d[.,]\d\d")
@@ -34,7 +34,7 @@ def find_stray(lines: Sequence[str], cut: Cut, header: Header, known: Collection
         found |= {header.row, *(i for i in range(header.row) if looks_like_row(lines[i], cut))}
     rest = set(range(len(lines))) - {header.row, header.units_row}
     found |= {i for i in rest if _is_row_of_another_form(lines[i], cut)}
-    found |= {i for i in rest if _is_mostly_digits(lines[i], cut)}
+    found |= {i for i in rest if _is_mostly_digits(lines[i], cut) or _is_list(lines[i], cut)}
     below = {i for i in rest if i >= min(found, default=len(lines))}  # what is damaged among them
     lost = (i for i in below if _is_gap(lines[i]) or _is_garbled(lines[i]))
     return found | {i for i in below if holds_digits(lines[i])}.union(lost)
@@ -101,6 +101,20 @@ def _is_mostly_digits(line: str, cut: Cut) -> bool:
         return False
     numbers = sum(map(_is_any_number, cells))
     return 2 * numbers >= len(cells) and (cut.width > 2 or _is_any_number(cells[0]))
+
+
+def _is_list(line: str, cut: Cut) -> bool:
+    """Whether half of the cells of a line are numbers, two at least, and decimals among them.
+
+    However many cells a row has: where a recording changes its columns, the larger part is what
+    stands above.
+    """
+    cells = cut.split(line)
+    if not holds_digits(line) or is_entry(cells) or any(map(is_stamp, [line.strip(), *cells])):
+        return False
+    values = [c for c in cells if c.casefold() not in NO_VALUE]
+    numbers = [c for c in values if _is_any_number(c)]
+    return 2 * len(numbers) >= max(len(values), 4) and any(map(_DECIMAL.search, numbers))
 
 
 def _is_gap(line: str) -> bool:
