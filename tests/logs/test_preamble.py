@@ -137,3 +137,12 @@ def test_the_header_of_a_terminal_is_the_one_that_is_named(tmp_path: Path) -> No
 def test_a_line_that_cannot_be_the_header_is_refused(tmp_path: Path, row: int, reason: str) -> None:
     with pytest.raises(LogError, match=reason):
         read(tmp_path, NAMES, header_row=row)
+
+
+def test_numbers_behind_a_word_are_of_the_preamble(tmp_path: Path) -> None:
+    """Start values of a NIST file: five numbers in a line, but named ones."""
+    above = [f"  b{k} =   2         1.5        1.67450630E+00  8.79896343E-02" for k in range(5)]
+    rows = [f"  {k}.5   {2 * k}.25" for k in range(30)]
+    log = read(tmp_path, [*above, "Data:  y               x", *rows])
+    assert log.rows == 30
+    assert log.account.left_out == ()

@@ -113,6 +113,8 @@ def _is_list(line: str, cut: Cut) -> bool:
     if not holds_digits(line) or is_entry(cells) or any(map(is_stamp, [line.strip(), *cells])):
         return False
     values = [c for c in cells if c.casefold() not in NO_VALUE]
+    if any(c[0].isalpha() for c in values):
+        return False  # "b1 = 2.0 1.5" says what they are
     numbers = [c for c in values if _is_any_number(c)]
     return 2 * len(numbers) >= max(len(values), 4) and any(map(_DECIMAL.search, numbers))
 
