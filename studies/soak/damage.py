@@ -127,7 +127,8 @@ def damage_cell(draft: Draft, rng: random.Random) -> str:
             cells[k] = text
             moved = (not text.strip() and draft.delimiter == " ") or text.split() != [text]
             moved = moved or draft.delimiter in text
-            draft.put(at, cells, range(k, 10_000) if moved else [k])
+            joined = draft.delimiter == "," and " " in text  # "490,1 2" is 490.1 and 2 as well
+            draft.put(at, cells, range(max(k - joined, 0), 10_000) if moved else [k])
     return f"{text[:20]!r} in column {column + 1} of {_named(where)}"
 
 
@@ -150,13 +151,14 @@ def change_decimals(draft: Draft, rng: random.Random) -> str:
     """Write some cells with the other decimal sign."""
     where, columns = _rows(draft, rng), _columns(draft, rng)
     other = "," if draft.decimal == "." else "."
+    grouped = any(f"thousands by {other!r}" in said for said in draft.about)
     for at in where:
         cells = draft.cells(at)
         hit = [k for k in columns if k < len(cells) and draft.decimal in cells[k]]
         for k in hit:
             cells[k] = cells[k].replace(draft.decimal, other)
         moved = other == draft.delimiter and hit
-        draft.put(at, cells, range(10_000) if moved else ())
+        draft.put(at, cells, range(10_000) if moved else hit if grouped else ())
     return f"decimal {other!r} in columns {[k + 1 for k in columns]} of {_named(where)}"
 
 
