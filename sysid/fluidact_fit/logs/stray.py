@@ -75,7 +75,8 @@ def _is_odd(header: Header, lines: Sequence[str], cut: Cut) -> bool:
     above = next((s for s in reversed(lines[: header.row]) if s.strip()), "")
     names = list(filter(None, header.names))
     digits = all(sum(map(str.isalpha, n)) < sum(map(str.isdigit, n)) for n in names)
-    return looks_like_row(above, cut) and (digits or any(map(_NO_NAME.search, names)))
+    row = looks_like_row(above, cut) or _is_row_of_another_form(above, cut)
+    return row and (digits or any(map(_NO_NAME.search, names)))
 
 
 def _is_row_of_another_form(line: str, cut: Cut) -> bool:
