@@ -314,7 +314,7 @@ _FAMILIES = {
         "Cover the same stretch in both directions at several speeds, or fix the static levels.",
     ),
     "friction-shape": _warning(
-        "Another law of friction over speed, with as many unknowns, fits better.",
+        "Another law of friction over speed, with as many unknowns, fits as well or better.",
         "Use the law within the speeds of the logs only; record steady strokes at more speeds.",
     ),
     "gray-box-left-out": _warning(

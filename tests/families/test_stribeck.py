@@ -83,6 +83,13 @@ def test_another_fall_of_friction_is_named(family: str, shape: float) -> None:
     assert "friction-shape" in {n.code for n in found.notices}
 
 
+def test_a_law_that_fits_worse_by_chance_alone_is_named() -> None:
+    """The law of the machine, and a rise 42 % too small by the other passed at three deviations."""
+    (other,) = (a for a in friction.attacks()
+                if (a.group, a.name) == ("Stribeck asked for", "another shape"))  # fmt: skip
+    assert "friction-shape" in run(other, 1, 141421).codes
+
+
 @pytest.mark.parametrize(("runs", "least"), [(12, 9), pytest.param(24, 19, marks=pytest.mark.slow)])
 def test_intervals_hold_the_truth(runs: int, least: int) -> None:
     held = dict.fromkeys(RISING, 0)

@@ -521,6 +521,7 @@ def test_a_date_in_a_preamble_is_no_row_between_blanks(tmp_path: Path) -> None:
     [
         ["6.41\t\u22125", "3.41\t4.7636589e+00", "6Y4a0Z0.1e+00\t- 4.+393589e+03X"],
         ["6,41\t5,33", "3,41\t4,76", '"4}0c,0"\t8"3\u00e9a,309'],
+        ["6,41\t5,33", "3,41\t4,76", "87b\te0-73a"],
     ],
 )
 def test_a_garbled_row_below_others_is_no_header(tmp_path: Path, lost: list[str]) -> None:

@@ -25,7 +25,7 @@ EXPONENT = "stribeck_exponent"  # of the curve: 2, but a fit is tested for anoth
 _ALIKE, _DIFFERENT = 1.1, 1.5  # ratios of speeds that are one, and that are two
 _HELD = 0.01  # least share of the samples that a speed has
 _GRID = 16  # speeds at which the search begins
-_TOLD_APART = 9.0  # twice the logarithm of the likelihoods of two laws: three standard errors
+_TOLD_APART = 16.0  # twice the logarithm of the likelihoods of two laws: four standard errors
 _FALLS = ((1.0, "exp(-|v| / stribeck_speed)"), (4.0, "exp(-(v / stribeck_speed)^4)"))
 _SLOWER = (
     "Record steady strokes at several speeds on either side of the one at which friction is least; "

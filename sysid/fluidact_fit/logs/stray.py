@@ -70,13 +70,12 @@ def holds_digits(line: str) -> bool:
 def _is_odd(header: Header, lines: Sequence[str], cut: Cut) -> bool:
     """Whether names below a row may be one that was damaged.
 
-    They hold signs that no name has, or are digits for the most part.
+    They hold signs that no name has, or begin with digits.
     """
     above = next((s for s in reversed(lines[: header.row]) if s.strip()), "")
     names = list(filter(None, header.names))
-    digits = all(sum(map(str.isalpha, n)) < sum(map(str.isdigit, n)) for n in names)
     row = looks_like_row(above, cut) or _is_row_of_another_form(above, cut)
-    return row and (digits or any(map(_NO_NAME.search, names)))
+    return row and any(_NO_NAME.search(name) or name[0].isdigit() for name in names)
 
 
 def _is_row_of_another_form(line: str, cut: Cut) -> bool:
