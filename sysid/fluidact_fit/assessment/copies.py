@@ -52,6 +52,11 @@ class Products:
     relative: float
     rows: int
 
+    @property
+    def finite(self) -> bool:
+        """Whether all numbers are."""
+        return all(bool(np.isfinite(x).all()) for x in (self.recorded, *self.added))
+
     @cached_property
     def _left(self) -> tuple[FloatArray, bool]:
         """Products of the columns without the noise, and whether some are all noise."""

@@ -28,7 +28,8 @@ _EXACT = 1e-6  # of the residual, that the noise of the output has at least
 def beside_copies(at: Optimum) -> Optimum:
     """The fit over a recording and its copies; itself where its inputs are exact.
 
-    One that was estimated with instruments has those to tell noise by.
+    One that was estimated with instruments has those to tell noise by. Where a score was corrected
+    for the noise, the output alone was compared.
     """
     if not at.estimate.input_noise or at.instruments:
         return at

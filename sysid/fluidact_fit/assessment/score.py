@@ -139,13 +139,15 @@ def fit_together(
     p, q = at.jacobians[0].shape[1], columns[0].shape[1]
     if at.copies:
         products = at.copies.products(columns)
+        if not products.finite:
+            return None
         triangle, rows = products.triangle, products.rows
     else:
         beside = at.beside_residual(columns)
         if not beside.finite:
             return None
         triangle, rows = _triangle(beside), beside.rows
-    if rows <= p + q + 1 or not np.all(np.isfinite(triangle)):
+    if rows <= p + q + 1:
         return None
     own, target = triangle[p : p + q, p:-1], triangle[p : p + q, -1]
     whole = np.linalg.norm(triangle[:, p:-1], axis=0).max()
@@ -195,10 +197,10 @@ def _whitened(beside: Beside) -> tuple[FloatArray, float] | None:
 
 def _corrected(products: Products) -> tuple[FloatArray, float] | None:
     """The same where the noise of inputs is taken from all products."""
-    if not np.all(np.isfinite(products.recorded)):
+    if not products.finite or products.weak:
         return None
     columns, target = products.triangle[:, :-1], products.triangle[:, -1]
-    if products.weak or not _own(columns):
+    if not _own(columns):
         return None
     x = scaled_least_squares(columns, target)
     return x, float(np.sqrt(products.covariance(x)[-1, -1]))
