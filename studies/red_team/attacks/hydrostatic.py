@@ -160,15 +160,15 @@ def attacks() -> Iterator[Attack]:
         truth = {n: x for n, x in TRUTH.items() if n not in unlike.split()}
         yield attack("another machine", name, truth,
                      partial(record, machine=partial(differ, **more)), repetitions=4)  # fmt: skip
+    mass = {"mass": TRUTH["mass"]}
     for name, truth, more in (
-        ("friction of 2 N", {}, {"machine": partial(differ, friction=2.0)}),
-        ("half of the losses turbulent", {}, {"machine": partial(differ, turbulent=3e5)}),
+        ("friction of 2 N", mass, {"machine": partial(differ, friction=2.0)}),
+        ("half of the losses turbulent", mass, {"machine": partial(differ, turbulent=3e5)}),
         ("edges 0.5 N wide", TRUTH, {"machine": partial(differ, soft=0.5)}),
         ("force 20 ms late", TRUTH, {"truth": {**TRUTH, "dead_time": 0.02}}),
         ("spring of 30 N/m", TRUTH, {"truth": {**TRUTH, "stiffness": 30.0}}),
     ):
-        known = truth or {"mass": TRUTH["mass"]}
-        yield attack("another machine, noisy force", name, known,
+        yield attack("another machine, noisy force", name, truth,
                      partial(record, noise=0.1, **more), repetitions=4)  # fmt: skip
     for stiffness in (0.0, 200.0, 1e4, 1e5):
         truth = {**TRUTH, "stiffness": stiffness}

@@ -117,12 +117,11 @@ def _noise_through_model(
     rng = np.random.default_rng(0)
     moved = []
     for s in fitted:
-        signals = dict(s.experiment.signals)
+        e = s.experiment
         for role, noise in estimate.input_noise.items():
-            x = signals[role]
-            draw = noise.sigma * rng.standard_normal(x.values.size)
-            signals[role] = replace(x, values=x.values + draw)
-        moved.append(replace(s.experiment, signals=signals))
+            x = e.signals[role].values
+            e = e.with_readings(role, x + noise.sigma * rng.standard_normal(x.size))
+        moved.append(e)
     again = family.simulate(estimate.plant(variant), moved)
     return [float(np.nanmean((a.output - s.simulated) ** 2)) for a, s in zip(again, fitted)]
 

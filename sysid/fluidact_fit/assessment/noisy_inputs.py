@@ -11,18 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..estimation.noise import noise_floor
-from ..estimation.whitening import Whitening, autoregression_from_rest
+from ..estimation.input_noise import make_filters
 from ..experiment import Experiment, FloatArray
 from ..outcome import Simulation
-from .beside import all_of
 from .copies import Copies
-from .optimum import Optimum
+from .optimum import Optimum, make_optimum
 
 _DRAWS = 3  # of the noise
-_ORDER = 8  # of the autoregression that noise of the input makes of the output
 _ROWS = 30_000  # of every run, of which so many copies are made
-_EXACT = 1e-6  # of the residual, that the noise of the output has at least
 
 
 def beside_copies(at: Optimum) -> Optimum:
@@ -42,24 +38,12 @@ def beside_copies(at: Optimum) -> Optimum:
         Simulation.of(e, found, output)
         for e, found in zip(every, at.family.simulate(at.plant, every), strict=True)
     ]
-    series, residuals = [], []
-    for first in range(0, len(every), len(runs)):
-        for s in at.series:
-            one = fitted[first + s.run]
-            measured, simulated = one.others.get(s.role, (one.measured, one.simulated))
-            series.append(replace(
-                s, run=first + s.run, experiment=every[first + s.run], simulated=simulated,
-            ))  # fmt: skip
-            residuals.append(all_of(measured - simulated, s.used) / s.scale)
-    a, drive = _response(at, draws)
-    filters = [Whitening(a, drive, _white(r)) for r in at.residuals]
+    plain = replace(at.estimate, sensitivity=(), nearby=None)  # those know the recording only
+    found = make_optimum(at.family, at.variant, plain, fitted)
+    assert found is not None  # it is made of the same series
+    filters = make_filters(_response(at, draws), at.residuals)
     relative = max(noise.relative for noise in at.estimate.input_noise.values())
-    plain = replace(at.estimate, nearby=None)  # knows the recording only
-    found = replace(at, estimate=plain, fitted=fitted, series=series, residuals=residuals)
-    jacobians = found.differences()
-    return replace(
-        found, jacobians=jacobians, copies=Copies(filters, relative, jacobians, residuals)
-    )
+    return replace(found, copies=Copies(filters, relative, found.jacobians, found.residuals))
 
 
 def _draw(at: Optimum, rng: np.random.Generator) -> list[Experiment]:
@@ -74,16 +58,10 @@ def _draw(at: Optimum, rng: np.random.Generator) -> list[Experiment]:
     return out
 
 
-def _response(at: Optimum, draws: Sequence[Sequence[Experiment]]) -> tuple[FloatArray, float]:
-    """Autoregression of what the noise makes of the output, from rest."""
+def _response(at: Optimum, draws: Sequence[Sequence[Experiment]]) -> list[FloatArray]:
+    """What every draw of the noise makes of the output, from rest."""
     output, count = at.variant.output.name, len(at.experiments)
     runs = [*at.experiments, *(run for draw in draws for run in draw)]
     # what is not compared with a record begins at rest
     found = at.family.simulate(at.plant, [e.without(output) for e in runs])
-    change = [s.output - found[k % count].output for k, s in enumerate(found)][count:]
-    return autoregression_from_rest(change, _ORDER)
-
-
-def _white(residual: FloatArray) -> float:
-    """Noise of the output itself [unit of the residual]."""
-    return max(noise_floor(residual), _EXACT * float(np.std(residual)), np.finfo(float).tiny)
+    return [s.output - found[k % count].output for k, s in enumerate(found)][count:]

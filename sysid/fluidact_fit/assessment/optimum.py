@@ -197,27 +197,6 @@ class Optimum:
         """Value of a parameter or of one entry of a list, ``levels[2]`` [SI]."""
         return number(self.plant, name)
 
-    def differences(self, represented: bool = False) -> list[FloatArray]:
-        """Derivatives of the model by central differences of simulations, ``(n_i, q)``.
-
-        Names that stand for one unknown move together. ``represented`` as in :meth:`change`.
-        """
-        _, column = _without_doubles(self.estimate)
-        out = [np.zeros((r.size, max(column) + 1)) for r in self.residuals]
-        unknowns = zip(self.estimate.covariance_order, _standard_errors(self.estimate), column)
-        for name, error, k in unknowns:
-            ends = [
-                self.change(plant=moved(self.plant, name, s * _STEP * error),
-                            represented=represented)
-                for s in (1.0, -1.0)
-            ]  # fmt: skip
-            for j, up, down in zip(out, *ends, strict=True):
-                up -= down
-                up /= 2.0 * _STEP * error
-                j[:, k] += up
-            del ends, up, down  # of a long log not to be kept beside the next
-        return out
-
     def slopes(
         self, plant: Plant[FamilyOptions], name: str, represented: bool = False
     ) -> list[FloatArray] | None:
@@ -281,7 +260,11 @@ def make_optimum(
 ) -> Optimum | None:
     """The fit with its derivatives; ``None`` where it has none to be examined by."""
     names = estimate.covariance_order
-    errors = _standard_errors(estimate)
+    errors = (
+        np.sqrt(np.maximum(np.diag(estimate.covariance), 0.0))
+        if estimate.covariance.size
+        else np.zeros(0)
+    )
     series, residuals = _series(variant, estimate, fitted)
     if not names or min((r.size for r in residuals), default=0) < _FEWEST:
         return None
@@ -289,13 +272,14 @@ def make_optimum(
         return None
     blank = Optimum(family, variant, estimate, fitted, names, errors, series, residuals, ())
     if not estimate.sensitivity:
-        kept, _ = _without_doubles(estimate)
+        kept, column = _without_doubles(blank)
+        instruments = _differences(blank, column, represented=True) if estimate.represented else ()
         return replace(
             blank,
             names=tuple(names[k] for k in kept),
             errors=errors[kept],
-            jacobians=blank.differences(),
-            instruments=blank.differences(represented=True) if estimate.represented else (),
+            jacobians=_differences(blank, column),
+            instruments=instruments,
         )
     jacobians = []
     for s in series:
@@ -309,21 +293,16 @@ def make_optimum(
     return replace(blank, names=names[:q], errors=errors[:q], jacobians=jacobians)
 
 
-def _standard_errors(estimate: Estimate[FamilyOptions]) -> FloatArray:
-    return np.sqrt(np.maximum(np.diag(np.atleast_2d(estimate.covariance)), 0.0)).ravel()
-
-
-def _without_doubles(estimate: Estimate[FamilyOptions]) -> tuple[list[int], list[int]]:
+def _without_doubles(at: Optimum) -> tuple[list[int], list[int]]:
     """Which unknowns there are once, and the place of every one among them.
 
     Two names can stand for one unknown that moves both.
     """
-    errors = _standard_errors(estimate)
-    c = estimate.covariance / np.outer(errors, errors)
+    c = at.estimate.covariance / np.outer(at.errors, at.errors)
     kept: list[int] = []
     column = []
-    for k in range(errors.size):
-        same = [i for i in kept if c[i, k] > _SAME and errors[i] == errors[k]]
+    for k in range(len(at.names)):
+        same = [i for i in kept if c[i, k] > _SAME and at.errors[i] == at.errors[k]]
         kept += [] if same else [k]
         column.append(kept.index(same[0]) if same else len(kept) - 1)
     return kept, column
@@ -353,6 +332,25 @@ def _series(
         size[role] = float(np.sqrt(np.mean(every**2))) or 1.0
     scaled = [replace(s, scale=size[s.role]) for s in series]
     return scaled, [r / s.scale for s, r in zip(scaled, residuals)]
+
+
+def _differences(at: Optimum, column: Sequence[int], represented: bool = False) -> list[FloatArray]:
+    """Derivatives of the output by central differences of simulations, ``(n_i, q)``.
+
+    ``column`` is the one that the derivative by every parameter belongs to.
+    """
+    out = [np.zeros((r.size, max(column) + 1)) for r in at.residuals]
+    for name, error, k in zip(at.names, at.errors, column):
+        ends = [
+            at.change(plant=moved(at.plant, name, s * _STEP * error), represented=represented)
+            for s in (1.0, -1.0)
+        ]
+        for j, up, down in zip(out, *ends, strict=True):
+            up -= down
+            up /= 2.0 * _STEP * error
+            j[:, k] += up
+        del ends, up, down  # of a long log not to be kept beside the next
+    return out
 
 
 def number(plant: Plant[FamilyOptions], name: str) -> float:

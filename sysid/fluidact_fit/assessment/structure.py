@@ -48,7 +48,7 @@ _LAG_REMEDY = (
 def find_missing_response(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Judge every term that the model may lack: entries for the file, and a warning."""
     whole = beside_copies(at)
-    part = whole if whole.copies else whole.part
+    part = whole.part
     judged = chain(
         (judge_term(whole, t) for t in _terms_of_time(whole)),
         (judge_term(part, t) for t in _terms(part)),

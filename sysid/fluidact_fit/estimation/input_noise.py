@@ -109,25 +109,17 @@ class InputNoise:
         """The experiments with a draw of the noise added ``factor`` times."""
         out = []
         for e, unit in zip(self.experiments, self._draws[draw]):
-            s = e.signals[self.role]
-            moved = replace(s, values=s.values + factor * self.sigma * unit)
-            out.append(replace(e, signals={**e.signals, self.role: moved}))
+            values = e.signals[self.role].values
+            out.append(e.with_readings(self.role, values + factor * self.sigma * unit))
         return out
 
-    def whitening(self, build: Build, eta: FloatArray, ratio: float = 1.0) -> list[Whitening]:
-        """What whitens the residual of every experiment.
-
-        ``ratio`` multiplies the part that comes from the input.
-        """
+    def whitening(self, build: Build, eta: FloatArray) -> list[Whitening]:
+        """What whitens the residual of every experiment."""
         plain = build(self.experiments, ())
-        a, drive = self._response(build, eta)
-        return [
-            Whitening(a, ratio * drive, max(noise_floor(r), 1e-6 * float(np.std(r)), 1e-300))
-            for r in evaluate(plain, eta).residuals
-        ]
+        return make_filters(self._response(build, eta), evaluate(plain, eta).residuals)
 
-    def _response(self, build: Build, eta: FloatArray) -> tuple[FloatArray, float]:
-        """Autoregression of what the noise makes of the output."""
+    def _response(self, build: Build, eta: FloatArray) -> list[FloatArray]:
+        """What a few draws of the noise make of the output of every experiment."""
         base = build(self.experiments, ()).model
         series = []
         for k in range(_FEW):
@@ -136,7 +128,7 @@ class InputNoise:
                 moved.basis(i, eta).known - base.basis(i, eta).known
                 for i in range(len(self.experiments))
             ]
-        return autoregression_from_rest(series, _ORDER)
+        return series
 
     def effect(self, build: Build, eta: FloatArray, errors: FloatArray) -> float:
         """Largest error of a parameter by the noise, in its standard errors, from a few draws.
@@ -179,6 +171,19 @@ class InputNoise:
         ratio = float(_RATIOS[best])
         spread = max(float(np.ptp(near)) / ratio, 0.2)
         return replace(self, sigma=ratio * self.sigma, relative=spread)
+
+
+def make_filters(
+    response: Sequence[FloatArray], residuals: Sequence[FloatArray]
+) -> list[Whitening]:
+    """What whitens residuals: noise of the input through the model, and that of the output.
+
+    ``response`` is what draws of the noise make of the output, from rest, shape ``(n,)`` each.
+    """
+    a, drive = autoregression_from_rest(response, _ORDER)
+    return [
+        Whitening(a, drive, max(noise_floor(r), 1e-6 * float(np.std(r)), 1e-300)) for r in residuals
+    ]
 
 
 def _coarse(signal: Signal) -> bool:

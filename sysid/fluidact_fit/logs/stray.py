@@ -36,8 +36,7 @@ def find_stray(lines: Sequence[str], cut: Cut, header: Header, known: Collection
     found |= {i for i in rest if _is_row_of_another_form(lines[i], cut)}
     found |= {i for i in rest if _is_mostly_digits(lines[i], cut) or _is_list(lines[i], cut)}
     below = {i for i in rest if i >= min(found, default=len(lines))}  # what is damaged among them
-    lost = (i for i in below if _is_gap(lines[i]) or _is_garbled(lines[i]))
-    return found | {i for i in below if holds_digits(lines[i])}.union(lost)
+    return found | {i for i in below if _was_row(lines[i])}
 
 
 def is_damaged_row(line: str, cut: Cut) -> bool:
@@ -117,6 +116,11 @@ def _is_list(line: str, cut: Cut) -> bool:
         return False  # "b1 = 2.0 1.5" says what they are
     numbers = [c for c in values if _is_any_number(c)]
     return 2 * len(numbers) >= max(len(values), 4) and any(map(_DECIMAL.search, numbers))
+
+
+def _was_row(line: str) -> bool:
+    """Whether a line among rows may be one that was damaged."""
+    return holds_digits(line) or _is_gap(line) or _is_garbled(line)
 
 
 def _is_gap(line: str) -> bool:
