@@ -11,12 +11,14 @@ import pytest
 from studies.red_team.attack import Attack
 from studies.red_team.attacks import (
     ball_screw_stribeck,
+    cylinder_friction,
     hydraulic_cylinder,
     hydraulic_motor,
+    hydrostatic,
     potentiometer,
     valve,
 )
-from studies.red_team.run import write
+from studies.red_team.run import run, write
 
 import fluidact_fit as ff
 from fluidact_fit.assessment.given import find_reliance
@@ -252,3 +254,13 @@ def test_a_command_that_glides_may_not_be_held(tmp_path):
     assert codes(told) == set()
     late = told.parameters["dead_time"]
     assert abs(late.value - hydraulic_motor.TRUTH["dead_time"]) < 3.0 * late.std_error
+
+
+@pytest.mark.parametrize(("attacks", "group", "name", "repetition"), [
+    (cylinder_friction, "Stribeck", "2.4 N, 0.01 m/s, strokes", 1),
+    (hydrostatic, "another machine", "edges 0.5 N wide", 3),
+])  # fmt: skip
+def test_a_term_that_would_move_a_parameter_far_counts_sooner(attacks, group, name, repetition):
+    """At 3.3 and 3.6 standard errors both passed, with parameters 9 and 10 of theirs off."""
+    (attack,) = (a for a in attacks.attacks() if (a.group, a.name) == (group, name))
+    assert "unmodelled-response" in run(attack, repetition, 662607).codes

@@ -40,8 +40,9 @@ from .beside import Beside
 from .copies import Products
 from .optimum import LEAST, Optimum
 
-_SIGNIFICANT = 4.0  # standard errors of the added term
+_SIGNIFICANT = 3.0, 4.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
+_MISLEADS = 6.0  # of them from which fewer standard errors of the term are enough
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
 
 
@@ -88,18 +89,28 @@ class Score:
     share: float
 
     @property
+    def least(self) -> float:
+        """Standard errors of the term from which it counts.
+
+        Fewer than else where it would move a parameter by far: what passes then misleads more,
+        and few terms are so nearly one of the parameters that chance does it.
+        """
+        moved = max(abs(self.errors), 1e-300)
+        return float(np.clip(_MISLEADS * abs(self.deviations) / moved, *_SIGNIFICANT))
+
+    @property
     def unseen(self) -> dict[str, float]:
         """How large the term could be without being significant, and what it would then move."""
         if not self.size or not self.deviations:
             return {}
-        size = min(_SIGNIFICANT * abs(self.size / self.deviations), self.term.most)
+        size = min(self.least * abs(self.size / self.deviations), self.term.most)
         return {"unseen_size": size, "unseen_shift": size * abs(self.shift / self.size)}
 
     @property
     def telling(self) -> bool:
         """Whether the term is there, and matters."""
         possible = abs(self.size) <= self.term.most and self.share >= self.term.least
-        return possible and abs(self.deviations) > _SIGNIFICANT and abs(self.errors) > _MATTERS
+        return possible and abs(self.deviations) > self.least and abs(self.errors) > _MATTERS
 
 
 def judge_term(at: Optimum, term: Term) -> Score | None:

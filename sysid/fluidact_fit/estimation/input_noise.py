@@ -74,8 +74,8 @@ class InputNoise:
     ----------
     sigma, relative
         Its standard deviation [SI] and the standard error of ``sigma**2`` as a part of it.
-    seed
-        Of the draws.
+    seed, pairs
+        Of the draws, and how many there are.
     """
 
     experiments: Sequence[Experiment]
@@ -83,6 +83,7 @@ class InputNoise:
     sigma: float
     relative: float = 0.0
     seed: int = 0
+    pairs: int = _PAIRS
 
     @classmethod
     def seen(cls, experiments: Sequence[Experiment], role: str, seed: int) -> InputNoise:
@@ -99,7 +100,7 @@ class InputNoise:
         rng = np.random.default_rng(self.seed)
         out = [
             [rng.standard_normal(e.signals[self.role].values.size) for e in self.experiments]
-            for _ in range(_PAIRS)
+            for _ in range(self.pairs)
         ]
         for unit in (u for draw in out for u in draw):
             unit[0] = 0.0  # the level that a run starts from belongs to its offset

@@ -371,7 +371,7 @@ def score_covariance(
             length = other.stop - other.start
             skip = (scores.shape[0] - length) // 2
             scores[skip : skip + length] += j[other] * r[other][:, None]
-        middle += _long_run(scores)
+        middle += long_run(scores)
         samples += scores.shape[0]
         cost += float(r[first] @ r[first])
     total = _positive(bread @ middle @ bread)
@@ -380,7 +380,7 @@ def score_covariance(
     return Uncertainty(total, degrees, float(np.sqrt(cost / degrees)), -1)
 
 
-def _long_run(scores: FloatArray) -> FloatArray:
+def long_run(scores: FloatArray) -> FloatArray:
     """Sum of the autocovariances of a vector series under a Bartlett kernel, times ``n``."""
     n = scores.shape[0]
     if not n:  # a run of which nothing is described

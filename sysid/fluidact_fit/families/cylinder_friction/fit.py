@@ -20,6 +20,7 @@ from .samples import (
     Data,
     at_speeds,
     both_ways,
+    draw_noisier,
     group_by_log,
     half_range,
     moving_speeds,
@@ -104,8 +105,10 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
             options = replace(
                 options, speeds_positive=near.get("positive"), speeds_negative=near.get("negative")
             )
+    rises = bool(low or fixed.get("stribeck"))
+    noisier = draw_noisier(variant, data, options, request.seed) if rises else []
     end = determine(
-        _Problem(data, limits, options, asked, low).solve,
+        _Problem(data, limits, options, asked, low, noisier).solve,
         lambda found: (
             undetermined(found.free, moving_speeds(data), (axis.force_unit, axis.speed_unit))
             or _undetermined(found.free, data, options.rates, ranges, noise)
@@ -257,7 +260,8 @@ def _undetermined(
 class _Problem:
     """What stays the same from attempt to attempt.
 
-    ``asked``: an offset is required; ``low``: Stribeck parameters to estimate.
+    ``asked``: an offset is required; ``low``: Stribeck parameters to estimate. With a rise there
+    are ``noisier`` copies of the logs.
     """
 
     data: list[Data]
@@ -265,6 +269,7 @@ class _Problem:
     options: FrictionOptions
     asked: bool
     low: Sequence[str]
+    noisier: Sequence[list[Data]]
 
     def solve(self, held: Mapping[str, float]) -> Regression:
         """Solve with some parameters held, with an offset where a level would be negative."""
@@ -309,7 +314,9 @@ class _Problem:
         low, high = zip(*(self.limits[n] for n in LEVELS))
         limits = {**self.limits, _MEAN: (max(low), min(high))}
         stribeck = linearise(self.data, names, held)
-        return System(self.data, names, held, limits, stribeck).solve()
+        copies = self.noisier if stribeck[1] > 0.0 else ()
+        noisier = [System(d, names, held, limits, stribeck) for d in copies]
+        return System(self.data, names, held, limits, stribeck, noisier=noisier).solve()
 
 
 def levels_impossible(found: Regression) -> bool:

@@ -239,8 +239,10 @@ def _common_slope(experiments: Sequence[Experiment], role: str) -> float:
     return half_width
 
 
-def _common_smoothing(experiments: Sequence[Experiment], role: str) -> float:
+def _common_smoothing(experiments: Sequence[Experiment], role: str, sharply: bool) -> float:
     """Half-width for the velocities of all logs: least error of noise and flattening [s].
+
+    Longer than the dead band needs it has to be only where friction is to be told ``sharply``.
 
     ``mean((y - K y)^2) + 2 k_0 s^2`` is that error but for a constant (Mallows 1973); ``K``
     smooths, ``k_0`` is each reading's share in itself and ``s`` the noise of the readings.
@@ -255,7 +257,8 @@ def _common_smoothing(experiments: Sequence[Experiment], role: str) -> float:
         error = sum(m.inside.size * _smoothing_error(m, s) for m, s in zip(motions, noises))
         if error < best:
             best, chosen = error, half
-        if max(m.noise for m in motions) <= 0.25 * SLOW * min(m.fast for m in motions):
+        widened = max(m.noise for m in motions) > 0.25 * SLOW * min(m.fast for m in motions)
+        if not widened and not sharply:
             break  # noise does not widen the dead band
     return chosen * step
 
@@ -270,7 +273,7 @@ def _smoothing_error(motion: Motion, noise: float) -> float:
 
 
 def make_motions(
-    experiments: Sequence[Experiment], role: str, half_width: float | None
+    experiments: Sequence[Experiment], role: str, half_width: float | None, sharply: bool = False
 ) -> tuple[list[Motion], float]:
     """Motion of every log, and the half-width of the filter of all of them [s].
 
@@ -279,7 +282,10 @@ def make_motions(
     """
     measured = [e for e in experiments if e.time.size and e[role].size == e.samples]
     if half_width is None and measured:
-        choose = _common_slope if is_place(role) else _common_smoothing
-        half_width = choose(measured, role)
+        half_width = (
+            _common_slope(measured, role)
+            if is_place(role)
+            else _common_smoothing(measured, role, sharply)
+        )
     half_width = half_width or 0.0
     return [_filter(e, role, half_width) for e in experiments], half_width

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...estimation.least_squares import scaled_least_squares
 from ...estimation.results import Solved
-from ...estimation.uncertainty import Uncertainty, covariance, enlarge, score_covariance
+from ...estimation.uncertainty import Uncertainty, covariance, enlarge, long_run, score_covariance
 from ...experiment import BoolArray, FloatArray
 from .options import ONE_SIDED
 from .samples import Data
@@ -37,6 +37,10 @@ class System:
     Friction is not linear in the Stribeck speed: the unknown is then a change of it from
     ``stribeck``, level and speed [N, m/s] at which the equation is made linear. ``exponent`` is
     2 except where other shapes are compared.
+
+    ``noisier`` is the same system of logs with the noise of their motion once more: the columns of
+    the rise are not linear in a speed, and the noise in them is in the residual as well (a
+    corrected score, see :mod:`...estimation.input_noise`).
     """
 
     def __init__(
@@ -47,9 +51,10 @@ class System:
         limits: Mapping[str, tuple[float, float]] | None = None,
         stribeck: tuple[float, float] = (0.0, 0.0),
         exponent: float = 2.0,
+        noisier: Sequence[System] = (),
     ) -> None:
         self.names, self.data, self.held = tuple(names), data, held or {}
-        self.stribeck, self.exponent = stribeck, exponent
+        self.stribeck, self.exponent, self.noisier = stribeck, exponent, noisier
         self.start = np.array([stribeck[1] if n == "stribeck_speed" else 0.0 for n in names])
         limits = limits or {}
         ends = [limits.get(n, (-np.inf, np.inf)) for n in names]
@@ -92,17 +97,33 @@ class System:
         return tuple(n for n in self.names if n in ("viscous", *ONE_SIDED))
 
     @cached_property
-    def _inverse(self) -> FloatArray:
-        """Inverse of the normal equations' ``Z' A``, common noise subtracted, shape (p, p)."""
+    def _normal(self) -> FloatArray:
+        """The normal equations ``Z' A`` and ``Z' b``, common noise subtracted, ``(p, p + 1)``."""
         a, z = np.vstack(self.columns), np.vstack(self.instruments)
-        matrix = z.T @ a
+        out = z.T @ np.column_stack((a, np.concatenate(self.right)))
         for name in self.rates:
             k = self.names.index(name)
             noise = sum(int(_felt(d, name).sum()) * d.motion.shared**2 for d in self.data)
             own = 1.0 / max(float(_invert(z.T @ z)[k, k]), 1e-300)
             # where noise is most of it there is a warning, and no remedy in arithmetic
-            matrix[k, k] -= min(noise, 0.3 * own)
-        return _invert(matrix)
+            out[k, k] -= min(noise, 0.3 * own)
+        return np.asarray(out)
+
+    @cached_property
+    def _corrected(self) -> FloatArray:
+        """The normal equations without what noise of the motion has added, ``(p, p + 1)``.
+
+        It has added what it adds to them once more.
+        """
+        if not self.noisier:
+            return self._normal
+        more = np.mean([s._normal for s in self.noisier], axis=0)
+        return np.asarray(2.0 * self._normal - more)
+
+    @cached_property
+    def _inverse(self) -> FloatArray:
+        """Inverse of the normal equations' matrix, shape ``(p, p)``."""
+        return _invert(self._corrected[:, :-1])
 
     def jacobian(self) -> list[FloatArray]:
         """Derivative of the unfiltered forces, shape ``(support, p)``, per run.
@@ -132,7 +153,7 @@ class System:
 
     def solve(self) -> Regression:
         """The estimate within the bounds, with the covariance of the free problem."""
-        x = self._inverse @ (np.vstack(self.instruments).T @ np.concatenate(self.right))
+        x = self._inverse @ self._corrected[:, -1]
         bare = self._bare_residuals(x, [d.motion.bare for d in self.data])
         found = self._uncertainty(x, bare)
         values = {**self.held, **self._named(x)}
@@ -170,6 +191,10 @@ class System:
             # slow part, the only one that matters to slow regressors; white noise hides it
             rest = self._bare_residuals(x, [d.motion.sharp for d in self.data])
             found = _larger(found, self._covariance(jacobian, rest, support))
+        if self.noisier:
+            # noise of the speed is largest in the force where that rises, and there the rise is
+            # told: the residual has not the same variance everywhere
+            found = _larger(found, replace(found, covariance=self._score_covariance(x)))
         matched = self._covariance(
             _equivalent(self.instruments, self._inverse),
             self._matched_residuals(x),
@@ -184,6 +209,22 @@ class System:
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.diag(found.covariance) / np.diag(matched.covariance)
         return matched if np.nanmin(ratio, initial=np.inf) > 4.0 else found
+
+    def _scores(self, x: FloatArray) -> list[FloatArray]:
+        """Terms of ``Z' (b - A x)`` of every run, shape ``(n, p)`` each, zero where not kept."""
+        out = []
+        for d, z, r in zip(self.data, self.instruments, self._matched_residuals(x)):
+            full = np.zeros((d.kept.size, z.shape[1]))
+            full[d.kept] = z * r[:, None]
+            out.append(full)
+        return out
+
+    def _score_covariance(self, x: FloatArray) -> FloatArray:
+        """Covariance by the scatter of the terms of the corrected score, shape ``(p, p)``."""
+        more = zip(*(s._scores(x) for s in self.noisier))
+        terms = [2.0 * own - np.mean(m, axis=0) for own, m in zip(self._scores(x), more)]
+        spread = sum(long_run(t - t.mean(axis=0)) for t in terms)
+        return np.asarray(self._inverse @ spread @ self._inverse.T)
 
     def _covariance(
         self,

@@ -9,10 +9,12 @@ import numpy as np
 
 from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.friction_law import FrictionLaw, stribeck_share
+from ...estimation.input_noise import InputNoise
 from ...estimation.stribeck import with_speed
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Plant, Simulated, Variant
 from .axis import Axis, axis_of, driven_by_pressure, motion_role
+from .filters import sensor_noise
 from .motion import SLOW, Motion, make_motions, match_force, quiet_acceleration
 from .options import SIDES, FrictionOptions, check_options
 
@@ -20,6 +22,8 @@ _LINGER = 1.5  # times the passage through rest that its slope predicts: longer 
 _SMALL = 0.05  # share of the friction that inertia may have before it matters
 _STEADY = 0.1  # part of its mean that a steady speed may wander
 _FEWEST_STEADY = 50  # samples that show it
+_PAIRS = 2, 12  # antithetic draws of the noise of the motion: as many as hold these rows
+_ROWS = 600_000
 
 
 @dataclass(frozen=True)
@@ -185,7 +189,8 @@ def prepare(
 ) -> tuple[list[Data], FrictionOptions]:
     """Friction force and described samples per run; options with filter and dead band settled."""
     check_options(variant, experiments, options)
-    motions, half_width = make_motions(experiments, motion_role(variant), options.filter)
+    curved = options.stribeck == "estimate"
+    motions, half_width = make_motions(experiments, motion_role(variant), options.filter, curved)
     deadband = _choose_deadband(motions) if options.deadband is None else options.deadband
     options = replace(options, filter=half_width, deadband=deadband)
     scale = float(options.area or 1.0) if driven_by_pressure(variant) else 1.0
@@ -213,6 +218,26 @@ def prepare(
                  scale, driven, axis_of(variant))
         )  # fmt: skip
     return out, options
+
+
+def draw_noisier(
+    variant: Variant, data: Sequence[Data], options: FrictionOptions, seed: int
+) -> list[list[Data]]:
+    """The runs with the noise of their motion once more, in antithetic pairs.
+
+    Empty where there is none, or no time to tell it by.
+    """
+    role, rows = motion_role(variant), sum(d.kept.size for d in data)
+    pairs = int(np.clip(_ROWS // rows, *_PAIRS))
+    noises = [
+        InputNoise([d.experiment], role, sensor_noise(d.experiment, role), 0.0, seed + k, pairs)
+        for k, d in enumerate(data)
+        if d.experiment.time.size and not d.motion.exact
+    ]
+    if len(noises) < len(data) or not any(n.sigma for n in noises):
+        return []
+    drawn = ([n.add(k, sign)[0] for n in noises] for k in range(pairs) for sign in (1.0, -1.0))
+    return [prepare(variant, experiments, options)[0] for experiments in drawn]
 
 
 def _described(motion: Motion, options: FrictionOptions) -> BoolArray:
