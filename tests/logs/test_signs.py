@@ -89,6 +89,16 @@ def test_a_cell_that_tells_otherwise_leaves_thousands_to_the_user(
     assert log.columns[0].bad == {30: cell}
 
 
+def test_a_lone_cell_without_decimals_that_may_be_either_is_no_number(tmp_path: Path) -> None:
+    """It was read as a thousand times as much as its neighbours."""
+    rows = [f"{k},00;632,000;1.0{k:02d},500" for k in range(60)]
+    column = read(tmp_path, [*rows, "60,00;632.000;1.060,500", *rows]).columns[1]
+    assert column.bad == {60: "632.000"}
+    assert np.nanmax(column.values) == 632.0
+    whole = [f"{k},00;{k}.632;1.0{k:02d},500" for k in range(1, 60)]
+    assert read(tmp_path, whole).columns[1].values[-1] == 59632.0
+
+
 @pytest.mark.parametrize("signs", [{"delimiter": ";", "thousands": ";"}, {"delimiter": ".,"}])
 def test_one_sign_for_two_things_is_refused(tmp_path: Path, signs: dict[str, str]) -> None:
     with pytest.raises(UsageError):

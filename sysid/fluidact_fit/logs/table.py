@@ -20,7 +20,7 @@ from ..errors import LogError, Notice
 from ..experiment import FloatArray
 from .clock import read_clocks
 from .groups import complete, merge
-from .layout import Layout
+from .layout import NUMBER, Layout
 from .log import IntArray, count_of, name_lines
 from .restart import refuse_other_header, refuse_other_width, refuse_rows_above
 from .source import Source
@@ -34,6 +34,7 @@ _ODD_BLANKS = tuple(
 _REMARK = re.compile(r"\s*(#|%|//)\s*[^\W\d]|[\x00-\x1f]+\s*$")  # of words, or an end mark
 _SEPARATED = re.compile(r"(?<=\S)[\s,;|]+(?=\S)")
 RAGGED_SHARE_SERIAL = 0.5
+_FEW = 0.1  # of the cells of a column may be written unlike the others
 
 
 @dataclass(frozen=True)
@@ -350,7 +351,7 @@ def _to_numbers(cells: Sequence[str], layout: Layout) -> tuple[FloatArray, dict[
     """Convert a column of text; shape ``(n_rows,)`` and the cells that are no number."""
     texts = cells
     if layout.thousands:
-        texts = cells = [layout.without_thousands(cell.strip()) for cell in cells]
+        texts = cells = _ungroup(cells, layout)
     if layout.decimal == ",":
         # A point is then no decimal sign: "1.234" may well mean a thousand.
         texts = [cell.replace(".", "?").replace(",", ".") for cell in cells]
@@ -371,13 +372,29 @@ def _to_numbers(cells: Sequence[str], layout: Layout) -> tuple[FloatArray, dict[
     bad = {}
     for row, cell in enumerate(cells):
         text = cell.strip()
-        if layout.is_number(text):
+        if NUMBER[layout.decimal].match(text):
             values[row] = float(re.sub("[dD]", "e", text.replace(",", ".").replace(" ", "")))
         if not np.isfinite(values[row]):
             values[row] = np.nan
             if text or len(bad) < MAX_BAD_KEPT:
                 bad[row] = text
     return values, bad
+
+
+def _ungroup(cells: Sequence[str], layout: Layout) -> list[str]:
+    """A column without signs between thousands; a cell that may be read in two ways as it is.
+
+    Where all others have decimals, a lone ``632.000`` of a column of ``632,000`` may be either.
+    """
+    plain = [layout.without_thousands(cell.strip()) for cell in cells]
+    if layout.thousands not in NUMBER:
+        return plain
+    whole = [k for k, cell in enumerate(cells) if layout.decimal not in cell and cell.strip()]
+    doubtful = all(plain[k] != cells[k].strip() for k in whole)
+    if doubtful and len(whole) < _FEW * len(cells):
+        for k in whole:
+            plain[k] = cells[k]
+    return plain
 
 
 def _is_cut(line: str, before: Sequence[str], layout: Layout, ends_open: bool) -> bool:
