@@ -29,7 +29,7 @@ def estimate(rng: np.random.Generator, size: float) -> tuple[float, float, float
 
 def test_intervals_hold_where_the_column_is_mostly_noise() -> None:
     rng = np.random.default_rng(4)
-    found = np.array([estimate(rng, 0.7) for _ in range(TRIES)])
+    found = np.array([estimate(rng, 0.9) for _ in range(TRIES)])
     off = np.abs(found[:, 0] - 1.0)[:, None] / found[:, 1:]  # none where refused
     usual, reaching = np.sum(off <= 1.96, axis=0)
     assert reaching >= binom.ppf(0.001, TRIES, 0.95)  # the farther end on both sides: or more
@@ -40,8 +40,15 @@ def test_intervals_hold_where_the_column_is_mostly_noise() -> None:
 def test_instruments_of_nothing_but_noise_leave_everything_open() -> None:
     rng = np.random.default_rng(5)
     found = [estimate(rng, 0.0) for _ in range(TRIES)]
-    # above 16.4 by chance, chi-square of one degree: 5e-5, and variances are estimated
+    # above 37.4 by chance, chi-square of one degree: 1e-9, and variances are estimated
     assert sum(np.isfinite(reach) for *_, reach in found) <= binom.ppf(0.999, TRIES, 5e-3)
+
+
+def test_few_are_picked_by_chance_where_nearly_all_is_refused() -> None:
+    """Of those that chance picks the intervals hold too seldom: it must pick next to none."""
+    rng = np.random.default_rng(9)
+    found = [estimate(rng, 0.5) for _ in range(TRIES)]
+    assert sum(np.isfinite(reach) for *_, reach in found) <= 0.02 * TRIES
 
 
 def test_strong_instruments_leave_the_standard_error_as_it_is() -> None:

@@ -12,13 +12,16 @@ the column and ``r`` the residual, ``b + d`` is possible where
 a quadratic in ``d``. The variances are those of the products sample by sample: instrument and noise
 of the column come from the same samples, at other times. It has no upper end where
 ``(x'x)^2`` is less than ``t^2 var(x'e)``, and those of the intervals that happen to have one hold
-too seldom where it is less than ``16.4 var(x'e)`` [2]_: both are refused.
+too seldom where it is less than ``37.4 var(x'e)`` [2]_: both are refused. (At 16.4, the critical
+value for errors of one size [3]_, chance still picked 17 of 200 recordings of which 41 % held.)
 
 References
 ----------
 .. [1] T. W. Anderson, H. Rubin, "Estimation of the parameters of a single equation in a complete
    system of stochastic equations", Annals of Mathematical Statistics 20, 1949.
-.. [2] J. H. Stock, M. Yogo, "Testing for weak instruments in linear IV regression", in
+.. [2] J. L. Montiel Olea, C. Pflueger, "A robust test for weak instruments", Journal of Business
+   and Economic Statistics 31, 2013, table 1: one instrument, bias of 5 %.
+.. [3] J. H. Stock, M. Yogo, "Testing for weak instruments in linear IV regression", in
    Identification and Inference for Econometric Models, 2005, table 5.2: one instrument, 10 %.
 """
 
@@ -29,7 +32,7 @@ import numpy as np
 from ..experiment import FloatArray
 from .uncertainty import score_covariance, t_quantile
 
-_WEAK = 16.4  # squared product of a column with its instrument, over its variance by noise
+_WEAK = 37.4  # squared product of a column with its instrument, over its variance by noise
 _NOISELESS = 1e-9  # part of a column that rounding may leave of it
 
 
