@@ -18,7 +18,9 @@ from . import controldesk, labview, rigol, serial, tektronix, twincat
 from .clock import find_clocks, join_fraction
 from .decimals import find_thousands, refuse_ambiguous, refuse_commas_for_both
 from .header import Header, find_header, join_quoted, name_rows
-from .layout import GROUPED, LONG_CELL, NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells
+from .layout import (
+    BLANKS, GROUPED, LONG_CELL, NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells,
+)  # fmt: skip
 from .log import count_of, name_lines
 from .source import Source
 from .stamps import is_stamp
@@ -266,8 +268,10 @@ def _rate_cut(
     # Of two cuts that are as good, the one whose cells hold other separators is wrong.
     score -= sum(_is_cut_wrong(c, delimiter) for c in others if len(c) < LONG_CELL) / len(cells)
     columns = zip(*(row[lead:][:width] for row in usual), strict=True)
-    if others and any(all(map(_several, column)) for column in columns):
-        score *= 0.5  # a column of nothing but several numbers a cell
+    if others and any(
+        all(_several(cell) and not BLANKS.match(cell) for cell in column) for column in columns
+    ):
+        score *= 0.5  # a column of nothing but several numbers a cell: 4 050 903 may be one
     if width == 1:
         # One column is the last resort: "1,5" is two columns before it is one.
         score *= 0.9
