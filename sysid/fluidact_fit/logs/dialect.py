@@ -19,7 +19,16 @@ from .clock import find_clocks, join_fraction
 from .decimals import find_thousands, refuse_ambiguous, refuse_commas_for_both
 from .header import Header, find_header, join_quoted, name_rows
 from .layout import (
-    BLANKS, GROUPED, LONG_CELL, NO_VALUE, NUMBER, Cut, Hints, Layout, Written, split_cells,
+    BLANKS,
+    GROUPED,
+    LONG_CELL,
+    NO_VALUE,
+    NUMBER,
+    Cut,
+    Hints,
+    Layout,
+    Written,
+    split_cells,
 )  # fmt: skip
 from .log import count_of, name_lines
 from .source import Source

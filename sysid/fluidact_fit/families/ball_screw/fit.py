@@ -69,8 +69,8 @@ def fit_drive(
         refusal = without_level(curved.stage)
     if refusal is None:
         found = _fit_position(variant, curved, request)
-        unit = variant.parameter(SPEED).unit
-        refusal = undetermined(found.fitted, fastest(experiments, axis), unit)
+        units = variant.parameter(SPEED).unit, variant.parameter("coulomb_positive").unit
+        refusal = undetermined(found.fitted, fastest(experiments, axis), *units)
     if refusal is None:
         return _finish(found, variant, request)
     plain = replace(without_idle_levels(stage), names=(*stage.names, SPEED)).refuse(refusal)

@@ -21,7 +21,7 @@ from ...estimation.parametric import Fitted
 from ...estimation.problem import Unknown
 from ...estimation.results import Refusal, Solved
 from ...estimation.stribeck import EXPONENT, another_fall
-from ...estimation.uncertainty import covariance
+from ...estimation.uncertainty import covariance, t_quantile
 from ...experiment import Experiment, FloatArray
 from ...family import Departure, FamilyOptions, Request, Simulate
 from .brackets import Bracket, levels_above
@@ -211,13 +211,23 @@ def _over_bracket(
     return [(up - down) / (bracket.high - bracket.low) for down, up in ends]
 
 
-def undetermined(found: Solved, top: float, unit: str) -> Refusal | None:
-    """The speed of the curve, where the logs do not show it; ``top`` is the fastest motion."""
+def undetermined(found: Solved, top: float, unit: str, level_unit: str) -> Refusal | None:
+    """The speed of the curve, where the logs do not show it; ``top`` is the fastest motion.
+
+    A fall that is not beyond doubt has a speed by chance only, whatever its own interval says.
+    """
     if SPEED in found.refused:
         return found.refused[SPEED]
     if SPEED not in found.names:
         return None
     speed, half = found.values[SPEED], found.half_width(SPEED)
+    falls = _falls(found)
+    if falls and all(fall <= doubt for fall, doubt in falls):
+        fall, doubt = max(falls)
+        return Refusal(
+            SPEED, "static friction is not above the kinetic one beyond doubt "
+            f"({fall:.2g} ± {doubt:.2g} {level_unit})."
+        )  # fmt: skip
     seen = f"{speed:.2g} ± {half:.2g} {unit}, the logs move at up to {top:.2g} {unit}"
     if not half < _KNOWN * speed:
         reason = f"friction that falls at once when the axis moves explains them as well ({seen})."
@@ -226,6 +236,24 @@ def undetermined(found: Solved, top: float, unit: str) -> Refusal | None:
     else:
         return None
     return Refusal(SPEED, reason)
+
+
+def _falls(found: Solved) -> list[tuple[float, float]]:
+    """How far each static level that was estimated lies above its kinetic one, with its doubt."""
+    out = []
+    for s in SIDES:
+        weights = np.array([
+            (n in (EXCESS[s], BREAKAWAY[s])) - (n == f"coulomb_{s}" and BREAKAWAY[s] in found.names)
+            for n in found.names
+        ])  # fmt: skip
+        if not np.any(weights > 0):
+            continue
+        fall = found.values.get(EXCESS[s], 0.0)
+        if BREAKAWAY[s] in found.names:
+            fall = found.values[BREAKAWAY[s]] - found.values[f"coulomb_{s}"]
+        variance = float(weights @ found.covariance @ weights)
+        out.append((fall, t_quantile(0.975, found.degrees) * float(np.sqrt(max(variance, 0.0)))))
+    return out
 
 
 def without_level(stage: Stage) -> Refusal | None:
