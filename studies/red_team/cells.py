@@ -37,6 +37,8 @@ CELLS = (
     ("cylinder-friction", "force in steps", "0.5 N, quiet, hand"),
     ("cylinder-friction", "20 Hz", "fast, velocity, quiet force"),
     ("cylinder-friction", "20 Hz", "strokes, position, quiet force"),
+    ("cylinder-friction", "Stribeck asked for", "1.2 N, 0.02 m/s, hand"),
+    ("cylinder-friction", "Stribeck asked for", "2.4 N, 0.01 m/s, hand"),
     ("cylinder-friction", "Stribeck asked for", "1.2 N, 0.02 m/s, strokes"),
     ("cylinder-friction", "right model", "one speed a log"),
     ("ball-screw", "lost rows", "5 % of lines, foh"),
