@@ -264,3 +264,10 @@ def test_a_term_that_would_move_a_parameter_far_counts_sooner(attacks, group, na
     """At 3.3 and 3.6 standard errors both passed, with parameters 9 and 10 of theirs off."""
     (attack,) = (a for a in attacks.attacks() if (a.group, a.name) == (group, name))
     assert "unmodelled-response" in run(attack, repetition, 662607).codes
+
+
+def test_noise_of_a_constant_speed_is_no_rise_of_friction():
+    """Two speeds leave nothing of a rise: noise of the speed stood for it (14 of 100)."""
+    (attack,) = (a for a in cylinder_friction.attacks()
+                 if (a.group, a.name) == ("right model", "one speed a log"))  # fmt: skip
+    assert run(attack, 55, 5150).codes == ()

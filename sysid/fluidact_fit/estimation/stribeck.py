@@ -24,6 +24,7 @@ STRIBECK = ("stribeck", "stribeck_speed")
 EXPONENT = "stribeck_exponent"  # of the curve: 2, but a fit is tested for another one
 _ALIKE, _DIFFERENT = 1.1, 1.5  # ratios of speeds that are one, and that are two
 _HELD = 0.01  # least share of the samples that a speed has
+_TESTED = 3  # clearly different speeds at which a rise shows
 _GRID = 16  # speeds at which the search begins
 _TOLD_APART = 16.0  # twice the logarithm of the likelihoods of two laws: four standard errors
 _FALLS = ((1.0, "exp(-|v| / stribeck_speed)"), (4.0, "exp(-(v / stribeck_speed)^4)"))
@@ -105,10 +106,12 @@ def slowest_and_fastest(speed: FloatArray, least: float = 0.0) -> tuple[float, f
 def with_speed(values: Mapping[str, float], speed: FloatArray) -> dict[str, float]:
     """Values of a plant; a Stribeck level without a speed, as a fit is tested for it, gets one.
 
-    It lies amid the speeds of the motion.
+    It lies amid the speeds of the motion. Of fewer than three nothing is left of a rise beside
+    Coulomb and viscous friction but what noise makes of it.
     """
     out = dict(values)
-    if out.get("stribeck") and not out.get("stribeck_speed") and np.any(speed):
+    tested = out.get("stribeck") and not out.get("stribeck_speed") and np.any(speed)
+    if tested and _count_speeds(speed, 0.0) >= _TESTED:
         out["stribeck_speed"] = float(np.sqrt(np.prod(slowest_and_fastest(speed))))
     return out
 
