@@ -22,8 +22,8 @@ _LINGER = 1.5  # times the passage through rest that its slope predicts: longer 
 _SMALL = 0.05  # share of the friction that inertia may have before it matters
 _STEADY = 0.1  # part of its mean that a steady speed may wander
 _FEWEST_STEADY = 50  # samples that show it
-_PAIRS = 2, 12  # antithetic draws of the noise of the motion: as many as hold these rows
-_ROWS = 600_000
+_PAIRS = 2, 12  # least and most draws of the noise of the motion, each added and subtracted
+_ROWS = 600_000  # that all draws together hold
 
 
 @dataclass(frozen=True)
