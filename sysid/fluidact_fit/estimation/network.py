@@ -10,8 +10,7 @@ works on whole arrays and in blocks of rows, so that time and memory grow linear
 Starts are made by orthogonal matching pursuit: hinges through random samples, each taken
 for what it adds to those there are. The best of many short searches go on to the end. The
 searches use rounded kinks, which are sharpened step by step: a hinge can only move by the
-samples that lie on its kink, and a rounded one feels them from afar. They only choose where to
-begin and run in single precision; whatever is kept is trained in double.
+samples that lie on its kink, and a rounded one feels them from afar.
 
 An input of which only a few values were recorded, each with another specimen, leaves the
 network free in between. :class:`Chords` hold it near a straight line there, weakly enough for
@@ -43,7 +42,6 @@ _MANY = 40_000  # rows of the fit before the last
 _HUBER = 1.5  # threshold in robust standard deviations: nearly as efficient as squares
 _CHORDS = 1500  # lines along an input that is to be straight
 _GOLDEN = 0.6180339887  # steps of this, modulo one, spread evenly
-_ROUGH: npt.DTypeLike = np.float32  # what decides which start is best, at half the cost
 _SHARPER = (3.0, 6.0, 15.0, 40.0)  # sharpness of rounded kinks, in widths of the data
 
 
@@ -98,11 +96,6 @@ class Network:
             [np.concatenate((w.ravel(), b)) for w, b in zip(self.weights, self.biases)]
         )
 
-    def in_precision(self, precision: npt.DTypeLike) -> Network:
-        """The same network with numbers of another precision."""
-        weights, biases = ([v.astype(precision) for v in vs] for vs in (self.weights, self.biases))
-        return replace(self, weights=tuple(weights), biases=tuple(biases))
-
     def from_vector(self, p: FloatArray) -> Network:
         """A network of the same shape with other parameters."""
         weights, biases, k = [], [], 0
@@ -151,8 +144,8 @@ def output_and_jacobian(net: Network, x: FloatArray) -> tuple[FloatArray, FloatA
         slopes.append(_slope(z, a, net))
         layers.append(a)
     y = np.asarray((net.weights[-1] @ a)[0] + net.biases[-1])
-    jacobian = np.empty((net.parameters, x.shape[0]), y.dtype)
-    back, end = np.ones((1, x.shape[0]), y.dtype), net.parameters
+    jacobian = np.empty((net.parameters, x.shape[0]))
+    back, end = np.ones((1, x.shape[0])), net.parameters
     for k in range(len(net.weights) - 1, -1, -1):
         units, inputs = net.weights[k].shape
         jacobian[end - units : end] = back
@@ -191,12 +184,6 @@ class Chords:
         points = np.repeat(rows[None, :, :], 3, axis=0)
         points[:, :, column] = low + (high - low) * np.vstack((0.0 * t, t, 0.0 * t + 1.0))
         return cls(points, np.vstack((t - 1.0, np.ones(t.size), -t)), strength)
-
-    def in_precision(self, precision: npt.DTypeLike) -> Chords:
-        """The same lines with numbers of another precision."""
-        return replace(
-            self, points=self.points.astype(precision), shares=self.shares.astype(precision)
-        )
 
     def deviation(self, y: FloatArray) -> FloatArray:
         """Deviations for outputs (or columns of a Jacobian) at all points in a row."""
@@ -312,7 +299,7 @@ def train_from(
         scale = np.maximum(np.diag(matrix), 1e-8 * np.diag(matrix).max() + 1e-12)
         for _ in range(12):
             step = np.linalg.solve(matrix + damping * np.diag(scale), gradient)
-            trial = net.from_vector((net.vector() + step).astype(y.dtype))
+            trial = net.from_vector(net.vector() + step)
             reached = cost.total(trial, x, y)
             if reached < now:
                 break
@@ -454,18 +441,13 @@ def search(
     few, many = thin(y.size, training.rows), thin(y.size, _MANY)
     xs, ys, steps = x[few], y[few], training.iterations
     cost = Cost(training.decay, chords=chords)
-    starts = [
-        make_start(xs, ys, training.hidden, training.activation, rng).in_precision(_ROUGH)
+    starts = (
+        make_start(xs, ys, training.hidden, training.activation, rng)
         for _ in range(training.starts)
-    ]
-    rough = replace(cost, chords=chords and chords.in_precision(_ROUGH))
-    xr, yr = xs.astype(_ROUGH), ys.astype(_ROUGH)
-    found = [train_from(net, xr, yr, rough, steps, 1e-3) for net in starts]
+    )
+    found = [train_from(net, xs, ys, cost, steps, 1e-3) for net in starts]
     found.sort(key=lambda t: t.cost)
-    sharp = [
-        _sharpen(t.network, xr, yr, rough, steps).in_precision(float)
-        for t in found[: training.finalists]
-    ]
+    sharp = [_sharpen(t.network, xs, ys, cost, steps) for t in found[: training.finalists]]
     limit = _HUBER * min(robust_deviation(ys - net(xs)) for net in sharp)
     robust = replace(cost, limit=limit)
     polished = [train_from(net, x[many], y[many], robust, 3 * steps, 1e-5) for net in sharp]
