@@ -29,7 +29,7 @@ from .layout import (
     Layout,
     Written,
     split_cells,
-)  # fmt: skip
+)
 from .log import count_of, name_lines
 from .source import Source
 from .stamps import is_stamp

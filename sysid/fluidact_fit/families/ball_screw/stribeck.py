@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from ...estimation.results import Refusal, Solved
 from ...estimation.stribeck import EXPONENT, another_fall
 from ...estimation.uncertainty import covariance, t_quantile
 from ...experiment import Experiment, FloatArray
-from ...family import Departure, FamilyOptions, Request, Simulate
+from ...family import Departure, FamilyOptions, Quantity, Request, Simulate
 from .brackets import Bracket, levels_above
 from .model import (
     BREAKAWAY,
@@ -221,7 +222,8 @@ def undetermined(found: Solved, top: float, unit: str, level_unit: str) -> Refus
     if SPEED not in found.names:
         return None
     speed, half = found.values[SPEED], found.half_width(SPEED)
-    falls = _falls(found)
+    t = t_quantile(0.975, found.degrees)
+    falls = [(q.number, t * float(np.asarray(q.std_error))) for q in _falls(found, level_unit)]
     if falls and all(fall <= doubt for fall, doubt in falls):
         fall, doubt = max(falls)
         return Refusal(
@@ -238,22 +240,17 @@ def undetermined(found: Solved, top: float, unit: str, level_unit: str) -> Refus
     return Refusal(SPEED, reason)
 
 
-def _falls(found: Solved) -> list[tuple[float, float]]:
-    """How far each static level that was estimated lies above its kinetic one, with its doubt."""
-    out = []
-    for s in SIDES:
-        weights = np.array([
-            (n in (EXCESS[s], BREAKAWAY[s])) - (n == f"coulomb_{s}" and BREAKAWAY[s] in found.names)
-            for n in found.names
-        ])  # fmt: skip
-        if not np.any(weights > 0):
-            continue
-        fall = found.values.get(EXCESS[s], 0.0)
-        if BREAKAWAY[s] in found.names:
-            fall = found.values[BREAKAWAY[s]] - found.values[f"coulomb_{s}"]
-        variance = float(weights @ found.covariance @ weights)
-        out.append((fall, t_quantile(0.975, found.degrees) * float(np.sqrt(max(variance, 0.0)))))
-    return out
+def _falls(found: Solved, unit: str) -> list[Quantity]:
+    """How far each static level that was estimated lies above its kinetic one [``unit``]."""
+    sides = [s for s in SIDES if {EXCESS[s], BREAKAWAY[s]} & {*found.names}]
+
+    def function(v: Mapping[str, Any]) -> dict[str, Any]:
+        return {
+            s: v[EXCESS[s]] if EXCESS[s] in found.names else v[BREAKAWAY[s]] - v[f"coulomb_{s}"]
+            for s in sides
+        }
+
+    return list(found.derive(dict.fromkeys(sides, unit), function).values())
 
 
 def without_level(stage: Stage) -> Refusal | None:

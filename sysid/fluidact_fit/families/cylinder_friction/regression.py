@@ -194,7 +194,8 @@ class System:
         if self.noisier:
             # noise of the speed is largest in the force where that rises, and there the rise is
             # told: the residual has not the same variance everywhere
-            found = _larger(found, replace(found, covariance=self._score_covariance(x)))
+            scattered = np.diag(self._score_covariance(x))
+            found = replace(found, covariance=enlarge(found.covariance, scattered))
         matched = self._covariance(
             _equivalent(self.instruments, self._inverse),
             self._matched_residuals(x),

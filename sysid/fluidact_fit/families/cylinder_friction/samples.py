@@ -230,9 +230,9 @@ def draw_noisier(
     role, rows = motion_role(variant), sum(d.kept.size for d in data)
     pairs = int(np.clip(_ROWS // rows, *_PAIRS))
     noises = [
-        InputNoise([d.experiment], role, sensor_noise(d.experiment, role), 0.0, seed + k, pairs)
-        for k, d in enumerate(data)
-        if d.experiment.time.size and not d.motion.exact
+        InputNoise([e], role, sensor_noise(e, role), seed=seed + k, pairs=pairs)
+        for k, e in enumerate(d.experiment for d in data if not d.motion.exact)
+        if e.time.size
     ]
     if len(noises) < len(data) or not any(n.sigma for n in noises):
         return []
