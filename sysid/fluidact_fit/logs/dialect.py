@@ -43,7 +43,10 @@ _NUMBER_COMMA_STRICT = re.compile(r"([+-] *)?(\d+(,\d+)?)([eEdD][+-]?\d+)?$")
 _CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")] + [(",", ",")]
 _QUOTED_COMMA = re.compile(r'"[^",]*\d,[^"]*"')  # a comma that does not separate columns
 # numbers in one cell, or a word and one
-_SEVERAL = re.compile(r"""([\d.,+'"/_-]+\s*[\t;| ](.*[\t;| ])?|\w+\s*[\t;|])\s*[\d.,+-]+$""")
+_SEVERAL = re.compile(
+    r"""(([\d.,+'"/_-]|\d[eEdD][+-]?\d)+\s*[\t;| ](.*[\t;| ])?|\w+\s*[\t;|])"""
+    r"""\s*[\d.,+-]+([eEdD][+-]?\d+)?$"""
+)
 _CUT_WRONG = 0.1
 # separators between digits that no number holds, and where blanks separate more commas than one,
 # or one at the end
