@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import Notice, UsageError
+from ..errors import Notice, NotIdentifiedError, UsageError
 from ..experiment import Experiment, FloatArray
 from ..family import Departure, ParameterSpec, Simulate
 from ..options import choice
@@ -27,6 +27,7 @@ _HELD = 0.01  # least share of the samples that a speed has
 _TESTED = 3  # clearly different speeds at which a rise shows
 _GRID = 16  # speeds at which the search begins
 _TOLD_APART = 16.0  # twice the logarithm of the likelihoods of two laws: four standard errors
+_SURE = 4.0  # standard errors of a level that is no chance, its speed chosen for it
 _FALLS = ((1.0, "exp(-|v| / stribeck_speed)"), (4.0, "exp(-(v / stribeck_speed)^4)"))
 _SLOWER = (
     "Record steady strokes at several speeds on either side of the one at which friction is least; "
@@ -206,6 +207,7 @@ def _count_speeds(speed: FloatArray, least: float) -> int:
 def undetermined(
     found: Solved,
     speed: FloatArray,
+    solve: Callable[[Mapping[str, float]], Solved],
     units: tuple[str, str] = ("N", "m/s"),
     least: float = 0.0,
 ) -> list[Refusal]:
@@ -215,10 +217,17 @@ def undetermined(
     ----------
     speed : (n,)
         Velocities of the samples that were fitted.
+    solve
+        Fits again with values held, to see whether there is a rise at all.
     units
         Of force and speed.
     least
         Speed below which there is only noise.
+
+    Raises
+    ------
+    NotIdentifiedError
+        Where friction rises for sure, by a law that the logs do not show.
     """
     if not any(n in found.names for n in STRIBECK):
         return []
@@ -241,5 +250,30 @@ def undetermined(
         reason = f"its speed would be {found_speed}; {seen}."
     else:
         return []
+    if "stribeck_speed" in half:
+        held = {n: v for n, v in found.values.items() if n not in found.names}
+        _require_no_rise(solve({**held, "stribeck_speed": at}), reason)
     reason += " What rise there is counts as Coulomb and viscous friction."
     return [Refusal(n, reason) for n in STRIBECK if n in found.names]
+
+
+def _require_no_rise(found: Solved, reason: str) -> None:
+    """Refuse all friction where it rises for sure and nobody knows how.
+
+    ``found`` has the rise at the speed that fits best. Levels and slope without a rise would be
+    those of a law that the logs contradict, with intervals that take it for true.
+    """
+    if "stribeck" not in found.names:
+        return
+    size = found.values["stribeck"] / max(found.std_error("stribeck"), np.finfo(float).tiny)
+    if not size > _SURE:
+        return
+    raise NotIdentifiedError(
+        f"the data cannot determine friction with --stribeck. It rises towards rest ({size:.2g} "
+        f"standard errors), but how cannot be told: {reason}",
+        expected="Coulomb and viscous friction hang on it. Nothing was written.",
+        remedy="Record steady strokes at several speeds on either side of the one at which "
+        "friction is least, or give --fix stribeck_speed=VALUE if it is known; without "
+        "--stribeck, what rise there is counts as Coulomb and viscous friction, at the speeds of "
+        "these logs only.",
+    )

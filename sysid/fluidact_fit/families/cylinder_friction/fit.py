@@ -107,10 +107,16 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
             )
     rises = bool(low or fixed.get("stribeck"))
     noisier = draw_noisier(variant, data, options, request.seed) if rises else []
+    problem = _Problem(data, limits, options, asked, low, noisier)
     end = determine(
-        _Problem(data, limits, options, asked, low, noisier).solve,
+        problem.solve,
         lambda found: (
-            undetermined(found.free, moving_speeds(data), (axis.force_unit, axis.speed_unit))
+            undetermined(
+                found.free,
+                moving_speeds(data),
+                lambda held: problem.solve(held).free,
+                (axis.force_unit, axis.speed_unit),
+            )
             or _undetermined(found.free, data, options.rates, ranges, noise)
         ),
         specs,

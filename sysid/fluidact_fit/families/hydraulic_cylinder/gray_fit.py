@@ -81,17 +81,14 @@ class _Search:
 
     def undetermined(self, solution: GraySolution) -> list[Refusal]:
         """The parameter whose interval says least, if it says nothing."""
-        names, uncertainty = solution.problem.names, solution.uncertainty
+        names = solution.problem.names
         sizes = {n: 0.5 * max(abs(solution.values[n]), 1e-300) for n in names}
         friction = {n: self.unknowns[n].scale for n in ("viscous", "coulomb")}
         sensible = {**sizes, **sensible_widths(self.unknowns), **friction}
-        matrix = uncertainty.covariance.copy()
         if "bulk_modulus" in names:
-            k = names.index("bulk_modulus")
             sensible["bulk_modulus"] *= _CERTAIN / 0.5
-            matrix[k, k] = np.inf if solution.active[k] else matrix[k, k]
-        solved = Solved(solution.values, names, matrix, uncertainty.degrees)
-        rise = undetermined(solved, moving_speeds(solution))
+        solved = _solved(solution)
+        rise = undetermined(solved, moving_speeds(solution), lambda held: _solved(self.solve(held)))
         if rise:
             return rise
         sensible |= dict.fromkeys(STRIBECK, np.inf)  # that was all about them
@@ -121,6 +118,15 @@ class _Search:
                 "the logs hold no transients of the pressures that would tell it from valve and "
                 "losses.",
             )
+
+
+def _solved(solution: GraySolution) -> Solved:
+    """Values and covariance; nothing is known of a bulk modulus at its bound."""
+    names, matrix = solution.problem.names, solution.uncertainty.covariance.copy()
+    if "bulk_modulus" in names:
+        k = names.index("bulk_modulus")
+        matrix[k, k] = np.inf if solution.active[k] else matrix[k, k]
+    return Solved(solution.values, names, matrix, solution.uncertainty.degrees)
 
 
 def fit_gray(case: Case) -> Estimate[HydraulicCylinderOptions]:

@@ -131,7 +131,10 @@ def regress(
     end = determine(
         solve,
         lambda found: (
-            undetermined(found.solved, fitted_velocities(runs), least=speed_noise(runs))
+            undetermined(
+                found.solved, fitted_velocities(runs), lambda held: solve(held).solved,
+                least=speed_noise(runs),
+            )
             or _undetermined(found.solved, specs)
         ),
         specs, fixed=fixed, refusals=_out_of_reach(runs, variant, fixed, low),
