@@ -559,3 +559,55 @@ def test_rows_above_others_with_more_columns_are_named(tmp_path: Path, first: st
     log = read(tmp_path, ["t_s,u_valve_V,x_m,pA_Pa", *early, *late])
     assert log.rows == 30
     assert left_out(log) == list(range(2, 10))
+
+
+COLOURED = "\x1b[31m5"  # what a terminal made of a number
+
+
+@pytest.mark.parametrize(
+    ("rows", "below"),
+    [
+        (["\u22125;48.055,000"] * 30, ["\u22125 38.689,000"] * 6),
+        ([f"-8.7354,{COLOURED},0.001,1"] * 30, [f"-8.7354|{COLOURED}|0.30{k}|1" for k in range(9)]),
+        ([f"0.02,+.5,{COLOURED}"] * 8, ["+.5"] * 6),
+    ],
+)
+def test_rows_with_another_separator_than_those_below_are_named(
+    tmp_path: Path, rows: list[str], below: list[str]
+) -> None:
+    log = read(tmp_path, [*rows, *below])
+    assert left_out(log) == list(range(1, len(rows) + 1))
+    assert [n.code for n in log.notices if n.code == "rows-above-table"]
+
+
+def test_a_damaged_first_row_is_no_header(tmp_path: Path) -> None:
+    log = read(tmp_path, [f"{COLOURED}\t4.766", "3.41\t4.763", "6.41\t4.839"])
+    assert left_out(log) == [1]
+    assert log.lines.size == 2
+
+
+def test_a_garbled_line_below_damaged_rows_is_named_too(tmp_path: Path) -> None:
+    rows = [f"{80 - k}.25,{k}2" for k in range(12)]
+    log = read(tmp_path, ["D (mm),ADC83.33,0", "82.77,2", "82.25,62", "41EZaX1 b", *rows])
+    assert {2, 3, 4} <= set(left_out(log))
+
+
+def test_blanks_below_the_last_row_do_not_cut_it(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("".join(f"{k}.41\t4.7{k}\t\n" for k in range(9)) + "  ")
+    assert read_log(path).lines.size == 9
+    assert not read_log(path).notices
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        # decimal commas that an empty column, or other separators, leave alone
+        ["6,41e+00\t4.76e+00\t"] * 3 + ["3,41e+00\t\t"] * 20,
+        ["6,41e+00\t4.76e+00\t"] * 2 + ["3,41e+00    4.83e+00"] * 5,
+    ],
+)
+def test_a_decimal_comma_with_an_exponent_is_no_separator(tmp_path: Path, lines: list[str]) -> None:
+    log = read(tmp_path, lines)
+    values = np.concatenate([c.values for c in log.columns])
+    assert not {6.0, 3.0} & set(values[np.isfinite(values)])

@@ -44,7 +44,7 @@ _CANDIDATES = [(d, s) for d in "\t;,| " for s in ".," if (d, s) != (",", ",")] +
 _QUOTED_COMMA = re.compile(r'"[^",]*\d,[^"]*"')  # a comma that does not separate columns
 # numbers in one cell, or a word and one
 _SEVERAL = re.compile(
-    r"""(([\d.,+'"/_-]|\d[eEdD][+-]?\d)+\s*[\t;| ](.*[\t;| ])?|\w+\s*[\t;|])"""
+    r"""(([\d.,+'"/_\u2212-]|\d[eEdD][+-]?\d)+\s*[\t;| ](.*[\t;| ])?|\w+\s*[\t;|])"""
     r"""\s*[\d.,+-]+([eEdD][+-]?\d+)?$"""
 )
 _CUT_WRONG = 0.1
@@ -284,6 +284,8 @@ def _rate_cut(
         all(_several(cell) and not BLANKS.match(cell) for cell in column) for column in columns
     ):
         score *= 0.5  # a column of nothing but several numbers a cell: 4 050 903 may be one
+    if delimiter not in "\t " and 2 * sum(line.endswith("\t") for line in body) > len(body):
+        score -= 0.01  # tabs at the ends, which belong to no cell, separate as well
     if width == 1:
         # One column is the last resort: "1,5" is two columns before it is one.
         score *= 0.9

@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection, Sequence
 
 from .header import Header
-from .layout import LONG_CELL, NO_VALUE, NUMBER, Cut
+from .layout import GROUPED, LONG_CELL, NO_VALUE, NUMBER, Cut
 from .stamps import is_stamp
 from .start import is_entry, looks_like_row
 
@@ -34,7 +34,11 @@ def find_stray(lines: Sequence[str], cut: Cut, header: Header, known: Collection
         found |= {header.row, *(i for i in range(header.row) if looks_like_row(lines[i], cut))}
     rest = set(range(len(lines))) - {header.row, header.units_row}
     found |= {i for i in rest if _is_row_of_another_form(lines[i], cut)}
-    found |= {i for i in rest if _is_mostly_digits(lines[i], cut) or _is_list(lines[i], cut)}
+    found |= {
+        i
+        for i in rest
+        if _is_mostly_digits(lines[i], cut.split(lines[i]), cut) or _is_list(lines[i], cut)
+    }
     below = {i for i in rest if i >= min(found, default=len(lines))}  # what is damaged among them
     return found | {i for i in below if _was_row(lines[i])}
 
@@ -43,12 +47,15 @@ def is_damaged_row(line: str, cut: Cut) -> bool:
     """Whether every cell would be a decimal number but for a sign or two, or its decimal sign.
 
     Or one is such a number, and the first begins with a digit, as no name does; or there are
-    decimals and no letters. What holds an instant is no such row.
+    decimals and no letters, or signs that nobody writes among digits. What holds an instant is no
+    such row.
     """
     cells = cut.split(line)
     if is_stamp(line.strip()) or any(map(is_stamp, cells)):
         return False
     if _DECIMAL.search(line) and not any(map(str.isalpha, line)):
+        return True
+    if _is_garbled(line) and holds_digits(line):
         return True
     numbered = any(cell[:1].isdigit() for cell in cells[:1])
     if numbered and any(_DECIMAL.search(cell) and _is_any_number(cell) for cell in cells):
@@ -78,24 +85,43 @@ def _is_odd(header: Header, lines: Sequence[str], cut: Cut) -> bool:
 
 
 def _is_row_of_another_form(line: str, cut: Cut) -> bool:
-    """Whether a line holds as many numbers as a row, and nothing else but what separates them."""
+    """Whether a line holds as many numbers as a row, and nothing else but what separates them.
+
+    Or it has just as many cells, half of them numbers.
+    """
     bare = line.replace('"', " ").replace("\u2212", "-").strip()
-    if cut.width < 2 or len(bare) > LONG_CELL * cut.width or is_stamp(bare):
+    if len(bare) > LONG_CELL * cut.width or is_stamp(bare):
         return False
-    between = r"[;|\t]|\s+" if cut.delimiter != "," else r"[;|\t,]"
-    cells = [cell.strip(" ,") for cell in re.split(between, bare)]
+    forms = []
+    if cut.delimiter != ",":
+        forms.append(r"[;|\t]|\s+")
+    if cut.delimiter == "," or cut.decimal == ".":
+        forms.append(r"[;|\t,]")
+    rows = [[cell.strip(" ,") for cell in re.split(form, bare)] for form in forms]
+    if cut.width == 1:
+        return any(_begins_a_list(cells, line) for cells in rows)
+    return any(_is_all_numbers(c, cut) or _is_mostly_digits(line, c, cut) for c in rows)
+
+
+def _begins_a_list(cells: Sequence[str], line: str) -> bool:
+    """Whether half of several cells are numbers, the first among them."""
+    numbers = list(map(_is_any_number, cells))
+    return len(cells) > 1 and numbers[0] and 2 * sum(numbers) >= len(cells) and holds_digits(line)
+
+
+def _is_all_numbers(cells: Sequence[str], cut: Cut) -> bool:
+    """Whether as many cells as a row has say a number, or that there is none, and no other."""
     values = [c for c in cells if c.casefold() not in NO_VALUE]
     gaps = sum(map(bool, cells)) - len(values)  # a cell that says that it has no number
     numbers = sum(map(_is_any_number, values))
     return 0 < numbers == len(values) and numbers + gaps >= cut.width
 
 
-def _is_mostly_digits(line: str, cut: Cut) -> bool:
+def _is_mostly_digits(line: str, cells: Sequence[str], cut: Cut) -> bool:
     """Whether a line is cut as a row is, half of it numbers, and holds more digits than letters.
 
     "Key value" of a preamble is half a row of two.
     """
-    cells = cut.split(line)
     if len(cells) != cut.width or cut.width < 2 or not holds_digits(line):
         return False
     numbers = sum(map(_is_any_number, cells))
@@ -120,7 +146,8 @@ def _is_list(line: str, cut: Cut) -> bool:
 
 def _was_row(line: str) -> bool:
     """Whether a line among rows may be one that was damaged."""
-    return holds_digits(line) or _is_gap(line) or _is_garbled(line)
+    begins = line.lstrip()[:1].isdigit()
+    return begins or holds_digits(line) or _is_gap(line) or _is_garbled(line)
 
 
 def _is_gap(line: str) -> bool:
@@ -134,5 +161,5 @@ def _is_garbled(line: str) -> bool:
 
 
 def _is_any_number(text: str) -> bool:
-    """Whether a text is a number with either decimal sign."""
-    return any(form.match(text) for form in NUMBER.values())
+    """Whether a text is a number with either decimal sign, or with a sign between thousands."""
+    return any(form.match(text) for form in (*NUMBER.values(), *GROUPED.values()))

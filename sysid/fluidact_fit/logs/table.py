@@ -194,8 +194,9 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
     split = _split_rows(text, layout)
     rows, lines, ragged = split.rows, split.lines, split.ragged
     notices, cut = [], 0
-    tail = text.rstrip("\n").rsplit("\n", 41)
-    if split.ends_with_data and _is_cut(tail[-1], tail[-41:-1], layout, not text.endswith("\n")):
+    filled = text.rstrip("\n ")  # blanks below the last line do not make it the last but one
+    tail, ends_open = filled.rsplit("\n", 41), "\n" not in text[len(filled) :]
+    if split.ends_with_data and _is_cut(tail[-1], tail[-41:-1], layout, ends_open):
         if ragged and ragged[-1][0] > lines[-1]:
             cut, _ = ragged.pop()
         else:
