@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 
 from ..errors import LogError
 from .layout import ALIKE, BLANKS, GROUPED, NUMBER, Cut
 
 _GROUPED = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}$") for sign in ".,"}
 _SURE = 1000  # cells that tell; no more are looked at
+_FEW = 0.1  # of the cells that tell: damaged ones
 
 
 def find_thousands(sample: Iterable[str], every: Callable[[], Iterable[str]], cut: Cut) -> str:
@@ -45,17 +48,21 @@ def refuse_ambiguous(
     a point is a decimal point, and a comma between quotes may be either. Lines of the ``sample``
     are looked at first, ``every`` line of the file where they do not tell.
 
+    Where one sign stands before decimals in some columns and the other one in others, every column
+    has to tell for itself.
+
     Raises
     ------
     LogError
         With both readings.
     """
-    doubtful = _doubtful(sample, cut, name)
-    certain = cut.delimiter == "," and cut.decimal == "."
-    if doubtful is None or certain or _doubtful(every(), cut, name) is None:
+    first = _tally(sample, cut, name)
+    if not first.open or (cut.delimiter == "," and cut.decimal == "."):
         return
-    whole = doubtful.replace(cut.decimal, "")
-    raise _refusal(doubtful, whole, repr(cut.decimal), cut, name)
+    doubtful = _tally(every(), cut, name).doubtful
+    if doubtful is not None:
+        whole = doubtful.replace(cut.decimal, "")
+        raise _refusal(doubtful, whole, repr(cut.decimal), cut, name)
 
 
 def refuse_commas_for_both(
@@ -77,25 +84,55 @@ def refuse_commas_for_both(
     )
 
 
-def _doubtful(lines: Iterable[str], cut: Cut, name: str) -> str | None:
-    """A cell that can be read in two ways; ``None`` where others tell which it is."""
-    found: str | None = None
-    told = 0  # cells with decimals, less those with decimals behind the other sign
+@dataclass
+class _Tally:
+    """Cells that tell what a sign means: decimals behind it by column, and behind the other one.
+
+    ``grouped`` are the first cells of columns that may have it between thousands.
+    """
+
+    certain: Counter[int] = field(default_factory=Counter)
+    grouped: dict[int, str] = field(default_factory=dict)
+    sure: int = 0
+    against: int = 0
+
+    @property
+    def both(self) -> bool:
+        """Whether both signs stand before decimals, and not in a damaged cell alone."""
+        return self.against > _FEW * self.sure
+
+    @property
+    def doubtful(self) -> str | None:
+        """A cell that can be read in two ways; ``None`` where others tell which it is."""
+        if self.sure <= self.against:
+            return next(iter(self.grouped.values()), None)
+        alone = (cell for k, cell in self.grouped.items() if not self.certain[k])
+        return next(alone, None) if self.both else None
+
+    @property
+    def open(self) -> bool:
+        """Whether other lines may hold a cell that these do not tell."""
+        return self.doubtful is not None or (self.both and self.sure > 0)
+
+
+def _tally(lines: Iterable[str], cut: Cut, name: str) -> _Tally:
+    found = _Tally()
     other = "," if cut.decimal == "." else "."
     for line in lines:
-        for cell in cut.split(line):
-            if told <= 0 and cut.delimiter != " " and BLANKS.match(cell):
+        for column, cell in enumerate(cut.split(line)):
+            if found.sure <= found.against and cut.delimiter != " " and BLANKS.match(cell):
                 raise _refusal(cell, re.sub(r"\D", "", cell), "' '", cut, name, blank=True)
             if other in cell and other != cut.delimiter:
-                told -= bool(NUMBER[other].match(cell) and not _GROUPED[other].match(cell))
+                found.against += bool(NUMBER[other].match(cell) and not _GROUPED[other].match(cell))
             elif cut.decimal in cell and cut.is_number(cell):
                 if _GROUPED[cut.decimal].match(cell):
-                    found = found or cell
+                    found.grouped.setdefault(column, cell)
                 else:
-                    told += 1
-        if told >= _SURE:
-            return None
-    return found if told <= 0 else None
+                    found.certain[column] += 1
+                    found.sure += 1
+        if found.sure - found.against >= _SURE and not found.both:
+            break
+    return found
 
 
 def _refusal(

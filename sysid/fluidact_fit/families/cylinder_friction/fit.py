@@ -114,7 +114,8 @@ def fit_friction(variant: Variant, data: list[Data], request: Request[FrictionOp
             undetermined(
                 found.free,
                 moving_speeds(data),
-                lambda held: problem.solve(held).free,
+                # where the search ended: a step of a rise that is not determined may go anywhere
+                lambda held: problem.solve({**held, "stribeck_speed": found.speed}).free,
                 (axis.force_unit, axis.speed_unit),
             )
             or _undetermined(found.free, data, options.rates, ranges, noise)

@@ -21,7 +21,8 @@ class Regression:
     """A solved regression.
 
     ``free`` is the solution without bounds and ``values`` the one within them, both with what
-    was held; ``residuals`` are per run, of the matched and of the unfiltered forces.
+    was held; ``residuals`` are per run, of the matched and of the unfiltered forces. ``speed`` is
+    the Stribeck speed about which the equation was linear [m/s].
     """
 
     free: Solved
@@ -29,6 +30,7 @@ class Regression:
     residuals: list[FloatArray]
     bare_residuals: list[FloatArray]
     uncertainty: Uncertainty
+    speed: float
 
 
 class System:
@@ -164,7 +166,8 @@ class System:
         if np.any((x < low) | (x > high)):
             x = _bounded(np.vstack(self.instruments), x, low, high)
             values = {**values, **self._named(x)}
-        return Regression(free, values, self._matched_residuals(x), bare, found)
+        residuals = self._matched_residuals(x)
+        return Regression(free, values, residuals, bare, found, self.stribeck[1])
 
     def _named(self, x: FloatArray) -> dict[str, float]:
         return dict(zip(self.names, (x + self.start).tolist()))
