@@ -611,3 +611,9 @@ def test_a_decimal_comma_with_an_exponent_is_no_separator(tmp_path: Path, lines:
     log = read(tmp_path, lines)
     values = np.concatenate([c.values for c in log.columns])
     assert not {6.0, 3.0} & set(values[np.isfinite(values)])
+
+
+def test_words_between_a_preamble_and_four_rows_are_no_damaged_row(tmp_path: Path) -> None:
+    rows = [f"0,0{k}  4000,00  36{k}8,2000" for k in range(4)]
+    log = read(tmp_path, ["Operator  N. N.", "", "Pr\u00fcfstand 3, 21,5 \u00b0C", *rows])
+    assert log.lines.tolist() == [4, 5, 6, 7]

@@ -177,3 +177,24 @@ def test_commas_at_the_ends_of_cells_separate_them(tmp_path: Path) -> None:
 def test_two_numbers_between_blanks_are_not_cut_at_a_comma(tmp_path: Path) -> None:
     log = read(tmp_path, ["ADC laser", *(f"1_000 {48055 - k},000" for k in range(40))], decimal=",")
     assert log.columns[1].values[0] == 48055.0
+
+
+def test_a_column_tells_for_itself_where_a_log_has_both_decimal_signs(tmp_path: Path) -> None:
+    """1.000 ms was read as 1 behind 990, and 50.000 as 50 among 40000 and 60000."""
+    rows = [f"{10 * k};3,5{k:02d}2;3.42{k:02d}" for k in range(99)]
+    for cell in ("1.000", "50.000"):
+        with pytest.raises(LogError, match=f"'{cell}' may be {cell} or"):
+            read(tmp_path, [*rows, f"{cell};3,5815;3.4192", *rows[:30]])
+    one_damaged = [*(r.replace(",", ".") for r in rows), "0;3,5815;3.4192", "1.000;3.5815;3.4192"]
+    assert read(tmp_path, one_damaged).columns[0].values[-1] == 1.0
+
+
+def test_blanks_between_thousands_separate_no_columns_beside_empty_cells(tmp_path: Path) -> None:
+    rows = [f"{10 * k},1 6{k:02d}.3000,{'---' if k > 40 else '2.6978'}" for k in range(10, 46)]
+    assert [c.values[0] for c in read(tmp_path, rows).columns] == [100.0, 1610.3, 2.6978]
+
+
+def test_rows_with_another_separator_are_not_read_in_part(tmp_path: Path) -> None:
+    """48,055 was read as 55."""
+    log = read(tmp_path, ["891|48,055", "876|47,030", *(f"{43 - k},5{k:02d}" for k in range(19))])
+    assert [c.bad for c in log.columns] == [{0: "891|48", 1: "876|47"}, {0: "055", 1: "030"}]

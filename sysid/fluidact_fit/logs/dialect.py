@@ -56,6 +56,7 @@ _QUOTED_IN = re.compile(r'.*\d.*"|.*".*\d')  # quotes beside digits, which were 
 _LIST_WRONG = 1.0
 _QUOTED_ROW = re.compile(r'\s*"[^"]*([\t;,|])[^"]*\1[^"]*"\s*')  # all of it in one pair of quotes
 _QUOTED_LINE = re.compile(r'\s*"([^"]*)"\s*')
+_WORD = re.compile(r"\s*[^\W\d_]{3}")
 _GAP = 3  # lines without numbers among damaged rows
 _PUTTY_MARK = "=~=~=~=~="
 _SAMPLE = 120
@@ -281,7 +282,8 @@ def _rate_cut(
     score -= sum(_is_cut_wrong(c, delimiter) for c in others if len(c) < LONG_CELL) / len(cells)
     columns = zip(*(row[lead:][:width] for row in usual), strict=True)
     if others and any(
-        all(_several(cell) and not BLANKS.match(cell) for cell in column) for column in columns
+        all(_several(c) and not (BLANKS.match(c) or grouped.match(c)) for c in column)
+        for column in columns
     ):
         score *= 0.5  # a column of nothing but several numbers a cell: 4 050 903 may be one
     if delimiter not in "\t " and 2 * sum(line.endswith("\t") for line in body) > len(body):
@@ -419,7 +421,8 @@ def _damaged(lines: Sequence[str], start: int, cut: Cut, header: Header) -> list
     for index in range(start - 1, -1, -1):
         if not lines[index].strip():
             continue
-        if holds_numbers(lines[index], cut) and index not in header[:2]:
+        words = _WORD.match(lines[index]) and not holds_digits(lines[index])
+        if holds_numbers(lines[index], cut) and not words and index not in header[:2]:
             found.append(index)
         elif header.row is None and others < _GAP:
             others += 1

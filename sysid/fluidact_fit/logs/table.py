@@ -11,7 +11,7 @@ import io
 import re
 import warnings
 from codecs import BOM_UTF8
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +33,7 @@ _ODD_BLANKS = tuple(
 )
 _REMARK = re.compile(r"\s*(#|%|//)\s*[^\W\d]|[\x00-\x1f]+\s*$")  # of words, or an end mark
 _SEPARATED = re.compile(r"(?<=\S)[\s,;|]+(?=\S)")
+_LISTED = re.compile(r"\d\s*[;|\t]\s*[+-]?\.?\d")
 RAGGED_SHARE_SERIAL = 0.5
 _FEW = 0.1  # of the cells of a column may be written unlike the others
 
@@ -124,7 +125,7 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         return None
     lines = np.arange(layout.first_row + 1, layout.first_row + 1 + rows, dtype=np.int64)
     bad = _collect_bad(columns, data, offset, layout)
-    if bad is None:
+    if bad is None or any(_cut_otherwise(bad, rows)):
         return None
     return Table(tuple(columns), bad, lines, (), layout.notices, rows)
 
@@ -258,6 +259,9 @@ def _with_numbers(
             wrong = np.flatnonzero(np.isnan(seconds))
             read[k] = seconds, {int(row): columns[k][row].strip() for row in wrong}
     values, bad = tuple(v for v, _ in read), tuple(b for _, b in read)
+    for other in sorted(set(_cut_otherwise(bad, lines.size))):
+        for k, texts in enumerate(columns):
+            values[k][other], bad[k][other] = np.nan, texts[other].strip()
     for row in np.flatnonzero(np.logical_and.reduce([np.isnan(v) for v in values])):
         refuse_other_header(split.rows[row], layout, int(lines[row]), name)
     data_lines = int(lines.size)
@@ -267,6 +271,16 @@ def _with_numbers(
         data_lines -= merged.empty.size
         values, bad, lines = merged.values, merged.bad, merged.lines
     return Table(values, bad, lines, tuple(sorted(left_out)), tuple(notices), data_lines)
+
+
+def _cut_otherwise(bad: Sequence[Mapping[int, str]], rows: int) -> Iterator[int]:
+    """Rows that another sign separates: where it stands in a cell, the others are no cells either.
+
+    ``43,500`` may be two cells, and then ``891|48,055`` is not 891|48 and 55.
+    """
+    for texts in bad:
+        if 2 * len(texts) < rows:  # else it is a column of words
+            yield from (row for row, text in texts.items() if _LISTED.search(text))
 
 
 @dataclass(frozen=True)
