@@ -194,7 +194,14 @@ def test_blanks_between_thousands_separate_no_columns_beside_empty_cells(tmp_pat
     assert [c.values[0] for c in read(tmp_path, rows).columns] == [100.0, 1610.3, 2.6978]
 
 
-def test_rows_with_another_separator_are_not_read_in_part(tmp_path: Path) -> None:
+def test_rows_with_another_separator_are_not_read_in_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """48,055 was read as 55."""
+    rows = [f"{k}.5;{k}.25;{k}.125" for k in range(1, 60)]
+    for limit in (0, 10**9):  # the quick reader and the careful one
+        monkeypatch.setattr(table_module, "FAST_FROM_BYTES", limit)
+        columns = read(tmp_path, ["0.5;0.2|5;0.125", *rows]).columns
+        assert [c.bad for c in columns] == [{0: "0.5"}, {0: "0.2|5"}, {0: "0.125"}]
     log = read(tmp_path, ["891|48,055", "876|47,030", *(f"{43 - k},5{k:02d}" for k in range(19))])
     assert [c.bad for c in log.columns] == [{0: "891|48", 1: "876|47"}, {0: "055", 1: "030"}]

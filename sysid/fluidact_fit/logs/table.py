@@ -125,7 +125,7 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         return None
     lines = np.arange(layout.first_row + 1, layout.first_row + 1 + rows, dtype=np.int64)
     bad = _collect_bad(columns, data, offset, layout)
-    if bad is None or any(_cut_otherwise(bad, rows)):
+    if bad is None or set(_cut_otherwise(bad, rows)):
         return None
     return Table(tuple(columns), bad, lines, (), layout.notices, rows)
 
