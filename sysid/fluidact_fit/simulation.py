@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import Notice, UsageError
+from .errors import LogError, Notice, UsageError
 from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
@@ -182,10 +182,21 @@ def _units_of_file(document: ParameterDocument) -> dict[str, str]:
 
 
 def simulate_runs(document: ParameterDocument, runs: Sequence[Experiment]) -> list[Simulation]:
-    """Simulate a document's model for runs that have been prepared."""
+    """Simulate a document's model for runs that have been prepared.
+
+    ``LogError`` where the numbers of the file and of the runs have no finite motion.
+    """
     family = get_family(document.family)
     plant = document.plant(family)
-    found = family.simulate(plant, runs, document.model.get("output_offset"))
+    try:
+        found = family.simulate(plant, runs, document.model.get("output_offset"))
+    except (np.linalg.LinAlgError, ArithmeticError) as error:
+        raise LogError(
+            f"the model of the file cannot be simulated with these inputs: {error}.",
+            where=", ".join(run.name for run in runs),
+            expected="Expected values and options of the file, and inputs, of one machine.",
+            remedy="Check the options of the file, and --unit and --scale of the log.",
+        ) from error
     return pair(runs, found, plant.variant)
 
 

@@ -720,6 +720,14 @@ def test_the_file_gives_its_own_numbers_log_by_log() -> None:
             assert run.left_out == (due.left_out or 0)
 
 
+def test_a_file_with_an_absurd_area_is_refused() -> None:
+    """The message called it a bug."""
+    document = fitted().document.model_copy(deep=True)
+    document.options["area-1"] = 2**63
+    with pytest.raises(ff.LogError, match="cannot be simulated with these inputs"):
+        simulate_logs(document, list(dataset())[:1])
+
+
 # ------------------------------------------------------------------------------ real logs
 
 
