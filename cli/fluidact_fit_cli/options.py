@@ -99,7 +99,12 @@ DEBUG = flag("--debug", group="Messages", help="Show a traceback on an error.", 
 
 VERBOSITY: list[click.Parameter] = [
     flag("--quiet", "-q", group="Messages", help="Print nothing but errors."),
-    flag("--verbose", "-v", group="Messages", help="Print more."),
+    flag(
+        "--verbose",
+        "-v",
+        group="Messages",
+        help="Print more: every stage as it begins, and at the end where the time went.",
+    ),
     DEBUG,
 ]
 

@@ -144,6 +144,7 @@ def fit(
         )
         validation: list[Simulation] = []
         if given.judged:
+            request.progress("validating")
             # their inputs move as those of the fit were settled to
             holds = {r: x.hold for r, x in experiments[0].signals.items() if x.hold is not None}
             others, more = _prepare(_hold(given.judged, holds), variant)
@@ -327,6 +328,7 @@ def _without_outliers(found: Findings) -> Findings:
     """Fit again without the outliers that decide; the first fit where that settles nothing."""
     now, samples = found, sum(e.samples for e in found.experiments)
     for _ in range(_ROUNDS + 1):
+        found.request.progress("examining the fit")
         more = now.examined.outliers
         if more is None:
             return found

@@ -140,6 +140,14 @@ def test_quiet_and_verbose(here: Run, valve: Log, inside: Path) -> None:
     done = here("valve", log, "-vf")
     assert "reading" in done.err
     assert "frequency" in done.out
+    stages = re.findall(r"^\[[0-9.]+ s\] (.+)$", done.err, re.MULTILINE)
+    assert stages == ["reading", "fitting", "searching for a start", "fitting", "examining the fit",
+                      "writing"]  # fmt: skip
+    total, parts = re.search(r"^([0-9.]+) s in all: (.+)$", done.err, re.MULTILINE).groups()
+    taken = {name: float(s) for name, s in re.findall(r"([a-z ]+?) ([0-9.]+)(?:, |$)", parts)}
+    assert set(taken) == set(stages)
+    assert list(taken.values()) == sorted(taken.values(), reverse=True)
+    assert sum(taken.values()) == pytest.approx(float(total), abs=0.05 * len(taken) + 0.1)
 
 
 def test_every_reading_option(here: Run, valve: Log, inside: Path) -> None:

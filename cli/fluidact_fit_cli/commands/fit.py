@@ -122,8 +122,10 @@ def run_fit(
     """Check what was asked, fit, judge, write, show: in this order."""
     targets = _targets(family.name, params)
     _check_arguments(family, params, targets)
-    result = _judge(_fit(family, params, invocation), params)
-    write_all(_render(result, targets), params["force"])
+    with closing(Progress(params["quiet"], params["verbose"])) as progress:
+        result = _judge(_fit(family, params, invocation, progress), params)
+        progress("writing")
+        write_all(_render(result, targets), params["force"])
     if not params["quiet"]:
         echo_warnings(result.notices)
     if params["as_json"]:
@@ -176,28 +178,30 @@ def _check_parameter_names(family: Family[FamilyOptions], params: Mapping[str, A
 
 
 def _fit(
-    family: Family[FamilyOptions], params: Mapping[str, Any], invocation: Invocation
+    family: Family[FamilyOptions],
+    params: Mapping[str, Any],
+    invocation: Invocation,
+    progress: Progress,
 ) -> FitResult:
     from fluidact_fit.fitting import fit
 
     try:
-        with closing(Progress(params["quiet"], params["verbose"])) as progress:
-            progress("reading")
-            judged = _read_judged(params)
-            return fit(
-                family.name,
-                iter(read_logs(params["logs"], params)),  # so that raw columns are not kept
-                fixed=params["fix"],
-                start=params["start"],
-                bounds=params["bounds"],
-                noise=params["noise"],
-                validate=judged,
-                controller_sample_time=params["controller_sample_time"],
-                seed=params["seed"],
-                command=recorded_command(invocation.args, params),
-                progress=progress,
-                **chosen_options(params),
-            )
+        progress("reading")
+        judged = _read_judged(params)
+        return fit(
+            family.name,
+            iter(read_logs(params["logs"], params)),  # so that raw columns are not kept
+            fixed=params["fix"],
+            start=params["start"],
+            bounds=params["bounds"],
+            noise=params["noise"],
+            validate=judged,
+            controller_sample_time=params["controller_sample_time"],
+            seed=params["seed"],
+            command=recorded_command(invocation.args, params),
+            progress=progress,
+            **chosen_options(params),
+        )
     except (LogError, NotIdentifiedError) as error:
         if error.where:
             raise
