@@ -29,6 +29,7 @@ from .uncertainty import covariance, t_quantile
 
 _PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
 _MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
+_BESIDE = 0.1  # of a value, from the end of the search: it may have been stopped by that
 _NEAR = 1e-7  # damping of a search that begins near its end
 DECISIVE = 12.0  # twice the log-likelihood ratio that tells one value from another
 _DECIDED = 10.0 * DECISIVE  # beyond all doubt
@@ -205,13 +206,17 @@ def _at_limits(
 ) -> list[Refusal]:
     """A parameter that ends where the search does: it was stopped, not measured.
 
-    The ends of the possible range, and bounds that the user gave, are results like any other.
+    So was one that stops just short of it, where its interval reaches across. The ends of the
+    possible range, and bounds that the user gave, are results like any other.
     """
     for name in solved.names:
         if name not in specs or name in request.bounds:
             continue
         value, u, spec = float(solved.values[name]), unknowns[name], specs[name]
-        if (value <= u.low and u.low > spec.minimum) or (value >= u.high and u.high < spec.maximum):
+        near = min(solved.half_width(name), _BESIDE * abs(value))
+        if (value - near <= u.low and u.low > spec.minimum) or (
+            value + near >= u.high and u.high < spec.maximum
+        ):
             return [
                 Refusal(
                     name,

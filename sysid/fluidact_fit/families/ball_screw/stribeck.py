@@ -11,7 +11,7 @@ like any other, and what the logs know of it is the change of the motion over it
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from ...estimation.named_model import NamedModel
 from ...estimation.parametric import Fitted
 from ...estimation.problem import Unknown
 from ...estimation.results import Refusal, Solved
+from ...estimation.separable import solve
 from ...estimation.stribeck import EXPONENT, another_fall
 from ...estimation.uncertainty import covariance, t_quantile
 from ...experiment import Experiment, FloatArray
@@ -44,6 +45,10 @@ _SEARCHED = 10_000  # samples of every log that the grid looks at
 _LEAST_EXCESS = 0.2  # of the kinetic level, by which a static one begins above it
 _FOLLOWED = 20_000  # samples of every log in which cells are tried
 _WALK = 12  # cells that a level may move on
+_TOLD = 4.0  # twice the logarithm of the likelihoods of two cells: two standard errors
+_GLANCE = 6  # steps of a fit inside a cell, after which one may be given up
+_HOPELESS = 4.0  # times the cost of the best cell, above which it is
+_NARROW = 2.0  # times the least speed of the search: a curve that is narrower still
 _FASTEST = 0.7  # of the fastest motion, below which the kinetic level shows
 _KNOWN = 0.7  # of its own value, to which the speed has to be known
 
@@ -96,7 +101,8 @@ def inside_cells(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
     """Fit the static levels of a drive that is commanded in steps, and the others beside them.
 
     First as if the motion depended on them smoothly everywhere, then inside the cells in which
-    that ends and, until none fits better, inside their neighbours.
+    that ends and, until none fits better, inside their neighbours. Where the curve is as narrow as
+    the search allows there is none, and the levels are not followed any further.
 
     Returns the stage with the levels held, and by their names the ranges that the logs leave to
     them: what is less than two standard errors away by the motion alone.
@@ -110,10 +116,16 @@ def inside_cells(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
     best = _Inside(renamed, dict.fromkeys(names, (0.0, np.inf)), levels)
     edges = {n: levels_above(acting, best.values, n.removeprefix("breakaway_")) for n in names}
     best = best.within({n: _cell(edges[n], best.values[n]) for n in names})
+    worth = 1.0 - _TOLD / sum(e.samples for e in part.experiments)
+    tried = {tuple(best.cells.items())}
     for _ in range(_WALK):
-        nearby = (best.moved(edges[n], n, by) for n in names for by in (-1, 1))
-        better = min((o for o in nearby if o), key=lambda o: o.cost, default=best)
-        if better.cost >= best.cost:
+        if best.values[SPEED] <= _NARROW * stage.unknowns[SPEED].low:
+            break
+        nearby = [c for n in names for c in best.neighbours(n, edges[n])]
+        new = [c for c in nearby if tuple(c.items()) not in tried]
+        tried |= {tuple(c.items()) for c in new}
+        better = min((best.within(c) for c in new), key=lambda o: o.cost, default=best)
+        if better.cost >= worth * best.cost:
             break
         best = better
     found = {n: best.bracket(n) for n in names}
@@ -138,10 +150,17 @@ def _cell(edges: FloatArray, level: float) -> tuple[float, float]:
 
 
 class _Inside:
-    """A fit whose static levels stay in given cells."""
+    """A fit whose static levels stay in given cells.
+
+    It is given up early where its cost stays far above ``rival``, that of another cell.
+    """
 
     def __init__(
-        self, stage: Stage, cells: Mapping[str, tuple[float, float]], start: Mapping[str, float]
+        self,
+        stage: Stage,
+        cells: Mapping[str, tuple[float, float]],
+        start: Mapping[str, float],
+        rival: float = np.inf,
     ) -> None:
         self.cells, self._stage = dict(cells), stage
         bounds = {n: Unknown(n, *cells[n], scale=x or 1.0) for n, x in start.items()}
@@ -150,7 +169,10 @@ class _Inside:
             fixed={n: v for n, v in stage.fixed.items() if n not in cells},
         )  # fmt: skip
         problem = free.problem()
-        self._found = free.solve(problem, max_iterations=30, tolerance=1e-4)
+        found = free.solve(problem, max_iterations=_GLANCE, tolerance=1e-4)
+        if not found.converged and found.cost <= _HOPELESS * rival:
+            found = solve(problem, found.eta, max_iterations=30 - _GLANCE, tolerance=1e-4)
+        self._found = found
         self._order = [u.name for u in problem.nonlinear]
         self.cost = self._found.cost
         self.values = {**free.start, **values_at(problem, self._found.eta)}
@@ -168,15 +190,14 @@ class _Inside:
         """The fit from where this one ended, levels that lie outside their cells in the middle."""
         begin = {n: self.values[n] for n in cells}
         begin |= {n: 0.5 * (a + b) for n, (a, b) in cells.items() if not a <= begin[n] <= b}
-        return _Inside(replace(self._stage, start=self.values), cells, begin)
+        return _Inside(replace(self._stage, start=self.values), cells, begin, self.cost)
 
-    def moved(self, edges: FloatArray, name: str, by: int) -> _Inside | None:
-        """The fit with one level in a neighbouring cell; ``None`` beyond the last."""
-        k = int(np.searchsorted(edges, self.cells[name][0])) + by
-        if not 0 <= k < edges.size - 1:
-            return None
-        cell = float(edges[k]), float(edges[k + 1])
-        return self.within({**self.cells, name: cell})
+    def neighbours(self, name: str, edges: FloatArray) -> Iterator[dict[str, tuple[float, float]]]:
+        """The cells with that of one level moved by one, down and up, between ascending edges."""
+        k = int(np.searchsorted(edges, self.cells[name][0]))
+        for near in (k - 1, k + 1):
+            if 0 <= near < edges.size - 1:
+                yield {**self.cells, name: (float(edges[near]), float(edges[near + 1]))}
 
 
 def with_levels(
