@@ -16,7 +16,7 @@ from ...estimation.named_model import Values
 from ...experiment import Experiment, FloatArray
 from ...signals import smooth
 from .equations import EDGES, THETA, Machine, gray_values
-from .stick_slip import segment_function
+from .stick_slip import InPlace, segment_function
 
 CHANNELS = ("pressure_1", "pressure_2", "position")
 _STEP = 5e-4  # s: longest Runge-Kutta step
@@ -138,24 +138,25 @@ class GrayBox:
         ``(segments, segment, 4, 4 + free)``. ``values`` holds all parameters.
         """
         count, length, columns = nodes.shape[0], self.segment, 4 + len(free)
-        function = segment_function(self.machine, length, self.steps, tuple(free)).map(count)
-        seed = np.repeat(np.eye(columns, 4).reshape(-1, 1), count, axis=1)
-        theta = np.tile(_theta(values), (1, count * length))
-        out = np.asarray(function(np.vstack((nodes.T, seed)), self._inputs(log), theta))
-        out = out.T.reshape(count, length, 1 + columns, 4)
+        run = InPlace(segment_function(self.machine, length, self.steps, tuple(free), count))
+        begin, inputs, theta = run.arguments
+        begin[:4], begin[4:] = nodes.T, np.eye(columns, 4).reshape(-1, 1)
+        inputs[:], theta[:] = self._inputs(log), _theta(values)
+        out = run().T.reshape(count, length, 1 + columns, 4)
         return out[:, :, 0], np.swapaxes(out[:, :, 1:], 2, 3)
 
     def simulate(self, log: GrayLog, initial: FloatArray, values: Values) -> FloatArray:
         """States at every sample, ``(n, 4)``, from the initial one [Pa, Pa, m, m/s]."""
-        function = segment_function(self.machine, self.segment, self.steps, None)
-        theta = np.tile(_theta(values), (1, self.segment))
+        run = InPlace(segment_function(self.machine, self.segment, self.steps, None))
+        begin, held, theta = run.arguments
+        theta[:] = _theta(values)
         inputs = self._inputs(log)
         states = np.empty((inputs.shape[1] + 1, 4))
         states[0] = initial
         for first in range(0, inputs.shape[1], self.segment):
             after = first + self.segment
-            found = function(states[first], inputs[:, first:after], theta)
-            states[first + 1 : after + 1] = np.asarray(found).T
+            begin[:, 0], held[:] = states[first], inputs[:, first:after]
+            states[first + 1 : after + 1] = run().T
         return states[: log.samples]
 
     def per_sample(

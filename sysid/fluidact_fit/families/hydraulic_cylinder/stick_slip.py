@@ -26,7 +26,10 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from ...estimation.stribeck import EXPONENT
+from ...experiment import FloatArray
 from .equations import LOSSES, THETA, Machine
 
 _ROUND = 1e4  # Pa: pressure drop below which the square root of an orifice is rounded off
@@ -34,11 +37,37 @@ _EVENTS = 3  # within a step; a piston that rattles faster rests for what is lef
 _NEWTON = 8  # iterations for the instant of an event, which stay within a bracket
 
 
+class InPlace:
+    """A CasADi function with one output that reads and writes arrays in their place.
+
+    Called as CasADi's functions are, it would copy every number through a list: as long as the
+    integration itself takes. ``arguments`` are to be filled before each call, whose result is
+    overwritten by the next.
+    """
+
+    def __init__(self, function: Any) -> None:
+        self.arguments: list[FloatArray] = [
+            np.zeros(function.size_in(k), order="F") for k in range(function.n_in())
+        ]
+        self._result = np.zeros(function.size_out(0), order="F")
+        self._buffer, self._run = function.buffer()
+        for k, argument in enumerate(self.arguments):
+            self._buffer.set_arg(k, memoryview(argument.T))
+        self._buffer.set_res(0, memoryview(self._result.T))
+
+    def __call__(self) -> FloatArray:
+        """Evaluate at the arguments."""
+        self._run()
+        return self._result
+
+
 @lru_cache(maxsize=16)
 def segment_function(
-    machine: Machine, segment: int, steps: int, free: tuple[str, ...] | None
+    machine: Machine, segment: int, steps: int, free: tuple[str, ...] | None, count: int = 0
 ) -> Any:
     """CasADi function that integrates over a segment of samples, ``steps`` to each.
+
+    With a ``count`` it does so for as many segments beside each other.
 
     ``(z, [u; h], theta) -> z after every sample``, with ``z`` the states p1, p2, y, v and, unless
     ``free`` is ``None``, column by column their derivatives by the initial state and the free
@@ -47,6 +76,8 @@ def segment_function(
     """
     import casadi as ca
 
+    if count:
+        return segment_function(machine, segment, steps, free).map(count)
     now, held, theta = ca.MX.sym("z", _size(free)), ca.MX.sym("input", 2), _theta(ca.MX)
     step, after = _step_function(ca, machine, free), now
     for _ in range(steps):
