@@ -52,8 +52,8 @@ class InPlace:
         self._result = np.zeros(function.size_out(0), order="F")
         self._buffer, self._run = function.buffer()
         for k, argument in enumerate(self.arguments):
-            self._buffer.set_arg(k, memoryview(argument.T))
-        self._buffer.set_res(0, memoryview(self._result.T))
+            self._buffer.set_arg(k, argument.T.data)
+        self._buffer.set_res(0, self._result.T.data)
 
     def __call__(self) -> FloatArray:
         """Evaluate at the arguments."""
