@@ -23,6 +23,11 @@ def blocks(rows: int) -> Iterator[slice]:
         yield slice(begin, min(begin + BLOCK_ROWS, rows))
 
 
+def is_finite(values: FloatArray) -> bool:
+    """Whether all numbers of a record are finite; shape ``(n,)``."""
+    return all(bool(np.isfinite(values[at]).all()) for at in blocks(values.shape[0]))
+
+
 @dataclass(frozen=True)
 class Signal:
     """One quantity over time, in SI units.
