@@ -28,6 +28,13 @@ def is_finite(values: FloatArray) -> bool:
     return all(bool(np.isfinite(values[at]).all()) for at in blocks(values.shape[0]))
 
 
+def at_rows(values: Array, rows: IndexArray) -> Array:
+    """Values at increasing rows; a view where the rows follow each other."""
+    if rows.size and rows[-1] - rows[0] + 1 == rows.size:
+        return values[rows[0] : rows[-1] + 1]
+    return np.asarray(values[rows])
+
+
 @dataclass(frozen=True)
 class Signal:
     """One quantity over time, in SI units.

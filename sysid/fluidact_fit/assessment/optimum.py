@@ -189,6 +189,11 @@ class Optimum:
         return root_mean_square(self.residuals)
 
     @property
+    def samples(self) -> int:
+        """Samples of all series that were used."""
+        return sum(r.size for r in self.residuals)
+
+    @property
     def roles(self) -> tuple[str, ...]:
         """The channels that were fitted."""
         return tuple(dict.fromkeys(s.role for s in self.series))
