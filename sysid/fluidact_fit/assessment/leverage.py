@@ -107,8 +107,7 @@ def measure_influence(
     if np.min(np.abs(np.diag(triangle))) < 1e-9:
         return None
     inverse = np.linalg.inv(triangle) / scale[:, None]
-    by_row = inverse.T / known  # errors by a row of the orthogonal factor
-    reach = float(np.linalg.norm(by_row, axis=0).max())
+    reach = float((np.linalg.norm(inverse, axis=1) / known).max())
     scatter = _Scatter.of(residuals, p)
     limit = _limit(n, n - p - 1)
     leverage, most, effects = 0.0, 0.0, []
@@ -116,14 +115,14 @@ def measure_influence(
     for series, part in ((k, at) for k, r in enumerate(residuals) for at in blocks(r.size)):
         r = residuals[series][part]
         q = jacobians[series][part] @ inverse
-        own = np.minimum(np.einsum("ij,ij->i", q, q), 1.0 - 1e-9)
+        own = np.minimum(np.sum(q**2, axis=1), 1.0 - 1e-9)
         leverage = max(leverage, float(own.max()))
         # no parameter moves by more than this; what that leaves is looked at closely
         moved = np.sqrt(own) * np.abs(r) * (reach / (1.0 - own))
         near = (moved >= _CLOSE * min(most, _CARRIES)) | scatter.may_be_odd(r, own, limit)
         rows = np.flatnonzero(near)
         own, deviations = own[rows], scatter.studentised(r[rows], own[rows])
-        errors = (q[rows] * (r[rows] / (1.0 - own))[:, None]) @ by_row
+        errors = (q[rows] * (r[rows] / (1.0 - own))[:, None]) @ inverse.T / known
         size, strange = np.abs(errors).max(axis=1), np.abs(deviations) > limit
         most = max(most, float(size.max(initial=0.0)))
         odd[series][part.start + rows] = strange
