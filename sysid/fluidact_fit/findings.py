@@ -12,6 +12,7 @@ import numpy as np
 
 from .assessment import (
     Outlier,
+    all_of,
     diagnose,
     find_outliers,
     judge,
@@ -212,7 +213,7 @@ def _validity(variant: Variant, fitted: Sequence[Simulation]) -> dict[str, Any]:
             if role.name not in e:
                 continue
             s = e.signals[role.name]
-            used = s.values[np.isfinite(y)] if s.values.size == y.size else s.values
+            used = all_of(s.values, np.isfinite(y)) if s.values.size == y.size else s.values
             ends = np.append(used, s.before) if s.values.size == 1 else used
             if ends.size:
                 lows.append(float(f"{ends.min():.12g}"))  # 1.1035 bar is 110350 Pa, not less

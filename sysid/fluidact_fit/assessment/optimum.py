@@ -320,15 +320,15 @@ def _series(
     series, residuals = [], []
     output = variant.output.name
     for run, s in enumerate(fitted):
-        channels = {output: (s.measured, s.simulated)}
+        channels = {output: (s.measured, s.simulated, s.residual)}
         if estimate.sensitivity_also:
             fits = estimate.sensitivity_also[run]
-            channels |= {r: pair for r, pair in s.others.items() if r in fits}
-        for role, (measured, simulated) in channels.items():
+            channels |= {r: (y, x, y - x) for r, (y, x) in s.others.items() if r in fits}
+        for role, (measured, simulated, residual) in channels.items():
             used = np.isfinite(measured)
             level = role == output and s.offset is not None
             series.append(Series(run, role, s.experiment, simulated, used, own_level=level))
-            residuals.append(all_of(measured - simulated, used))
+            residuals.append(all_of(residual, used))
     if all(s.role == output for s in series):
         return series, residuals
     size = {}

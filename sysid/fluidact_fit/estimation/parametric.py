@@ -31,7 +31,7 @@ _PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small 
 _MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
 _NEAR = 1e-7  # damping of a search that begins near its end
 DECISIVE = 12.0  # twice the log-likelihood ratio that tells one value from another
-_DECIDED = 10.0 * DECISIVE  # beyond all doubt
+DECIDED = 10.0 * DECISIVE  # beyond all doubt
 
 
 @dataclass(frozen=True)
@@ -286,7 +286,7 @@ def _without_effect(
         if part is not None:
             some = part.scaled(attempt.factors)
             own = solve(bind(some, unknowns, attempt.held), attempt.best.eta, tolerance=0.05)
-            if _idle_rise(some, unknowns, attempt, (name, value), own.cost, unit) > _DECIDED:
+            if _idle_rise(some, unknowns, attempt, (name, value), own.cost, unit) > DECIDED:
                 continue
         rise = _idle_rise(attempt.fair, unknowns, attempt, (name, value), attempt.best.cost, unit)
         if rise < DECISIVE:
@@ -313,7 +313,7 @@ def _idle_rise(
     for limit in (3, 20):  # most are decided at once
         found = solve(problem, begin, tolerance=0.05, max_iterations=limit)
         rise = (found.cost - cost) / unit
-        if rise > _DECIDED:
+        if rise > DECIDED:
             break
         begin = found.eta
     return float(rise)

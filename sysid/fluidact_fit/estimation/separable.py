@@ -182,9 +182,9 @@ def _finish(
     found = [tangent.finish(fit, i) for i in range(len(fit.tables))]
     return Solution(
         fit.eta, fit.linear, fit.local, fit.cost,
-        residuals=[residuals for residuals, _, _ in found],
-        simulated=[simulated for _, simulated, _ in found],
-        jacobian=[jacobian for _, _, jacobian in found],
+        residuals=[residuals for residuals, _ in found],
+        simulate=fit.simulate,
+        jacobian=[jacobian for _, jacobian in found],
         local_counts=tuple(t.own.shape[1] for t in fit.tables),
         active=np.concatenate((on_bound, fit.linear_active)),
         iterations=count, converged=converged,

@@ -15,10 +15,11 @@ from ...estimation.input_noise import InputNoise, moving_inputs
 from ...estimation.named_input_noise import correct_named
 from ...estimation.named_model import NamedModel, bind
 from ...estimation.noise import noise_floor
-from ...estimation.parametric import DECISIVE, Fitted, fit_named, information_units
+from ...estimation.parametric import DECIDED, DECISIVE, Fitted, fit_named, information_units
 from ...estimation.problem import Problem, Unknown
 from ...estimation.results import Refusal, refuse
 from ...estimation.separable import Search, profile, solve_from
+from ...estimation.uncertainty import middle_of
 from ...estimation.whitening import Whitening
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, ParameterSpec, Request
@@ -116,7 +117,7 @@ def unrecorded_time(
         early = e[output][answers_to_the_past(e, dead_time)]
         if early.size < 3 or any(s.time.size == 1 for s in e.signals.values()):
             continue
-        noise = noise_floor(e[output], 4)
+        noise = noise_floor(e[output][middle_of(e.samples)], 4)
         if np.var(early) > noise**2 * (1.0 + 6.0 * np.sqrt(2.0 / early.size)):
             return float(unrecorded)
     return None
@@ -191,7 +192,7 @@ class TransferFit:
         self.request.progress("fitting")
         model = self.make(self.experiments, rest)
         fitted = self._fit(model, ends, part)
-        self._refuse_ambiguous(fitted, model, places)
+        self._refuse_ambiguous(fitted, model, places, part)
         fitted, found = self._allow_for_input_noise(fitted, rest)
         tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
         return replace(fitted, search=tried, remarks=found), rest
@@ -237,12 +238,17 @@ class TransferFit:
         return search
 
     def _refuse_ambiguous(
-        self, fitted: Fitted, model: NamedModel, places: Sequence[Mapping[str, float]]
+        self,
+        fitted: Fitted,
+        model: NamedModel,
+        places: Sequence[Mapping[str, float]],
+        part: NamedModel | None,
     ) -> None:
         """Refuse what has two values, far apart, that the data cannot tell from each other.
 
         ``places`` are where a rough search ended. A closer one may slide from there, along a
-        valley that hardly falls, to the best: what they cost tells whether it does.
+        valley that hardly falls, to the best: what they cost tells whether it does. Those that are
+        out of the question on ``part`` of long logs need no look at the others.
 
         Raises
         ------
@@ -258,6 +264,10 @@ class TransferFit:
         errors = np.array([fitted.std_error(n) for n in names])
         points = [_vector(problem, {**p, **held}) for p in places]
         far = [eta for eta in points if np.any(np.abs(eta - best.eta) > _OTHER * errors)]
+        if part is not None and far:
+            some = bind(part.scaled(fitted.factors), self.unknowns, held)
+            least, *others = profile(some, np.array([best.eta, *far]))
+            far = [eta for eta, cost in zip(far, others) if cost - least < DECIDED * unit]
         rivals = [(s.eta, s.cost) for s in fitted.search.rivals]
         for eta, cost in [*rivals, *zip(far, profile(problem, np.array(far)))]:
             if cost - best.cost >= DECISIVE * unit:

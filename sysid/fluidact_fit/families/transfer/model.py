@@ -276,8 +276,12 @@ def time_scales(experiments: Sequence[Experiment]) -> tuple[float, float]:
 
 def answers_to_the_past(experiment: Experiment, unrecorded: float) -> npt.NDArray[np.bool_]:
     """Samples within ``unrecorded`` [s] of the start; none of a run not even twice as long."""
-    since = experiment.time - experiment.time[0]
-    return np.asarray((since < unrecorded) & (since[-1] > 2.0 * unrecorded))
+    time = experiment.time
+    early = np.zeros(time.size, dtype=bool)
+    if time[-1] - time[0] > 2.0 * unrecorded:
+        first = time[: np.searchsorted(time, time[0] + 2.0 * unrecorded)]
+        early[: first.size] = first - time[0] < unrecorded
+    return early
 
 
 def are_short(experiments: Sequence[Experiment]) -> bool:
