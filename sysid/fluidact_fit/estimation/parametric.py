@@ -24,7 +24,7 @@ from .named_model import NamedModel, bind
 from .problem import Solution, Unknown
 from .profile_likelihood import Interval, profile_interval
 from .results import Refusal, Solved, determine, left_open
-from .separable import Search, solve, solve_from
+from .separable import Search, settled, solve, solve_from
 from .uncertainty import covariance, t_quantile
 
 _PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
@@ -255,6 +255,8 @@ def _attempt(
     if factors:
         fair = model.scaled(factors)
         best = solve(bind(fair, unknowns, held), best.eta, **limits)
+    if rows >= _MANY:
+        best = settled(bind(fair, unknowns, held), best, limits["tolerance"])
     found = fair.uncertainty(best)
     names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
     values = dict(zip(names, (*best.eta, *best.linear)))

@@ -27,6 +27,7 @@ from ...units import after_number
 from .model import answers_to_the_past, are_short
 
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
+_LONGER = 800_000  # samples of a closer start, where there are far more
 _NEGLIGIBLE = 0.25  # standard errors that noise of the input may make without being allowed for
 _VALLEYS = 4  # of a grid search, from which the fit begins
 _RIVALS = 6  # places far from the best that are searched
@@ -185,10 +186,12 @@ class TransferFit:
         ends = places[:3]
         part: NamedModel | None = None
         if sum(e.samples for e in self.experiments) > _MANY:
-            part = self.make(_shorten(self.experiments, self.output, _MANY // 4), rest)
-            middle = bind(part, self.unknowns, held)
-            closer = solve_from(middle, [_vector(middle, s) for s in ends], tolerance=1e-2)
-            ends = [{**held, **dict(zip(names, closer.best.eta))}]
+            part = self._part(_MANY // 4, rest)
+            ends = self._closer(part, ends)
+            if self.idle and sum(e.samples for e in self.experiments) > 8 * _LONGER:
+                # with edges in it the model is far from linear: from farther off, each step over
+                # everything would be followed by others
+                ends = self._closer(self._part(_LONGER, rest), ends)
         self.request.progress("fitting")
         model = self.make(self.experiments, rest)
         fitted = self._fit(model, ends, part)
@@ -196,6 +199,19 @@ class TransferFit:
         fitted, found = self._allow_for_input_noise(fitted, rest)
         tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
         return replace(fitted, search=tried, remarks=found), rest
+
+    def _part(self, samples: int, rest: bool) -> NamedModel:
+        """The model of part of the logs."""
+        return self.make(_shorten(self.experiments, self.output, samples), rest)
+
+    def _closer(
+        self, part: NamedModel, starts: Sequence[Mapping[str, float]]
+    ) -> list[dict[str, float]]:
+        """The best that a part leads to from some starts."""
+        problem = bind(part, self.unknowns, self._held)
+        found = solve_from(problem, [_vector(problem, s) for s in starts], tolerance=1e-2)
+        names = [u.name for u in problem.nonlinear]
+        return [{**self._held, **dict(zip(names, found.best.eta))}]
 
     def _fit(
         self, model: NamedModel, starts: Sequence[Mapping[str, float]], part: NamedModel | None
