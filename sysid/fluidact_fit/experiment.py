@@ -28,6 +28,11 @@ def is_finite(values: FloatArray) -> bool:
     return all(bool(np.isfinite(values[at]).all()) for at in blocks(values.shape[0]))
 
 
+def all_of(values: FloatArray, used: BoolArray) -> FloatArray:
+    """Values at some samples; without a copy where it is all of them."""
+    return values if used.all() else values[used]
+
+
 def at_rows(values: Array, rows: IndexArray) -> Array:
     """Values at increasing rows; a view where the rows follow each other."""
     if rows.size and rows[-1] - rows[0] + 1 == rows.size:

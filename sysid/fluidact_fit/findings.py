@@ -12,7 +12,6 @@ import numpy as np
 
 from .assessment import (
     Outlier,
-    all_of,
     diagnose,
     find_outliers,
     judge,
@@ -21,7 +20,7 @@ from .assessment import (
     residual_whiteness,
 )
 from .errors import Notice
-from .experiment import Experiment, Hold
+from .experiment import Experiment, Hold, all_of
 from .families import get_family
 from .family import (
     Estimate,

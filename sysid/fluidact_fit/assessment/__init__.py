@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from .beside import all_of
 from .diagnosis import diagnose
 from .optimum import make_optimum
 from .outliers import Outlier, find_outliers, most_outliers, outlier_notice, set_aside
@@ -10,7 +9,6 @@ from .verdict import judge, residual_whiteness
 
 __all__ = [
     "Outlier",
-    "all_of",
     "diagnose",
     "find_outliers",
     "judge",

@@ -19,11 +19,10 @@ from ..estimation.inputs import choose_hold
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.noise import noise_floor
 from ..estimation.uncertainty import fit_autoregression, innovations
-from ..experiment import FloatArray, Hold, Signal
+from ..experiment import FloatArray, Hold, Signal, all_of
 from ..family import Estimate, Family, FamilyOptions, Plant, Value, Variant
 from ..outcome import Simulation, sum_of_squares
 from ..units import as_share
-from .beside import all_of
 from .channels import judge_channels
 from .conditional import find_conditional
 from .given import find_reliance

@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import Experiment, FloatArray
+from ..experiment import Experiment, FloatArray, all_of
 from ..family import Estimate, Family, FamilyOptions, Plant, Simulated, Variant
 from ..outcome import Simulation
 from ..units import after_number
-from .beside import Beside, all_of
+from .beside import Beside
 from .copies import Copies
 from .leverage import Influence, measure_influence
 

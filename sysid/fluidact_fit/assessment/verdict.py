@@ -8,9 +8,9 @@ import numpy as np
 
 from ..errors import Notice
 from ..estimation.uncertainty import Whiteness, whiteness
+from ..experiment import all_of
 from ..notices import is_information
 from ..outcome import Agreement, Simulation, percent_text
-from .beside import all_of
 
 
 def residual_whiteness(fitted: Sequence[Simulation], unknowns: int) -> Whiteness:

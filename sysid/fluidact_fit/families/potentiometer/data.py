@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from ...errors import LogError, NotIdentifiedError
-from ...experiment import BoolArray, Experiment, FloatArray
+from ...estimation.blocks import joined
+from ...experiment import BoolArray, Experiment, FloatArray, all_of
 from .calibration import rising_share
 from .rational_bezier import CurveFit, Rows, Shape, group
 
@@ -37,6 +39,10 @@ class Data:
     in_order: bool
     unit: str
 
+    def kept(self, values: FloatArray) -> FloatArray:
+        """Values at the used samples."""
+        return all_of(values, self.used)
+
     @property
     def sizes(self) -> list[int]:
         """Number of used samples of each log that has any."""
@@ -59,16 +65,21 @@ def contiguous_parts(sizes: Sequence[int]) -> list[slice]:
 
 def gather(experiments: Sequence[Experiment]) -> Data:
     """All samples of all logs, in order."""
-    reading = np.concatenate([e["reading"] for e in experiments])
-    reference = np.concatenate([e["reference"] for e in experiments])
+    reading = joined([e["reading"] for e in experiments])
+    reference = joined([e["reference"] for e in experiments])
     ends = np.cumsum([e["reading"].size for e in experiments]).tolist()
     parts = tuple(slice(begin, end) for begin, end in pairwise([0, *ends]))
     used = np.isfinite(reading) & np.isfinite(reference)
     timed = all(e.time.size > 0 for e in experiments)
-    steps = np.concatenate([np.diff(reading[p]) for p in parts])
-    in_order = timed or bool(np.nanmin(steps, initial=0.0) < 0.0 < np.nanmax(steps, initial=0.0))
+    in_order = timed or _goes_to_and_fro([reading[p] for p in parts])
     unit = experiments[0].signals["reading"].unit
     return Data(reading, reference, parts, used, in_order, unit)
+
+
+def _goes_to_and_fro(readings: Sequence[FloatArray]) -> bool:
+    """Whether a reading rises as well as it falls."""
+    steps = np.concatenate([np.diff(x) for x in readings])
+    return bool(np.nanmin(steps, initial=0.0) < 0.0 < np.nanmax(steps, initial=0.0))
 
 
 def check_data(data: Data) -> None:
@@ -80,8 +91,9 @@ def check_data(data: Data) -> None:
             remedy="Correct --rails, --window or the columns.",
         )
     for name, values in (("reading", data.reading), ("reference", data.reference)):
-        kept = values[data.used]
-        if np.ptp(kept) <= 1e-12 * np.abs(kept).max():
+        kept = data.kept(values)
+        low, high = float(kept.min()), float(kept.max())
+        if high - low <= 1e-12 * max(high, -low):
             raise NotIdentifiedError(
                 f"the {name} is {kept[0]:g} in all {kept.size} samples.",
                 expected="A calibration needs readings at several positions.",
@@ -105,6 +117,11 @@ class Scaled:
     merged: Rows
     key: npt.NDArray[np.intp] | None
 
+    @cached_property
+    def positions(self) -> npt.NDArray[np.intp] | None:
+        """Which of the positions at which readings were taken each row belongs to."""
+        return find_positions(self.rows.t)
+
     def evaluate(self, fit: CurveFit) -> FloatArray:
         """Value of a curve at all rows."""
         if self.key is None:
@@ -119,19 +136,25 @@ class Scaled:
 
 def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
     """Scale the used samples; without a dead band between branches there is one curve."""
-    x, y = data.reading[data.used], data.reference[data.used]
+    x, y = data.kept(data.reading), data.kept(data.reference)
     low, span, base, stroke = float(x.min()), float(np.ptp(x)), float(y.min()), float(np.ptp(y))
     alike = np.broadcast_to(1.0, x.shape)  # takes no memory
     share = alike
     if dead_band is not None:  # each log from its own start
         shares = [rising_share(data.reading[p], dead_band) for p in data.parts]
         share = np.concatenate(shares)[data.used]
-    rows = Rows((x - low) / span, (y - base) / stroke, alike, share)
+    rows = Rows(_scaled(x, low, span), _scaled(y, base, stroke), alike, share)
     if dead_band is None and x.size > MANY:
         places, key = group(x)
         if 4 * places.size < x.size:
             return Scaled(rows, low, span, base, stroke, rows.merge(key), key)
     return Scaled(rows, low, span, base, stroke, rows, None)
+
+
+def _scaled(values: FloatArray, low: float, span: float) -> FloatArray:
+    out = values - low
+    out /= span
+    return out
 
 
 def find_positions(t: FloatArray) -> npt.NDArray[np.intp] | None:

@@ -31,7 +31,7 @@ def prepare(
             rails, suspects, notices = find_rails(data)
         else:
             rails, notices = widen_rails(data, options.rails)
-        left_out = not between(data.reading, rails)[data.used].all()
+        left_out = not (between(data.reading, rails) | ~data.used).all()
         named = ",".join(repr(s) for s in suspects) or None
         options = replace(options, rails=rails, clipped=left_out, suspects=named)
     data = replace(data, used=data.used & between(data.reading, options.rails))
@@ -107,7 +107,7 @@ def find_rails(data: Data) -> tuple[tuple[float, float] | None, list[float], lis
     Returns the rails (``None`` where both ends are sound), readings at or beyond which nothing
     is used, the extreme readings that are warned of and stay, and the warnings.
     """
-    reading, reference = data.reading[data.used], data.reference[data.used]
+    reading, reference = data.kept(data.reading), data.kept(data.reference)
     distinct, key = group(reading)
     if distinct.size < 6:
         return None, [], []
