@@ -165,6 +165,11 @@ class TransferFit:
         return {r.parameter: float(r.hold or 0.0) for r in self.refusals}
 
     @property
+    def _are_very_long(self) -> bool:
+        """Whether a longer part than the first is still a small part of the logs."""
+        return sum(e.samples for e in self.experiments) > 8 * _LONGER
+
+    @property
     def _held(self) -> dict[str, float]:
         return {**self._refused, **self.request.fixed}
 
@@ -188,13 +193,15 @@ class TransferFit:
         if sum(e.samples for e in self.experiments) > _MANY:
             part = self._part(_MANY // 4, rest)
             ends = self._closer(part, ends)
-            if self.idle and sum(e.samples for e in self.experiments) > 8 * _LONGER:
+            if self.idle and self._are_very_long:
                 # with edges in it the model is far from linear: from farther off, each step over
                 # everything would be followed by others
                 ends = self._closer(self._part(_LONGER, rest), ends)
         self.request.progress("fitting")
         model = self.make(self.experiments, rest)
         fitted = self._fit(model, ends, part)
+        if self._are_very_long:
+            part = self._part(_LONGER, rest)
         self._refuse_ambiguous(fitted, model, places, part)
         fitted, found = self._allow_for_input_noise(fitted, rest)
         tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
