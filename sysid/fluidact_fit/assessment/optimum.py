@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import Experiment, FloatArray, all_of
+from ..experiment import BLOCK_ROWS, Experiment, FloatArray, all_of, is_finite
 from ..family import Estimate, Family, FamilyOptions, Plant, Simulated, Variant
 from ..outcome import Simulation
 from ..units import after_number
@@ -161,9 +161,11 @@ class Optimum:
         out = []
         for s, values, old in zip(self.series, found, before, strict=True):
             more = all_of(values - old, s.used)
-            more /= s.scale
-            # what another input leaves undescribed says nothing of the change
-            out.append(np.nan_to_num(more, copy=False, nan=0.0, posinf=np.inf, neginf=-np.inf))
+            if s.scale != 1.0:
+                more /= s.scale
+            if not is_finite(more):  # what another input leaves undescribed says nothing of it
+                np.nan_to_num(more, copy=False, nan=0.0, posinf=np.inf, neginf=-np.inf)
+            out.append(more)
         return out
 
     @cached_property
@@ -344,7 +346,11 @@ def _differences(at: Optimum, column: Sequence[int], represented: bool = False) 
 
     ``column`` is the one that the derivative by every parameter belongs to.
     """
-    out = [np.zeros((r.size, max(column) + 1)) for r in at.residuals]
+    # of long records each derivative lies together: they are filled in one by one
+    out = [
+        np.zeros((r.size, max(column) + 1), order="F" if r.size > BLOCK_ROWS else "C")
+        for r in at.residuals
+    ]
     for name, error, k in zip(at.names, at.errors, column):
         ends = [
             at.change(plant=moved(at.plant, name, s * _STEP * error), represented=represented)

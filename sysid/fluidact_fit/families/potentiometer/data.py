@@ -39,6 +39,11 @@ class Data:
     in_order: bool
     unit: str
 
+    @cached_property
+    def grouped(self) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+        """Distinct readings of the used samples in order, and which of them each one is."""
+        return group(self.kept(self.reading))
+
     def kept(self, values: FloatArray) -> FloatArray:
         """Values at the used samples."""
         return all_of(values, self.used)
@@ -145,7 +150,7 @@ def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
         share = np.concatenate(shares)[data.used]
     rows = Rows(_scaled(x, low, span), _scaled(y, base, stroke), alike, share)
     if dead_band is None and x.size > MANY:
-        places, key = group(x)
+        places, key = data.grouped
         if 4 * places.size < x.size:
             return Scaled(rows, low, span, base, stroke, rows.merge(key), key)
     return Scaled(rows, low, span, base, stroke, rows, None)
