@@ -112,6 +112,7 @@ class Scaled:
 
     ``rows`` are all of them, in the order of the logs. ``merged`` are those that share a
     reading in one, where that says the same: ``key`` tells which of them a row went into.
+    ``grouped`` are the distinct places of many rows in order, and which of them each row is at.
     """
 
     rows: Rows
@@ -121,11 +122,16 @@ class Scaled:
     stroke: float
     merged: Rows
     key: npt.NDArray[np.intp] | None
+    grouped: tuple[FloatArray, npt.NDArray[np.intp]] | None = None
 
     @cached_property
     def positions(self) -> npt.NDArray[np.intp] | None:
         """Which of the positions at which readings were taken each row belongs to."""
-        return find_positions(self.rows.t)
+        if self.grouped is None:
+            return find_positions(self.rows.t)
+        places, key = self.grouped
+        found = _divide(places, key.size)
+        return None if found is None else found[key]
 
     def evaluate(self, fit: CurveFit) -> FloatArray:
         """Value of a curve at all rows."""
@@ -150,9 +156,11 @@ def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
         share = np.concatenate(shares)[data.used]
     rows = Rows(_scaled(x, low, span), _scaled(y, base, stroke), alike, share)
     if dead_band is None and x.size > MANY:
-        places, key = data.grouped
-        if 4 * places.size < x.size:
-            return Scaled(rows, low, span, base, stroke, rows.merge(key), key)
+        readings, key = data.grouped
+        grouped = _scaled(readings, low, span), key
+        if 4 * readings.size < x.size:
+            return Scaled(rows, low, span, base, stroke, rows.merge(key), key, grouped)
+        return Scaled(rows, low, span, base, stroke, rows, None, grouped)
     return Scaled(rows, low, span, base, stroke, rows, None)
 
 
@@ -170,7 +178,17 @@ def find_positions(t: FloatArray) -> npt.NDArray[np.intp] | None:
     ``None`` where they do not: a sweep, or one reading at each position.
     """
     order = np.argsort(t, kind="stable")
-    gaps = np.diff(t[order])
+    found = _divide(t[order], t.size)
+    if found is None:
+        return None
+    key = np.empty(t.size, dtype=np.intp)
+    key[order] = found
+    return key
+
+
+def _divide(places: FloatArray, samples: int) -> npt.NDArray[np.intp] | None:
+    """The same for places in order, at each of which some of the samples lie."""
+    gaps = np.diff(places)
     size = np.sort(gaps[gaps > 0.0])
     apart = 0.0
     if size.size:
@@ -178,13 +196,11 @@ def find_positions(t: FloatArray) -> npt.NDArray[np.intp] | None:
         k = int(np.argmax(ratios)) if ratios.size else 0
         apart = float(size[k + 1]) if ratios.size and ratios[k] > _BREAK else float(size[0])
     groups = 1 + int(np.count_nonzero(gaps >= apart)) if apart else 0
-    if not 3 <= groups <= min(_MOST_POSITIONS, t.size // 2):
+    if not 3 <= groups <= min(_MOST_POSITIONS, samples // 2):
         return None
     if float(size[size >= apart].sum()) < 0.8 * float(size.sum()):
         return None
-    key = np.empty(t.size, dtype=np.intp)
-    key[order] = np.concatenate(([0], np.cumsum(gaps >= apart)))
-    return key
+    return np.concatenate(([0], np.cumsum(gaps >= apart)))
 
 
 def position_count(rows: Rows) -> int:
