@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import LogError, Notice
-from ..experiment import FloatArray, is_finite
+from ..experiment import FloatArray, counted, is_finite
 from .clock import read_clocks
 from .groups import complete, merge
 from .layout import NUMBER, Layout
@@ -121,7 +121,7 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         if not _may_have_holes(columns, layout):
             return None
         bad = _collect_bad(columns, data, offset, layout)
-    lines = np.arange(layout.first_row + 1, layout.first_row + 1 + rows, dtype=np.int64)
+    lines = counted(layout.first_row + 1, layout.first_row + 1 + rows)
     if bad is None or set(_cut_otherwise(bad, rows)):
         return None
     return Table(tuple(columns), bad, lines, (), layout.notices, rows)
@@ -297,7 +297,7 @@ def _with_numbers(
 ) -> Table:
     """Turn the cells of the rows into numbers, and their clocks and groups into one time."""
     columns = list(zip(*split.rows))
-    lines = np.array(split.lines, dtype=np.int64)
+    lines: IntArray = np.array(split.lines, dtype=np.int64)
     read = [
         (np.empty(0), {}) if k in layout.clocks else _to_numbers(cells, layout)
         for k, cells in enumerate(columns)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import LogError, Notice
-from ..experiment import BoolArray, FloatArray, IndexArray, blocks
+from ..experiment import BoolArray, FloatArray, IndexArray, blocks, counted
 from .columns import Binding, require_numbers
 from .log import Log, count_of, name_lines
 
@@ -44,13 +44,13 @@ class Run:
 
 def untimed_run(rows: int) -> Run:
     """Return all rows as one run without time."""
-    return Run(np.arange(rows), np.empty(0), 0.0, False)
+    return Run(counted(0, rows), np.empty(0), 0.0, False)
 
 
 def counted_run(rows: int, sample_time: float) -> Run:
     """Return all rows as one run on a grid that the user named [s]."""
     time = np.arange(rows, dtype=np.float64) * sample_time
-    return Run(np.arange(rows), time, sample_time, True)
+    return Run(counted(0, rows), time, sample_time, True)
 
 
 def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
@@ -59,7 +59,7 @@ def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
     Returns the runs in order, and what was repaired or left out. ``LogError`` when stamps are
     missing, step back or repeat without an explanation.
     """
-    rows = np.arange(log.rows)
+    rows = counted(0, log.rows)
     require_numbers(log, binding, rows)
     repair = _Repair(log)
     stamps = binding.column.values
