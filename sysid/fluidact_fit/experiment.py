@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
-IndexArray = npt.NDArray[np.intp]
+IndexArray = npt.NDArray[np.integer[Any]]
 Array = npt.NDArray[Any]  # real, or complex where derivatives are taken by complex steps
 Hold = Literal["zoh", "foh", "smooth", "auto"]
 BLOCK_ROWS = 1 << 15  # of a block: what is made of it stays in the cache
@@ -21,6 +21,28 @@ def blocks(rows: int) -> Iterator[slice]:
     """Cut a record into blocks; a record no longer than one, or an empty one, is one."""
     for begin in range(0, max(rows, 1), BLOCK_ROWS):
         yield slice(begin, min(begin + BLOCK_ROWS, rows))
+
+
+def is_finite(values: FloatArray) -> bool:
+    """Whether all numbers of a record are finite; shape ``(n,)``."""
+    return all(bool(np.isfinite(values[at]).all()) for at in blocks(values.shape[0]))
+
+
+def counted(begin: int, end: int) -> IndexArray:
+    """Whole numbers from one up to another, in half the memory where they are not too large."""
+    return np.arange(begin, end, dtype=np.int32 if end < 1 << 31 else np.int64)
+
+
+def all_of(values: FloatArray, used: BoolArray) -> FloatArray:
+    """Values at some samples; without a copy where it is all of them."""
+    return values if used.all() else values[used]
+
+
+def at_rows(values: Array, rows: IndexArray) -> Array:
+    """Values at increasing rows; a view where the rows follow each other."""
+    if rows.size and rows[-1] - rows[0] + 1 == rows.size:
+        return values[rows[0] : rows[-1] + 1]
+    return np.asarray(values[rows])
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from .errors import Notice
-from .experiment import Experiment, FloatArray
+from .experiment import Experiment, FloatArray, blocks
 from .family import Estimate, FamilyOptions, Quantity, Simulated, StaticView, Variant
 from .parameters.document import ParameterDocument
 
@@ -46,6 +47,12 @@ def common_level(runs: Sequence[Simulation]) -> float | None:
     return float(used.mean()) if used.size else None
 
 
+def sum_of_squares(values: FloatArray, reference: float = 0.0) -> float:
+    """Sum of squares of what values of shape ``(n,)`` are beside a reference."""
+    parts = (values[at] - reference if reference else values[at] for at in blocks(values.size))
+    return sum(float(np.sum(part**2)) for part in parts)
+
+
 def agreement(runs: Sequence[Simulation], level: float | None = None) -> Agreement:
     """Agreement of all runs together, samples at NaN left out.
 
@@ -58,13 +65,14 @@ def agreement(runs: Sequence[Simulation], level: float | None = None) -> Agreeme
     level = common_level(runs) if level is None else level
     error, spread, samples = 0.0, 0.0, 0
     for s in runs:
-        at = np.isfinite(s.residual)
+        residual = s.residual
+        at = np.isfinite(residual)
         if not at.any():
             continue
-        y = s.measured[at]
+        y, residual = (s.measured, residual) if at.all() else (s.measured[at], residual[at])
         reference = y.mean() if level is None else level
-        error += float(np.sum(s.residual[at] ** 2))
-        spread += float(np.sum((y - reference) ** 2))
+        error += sum_of_squares(residual)
+        spread += sum_of_squares(y, float(reference))
         samples += y.size
     rmse = float(np.sqrt(error / max(samples, 1)))
     fit = 100.0 if error == 0.0 else 0.0
@@ -111,7 +119,7 @@ class Simulation:
         also = {role: values for role, values in found.also.items() if role in experiment}
         return cls(experiment, simulated, measured, found.offset, also)
 
-    @property
+    @cached_property
     def residual(self) -> FloatArray:
         """Measured less simulated, shape ``(n,)`` [SI]; NaN where a sample was left out."""
         return self.measured - self.simulated

@@ -249,3 +249,24 @@ def test_arguments_are_checked(tmp_path: Path, arguments: dict[str, object]) -> 
     path = write(tmp_path, "a,b\n" + "1,2\n" * 5)
     with pytest.raises(UsageError):
         read_log(path, **arguments)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("sign", "decimal"), [(",", "."), (";", ","), ("\t", ".")])
+def test_the_quick_reader_reads_what_python_reads(
+    tmp_path: Path, sign: str, decimal: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    odd = ["0.1000000000000000055511151231257827", "9007199254740993", "5e-324", "-0.0", "1."]
+    odd += ["nan", "-inf", "1e999", "nan(7)", "", "+1.5", " 2.5", "00012", "1E+05"]
+    rows = [["0.25", cell, "3.5"] for cell in ["0.3", *odd, *["1.25"] * 200]]
+    text = "".join(sign.join(row).replace(".", decimal) + sign + "\n" for row in rows)
+    path = write(tmp_path, sign.join("abc") + "\n" + text)
+    for some in (text, text.replace(f"{sign}+1{decimal}5", f"{sign}1{decimal}5")):
+        path.write_text(sign.join("abc") + "\n" + some, encoding="utf-8")
+        found = []
+        for limit in (0, 10**9):
+            monkeypatch.setattr(table_module, "FAST_FROM_BYTES", limit)
+            found.append(read_log(path))
+        for quick, careful in zip(found[0].columns, found[1].columns, strict=True):
+            assert quick.values.tobytes() == careful.values.tobytes()
+            assert quick.bad == careful.bad
+        assert found[0].account == found[1].account

@@ -15,7 +15,7 @@ import numpy as np
 from ..estimation.blocks import condense, joined
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.uncertainty import fit_autoregression, innovations, middle_of
-from ..experiment import BoolArray, FloatArray, blocks
+from ..experiment import FloatArray, blocks
 
 _ORDER = 25  # highest of the autoregression that whitens the residual
 
@@ -129,8 +129,3 @@ class Beside:
                      for at in blocks(middle.stop - middle.start))  # fmt: skip
             out.append(joined([self._table(k, at) @ found for at in parts]) - mean)
         return out
-
-
-def all_of(values: FloatArray, used: BoolArray) -> FloatArray:
-    """Values at some samples; without a copy where it is all of them."""
-    return values if used.all() else values[used]

@@ -19,9 +19,9 @@ from ..estimation.inputs import choose_hold
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.noise import noise_floor
 from ..estimation.uncertainty import fit_autoregression, innovations
-from ..experiment import FloatArray, Hold, Signal
+from ..experiment import FloatArray, Hold, Signal, all_of
 from ..family import Estimate, Family, FamilyOptions, Plant, Value, Variant
-from ..outcome import Simulation
+from ..outcome import Simulation, sum_of_squares
 from ..units import as_share
 from .channels import judge_channels
 from .conditional import find_conditional
@@ -134,11 +134,14 @@ def _noise_or_model(fitted: Sequence[Simulation], through: Sequence[float]) -> f
     """
     error, floor = 0.0, 0.0
     for s, own in zip(fitted, through):
-        used = np.isfinite(s.residual)
-        if used.sum() < 50:
+        residual = s.residual
+        used = np.isfinite(residual)
+        samples = np.count_nonzero(used)
+        if samples < 50:
             continue
-        error += float(np.sum(s.residual[used] ** 2))
-        floor += float(used.sum()) * (noise_floor(s.measured[used], robust=False) ** 2 + own)
+        error += sum_of_squares(all_of(residual, used))
+        noise = noise_floor(all_of(s.measured, used), robust=False)
+        floor += float(samples) * (noise**2 + own)
     return sqrt(error / floor) if floor > 0.0 else None
 
 
@@ -335,13 +338,14 @@ def _cross_correlation(
 
 def _whitened(run: Simulation, role: str) -> tuple[FloatArray, FloatArray] | None:
     """Innovations of input and residual, of unit variance; None when one has none."""
-    residual = run.residual
-    if role not in run.experiment or run.experiment.signals[role].time.size != residual.size:
+    size = run.measured.size
+    if role not in run.experiment or run.experiment.signals[role].time.size != size:
         return None
-    if residual.size < 100 or not np.all(np.isfinite(residual[:_SERIES])):
+    residual = run.measured[:_SERIES] - run.simulated[:_SERIES]
+    if size < 100 or not np.all(np.isfinite(residual)):
         return None
     out = []
-    for series in (run.experiment[role][:_SERIES], residual[:_SERIES]):
+    for series in (run.experiment[role][:_SERIES], residual):
         centred = series - series.mean()
         a, variance = fit_autoregression([centred], _PAST)
         innovation = innovations(centred, a)[_PAST - a.size :]

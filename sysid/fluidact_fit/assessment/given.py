@@ -41,9 +41,12 @@ class Reliance:
 
 def find_reliance(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """What every given number would do, for the file; it is no fault of the fit."""
-    found = {"one_sample_late": _late(at), "one_percent_more": _other_numbers(at)}
+    part = at.part
+    found = {"one_sample_late": _late(part), "one_percent_more": _other_numbers(part)}
+    # what a part shows, the whole shows by as much more as the root of their samples
+    more = float(np.sqrt(at.samples / part.samples))
     table = {
-        key: {name: _entry(_reliance(at, name, columns)) for name, columns in rows}
+        key: {name: _entry(_reliance(part, name, columns, more)) for name, columns in rows}
         for key, rows in found.items()
     }
     return {key: rows for key, rows in table.items() if rows}, []
@@ -82,7 +85,7 @@ def _other_numbers(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
             yield option.name, at.change(plant=replace(at.plant, options=options))
 
 
-def _reliance(at: Optimum, name: str, columns: list[FloatArray]) -> Reliance:
+def _reliance(at: Optimum, name: str, columns: list[FloatArray], more: float) -> Reliance:
     """How the parameters make up for a change of the output, and what is left of it."""
     beside = at.beside_residual(columns)
     white = beside.whiten()
@@ -94,5 +97,5 @@ def _reliance(at: Optimum, name: str, columns: list[FloatArray]) -> Reliance:
     worst = int(np.argmax(np.abs(errors)))
     return Reliance(
         name, at.names[worst], float(shifts[worst]), float(errors[worst]),
-        float(np.linalg.norm(left)) / max(sigma, 1e-300),
+        more * float(np.linalg.norm(left)) / max(sigma, 1e-300),
     )  # fmt: skip

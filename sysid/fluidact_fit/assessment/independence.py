@@ -78,7 +78,7 @@ def _errors_by_blocks(at: Optimum) -> FloatArray:
     from scipy.special import chdtri
 
     bread, blind = inverse_information(condense(rows_of(at.jacobians)))
-    known, n = at.errors**2, sum(r.size for r in at.residuals)
+    known, n = at.errors**2, at.samples
     counts = [count for count in _BLOCKS if n >= count * _SHORTEST]
     out = np.zeros(known.size)
     if np.any(blind) or not counts:  # the output may say nothing of what was fitted to others
@@ -115,7 +115,7 @@ def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     entry = {"samples": independent}
     if independent >= _FEWEST * unknowns:
         return entry, []
-    samples = sum(r.size for r in at.residuals)
+    samples = at.samples
     return entry, [
         Notice(
             "few-independent-samples",

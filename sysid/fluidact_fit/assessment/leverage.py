@@ -23,6 +23,7 @@ _ODD = 1e-6  # probability of a residual that large among all samples
 _MOVES = 0.5  # standard errors by which an odd sample may move a parameter
 _CARRIES = 3.0  # standard errors by which any sample may
 _FAR = 10.0  # standard deviations that no noise reaches
+_CLOSE = 1.0 - 1e-9  # of a limit; rounding does not pass over what lies between
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,7 @@ def measure_influence(
     if np.min(np.abs(np.diag(triangle))) < 1e-9:
         return None
     inverse = np.linalg.inv(triangle) / scale[:, None]
+    reach = float((np.linalg.norm(inverse, axis=1) / known).max())
     scatter = _Scatter.of(residuals, p)
     limit = _limit(n, n - p - 1)
     leverage, most, effects = 0.0, 0.0, []
@@ -114,16 +116,21 @@ def measure_influence(
         r = residuals[series][part]
         q = jacobians[series][part] @ inverse
         own = np.minimum(np.sum(q**2, axis=1), 1.0 - 1e-9)
-        errors = (q * (r / (1.0 - own))[:, None]) @ inverse.T / known
-        size, deviations = np.abs(errors).max(axis=1), scatter.studentised(r, own)
-        leverage, most = max(leverage, float(own.max())), max(most, float(size.max()))
-        odd[series][part] = np.abs(deviations) > limit
+        leverage = max(leverage, float(own.max()))
+        # no parameter moves by more than this; what that leaves is looked at closely
+        moved = np.sqrt(own) * np.abs(r) * (reach / (1.0 - own))
+        near = (moved >= _CLOSE * min(most, _CARRIES)) | scatter.may_be_odd(r, own, limit)
+        rows = np.flatnonzero(near)
+        own, deviations = own[rows], scatter.studentised(r[rows], own[rows])
+        errors = (q[rows] * (r[rows] / (1.0 - own))[:, None]) @ inverse.T / known
+        size, strange = np.abs(errors).max(axis=1), np.abs(deviations) > limit
+        most = max(most, float(size.max(initial=0.0)))
+        odd[series][part.start + rows] = strange
         strong = (size > _MOVES) | (np.abs(deviations) > _FAR)
-        for i in np.flatnonzero((odd[series][part] & strong) | (size > _CARRIES)):
+        for i in np.flatnonzero((strange & strong) | (size > _CARRIES)):
             k = int(np.argmax(np.abs(errors[i])))
-            strange = bool(odd[series][part.start + i])
-            found = (float(own[i]), float(deviations[i]), strange, k, float(errors[i, k]))
-            effects.append(Effect(series, part.start + int(i), *found))
+            found = (float(own[i]), float(deviations[i]), bool(strange[i]), k, float(errors[i, k]))
+            effects.append(Effect(series, part.start + int(rows[i]), *found))
     return Influence(leverage, most, effects, odd, inverse)
 
 
@@ -131,8 +138,8 @@ def measure_influence(
 class _Scatter:
     """Size of the residuals of a fit of ``p`` unknowns.
 
-    ``squares`` is the sum of their squares, ``robust`` their standard deviation by the median,
-    ``largest`` the largest of them.
+    ``squares`` is the sum of their squares, ``robust`` their standard deviation by the median or
+    infinite where that is not far below the one by the squares, ``largest`` the largest of them.
     """
 
     samples: int
@@ -144,11 +151,29 @@ class _Scatter:
     @classmethod
     def of(cls, residuals: Sequence[FloatArray], p: int) -> _Scatter:
         """The scatter of all series together."""
+        n = sum(r.size for r in residuals)
+        squares = sum(float(r @ r) for r in residuals)
+        largest = max(float(max(r.max(), -r.min())) for r in residuals)
+        per_median = 1.4826 * np.sqrt(n / max(n - p, 1))
+        enough = np.sqrt(squares / max(n - p - 1, 1)) / (2.0 * per_median)
+        below = sum(
+            int(np.count_nonzero(np.abs(r[at]) < enough))
+            for r in residuals
+            for at in blocks(r.size)
+        )
+        if 2 * below < n - 1:
+            return cls(n, p, squares, np.inf, largest)
         size = np.concatenate([np.abs(r) for r in residuals])
-        n = size.size
-        squares, largest = float(size @ size), float(size.max())
         median = float(np.median(size, overwrite_input=True))
-        return cls(n, p, squares, 1.4826 * median * np.sqrt(n / max(n - p, 1)), largest)
+        return cls(n, p, squares, per_median * median, largest)
+
+    def may_be_odd(self, r: FloatArray, leverage: FloatArray, limit: float) -> BoolArray:
+        """Whether residuals may exceed a limit in standard deviations of the others."""
+        degrees = max(self.samples - self.p - 1, 1)
+        least = limit * np.sqrt(self.squares / (degrees + limit**2))
+        if self.robust > 0.0:
+            least = min(least, limit * 2.0 * self.robust)
+        return np.asarray(r**2 >= _CLOSE * least**2 * (1.0 - leverage))
 
     def studentised(self, r: FloatArray, leverage: FloatArray) -> FloatArray:
         """Residuals in standard deviations of the others, robust against many odd ones."""

@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import Experiment, FloatArray
+from ..experiment import BLOCK_ROWS, Experiment, FloatArray, all_of, is_finite
 from ..family import Estimate, Family, FamilyOptions, Plant, Simulated, Variant
 from ..outcome import Simulation
 from ..units import after_number
-from .beside import Beside, all_of
+from .beside import Beside
 from .copies import Copies
 from .leverage import Influence, measure_influence
 
@@ -161,9 +161,11 @@ class Optimum:
         out = []
         for s, values, old in zip(self.series, found, before, strict=True):
             more = all_of(values - old, s.used)
-            more /= s.scale
-            # what another input leaves undescribed says nothing of the change
-            out.append(np.nan_to_num(more, copy=False, nan=0.0, posinf=np.inf, neginf=-np.inf))
+            if s.scale != 1.0:
+                more /= s.scale
+            if not is_finite(more):  # what another input leaves undescribed says nothing of it
+                np.nan_to_num(more, copy=False, nan=0.0, posinf=np.inf, neginf=-np.inf)
+            out.append(more)
         return out
 
     @cached_property
@@ -187,6 +189,11 @@ class Optimum:
     def sigma(self) -> float:
         """Root mean square of the residuals [unit of the residuals]."""
         return root_mean_square(self.residuals)
+
+    @property
+    def samples(self) -> int:
+        """Samples of all series that were used."""
+        return sum(r.size for r in self.residuals)
 
     @property
     def roles(self) -> tuple[str, ...]:
@@ -315,15 +322,15 @@ def _series(
     series, residuals = [], []
     output = variant.output.name
     for run, s in enumerate(fitted):
-        channels = {output: (s.measured, s.simulated)}
+        channels = {output: (s.measured, s.simulated, s.residual)}
         if estimate.sensitivity_also:
             fits = estimate.sensitivity_also[run]
-            channels |= {r: pair for r, pair in s.others.items() if r in fits}
-        for role, (measured, simulated) in channels.items():
+            channels |= {r: (y, x, y - x) for r, (y, x) in s.others.items() if r in fits}
+        for role, (measured, simulated, residual) in channels.items():
             used = np.isfinite(measured)
             level = role == output and s.offset is not None
             series.append(Series(run, role, s.experiment, simulated, used, own_level=level))
-            residuals.append(all_of(measured - simulated, used))
+            residuals.append(all_of(residual, used))
     if all(s.role == output for s in series):
         return series, residuals
     size = {}
@@ -339,7 +346,11 @@ def _differences(at: Optimum, column: Sequence[int], represented: bool = False) 
 
     ``column`` is the one that the derivative by every parameter belongs to.
     """
-    out = [np.zeros((r.size, max(column) + 1)) for r in at.residuals]
+    # of long records each derivative lies together: they are filled in one by one
+    out = [
+        np.zeros((r.size, max(column) + 1), order="F" if r.size > BLOCK_ROWS else "C")
+        for r in at.residuals
+    ]
     for name, error, k in zip(at.names, at.errors, column):
         ends = [
             at.change(plant=moved(at.plant, name, s * _STEP * error), represented=represented)

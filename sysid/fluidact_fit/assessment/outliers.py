@@ -70,7 +70,7 @@ def find_outliers(at: Optimum | None) -> list[Outlier] | None:
     found = [e for e in influence.effects if e.outlying]
     if not found:
         return []
-    samples = sum(r.size for r in at.residuals)
+    samples = at.samples
     if len(found) > most_outliers(samples) or any(e.leverage >= _HELD for e in found):
         return None
     if not _alone(at, influence, found):

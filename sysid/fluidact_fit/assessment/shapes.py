@@ -18,8 +18,7 @@ import numpy as np
 
 from ..estimation.noise import noise_floor
 from ..estimation.recursion import behind_play
-from ..experiment import FloatArray
-from .beside import all_of
+from ..experiment import FloatArray, all_of
 from .optimum import Optimum, root_mean_square
 from .score import Term, fit_together
 

@@ -21,11 +21,10 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.noise import noise_floor
 from ..estimation.recursion import run_recursion
-from ..experiment import FloatArray, blocks
+from ..experiment import FloatArray, all_of, blocks
 from ..family import Departure, ParameterSpec, Role
 from ..options import describe
 from ..units import as_share
-from .beside import all_of
 from .noisy_inputs import beside_copies
 from .optimum import Optimum, Series, delayed, root_mean_square, shifted
 from .score import Score, Term, judge_term

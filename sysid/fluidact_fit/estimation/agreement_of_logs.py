@@ -73,11 +73,11 @@ def compare_logs(
         left out of the reference of those after them, so that one odd log does not
         make the others look odd.
     left_out
-        Root-mean-square error of every log predicted from all the others.
+        Root-mean-square error of every log predicted from all the others; of two none.
     """
     every = list(dict.fromkeys(logs))
     parts = {k: _part(jacobian, residuals, logs, k) for k in every}
-    left_out = {k: _predicted_error(parts, k) for k in every}
+    left_out = {k: _predicted_error(parts, k) for k in every} if len(every) > 2 else {}
     drifts: list[Drift] = []
     rest = dict(parts)
     tests = len(every) * len(names)

@@ -75,11 +75,23 @@ class Eliminated:
         cost = float(sum(float(r @ r) for r in rest))
         self.cost = cost if np.isfinite(cost) else np.inf
 
+    def is_whole(self, index: int) -> bool:
+        """Whether an experiment is of a single piece."""
+        return index in self._whole
+
     def pieces(self, index: int) -> Iterator[Basis]:
         """Columns of one experiment; one of a single piece is not computed again."""
         if index in self._whole:
             return iter((self._whole[index],))
         return self.problem.pieces(index, self.eta)
+
+    def simulate(self) -> list[FloatArray]:
+        """Output of the model for every experiment."""
+        return [
+            np.concatenate([b.known + b.shared @ self.linear + b.local @ local
+                            for b in self.pieces(index)])
+            for index, local in enumerate(self.local)
+        ]  # fmt: skip
 
     def _table(self, index: int) -> _Table:
         pieces = placed(self.problem.pieces(index, self.eta))
@@ -150,8 +162,15 @@ class Tangent:
             yield own(index, eta)
             return
         turned = [problem.pieces(index, eta + 1j * row) for row in np.diag(steps)]
-        for at, *moved in zip(self.fit.pieces(index), *turned, strict=True):
-            yield at, slopes_of(at, moved, steps)
+        if self.fit.is_whole(index) or not turned:
+            turned.insert(0, self.fit.pieces(index))
+            for at, *moved in zip(*turned, strict=True):
+                yield at, slopes_of(at, moved, steps)
+            return
+        for first, *others in zip(*turned, strict=True):
+            # so small a step changes no digit of a real part
+            at = Basis(np.real(first.known), np.real(first.shared), np.real(first.local))
+            yield at, slopes_of(at, (first, *others), steps)
 
     def normal(self) -> tuple[FloatArray, FloatArray]:
         """Derivatives, local and free shared columns projected out, and residuals."""
@@ -161,23 +180,23 @@ class Tangent:
         free = ~self.fit.linear_active
         return project_out(raw, shared[:, free]), rest - shared @ self.fit.linear
 
-    def finish(self, fit: Eliminated, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Residuals, model output and Jacobian of one experiment at a fit close by.
+    def finish(self, fit: Eliminated, index: int) -> tuple[FloatArray, FloatArray]:
+        """Residuals and Jacobian of one experiment at a fit close by.
 
         The derivatives turn into the Jacobian: there is no room for both.
         """
         problem, jacobian, table = fit.problem, self.raw[index], fit.tables[index]
-        n, p = jacobian.shape[0], fit.eta.size
+        p = fit.eta.size
         by_local = np.column_stack((
             self.tables[index].explained[:, fit.linear.size : -1], table.explained[:, :-1]
         ))  # fmt: skip
-        residuals, simulated = np.empty(n), np.empty(n)
+        residuals = np.empty(jacobian.shape[0])
         for at, b in placed(fit.pieces(index)):
-            simulated[at] = b.known + b.shared @ fit.linear + b.local @ fit.local[index]
-            rest = problem.measured[index][at] - simulated[at]
+            simulated = b.known + b.shared @ fit.linear + b.local @ fit.local[index]
+            rest = problem.measured[index][at] - simulated
             rows = problem.weigh(index, np.column_stack((b.local, b.shared, rest)), at)
             local, shared = rows[:, : b.local.shape[1]], rows[:, b.local.shape[1] : -1]
             residuals[at] = rows[:, -1]
             jacobian[at, p:] = shared
             jacobian[at] -= local @ by_local
-        return residuals, simulated, jacobian
+        return residuals, jacobian

@@ -8,6 +8,7 @@ median of the absolute differences ignores jumps and spikes, the mean square inc
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import comb, sqrt
 
 import numpy as np
@@ -43,22 +44,25 @@ def noise_floor(
     """
     if values.size < 4 * order:
         return 0.0
-    if time is None:
-        white = _differences(values, order)
-        white /= sqrt(comb(2 * order, order))
-    else:
+    white = _white_parts(values, order, time)
+    if not robust:
+        return sqrt(sum(float(part @ part) for part in white) / (values.size - order))
+    size = np.empty(values.size - order)
+    for at, part in zip(blocks(size.size), white):
+        np.abs(part, out=size[at])
+    return _NORMAL * float(np.median(size, overwrite_input=True))
+
+
+def _white_parts(values: FloatArray, order: int, time: FloatArray | None) -> Iterator[FloatArray]:
+    """Differences of an order that keep the size of white noise, block by block."""
+    if time is not None:
         white = _divided_differences(values, time, order)
-    if robust:
-        return _NORMAL * float(np.median(np.abs(white, out=white), overwrite_input=True))
-    return sqrt(float(white @ white) / white.size)
-
-
-def _differences(values: FloatArray, order: int) -> FloatArray:
-    """Differences of an order, shape ``(n - order,)``, block by block."""
-    out = np.empty(values.size - order)
-    for at in blocks(out.size):
-        out[at] = np.diff(values[at.start : at.stop + order], order)
-    return out
+        yield from (white[at] for at in blocks(white.size))
+        return
+    for at in blocks(values.size - order):
+        part = np.diff(values[at.start : at.stop + order], order)
+        part /= sqrt(comb(2 * order, order))
+        yield part
 
 
 def _divided_differences(values: FloatArray, time: FloatArray, order: int) -> FloatArray:

@@ -24,7 +24,7 @@ from .named_model import NamedModel, bind
 from .problem import Solution, Unknown
 from .profile_likelihood import Interval, profile_interval
 from .results import Refusal, Solved, determine, left_open
-from .separable import Search, solve, solve_from
+from .separable import Search, settled, solve, solve_from
 from .uncertainty import covariance, t_quantile
 
 _PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
@@ -32,7 +32,7 @@ _MANY = 200_000  # rows beyond which a hundredth of a standard error is close en
 _BESIDE = 0.1  # of a value, from the end of the search: it may have been stopped by that
 _NEAR = 1e-7  # damping of a search that begins near its end
 DECISIVE = 12.0  # twice the log-likelihood ratio that tells one value from another
-_DECIDED = 10.0 * DECISIVE  # beyond all doubt
+DECIDED = 10.0 * DECISIVE  # beyond all doubt
 
 
 @dataclass(frozen=True)
@@ -260,6 +260,8 @@ def _attempt(
     if factors:
         fair = model.scaled(factors)
         best = solve(bind(fair, unknowns, held), best.eta, **limits)
+    if rows >= _MANY:
+        best = settled(bind(fair, unknowns, held), best, limits["tolerance"])
     found = fair.uncertainty(best)
     names = tuple(u.name for u in (*problem.nonlinear, *problem.linear))
     values = dict(zip(names, (*best.eta, *best.linear)))
@@ -291,7 +293,7 @@ def _without_effect(
         if part is not None:
             some = part.scaled(attempt.factors)
             own = solve(bind(some, unknowns, attempt.held), attempt.best.eta, tolerance=0.05)
-            if _idle_rise(some, unknowns, attempt, (name, value), own.cost, unit) > _DECIDED:
+            if _idle_rise(some, unknowns, attempt, (name, value), own.cost, unit) > DECIDED:
                 continue
         rise = _idle_rise(attempt.fair, unknowns, attempt, (name, value), attempt.best.cost, unit)
         if rise < DECISIVE:
@@ -318,7 +320,7 @@ def _idle_rise(
     for limit in (3, 20):  # most are decided at once
         found = solve(problem, begin, tolerance=0.05, max_iterations=limit)
         rise = (found.cost - cost) / unit
-        if rise > _DECIDED:
+        if rise > DECIDED:
             break
         begin = found.eta
     return float(rise)

@@ -120,8 +120,8 @@ class Solution:
         Sum of the squared weighted residuals.
     residuals
         Weighted residuals ``measured - model`` per experiment.
-    simulated
-        Model output per experiment.
+    simulate
+        ``simulate()``: output of the model per experiment. Of long records it is not kept.
     jacobian
         Weighted derivative of the model output by ``(eta, linear)`` with the local
         unknowns projected out, one array ``(n_i, p + q)`` per experiment.
@@ -138,7 +138,7 @@ class Solution:
     local: list[FloatArray]
     cost: float
     residuals: list[FloatArray]
-    simulated: list[FloatArray]
+    simulate: Callable[[], list[FloatArray]]
     jacobian: list[FloatArray]
     local_counts: tuple[int, ...]
     active: BoolArray

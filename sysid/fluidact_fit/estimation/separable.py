@@ -22,7 +22,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -182,13 +182,39 @@ def _finish(
     found = [tangent.finish(fit, i) for i in range(len(fit.tables))]
     return Solution(
         fit.eta, fit.linear, fit.local, fit.cost,
-        residuals=[residuals for residuals, _, _ in found],
-        simulated=[simulated for _, simulated, _ in found],
-        jacobian=[jacobian for _, _, jacobian in found],
+        residuals=[residuals for residuals, _ in found],
+        simulate=fit.simulate,
+        jacobian=[jacobian for _, jacobian in found],
         local_counts=tuple(t.own.shape[1] for t in fit.tables),
         active=np.concatenate((on_bound, fit.linear_active)),
         iterations=count, converged=converged,
     )  # fmt: skip
+
+
+def settled(problem: Problem, found: Solution, least: float) -> Solution:
+    """Where the derivatives of a solution lead once more, if that is farther than ``least``.
+
+    ``least`` is in standard errors. So short a step is exact enough as it is computed, from the
+    derivatives and residuals that are there: no model is evaluated, and ``simulate`` stays behind.
+    """
+    free = ~found.active
+    curvature = np.sum([j.T @ j for j in found.jacobian], axis=0)[np.ix_(free, free)]
+    gradient = np.sum([j.T @ r for j, r in zip(found.jacobian, found.residuals)], axis=0)[free]
+    scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    step = np.zeros(free.size)
+    step[free] = np.linalg.lstsq(
+        curvature / np.outer(scale, scale), gradient / scale, rcond=1e-15
+    )[0] / scale  # fmt: skip
+    noise = found.cost / max(problem.rows - free.size, 1)
+    at = np.concatenate((found.eta, found.linear)) + step
+    low, high = bounds_of([*problem.nonlinear, *problem.linear])
+    if not gradient @ step[free] > least**2 * noise or np.any((at < low) | (at > high)):
+        return found
+    for j, r in zip(found.jacobian, found.residuals):
+        r -= j @ step
+    cost = float(sum(float(r @ r) for r in found.residuals))
+    eta, linear = at[: found.eta.size], at[found.eta.size :]
+    return replace(found, eta=eta, linear=linear, cost=cost)
 
 
 def profile(problem: Problem, candidates: FloatArray) -> FloatArray:

@@ -70,13 +70,11 @@ def placeholder_rows(values: FloatArray) -> IndexArray:
 
     ``values`` of shape ``(n,)``, NaN are ignored; empty where there is no such value.
     """
-    known = np.isfinite(values)
-    ends = _ends(values, known)
-    for extreme in ends[::-1]:
-        others = known & (values != extreme)
-        count, rest = np.count_nonzero(known), np.count_nonzero(others)
-        if not 1 < count - rest <= _RARE * count:
+    count = np.count_nonzero(np.isfinite(values))
+    for extreme in (np.fmax.reduce(values), np.fmin.reduce(values)) if count else ():
+        if not 1 < np.count_nonzero(values == extreme) <= _RARE * count:
             continue
+        others = np.isfinite(values) & (values != extreme)
         low, high = _ends(values, others)
         away = min(abs(extreme - low), abs(extreme - high))
         if away > _AWAY * (high - low) and np.unique(values[others]).size > _VARIED:
@@ -148,6 +146,8 @@ def _clipped(parts: Sequence[FloatArray], low: float, high: float) -> int:
     repeats one elsewhere, and that runs into the extreme with speed and leaves it with
     speed, is said to be clipped: what comes to rest slows down first. Otherwise 0.
     """
+    if sum(np.count_nonzero((part == low) | (part == high)) for part in parts) < _STUCK:
+        return 0
     at_ends, elsewhere, moving = 0, 0, 0
     for part in parts:
         first = np.flatnonzero(np.r_[True, np.diff(part) != 0])

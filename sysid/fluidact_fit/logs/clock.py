@@ -91,7 +91,7 @@ def read_clocks(
     for k, found in read.items():
         values = [v if v is not None and abs(v - origin) < _LONGEST else None for v in found]
         known = np.array([v is not None for v in values], dtype=np.bool_)
-        since = np.array([v - origin for v in values if v is not None], dtype=np.int64)
+        since: IntArray = np.array([v - origin for v in values if v is not None], dtype=np.int64)
         since = _go_on(since, lines[known], name, notices)
         out[k] = np.full(len(values), np.nan)
         out[k][known] = since / SECOND

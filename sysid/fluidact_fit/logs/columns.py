@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import LogError, Notice, UsageError
-from ..experiment import IndexArray
+from ..experiment import IndexArray, at_rows, is_finite
 from ..family import Role
 from ..units import conversion_factor, same_dimension
 from .layout import BLANKS, GROUPED
@@ -335,10 +335,10 @@ def _why(binding: Binding) -> str:
 
 def require_numbers(log: Log, binding: Binding, rows: IndexArray) -> None:
     """Refuse cells of a used column that are no finite number; the error names the first."""
-    role = binding.role.name
-    wrong = rows[~np.isfinite(binding.column.values[rows])]
-    if not wrong.size:
+    role, values = binding.role.name, at_rows(binding.column.values, rows)
+    if is_finite(values):
         return
+    wrong = rows[~np.isfinite(values)]
     text = binding.column.bad.get(int(wrong[0]))
     if text is None:
         found = "holds something that is not a number."

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..errors import LogError, Notice, UsageError
-from ..experiment import Experiment, Signal
+from ..experiment import Experiment, Signal, at_rows
 from ..family import Role, Variant
 from ..options import plausible
 from ..units import conversion_factor
@@ -271,13 +271,12 @@ def _measured_signal(log: Log, binding: Binding, run: Run, whole: Run, resolutio
         if kept.any() and not np.array_equal(whole.rows[kept], rows):
             rows, time = whole.rows[kept], whole.time[kept]
     require_numbers(log, binding, rows)
-    role, raw = binding.role, binding.column.values[rows]
+    role, raw = binding.role, at_rows(binding.column.values, rows)
     with np.errstate(over="ignore"):
-        values = raw * binding.to_si
-        size = np.abs(values)
-    worst = int(np.argmax(size))
-    if size[worst] != 0.0 and not 1.0 / _LARGEST <= size[worst] <= _LARGEST:
-        extreme = "large" if size[worst] > _LARGEST else "small"
+        values = raw if binding.to_si == 1.0 else raw * binding.to_si
+    size = max(float(values.max()), -float(values.min()))
+    if size != 0.0 and not 1.0 / _LARGEST <= size <= _LARGEST:
+        worst, extreme = int(np.argmax(np.abs(values))), "large" if size > _LARGEST else "small"
         raise LogError(
             f"column '{binding.column.label}' holds {raw[worst]:g}, which is too {extreme} to "
             "compute with.",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import LogError
-from ..experiment import BoolArray, FloatArray, IndexArray
+from ..experiment import BoolArray, FloatArray, IndexArray, counted
 from .layout import Group, Layout
 from .log import IntArray
 
@@ -103,7 +103,7 @@ def merge(
         for rows, time in zip(held, times)
     )
     if same:
-        instants, places = times[0], [np.arange(times[0].size)] * len(held)
+        instants, places = times[0], [counted(0, times[0].size)] * len(held)
     else:
         for group, rows, time in zip(layout.groups, held, times):
             _require_order(group, rows, time, lines, name)

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from ..errors import LogError, Notice
-from ..experiment import Experiment, FloatArray
+from ..experiment import Experiment, FloatArray, blocks
 from ..family import Variant
 from .columns import Binding
 from .log import Log
@@ -41,6 +41,8 @@ def check_repeats(
         if role == "time" or (binding.role.hold == "zoh" and binding.role.unit in _SET):
             continue
         parts = [e[role] for e in experiments if role in e and e[role].size == e.time.size]
+        if all(_rows_per_reading(p, led=True) == 1.0 for p in parts):
+            continue
         # what drives nothing is not set level by level, but it may rest as all channels do
         led = binding.role.hold is None and any(_others_move(e, role) for e in experiments)
         if static and not led:
@@ -74,30 +76,54 @@ def _others_move(experiment: Experiment, role: str) -> bool:
     return False
 
 
+def _may_repeat(values: FloatArray) -> bool:
+    """Whether there are rows enough without a new reading, beside those of a motion.
+
+    A quick look, block by block, that spares nearly all signals the other one.
+    """
+    same, changes, least, moving = 0, 0, np.inf, 0
+    for at in blocks(values.size - 1):
+        size = np.abs(np.diff(values[at.start : at.stop + 1]))
+        changed = size > 0.0
+        count = int(np.count_nonzero(changed))
+        same, changes = same + size.size - count, changes + count
+        least = min(least, float(size.min(where=changed, initial=np.inf)))
+    if changes < 3 * _FEWEST or same < _FEWEST:
+        return False
+    for at in blocks(values.size - 1):
+        fast = np.abs(np.diff(values[at.start : at.stop + 1])) >= _FAST * least
+        moving += int(np.count_nonzero(fast[1:] & fast[:-1]))
+    return same >= _SHARE * moving
+
+
 def _rows_per_reading(values: FloatArray, led: bool = False) -> float:
     """Mean number of rows that a reading of a moving signal stands for; 1 where all are new.
 
     A signal that is ``led`` follows others: where it never changes from one row to the next it
     repeats its readings, be it in motion or in its noise.
     """
-    steps = np.diff(values)
-    size = np.abs(steps)
-    changes = np.flatnonzero(steps)
-    if changes.size < 3 * _FEWEST:
+    if not _may_repeat(values):
         return 1.0
-    least = float(size[changes].min())
+    changes = np.concatenate(
+        [at.start + np.flatnonzero(np.diff(values[at.start : at.stop + 1]))
+         for at in blocks(values.size - 1)]
+    )  # fmt: skip
+    steps = values[changes + 1] - values[changes]
+    size = np.abs(steps)
+    least = float(size.min())
     fast = size >= _FAST * least
     rows = np.diff(changes)
-    moving = fast[changes[:-1]] & fast[changes[1:]] & (rows <= _LONGEST)
+    moving = fast[:-1] & fast[1:] & (rows <= _LONGEST)
     late = int(np.count_nonzero(moving & (rows > 1)))
     # noise of a converter makes no change about as often as one of a single step to either side
-    small = (size[1:-1] > 0.0) & (size[1:-1] < 1.5 * least) & fast[:-2] & fast[2:]
+    beside = (rows[:-1] == 1) & (rows[1:] == 1)
+    small = beside & (size[1:-1] < 1.5 * least) & fast[:-2] & fast[2:]
     by_chance = _CHANCE * (0.5 * float(np.count_nonzero(small)) + 1.0)
     if late < max(_FEWEST, by_chance, _SHARE * float(np.count_nonzero(moving))):
         return 1.0
     if led and late > _ALWAYS * np.count_nonzero(moving):
         return float(rows[moving].mean())
-    onwards = steps[changes[:-1]] * steps[changes[1:]] > 0.0
+    onwards = steps[:-1] * steps[1:] > 0.0
     if np.count_nonzero(onwards & moving) < _ONWARDS * np.count_nonzero(moving):
         return 1.0
     return float(rows[moving].mean())

@@ -11,6 +11,7 @@ where its result hangs on it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -101,16 +102,17 @@ def _left_when_removed(values: FloatArray, order: IndexArray) -> FloatArray:
 
     Shape ``(m,)``; every sample takes the jumps on both its sides with it.
     """
-    size = np.diff(values)
-    np.abs(size, out=size)
     sides = np.column_stack((order - 1, order)).ravel()
-    inside = (sides >= 0) & (sides < size.size)
+    inside = (sides >= 0) & (sides < values.size - 1)
     # a jump goes with the first of its two samples
-    jumps, at = np.unique(sides[inside], return_index=True)
+    jumps, first = np.unique(sides[inside], return_index=True)
     largest = np.zeros(order.size + 1)
-    np.maximum.at(largest, np.flatnonzero(inside)[at] // 2, size[jumps])
-    size[jumps] = 0.0
-    largest[-1] = size.max()
+    size = np.abs(values[jumps + 1] - values[jumps])
+    np.maximum.at(largest, np.flatnonzero(inside)[first] // 2, size)
+    for begin, size in _changes(values):
+        gone = jumps[slice(*np.searchsorted(jumps, (begin, begin + size.size)))]
+        size[gone - begin] = 0.0
+        largest[-1] = max(largest[-1], size.max())
     left: FloatArray = np.maximum.accumulate(largest[::-1])[::-1][1:]
     return left
 
@@ -127,12 +129,33 @@ def where_inputs_move(experiment: Experiment, variant: Variant) -> BoolArray:
             if experiment.time.size and signal.time.size:
                 moved |= np.abs(experiment.time - signal.time[0]) <= _NEAR * experiment.sample_time
             continue
-        size = np.abs(np.diff(signal.values))
-        # a jump is more than what the input does all the time, as a sine does
-        jump = max(_MOVED * size.max(initial=0.0), _USUAL * float(np.median(size)))
-        for k in np.flatnonzero(size > jump):
-            moved[max(k - 1, 0) : k + 1 + _NEAR] = True
+        jumps = _jumps(signal.values)
+        for near in range(-1, 1 + _NEAR):
+            moved[np.clip(jumps + near, 0, n - 1)] = True
     return moved
+
+
+def _jumps(values: FloatArray) -> IndexArray:
+    """Samples with which a signal jumps: by more than it changes all the time, as a sine does."""
+    largest = max(float(size.max(initial=0.0)) for _, size in _changes(values))
+    # where most are far below the largest, or not far enough, their median need not be known
+    low, high = _MOVED / _USUAL * largest, largest / _USUAL
+    above, near = 0, 0
+    for _, size in _changes(values):
+        above += int(np.count_nonzero(size > low))
+        near += int(np.count_nonzero(size >= high))
+    jump = _MOVED * largest
+    if 2 * near > values.size - 1:
+        return np.zeros(0, dtype=np.intp)
+    if 2 * above >= values.size - 1:
+        jump = max(jump, _USUAL * float(np.median(np.abs(np.diff(values)))))
+    return np.concatenate([begin + np.flatnonzero(size > jump) for begin, size in _changes(values)])
+
+
+def _changes(values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
+    """Sizes of the changes from sample to sample, in blocks, each with where it begins."""
+    for at in blocks(values.size - 1):
+        yield at.start, np.abs(np.diff(values[at.start : at.stop + 1]))
 
 
 def _notice(

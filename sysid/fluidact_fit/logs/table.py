@@ -1,8 +1,8 @@
 """From text to columns of numbers.
 
-Large regular tables go through pandas' C parser. Everything else, small files included
-(importing pandas costs more than reading them), is read line by line, which can report
-irregular lines.
+Large regular tables go through pyarrow's parser where they hold nothing but numbers, and through
+pandas' where they do not. Everything else, small files included (importing either costs more than
+reading them), is read line by line, which can report irregular lines.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import LogError, Notice
-from ..experiment import FloatArray
+from ..experiment import FloatArray, counted, is_finite
 from .clock import read_clocks
 from .groups import complete, merge
 from .layout import NUMBER, Layout
@@ -73,7 +73,7 @@ def read_table(source: Source, layout: Layout) -> Table:
 
 
 def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
-    """Read a regular table with pandas; ``None`` when it is not regular after all.
+    """Read a regular table in one go; ``None`` when it is not regular after all.
 
     Also where it would read a number otherwise than line by line: with a sign between thousands,
     or a point in a log of decimal commas; and where lines hold more than cells of numbers.
@@ -111,26 +111,80 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
             return None  # pandas would take the first of too many cells for names of the rows
     if data[end:] not in (b"", b"\n"):
         data = data[:end]
-    columns = _parse_with_pandas(data, offset, layout)
+    columns = _parse_numbers(data, offset, layout, rows)
+    if columns is None:
+        columns = _parse_with_pandas(data, offset, layout)
     if columns is None or columns[0].size != rows:
         return None
-    holes = [np.isnan(column) for column in columns]
-    if np.logical_and.reduce(holes).any():
-        return None  # it may be a second header
-    if any(MAX_BAD_KEPT < np.count_nonzero(found) < rows for found in holes):
-        return None  # whether they are empty or hold text is not known of all of them
-    # The count above says nothing of blanks, nor of blank lines in a single column.
-    uncounted = layout.delimiter == " " or layout.width == 1
-    if uncounted and not np.isfinite(columns[-1]).all():
-        return None
-    lines = np.arange(layout.first_row + 1, layout.first_row + 1 + rows, dtype=np.int64)
-    bad = _collect_bad(columns, data, offset, layout)
+    bad: tuple[dict[int, str], ...] | None = tuple({} for _ in columns)
+    if not all(map(is_finite, columns)):
+        if not _may_have_holes(columns, layout):
+            return None
+        bad = _collect_bad(columns, data, offset, layout)
+    lines = counted(layout.first_row + 1, layout.first_row + 1 + rows)
     if bad is None or set(_cut_otherwise(bad, rows)):
         return None
     return Table(tuple(columns), bad, lines, (), layout.notices, rows)
 
 
+def _may_have_holes(columns: Sequence[FloatArray], layout: Layout) -> bool:
+    """Whether what the cells without a number hold can be told without going line by line."""
+    holes = [np.isnan(column) for column in columns]
+    if np.logical_and.reduce(holes).any():
+        return False  # it may be a second header
+    if any(MAX_BAD_KEPT < np.count_nonzero(found) < found.size for found in holes):
+        return False  # whether they are empty or hold text is not known of all of them
+    # The count of separators says nothing of blanks, nor of blank lines in a single column.
+    uncounted = layout.delimiter == " " or layout.width == 1
+    return not (uncounted and holes[-1].any())
+
+
+def _parse_numbers(data: bytes, offset: int, layout: Layout, rows: int) -> list[FloatArray] | None:
+    """Read a table of numbers and empty cells; ``None`` where it holds anything else.
+
+    Block by block into the columns: there is no second copy of them.
+    """
+    if layout.delimiter == " ":
+        return None  # any number of blanks separates two cells
+    import pyarrow as pa
+    from pyarrow import csv
+
+    names = [str(k) for k in range(layout.lead + layout.width + layout.trailing)]
+    types = dict.fromkeys(names, pa.float64())
+    if layout.trailing:
+        types[names[-1]] = pa.null()  # nothing stands behind the last separator
+    columns = [np.empty(rows) for _ in range(layout.width)]
+    begin = 0
+    try:
+        for batch in csv.open_csv(
+            pa.BufferReader(pa.py_buffer(data).slice(offset)),
+            read_options=csv.ReadOptions(use_threads=False, column_names=names),
+            parse_options=csv.ParseOptions(
+                delimiter=layout.delimiter, quote_char=False, ignore_empty_lines=False
+            ),
+            convert_options=csv.ConvertOptions(
+                column_types=types, include_columns=names[layout.lead :], null_values=[""],
+                decimal_point=layout.decimal,
+            ),
+        ):  # fmt: skip
+            end = begin + batch.num_rows
+            for column, cells in zip(columns, batch.columns):
+                whole = cells.fill_null(np.nan) if cells.null_count else cells
+                # as bytes: its own conversion imports pandas, which takes as long as the reading
+                column[begin:end] = np.frombuffer(whole.buffers()[1])[whole.offset :][: len(whole)]
+            begin = end
+    except (pa.ArrowInvalid, ValueError):  # the latter of more rows than there are lines
+        return None
+    return [_only_finite(column) for column in columns] if begin == rows else None
+
+
+def _only_finite(column: FloatArray) -> FloatArray:
+    """A column with NaN for whatever is no finite number."""
+    return column if is_finite(column) else np.where(np.isfinite(column), column, np.nan)
+
+
 def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatArray] | None:
+    """Read a table some columns of which hold text; ``None`` where it is not regular."""
     import pandas as pd
 
     buffer = io.BytesIO(data)  # shares the bytes
@@ -165,9 +219,7 @@ def _parse_with_pandas(data: bytes, offset: int, layout: Layout) -> list[FloatAr
         else:  # text somewhere in the column; booleans are text too: no logger means 1 by True
             text = series.astype("object").where(series.notna(), "").map(str)
             column, _ = _to_numbers(text.tolist(), layout)
-        if not np.isfinite(column).all():
-            column = np.where(np.isfinite(column), column, np.nan)
-        columns.append(column)
+        columns.append(_only_finite(column))
     return columns
 
 
@@ -176,8 +228,6 @@ def _collect_bad(
 ) -> tuple[dict[int, str], ...] | None:
     """Fetch the text of cells that are not numbers; ``None`` where a line ends before the last."""
     rows = [np.flatnonzero(np.isnan(column))[:MAX_BAD_KEPT] for column in columns]
-    if not any(r.size for r in rows):
-        return tuple({} for _ in columns)
     lines = data[offset:].split(b"\n")
     if layout.delimiter != " ":
         sign, needed = layout.delimiter.encode(), layout.lead + layout.width - 1
@@ -247,7 +297,7 @@ def _with_numbers(
 ) -> Table:
     """Turn the cells of the rows into numbers, and their clocks and groups into one time."""
     columns = list(zip(*split.rows))
-    lines = np.array(split.lines, dtype=np.int64)
+    lines: IntArray = np.array(split.lines, dtype=np.int64)
     read = [
         (np.empty(0), {}) if k in layout.clocks else _to_numbers(cells, layout)
         for k, cells in enumerate(columns)

@@ -15,13 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import LogError, Notice
-from ..experiment import BoolArray, FloatArray, IndexArray
+from ..experiment import BoolArray, FloatArray, IndexArray, blocks, counted
 from .columns import Binding, require_numbers
 from .log import Log, count_of, name_lines
 
 WRAP = 2.0**32
 MIN_RUN = 3
 _UNIFORM = 1e-6
+_MANY = 200_000  # stamps, of which the first show how far apart they were printed
 # Steps of whole numbers from which on they are likely to be such a part of a second.
 _SMALLER = ((1e5, "nanoseconds", "ns"), (1e3, "microseconds", "us"), (1.0, "milliseconds", "ms"))
 
@@ -43,13 +44,13 @@ class Run:
 
 def untimed_run(rows: int) -> Run:
     """Return all rows as one run without time."""
-    return Run(np.arange(rows), np.empty(0), 0.0, False)
+    return Run(counted(0, rows), np.empty(0), 0.0, False)
 
 
 def counted_run(rows: int, sample_time: float) -> Run:
     """Return all rows as one run on a grid that the user named [s]."""
     time = np.arange(rows, dtype=np.float64) * sample_time
-    return Run(np.arange(rows), time, sample_time, True)
+    return Run(counted(0, rows), time, sample_time, True)
 
 
 def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
@@ -58,10 +59,11 @@ def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
     Returns the runs in order, and what was repaired or left out. ``LogError`` when stamps are
     missing, step back or repeat without an explanation.
     """
-    rows = np.arange(log.rows)
+    rows = counted(0, log.rows)
     require_numbers(log, binding, rows)
     repair = _Repair(log)
-    part = repair.drop_impossible(_Part(rows, binding.column.values * np.sign(binding.to_si)))
+    stamps = binding.column.values
+    part = repair.drop_impossible(_Part(rows, stamps if binding.to_si > 0.0 else -stamps))
     part = repair.unwrap(part)
     resolution = print_resolution(part.stamps)
     parts = repair.mend_ties(repair.cut_at_restarts(part), resolution)
@@ -77,19 +79,21 @@ def print_resolution(stamps: FloatArray) -> float:
     """Return the decimal power that all printed stamps are multiples of, 0 without one."""
     if not stamps.size:
         return 0.0
-    sample = stamps[:2000]
-    largest = float(np.abs(stamps).max())
+    largest = _largest(stamps)
     for digits in range(13):
         power = 10.0**digits
         tolerance = 4 * np.finfo(float).eps * max(1.0, largest * power)
         if tolerance > 0.05:
             break
-        if all(
-            np.abs(part * power - np.round(part * power)).max() <= tolerance
-            for part in (sample, stamps)
-        ):
+        scaled = (stamps[at] * power for at in (slice(2000), *blocks(stamps.size)))
+        if all(np.abs(part - np.round(part)).max() <= tolerance for part in scaled):
             return float(10.0**-digits)
     return 0.0
+
+
+def _largest(stamps: FloatArray) -> float:
+    """Largest size of any stamp."""
+    return float(max(stamps.max(), -stamps.min()))
 
 
 def make_run(rows: IndexArray, stamps: FloatArray, resolution: float, factor: float) -> Run:
@@ -108,8 +112,10 @@ def make_run(rows: IndexArray, stamps: FloatArray, resolution: float, factor: fl
         return Run(rows, _in_seconds(stamps, factor), float(_in_seconds(step, factor)), False)
     first, step = grid
     first, step = float(_in_seconds(first, factor)), float(_in_seconds(step, factor))
-    count = np.arange(stamps.size, dtype=np.float64)
-    return Run(rows, first + count * step, step, True)
+    time = np.arange(stamps.size, dtype=np.float64)
+    time *= step
+    time += first
+    return Run(rows, time, step, True)
 
 
 def _in_seconds(value: FloatArray | float, factor: float) -> FloatArray:
@@ -126,13 +132,11 @@ def _fit_grid(stamps: FloatArray, resolution: float) -> tuple[float, float] | No
     Printed stamps are rounded (or truncated): deviations from the grid may span one unit
     of the last printed digit.
     """
-    count = np.arange(stamps.size)
-    noise = 8 * np.finfo(float).eps * float(np.abs(stamps).max())
+    noise = 8 * np.finfo(float).eps * _largest(stamps)
     for step in _guess_steps(stamps, resolution):
         if step <= 0:
             continue
-        deviation = stamps - (stamps[0] + count * step)
-        low, high = float(deviation.min()), float(deviation.max())
+        low, high = _deviations(stamps, step)
         tolerance = _UNIFORM * step + noise
         if max(high, -low) <= tolerance:
             return float(stamps[0]), step
@@ -144,8 +148,24 @@ def _fit_grid(stamps: FloatArray, resolution: float) -> tuple[float, float] | No
     return None
 
 
+def _deviations(stamps: FloatArray, step: float) -> tuple[float, float]:
+    """How far stamps lie before and behind a grid that begins with the first one."""
+    ends = []
+    for at in blocks(stamps.size):
+        off = stamps[at] - (stamps[0] + np.arange(at.start, at.stop) * step)
+        ends.append((float(off.min()), float(off.max())))
+    lows, highs = zip(*ends)
+    return min(lows), max(highs)
+
+
 def _guess_steps(stamps: FloatArray, resolution: float) -> Iterator[float]:
-    """Yield steps that a grid may have; the last one is slow to find, and seldom needed."""
+    """Yield steps that a grid may have; the last one is slow to find, and seldom needed.
+
+    Of many stamps that were printed the first tell the same decimal number as all of them, or none
+    that any grid of theirs has.
+    """
+    if resolution and stamps.size > _MANY:
+        yield next(_guess_steps(stamps[:_MANY], resolution))
     median = float(np.median(np.diff(stamps)))
     if resolution:
         median = round(median / resolution) * resolution or median
@@ -214,8 +234,10 @@ class _Repair:
 
     def drop_impossible(self, part: _Part) -> _Part:
         """Leave out stamps of a serial log that no 32-bit counter can have printed."""
+        if not self.log.dialect.serial:
+            return part
         wrong = part.stamps >= WRAP
-        if not self.log.dialect.serial or not wrong.any() or wrong.mean() > 0.1:
+        if not wrong.any() or wrong.mean() > 0.1:
             return part
         left_out = part.rows[wrong]
         self.notice(
@@ -252,9 +274,9 @@ class _Repair:
 
     def cut_at_restarts(self, part: _Part) -> list[_Part]:
         """Cut where time starts again; small backward steps are another matter."""
-        steps = np.diff(part.stamps)
-        if not (steps < 0).any():
+        if np.all(part.stamps[1:] >= part.stamps[:-1]):
             return [part]
+        steps = np.diff(part.stamps)
         forward = steps[steps > 0]
         usual = float(np.median(forward)) if forward.size else 0.0
         kept, starts, glitches = _sort_out(part.stamps.tolist(), usual)
@@ -291,10 +313,10 @@ class _Repair:
         Samples that share a stamp lie within one unit of its last digit, in the order of the
         lines; they are spread evenly over that unit, which is wrong by less than the rounding.
         """
+        if all(np.all(p.stamps[1:] > p.stamps[:-1]) for p in parts):
+            return parts
         steps = np.concatenate([np.diff(p.stamps) for p in parts])
         tied = np.concatenate([p.rows[1:] for p in parts])[steps == 0]
-        if not tied.size:
-            return parts
         total = sum(p.stamps.size for p in parts)
         steps = steps[steps > 0]
         usual = float(np.median(steps)) if steps.size else 0.0

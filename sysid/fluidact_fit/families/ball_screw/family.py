@@ -202,4 +202,4 @@ def _follow(
         alone = DriveModel([experiment], axis)
         return Simulated(alone.columns(0, values).known + place, offset=place)
     _, found, _ = follow(experiment, axis, values)
-    return Simulated(found.simulated[0], offset=float(found.local[0][0]))
+    return Simulated(found.simulate()[0], offset=float(found.local[0][0]))

@@ -113,7 +113,7 @@ class HydraulicMotor(Family[MotorOptions]):
         parameters, order, matrix = fitted.quantities(variant.parameters, experiments[0].units)
         counts = [
             int(np.sum(np.abs(e["speed"] - m) > limit))
-            for e, m in zip(experiments, fitted.solution.simulated)
+            for e, m in zip(experiments, fitted.solution.simulate())
         ]
         return Estimate(
             parameters,

@@ -188,7 +188,7 @@ def _fit(
             model, specs, request, unknowns, begin,
             sensible=sensible, refusals=_one_way(experiments),
         )  # fmt: skip
-        rest = [y - m for y, m in zip(measured, fitted.solution.simulated)]
+        rest = [y - m for y, m in zip(measured, fitted.solution.simulate())]
         typical = 1.4826 * float(np.median(np.abs(np.concatenate(rest))))
         limit = _FAR * typical if settled_limit is None else settled_limit
         new = [_weights(r, limit) for r in rest]

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from ...errors import LogError, NotIdentifiedError
-from ...experiment import BoolArray, Experiment, FloatArray
+from ...estimation.blocks import joined
+from ...experiment import BoolArray, Experiment, FloatArray, all_of
 from .calibration import rising_share
 from .rational_bezier import CurveFit, Rows, Shape, group
 
@@ -37,6 +39,15 @@ class Data:
     in_order: bool
     unit: str
 
+    @cached_property
+    def grouped(self) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+        """Distinct readings of the used samples in order, and which of them each one is."""
+        return group(self.kept(self.reading))
+
+    def kept(self, values: FloatArray) -> FloatArray:
+        """Values at the used samples."""
+        return all_of(values, self.used)
+
     @property
     def sizes(self) -> list[int]:
         """Number of used samples of each log that has any."""
@@ -59,16 +70,21 @@ def contiguous_parts(sizes: Sequence[int]) -> list[slice]:
 
 def gather(experiments: Sequence[Experiment]) -> Data:
     """All samples of all logs, in order."""
-    reading = np.concatenate([e["reading"] for e in experiments])
-    reference = np.concatenate([e["reference"] for e in experiments])
+    reading = joined([e["reading"] for e in experiments])
+    reference = joined([e["reference"] for e in experiments])
     ends = np.cumsum([e["reading"].size for e in experiments]).tolist()
     parts = tuple(slice(begin, end) for begin, end in pairwise([0, *ends]))
     used = np.isfinite(reading) & np.isfinite(reference)
     timed = all(e.time.size > 0 for e in experiments)
-    steps = np.concatenate([np.diff(reading[p]) for p in parts])
-    in_order = timed or bool(np.nanmin(steps, initial=0.0) < 0.0 < np.nanmax(steps, initial=0.0))
+    in_order = timed or _goes_to_and_fro([reading[p] for p in parts])
     unit = experiments[0].signals["reading"].unit
     return Data(reading, reference, parts, used, in_order, unit)
+
+
+def _goes_to_and_fro(readings: Sequence[FloatArray]) -> bool:
+    """Whether a reading rises as well as it falls."""
+    steps = np.concatenate([np.diff(x) for x in readings])
+    return bool(np.nanmin(steps, initial=0.0) < 0.0 < np.nanmax(steps, initial=0.0))
 
 
 def check_data(data: Data) -> None:
@@ -80,8 +96,9 @@ def check_data(data: Data) -> None:
             remedy="Correct --rails, --window or the columns.",
         )
     for name, values in (("reading", data.reading), ("reference", data.reference)):
-        kept = values[data.used]
-        if np.ptp(kept) <= 1e-12 * np.abs(kept).max():
+        kept = data.kept(values)
+        low, high = float(kept.min()), float(kept.max())
+        if high - low <= 1e-12 * max(high, -low):
             raise NotIdentifiedError(
                 f"the {name} is {kept[0]:g} in all {kept.size} samples.",
                 expected="A calibration needs readings at several positions.",
@@ -95,6 +112,7 @@ class Scaled:
 
     ``rows`` are all of them, in the order of the logs. ``merged`` are those that share a
     reading in one, where that says the same: ``key`` tells which of them a row went into.
+    ``grouped`` are the distinct places of many rows in order, and which of them each row is at.
     """
 
     rows: Rows
@@ -104,6 +122,16 @@ class Scaled:
     stroke: float
     merged: Rows
     key: npt.NDArray[np.intp] | None
+    grouped: tuple[FloatArray, npt.NDArray[np.intp]] | None = None
+
+    @cached_property
+    def positions(self) -> npt.NDArray[np.intp] | None:
+        """Which of the positions at which readings were taken each row belongs to."""
+        if self.grouped is None:
+            return find_positions(self.rows.t)
+        places, key = self.grouped
+        found = _divide(places, key.size)
+        return None if found is None else found[key]
 
     def evaluate(self, fit: CurveFit) -> FloatArray:
         """Value of a curve at all rows."""
@@ -119,19 +147,27 @@ class Scaled:
 
 def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
     """Scale the used samples; without a dead band between branches there is one curve."""
-    x, y = data.reading[data.used], data.reference[data.used]
+    x, y = data.kept(data.reading), data.kept(data.reference)
     low, span, base, stroke = float(x.min()), float(np.ptp(x)), float(y.min()), float(np.ptp(y))
     alike = np.broadcast_to(1.0, x.shape)  # takes no memory
     share = alike
     if dead_band is not None:  # each log from its own start
         shares = [rising_share(data.reading[p], dead_band) for p in data.parts]
         share = np.concatenate(shares)[data.used]
-    rows = Rows((x - low) / span, (y - base) / stroke, alike, share)
+    rows = Rows(_scaled(x, low, span), _scaled(y, base, stroke), alike, share)
     if dead_band is None and x.size > MANY:
-        places, key = group(x)
-        if 4 * places.size < x.size:
-            return Scaled(rows, low, span, base, stroke, rows.merge(key), key)
+        readings, key = data.grouped
+        grouped = _scaled(readings, low, span), key
+        if 4 * readings.size < x.size:
+            return Scaled(rows, low, span, base, stroke, rows.merge(key), key, grouped)
+        return Scaled(rows, low, span, base, stroke, rows, None, grouped)
     return Scaled(rows, low, span, base, stroke, rows, None)
+
+
+def _scaled(values: FloatArray, low: float, span: float) -> FloatArray:
+    out = values - low
+    out /= span
+    return out
 
 
 def find_positions(t: FloatArray) -> npt.NDArray[np.intp] | None:
@@ -142,7 +178,17 @@ def find_positions(t: FloatArray) -> npt.NDArray[np.intp] | None:
     ``None`` where they do not: a sweep, or one reading at each position.
     """
     order = np.argsort(t, kind="stable")
-    gaps = np.diff(t[order])
+    found = _divide(t[order], t.size)
+    if found is None:
+        return None
+    key = np.empty(t.size, dtype=np.intp)
+    key[order] = found
+    return key
+
+
+def _divide(places: FloatArray, samples: int) -> npt.NDArray[np.intp] | None:
+    """The same for places in order, at each of which some of the samples lie."""
+    gaps = np.diff(places)
     size = np.sort(gaps[gaps > 0.0])
     apart = 0.0
     if size.size:
@@ -150,13 +196,11 @@ def find_positions(t: FloatArray) -> npt.NDArray[np.intp] | None:
         k = int(np.argmax(ratios)) if ratios.size else 0
         apart = float(size[k + 1]) if ratios.size and ratios[k] > _BREAK else float(size[0])
     groups = 1 + int(np.count_nonzero(gaps >= apart)) if apart else 0
-    if not 3 <= groups <= min(_MOST_POSITIONS, t.size // 2):
+    if not 3 <= groups <= min(_MOST_POSITIONS, samples // 2):
         return None
     if float(size[size >= apart].sum()) < 0.8 * float(size.sum()):
         return None
-    key = np.empty(t.size, dtype=np.intp)
-    key[order] = np.concatenate(([0], np.cumsum(gaps >= apart)))
-    return key
+    return np.concatenate(([0], np.cumsum(gaps >= apart)))
 
 
 def position_count(rows: Rows) -> int:

@@ -24,11 +24,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import Notice
+from ...estimation.blocks import joined
 from ...estimation.noise import noise_floor
 from ...estimation.uncertainty import Uncertainty, covariance, enlarge
 from ...experiment import FloatArray
 from .calibration import rising_share
-from .data import Data, Scaled, contiguous_parts, find_positions
+from .data import Data, Scaled, contiguous_parts
 from .rational_bezier import CurveFit
 
 _STRETCHES = 60  # of a sweep
@@ -68,7 +69,7 @@ def find_misfit(fit: CurveFit, scaled: Scaled) -> Misfit | None:
 
     rows = scaled.rows
     rest, unknowns = rows.y - scaled.evaluate(fit), fit.shape.unknowns
-    key = find_positions(rows.t)
+    key = scaled.positions
     at_rest = key is not None
     if key is None:
         key = _stretches(rows.t, unknowns)
@@ -184,11 +185,11 @@ def direction_notice(
     tremble = _TREMBLE * max(noise_floor(x[np.isfinite(x)]) for x in readings)
     band = 5e-3 * scaled.span
     shares = [rising_share(x, max(tremble, band)) for x in readings]
-    way = np.concatenate(shares)[data.used] - 0.5
+    way = data.kept(joined(shares)) - 0.5
     rest = scaled.rows.y - scaled.evaluate(fit)
     ways = sorted((np.count_nonzero(way > 0.4), np.count_nonzero(way < -0.4)))
     if ways[0] < 10:
-        sweep = ways[1] > 0.9 * way.size and find_positions(scaled.rows.t) is None
+        sweep = ways[1] > 0.9 * way.size and scaled.positions is None
         one_way = [_one_way()] if sweep and not ways[0] else []
         return _two_groups_notice(rest, scaled) or one_way
     if tremble > band:

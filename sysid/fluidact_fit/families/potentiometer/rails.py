@@ -13,7 +13,6 @@ from ...estimation.uncertainty import t_quantile
 from ...experiment import BoolArray, Experiment, FloatArray
 from .data import Data, check_data, gather
 from .options import PotentiometerOptions
-from .rational_bezier import group
 
 _SURE = 0.995  # of an extreme reading off the course of its neighbours: thousands are looked at
 
@@ -31,11 +30,13 @@ def prepare(
             rails, suspects, notices = find_rails(data)
         else:
             rails, notices = widen_rails(data, options.rails)
-        left_out = not between(data.reading, rails)[data.used].all()
+        left_out = not (between(data.reading, rails) | ~data.used).all()
         named = ",".join(repr(s) for s in suspects) or None
         options = replace(options, rails=rails, clipped=left_out, suspects=named)
-    data = replace(data, used=data.used & between(data.reading, options.rails))
-    check_data(data)
+    used = data.used & between(data.reading, options.rails)
+    if not np.array_equal(used, data.used):
+        data = replace(data, used=used)
+        check_data(data)
     return data, options, notices
 
 
@@ -107,8 +108,8 @@ def find_rails(data: Data) -> tuple[tuple[float, float] | None, list[float], lis
     Returns the rails (``None`` where both ends are sound), readings at or beyond which nothing
     is used, the extreme readings that are warned of and stay, and the warnings.
     """
-    reading, reference = data.reading[data.used], data.reference[data.used]
-    distinct, key = group(reading)
+    reading, reference = data.kept(data.reading), data.kept(data.reference)
+    distinct, key = data.grouped
     if distinct.size < 6:
         return None, [], []
     finest = float(np.diff(distinct).min())

@@ -15,10 +15,11 @@ from ...estimation.input_noise import InputNoise, moving_inputs
 from ...estimation.named_input_noise import correct_named
 from ...estimation.named_model import NamedModel, bind
 from ...estimation.noise import noise_floor
-from ...estimation.parametric import DECISIVE, Fitted, fit_named, information_units
+from ...estimation.parametric import DECIDED, DECISIVE, Fitted, fit_named, information_units
 from ...estimation.problem import Problem, Unknown
 from ...estimation.results import Refusal, refuse
 from ...estimation.separable import Search, profile, solve_from
+from ...estimation.uncertainty import middle_of
 from ...estimation.whitening import Whitening
 from ...experiment import Experiment, FloatArray
 from ...family import FamilyOptions, ParameterSpec, Request
@@ -26,6 +27,7 @@ from ...units import after_number
 from .model import answers_to_the_past, are_short
 
 _MANY = 200_000  # samples beyond which the start is refined on a quarter of that first
+_LONGER = 800_000  # samples of a closer start, where there are far more
 _NEGLIGIBLE = 0.25  # standard errors that noise of the input may make without being allowed for
 _VALLEYS = 4  # of a grid search, from which the fit begins
 _RIVALS = 6  # places far from the best that are searched
@@ -116,7 +118,7 @@ def unrecorded_time(
         early = e[output][answers_to_the_past(e, dead_time)]
         if early.size < 3 or any(s.time.size == 1 for s in e.signals.values()):
             continue
-        noise = noise_floor(e[output], 4)
+        noise = noise_floor(e[output][middle_of(e.samples)], 4)
         if np.var(early) > noise**2 * (1.0 + 6.0 * np.sqrt(2.0 / early.size)):
             return float(unrecorded)
     return None
@@ -163,6 +165,11 @@ class TransferFit:
         return {r.parameter: float(r.hold or 0.0) for r in self.refusals}
 
     @property
+    def _are_very_long(self) -> bool:
+        """Whether a longer part than the first is still a small part of the logs."""
+        return sum(e.samples for e in self.experiments) > 8 * _LONGER
+
+    @property
     def _held(self) -> dict[str, float]:
         return {**self._refused, **self.request.fixed}
 
@@ -184,17 +191,34 @@ class TransferFit:
         ends = places[:3]
         part: NamedModel | None = None
         if sum(e.samples for e in self.experiments) > _MANY:
-            part = self.make(_shorten(self.experiments, self.output, _MANY // 4), rest)
-            middle = bind(part, self.unknowns, held)
-            closer = solve_from(middle, [_vector(middle, s) for s in ends], tolerance=1e-2)
-            ends = [{**held, **dict(zip(names, closer.best.eta))}]
+            part = self._part(_MANY // 4, rest)
+            ends = self._closer(part, ends)
+            if self.idle and self._are_very_long:
+                # with edges in it the model is far from linear: from farther off, each step over
+                # everything would be followed by others
+                ends = self._closer(self._part(_LONGER, rest), ends)
         self.request.progress("fitting")
         model = self.make(self.experiments, rest)
         fitted = self._fit(model, ends, part)
-        self._refuse_ambiguous(fitted, model, places)
+        if self._are_very_long:
+            part = self._part(_LONGER, rest)
+        self._refuse_ambiguous(fitted, model, places, part)
         fitted, found = self._allow_for_input_noise(fitted, rest)
         tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
         return replace(fitted, search=tried, remarks=found), rest
+
+    def _part(self, samples: int, rest: bool) -> NamedModel:
+        """The model of part of the logs."""
+        return self.make(_shorten(self.experiments, self.output, samples), rest)
+
+    def _closer(
+        self, part: NamedModel, starts: Sequence[Mapping[str, float]]
+    ) -> list[dict[str, float]]:
+        """The best that a part leads to from some starts."""
+        problem = bind(part, self.unknowns, self._held)
+        found = solve_from(problem, [_vector(problem, s) for s in starts], tolerance=1e-2)
+        names = [u.name for u in problem.nonlinear]
+        return [{**self._held, **dict(zip(names, found.best.eta))}]
 
     def _fit(
         self, model: NamedModel, starts: Sequence[Mapping[str, float]], part: NamedModel | None
@@ -237,12 +261,17 @@ class TransferFit:
         return search
 
     def _refuse_ambiguous(
-        self, fitted: Fitted, model: NamedModel, places: Sequence[Mapping[str, float]]
+        self,
+        fitted: Fitted,
+        model: NamedModel,
+        places: Sequence[Mapping[str, float]],
+        part: NamedModel | None,
     ) -> None:
         """Refuse what has two values, far apart, that the data cannot tell from each other.
 
         ``places`` are where a rough search ended. A closer one may slide from there, along a
-        valley that hardly falls, to the best: what they cost tells whether it does.
+        valley that hardly falls, to the best: what they cost tells whether it does. Those that are
+        out of the question on ``part`` of long logs need no look at the others.
 
         Raises
         ------
@@ -258,6 +287,10 @@ class TransferFit:
         errors = np.array([fitted.std_error(n) for n in names])
         points = [_vector(problem, {**p, **held}) for p in places]
         far = [eta for eta in points if np.any(np.abs(eta - best.eta) > _OTHER * errors)]
+        if part is not None and far:
+            some = bind(part.scaled(fitted.factors), self.unknowns, held)
+            least, *others = profile(some, np.array([best.eta, *far]))
+            far = [eta for eta, cost in zip(far, others) if cost - least < DECIDED * unit]
         rivals = [(s.eta, s.cost) for s in fitted.search.rivals]
         for eta, cost in [*rivals, *zip(far, profile(problem, np.array(far)))]:
             if cost - best.cost >= DECISIVE * unit:

@@ -20,7 +20,7 @@ from ...estimation.least_squares import project_out
 from ...estimation.linear import forced_pieces, free_pieces, states_at_nodes
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis
-from ...experiment import Array, Experiment, FloatArray, Signal, blocks
+from ...experiment import Array, Experiment, FloatArray, Signal, all_of, blocks
 from ...family import Simulated
 
 T = TypeVar("T")
@@ -118,7 +118,7 @@ class TransferModel:
         self.several = several if common_offset else []
         self.prepared = [self._prepare(e, input_role) for e in experiments]
         self.measured = [
-            _chosen(e[output_role], p.used)
+            all_of(e[output_role], p.used)
             for e, p in zip(experiments, self.prepared)
             if output_role in e
         ]
@@ -131,7 +131,7 @@ class TransferModel:
         used = np.ones(experiment.time.size, dtype=bool)
         if self.unrecorded > 0.0 and not rest:
             used = ~answers_to_the_past(experiment, self.unrecorded)
-        samples = make_grid(_chosen(experiment.time, used))
+        samples = make_grid(all_of(experiment.time, used))
         same = used.all() and (
             signal.time is experiment.time or np.array_equal(signal.time, experiment.time)
         )
@@ -258,11 +258,6 @@ class TransferModel:
         )  # fmt: skip
 
 
-def _chosen(values: FloatArray, used: npt.NDArray[np.bool_]) -> FloatArray:
-    """Some values, or all of them without a copy."""
-    return values if used.all() else values[used]
-
-
 def input_level(signal: Signal) -> float:
     """The level of rest that a signal starts from [unit of the signal]."""
     stepped = signal.time.size == 1
@@ -276,8 +271,12 @@ def time_scales(experiments: Sequence[Experiment]) -> tuple[float, float]:
 
 def answers_to_the_past(experiment: Experiment, unrecorded: float) -> npt.NDArray[np.bool_]:
     """Samples within ``unrecorded`` [s] of the start; none of a run not even twice as long."""
-    since = experiment.time - experiment.time[0]
-    return np.asarray((since < unrecorded) & (since[-1] > 2.0 * unrecorded))
+    time = experiment.time
+    early = np.zeros(time.size, dtype=bool)
+    if time[-1] - time[0] > 2.0 * unrecorded:
+        first = time[: np.searchsorted(time, time[0] + 2.0 * unrecorded)]
+        early[: first.size] = first - time[0] < unrecorded
+    return early
 
 
 def are_short(experiments: Sequence[Experiment]) -> bool:

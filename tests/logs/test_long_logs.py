@@ -1,0 +1,106 @@
+"""Long logs are looked at block by block: nothing in any block may be seen otherwise than whole."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fluidact_fit import experiment
+from fluidact_fit.experiment import all_of, at_rows, is_finite
+from fluidact_fit.families import get_family
+from fluidact_fit.logs import experiments, read_log, repeats, spikes, timebase
+
+LINE = get_family("line").variants[0]
+
+
+@pytest.fixture(params=[1 << 15, 37])
+def rows_of_a_block(request, monkeypatch):
+    monkeypatch.setattr(experiment, "BLOCK_ROWS", request.param)
+    return request.param
+
+
+def signals(seed: int) -> list[np.ndarray]:
+    rng = np.random.default_rng(seed)
+    smooth = 3.0 * np.sin(0.05 * np.arange(700) + seed)
+    moving = smooth + 0.2 * rng.standard_normal(700)
+    held = np.repeat(rng.uniform(0.0, 5.0, 10), 70)
+    slow = np.repeat(smooth[::3], 3)[:700]
+    return [moving, held, slow, np.round(moving, 1), np.round(slow, 1)]
+
+
+def test_jumps_of_inputs_are_those_above_the_usual_change(rows_of_a_block):
+    for values in (x for seed in range(5) for x in signals(seed)):
+        size = np.abs(np.diff(values))
+        jump = max(0.3 * size.max(), 3.0 * np.median(size))
+        np.testing.assert_array_equal(spikes._jumps(values), np.flatnonzero(size > jump))
+
+
+def test_what_is_left_without_some_samples(rows_of_a_block):
+    values = signals(3)[0]
+    order = np.array([0, 36, 37, 699, 350])
+    for count in range(1, order.size + 1):
+        size = np.abs(np.diff(values))
+        for k in order[:count]:
+            size[max(k - 1, 0) : k + 1] = 0.0
+        assert spikes._left_when_removed(values, order[:count])[-1] == size.max()
+
+
+@pytest.mark.parametrize("place", [5, 36, 37, 400, 698])
+def test_a_spike_is_seen_in_every_block(rows_of_a_block, place):
+    values = signals(1)[0]
+    values[place] += 60.0
+    assert spikes.find_spikes(values, np.zeros(700, dtype=bool)).tolist() == [place]
+
+
+@pytest.mark.parametrize("led", [False, True])
+def test_repeated_readings_are_counted_alike(rows_of_a_block, led):
+    found = [repeats._rows_per_reading(x, led) for seed in range(5) for x in signals(seed)]
+    assert found[2::5] == pytest.approx([3.0] * 5, abs=0.2)
+    assert found[0::5] == found[1::5] == [1.0] * 5
+
+
+def test_a_clock_of_many_stamps_is_that_of_all(rows_of_a_block, monkeypatch):
+    rng = np.random.default_rng(0)
+    even = 0.0025 * np.arange(900)
+    uneven = np.round(even + 1e-3 * rng.uniform(-0.5, 0.5, 900), 4)
+    for stamps in (even, np.round(even, 3), np.round(even, 4), uneven):
+        resolution = timebase.print_resolution(stamps)
+        runs = []
+        for many in (10**6, 100):
+            monkeypatch.setattr(timebase, "_MANY", many)
+            runs.append(timebase.make_run(np.arange(900), stamps, resolution, 1.0))
+        assert runs[0].uniform == runs[1].uniform
+        assert runs[0].time.tobytes() == runs[1].time.tobytes()
+    assert timebase.print_resolution(np.append(even, 2.250001)) == 1e-6
+
+
+def test_a_cell_far_down_is_looked_at(rows_of_a_block):
+    values = np.ones(700)
+    assert is_finite(values)
+    values[699] = np.nan
+    assert not is_finite(values)
+
+
+def test_values_at_consecutive_rows_are_not_copied():
+    values = np.arange(10.0)
+    assert np.shares_memory(at_rows(values, np.arange(3, 8)), values)
+    np.testing.assert_array_equal(at_rows(values, np.array([1, 2, 5])), [1.0, 2.0, 5.0])
+    assert all_of(values, np.ones(10, dtype=bool)) is values
+
+
+def test_the_last_rows_of_a_long_log_are_judged(tmp_path: Path):
+    rng = np.random.default_rng(2)
+    t = 0.001 * np.arange(300_000)
+    inlet = np.repeat([1.0, 3.0], 150).tolist() * 1000
+    outlet = np.round(np.array(inlet) + 0.01 * rng.standard_normal(t.size), 5)
+    outlet[-700] = 40.0
+    text = "\n".join(f"{a:.3f},{b},{c}" for a, b, c in zip(t, inlet, outlet))
+    path = tmp_path / "long.csv"
+    path.write_text("time [s],inlet [bar],outlet [bar]\n" + text + "\n", encoding="utf-8")
+    log = read_log(path)
+    assert log.rows == log.account.data_rows == 300_000
+    (found,), notices = experiments(log, LINE)
+    assert list(found.signals["outlet"].recorded) == [299_300]
+    assert [n.code for n in notices] == ["spikes"]
+    path.write_text(path.read_text().replace("299.999,3.0,", "299.999,3.0x,"), encoding="utf-8")
+    assert read_log(path).columns[1].bad == {299_999: "3.0x"}
