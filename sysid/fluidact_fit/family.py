@@ -125,9 +125,9 @@ class Estimate(Generic[ReadT]):
         The same of other channels that were fitted beside the output, by role, one mapping
         per experiment; :meth:`Family.simulate` gives what the model says of them.
     nearby
-        Optional: simulates the experiments with slightly other values, inputs or options as
-        :meth:`Family.simulate` does, but what belongs to single logs to first order from the fit.
-        For families that would search for it at length.
+        Optional: simulates the experiments, or their beginnings, with slightly other values, inputs
+        or options as :meth:`Family.simulate` does, but what belongs to single logs to first order
+        from the fit. For families that would search for it at length.
     represented
         Optional: the same with what stands in for measured inputs that carry noise in their
         place. For families that estimate with instruments: the noise of such an input is in the
@@ -302,6 +302,9 @@ class Family(ABC, Generic[OptionsT]):
         pressure at which a valve idles. The file then holds its mean over the logs.
     allows_for_input_noise
         Whether the estimate takes noise of measured inputs into account, as ``--noise`` gives it.
+    examined
+        Samples of every run by which the examinations that simulate judge what is always there:
+        all that count where simulations are cheap, fewer where each takes its time.
     """
 
     name: str
@@ -311,6 +314,7 @@ class Family(ABC, Generic[OptionsT]):
     options_type: type[OptionsT]
     steady_offset: ClassVar[bool] = False
     allows_for_input_noise: ClassVar[bool] = False
+    examined: ClassVar[int] = 200_000
 
     def variants_for(self, options: OptionsT) -> tuple[Variant, ...]:
         """Variants that can be meant under the given options; usually all of them."""

@@ -29,7 +29,6 @@ _LATE = 0.1  # sample times by which a time is moved for a derivative
 _SMALL = 1e-3  # part of itself by which another value is moved at first
 _PART = 0.3  # standard deviations of the residual by which the output then changes
 _TRIES = 8  # to find that part
-_LONG = 200_000  # samples of every run that show as well as all of them what is always there
 _FEWEST = 20  # samples of a series that can be examined
 
 
@@ -109,7 +108,7 @@ class Optimum:
     @cached_property
     def part(self) -> Optimum:
         """The same fit over the first rows of long runs, which show what is always there."""
-        return self.beginning(_LONG)
+        return self.beginning(self.family.examined)
 
     def beginning(self, rows: int) -> Optimum:
         """The same fit over the first rows of every run.
@@ -123,9 +122,10 @@ class Optimum:
             return self
         runs = [e.beginning(rows) for e in self.experiments]
         output = self.variant.output.name
+        simulate = self.estimate.nearby or self.family.simulate
         fitted = [
             Simulation.of(e, found, output)
-            for e, found in zip(runs, self.family.simulate(self.plant, runs), strict=True)
+            for e, found in zip(runs, simulate(self.plant, runs), strict=True)
         ]
         series = []
         for s in self.series:
@@ -136,7 +136,6 @@ class Optimum:
             )
         return replace(
             self,
-            estimate=replace(self.estimate, nearby=None),  # knows whole runs only
             fitted=fitted,
             series=series,
             residuals=[r[:n] for r, n in zip(self.residuals, counts, strict=True)],

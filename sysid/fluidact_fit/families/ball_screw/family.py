@@ -114,6 +114,7 @@ class BallScrew(Family[BallScrewOptions]):
         _variant("linear", LINEAR, "N", "m", "kg", "N s/m"),
     )
     options_type = BallScrewOptions
+    examined = 40_000
 
     def estimate(
         self,

@@ -169,6 +169,7 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
     )
     variants = (Variant("hydraulic-cylinder", _ROLES, _specs()),)
     options_type = HydraulicCylinderOptions
+    examined = 30_000
 
     def estimate(
         self,

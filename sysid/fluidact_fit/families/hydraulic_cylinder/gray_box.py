@@ -46,6 +46,18 @@ class GrayLog:
         """Number of samples."""
         return int(self.guess.shape[0])
 
+    def liveliest(self, samples: int) -> GrayLog:
+        """So many samples in a row in which the piston moves most; all where there are no more."""
+        if self.samples <= samples:
+            return self
+        way = np.append(0.0, np.cumsum(np.abs(np.diff(self.guess[:, 2]))))
+        first = int(np.argmax(way[samples - 1 :] - way[: way.size - samples + 1]))
+        after = first + samples
+        return GrayLog(
+            self.command[first : after - 1], self.step[first : after - 1], self.channels,
+            self.measured[:, first:after], self.guess[first:after],
+        )  # fmt: skip
+
 
 def make_gray_log(e: Experiment, machine: Machine) -> GrayLog:
     """Prepare one experiment: measured channels and a first guess of all four states."""

@@ -11,6 +11,7 @@ from ...errors import Notice
 from ...estimation.friction_law import FrictionLaw
 from ...estimation.named_model import Values, make_unknowns
 from ...estimation.noise import noise_floor
+from ...estimation.problem import Unknown
 from ...estimation.results import Refusal, Solved, determine, left_open, refuse
 from ...estimation.stribeck import STRIBECK, free_names, undetermined
 from ...estimation.uncertainty import enlarge
@@ -27,6 +28,8 @@ from .options import HydraulicCylinderOptions
 from .regression import directional_gains, fit_flow, fit_friction, not_shown, sensible_widths
 
 _MARGIN = 1.5  # by which friction may fall more steeply than where the search for it ended
+_LONG = 40_000  # samples of all logs, beyond which the search begins in part of each
+_PART = 12_000  # samples of that
 _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says something
 
 
@@ -42,6 +45,10 @@ class _Search:
         logs = [make_gray_log(e, case.machine) for e in case.experiments]
         fall = FrictionLaw.of(case.request.fixed).fall
         self.box = GrayBox(logs, case.machine, scales["viscous"], fall=fall)
+        self.part: GrayBox | None = None
+        if sum(log.samples for log in logs) > _LONG:
+            part = [log.liveliest(_PART) for log in logs]
+            self.part = GrayBox(part, case.machine, scales["viscous"], fall=fall)
         self.sigma = _noise(case.experiments)
         self.low = free_names(case.options.stribeck == "estimate", case.request.fixed)
 
@@ -67,6 +74,8 @@ class _Search:
         """Search from the last values; the weights follow the residuals."""
         free = [self.unknowns[n] for n in (*GRAY_NAMES, *low) if n not in held]
         begin = {**self.start, **held}
+        if self.part is not None and initial is None:
+            begin, self.part = self._from_part(self.part, free, begin), None
         for _ in range(3):
             solution = solve_gray_box(GrayProblem(self.box, free, self.sigma), begin, initial)
             begin, initial = solution.values, solution.initial
@@ -78,6 +87,14 @@ class _Search:
                 break
         self.start = solution.values
         return solution
+
+    def _from_part(
+        self, part: GrayBox, free: Sequence[Unknown], begin: Mapping[str, float]
+    ) -> dict[str, float]:
+        """Values that fit part of long logs, from which the rest takes few steps."""
+        found = solve_gray_box(GrayProblem(part, free, self.sigma), begin)
+        self.case.request.progress(f"gray box: {found.iterations} steps in part of the logs")
+        return found.values if found.converged else {**begin}
 
     def undetermined(self, solution: GraySolution) -> list[Refusal]:
         """The parameter whose interval says least, if it says nothing."""

@@ -11,7 +11,7 @@ from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulate, Simulated
 from .case import read_machine
 from .gray_box import CHANNELS, GrayBox, GrayLog, mean_command
-from .gray_search import GraySolution, moving_speeds, without
+from .gray_search import GraySolution, moving_speeds, orthonormal, without
 from .options import HydraulicCylinderOptions
 
 _APART = 0.1  # of the exponent, between its two simulations and 2
@@ -42,7 +42,7 @@ class Nearby:
     def __call__(
         self, plant: Plant[HydraulicCylinderOptions], experiments: Sequence[Experiment]
     ) -> list[Simulated]:
-        """Simulate the fitted runs, in their order; see :meth:`.Family.simulate`."""
+        """Simulate the fitted runs or their beginnings, in their order; see `.Family.simulate`."""
         box = self.solution.problem.box
         plain = with_speed(plant.numbers, moving_speeds(self.solution))
         machine = read_machine(plant.options, (1, 2))
@@ -51,13 +51,26 @@ class Nearby:
         return [self._run(k, e, other, plain) for k, e in enumerate(experiments)]
 
     def _run(self, k: int, e: Experiment, box: GrayBox, values: Mapping[str, float]) -> Simulated:
-        fit, sigma = self.solution, self.solution.problem.sigma
-        old, states = box.logs[k], fit.states[k]
-        log = GrayLog(mean_command(e), old.step, old.channels, old.measured, old.guess)
+        sigma, old, n = self.solution.problem.sigma, box.logs[k], e.samples
+        states = self.solution.states[k][:n]
+        log = GrayLog(
+            mean_command(e), old.step[: n - 1], old.channels, old.measured[:, :n], old.guess[:n]
+        )
         change = (box.simulate(log, states[0], values) - states).T[: len(CHANNELS)]
         channels = list(log.channels)
         seen = (change[channels] / sigma[channels, None]).ravel()
-        kept = without(fit.start_basis[k], seen).reshape(len(channels), -1)
+        kept = without(self._basis(k, n), seen).reshape(len(channels), -1)
         change[channels] = kept * sigma[channels, None]
         found = dict(zip(CHANNELS, states.T[: len(CHANNELS)] + change))
         return Simulated(found.pop(CHANNELS[-1]), also=found)
+
+    def _basis(self, k: int, samples: int) -> FloatArray:
+        """What the initial states of a run can say of its first samples, orthonormal."""
+        whole, channels = (
+            self.solution.start_basis[k],
+            len(self.solution.problem.box.logs[k].channels),
+        )
+        parts = whole.reshape(channels, -1, whole.shape[1])
+        if samples == parts.shape[1]:
+            return whole
+        return orthonormal(parts[:, :samples].reshape(-1, whole.shape[1]))[0]
