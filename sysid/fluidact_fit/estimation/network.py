@@ -146,29 +146,55 @@ def _slope(a: FloatArray, net: Network) -> FloatArray:
     return np.asarray((a > 0.0).astype(float))
 
 
-def write_derivatives(
-    net: Network, layers: Sequence[FloatArray], factors: FloatArray, out: FloatArray
-) -> None:
-    """Derivatives of the output by all parameters, each sample times its factor.
+def propagate_back(
+    net: Network, layers: Sequence[FloatArray], factors: FloatArray
+) -> list[FloatArray]:
+    """Derivatives of the output by the sums in each layer, each sample times its factor.
 
     Parameters
     ----------
     layers
         From :meth:`Network.layer_inputs`.
     factors : (n,)
-    out : (parameters, n)
-        In the order of :meth:`Network.vector`. At a kink of a ReLU the left derivative.
+
+    Returns
+    -------
+    (units, n) of each layer. At a kink of a ReLU the left derivative.
     """
-    back, end = factors[None, :], net.parameters
-    for k in range(len(net.weights) - 1, -1, -1):
-        units, inputs = net.weights[k].shape
-        out[end - units : end] = back
-        end -= units * (inputs + 1)
-        products = out[end : end + units * inputs].reshape(units, inputs, -1)  # a view
-        np.multiply(back[:, None, :], layers[k][None, :, :], out=products)
-        if k:
-            back = net.weights[k].T @ back
-            back *= _slope(layers[k], net)
+    out = [factors[None, :]]
+    for k in range(len(net.weights) - 1, 0, -1):
+        back = net.weights[k].T @ out[-1]
+        back *= _slope(layers[k], net)
+        out.append(back)
+    return out[::-1]
+
+
+def write_derivatives(
+    back: Sequence[FloatArray], layers: Sequence[FloatArray], out: npt.NDArray[np.floating]
+) -> None:
+    """Derivatives by all parameters from those by the sums in each layer.
+
+    ``out`` has shape ``(parameters, n)``, in the order of :meth:`Network.vector`.
+    """
+    begin = 0
+    for one, a in zip(back, layers):
+        d, given = one.astype(out.dtype), a.astype(out.dtype)
+        end = begin + d.shape[0] * given.shape[0]
+        products = out[begin:end].reshape(d.shape[0], given.shape[0], -1)  # a view
+        np.multiply(d[:, None, :], given[None, :, :], out=products)
+        begin = end + d.shape[0]
+        out[end:begin] = d
+
+
+def _gradient(
+    back: Sequence[FloatArray], layers: Sequence[FloatArray], factors: FloatArray
+) -> FloatArray:
+    """Sum of the derivatives by all parameters over the samples, each times its factor."""
+    parts = []
+    for one, a in zip(back, layers):
+        d = one * factors
+        parts += [(d @ a.T).ravel(), d.sum(axis=1)]
+    return np.concatenate(parts)
 
 
 # ---------------------------------------------------------------- Levenberg-Marquardt
@@ -284,24 +310,29 @@ class _Problem:
         return _Point(net, cost, rows, chords)
 
     def normal_equations(self, point: _Point) -> tuple[FloatArray, FloatArray]:
-        """``J'WJ`` and ``J'Wr``, penalties included."""
+        """``J'WJ`` and ``J'Wr``, penalties included.
+
+        The matrix only shapes a step and is made in single precision; where the steps end is
+        for the gradient and the cost to say.
+        """
         net, size, root = point.network, point.network.parameters, np.sqrt(self._weight)
-        # the residual is one more row of derivatives: one product makes both
-        table, whole = np.empty((size + 1, _BLOCK)), np.zeros((size + 1, size + 1))
+        matrix, gradient = np.diag(self._ridge), -self._ridge * net.vector()
+        table = np.empty((size, _BLOCK), dtype=np.float32)
         for layers, residual in point.rows:
             block, roots = table[:, : residual.size], self._roots(residual)
-            write_derivatives(net, layers, roots, block[:size])
-            block[size] = roots * residual
-            whole += block @ block.T
+            back = propagate_back(net, layers, roots)
+            gradient += _gradient(back, layers, roots * residual)
+            write_derivatives(back, layers, block)
+            matrix += block @ block.T
         for (layers, deviation), (_, shares) in zip(point.chords, self._chords):
-            block, ends = table[:, : deviation.size], table[:size, : shares.size]
-            write_derivatives(net, layers, root * shares.ravel(), ends)
+            block, ends = table[:, : deviation.size], table[:, : shares.size]
+            back = propagate_back(net, layers, root * shares.ravel())
+            gradient += _gradient(back, layers, np.tile(-root * deviation, 3))
+            write_derivatives(back, layers, ends)
             low, between, high = ends.reshape(size, 3, -1).transpose(1, 0, 2)
-            block[:size] = low + between + high
-            block[size] = -root * deviation
-            whole += block @ block.T
-        matrix, gradient = whole[:size, :size], whole[:size, size]
-        return matrix + np.diag(self._ridge), gradient - self._ridge * net.vector()
+            block[:] = low + between + high
+            matrix += block @ block.T
+        return matrix, gradient
 
     def _roots(self, residual: FloatArray) -> FloatArray:
         """Square roots of the weights of rows."""
