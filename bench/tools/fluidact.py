@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import fluidact_fit as ff
+from fluidact_fit.estimation.inputs import settle_holds
 from fluidact_fit.family import Request
 from fluidact_fit.logs import choose_variant, experiments
 
@@ -52,13 +53,13 @@ def prepare(fit: str, log: Any) -> Any:
         read = ff.read_log(path)
     read.holds[role] = hold
     variant = choose_variant([read], ff.get_family(family).variants)
-    return variant, experiments(read, variant)[0]
+    return variant, settle_holds(experiments(read, variant)[0])
 
 
 def _fit(problem: str, started: bool) -> Any:
     family, _, _, names, fixed = _HOW[problem]
     model = ff.get_family(family)
-    options = {o.name: o.default for o in model.options}
+    options = model.options_type()
 
     def run(given: Any, guess: dict[str, float]) -> dict[str, float]:
         variant, runs = given

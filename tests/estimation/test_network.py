@@ -18,10 +18,13 @@ from fluidact_fit.estimation.network import (
     Training,
     cross_validate,
     huber_cost,
-    output_and_jacobian,
+    propagate_back,
+    samples_last,
     search,
     train_from,
+    write_derivatives,
 )
+from fluidact_fit.experiment import FloatArray
 from fluidact_fit.families.force_map.results import polynomial_fit, polynomial_terms
 from fluidact_fit.families.force_map.slope_bounds import activation_regions, gradient_interval
 
@@ -32,6 +35,12 @@ def make_network(sizes: tuple[int, ...], activation: Activation = "relu", seed: 
     return Network(weights, tuple(rng.standard_normal(n) for n in sizes[1:]), activation)
 
 
+def derivatives(net: Network, x: FloatArray, factors: FloatArray) -> FloatArray:
+    layers, out = net.layer_inputs(samples_last(x)), np.empty((net.parameters, x.shape[0]))
+    write_derivatives(propagate_back(net, layers, factors), layers, out)
+    return out
+
+
 @pytest.mark.parametrize("sizes", [(3, 5, 1), (4, 7, 1), (2, 4, 3, 1)])
 @pytest.mark.parametrize("activation", ["relu", "tanh"])
 @pytest.mark.parametrize("sharpness", [np.inf, 4.0])
@@ -40,13 +49,13 @@ def test_jacobian_is_exact(
 ) -> None:
     net = replace(make_network(sizes, activation), sharpness=sharpness)
     x = np.random.default_rng(1).standard_normal((40, sizes[0]))
-    y, jacobian = output_and_jacobian(net, x)
-    assert np.array_equal(y, net(x))
+    factors = np.linspace(0.5, 2.0, 40)
+    jacobian = derivatives(net, x, factors)
     p, step = net.vector(), 1e-6
     for k in range(p.size):
         e = step * (np.arange(p.size) == k)
         numeric = (net.from_vector(p + e)(x) - net.from_vector(p - e)(x)) / (2.0 * step)
-        assert np.allclose(jacobian[:, k], numeric, atol=1e-6)
+        assert np.allclose(jacobian[k], factors * numeric, atol=1e-6)
 
 
 def test_papers_networks_have_26_and_43_parameters() -> None:
@@ -81,6 +90,15 @@ def test_spikes_do_not_pull() -> None:
     assert np.sqrt(np.mean((found.best.network(x) - clean) ** 2)) < 0.05
 
 
+def chord_cost(chords: Chords, net: Network) -> float:
+    deviation = sum(share * net(x) for share, x in zip(chords.shares, chords.points))
+    return chords.strength * float(np.mean(np.square(deviation)))
+
+
+def cost_at(net: Network, x: FloatArray, y: FloatArray, cost: Cost) -> float:
+    return train_from(net, x, y, cost, iterations=0).cost
+
+
 def test_chords_measure_the_deviation_from_a_straight_line() -> None:
     x = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 2))
     bent = Network((np.array([[1.0, 0.0]]), np.array([[1.0]])), (np.zeros(1), np.zeros(1)))
@@ -88,8 +106,10 @@ def test_chords_measure_the_deviation_from_a_straight_line() -> None:
     low, between, high = chords.points[:, :, 0]
     line = np.maximum(high, 0.0) * (between - low) / (high - low)
     expected = 2.0 * np.mean((np.maximum(between, 0.0) - line) ** 2)
-    assert chords.cost(bent) == pytest.approx(expected, rel=1e-12)
-    assert Chords.along(x, 1, 2.0).cost(bent) == pytest.approx(0.0, abs=1e-20)
+    y = bent(x)
+    assert cost_at(bent, x, y, Cost(chords=chords)) == pytest.approx(expected, rel=1e-12)
+    other = Cost(chords=Chords.along(x, 1, 2.0))
+    assert cost_at(bent, x, y, other) == pytest.approx(0.0, abs=1e-20)
 
 
 def test_chords_straighten_one_input_only() -> None:
@@ -98,11 +118,35 @@ def test_chords_straighten_one_input_only() -> None:
     start = search(x, y, Training((6,)), np.random.default_rng(0)).best.network
     chords = Chords.along(x, 0, 100.0)
     found = train_from(start, x, y, Cost(1e-6, chords=chords))
-    assert chords.cost(found.network) / 100.0 < 1e-4 < chords.cost(start) / 100.0
+    assert chord_cost(chords, found.network) < 1e-2 < chord_cost(chords, start)
     rest = y - found.network(x)
     assert rest.std() == pytest.approx(np.abs(x[:, 0]).std(), rel=0.1)
     cost = np.mean(rest**2) + 1e-6 * sum((w**2).sum() for w in found.network.weights)
-    assert found.cost == pytest.approx(cost + chords.cost(found.network), rel=1e-9)
+    assert found.cost == pytest.approx(cost + chord_cost(chords, found.network), rel=1e-9)
+
+
+@pytest.mark.parametrize("limit", [np.inf, 0.3])
+def test_one_step_is_that_of_the_written_out_normal_equations(limit: float) -> None:
+    rng = np.random.default_rng(3)
+    x, y = rng.uniform(-1.0, 1.0, (6000, 2)), rng.standard_normal(6000)  # two blocks of rows
+    net = make_network((2, 3, 1), "tanh")
+    chords = Chords.along(x, 1, 0.5)
+
+    def slopes_at(z: FloatArray) -> FloatArray:
+        return derivatives(net, z, np.ones(z.shape[0])).T
+
+    p, residual, slopes = net.vector(), y - net(x), slopes_at(x)
+    weight = np.minimum(1.0, limit / np.abs(residual))
+    parts = list(zip(chords.shares, chords.points))
+    bend, bent = sum(s * net(z) for s, z in parts), sum(s[:, None] * slopes_at(z) for s, z in parts)
+    strength = 0.5 * y.size / np.size(bend)
+    ridge = 6000 * 1e-3 * np.array([1, 1, 1, 1, 1, 1, 0, 0, 0, 1, 1, 1, 0])  # none of biases
+    matrix = (slopes.T * weight) @ slopes + strength * np.transpose(bent) @ bent + np.diag(ridge)
+    gradient = slopes.T @ (weight * residual) - strength * np.transpose(bent) @ bend - ridge * p
+    step = np.linalg.solve(matrix + 1e-2 * np.diag(np.diag(matrix)), gradient)
+    found = train_from(net, x, y, Cost(1e-3, limit, chords), iterations=1)
+    assert found.iterations == 1
+    np.testing.assert_allclose(found.network.vector() - p, step, rtol=1e-4, atol=1e-5)
 
 
 def test_huber_cost_is_smooth_at_the_limit() -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 import fluidact_fit as ff
@@ -47,15 +48,17 @@ def fitted(target: str = "command") -> FitResult:
 def fit_and_count(target: str) -> tuple[FitResult, int]:
     """A fit, and how many rows it took derivatives of."""
     rows = 0
-    output_and_jacobian = network.output_and_jacobian
+    write_derivatives = network.write_derivatives
 
-    def counted(net: network.Network, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def counted(
+        back: Sequence[FloatArray], layers: Sequence[FloatArray], out: npt.NDArray[np.floating]
+    ) -> None:
         nonlocal rows
-        rows += x.shape[0]
-        return output_and_jacobian(net, x)
+        rows += out.shape[1]
+        write_derivatives(back, layers, out)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(network, "output_and_jacobian", counted)
+        patch.setattr(network, "write_derivatives", counted)
         starts = 6 if target == "command" else 16
         return ff.fit("force-map", [read(1), read(2)], target=target, starts=starts), rows
 

@@ -31,7 +31,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..experiment import Experiment, FloatArray, Signal
+from ..experiment import Array, Experiment, FloatArray, Signal
 from .least_squares import project_out
 from .noise import noise_floor, white_level
 from .problem import Problem, Solution
@@ -114,21 +114,21 @@ class InputNoise:
             out.append(e.with_readings(self.role, values + factor * self.sigma * unit))
         return out
 
-    def whitening(self, build: Build, eta: FloatArray) -> list[Whitening]:
-        """What whitens the residual of every experiment."""
-        plain = build(self.experiments, ())
-        return make_filters(self._response(build, eta), evaluate(plain, eta).residuals)
+    def whitening(
+        self, build: Build, eta: FloatArray, at: Solution | None = None
+    ) -> list[Whitening]:
+        """What whitens the residual of every experiment; ``at`` is what there is at ``eta``."""
+        at = at or evaluate(build(self.experiments, ()), eta)
+        return make_filters(self._response(build, eta), at.residuals)
 
     def _response(self, build: Build, eta: FloatArray) -> list[FloatArray]:
         """What a few draws of the noise make of the output of every experiment."""
-        base = build(self.experiments, ()).model
+        plain = build(self.experiments, ()).model
+        base = [plain.basis(i, eta).known for i in range(len(self.experiments))]
         series = []
         for k in range(_FEW):
             moved = build(self.add(k, 1.0), ()).model
-            series += [
-                moved.basis(i, eta).known - base.basis(i, eta).known
-                for i in range(len(self.experiments))
-            ]
+            series += [moved.basis(i, eta).known - known for i, known in enumerate(base)]
         return series
 
     def effect(self, build: Build, eta: FloatArray, errors: FloatArray) -> float:
@@ -154,9 +154,10 @@ class InputNoise:
         """
         plain = build(self.experiments, ())
         at = evaluate(plain, eta)
-        full = self.whitening(build, eta)
+        local = [plain.model.basis(i, eta).local for i in range(len(self.experiments))]
+        full = self.whitening(build, eta, at)
         scores = np.array([
-            _likelihood(plain, at, [replace(f, drive=ratio * f.drive) for f in full])
+            _likelihood(local, at, [replace(f, drive=ratio * f.drive) for f in full])
             for ratio in _RATIOS
         ])  # fmt: skip
         best = int(np.argmax(scores))
@@ -202,12 +203,11 @@ def _converter(signal: Signal) -> float:
     return 0.0 if _coarse(signal) or signal.hold == "zoh" else signal.resolution
 
 
-def _likelihood(problem: Problem, at: Solution, whitening: Sequence[Whitening]) -> float:
+def _likelihood(local: Sequence[Array], at: Solution, whitening: Sequence[Whitening]) -> float:
     """Log-likelihood of the residual, its scale and all unknowns at their best."""
     rows, logarithm = [], 0.0
-    for i, (f, r, j) in enumerate(zip(whitening, at.residuals, at.jacobian)):
-        local = np.asarray(problem.model.basis(i, at.eta).local)
-        white = f.filter(np.column_stack((j, r, local)))
+    for f, r, j, own_columns in zip(whitening, at.residuals, at.jacobian, local):
+        white = f.filter(np.column_stack((j, r, own_columns)))
         own = j.shape[1] + 1
         rows.append(project_out(white[:, :own], white[:, own:]))
         logarithm += f.logarithm(r.size)

@@ -256,25 +256,24 @@ def apply_dead_zone(u: PiecewiseInput, negative: complex, positive: complex) -> 
     if u.coefficients.shape[1] == 1:
         return PiecewiseInput(u.nodes, level[:, None])
     end = np.append(start[1:], start[-1])
-    intervals, offsets, bends = [], [], []
-    for edge, inside, sign in ((positive, above, 1.0), (negative, below, -1.0)):
-        after = sign * (end - np.real(edge)) > 0.0
-        crossed = np.flatnonzero(inside[:-1] != after[:-1])
-        offset, bend = _cross(u, crossed, edge)
-        intervals.append(crossed)
-        offsets.append(offset)
-        bends.append(np.where(inside[crossed], -1.0, 1.0)[:, None] * bend)
-    kinks = Kinks(np.concatenate(intervals), np.concatenate(offsets), np.concatenate(bends))
+    leaves = above[:-1] != (end > np.real(positive))[:-1]
+    enters = below[:-1] != (end < np.real(negative))[:-1]
+    up, down = np.flatnonzero(leaves), np.flatnonzero(enters)
+    crossed = np.concatenate((up, down))
+    edges = np.repeat(np.array((positive, negative)), (up.size, down.size))
+    offset, bend = _cross(u, crossed, edges)
+    turn = np.where(np.concatenate((above[up], below[down])), -1.0, 1.0)
+    kinks = Kinks(crossed, offset, turn[:, None] * bend)
     active = (above | below)[:, None]
     coefficients = np.column_stack((level, np.where(active, u.coefficients[:, 1:], 0.0)))
     return PiecewiseInput(u.nodes, coefficients, kinks)
 
 
-def _cross(u: PiecewiseInput, index: npt.NDArray[np.intp], edge: complex) -> tuple[Array, Array]:
-    """Offsets at which pieces cross an edge and their polynomials about that point."""
+def _cross(u: PiecewiseInput, index: npt.NDArray[np.intp], edges: Array) -> tuple[Array, Array]:
+    """Offsets at which pieces cross an edge each and their polynomials about that point."""
     c = u.coefficients[index]
     step = np.diff(u.nodes)[index]
-    target = float(np.real(edge))
+    target = np.real(edges)
     low, high = np.zeros(index.size), step.copy()
     rising = c[:, 0] <= target
     rise = _values(c, step) - c[:, 0]
@@ -293,9 +292,9 @@ def _cross(u: PiecewiseInput, index: npt.NDArray[np.intp], edge: complex) -> tup
         if settled:  # Newton squares the error: what is left is rounding
             break
     bend = _expand(c, offset)[:, 1:]
-    if np.iscomplexobj(edge):
+    if np.iscomplexobj(edges):
         slope = bend[:, 0]
-        offset = offset + 1j * np.imag(edge) / np.where(slope == 0.0, np.inf, slope)
+        offset = offset + 1j * np.imag(edges) / np.where(slope == 0.0, np.inf, slope)
         bend = _expand(c, offset)[:, 1:]
     return offset, bend
 

@@ -9,12 +9,25 @@ from ..experiment import Array, BoolArray, FloatArray
 _NEGLIGIBLE = 1e-10  # part of the largest singular value below which a direction is none
 
 
+def lengths(columns: FloatArray) -> FloatArray:
+    """Euclidean lengths of columns, shape ``(q,)``; :func:`numpy.linalg.norm` takes four times."""
+    return np.asarray(np.sqrt(np.einsum("ij,ij->j", columns, columns)))
+
+
 def orthonormal(columns: FloatArray) -> FloatArray:
     """Orthonormal basis of the span of some columns; negligible directions are left out."""
-    norms = np.linalg.norm(columns, axis=0)
-    used = columns[:, norms > 0.0] / norms[norms > 0.0]
+    norms = lengths(columns)
+    some = norms > 0.0
+    used = columns / norms if some.all() else columns[:, some] / norms[some]
     if used.shape[1] <= 1:
         return used
+    if used.shape[1] == 2:  # an offset and one state more often than not: half a decomposition
+        first, second = used.T
+        rest = second - first * (first @ second)
+        rest -= first * (first @ rest)  # once more, for what rounding has left
+        length = float(np.sqrt(rest @ rest))
+        if length > _NEGLIGIBLE:
+            return np.column_stack((first, rest / length))
     q, r = np.linalg.qr(used)
     size = np.abs(np.diag(r))
     if size.min() > _NEGLIGIBLE * size.max():
@@ -30,7 +43,7 @@ def project_out(rows: FloatArray, columns: FloatArray) -> FloatArray:
 
 def explain(rows: FloatArray, columns: FloatArray) -> FloatArray:
     """How ``columns``, ``(n, q)``, explain ``rows``, ``(n, p)``, best; shape ``(q, p)``."""
-    scale = np.linalg.norm(columns, axis=0)
+    scale = lengths(columns)
     scale[scale == 0.0] = 1.0
     found = np.linalg.lstsq(columns / scale, rows, rcond=_NEGLIGIBLE)[0]
     return np.asarray(found / scale[:, None])
@@ -47,7 +60,7 @@ def scaled_least_squares(a: FloatArray, y: FloatArray, rcond: float = 1e-12) -> 
     ``a`` has shape ``(n, q)``, ``y`` ``(n,)``; ``rcond`` is the smallest singular value of the
     columns, each of length one, that counts.
     """
-    scale = np.linalg.norm(a, axis=0)
+    scale = lengths(a)
     scale[scale == 0.0] = 1.0
     return np.asarray(np.linalg.lstsq(a / scale, y, rcond=rcond)[0] / scale)
 

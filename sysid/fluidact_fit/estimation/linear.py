@@ -21,7 +21,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from math import ceil, factorial, log2
 
 import numpy as np
@@ -34,7 +34,8 @@ from .recursion import orbit, scan
 
 # Taylor coefficients of exp up to degree 15, four to a row; what is left out is
 # 0.5**16 / 16! = 7e-19: below rounding for a norm of one half.
-_SERIES = 1.0 / np.array([float(factorial(k)) for k in range(16)]).reshape(4, 4)
+_FACTORIALS = np.array([float(factorial(k)) for k in range(16)])
+_SERIES = 1.0 / _FACTORIALS.reshape(4, 4)
 _HEAD = 8192  # samples within which the free response of a fast system is over
 _FORGOTTEN = 1e-60  # part of a free response at its start that is nothing
 
@@ -64,6 +65,25 @@ def transition(
     phi : (k, n, n)
     gamma : (k, n, degree + 1) or None
     """
+    if steps.size > 1:
+        return _transition(a, b, steps, degree)
+    # several logs of equal steps ask for the same one after the other
+    given = [a, steps] if b is None else [a, steps, b]
+    return _recent(tuple((x.tobytes(), x.dtype.char) for x in given), degree)
+
+
+@lru_cache(maxsize=16)
+def _recent(given: tuple[tuple[bytes, str], ...], degree: int) -> tuple[Array, Array | None]:
+    a, steps, *b = (np.frombuffer(content, kind) for content, kind in given)
+    n = round(a.size**0.5)
+    phi, gamma = _transition(a.reshape(n, n), b[0] if b else None, steps, degree)
+    for kept in (phi, gamma):
+        if kept is not None:
+            kept.flags.writeable = False
+    return phi, gamma
+
+
+def _transition(a: Array, b: Array | None, steps: Array, degree: int) -> tuple[Array, Array | None]:
     n = a.shape[0]
     size = n if b is None else n + degree + 1
     kind = np.result_type(a, steps, float if b is None else b)
@@ -71,19 +91,19 @@ def transition(
     m[:, :n, :n] = a * steps[:, None, None]
     if b is not None:
         m[:, :n, n] = b * steps[:, None]
-        chain = np.arange(degree)
-        m[:, n + chain, n + chain + 1] = 1.0
+        for i in range(n, n + degree):
+            m[:, i, i + 1] = 1.0
     norm = float(np.abs(m).sum(axis=1).max(initial=0.0))
     squarings = max(0, ceil(log2(norm / 0.5))) if norm > 0.5 else 0
     m /= 2.0**squarings
     result = _exponential_series(m)
-    with np.errstate(over="ignore", invalid="ignore"):  # what explodes is the caller's to reject
-        for _ in range(squarings):
-            result = result @ result
+    if squarings:
+        with np.errstate(over="ignore", invalid="ignore"):  # the caller rejects what explodes
+            for _ in range(squarings):
+                result = result @ result
     if b is None:
         return result, None
-    weights = np.array([float(factorial(i)) for i in range(degree + 1)])
-    return result[:, :n, :n], result[:, :n, n:] * weights
+    return result[:, :n, :n], result[:, :n, n:] * _FACTORIALS[: degree + 1]
 
 
 def _exponential_series(m: Array) -> Array:

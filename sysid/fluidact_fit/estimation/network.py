@@ -37,7 +37,7 @@ from ..experiment import BoolArray, FloatArray
 
 Activation = Literal["relu", "tanh"]
 
-_BLOCK = 4096  # rows per block of the normal equations: a few megabytes
+_BLOCK = 4096  # rows per block: their derivatives are a few megabytes
 _MANY = 40_000  # rows of the fit before the last
 _HUBER = 1.5  # threshold in robust standard deviations: nearly as efficient as squares
 _CHORDS = 1500  # lines along an input that is to be straight
@@ -84,11 +84,20 @@ class Network:
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Output for inputs of shape ``(n, inputs)``, shape ``(n,)``."""
-        # samples last: what is done to one unit is then one run through memory
-        a = np.ascontiguousarray(x.T)
+        return self.output(self.layer_inputs(samples_last(x)))
+
+    def layer_inputs(self, x: FloatArray) -> list[FloatArray]:
+        """What goes into each layer, ``(its inputs, n)``, for inputs of shape ``(inputs, n)``."""
+        layers = [x]
         for w, b in zip(self.weights[:-1], self.biases[:-1]):
-            a = activate(w @ a + b[:, None], self.activation, self.sharpness)
-        return np.asarray((self.weights[-1] @ a)[0] + self.biases[-1])
+            z = w @ layers[-1]
+            z += b[:, None]
+            layers.append(activate(z, self.activation, self.sharpness))
+        return layers
+
+    def output(self, layers: Sequence[FloatArray]) -> FloatArray:
+        """Output, shape ``(n,)``, for what :meth:`layer_inputs` returns."""
+        return np.asarray((self.weights[-1] @ layers[-1])[0] + self.biases[-1])
 
     def vector(self) -> FloatArray:
         """All parameters in one row: weights, then biases, layer by layer."""
@@ -106,55 +115,86 @@ class Network:
         return replace(self, weights=tuple(weights), biases=tuple(biases))
 
 
+def samples_last(x: FloatArray) -> FloatArray:
+    """Rows ``(n, inputs)`` turned: what is done to one unit is then one run through memory."""
+    return np.ascontiguousarray(x.T)
+
+
 def activate(z: FloatArray, activation: Activation, sharpness: float = np.inf) -> FloatArray:
     """``max(z, 0)`` or ``tanh(z)``, of any shape; a finite ``sharpness`` rounds the corner."""
     if activation == "tanh":
         return np.asarray(np.tanh(z))
+    out = np.asarray(np.maximum(z, 0.0))
     if np.isfinite(sharpness):
         # log(1 + exp(s z)) without overflow; log1p would be slower and here no better
-        return np.asarray(
-            np.maximum(z, 0.0) + np.log(1.0 + np.exp(-sharpness * np.abs(z))) / sharpness
-        )
-    return np.asarray(np.maximum(z, 0.0))
+        tail = np.abs(z)
+        tail *= -sharpness
+        np.exp(tail, out=tail)
+        tail += 1.0
+        np.log(tail, out=tail)
+        tail /= sharpness
+        out += tail
+    return out
 
 
-def _slope(z: FloatArray, a: FloatArray, net: Network) -> FloatArray:
-    """Derivative of the activation at ``z``, where it is ``a``."""
+def _slope(a: FloatArray, net: Network) -> FloatArray:
+    """Derivative of the activation where it is ``a``."""
     if net.activation == "tanh":
         return 1.0 - a * a
     if np.isfinite(net.sharpness):
-        return np.asarray(0.5 * (1.0 + np.tanh(0.5 * net.sharpness * z)))
-    return np.asarray((z > 0.0).astype(float))
+        return np.asarray(1.0 - np.exp(-net.sharpness * a))
+    return np.asarray((a > 0.0).astype(float))
 
 
-def output_and_jacobian(net: Network, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Output and its exact derivatives by all parameters.
+def propagate_back(
+    net: Network, layers: Sequence[FloatArray], factors: FloatArray
+) -> list[FloatArray]:
+    """Derivatives of the output by the sums in each layer, each sample times its factor.
+
+    Parameters
+    ----------
+    layers
+        From :meth:`Network.layer_inputs`.
+    factors : (n,)
 
     Returns
     -------
-    y : (n,)
-    jacobian : (n, parameters)
-        In the order of :meth:`Network.vector`. At a kink of a ReLU the left derivative.
+    (units, n) of each layer. At a kink of a ReLU the left derivative.
     """
-    a = np.ascontiguousarray(x.T)  # samples last, as in the network itself
-    layers, slopes = [a], []
-    for w, b in zip(net.weights[:-1], net.biases[:-1]):
-        z = w @ a + b[:, None]
-        a = activate(z, net.activation, net.sharpness)
-        slopes.append(_slope(z, a, net))
-        layers.append(a)
-    y = np.asarray((net.weights[-1] @ a)[0] + net.biases[-1])
-    jacobian = np.empty((net.parameters, x.shape[0]))
-    back, end = np.ones((1, x.shape[0])), net.parameters
-    for k in range(len(net.weights) - 1, -1, -1):
-        units, inputs = net.weights[k].shape
-        jacobian[end - units : end] = back
-        end -= units * (inputs + 1)
-        products = jacobian[end : end + units * inputs].reshape(units, inputs, -1)  # a view
-        np.multiply(back[:, None, :], layers[k][None, :, :], out=products)
-        if k:
-            back = (net.weights[k].T @ back) * slopes[k - 1]
-    return y, jacobian.T
+    out = [factors[None, :]]
+    for k in range(len(net.weights) - 1, 0, -1):
+        back = net.weights[k].T @ out[-1]
+        back *= _slope(layers[k], net)
+        out.append(back)
+    return out[::-1]
+
+
+def write_derivatives(
+    back: Sequence[FloatArray], layers: Sequence[FloatArray], out: npt.NDArray[np.floating]
+) -> None:
+    """Derivatives by all parameters from those by the sums in each layer.
+
+    ``out`` has shape ``(parameters, n)``, in the order of :meth:`Network.vector`.
+    """
+    begin = 0
+    for one, a in zip(back, layers):
+        d, given = one.astype(out.dtype), a.astype(out.dtype)
+        end = begin + d.shape[0] * given.shape[0]
+        products = out[begin:end].reshape(d.shape[0], given.shape[0], -1)  # a view
+        np.multiply(d[:, None, :], given[None, :, :], out=products)
+        begin = end + d.shape[0]
+        out[end:begin] = d
+
+
+def _gradient(
+    back: Sequence[FloatArray], layers: Sequence[FloatArray], factors: FloatArray
+) -> FloatArray:
+    """Sum of the derivatives by all parameters over the samples, each times its factor."""
+    parts = []
+    for one, a in zip(back, layers):
+        d = one * factors
+        parts += [(d @ a.T).ravel(), d.sum(axis=1)]
+    return np.concatenate(parts)
 
 
 # ---------------------------------------------------------------- Levenberg-Marquardt
@@ -185,19 +225,11 @@ class Chords:
         points[:, :, column] = low + (high - low) * np.vstack((0.0 * t, t, 0.0 * t + 1.0))
         return cls(points, np.vstack((t - 1.0, np.ones(t.size), -t)), strength)
 
-    def deviation(self, y: FloatArray) -> FloatArray:
-        """Deviations for outputs (or columns of a Jacobian) at all points in a row."""
-        each = y.T.reshape(*y.shape[:0:-1], 3, -1)
-        return np.asarray(sum(each[..., k, :] * self.shares[k] for k in range(3))).T
-
-    @property
-    def table(self) -> FloatArray:
-        """All points in rows, shape ``(3 m, inputs)``: all low ones, then all others."""
-        return self.points.reshape(-1, self.points.shape[2])
-
-    def cost(self, net: Network) -> float:
-        """Strength times the mean squared deviation."""
-        return self.strength * float(np.mean(self.deviation(net(self.table)) ** 2))
+    def blocks(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Points, samples last and all low ones first, and shares of a few chords each."""
+        parts = _parts(self.shares.shape[1], _BLOCK // 3)
+        points = [self.points[:, part].reshape(-1, self.points.shape[2]) for part in parts]
+        return [(samples_last(z), self.shares[:, part]) for z, part in zip(points, parts)]
 
 
 def huber_cost(residual: FloatArray, limit: float) -> float:
@@ -225,43 +257,88 @@ class Cost:
     limit: float = np.inf
     chords: Chords | None = None
 
-    def _ridge(self, net: Network, rows: int) -> FloatArray:
+    def ridge(self, net: Network, rows: int) -> FloatArray:
         """Factor of every squared parameter."""
         ones, zeros = map(np.ones_like, net.weights), map(np.zeros_like, net.biases)
         return rows * self.decay * replace(net, weights=tuple(ones), biases=tuple(zeros)).vector()
 
-    def total(self, net: Network, x: FloatArray, y: FloatArray) -> float:
-        """Cost of a network times the number of rows."""
-        found = huber_cost(y - net(x), self.limit)
-        found += float(self._ridge(net, y.size) @ net.vector() ** 2)
-        return found if self.chords is None else found + y.size * self.chords.cost(net)
 
-    def normal_equations(
-        self, net: Network, x: FloatArray, y: FloatArray
-    ) -> tuple[FloatArray, FloatArray, float]:
-        """``J'WJ``, ``J'Wr`` and :meth:`total`, block by block of rows, penalties included."""
-        size, limit, chords = net.parameters, self.limit, self.chords
-        matrix, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
-        for begin in range(0, y.size, _BLOCK):
-            part = slice(begin, begin + _BLOCK)
-            found, jacobian = output_and_jacobian(net, x[part])
-            r = y[part] - found
-            cost += huber_cost(r, limit)
-            if np.isfinite(limit):
-                root = np.sqrt(np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-300)))
-                jacobian *= root[:, None]
-                r *= root
-            matrix += jacobian.T @ jacobian
-            gradient += r @ jacobian
-        if chords is not None:
-            found, jacobian = output_and_jacobian(net, chords.table)
-            r, jacobian = chords.deviation(found), chords.deviation(jacobian)
-            factor = chords.strength * y.size / r.size
-            matrix += factor * (jacobian.T @ jacobian)
-            gradient -= factor * (r @ jacobian)
-            cost += factor * float(r @ r)
-        ridge, p = self._ridge(net, y.size), net.vector()
-        return matrix + np.diag(ridge), gradient - ridge * p, cost + float(ridge @ p**2)
+def _parts(rows: int, most: int) -> list[slice]:
+    return [slice(begin, begin + most) for begin in range(0, rows, most)]
+
+
+@dataclass(frozen=True)
+class _Point:
+    """A network with its :class:`Cost` times the number of rows.
+
+    What its derivatives need is kept block by block: inputs of the layers, and residuals of
+    the rows or deviations of the chords.
+    """
+
+    network: Network
+    cost: float
+    rows: Sequence[tuple[Sequence[FloatArray], FloatArray]]
+    chords: Sequence[tuple[Sequence[FloatArray], FloatArray]]
+
+
+class _Problem:
+    """A cost on given rows, which are gone through block by block."""
+
+    def __init__(self, net: Network, x: FloatArray, y: FloatArray, cost: Cost) -> None:
+        self._limit, self._ridge = cost.limit, cost.ridge(net, y.size)
+        self._rows = [(samples_last(x[part]), y[part]) for part in _parts(y.size, _BLOCK)]
+        self._chords = [] if cost.chords is None else cost.chords.blocks()
+        count = sum(shares.shape[1] for _, shares in self._chords)
+        self._weight = 0.0 if cost.chords is None else cost.chords.strength * y.size / count
+
+    def at(self, net: Network, most: float = np.inf) -> _Point:
+        """Evaluate a network, and give up once its cost has passed the most it may be."""
+        cost = float(self._ridge @ net.vector() ** 2)
+        rows, chords = [], []
+        for points, shares in self._chords:
+            layers = net.layer_inputs(points)
+            deviation = (shares * net.output(layers).reshape(3, -1)).sum(axis=0)
+            cost += self._weight * float(deviation @ deviation)
+            chords.append((layers, deviation))
+        for x, y in self._rows:
+            if cost >= most:
+                break
+            layers = net.layer_inputs(x)
+            residual = y - net.output(layers)
+            cost += huber_cost(residual, self._limit)
+            rows.append((layers, residual))
+        return _Point(net, cost, rows, chords)
+
+    def normal_equations(self, point: _Point) -> tuple[FloatArray, FloatArray]:
+        """``J'WJ`` and ``J'Wr``, penalties included.
+
+        The matrix only shapes a step and is made in single precision; where the steps end is
+        for the gradient and the cost to say.
+        """
+        net, size, root = point.network, point.network.parameters, np.sqrt(self._weight)
+        matrix, gradient = np.diag(self._ridge), -self._ridge * net.vector()
+        table = np.empty((size, _BLOCK), dtype=np.float32)
+        for layers, residual in point.rows:
+            block, roots = table[:, : residual.size], self._roots(residual)
+            back = propagate_back(net, layers, roots)
+            gradient += _gradient(back, layers, roots * residual)
+            write_derivatives(back, layers, block)
+            matrix += block @ block.T
+        for (layers, deviation), (_, shares) in zip(point.chords, self._chords):
+            block, ends = table[:, : deviation.size], table[:, : shares.size]
+            back = propagate_back(net, layers, root * shares.ravel())
+            gradient += _gradient(back, layers, np.tile(-root * deviation, 3))
+            write_derivatives(back, layers, ends)
+            low, between, high = ends.reshape(size, 3, -1).transpose(1, 0, 2)
+            block[:] = low + between + high
+            matrix += block @ block.T
+        return matrix, gradient
+
+    def _roots(self, residual: FloatArray) -> FloatArray:
+        """Square roots of the weights of rows."""
+        if not np.isfinite(self._limit):
+            return np.ones(residual.size)
+        return np.asarray(np.sqrt(self._limit / np.maximum(np.abs(residual), self._limit)))
 
 
 @dataclass(frozen=True)
@@ -292,24 +369,24 @@ def train_from(
     iterations, tolerance
         Most steps, and the relative gain of one below which the search ends.
     """
-    matrix, gradient, now = cost.normal_equations(net, x, y)
-    damping, done, count = 1e-2, False, 0
+    problem = _Problem(net, x, y, cost)
+    here, damping, done, count = problem.at(net), 1e-2, False, 0
     while count < iterations and not done:
         count += 1
-        scale = np.maximum(np.diag(matrix), 1e-8 * np.diag(matrix).max() + 1e-12)
+        matrix, gradient = problem.normal_equations(here)
+        diagonal = np.diag(matrix)
+        scale = np.maximum(diagonal, 1e-8 * diagonal.max() + 1e-12)
         for _ in range(12):
             step = np.linalg.solve(matrix + damping * np.diag(scale), gradient)
-            trial = net.from_vector(net.vector() + step)
-            reached = cost.total(trial, x, y)
-            if reached < now:
+            there = problem.at(net.from_vector(here.network.vector() + step), here.cost)
+            if there.cost < here.cost:
                 break
             damping *= 4.0
         else:
             break
-        done = now - reached <= tolerance * now
-        net, damping = trial, max(damping / 4.0, 1e-10)
-        matrix, gradient, now = cost.normal_equations(net, x, y)
-    return Trained(net, now / y.size, count)
+        done = here.cost - there.cost <= tolerance * here.cost
+        here, damping = there, max(damping / 4.0, 1e-10)
+    return Trained(here.network, here.cost / y.size, count)
 
 
 # ------------------------------------------------------------------------------- starts
@@ -350,20 +427,19 @@ def _pursue(
     columns -= columns.mean(axis=0)
     square = np.einsum("ij,ij->j", columns, columns)
     least = 1e-3 * np.sqrt(square) + 1e-12
-    rest, taken = y - y.mean(), np.empty((y.size, 0))
+    rest, basis = y - y.mean(), np.empty((units, y.size))
     chosen: list[int] = []
-    for _ in range(units):
+    for k in range(units):
         length = np.sqrt(np.maximum(square, 0.0))
         gain = np.where(length < least, -1.0, np.abs(rest @ columns) / np.maximum(length, least))
         gain[chosen] = -2.0
         best = int(np.argmax(gain))
         chosen.append(best)
         # what is left of the others need not be known: the rest, and q, are free of those before
-        q = columns[:, best]
+        q, taken = columns[:, best], basis[:k]
         for _ in range(2):
-            q = q - taken @ (taken.T @ q)
-        q = q / max(float(np.linalg.norm(q)), 1e-300)
-        taken = np.column_stack((taken, q))
+            q = q - (taken @ q) @ taken
+        q = basis[k] = q / max(float(np.linalg.norm(q)), 1e-300)
         rest = rest - q * (q @ rest)
         square -= (q @ columns) ** 2
     return w[chosen], b[chosen]

@@ -10,6 +10,8 @@ import numpy.typing as npt
 
 from ..experiment import Array, FloatArray, blocks
 
+_SHORT = 4000  # numbers of a forcing for which one banded system is quicker than blocks
+
 
 def orbit(start: Array, phi: Array, count: int) -> Array:
     """``start phi**k`` for ``k`` below ``count``, as many again with every product."""
@@ -103,7 +105,25 @@ def scan(phi: Array, forcing: Array, start: Array) -> Array:
     -------
     (m + 1, n), starting with ``start``.
     """
-    return (_scan_equal if phi.ndim == 2 else _scan_unequal)(phi, forcing, start)
+    if phi.ndim == 3:
+        return _scan_unequal(phi, forcing, start)
+    return (_scan_short if forcing.size <= _SHORT else _scan_equal)(phi, forcing, start)
+
+
+def _scan_short(phi: Array, forcing: Array, start: Array) -> Array:
+    """`scan` for few equal steps: one triangular band, all states one below the other."""
+    from scipy.linalg.blas import dtbsv, ztbsv
+
+    m, n = forcing.shape
+    kind = np.result_type(phi, forcing, start)
+    column = np.zeros((n, 2 * n), dtype=kind)  # of the band, for every entry of a state
+    column[:, 0] = 1.0
+    for k in range(n):
+        column[k, n - k : 2 * n - k] = -phi[:, k]
+    band = np.tile(column, (m + 1, 1)).T
+    states = np.concatenate((start, forcing.ravel()), dtype=kind)
+    solve = ztbsv if kind.kind == "c" else dtbsv
+    return np.asarray(solve(2 * n - 1, band, states, lower=1, diag=1)).reshape(m + 1, n)
 
 
 @cache

@@ -45,29 +45,31 @@ class Whitening:
     white: float
 
     @cached_property
-    def _gains(self) -> list[tuple[FloatArray, float]]:
-        """Gain of the predictor ``(q,)`` and variance of the innovation, sample by sample.
+    def _gains(self) -> tuple[FloatArray, FloatArray]:
+        """Gains of the predictor ``(k, q)`` and variances of the innovations ``(k,)``, by sample.
 
         State in observer form: the first entry is the process itself. What is known of it
         changes by a matrix of rank one from sample to sample, of which the root is carried on [2]_.
         """
-        q = self.coefficients.size
-        move = np.column_stack((self.coefficients, np.eye(q)[:, : q - 1]))
+        # numbers, not arrays: there are a few of each, and hundreds of samples
+        a: list[float] = self.coefficients.tolist()
         variance = self.drive**2 + self.white**2
-        root, weight = self.coefficients, self.drive**2 * self.white**2 / variance
-        gain = self.coefficients * (self.drive**2 / variance)
-        out: list[tuple[FloatArray, float]] = []
-        for _ in range(_LONGEST):
-            out.append((gain, variance))
-            first = float(root[0])
+        root, weight = a, self.drive**2 * self.white**2 / variance
+        gain = [x * (self.drive**2 / variance) for x in a]
+        gains, variances = [gain], [variance]
+        while len(gains) < _LONGEST:
+            first = root[0]
             later = variance + weight * first**2
-            root = move @ root - gain * first
-            gain = gain + root * (weight * first / later)
+            root = [x * first + r - g * first for x, r, g in zip(a, (*root[1:], 0.0), gain)]
+            share = weight * first / later
+            gain = [g + r * share for g, r in zip(gain, root)]
             weight *= variance / later
             before, variance = variance, later
-            if len(out) > 2 * q and abs(variance - before) <= _SETTLED * variance / _LONGEST:
+            if len(gains) > 2 * len(a) and abs(later - before) <= _SETTLED * later / _LONGEST:
                 break
-        return out
+            gains.append(gain)
+            variances.append(variance)
+        return np.array(gains), np.array(variances)
 
     def filter(self, rows: Array) -> Array:
         """Innovations of rows (samples first), in their standard deviations.
@@ -87,15 +89,15 @@ class Whitening:
 
     def _over(self, samples: int) -> tuple[FloatArray, FloatArray]:
         """Gains ``(q, n)`` and standard deviations of the innovations ``(n,)``."""
-        which = np.minimum(np.arange(samples), len(self._gains) - 1)
-        gains = np.array([g for g, _ in self._gains])[which].T
-        return gains, np.sqrt(np.array([v for _, v in self._gains])[which])
+        gains, variances = self._gains
+        which = np.minimum(np.arange(samples), variances.size - 1)
+        return gains[which].T, np.sqrt(variances)[which]
 
     def logarithm(self, samples: int) -> float:
         """Logarithm of the determinant of the covariance of that many samples."""
         if self.coefficients.size == 0:
             return samples * float(np.log(self.drive**2 + self.white**2))
-        variances = np.log([v for _, v in self._gains[:samples]])
+        variances = np.log(self._gains[1][:samples])
         return float(variances.sum() + (samples - variances.size) * variances[-1])
 
 

@@ -199,18 +199,22 @@ def _choose_cut(body: Sequence[str], hints: Hints, written: Written, name: str) 
 
 def _best_cut(body: Sequence[str], hints: Hints, written: Written) -> tuple[float, Cut | None]:
     """Return the best score in [0, 1] and the cut that reached it."""
-    best, chosen = 0.0, None
+    best, chosen, place = 0.0, None, 0
     tabbed = _has_tabs(body)
     alike: set[str] = set()  # decimal signs tried with a separator that no line holds
     quoted = any(map(_QUOTED_COMMA.search, body))
-    for delimiter, decimal in _candidates(hints.delimiter):
+    candidates = _candidates(hints.delimiter)
+    absent = {d for d, _ in candidates if d != " " and not any(d in line for line in body)}
+    # a separator that no line holds leaves one column, which is never the best there can be
+    for at in sorted(range(len(candidates)), key=lambda k: candidates[k][0] in absent):
+        delimiter, decimal = candidates[at]
         if written.decimal not in (None, decimal) or written.thousands == decimal:
             continue
         if delimiter in (decimal, written.thousands) and not quoted:
             continue
         if tabbed and delimiter == " ":
             continue
-        if delimiter != " " and not any(delimiter in line for line in body):
+        if delimiter in absent:
             if decimal in alike:
                 continue
             alike.add(decimal)
@@ -220,8 +224,8 @@ def _best_cut(body: Sequence[str], hints: Hints, written: Written) -> tuple[floa
         score, cut = rated
         # A decimal comma must earn its place: "1;2" reads the same either way.
         score = round(score, 2) - (0.005 if decimal == "," else 0)
-        if chosen is None or score > best:
-            best, chosen = score, cut
+        if chosen is None or score > best or (score == best and at < place):
+            best, chosen, place = score, cut, at
         if best >= 1.0:  # nothing can be better
             break
     return best, chosen

@@ -124,6 +124,8 @@ class Cut:
             fields = fields[:-1]
         if len(fields) != self.width:
             return False
+        if not self.thousands and all(map(NUMBER[self.decimal].match, fields)):
+            return True  # as most lines are
         values = [f for f in fields if f.casefold() not in NO_VALUE]
         return sum(map(self.is_value, values)) >= max(1, needed * len(values))
 

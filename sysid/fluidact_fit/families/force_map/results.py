@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...estimation.network import thin
+from ...estimation.network import samples_last, thin
 from ...experiment import FloatArray
 from ...family import Quantity
 from .certificates import Certificate, certificate_details
@@ -115,7 +115,11 @@ def polynomial_fit(
     terms = polynomial_terms(x.shape[1], degree)
 
     def columns(z: FloatArray) -> FloatArray:
-        return np.column_stack([np.prod(z[:, list(t)], axis=1) for t in terms])
+        x = samples_last(z)
+        found: dict[tuple[int, ...], FloatArray] = {(): np.ones(z.shape[0])}
+        for t in terms[1:]:
+            found[t] = found[t[:-1]] * x[t[-1]]
+        return np.column_stack(list(found.values()))
 
     c = columns(x)
     # direction^2 = 1: columns repeat, and the shortest solution is as good as any
