@@ -10,8 +10,8 @@ from studies.red_team.attack import Attack
 from studies.red_team.attacks import hydraulic_motor, hydrostatic, line, spring_cylinder
 
 import fluidact_fit as ff
-from fluidact_fit.assessment import optimum
 from fluidact_fit.experiment import Experiment, Signal
+from fluidact_fit.families import get_family
 
 
 def find(module: object, group: str, name: str) -> Attack:
@@ -137,7 +137,7 @@ def test_part_of_a_long_log_shows_what_is_always_there(monkeypatch: pytest.Monke
     attack = find(hydraulic_motor, "valve of another shape", "saturates by and by")
     (recording,) = attack.record(np.random.default_rng(31))
     whole = ff.fit(attack.family, recording)
-    monkeypatch.setattr(optimum, "_LONG", 750)
+    monkeypatch.setattr(type(get_family(attack.family)), "examined", 750)
     part = ff.fit(attack.family, recording)
     assert {n: q.value for n, q in part.parameters.items()} == {
         n: q.value for n, q in whole.parameters.items()

@@ -89,8 +89,10 @@ def parse_yaml(text: str, where: str) -> YamlText:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f", line {mark.line + 1}" if mark else ""
-        reason = error.problem or error.context or "cannot be parsed"
-        raise _refusal(f"{where}{line}", f"is not YAML: {reason}") from None
+        reason = f"is not YAML: {error.problem or error.context or 'cannot be parsed'}"
+        if "nesting depth" in reason:  # libyaml reads ahead, and has a limit of its own
+            reason = f"is nested deeper than {MAX_DEPTH} levels"
+        raise _refusal(f"{where}{line}", reason) from None
     except yaml.YAMLError as error:
         raise _refusal(where, f"is not YAML: {str(error).splitlines()[0]}") from None
     if not isinstance(data, dict):
