@@ -271,3 +271,12 @@ def test_noise_of_a_constant_speed_is_no_rise_of_friction():
     (attack,) = (a for a in cylinder_friction.attacks()
                  if (a.group, a.name) == ("right model", "one speed a log"))  # fmt: skip
     assert run(attack, 55, 5150).codes == ()
+
+
+def test_a_term_that_moves_a_parameter_by_three_of_its_errors_counts_sooner() -> None:
+    """Friction of 2 N, noisy force: 3.8 standard errors, the mass 7 % off at 5, once PASS."""
+    (attack,) = (
+        a for a in hydrostatic.attacks()
+        if (a.group, a.name) == ("another machine, noisy force", "friction of 2 N")
+    )  # fmt: skip
+    assert "unmodelled-response" in run(attack, 0, 57331).codes

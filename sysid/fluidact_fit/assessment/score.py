@@ -42,7 +42,7 @@ from .optimum import LEAST, Optimum
 
 _SIGNIFICANT = 3.0, 4.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
-_MISLEADS = 6.0  # of them from which fewer standard errors of the term are enough
+_MISLEADS = 3.0  # of them from which fewer standard errors of the term are enough
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
 
 
