@@ -800,3 +800,18 @@ def test_a_single_sample_is_refused(tmp_path: Path) -> None:
     log = ff.read_log(write(tmp_path / "one.csv", simulate(np.zeros(2))[:1]))
     with pytest.raises(LogError, match="holds a single sample"):
         check_logs(fitted().document, [log])
+
+
+def test_a_long_log_is_begun_where_the_piston_moves_most() -> None:
+    """It rests, moves over samples 600 to 799, and rests again."""
+    guess = np.zeros((1000, 4))
+    guess[:, 2] = np.clip(np.arange(1000.0) - 600.0, 0.0, 200.0)
+    command, step = np.arange(999.0), np.full(999, 1e-3)
+    log = GrayLog(command, step, (2,), guess[None, :, 2], guess)
+    part = log.liveliest(300)
+    assert part.samples == 300
+    assert part.command.size == part.step.size == 299
+    assert np.ptp(part.guess[:, 2]) == 200.0
+    assert np.array_equal(part.measured[0], part.guess[:, 2])
+    assert 500.0 <= part.command[0] <= 600.0
+    assert log.liveliest(1000) is log
