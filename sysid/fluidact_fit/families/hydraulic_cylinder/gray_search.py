@@ -252,7 +252,7 @@ def _propose(
         j = _jacobian(log, linear, problem.sigma)
         if not (np.all(np.abs(r) < _ASTRAY) and np.all(np.abs(j) < _ASTRAY**8)):
             raise np.linalg.LinAlgError("the simulation leaves every measured range")
-        q, t = orthonormal(j[:, :4] * STATE_SCALE)
+        q, t = _basis(j[:, :4] * STATE_SCALE)
         shared = without(q, j[:, 4:] * scale)
         h += shared.T @ shared
         g += shared.T @ without(q, r)
@@ -270,7 +270,7 @@ def _propose(
     return step * scale, initial, float(2.0 * g @ step - step @ h @ step)
 
 
-def orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Orthonormal basis of columns, and the columns in it.
 
     One may be zero: a piston that sticks forgets the speed that it was said to begin with.
@@ -312,7 +312,7 @@ def _finish(problem: GrayProblem, now: _Iterate, count: int, converged: bool) ->
     residuals, jacobian, basis = [], [], []
     for log, states, linear in zip(problem.box.logs, now.states, now.linear):
         j = _jacobian(log, linear, problem.sigma)
-        basis.append(orthonormal(j[:, :4] * STATE_SCALE)[0])
+        basis.append(_basis(j[:, :4] * STATE_SCALE)[0])
         residuals.append(_residuals(log, states, problem.sigma))
         jacobian.append(without(basis[-1], j[:, 4:]))
     active = [not u.low < now.values[u.name] < u.high for u in problem.free]

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ...estimation.departures import slopes
+from ...estimation.least_squares import orthonormal
 from ...estimation.stribeck import EXPONENT, with_speed
 from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulate, Simulated
 from .case import read_machine
 from .gray_box import CHANNELS, GrayBox, GrayLog, mean_command
-from .gray_search import GraySolution, moving_speeds, orthonormal, without
+from .gray_search import GraySolution, moving_speeds, without
 from .options import HydraulicCylinderOptions
 
 _APART = 0.1  # of the exponent, between its two simulations and 2
@@ -66,11 +67,9 @@ class Nearby:
 
     def _basis(self, k: int, samples: int) -> FloatArray:
         """What the initial states of a run can say of its first samples, orthonormal."""
-        whole, channels = (
-            self.solution.start_basis[k],
-            len(self.solution.problem.box.logs[k].channels),
-        )
+        whole = self.solution.start_basis[k]
+        channels = len(self.solution.problem.box.logs[k].channels)
         parts = whole.reshape(channels, -1, whole.shape[1])
         if samples == parts.shape[1]:
             return whole
-        return orthonormal(parts[:, :samples].reshape(-1, whole.shape[1]))[0]
+        return orthonormal(parts[:, :samples].reshape(-1, whole.shape[1]))
