@@ -49,3 +49,30 @@ def test_a_run_of_which_nothing_is_described_adds_nothing() -> None:
     empty = np.zeros((0, 2)), np.zeros(0), [slice(0, 0)]
     both = score_covariance(*([x, y] for x, y in zip((jacobian, rest, [slice(0, 200)]), empty)))
     np.testing.assert_array_equal(both.covariance, alone.covariance)
+
+
+def _deviations(x: np.ndarray, step: float) -> np.ndarray:
+    """Errors of a straight line through readings of a converter, in standard errors (rms)."""
+    rng = np.random.default_rng(3)
+    jacobian, found = np.column_stack((np.ones(x.size), x)), []
+    for _ in range(200):
+        truth = rng.uniform(1.0, 2.0, 2)  # another machine each time: the converter knows no chance
+        exact = jacobian @ truth + 1e-3 * rng.standard_normal(x.size)
+        y = step * np.round(exact / step)
+        estimate = np.linalg.lstsq(jacobian, y)[0]
+        u = covariance([jacobian], [y - jacobian @ estimate], readings=[(y, step)])
+        found.append((estimate - truth) / np.sqrt(np.diag(u.covariance)))
+    return np.asarray(np.sqrt(np.mean(np.square(found), axis=0)))
+
+
+@pytest.mark.parametrize("step", [0.1, 0.3])
+def test_levels_met_again_have_the_converter_error_again(step: float) -> None:
+    levels = np.tile([-1.0, -0.61, -0.2, 0.27, 0.6, 1.0], 8)
+    assert np.all(_deviations(np.repeat(levels, 20), step) < 1.2)
+
+
+def test_a_signal_that_crosses_the_codes_averages_the_converter_error() -> None:
+    t = 0.01 * np.arange(1000)
+    moving = np.sin(2.0 * np.pi * 0.7 * t) + 0.5 * np.sin(2.0 * np.pi * 0.31 * t + 1.0)
+    found = _deviations(moving, 0.1)
+    assert np.all((found > 0.5) & (found < 1.2))

@@ -21,12 +21,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from ..experiment import BoolArray, FloatArray, blocks
 from .blocks import condense, rows_of
 from .recursion import run_recursion
 
+IndexArray = npt.NDArray[np.intp]
 _LONG = 200_000  # samples of a series that its autocorrelation is judged by
+_LASTING = 12  # samples of a reading that no noise shakes
 
 
 @dataclass(frozen=True)
@@ -186,20 +189,46 @@ def _step_variance(readings: Sequence[tuple[FloatArray, float]]) -> float:
 
 
 def _converter_middle(
-    jacobian: Sequence[FloatArray], readings: Sequence[tuple[FloatArray, float]], sigma: float
+    jacobian: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+    readings: Sequence[tuple[FloatArray, float]],
+    sigma: float,
 ) -> FloatArray | None:
-    """``J' R J`` of converter errors that last as long as a reading does; None if they are few."""
+    """``J' R J`` of converter errors that last as long as a reading does; None if they are few.
+
+    Nobody knows where between two codes the steady part of a signal lies. One that moves by ``s``
+    while a reading of width ``q`` lasts has its middle within ``q - s``: the mean error has the
+    variance ``(q - s)^2 / 12``, none where the signal crosses the whole width, and what of the
+    error moves along sums up to nothing. The residual moves as the signal does, backwards.
+    Readings are independent of one another but for long ones of the same code, which are the same
+    point met again, as in strokes that are repeated.
+    """
     if not readings or _step_variance(readings) < 0.3 * sigma**2:
         return None
     p = jacobian[0].shape[1]
-    middle = np.zeros((p, p))
-    for j, (y, step) in zip(jacobian, readings):
+    middle, again = np.zeros((p, p)), dict[float, FloatArray]()
+    for j, r, (y, step) in zip(jacobian, residuals, readings):
         if y.size != j.shape[0]:
             return None
         starts = np.concatenate(([0], np.flatnonzero(np.diff(y)) + 1))
-        sums = np.add.reduceat(j, starts, axis=0)
-        middle += step**2 / 12.0 * (sums.T @ sums)
-    return middle
+        lengths = np.diff(np.append(starts, y.size))
+        unknown = np.maximum(step - _moved(r, starts, lengths), 0.0) / np.sqrt(12.0)
+        sums = unknown[:, None] * np.add.reduceat(j, starts, axis=0)
+        lasting = lengths >= _LASTING
+        middle += sums[~lasting].T @ sums[~lasting]
+        for code, row in zip(y[starts[lasting]].tolist(), sums[lasting]):
+            again[code] = again.get(code, 0.0) + row
+    rows = np.array(list(again.values())).reshape(-1, p)
+    return np.asarray(middle + rows.T @ rows)
+
+
+def _moved(r: FloatArray, starts: IndexArray, lengths: IndexArray) -> FloatArray:
+    """How far a line through residuals runs along each stretch, by the means of its halves."""
+    half = lengths // 2
+    total = np.concatenate(([0.0], np.cumsum(r)))
+    ends = starts + lengths
+    first, last = total[starts + half] - total[starts], total[ends] - total[ends - half]
+    return np.abs(last - first) * lengths / np.maximum(half * (lengths - half), 1)
 
 
 def enlarge(matrix: FloatArray, variances: FloatArray) -> FloatArray:
@@ -274,8 +303,8 @@ def covariance(
         would leave nothing the variances are four times as large.
     readings
         Per experiment the logged output, shape ``(n_i,)``, and the step of its converter.
-        While a reading is constant so is its error; where the converter makes up most of
-        the residual, that is what the covariance has to know.
+        While a reading is constant so is its error, but for what the signal moves meanwhile;
+        where the converter makes up most of the residual, the covariance has to know.
 
     Returns
     -------
@@ -299,7 +328,7 @@ def covariance(
             variance *= max(sigma**2 / float(_ar_autocovariance(a, variance)[0]), 1.0)
             middle = variance * np.sum([_coloured_product(j, a) for j in jacobian], axis=0)
     total = sigma**2 * bread if middle is None else bread @ middle @ bread
-    steps = _converter_middle(jacobian, readings, sigma) if robust else None
+    steps = _converter_middle(jacobian, residuals, readings, sigma) if robust else None
     if steps is not None:
         held = bread @ (steps + max(sigma**2 - _step_variance(readings), 0.0) * stacked.T @ stacked)
         total = enlarge(total, np.diag(held @ bread))
