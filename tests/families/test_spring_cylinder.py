@@ -116,6 +116,12 @@ def test_levels_are_equal_without_and_their_sum_is_right() -> None:
     assert one.value == two.value == pytest.approx(2.5, abs=0.02)
     assert found.derived["hysteresis_width"].value == pytest.approx(5.0, abs=0.03)
     assert found.parameters["preload"].value == pytest.approx(5.5, abs=0.05)
+    assert [n.code for n in found.notices] == ["levels-assumed"]
+
+
+def test_levels_that_somebody_vouches_for_are_not_spoken_of() -> None:
+    assert not estimate(make(speed=0.05), options={"levels": "equal"}).notices
+    assert not estimate(make(speed=0.05), fixed={"preload": 5.0}).notices
 
 
 def test_free_levels_need_a_constant() -> None:
@@ -156,7 +162,7 @@ def test_spikes_do_not_pull() -> None:
     found = estimate(log)
     assert found.parameters["pressure_gain"].value == pytest.approx(18.0, rel=2e-3)
     assert 30 <= found.details["spikes"] <= 40
-    assert [n.code for n in found.notices] == ["force-spikes"]
+    assert [n.code for n in found.notices] == ["levels-assumed", "force-spikes"]
     family = SpringCylinder()
     (again,) = family.simulate(found.plant(family.variants[0]), [log])
     # whoever simulates the log leaves out the same samples

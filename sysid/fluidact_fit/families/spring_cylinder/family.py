@@ -133,7 +133,8 @@ class SpringCylinder(Family[SpringOptions]):
         settled = replace(options, spike=found.spike)
         return Estimate(
             parameters, derived, order, matrix, settled,
-            [*notices, *_remarks(found, samples)], _details(found, runs, options.settle),
+            [*notices, *_remarks(found, samples, request.options.levels == "auto")],
+            _details(found, runs, options.settle),
             nearby=_Nearby(runs, settled),
             represented=_simulate_represented if found.instrumented else None,
             input_noise=input_noise(variant, runs) if found.instrumented else {},
@@ -281,7 +282,17 @@ def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str,
     }
 
 
-def _remarks(found: Regression, samples: int) -> Iterator[Notice]:
+def _remarks(found: Regression, samples: int, assumed: bool) -> Iterator[Notice]:
+    """What is to be said of a fit; ``assumed`` that nobody said how the levels are."""
+    if assumed and found.equal:
+        yield Notice(
+            "levels-assumed",
+            "the friction was taken to be the same loading and unloading: force shows two "
+            "branches, which are preload + coulomb_loading and preload - coulomb_unloading. If "
+            "the levels differ, each is off by half of that, and the preload too, whatever their "
+            "intervals say. Give --fix preload=N where a spring scale shows it; the width of the "
+            "hysteresis is right either way.",
+        )
     shape = found.other_shape()
     if shape is not None:
         yield shape
