@@ -16,7 +16,7 @@ from pathlib import Path
 
 from . import cells
 from .attack import Attack, Result
-from .attacks import every
+from .attacks import every, vary
 from .run import SEED, run
 from .table import page, shown
 
@@ -36,10 +36,19 @@ def main() -> int:
     parser.add_argument("--scale", type=float, default=1.0, help="share of the repetitions")
     parser.add_argument("--cells", type=int, default=0, metavar="RUNS", help="count coverage")
     parser.add_argument("--seed", type=int, default=SEED, help="of all random numbers")
+    parser.add_argument(
+        "--vary",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="other machines: every number up to exp(SHARE) times more or less",
+    )
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--write", action="store_true", help="write the page")
     parser.add_argument("--verbose", action="store_true", help="print every single result")
     given = parser.parse_args()
+    if given.vary:
+        vary(given.vary, given.seed)
     attacks = [
         a
         for a in every(given.family)

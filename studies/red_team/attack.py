@@ -61,6 +61,9 @@ class Attack:
     judge
         Errors of what follows from the file but does not stand in it as a parameter, such as
         the points of a curve; called with the fit.
+    another
+        Draws another machine for each recording, where the errors of one would be the same in
+        all: those of a converter that no noise shakes.
     """
 
     family: str
@@ -77,6 +80,7 @@ class Attack:
     repetitions: int = 1
     judge: Callable[[Any], Mapping[str, Error]] | None = None
     beyond: str = ""
+    another: Callable[[np.random.Generator], Attack] | None = None
 
     def scale(self, parameter: str) -> float:
         """What the error of a parameter is relative to [SI]."""

@@ -27,6 +27,8 @@ def run(attack: Attack, repetition: int = 0, seed: int = SEED) -> Result:
     """Record and fit an attack once; every repetition has random numbers of its own."""
     key = zlib.crc32(f"{attack.family} {attack.group} {attack.name}".encode())
     rng = np.random.default_rng([seed, key, repetition])
+    if attack.another is not None:
+        attack = attack.another(rng)
     with TemporaryDirectory(prefix="red-team-") as name:
         paths = [
             write(Path(name) / f"log{k}.csv", recording, attack.units)

@@ -164,12 +164,19 @@ CONSTANT = tuple(partial(steadily, speed=v) for v in (0.03, 0.1, -0.03, -0.1))
 
 def _attack(group: str, name: str, truth: Mapping[str, float] = TRUTH, repetitions: int = 2,
             options: Mapping[str, object] | None = None, bounds: Mapping[str, float] | None = None,
-            **recorded: object) -> Attack:  # fmt: skip
+            varied: bool = False, **recorded: object) -> Attack:  # fmt: skip
     how = {"law": truth, **recorded}
     given = {"mass": how.get("mass", MASS)} if options is None else options
     wanted = {n: v for n, v in truth.items() if n != "shape"}
+
+    def another(rng: np.random.Generator) -> Attack:
+        level, rate = rng.uniform(0.8, 1.2, 2)
+        law = {n: v * (rate if n == "viscous" else level) for n, v in truth.items()}
+        return _attack(group, name, law, repetitions, options, **recorded)
+
     return Attack("cylinder-friction", group, name, wanted, partial(record, **how), UNITS,
-                  options=given, bounds=bounds or {}, repetitions=repetitions)  # fmt: skip
+                  options=given, bounds=bounds or {}, repetitions=repetitions,
+                  another=another if varied else None)  # fmt: skip
 
 
 def _right() -> Iterator[Attack]:
@@ -203,19 +210,17 @@ def _right() -> Iterator[Attack]:
 
 def _sensors() -> Iterator[Attack]:
     """Converters, sampling, clocks."""
+    coarse = partial(_attack, "force in steps", varied=True)
     for size in (0.05, 0.2, 0.5):
         for words, sigma in (("noise 0.1 N", 0.1), ("quiet", 0.01)):
             for motion, moved in (("hand", by_hand), ("strokes", STROKES)):
-                yield _attack("force in steps", f"{size} N, {words}, {motion}", converter=size,
-                              sigma=sigma, motions=(moved,))  # fmt: skip
-        yield _attack("force in steps", f"{size} N, quiet, slow", converter=size, sigma=0.01,
-                      motions=(SLOW,))  # fmt: skip
-        yield _attack("force in steps", f"{size} N, quiet, position", converter=size,
-                      sigma=0.01, role="position")  # fmt: skip
+                yield coarse(f"{size} N, {words}, {motion}", converter=size, sigma=sigma,
+                             motions=(moved,))  # fmt: skip
+        yield coarse(f"{size} N, quiet, slow", converter=size, sigma=0.01, motions=(SLOW,))
+        yield coarse(f"{size} N, quiet, position", converter=size, sigma=0.01, role="position")
     for size in (0.2, 0.5):
-        yield _attack("force in steps", f"{size} N, truncated", converter=size, truncated=True)
-        yield _attack("force in steps", f"{size} N, one speed a log", converter=size, sigma=0.01,
-                      motions=CONSTANT)  # fmt: skip
+        yield coarse(f"{size} N, truncated", converter=size, truncated=True)
+        yield coarse(f"{size} N, one speed a log", converter=size, sigma=0.01, motions=CONSTANT)
     for role in ("velocity", "position"):
         for words, motion in (("slow", SLOW), ("medium", by_hand), ("strokes", STROKES)):
             yield _attack("20 Hz", f"{words}, {role}", role=role, step=0.05, n=400,

@@ -166,6 +166,9 @@ def attacks() -> Iterator[Attack]:
     yield _attack("recording", "valve behind by 10 ms", repetitions=3,
                   spoil=partial(_spoil, what="valve behind by 10 ms"),
                   beyond="At one rate of the command a lag is a hysteresis.")  # fmt: skip
+    uneven = {**TRUTH, "coulomb_unloading": 0.8 * TRUTH["coulomb_unloading"]}
+    yield _attack("recording", "friction by direction", uneven, repetitions=2,
+                  beyond="Friction that differs by direction is preload.")  # fmt: skip
     rising = {**TRUTH, "stribeck": 2.0, "stribeck_speed": 0.004}
     wanted = {"stribeck": "estimate"}
     yield _attack("Stribeck", "2 N, 4 mm/s", rising, repetitions=2)
