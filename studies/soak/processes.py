@@ -355,7 +355,7 @@ def writers(case: Case) -> Result:
 
 PATIENCE = {"limit": 10.0, "wait": 300.0}
 PARTS = (
-    Part("kill", "kills", 100, kill, **PATIENCE),
+    Part("kill", "kills", 250, kill, **PATIENCE),
     Part("interrupt", "interrupts", 60, interrupt, **PATIENCE),
     Part("streams", "closed, full and cut streams", 100, streams, **PATIENCE),
     Part("environment", "odd environments", 60, environment, **PATIENCE),
