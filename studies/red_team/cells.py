@@ -67,6 +67,11 @@ and fitted many times, each with other noise.
 - `held, quiet`: the same over the quiet files alone, of which nobody was warned.
 - `error / bound`: root mean square error over the Cramér-Rao bound, where the attack knows it.
 
+Intervals that hold more often than they say: a drive that is rounded to a thousandth of its range
+and moves on straight lines may have been rounded in the machine or in the record, and the interval
+allows for the second (ball screw with lost rows; taken as exact, 87 to 97 % of 30 held). Errors of
+a coarse and quiet converter are bounded, not normal.
+
 | attack | runs | quiet | parameter | estimated | held | held, quiet | error / bound |
 |---|---|---|---|---|---|---|---|
 """
