@@ -57,9 +57,11 @@ def find_rise(
                 if "coulomb" in sizes:
                     begin["coulomb"] = (1.0 - share) * base["coulomb"]
                 starts.append(({**base, **begin}, plain.initial))
-    best = plain
+    best, near = plain, case.is_long
     for steps, most in _ROUNDS:
-        ends = [solve_gray_box(wider, values, initial, steps) for values, initial in starts]
+        ends = [
+            solve_gray_box(wider, values, initial, steps, near=near) for values, initial in starts
+        ]
         ends.sort(key=lambda s: s.cost)
         best, starts = ends[0], [(s.values, s.initial) for s in ends[:most]]
         request.progress(
@@ -79,8 +81,12 @@ def _hop(best: GraySolution, case: Case) -> GraySolution:
         for factor in _BESIDE:
             speed = min(max(factor * best.values["stribeck_speed"], unknown.low), unknown.high)
             begin = {**best.values, "stribeck_speed": speed}
-            near = solve_gray_box(others, begin, best.initial, _SIDE_STEPS)
-            ends.append(solve_gray_box(best.problem, near.values, near.initial, _SIDE_STEPS))
+            near = solve_gray_box(others, begin, best.initial, _SIDE_STEPS, near=case.is_long)
+            ends.append(
+                solve_gray_box(
+                    best.problem, near.values, near.initial, _SIDE_STEPS, near=case.is_long
+                )
+            )
         other = min(ends, key=lambda s: s.cost)
         if not other.cost < (1.0 - _BETTER) * best.cost:
             break
