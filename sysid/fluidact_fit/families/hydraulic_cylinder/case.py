@@ -16,7 +16,7 @@ from .equations import SIGN, Machine
 from .options import HydraulicCylinderOptions
 from .windows import Windows, cut_windows, window_length
 
-LONG = 40_000  # samples of all logs, beyond which a search begins in part of each
+LONG = 20_000  # samples of all logs, beyond which a search begins in part of each
 PART = 12_000  # samples of that
 
 

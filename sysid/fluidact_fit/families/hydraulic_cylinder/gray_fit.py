@@ -27,7 +27,8 @@ from .options import HydraulicCylinderOptions
 from .regression import begin_flow, directional_gains, fit_friction, not_shown, sensible_widths
 
 _MARGIN = 1.5  # by which friction may fall more steeply than where the search for it ended
-_RISE = 4_000  # samples of long logs in which a Stribeck rise is looked for
+_RISE = 4_000  # samples beyond which a Stribeck rise is looked for in part of the logs
+_PART_OF_RISE = 3_000  # samples of that
 _SHORTEST = 400  # samples of a part
 _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says something
 
@@ -55,15 +56,16 @@ class _Search:
         if not low or self.start.get("stribeck_speed"):
             return self._refine(held, low)
         first = self.start
-        box = self._part(_RISE) if self.case.is_long else self.box
+        many = self.case.samples > _RISE
+        box = self._part(_PART_OF_RISE) if many else self.box
         plain = self._settle(box, {**held, **dict.fromkeys(low, 0.0)})
-        found = find_rise(plain, first, low, held, self.case)
+        found = find_rise(plain, first, low, held, self.case, near=many)
         self.unknowns |= {u.name: u for u in found.problem.free}
         self.start = found.values
         self.fall = _MARGIN * FrictionLaw.of(found.values).fall
         self.viscous = found.values["viscous"]
         self.box = self._box_of(self.box.logs)
-        return self._refine(held, low, None if self.case.is_long else found.initial)
+        return self._refine(held, low, None if many else found.initial)
 
     def _box_of(self, logs: Sequence[GrayLog]) -> GrayBox:
         return GrayBox(logs, self.case.machine, self.viscous, fall=self.fall)
