@@ -228,11 +228,8 @@ def _over_bracket(
     drive: DriveModel, values: Mapping[str, float], name: str, bracket: Bracket
 ) -> list[FloatArray]:
     """Change of every log per change of a level, from end to end of its bracket."""
-    ends = [
-        [np.real(drive.columns(i, {**values, name: x}).known) for x in (bracket.low, bracket.high)]
-        for i in range(len(drive.measured))
-    ]
-    return [(up - down) / (bracket.high - bracket.low) for down, up in ends]
+    down, up = (drive.compared_rows({**values, name: x}) for x in (bracket.low, bracket.high))
+    return [(b - a) / (bracket.high - bracket.low) for a, b in zip(down, up)]
 
 
 def undetermined(found: Solved, top: float, unit: str, level_unit: str) -> Refusal | None:

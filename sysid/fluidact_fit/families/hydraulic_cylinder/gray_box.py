@@ -13,6 +13,7 @@ import numpy as np
 
 from ...estimation.inputs import piecewise
 from ...estimation.named_model import Values
+from ...estimation.price import simulated
 from ...experiment import Experiment, FloatArray
 from ...signals import smooth
 from .equations import EDGES, THETA, Machine, gray_values
@@ -166,6 +167,7 @@ class GrayBox:
         ``(segments, segment, 4, 4 + free)``. ``values`` holds all parameters.
         """
         count, length, columns = nodes.shape[0], self.segment, 4 + len(free)
+        simulated(log.samples, 1 + columns)
         run = InPlace(segment_function(self.machine, length, self.steps, tuple(free), count))
         begin, inputs, theta = run.arguments
         begin[:4], begin[4:] = nodes.T, np.eye(columns, 4).reshape(-1, 1)
@@ -175,6 +177,7 @@ class GrayBox:
 
     def simulate(self, log: GrayLog, initial: FloatArray, values: Values) -> FloatArray:
         """States at every sample, ``(n, 4)``, from the initial one [Pa, Pa, m, m/s]."""
+        simulated(log.samples)
         run = InPlace(segment_function(self.machine, self.segment, self.steps, None))
         begin, held, theta = run.arguments
         theta[:] = _theta(values)

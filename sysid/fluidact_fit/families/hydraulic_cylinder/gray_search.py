@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from ...estimation.named_model import Values
+from ...estimation.price import exhausted
 from ...estimation.problem import Unknown
 from ...estimation.separable import damped_step
 from ...estimation.uncertainty import Uncertainty, score_covariance
@@ -182,7 +183,7 @@ def _descend(
     Without, a trial is simulated without sensitivities; they are computed where it is accepted.
     """
     damping, count = 1e-4, 0
-    while count < most:
+    while count < most and not exhausted():
         count += 1
         if not now.linear:
             _linearise(problem, now)
