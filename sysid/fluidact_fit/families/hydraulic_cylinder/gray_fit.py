@@ -27,8 +27,7 @@ from .options import HydraulicCylinderOptions
 from .regression import begin_flow, directional_gains, fit_friction, not_shown, sensible_widths
 
 _MARGIN = 1.5  # by which friction may fall more steeply than where the search for it ended
-_RISE = 4_000  # samples beyond which a Stribeck rise is looked for in part of the logs
-_PART_OF_RISE = 3_000  # samples of that
+_RISE = 4_000  # samples in which a Stribeck rise is looked for
 _SHORTEST = 400  # samples of a part
 _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says something
 
@@ -57,7 +56,7 @@ class _Search:
             return self._refine(held, low)
         first = self.start
         many = self.case.samples > _RISE
-        box = self._part(_PART_OF_RISE) if many else self.box
+        box = self._part(_RISE) if many else self.box
         plain = self._settle(box, {**held, **dict.fromkeys(low, 0.0)})
         found = find_rise(plain, first, low, held, self.case, near=many)
         self.unknowns |= {u.name: u for u in found.problem.free}
