@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from math import ceil
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -13,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from .assessment import most_outliers, set_aside
 from .errors import LogError, Notice, NotIdentifiedError, ParameterFileError, UsageError
 from .estimation.inputs import settle_holds
+from .estimation.price import Price, counting
 from .experiment import Experiment
 from .families import get_family
 from .family import Estimate, Family, FamilyOptions, ParameterDocument, Quantity, Request, Variant
@@ -309,9 +311,11 @@ def _estimate(
     request: Request[FamilyOptions],
 ) -> Estimate[FamilyOptions]:
     """Let the family fit; where the arithmetic fails, the data are to blame."""
+    samples = sum(e.samples for e in experiments)
     try:
-        with _blaming_the_numbers():
-            return family.estimate(variant, experiments, request)
+        with _blaming_the_numbers(), counting(samples) as price:
+            found = family.estimate(variant, experiments, request)
+            return _priced(found, price)
     except NotIdentifiedError as error:
         role = _input_behind(variant, experiments)
         if role is None:
@@ -322,6 +326,26 @@ def _estimate(
             expected="Nothing was written.",
             remedy=f"Check --column {role}=... and --column {variant.output.name}=...",
         ) from error
+
+
+def _priced(found: Estimate[FamilyOptions], price: Price) -> Estimate[FamilyOptions]:
+    """The estimate with what its search has cost, where it has simulated anything."""
+    if not price.spent:
+        return found
+    search = {"simulations": ceil(price.spent), "at_most": price.at_most}
+    said = [_at_bound(price)] if price.exhausted else []
+    return replace(
+        found, details={**found.details, "search": search}, notices=[*found.notices, *said]
+    )
+
+
+def _at_bound(price: Price) -> Notice:
+    return Notice(
+        "search-bounded",
+        f"the search was ended after {ceil(price.spent)} simulations of the logs, of the "
+        f"{price.at_most} that a fit may take: a longer one may find better values. Give --start "
+        "values near the right ones, or hold what is known with --fix.",
+    )
 
 
 def _without_outliers(found: Findings) -> Findings:

@@ -248,6 +248,10 @@ _JUDGEMENT = {
         "machine does something that the model does not describe.",
         "Look at the picture (`--plot`) and judge whether the misfit matters for your use.",
     ),
+    "search-bounded": _warning(
+        "The search ended at the number of simulations that a fit may take.",
+        "Give `--start` values near the right ones, or hold what is known with `--fix`.",
+    ),
     "unmodelled-response": _warning(
         "The residual holds a response that the model does not have (a delay, a lag, a drift, a "
         "parameter that was not asked for), and it moves a parameter by more than its interval.",

@@ -38,6 +38,7 @@ from fluidact_fit.families.hydraulic_cylinder.gray_box import (
     mean_command,
 )
 from fluidact_fit.families.hydraulic_cylinder.gray_search import GrayProblem, solve_gray_box
+from fluidact_fit.families.hydraulic_cylinder.windows import Windows
 from fluidact_fit.logs import StepInput
 from fluidact_fit.result import FitResult
 from fluidact_fit.simulation import simulate_logs, simulate_steps
@@ -815,3 +816,26 @@ def test_a_long_log_is_begun_where_the_piston_moves_most() -> None:
     assert np.array_equal(part.measured[0], part.guess[:, 2])
     assert 500.0 <= part.command[0] <= 600.0
     assert log.liveliest(1000) is log
+    pieces = log.telling(400)  # what is slow or elsewhere is among them
+    assert pieces[0].samples == 200
+    assert np.ptp(pieces[0].guess[:, 2]) == pytest.approx(199.0, abs=1.0)
+    assert [p.samples for p in pieces[1:]] == [50] * 4
+    assert [p.command[0] for p in pieces[1:]] == [0.0, 316.0, 633.0, 950.0]
+
+
+def test_windows_of_a_long_log_are_begun_with_where_most_flows() -> None:
+    """Motion in windows 60 to 79; the part keeps its flow balance."""
+    first = np.arange(0, 990, 10)
+    motion = np.where((first >= 600) & (first < 800), 2.0, 0.0)
+    time = 1e-3 * np.arange(1000)
+    windows = Windows(
+        0, 1, first, first + 10, np.full(99, 1e-2), motion, np.zeros(99),
+        np.zeros(999), np.diff(time), np.arange(1000.0),
+    )  # fmt: skip
+    part = windows.liveliest(300)
+    assert part.motion.sum() == motion.sum()
+    assert part.command.size == part.step.size == part.pressure.size - 1 <= 300
+    begin = int(part.pressure[0])
+    kept = np.isin(windows.first, part.first + begin)
+    np.testing.assert_allclose(part.mean_pressure, windows.mean_pressure[kept])
+    assert windows.liveliest(1000) is windows

@@ -70,6 +70,25 @@ def test_against_a_general_solver(hold: str, speed: float) -> None:
     assert np.abs(motion.position[0] - wanted).max() < 2e-7 * np.ptp(wanted)
 
 
+def test_a_stop_from_thousands_of_times_the_speed_of_the_curve() -> None:
+    """What a narrow curve does is in proportion to its speed: it is passed in so much time.
+
+    No stage of a step that leaps over the curve sees friction rise, and the stop comes late.
+    """
+    both = dict.fromkeys(("viscous_positive", "viscous_negative"), SCREW["viscous"])
+    time, level = STEP * np.arange(200), np.repeat([5e-3, -5e-3, 4e-3, -4e-3, 0.0], 40)
+
+    def place(speed: float) -> np.ndarray:
+        values = {**SCREW, **both, "stribeck_speed": speed}
+        u = piecewise(torque_of(level, "zoh", time))
+        return simulate_stick_slip(rows_of(values), u, make_grid(time)).position[0]
+
+    sudden = place(0.0)
+    narrow, wider = (float(np.abs(place(x) - sudden).max()) for x in (1e-4, 1e-2))
+    assert narrow > 1e-8 * np.ptp(sudden)
+    assert wider == pytest.approx(100.0 * narrow, rel=0.01)
+
+
 @pytest.mark.parametrize("hold", ["zoh", "foh"])
 def test_derivatives_pass_through_the_events(hold: str) -> None:
     exact = np.imag(simulate(AXIS, hold, turned=True).position) / 1e-30

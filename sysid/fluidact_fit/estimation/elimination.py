@@ -159,6 +159,7 @@ class Tangent:
         problem, eta, steps = self.fit.problem, self.fit.eta, STEP * scales
         own = getattr(problem.model, "slopes", None)
         if own is not None:
+            problem.count(index, 1 + eta.size)
             yield own(index, eta)
             return
         turned = [problem.pieces(index, eta + 1j * row) for row in np.diag(steps)]

@@ -123,11 +123,11 @@ class InputNoise:
 
     def _response(self, build: Build, eta: FloatArray) -> list[FloatArray]:
         """What a few draws of the noise make of the output of every experiment."""
-        plain = build(self.experiments, ()).model
+        plain = build(self.experiments, ())
         base = [plain.basis(i, eta).known for i in range(len(self.experiments))]
         series = []
         for k in range(_FEW):
-            moved = build(self.add(k, 1.0), ()).model
+            moved = build(self.add(k, 1.0), ())
             series += [moved.basis(i, eta).known - known for i, known in enumerate(base)]
         return series
 
@@ -154,7 +154,7 @@ class InputNoise:
         """
         plain = build(self.experiments, ())
         at = evaluate(plain, eta)
-        local = [plain.model.basis(i, eta).local for i in range(len(self.experiments))]
+        local = [plain.basis(i, eta).local for i in range(len(self.experiments))]
         full = self.whitening(build, eta, at)
         scores = np.array([
             _likelihood(local, at, [replace(f, drive=ratio * f.drive) for f in full])

@@ -163,7 +163,7 @@ def bind(model: NamedModel, unknowns: Mapping[str, Unknown], held: Mapping[str, 
     nuisance = [Unknown(n) for n in model.nuisance]
     return Problem(
         view, model.measured, [unknowns[n] for n in view.names], [*linear, *nuisance],
-        model.weights, model.whiten,
+        model.weights, model.whiten, channels=max(map(len, model.channels), default=1),
     )  # fmt: skip
 
 

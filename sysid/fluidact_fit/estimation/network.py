@@ -34,6 +34,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import BoolArray, FloatArray
+from .price import exhausted, simulated
 
 Activation = Literal["relu", "tanh"]
 
@@ -293,6 +294,7 @@ class _Problem:
 
     def at(self, net: Network, most: float = np.inf) -> _Point:
         """Evaluate a network, and give up once its cost has passed the most it may be."""
+        simulated(sum(y.size for _, y in self._rows))
         cost = float(self._ridge @ net.vector() ** 2)
         rows, chords = [], []
         for points, shares in self._chords:
@@ -316,6 +318,7 @@ class _Problem:
         for the gradient and the cost to say.
         """
         net, size, root = point.network, point.network.parameters, np.sqrt(self._weight)
+        simulated(sum(y.size for _, y in self._rows))
         matrix, gradient = np.diag(self._ridge), -self._ridge * net.vector()
         table = np.empty((size, _BLOCK), dtype=np.float32)
         for layers, residual in point.rows:
@@ -371,7 +374,7 @@ def train_from(
     """
     problem = _Problem(net, x, y, cost)
     here, damping, done, count = problem.at(net), 1e-2, False, 0
-    while count < iterations and not done:
+    while count < iterations and not done and not exhausted():
         count += 1
         matrix, gradient = problem.normal_equations(here)
         diagonal = np.diag(matrix)

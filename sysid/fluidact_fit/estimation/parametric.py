@@ -29,7 +29,7 @@ from .uncertainty import covariance, t_quantile
 
 _PROFILED = 50_000  # rows beyond which a parabola is trusted: errors are small there
 _MANY = 200_000  # rows beyond which a hundredth of a standard error is close enough
-_BESIDE = 0.1  # of a value, from the end of the search: it may have been stopped by that
+BESIDE = 0.1  # of a value, from the end of the search: it may have been stopped by that
 _NEAR = 1e-7  # damping of a search that begins near its end
 DECISIVE = 12.0  # twice the log-likelihood ratio that tells one value from another
 DECIDED = 10.0 * DECISIVE  # beyond all doubt
@@ -213,18 +213,21 @@ def _at_limits(
         if name not in specs or name in request.bounds:
             continue
         value, u, spec = float(solved.values[name]), unknowns[name], specs[name]
-        near = min(solved.half_width(name), _BESIDE * abs(value))
+        near = min(solved.half_width(name), BESIDE * abs(value))
         if (value - near <= u.low and u.low > spec.minimum) or (
             value + near >= u.high and u.high < spec.maximum
         ):
-            return [
-                Refusal(
-                    name,
-                    f"it ends at {value:.3g} {spec.unit}, as far as the search goes. Should it lie "
-                    f"beyond, give --bounds {name}=LOW:HIGH.",
-                )
-            ]
+            return [at_end_of_search(name, value, spec.unit)]
     return []
+
+
+def at_end_of_search(name: str, value: float, unit: str) -> Refusal:
+    """Refuse a parameter that ends where its search does."""
+    return Refusal(
+        name,
+        f"it ends at {value:.3g} {unit}, as far as the search goes. Should it lie beyond, give "
+        f"--bounds {name}=LOW:HIGH.",
+    )
 
 
 @dataclass(frozen=True)
@@ -251,7 +254,7 @@ def _attempt(
     begin = [np.array([s[u.name] for u in problem.nonlinear]) for s in starts]
     rows = sum(y.size for y in model.measured)
     # of long logs a part was fitted before: the starts are near, or a few steps are rejected
-    limits: dict[str, Any] = {"tolerance": 1e-5}
+    limits: dict[str, Any] = {"tolerance": 1e-5 if rows <= _PROFILED else 1e-3}
     if rows >= _MANY:
         limits = {"tolerance": 1e-2, "damping": _NEAR}
     search = solve_from(problem, begin, **limits)

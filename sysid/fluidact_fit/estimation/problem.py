@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ..experiment import Array, BoolArray, FloatArray
+from .price import simulated
 from .whitening import Whitening
 
 STEP = 1e-30  # complex step: no cancellation, so it can be as small as one likes
@@ -73,6 +74,8 @@ class Model(Protocol):
 class Problem:
     """Data and unknowns of a separable fit.
 
+    ``channels`` functions of the same samples stand in the rows of an experiment.
+
     ``measured`` holds one array ``(n_i,)`` per experiment; ``weights`` one number or
     array ``(n_i,)`` per experiment that multiplies the residual (0 leaves a sample out).
     ``whiten`` is one filter per experiment, applied to both sides after the weights, which is
@@ -85,6 +88,7 @@ class Problem:
     linear: Sequence[Unknown] = ()
     weights: Sequence[FloatArray | float] = ()
     whiten: Sequence[Whitening] = ()
+    channels: int = 1
 
     @property
     def rows(self) -> int:
@@ -94,7 +98,19 @@ class Problem:
     def pieces(self, index: int, eta: Array) -> Iterator[Basis]:
         """Columns of one experiment, piece by piece; whole where it is whitened."""
         own = None if self.whiten else getattr(self.model, "pieces", None)
-        return iter((self.model.basis(index, eta),)) if own is None else own(index, eta)
+        if own is None:
+            return iter((self.basis(index, eta),))
+        self.count(index)
+        return own(index, eta)
+
+    def basis(self, index: int, eta: Array) -> Basis:
+        """Columns of one experiment."""
+        self.count(index)
+        return self.model.basis(index, eta)
+
+    def count(self, index: int, passes: int = 1) -> None:
+        """Count simulations of one experiment."""
+        simulated(self.measured[index].shape[0] / self.channels, passes)
 
     def weigh(self, index: int, table: Array, at: slice = _WHOLE) -> Array:
         """Weigh and whiten a table (samples first) of one experiment, or rows of it."""

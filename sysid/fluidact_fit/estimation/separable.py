@@ -29,6 +29,7 @@ import numpy as np
 
 from ..experiment import BoolArray, FloatArray
 from .elimination import Eliminated, Tangent
+from .price import exhausted
 from .problem import Problem, Solution, bounds_of
 
 
@@ -47,7 +48,8 @@ def solve(
     start : (p,)
         Of the nonlinear unknowns.
     max_iterations
-        Limit on accepted and rejected steps together.
+        Limit on accepted and rejected steps together. A fit that has taken all simulations that it
+        may ends before; see :mod:`.price`.
     tolerance
         Relative change of all scaled unknowns, in units of their own standard errors,
         below which the iteration has converged.
@@ -62,7 +64,7 @@ def solve(
     fit = Eliminated(problem, x * scales)
     tangent = Tangent(fit, scales)
     count, moved, converged = 0, True, x.size == 0
-    while not converged and count < max_iterations:
+    while not converged and count < max_iterations and not exhausted():
         if moved:
             j, r = tangent.normal()
             j *= scales
@@ -255,8 +257,11 @@ def solve_from(problem: Problem, starts: Sequence[FloatArray], **limits: Any) ->
     one part in a thousand away in some unknown. A start from which the computation breaks
     down is dropped; ``LinAlgError`` when there is no other.
     """
-    found, failure = [], None
+    found: list[Solution] = []
+    failure: np.linalg.LinAlgError | None = None
     for start in starts:
+        if found and exhausted():
+            break
         try:
             found.append(solve(problem, start, **limits))
         except np.linalg.LinAlgError as error:

@@ -18,6 +18,7 @@ from ..errors import Notice, NotIdentifiedError, UsageError
 from ..experiment import Experiment, FloatArray
 from ..family import Departure, ParameterSpec, Simulate
 from ..options import choice
+from .price import simulated
 from .results import Refusal, Solved
 
 STRIBECK = ("stribeck", "stribeck_speed")
@@ -138,7 +139,7 @@ class RiseSearch:
     @cached_property
     def found(self) -> tuple[FloatArray, FloatArray]:
         """Misfits and levels over the grid."""
-        costs, levels = zip(*(self.solve(float(np.exp(s))) for s in self.grid))
+        costs, levels = zip(*(self._at(s) for s in self.grid))
         return np.array(costs), np.array(levels)
 
     @cached_property
@@ -149,9 +150,14 @@ class RiseSearch:
         costs, levels = self.found
         k = int(np.argmin(np.where(levels > 0.0, costs, np.inf) if levels.max() > 0.0 else costs))
         ends = self.grid[max(k - 1, 0)], self.grid[min(k + 1, _GRID - 1)]
-        at = minimize_scalar(lambda s: self.solve(float(np.exp(s)))[0], bounds=ends,
+        at = minimize_scalar(lambda s: self._at(s)[0], bounds=ends,
                              method="bounded", options={"xatol": 1e-4}).x  # fmt: skip
-        return *self.solve(float(np.exp(at))), float(np.exp(at))
+        return *self._at(at), float(np.exp(at))
+
+    def _at(self, logarithm: float) -> tuple[float, float]:
+        """Misfit and level at a speed: one look at all samples."""
+        simulated()
+        return self.solve(float(np.exp(logarithm)))
 
 
 def shape_notice(search: Callable[[float], RiseSearch]) -> Notice | None:

@@ -8,6 +8,7 @@ from itertools import pairwise, product
 
 import numpy as np
 
+from ...estimation.price import exhausted, spent
 from ...estimation.uncertainty import independent_samples
 from ...experiment import FloatArray
 from .model import (
@@ -29,9 +30,8 @@ _CELLS = 20  # into which the first pass over the levels divides them
 _CELLS_NEAR = 14  # into which a later one does, near what an earlier one found
 # A search may cost this much, counted in nodes that are simulated, an event being worth many;
 # some seconds. Logs whose every level fits differently (lost rows, noise) would take for ever.
-_LIMIT = 5e6
+_LIMIT = 1e7
 _EVENT = 250
-_DERIVATIVES = 3  # simulations that one with its derivatives costs
 _REFITS = 3  # at one level, however much has been spent
 _HOPELESS = 20.0  # times the best cost: more than that by linear prediction is not refitted
 _TOLD = 4.0  # twice the logarithm of the likelihoods of two levels: two standard errors
@@ -191,13 +191,14 @@ class _Staircase:
         self.others = [n for n in stage.names if n not in kept]
         # share of the cost that does not count as a difference
         self.slack = _TOLD / sum(y.size for y in self.model.measured)
-        motions = [self.model.motion(i, stage.start)[0] for i in range(len(part))]
-        self._price = sum(m.velocity.size + _EVENT * m.stops for m in motions)
-        self._spent = 0.0
+        motions = self.model.motions(stage.start)
+        price = sum(m.velocity.size + _EVENT * m.stops for m in motions)
+        share = sum(e.samples for e in part) / sum(e.samples for e in stage.experiments)
+        self._most = spent() + share * _LIMIT / price
 
     def exhausted(self) -> bool:
         """Whether the search has simulated as much as it may, whatever the computer."""
-        return self._spent > _LIMIT
+        return spent() > self._most or exhausted()
 
     def levels(self, values: Mapping[str, float], side: str) -> FloatArray:
         """The kinetic level and every commanded one above it, ascending, lost rows included."""
@@ -228,10 +229,9 @@ class _Staircase:
 
     def errors(self, values: Mapping[str, float]) -> FloatArray:
         """Errors of all runs, the offset of the position of every run taken out."""
-        self._spent += self._price
         out = []
-        for i, y in enumerate(self.model.measured):
-            r = y - np.real(self.model.columns(i, values).known)
+        for y, model in zip(self.model.measured, self.model.compared_rows(values)):
+            r = y - model
             out.append(r if self.compared.lag else r - r.mean())
         return np.concatenate(out)
 
@@ -249,7 +249,6 @@ class _Staircase:
         stage = replace(self.stage, names=tuple(values), start=values, fixed=fixed)
         problem = stage.problem(self.compared)
         found = stage.solve(problem, max_iterations=15, tolerance=0.05)
-        self._spent += _DERIVATIVES * self._price * (found.iterations + 1)
         now = {**values, **values_at(problem, found.eta)}
         independent = sum(map(_independent, found.residuals))
         return _Refitted(found.cost, now, np.vstack(found.jacobian), independent)

@@ -38,7 +38,7 @@ from ...estimation.runge_kutta import ERROR, NODES, RESULT, STAGES
 from ...experiment import Array, FloatArray
 from .changes import Steps, Varied, with_changes
 from .motion import Levels, Motion, StickSlip
-from .rest import StaticBand, rising_root, value_of
+from .rest import StaticBand, value_of, zero_of
 
 ((_A21,), (_A31, _A32), (_A41, _A42, _A43), (_A51, _A52, _A53, _A54),
  (_A61, _A62, _A63, _A64, _A65)) = STAGES[1:]  # fmt: skip
@@ -48,6 +48,9 @@ _E1, _, _E3, _E4, _E5, _E6, _E7 = ERROR
 Push = Callable[[float, float], Sequence[float]]
 _TOLERANCE = 1e-7  # error of a step, in speeds of the curve and of the motion
 _SHORTEST = 1e-9  # part of an interval, below which a motion does not count as one
+_REFUSED = 0.9  # times its length that a step should have, below which it is taken again
+_SLOW, _NEARER = 2.0, 0.7  # speeds of the curve from which a motion stops, part of the way there
+_ROUNDING = 2e-16  # of the speed before a stop, which no step gets nearer to zero
 _LIMIT = 8  # events inside one sampling interval before the motion counts as stuck
 
 
@@ -121,32 +124,37 @@ class Slide:
         while end - at > least:
             h = min(h, end - at)
             x, way, error, slope = self.advance(y, h, push(at, h))
-            allowed = self.allowed(x)
-            better = 0.9 * (allowed / max(error, 1e-5 * allowed)) ** 0.2
-            if error > allowed and h > least:
+            better = self._better(x, error)
+            if better < _REFUSED and h > least:
                 h *= max(better, 0.2)
             elif x > 0.0:
                 steps.append(Step(at, h, y, way, x, slope))
                 at, y = at + h, x
                 h *= max(better, 0.2)
+            elif y > _SLOW * self.speed and h > least:
+                h *= _NEARER * y / (y - x)  # it leapt over the curve, through which it stops
             elif y > 0.0:
-                return [*steps, self._last(y, at, h, push)]
+                last, better = self._last(y, at, h, push)
+                if better >= _REFUSED or h <= least:
+                    return [*steps, last]
+                h = last.span * max(better, 0.2)
             elif h > least:
                 h *= 0.5  # where it has hardly begun, it may already be over
             else:
                 break
         return steps
 
-    def _last(self, y: float, at: float, h: float, push: Push) -> Step:
-        """The step that ends at rest."""
+    def _better(self, x: float, error: float) -> float:
+        """How many times longer a step should be that led to a speed, with its error."""
+        allowed = self.allowed(x)
+        return _REFUSED * (allowed / max(error, 1e-5 * allowed)) ** 0.2
 
-        def backwards(span: float) -> tuple[float, float]:
-            x, _, _, slope = self.advance(y, span, push(at, span))
-            return -x, -slope
-
-        span = rising_root(backwards, 0.0, h)
-        _, way, _, slope = self.advance(y, span, push(at, span))
-        return Step(at, span, y, way, 0.0, slope)
+    def _last(self, y: float, at: float, h: float, push: Push) -> tuple[Step, float]:
+        """The step that ends at rest, and how many times longer it should be."""
+        # its last acceleration is no slope of what steps of several lengths lead to
+        span = zero_of(lambda span: self.advance(y, span, push(at, span))[0], 0.0, h, _ROUNDING * y)
+        _, way, error, slope = self.advance(y, span, push(at, span))
+        return Step(at, span, y, way, 0.0, slope), self._better(0.0, error)
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,7 +51,7 @@ def with_drive_errors(
         return fitted
     rng = np.random.default_rng(seed)
     scale: list[FloatArray | float] = [*weights] or [1.0] * len(drives)
-    before = _rows(model, fitted)
+    before = model.compared_rows(fitted.values)
     j = np.vstack(fitted.solution.jacobian)
     # a residual that is autocorrelated has shown part of it already: the larger of the two
     plain = covariance(fitted.solution.jacobian, fitted.solution.residuals, robust=False)
@@ -60,7 +60,8 @@ def with_drive_errors(
     for count in (_FIRST, _DRAWS):
         while len(moves) < count:
             disturbed = model.disturbed([e * rng.standard_normal(e.size) for e in errors])
-            change = [w * (a - b) for w, a, b in zip(scale, _rows(disturbed, fitted), before)]
+            after = disturbed.compared_rows(fitted.values)
+            change = [w * (a - b) for w, a, b in zip(scale, after, before)]
             moves.append(np.asarray(np.linalg.lstsq(j, np.concatenate(change), rcond=1e-12)[0]))
         added = np.mean(np.square(moves), axis=0)
         if np.all(added < _MATTERS**2 * known):
@@ -92,14 +93,6 @@ def _held_noise(signal: Signal) -> float:
     """Standard deviation of what is neither a curve nor a level that was commanded [SI]."""
     span, noise = float(np.ptp(signal.values)), noise_floor(signal.values, _ORDER)
     return noise if _HELD_NOISE[0] * span < noise < _HELD_NOISE[1] * span else 0.0
-
-
-def _rows(model: DriveModel, fitted: Fitted) -> list[FloatArray]:
-    """What is compared, run by run, at the estimate."""
-    return [
-        np.asarray(np.real(model.columns(i, fitted.values).known))
-        for i in range(len(model.measured))
-    ]
 
 
 def _errors(signal: Signal) -> FloatArray:

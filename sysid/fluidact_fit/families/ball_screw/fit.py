@@ -31,6 +31,7 @@ from .stribeck import (
     undetermined,
     with_curve,
     with_levels,
+    without_curve,
     without_level,
 )
 
@@ -65,6 +66,8 @@ def fit_drive(
     if refusal is None:
         request.progress("looking for the fall of friction at low speed")
         curve = without_idle_levels(with_curve(stage, request))
+        refusal = None if SPEED in request.bounds else without_curve(curve)
+    if refusal is None:
         curved = _levels_and_forces(curve, request)
         refusal = without_level(curved.stage)
     if refusal is None:

@@ -16,6 +16,7 @@ from ...estimation.grid import Grid, make_grid
 from ...estimation.inputs import PiecewiseInput, piecewise
 from ...estimation.lost_rows import fill_lost_rows
 from ...estimation.named_model import NamedModel, Values
+from ...estimation.price import simulated
 from ...estimation.problem import Basis, Slopes
 from ...estimation.stribeck import EXPONENT
 from ...experiment import Array, Experiment, FloatArray, Signal
@@ -149,6 +150,16 @@ class DriveModel:
         u, grid, samples = self.inputs[index]
         speed = row(values.get(f"initial_speed[{index}]", 0.0))
         return simulate_stick_slip(p, u, grid, initial_speed=speed), samples
+
+    def motions(self, values: Values) -> list[Motion]:
+        """Simulated motions of all logs at their nodes, which are counted."""
+        simulated(sum(t.size for t in self.times))
+        return [self.motion(i, values)[0] for i in range(len(self.times))]
+
+    def compared_rows(self, values: Values) -> list[FloatArray]:
+        """What is compared of all logs, simulated and counted."""
+        simulated(sum(t.size for t in self.times))
+        return [np.real(self.columns(i, values).known) for i in range(len(self.measured))]
 
     @staticmethod
     def _static(side: str, kinetic: Array, values: Values) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from ...experiment import Array
 
 _INVERSE = [1.0 / factorial(n) for n in range(32)]
+_SERIES = [_INVERSE[n + 14 : n - 1 if n else None : -1] for n in range(18)]  # of phi_n, last first
 
 
 def phi_of(z: Array, count: int) -> list[Array]:
@@ -45,8 +46,8 @@ def phi_real(z: float, count: int) -> list[float]:
     """``phi_1 .. phi_count`` of one real number; the hot path of every event."""
     if abs(z) < 0.7:
         total = 0.0
-        for k in range(14, -1, -1):
-            total = total * z + _INVERSE[count + k]
+        for c in _SERIES[count]:
+            total = total * z + c
         values = [total]
         for n in range(count - 1, 0, -1):
             values.append(values[-1] * z + _INVERSE[n])

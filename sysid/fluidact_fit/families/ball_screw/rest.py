@@ -100,3 +100,25 @@ def rising_root(function: Callable[[float], tuple[float, float]], low: float, hi
             return after
         at = after
     return at
+
+
+def zero_of(function: Callable[[float], float], low: float, high: float, rounding: float) -> float:
+    """Where a function is zero between two places where its signs differ, without slopes.
+
+    False position after Anderson and Bjoerck; values up to ``rounding`` are as good as zero.
+    """
+    kept, at = low, high
+    before, value = function(kept), function(at)
+    finest = 1e-15 * abs(high)
+    for _ in range(_ITERATIONS):
+        if abs(value) <= rounding or abs(at - kept) <= finest:
+            break
+        after = at - value * (at - kept) / (value - before)
+        now = function(after)
+        if (now < 0.0) != (value < 0.0):
+            kept, before = at, value
+        else:  # the same end again: the other one counts less
+            share = 1.0 - now / value
+            before *= share if share > 0.0 else 0.5
+        at, value = after, now
+    return at

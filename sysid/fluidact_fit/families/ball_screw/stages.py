@@ -179,8 +179,7 @@ def without_idle_levels(stage: Stage) -> Stage:
     A break-away from rest does. Where friction falls over the speed so does every stop, even one
     at which the axis turns without a rest: slow motion feels nearly the static level.
     """
-    model = DriveModel(stage.experiments, stage.axis)
-    motions = [model.motion(i, stage.start)[0] for i in range(len(stage.experiments))]
+    motions = DriveModel(stage.experiments, stage.axis).motions(stage.start)
     if stage.curved and any(m.stops for m in motions):
         return stage
     moved = {s for s, n in zip(SIDES, np.sum([m.breakaways for m in motions], axis=0)) if n}

@@ -221,10 +221,23 @@ class _Run:
         """Offset of the stop inside interval ``j``, in which the phase begins unless ``None``."""
         step = float(self.time[j + 1] - self.time[j])
 
-        def backwards(o: float) -> tuple[float, float]:
-            v = way.inside(j, o, base)[0]
-            slope = (value_of(self.torque[j], o) - way.level) / way.inertia - way.rate * v
-            return -way.sign * v, -way.sign * slope
+        torque, sign, level = self.torque[j].tolist(), way.sign, way.level
+        rate, inertia, size = way.rate, way.inertia, len(torque) + 1
+        net = [torque[0] - level, *torque[1:]]
+
+        def backwards(o: float) -> tuple[float, float]:  # the hot path of every stop
+            phi, v, power, total = (
+                phi_real(-rate * o, size),
+                base * exp(-rate * o),
+                o / inertia,
+                0.0,
+            )
+            for i, c in enumerate(net):
+                v += c * power * phi[i]
+                power *= o * (i + 1)
+            for c in reversed(torque):
+                total = total * o + c
+            return -sign * v, -sign * ((total - level) / inertia - rate * v)
 
         if begin is None:
             return rising_root(backwards, 0.0, step)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...estimation.named_model import NamedModel
-from ...estimation.parametric import Fitted
+from ...estimation.parametric import BESIDE, DECIDED, Fitted, at_end_of_search
 from ...estimation.problem import Unknown
 from ...estimation.results import Refusal, Solved
 from ...estimation.separable import solve
@@ -30,6 +30,7 @@ from .brackets import Bracket, levels_above
 from .model import (
     BREAKAWAY,
     EXCESS,
+    ROTARY,
     SIDES,
     SPEED,
     Axis,
@@ -49,6 +50,7 @@ _TOLD = 4.0  # twice the logarithm of the likelihoods of two cells: two standard
 _GLANCE = 6  # steps of a fit inside a cell, after which one may be given up
 _HOPELESS = 4.0  # times the cost of the best cell, above which it is
 _NARROW = 2.0  # times the least speed of the search: a curve that is narrower still
+_WIDER = 10.0  # times the least speed of the search: a curve that the logs show, if there is one
 _FASTEST = 0.7  # of the fastest motion, below which the kinetic level shows
 _KNOWN = 0.7  # of its own value, to which the speed has to be known
 
@@ -226,11 +228,8 @@ def _over_bracket(
     drive: DriveModel, values: Mapping[str, float], name: str, bracket: Bracket
 ) -> list[FloatArray]:
     """Change of every log per change of a level, from end to end of its bracket."""
-    ends = [
-        [np.real(drive.columns(i, {**values, name: x}).known) for x in (bracket.low, bracket.high)]
-        for i in range(len(drive.measured))
-    ]
-    return [(up - down) / (bracket.high - bracket.low) for down, up in ends]
+    down, up = (drive.compared_rows({**values, name: x}) for x in (bracket.low, bracket.high))
+    return [(b - a) / (bracket.high - bracket.low) for a, b in zip(down, up)]
 
 
 def undetermined(found: Solved, top: float, unit: str, level_unit: str) -> Refusal | None:
@@ -272,6 +271,29 @@ def _falls(found: Solved, unit: str) -> list[Quantity]:
         }
 
     return list(found.derive(dict.fromkeys(sides, unit), function).values())
+
+
+def without_curve(stage: Stage) -> Refusal | None:
+    """The speed of the curve, where the beginnings of long logs tell that friction falls at once.
+
+    The search ends as far down as it goes, and a speed ten times that is out of the question: the
+    rest of the logs can only add to it.
+    """
+    part = leading_parts(stage.experiments, _SEARCHED)
+    samples, low = sum(e.samples for e in part), stage.unknowns[SPEED].low
+    if samples == sum(e.samples for e in stage.experiments):
+        return None
+    least = replace(stage, experiments=part)
+    problem = least.problem()
+    found = least.solve(problem, max_iterations=30, tolerance=0.05)
+    values = {**stage.start, **values_at(problem, found.eta)}
+    if values[SPEED] > (1.0 + BESIDE) * low:
+        return None
+    wider = replace(least, start=values, fixed={**stage.fixed, SPEED: _WIDER * low})
+    other = wider.solve(wider.problem(), max_iterations=10, tolerance=0.05)
+    if (other.cost - found.cost) * samples <= DECIDED * found.cost:
+        return None
+    return at_end_of_search(SPEED, values[SPEED], "rad/s" if stage.axis is ROTARY else "m/s")
 
 
 def without_level(stage: Stage) -> Refusal | None:

@@ -16,6 +16,9 @@ from .equations import SIGN, Machine
 from .options import HydraulicCylinderOptions
 from .windows import Windows, cut_windows, window_length
 
+LONG = 20_000  # samples of all logs, beyond which a search begins in part of each
+PART = 12_000  # samples of that
+
 
 @dataclass(frozen=True)
 class FrictionRows:
@@ -54,6 +57,16 @@ class Case:
     def options(self) -> HydraulicCylinderOptions:
         """The options of the request."""
         return self.request.options
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of all logs."""
+        return sum(e.samples for e in self.experiments)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether a search is to begin in part of the logs."""
+        return self.samples > LONG
 
     @property
     def both(self) -> bool:

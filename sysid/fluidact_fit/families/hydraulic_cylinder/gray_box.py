@@ -13,6 +13,7 @@ import numpy as np
 
 from ...estimation.inputs import piecewise
 from ...estimation.named_model import Values
+from ...estimation.price import simulated
 from ...experiment import Experiment, FloatArray
 from ...signals import smooth
 from .equations import EDGES, THETA, Machine, gray_values
@@ -24,6 +25,7 @@ _FALL = 0.5  # growth of a speed over a step where friction falls with it
 _ANGLE = 0.3  # rad of the pressure resonance that a step may turn
 _STIFF = 1e9  # Pa: bulk modulus of the resonance that the steps are made for
 _MOST_STEPS = 16  # per sample
+_PIECES = 4  # from all over a log, beside its liveliest part
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,22 @@ class GrayLog:
         if self.samples <= samples:
             return self
         way = np.append(0.0, np.cumsum(np.abs(np.diff(self.guess[:, 2]))))
-        first = int(np.argmax(way[samples - 1 :] - way[: way.size - samples + 1]))
+        return self._cut(
+            int(np.argmax(way[samples - 1 :] - way[: way.size - samples + 1])), samples
+        )
+
+    def telling(self, samples: int) -> list[GrayLog]:
+        """Parts of so many samples in all: the liveliest, and pieces from all over the log.
+
+        What shows at low speed or in other strokes need not show where the piston moves most.
+        """
+        if self.samples <= samples:
+            return [self]
+        piece = samples // (2 * _PIECES)
+        begins = np.linspace(0, self.samples - piece, _PIECES).astype(int).tolist()
+        return [self.liveliest(samples // 2), *(self._cut(first, piece) for first in begins)]
+
+    def _cut(self, first: int, samples: int) -> GrayLog:
         after = first + samples
         return GrayLog(
             self.command[first : after - 1], self.step[first : after - 1], self.channels,
@@ -150,6 +167,7 @@ class GrayBox:
         ``(segments, segment, 4, 4 + free)``. ``values`` holds all parameters.
         """
         count, length, columns = nodes.shape[0], self.segment, 4 + len(free)
+        simulated(log.samples, 1 + columns)
         run = InPlace(segment_function(self.machine, length, self.steps, tuple(free), count))
         begin, inputs, theta = run.arguments
         begin[:4], begin[4:] = nodes.T, np.eye(columns, 4).reshape(-1, 1)
@@ -159,6 +177,7 @@ class GrayBox:
 
     def simulate(self, log: GrayLog, initial: FloatArray, values: Values) -> FloatArray:
         """States at every sample, ``(n, 4)``, from the initial one [Pa, Pa, m, m/s]."""
+        simulated(log.samples)
         run = InPlace(segment_function(self.machine, self.segment, self.steps, None))
         begin, held, theta = run.arguments
         theta[:] = _theta(values)

@@ -11,13 +11,12 @@ from ...errors import Notice
 from ...estimation.friction_law import FrictionLaw
 from ...estimation.named_model import Values, make_unknowns
 from ...estimation.noise import noise_floor
-from ...estimation.problem import Unknown
 from ...estimation.results import Refusal, Solved, determine, left_open, refuse
 from ...estimation.stribeck import STRIBECK, free_names, undetermined
 from ...estimation.uncertainty import enlarge
 from ...experiment import Experiment, FloatArray
 from ...family import Estimate, Quantity
-from .case import Case
+from .case import PART, Case
 from .command_noise import command_noise
 from .equations import GRAY_NAMES, THETA
 from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log
@@ -25,11 +24,11 @@ from .gray_rise import find_rise
 from .gray_search import GrayProblem, GraySolution, moving_speeds, solve_gray_box
 from .nearby import Nearby
 from .options import HydraulicCylinderOptions
-from .regression import directional_gains, fit_flow, fit_friction, not_shown, sensible_widths
+from .regression import begin_flow, directional_gains, fit_friction, not_shown, sensible_widths
 
 _MARGIN = 1.5  # by which friction may fall more steeply than where the search for it ended
-_LONG = 40_000  # samples of all logs, beyond which the search begins in part of each
-_PART = 12_000  # samples of that
+_RISE = 4_000  # samples in which a Stribeck rise is looked for
+_SHORTEST = 400  # samples of a part
 _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says something
 
 
@@ -38,17 +37,15 @@ class _Search:
 
     def __init__(self, case: Case) -> None:
         self.case = case
-        first = fit_flow(case, lenient=True)
+        first = begin_flow(case)
         self.start, scales = _start(case, first.values)
         friction = make_unknowns(case.variant.parameters, (*scales,), scales, case.request)
         self.unknowns = {**first.unknowns, **friction}
         logs = [make_gray_log(e, case.machine) for e in case.experiments]
-        fall = FrictionLaw.of(case.request.fixed).fall
-        self.box = GrayBox(logs, case.machine, scales["viscous"], fall=fall)
-        self.part: GrayBox | None = None
-        if sum(log.samples for log in logs) > _LONG:
-            part = [log.liveliest(_PART) for log in logs]
-            self.part = GrayBox(part, case.machine, scales["viscous"], fall=fall)
+        self.fall = FrictionLaw.of(case.request.fixed).fall
+        self.viscous = scales["viscous"]
+        self.box = self._box_of(logs)
+        self.initial: list[FloatArray] | None = None  # where the last search in long logs ended
         self.sigma = _noise(case.experiments)
         self.low = free_names(case.options.stribeck == "estimate", case.request.fixed)
 
@@ -58,43 +55,67 @@ class _Search:
         if not low or self.start.get("stribeck_speed"):
             return self._refine(held, low)
         first = self.start
-        plain = self._refine({**held, **dict.fromkeys(low, 0.0)})
-        found = find_rise(plain, first, low, held, self.case)
+        many = self.case.samples > _RISE
+        box = self._part(_RISE) if many else self.box
+        plain = self._settle(box, {**held, **dict.fromkeys(low, 0.0)})
+        found = find_rise(plain, first, low, held, self.case, near=many)
         self.unknowns |= {u.name: u for u in found.problem.free}
         self.start = found.values
-        fall = _MARGIN * FrictionLaw.of(found.values).fall
-        box = found.problem.box
-        self.box = GrayBox(box.logs, box.machine, found.values["viscous"], fall=fall)
-        return self._refine(held, low, found.initial)
+        self.fall = _MARGIN * FrictionLaw.of(found.values).fall
+        self.viscous = found.values["viscous"]
+        self.box = self._box_of(self.box.logs)
+        return self._refine(held, low, None if many else found.initial)
+
+    def _box_of(self, logs: Sequence[GrayLog]) -> GrayBox:
+        return GrayBox(logs, self.case.machine, self.viscous, fall=self.fall)
+
+    def _part(self, samples: int) -> GrayBox:
+        """Parts of long logs, each as long as its log's share of so many samples."""
+        share = samples / self.case.samples
+        lengths = [max(round(share * log.samples), _SHORTEST) for log in self.box.logs]
+        return self._box_of([p for log, n in zip(self.box.logs, lengths) for p in log.telling(n)])
 
     def _refine(
         self, held: Mapping[str, float], low: Sequence[str] = (),
         initial: Sequence[FloatArray] | None = None,
     ) -> GraySolution:  # fmt: skip
+        """Search from the last values, of long logs first in part of them."""
+        near = self.case.is_long and (self.initial is not None or self._begin_in_part(held, low))
+        solution = self._settle(self.box, held, low, self.initial or initial, near)
+        if self.case.is_long:
+            self.initial = solution.initial
+        return solution
+
+    def _begin_in_part(self, held: Mapping[str, float], low: Sequence[str]) -> bool:
+        """Go where part of long logs leads to, from where the whole takes few steps.
+
+        Returns whether it led anywhere.
+        """
+        before = self.start, self.sigma
+        self.case.request.progress("gray box: part of the logs")
+        if self._settle(self._part(PART), held, low).converged:
+            return True
+        self.start, self.sigma = before
+        return False
+
+    def _settle(
+        self, box: GrayBox, held: Mapping[str, float], low: Sequence[str] = (),
+        initial: Sequence[FloatArray] | None = None, near: bool = False,
+    ) -> GraySolution:  # fmt: skip
         """Search from the last values; the weights follow the residuals."""
         free = [self.unknowns[n] for n in (*GRAY_NAMES, *low) if n not in held]
         begin = {**self.start, **held}
-        if self.part is not None and initial is None:
-            begin, self.part = self._from_part(self.part, free, begin), None
         for _ in range(3):
-            solution = solve_gray_box(GrayProblem(self.box, free, self.sigma), begin, initial)
+            solution = solve_gray_box(GrayProblem(box, free, self.sigma), begin, initial, near=near)
             begin, initial = solution.values, solution.initial
             self.case.request.progress(
                 f"gray box: {solution.iterations} steps, weighted error {solution.cost:.6g}"
             )
-            old, self.sigma = self.sigma, _spread(self.box.logs, solution)
+            old, self.sigma = self.sigma, _spread(box.logs, solution)
             if np.all(np.abs(self.sigma / old - 1.0) < 0.05):
                 break
         self.start = solution.values
         return solution
-
-    def _from_part(
-        self, part: GrayBox, free: Sequence[Unknown], begin: Mapping[str, float]
-    ) -> dict[str, float]:
-        """Values that fit part of long logs, from which the rest takes few steps."""
-        found = solve_gray_box(GrayProblem(part, free, self.sigma), begin)
-        self.case.request.progress(f"gray box: {found.iterations} steps in part of the logs")
-        return found.values if found.converged else {**begin}
 
     def undetermined(self, solution: GraySolution) -> list[Refusal]:
         """The parameter whose interval says least, if it says nothing."""

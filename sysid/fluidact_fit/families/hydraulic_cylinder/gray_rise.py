@@ -34,11 +34,13 @@ def find_rise(
     low: Sequence[str],
     held: Mapping[str, float],
     case: Case,
+    *,
+    near: bool,
 ) -> GraySolution:
     """Add a Stribeck rise, of the unknown parameters ``low``, to a fit without one.
 
     Its values, and the ``first`` ones that it began with, are what the search begins with: a fit
-    without a rise that is there may be far off.
+    without a rise that is there may be far off. ``near`` is that of :func:`.solve_gray_box`.
     """
     problem, request = plain.problem, case.request
     slowest, fastest = slowest_and_fastest(moving_speeds(plain))
@@ -59,17 +61,19 @@ def find_rise(
                 starts.append(({**base, **begin}, plain.initial))
     best = plain
     for steps, most in _ROUNDS:
-        ends = [solve_gray_box(wider, values, initial, steps) for values, initial in starts]
+        ends = [
+            solve_gray_box(wider, values, initial, steps, near=near) for values, initial in starts
+        ]
         ends.sort(key=lambda s: s.cost)
         best, starts = ends[0], [(s.values, s.initial) for s in ends[:most]]
         request.progress(
             f"Stribeck friction {best.values['stribeck']:.3g} N at "
             f"{best.values['stribeck_speed']:.3g} m/s: error {best.cost:.6g}"
         )
-    return _hop(best, case) if "stribeck_speed" in low else best
+    return _hop(best, case, near) if "stribeck_speed" in low else best
 
 
-def _hop(best: GraySolution, case: Case) -> GraySolution:
+def _hop(best: GraySolution, case: Case, near: bool) -> GraySolution:
     """Go on from a minimum to better ones beside it, along the Stribeck speed."""
     free = best.problem.free
     others = replace(best.problem, free=[u for u in free if u.name != "stribeck_speed"])
@@ -79,8 +83,9 @@ def _hop(best: GraySolution, case: Case) -> GraySolution:
         for factor in _BESIDE:
             speed = min(max(factor * best.values["stribeck_speed"], unknown.low), unknown.high)
             begin = {**best.values, "stribeck_speed": speed}
-            near = solve_gray_box(others, begin, best.initial, _SIDE_STEPS)
-            ends.append(solve_gray_box(best.problem, near.values, near.initial, _SIDE_STEPS))
+            at = solve_gray_box(others, begin, best.initial, _SIDE_STEPS, near=near)
+            free_again = solve_gray_box(best.problem, at.values, at.initial, _SIDE_STEPS, near=near)
+            ends.append(free_again)
         other = min(ends, key=lambda s: s.cost)
         if not other.cost < (1.0 - _BETTER) * best.cost:
             break

@@ -17,12 +17,15 @@ from functools import cached_property
 import numpy as np
 
 from ...estimation.named_model import Values
+from ...estimation.price import exhausted
 from ...estimation.problem import Unknown
 from ...estimation.separable import damped_step
 from ...estimation.uncertainty import Uncertainty, score_covariance
 from ...experiment import BoolArray, FloatArray
+from .case import LONG
 from .gray_box import GrayBox, GrayLog, Linear
 
+_AS_PREDICTED = 0.1  # part of what a step was to gain, up to which its slopes are kept
 _ASTRAY = 1e12  # residuals in standard deviations beyond which a simulation has run away
 STATE_SCALE = np.array([1e5, 1e5, 1e-3, 1e-2])  # Pa, Pa, m, m/s
 
@@ -42,6 +45,11 @@ class GrayProblem:
     def names(self) -> tuple[str, ...]:
         """Names of the free parameters."""
         return tuple(u.name for u in self.free)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether steps over all samples are to be saved."""
+        return sum(log.samples for log in self.box.logs) > LONG
 
 
 @dataclass(frozen=True)
@@ -110,24 +118,33 @@ def solve_gray_box(
     start: Values,
     initial: Sequence[FloatArray] | None = None,
     max_iterations: int = 40,
+    *,
+    near: bool = False,
 ) -> GraySolution:
     """Minimise the weighted output error over parameters and initial states.
 
     ``start`` holds all parameters, ``initial`` the state of every log at its beginning [SI] from
     an earlier solution near by: the search then starts without gaps between the segments. Left
     out, it starts from the measured signals. Steps count whether they are accepted or not.
+
+    Parameters that are ``near`` their end already need no segments, and no second look at logs
+    that may begin at rest: whether they do shows at once.
     """
     begin, count = dict(start), 0
-    if initial is None and not problem.free:
-        # states that were measured are near enough
-        initial = [log.guess[0] for log in problem.box.logs]
+    measured = [log.guess[0] for log in problem.box.logs]
+    if initial is None and (near or not problem.free):
+        initial = measured  # near enough
+        rested = _at_rest(problem, measured) if near else None
+        if rested is not None:
+            ends = [_close(problem, begin, x) for x in (measured, rested)]
+            initial = min(ends, key=lambda e: e.cost).initial
     if initial is None:
         far = _Iterate(begin, [problem.box.nodes_of(log.guess) for log in problem.box.logs])
         _evaluate_gaps(problem, far)
         far, count, _ = _descend(problem, far, max_iterations, gaps=True)
         begin, initial = far.values, far.initial
     now, more, converged = _descend(problem, _close(problem, begin, initial), max_iterations)
-    rested = _at_rest(problem, now.initial) if max_iterations else None
+    rested = _at_rest(problem, now.initial) if max_iterations and not near else None
     if rested is not None:
         other, extra, settled = _descend(
             problem, _close(problem, now.values, rested), max_iterations
@@ -166,7 +183,7 @@ def _descend(
     Without, a trial is simulated without sensitivities; they are computed where it is accepted.
     """
     damping, count = 1e-4, 0
-    while count < most:
+    while count < most and not exhausted():
         count += 1
         if not now.linear:
             _linearise(problem, now)
@@ -185,6 +202,9 @@ def _descend(
             if settled:
                 trial.linear = trial.linear or now.linear
                 return trial, count, True
+            as_predicted = abs(gain - predicted) <= _AS_PREDICTED * predicted
+            if problem.is_long and (as_predicted or not problem.free):
+                trial.linear = trial.linear or now.linear  # they are hardly others
             now, damping = trial, max(0.1 * damping, 1e-10)
         else:
             damping = max(10.0 * damping, 1e-6)

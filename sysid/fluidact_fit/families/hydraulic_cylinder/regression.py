@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...errors import LogError
+from ...errors import LogError, NotIdentifiedError
 from ...estimation.friction_law import FrictionLaw
 from ...estimation.named_model import NamedModel, Values, make_unknowns
 from ...estimation.parametric import Fitted, fit_named
@@ -16,8 +16,9 @@ from ...estimation.stribeck import STRIBECK
 from ...estimation.uncertainty import covariance, t_quantile
 from ...experiment import FloatArray
 from ...family import Quantity
-from .case import Case
+from .case import PART, Case
 from .equations import LOSSES
+from .windows import Windows
 
 GAIN_UNIT = "m3/(s V Pa^0.5)"
 
@@ -98,9 +99,24 @@ def _one_level(size: FloatArray) -> bool:
     return bool(size.size and np.quantile(size, 0.95) < 1.2 * np.quantile(size, 0.05))
 
 
-def fit_flow(case: Case, lenient: bool) -> Fitted:
-    """Regression of the flow over windows; ``lenient`` refuses nothing, for a start."""
-    windows, unknowns = case.windows, flow_unknowns(case)
+def begin_flow(case: Case) -> Fitted:
+    """Where a search may begin: the flow over the liveliest windows of long logs."""
+    if case.is_long:
+        share = PART / case.samples
+        part = [w.liveliest(round(share * w.pressure.size)) for w in case.windows]
+        try:
+            return fit_flow(case, lenient=True, windows=part)
+        except NotIdentifiedError:  # the others may tell
+            pass
+    return fit_flow(case, lenient=True)
+
+
+def fit_flow(case: Case, lenient: bool, windows: Sequence[Windows] | None = None) -> Fitted:
+    """Regression of the flow over windows, all by default.
+
+    ``lenient`` refuses nothing, for a start.
+    """
+    windows, unknowns = windows or case.windows, flow_unknowns(case)
     names = tuple(unknowns)
 
     def columns(index: int, values: Values) -> Basis:

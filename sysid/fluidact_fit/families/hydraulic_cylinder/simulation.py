@@ -89,7 +89,8 @@ def _all_states(
     if "position" in e:
         box = GrayBox([make_gray_log(e, machine)], machine, values["viscous"], fall=fall)
         sigma = np.array([getattr(options, f"residual_{c}") or 1.0 for c in CHANNELS])
-        solution = solve_gray_box(GrayProblem(box, (), sigma), gray_values(values))
+        problem = GrayProblem(box, (), sigma)
+        solution = solve_gray_box(problem, gray_values(values), near=problem.is_long)
         return solution.states[0]
     rest = machine.at_rest(options.rest_position or 0.0)
     log = GrayLog(

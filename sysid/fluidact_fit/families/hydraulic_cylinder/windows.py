@@ -53,10 +53,28 @@ class Windows:
     step: FloatArray
     pressure: FloatArray
 
-    def chosen(self, rows: BoolArray) -> Windows:
+    def chosen(self, rows: BoolArray | slice) -> Windows:
         """Some of the windows."""
         names = ("first", "last", "duration", "motion", "swelling")
         return replace(self, **{n: getattr(self, n)[rows] for n in names})
+
+    def liveliest(self, samples: int) -> Windows:
+        """Windows in a row over so many samples through which most flows, of that part of the log.
+
+        All where there are no more.
+        """
+        if self.pressure.size <= samples:
+            return self
+        flow = np.append(0.0, np.cumsum(np.abs(self.motion * self.duration)))
+        after = np.searchsorted(self.last, self.first + samples)  # windows that end within
+        k = int(np.argmax(flow[after] - flow[:-1]))
+        kept = self.chosen(slice(k, max(int(after[k]), k + 1)))
+        begin, end = int(kept.first[0]), int(kept.last[-1])
+        return replace(
+            kept, first=kept.first - begin, last=kept.last - begin,
+            command=self.command[begin:end], step=self.step[begin:end],
+            pressure=self.pressure[begin : end + 1],
+        )  # fmt: skip
 
     def mean(self, per_interval: Array) -> Array:
         """Time average of a value per interval of the log over every window."""

@@ -16,6 +16,7 @@ from ...estimation.named_input_noise import correct_named
 from ...estimation.named_model import NamedModel, bind
 from ...estimation.noise import noise_floor
 from ...estimation.parametric import DECIDED, DECISIVE, Fitted, fit_named, information_units
+from ...estimation.price import exhausted
 from ...estimation.problem import Problem, Unknown
 from ...estimation.results import Refusal, refuse
 from ...estimation.separable import Search, profile, solve_from
@@ -66,6 +67,8 @@ def grid_search(
         points = [{**point, "dead_time": float(x)} for x in inner]
         costs = profile(problem, np.array([[p[n] for n in order] for p in points]))
         rows[index] = inner, points, costs
+        if exhausted():
+            break
     found = []
     for index, (_, points, costs) in rows.items():
         for k in np.flatnonzero(_valleys(rows, index)):

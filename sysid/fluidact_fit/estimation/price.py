@@ -1,0 +1,82 @@
+"""What a search costs, counted in simulations, and how much it may.
+
+One simulation is one pass of the model over all samples of all logs. A derivative by one unknown is
+another pass (those of a network by all its weights come from a single one, backwards), and a pass
+over part of the logs counts by its share of their samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+
+from ..errors import NotIdentifiedError
+
+AT_MOST = 20_000  # simulations of a fit
+PASSES = 8e7  # samples that those of short logs may go over, if that is more
+_SEARCHED = 0.5  # of the simulations, after which no search goes on: the rest is to end the fit
+
+
+@dataclass
+class Price:
+    """Simulations that a search has ``spent``, and the most that it may, of logs of ``samples``."""
+
+    samples: int
+    at_most: int
+    spent: float = 0.0
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether a search is to end where it is."""
+        return self.spent >= _SEARCHED * self.at_most
+
+    def add(self, simulations: float) -> None:
+        """Count simulations, or refuse them where a fit may not take as many."""
+        if self.spent + simulations > self.at_most:
+            raise NotIdentifiedError(
+                f"the search does not end within {self.at_most} simulations of the logs",
+                expected="A fit takes some hundreds of them. Nothing was written.",
+                remedy="Give --start values near the right ones, or hold what is known with --fix.",
+            )
+        self.spent += simulations
+
+
+_price: ContextVar[Price | None] = ContextVar("price", default=None)
+
+
+@contextmanager
+def counting(samples: int) -> Iterator[Price]:
+    """Count the simulations of logs of so many samples, and bound them."""
+    price = Price(samples, max(AT_MOST, int(PASSES / max(samples, 1))))
+    token = _price.set(price)
+    try:
+        yield price
+    finally:
+        _price.reset(token)
+
+
+def simulated(samples: float | None = None, passes: int = 1) -> None:
+    """Count passes of a model over so many samples, all of them by default, where anyone counts.
+
+    Raises
+    ------
+    NotIdentifiedError
+        Where that is more than a fit may take.
+    """
+    price = _price.get()
+    if price is not None:
+        price.add(passes if samples is None else passes * samples / price.samples)
+
+
+def exhausted() -> bool:
+    """Whether a search is to end where it is, because it may not go on."""
+    price = _price.get()
+    return price is not None and price.exhausted
+
+
+def spent() -> float:
+    """Simulations so far."""
+    price = _price.get()
+    return 0.0 if price is None else price.spent
