@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fluidact_fit import experiment
+from fluidact_fit import rows
 from fluidact_fit.experiment import all_of, at_rows, is_finite
 from fluidact_fit.families import get_family
 from fluidact_fit.logs import experiments, read_log, repeats, spikes, timebase
@@ -15,7 +15,7 @@ LINE = get_family("line").variants[0]
 
 @pytest.fixture(params=[1 << 15, 37])
 def rows_of_a_block(request, monkeypatch):
-    monkeypatch.setattr(experiment, "BLOCK_ROWS", request.param)
+    monkeypatch.setattr(rows, "BLOCK_ROWS", request.param)
     return request.param
 
 

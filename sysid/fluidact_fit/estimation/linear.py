@@ -292,9 +292,11 @@ def forced_pieces(
     for part in parts:
         last = end
         if part.stop < samples.instants.size:
-            real = samples.instants[part.stop - 1] - np.real(dead_time) + nudge * nodes.unit
-            reached = np.searchsorted(nodes.instants, real, side="right") - 1
-            last = max(part.stop - 1 - back if even else int(reached), first)
+            last = part.stop - 1 - back
+            if not even:
+                real = samples.instants[part.stop - 1] - np.real(dead_time) + nudge * nodes.unit
+                last = int(np.searchsorted(nodes.instants, real, side="right")) - 1
+            last = max(last, first)
         some, grid = _between(u, first, last, shape), nodes.part(first, last)
         states = run(some, grid, state)
         if even:
