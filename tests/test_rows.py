@@ -110,6 +110,16 @@ def test_sums_and_ends(table, long_from_100_rows):
     assert all_of(less, where_finite(less)) is less
 
 
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.98, 1.0])
+def test_a_quantile_is_that_of_the_array(table, share, long_from_100_rows):
+    rising = np.sort(table[:, 0])  # the blocks that are looked at first are not like the others
+    for values in (table[:, 0], rising, rising[::-1], np.zeros(N), np.round(table[:, 1])):
+        parts = [by_rows(np.positive, values[:300]), by_rows(np.positive, values[300:])]
+        assert not any(map(rows.is_kept, parts))
+        found = rows.upper_quantile(parts, share)
+        assert found == pytest.approx(np.quantile(values, share), rel=1e-15, abs=1e-300)
+
+
 def test_a_hole_is_seen_wherever_it_is(table, long_from_100_rows):
     for place in (0, 36, 37, 999):
         values = table[:, 0].copy()

@@ -8,7 +8,7 @@ by whatever else numpy does with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -21,6 +21,7 @@ Array = npt.NDArray[Any]  # real, or complex where derivatives are taken by comp
 
 BLOCK_ROWS = 1 << 15  # of a block: what is made of it stays in the cache
 LONG = 1 << 20  # rows up to which a record is kept as an array; far more than a block
+_SAMPLED = 32  # of so many blocks one suggests a bound
 MOST_KEPT = 1 << 26  # numbers of a table that is slow to make, up to which it is kept
 
 
@@ -134,6 +135,12 @@ class _Even(Rows):
             return self._cut(begin, end)
         return stand_in(_Even(self.first, self.step, self.begin + begin, self.begin + end))
 
+    def __getitem__(self, at: Any) -> Any:
+        if isinstance(at, np.ndarray) and at.dtype.kind in "iu":
+            k = np.where(at < 0, at + len(self), at)
+            return (self.begin + k).astype(self.dtype) * self.step + self.first
+        return super().__getitem__(at)
+
     def _at(self, k: Array) -> Array:
         """Values at some places, and infinities beyond the ends."""
         inside = (self.begin + np.clip(k, 0, len(self) - 1)).astype(self.dtype)
@@ -169,6 +176,18 @@ def remembered(values: Array) -> dict[str, Any]:
 def is_even(values: Array) -> bool:
     """Whether values stand for an arithmetic sequence."""
     return isinstance(values, _Even)
+
+
+def part_of(values: Array, begin: int, end: int) -> Array:
+    """Some consecutive values; of an arithmetic sequence none is made yet."""
+    if isinstance(values, _Even):
+        return stand_in(_Even(values.first, values.step, values.begin + begin, values.begin + end))
+    return values[begin:end]
+
+
+def made(shape: tuple[int, ...], cut: Callable[[int, int], Array]) -> Array:
+    """Rows as ``cut(begin, end)`` makes them; an array where they are few."""
+    return stand_in(Rows(shape, cut)) if is_long(shape[0]) else cut(0, shape[0])
 
 
 def evenly(first: float, step: float, count: int) -> FloatArray:
@@ -241,6 +260,28 @@ def square_sum(values: FloatArray) -> float:
             values.known["squares"] = sum(float(part @ part) for part in parts)
         return float(values.known["squares"])
     return float(values @ values)
+
+
+def upper_quantile(parts: Sequence[FloatArray], share: float) -> float:
+    """Quantile of all values of some records, shape ``(n_i,)``, of which few lie above it.
+
+    Of long records only those above a bound are gathered, which some of their blocks suggest.
+    """
+    if all(map(is_kept, parts)):
+        return float(np.quantile(np.concatenate(parts), share))
+    every = [(p, at) for p in parts for at in blocks(len(p))]
+    some = np.concatenate([p[at] for p, at in every[::_SAMPLED]])
+    count = sum(map(len, parts))
+    place = (count - 1) * share
+    for lower in (2.0, 8.0, np.inf):  # times as many as are wanted
+        bound = np.quantile(some, max(1.0 - lower * (1.0 - share), 0.0))
+        bound = bound if np.isfinite(lower) else -np.inf
+        above = np.sort(np.concatenate([x[x >= bound] for x in (p[at] for p, at in every)]))
+        first = int(place) - (count - above.size)  # of those above it
+        if first >= 0:
+            break
+    low, high = above[first], above[min(first + 1, above.size - 1)]
+    return float(low + (place - int(place)) * (high - low))
 
 
 def ends_of(values: FloatArray) -> tuple[float, float]:

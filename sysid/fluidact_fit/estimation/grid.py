@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
-from ..rows import is_even
+from ..rows import is_even, part_of
 
 SAME_STEP = 1e-9  # steps closer than this share of the median step count as equal
 
@@ -29,7 +29,7 @@ class Grid:
 
     def part(self, first: int, last: int) -> Grid:
         """The instants from one to another, both included."""
-        instants = self.instants[first : last + 1]
+        instants = part_of(self.instants, first, last + 1)
         return Grid(instants, self.distinct, self.which[first:last])
 
     @property

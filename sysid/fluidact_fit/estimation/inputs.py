@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from ..errors import UsageError
 from ..experiment import Array, Experiment, FloatArray, Hold, Signal
-from ..rows import Rows, by_rows, is_long, stand_in
+from ..rows import by_rows, made
 from .spline import FEWEST, cubic_pieces
 
 GAP = 3.5  # usual sample times that a curve is drawn across
@@ -117,7 +117,7 @@ def piecewise(signal: Signal, *, level: float = 0.0) -> PiecewiseInput:
         return np.column_stack((some[: end - begin], slope))
 
     if kind == "foh":
-        straight = stand_in(Rows((n, 2), lines)) if is_long(n) else lines(0, n)
+        straight = made((n, 2), lines)
         return PiecewiseInput(time, straight)
     return PiecewiseInput(time, _smooth_pieces(np.asarray(time), lines(0, n)))
 
