@@ -22,7 +22,7 @@ Array = npt.NDArray[Any]  # real, or complex where derivatives are taken by comp
 BLOCK_ROWS = 1 << 15  # of a block: what is made of it stays in the cache
 LONG = 1 << 20  # rows up to which a record is kept as an array; far more than a block
 _SAMPLED = 32  # of so many blocks one suggests a bound
-MOST_KEPT = 1 << 26  # numbers of a table that is slow to make, up to which it is kept
+MOST_KEPT = 1 << 27  # numbers of a table that is slow to make, up to which it is kept
 
 
 def blocks(rows: int) -> Iterator[slice]:

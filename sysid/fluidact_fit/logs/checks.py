@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import Notice
 from ..experiment import BoolArray, Experiment, FloatArray, IndexArray, where_changed, where_finite
+from ..rows import blocks
 from ..units import after_number
 from .columns import Binding
 from .log import Column, Log, count_of, exclude_lines, name_lines
@@ -166,7 +167,7 @@ def _clipped(parts: Sequence[FloatArray], low: float, high: float) -> int:
     repeats one elsewhere, and that runs into the extreme with speed and leaves it with
     speed, is said to be clipped: what comes to rest slows down first. Otherwise 0.
     """
-    if sum(np.count_nonzero((part == low) | (part == high)) for part in parts) < _STUCK:
+    if not any(_stays_at(part, end) for part in parts for end in (low, high)):
         return 0
     at_ends, elsewhere, moving = 0, 0, 0
     for part in parts:
@@ -181,6 +182,15 @@ def _clipped(parts: Sequence[FloatArray], low: float, high: float) -> int:
         elsewhere = max(elsewhere, int(length[~extreme].max(initial=0)))
     clipped = at_ends >= _STUCK and elsewhere * 3 <= at_ends and moving >= _MOVING
     return at_ends if clipped else 0
+
+
+def _stays_at(values: FloatArray, end: float) -> bool:
+    """Whether a signal stays at an end of its range for as long as a clipped one would."""
+    for at in blocks(values.size):
+        there = np.flatnonzero(values[at.start : at.stop + _STUCK - 1] == end)
+        if np.any(there[_STUCK - 1 :] - there[: 1 - _STUCK] == _STUCK - 1):
+            return True
+    return False
 
 
 def _is_abrupt(values: FloatArray, first: IndexArray, length: IndexArray) -> BoolArray:
