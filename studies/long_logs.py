@@ -46,7 +46,8 @@ truth, in standard errors.
 Of a log of more than 2^20 rows the instants and the residuals are made where they are needed, block
 by block, and so are the derivatives where rows times parameters exceed 2^27: all that is kept of
 each row is input, output and simulation, 24 bytes, and the time while the log is read. That takes
-the examinations of such a log several times as long.
+the examinations of such a log several times as long. A potentiometer still keeps some 100 bytes a
+row: it is not fitted to 10^8 of them here.
 
 """
 _STEP = 1e-3  # s

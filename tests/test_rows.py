@@ -1,5 +1,7 @@
 """Rows that are made where they are asked for, against the arrays they stand for."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -128,6 +130,13 @@ def test_a_hole_is_seen_wherever_it_is(table, long_from_100_rows):
         assert not is_finite(made)
         assert np.flatnonzero(~where_finite(made)).tolist() == [place]
         assert all_of(made, where_finite(made)).size == N - 1
+
+
+def test_what_is_stored_is_an_array(table, long_from_100_rows):
+    for values in (evenly(0.0, 0.1, N), by_rows(np.negative, table)):
+        again = pickle.loads(pickle.dumps(values))
+        assert isinstance(again, np.ndarray)
+        np.testing.assert_array_equal(again, np.asarray(values))
 
 
 def test_short_records_stay_arrays(table):

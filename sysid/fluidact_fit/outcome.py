@@ -124,7 +124,10 @@ class Simulation:
 
     @cached_property
     def residual(self) -> FloatArray:
-        """Measured less simulated, shape ``(n,)`` [SI]; NaN where a sample was left out."""
+        """Measured less simulated, shape ``(n,)`` [SI]; NaN where a sample was left out.
+
+        Of a long record it is made where it is asked for (:mod:`.rows`).
+        """
         return by_rows(np.subtract, self.measured, self.simulated)
 
     @property

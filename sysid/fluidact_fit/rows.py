@@ -83,6 +83,9 @@ class Rows(NDArrayOperatorsMixin):
             out[at] = self.cut(at.start, at.stop)
         return out
 
+    def __reduce__(self) -> str | tuple[Any, ...]:
+        return np.asarray(self).__reduce__()  # what makes the rows is not to be stored
+
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **how: Any) -> Any:
         whole = (np.asarray(x) if isinstance(x, Rows) else x for x in inputs)
         return getattr(ufunc, method)(*whole, **how)
