@@ -23,9 +23,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent / "tools"))
 sys.path.insert(0, str(Path(__file__).parent))
 
-import fluidact as own  # noqa: E402
-import scipy_reference as by_hand  # noqa: E402
-from problems import PROBLEMS, make_trial  # noqa: E402
+import fluidact as own
+import scipy_reference as by_hand
+from problems import PROBLEMS, make_trial
 
 
 def captured(name: str, log: Any) -> tuple[Any, np.ndarray]:
@@ -58,8 +58,9 @@ def processor(run: Callable[[], Any]) -> float:
 
 def main() -> None:
     """Measure and print."""
-    from fluidact_fit.estimation.separable import solve
     from threadpoolctl import threadpool_limits
+
+    from fluidact_fit.estimation.separable import solve
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeat", type=int, default=30)

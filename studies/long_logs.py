@@ -1,11 +1,13 @@
 # ruff: noqa: T201 (it prints its table)
 """Long logs: memory and processor time of one fit over the number of rows.
 
-    python -m studies.long_logs --rows 1e5 1e6 1e7 --write
+    python -m studies.long_logs --rows 1e5 1e6 1e7 --results FILE
+    python -m studies.long_logs --rows 1e5 1e6 1e7 1e8 --kind "even Parquet" --results FILE --write
 
 The input of every plant is held between random levels, so that its response is known in closed
 form, mode by mode, at any instant: nothing of the estimator makes these logs. They are written
-block by block and fitted by the command in a fresh process.
+block by block and fitted by the command in a fresh process. What FILE holds is not measured
+again, and the page shows all of it.
 """
 
 from __future__ import annotations
@@ -37,8 +39,15 @@ Written by `python -m studies.long_logs --write`. Every log is sampled at 1 kHz 
 output and made by a closed form; the command runs in a fresh process. Memory is the largest
 resident set of that process, time is processor time. `times read_csv` is what the rows beyond those
 of the line above took, over what `pandas.read_csv` takes for as many more rows of the same log as
-CSV. The exponent is that of the time over the rows, from the line above to this one. `deviations`
-is the largest of the parameters from the truth, in standard errors.
+CSV. The exponent is that of the time over the rows, from the line above to this one; over all rows
+of a log it stands in the second table. `deviations` is the largest of the parameters from the
+truth, in standard errors.
+
+Of a log of more than 2^20 rows the instants and the residuals are made where they are needed, block
+by block, and so are the derivatives where rows times parameters exceed 2^27: all that is kept of
+each row is input, output and simulation, 24 bytes, and the time while the log is read. That takes
+the examinations of such a log several times as long. A potentiometer still keeps some 100 bytes a
+row: it is not fitted to 10^8 of them here.
 
 """
 _STEP = 1e-3  # s
@@ -284,26 +293,52 @@ class Row:
     reading: float
     largest: float
 
+    @property
+    def entry(self) -> dict[str, Any]:
+        """As it is kept."""
+        return {
+            "family": self.family, "kind": self.kind, "rows": self.rows, **vars(self.taken),
+            "reading": self.reading, "deviations": self.largest,
+        }  # fmt: skip
+
+    @classmethod
+    def of(cls, entry: dict[str, Any]) -> Row:
+        """What was kept."""
+        taken = Taken(entry["seconds"], entry["memory"])
+        found = (entry[name] for name in ("family", "kind", "rows"))
+        return cls(*found, taken, entry["reading"], entry["deviations"])
+
+
+def measure_row(folder: Path, family: str, kind: str, rows: int) -> Row:
+    """Write a log, fit it, and read it where that is compared."""
+    ending = "parquet" if "Parquet" in kind else "csv"
+    log = folder / f"{family}.{ending}"
+    write_log(log, family, rows, "uneven" in kind)
+    taken, document = fit(folder, family, log)
+    reading = measure("read_csv", str(log)).seconds if ending == "csv" else np.nan
+    log.unlink()
+    return Row(family, kind, rows, taken, reading, deviations(family, document))
+
 
 def study(
-    folder: Path, families: Sequence[str], sizes: Sequence[int], kinds: Sequence[str]
+    folder: Path,
+    wanted: Sequence[tuple[str, str, int]],
+    results: Path | None,
 ) -> list[Row]:
-    """Fit every family at every size."""
-    out = []
-    for family in families:
-        for kind in kinds:
-            ending = "parquet" if "Parquet" in kind else "csv"
-            for rows in sizes:
-                log = folder / f"{family}.{ending}"
-                write_log(log, family, rows, "uneven" in kind)
-                taken, document = fit(folder, family, log)
-                reading = measure("read_csv", str(log)).seconds if ending == "csv" else np.nan
-                log.unlink()
-                out.append(Row(family, kind, rows, taken, reading, deviations(family, document)))
-                print(json.dumps({"family": family, "kind": kind, "rows": rows,
-                                  **vars(taken), "reading": reading,
-                                  "deviations": out[-1].largest}), flush=True)  # fmt: skip
-    return out
+    """Fit every family at every size, unless that was done; all that was done, in order."""
+    kept = results.read_text(encoding="utf-8") if results and results.exists() else ""
+    found = [Row.of(json.loads(line)) for line in kept.splitlines()]
+    for family, kind, rows in wanted:
+        if (family, kind, rows) in {(r.family, r.kind, r.rows) for r in found}:
+            continue
+        found.append(measure_row(folder, family, kind, rows))
+        line = json.dumps(found[-1].entry)
+        print(line, flush=True)
+        if results:
+            with results.open("a", encoding="utf-8") as file:
+                file.write(line + "\n")
+    order = list(PLANTS)
+    return sorted(found, key=lambda r: (r.kind, order.index(r.family), r.rows))
 
 
 def table(found: Sequence[Row]) -> str:
@@ -329,6 +364,20 @@ def table(found: Sequence[Row]) -> str:
             f"| {row.taken.seconds:.1f} | {reading} | {times} | {exponent} | {largest} |"
         )
         before = row
+    return "\n".join(lines) + "\n"
+
+
+def exponents(found: Sequence[Row]) -> str:
+    """Exponent of the time over the rows, from the shortest to the longest log, as Markdown."""
+    lines = ["| family | log | rows | exponent of time |", "|---|---|---|---|"]
+    for family, kind in dict.fromkeys((r.family, r.kind) for r in found):
+        own = [r for r in found if (r.family, r.kind) == (family, kind)]
+        first, last = own[0], own[-1]
+        if last.rows > first.rows:
+            ratio = np.log(last.taken.seconds / first.taken.seconds)
+            exponent = ratio / np.log(last.rows / first.rows)
+            rows = f"{first.rows:.0e} to {last.rows:.0e}"
+            lines.append(f"| {family} | {kind} | {rows} | {exponent:.2f} |")
     return "\n".join(lines) + "\n"
 
 
@@ -360,15 +409,19 @@ def main() -> None:
     parser.add_argument("--kind", nargs="+", default=["even CSV"],
                         choices=["even CSV", "uneven CSV", "even Parquet"])  # fmt: skip
     parser.add_argument("--folder", help="for the logs (default: a temporary one)")
+    parser.add_argument("--results", type=Path, help="where measurements are kept, JSON lines")
     parser.add_argument("--write", action="store_true", help="write the page and the picture")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=given.folder) as folder:
-        found = study(Path(folder), given.family, [round(n) for n in given.rows], given.kind)
-    print(table(found))
+        sizes = [round(n) for n in given.rows]
+        wanted = [(f, k, n) for k in given.kind for f in given.family for n in sizes]
+        found = study(Path(folder), wanted, given.results)
+    page = table(found) + "\n" + exponents(found)
+    print(page)
     if given.write:
         draw(found, PICTURE)
         PAGE.write_text(
-            _EXPLAINED + table(found) + "\n![Time and memory](pictures/long-logs.png)\n",
+            _EXPLAINED + page + "\n![Time and memory](pictures/long-logs.png)\n",
             encoding="utf-8",
         )
 

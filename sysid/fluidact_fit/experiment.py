@@ -2,35 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
+from .rows import Array as Array
+from .rows import BoolArray as BoolArray
+from .rows import FloatArray as FloatArray
+from .rows import blocks, is_even
+
 IndexArray = npt.NDArray[np.integer[Any]]
-Array = npt.NDArray[Any]  # real, or complex where derivatives are taken by complex steps
 Hold = Literal["zoh", "foh", "smooth", "auto"]
-BLOCK_ROWS = 1 << 15  # of a block: what is made of it stays in the cache
-
-
-def blocks(rows: int) -> Iterator[slice]:
-    """Cut a record into blocks; a record no longer than one, or an empty one, is one."""
-    for begin in range(0, max(rows, 1), BLOCK_ROWS):
-        yield slice(begin, min(begin + BLOCK_ROWS, rows))
 
 
 def is_finite(values: FloatArray) -> bool:
     """Whether all numbers of a record are finite; shape ``(n,)``."""
-    return all(bool(np.isfinite(values[at]).all()) for at in blocks(values.shape[0]))
+    return is_even(values) or all(
+        bool(np.isfinite(values[at]).all()) for at in blocks(values.shape[0])
+    )
 
 
-def counted(begin: int, end: int) -> IndexArray:
-    """Whole numbers from one up to another, in half the memory where they are not too large."""
-    return np.arange(begin, end, dtype=np.int32 if end < 1 << 31 else np.int64)
+def where_finite(values: FloatArray) -> BoolArray:
+    """Which numbers of a record are finite, shape ``(n,)``; not to be written to."""
+    # where all of them are, as nearly always, one entry stands for every one
+    return np.broadcast_to(np.True_, values.shape) if is_finite(values) else np.isfinite(values)
+
+
+def where_changed(values: FloatArray) -> IndexArray:
+    """Samples after which a record changes, shape ``(m,)``."""
+    parts = ((at.start, values[at.start : at.stop + 1]) for at in blocks(values.size - 1))
+    return np.concatenate([begin + np.flatnonzero(np.diff(part)) for begin, part in parts])
 
 
 def all_of(values: FloatArray, used: BoolArray) -> FloatArray:
@@ -103,7 +107,8 @@ class Experiment:
         Index of the log this run came from, counted from 0.
     time
         Instants of the samples, shape ``(n,)`` [s]; strictly increasing. Empty for
-        static data without a time column.
+        static data without a time column. Those of a long log on a grid are made where they
+        are asked for (:mod:`.rows`), which numpy takes for an array.
     signals
         Role to signal.
     sample_time

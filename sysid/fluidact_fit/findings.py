@@ -20,7 +20,7 @@ from .assessment import (
     residual_whiteness,
 )
 from .errors import Notice
-from .experiment import Experiment, Hold, all_of
+from .experiment import Experiment, Hold, all_of, where_finite
 from .families import get_family
 from .family import (
     Estimate,
@@ -212,7 +212,7 @@ def _validity(variant: Variant, fitted: Sequence[Simulation]) -> dict[str, Any]:
             if role.name not in e:
                 continue
             s = e.signals[role.name]
-            used = all_of(s.values, np.isfinite(y)) if s.values.size == y.size else s.values
+            used = all_of(s.values, where_finite(y)) if s.values.size == y.size else s.values
             ends = np.append(used, s.before) if s.values.size == 1 else used
             if ends.size:
                 lows.append(float(f"{ends.min():.12g}"))  # 1.1035 bar is 110350 Pa, not less

@@ -132,8 +132,8 @@ def fit(
         _check_period(controller_sample_time)
     how = {"columns": columns, "units": units, "scales": scales, "sample_time": sample_time}
     given = _open(  # the logs themselves are not kept
-        chosen, request, open_logs(logs, **how, window=window), open_logs(validate, **how),
-        hold or {},
+        chosen, request, open_logs(logs, once=True, **how, window=window),
+        open_logs(validate, once=True, **how), hold or {},
     )  # fmt: skip
     variant, experiments, notices = given.variant, given.experiments, list(given.notices)
     request.progress("fitting")

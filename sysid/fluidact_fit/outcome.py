@@ -9,9 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from .errors import Notice
-from .experiment import Experiment, FloatArray, blocks
+from .estimation.blocks import joined
+from .experiment import Experiment, FloatArray, all_of, where_finite
 from .family import Estimate, FamilyOptions, Quantity, Simulated, StaticView, Variant
 from .parameters.document import ParameterDocument
+from .rows import blocks, by_rows
 
 _MOST_PERCENT = 1000
 
@@ -43,7 +45,7 @@ def common_level(runs: Sequence[Simulation]) -> float | None:
     offsets = {s.offset for s in runs}
     if len(offsets) > 1 or (len(runs) == 1 and offsets != {None}):
         return None
-    used = np.concatenate([s.measured[np.isfinite(s.residual)] for s in runs])
+    used = joined([all_of(s.measured, where_finite(s.residual)) for s in runs])
     return float(used.mean()) if used.size else None
 
 
@@ -66,10 +68,10 @@ def agreement(runs: Sequence[Simulation], level: float | None = None) -> Agreeme
     error, spread, samples = 0.0, 0.0, 0
     for s in runs:
         residual = s.residual
-        at = np.isfinite(residual)
+        at = where_finite(residual)
         if not at.any():
             continue
-        y, residual = (s.measured, residual) if at.all() else (s.measured[at], residual[at])
+        y, residual = all_of(s.measured, at), all_of(residual, at)
         reference = y.mean() if level is None else level
         error += sum_of_squares(residual)
         spread += sum_of_squares(y, float(reference))
@@ -111,18 +113,22 @@ class Simulation:
     def of(cls, experiment: Experiment, found: Simulated, output: str) -> Simulation:
         """Put a simulation beside what the run recorded of its output role."""
         simulated = np.asarray(found.output, dtype=float)
-        measured = np.full(simulated.shape, np.nan)
         if output in experiment:
-            used = np.isfinite(simulated) if found.used is None else found.used
+            used = where_finite(simulated) if found.used is None else found.used
             recorded = experiment.sampled(output)
             measured = recorded if used.all() else np.where(used, recorded, np.nan)
+        else:
+            measured = np.full(simulated.shape, np.nan)
         also = {role: values for role, values in found.also.items() if role in experiment}
         return cls(experiment, simulated, measured, found.offset, also)
 
     @cached_property
     def residual(self) -> FloatArray:
-        """Measured less simulated, shape ``(n,)`` [SI]; NaN where a sample was left out."""
-        return self.measured - self.simulated
+        """Measured less simulated, shape ``(n,)`` [SI]; NaN where a sample was left out.
+
+        Of a long record it is made where it is asked for (:mod:`.rows`).
+        """
+        return by_rows(np.subtract, self.measured, self.simulated)
 
     @property
     def others(self) -> dict[str, tuple[FloatArray, FloatArray]]:
@@ -142,7 +148,7 @@ class Simulation:
     @property
     def left_out(self) -> int:
         """Samples that the model does not claim to describe."""
-        return int(np.sum(~np.isfinite(self.measured)))
+        return int(self.measured.size - np.count_nonzero(where_finite(self.measured)))
 
 
 def pair(

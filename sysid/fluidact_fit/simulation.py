@@ -27,16 +27,23 @@ LogLike = Log | str | PathLike[str] | Any  # and the data themselves: see `read_
 _MOST_SAMPLES = 5_000_000
 
 
-def open_logs(logs: Sequence[LogLike] | Iterator[LogLike] | LogLike, **how: Any) -> list[Log]:
+def open_logs(
+    logs: Sequence[LogLike] | Iterator[LogLike] | LogLike, *, once: bool = False, **how: Any
+) -> list[Log]:
     """Read the logs that are given as paths or as data; one need not stand in a list.
 
-    ``how`` is handed to :func:`read_log`; ``None`` says nothing. ``UsageError`` where it says
-    something of a log that was read already.
+    ``how`` is handed to :func:`read_log`; ``None`` says nothing. What is read here is disposable
+    where it is used ``once``. ``UsageError`` where ``how`` says something of a log that was read
+    already.
     """
     given = logs if isinstance(logs, list | tuple | Iterator) else [logs]
     said = {name: value for name, value in how.items() if value is not None}
-    return [_read_already(log, said) if isinstance(log, Log) else read_log(log, **said)
-            for log in given]  # fmt: skip
+    return [
+        _read_already(log, said)
+        if isinstance(log, Log)
+        else replace(read_log(log, **said), disposable=once)
+        for log in given
+    ]
 
 
 def _read_already(log: Log, said: Mapping[str, Any]) -> Log:

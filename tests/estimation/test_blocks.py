@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 
-from fluidact_fit import experiment, fit
+from fluidact_fit import fit, rows
 from fluidact_fit.estimation.blocks import condense, rows_of
 from fluidact_fit.estimation.linear import transition
 from fluidact_fit.estimation.uncertainty import covariance, fit_autoregression
+from fluidact_fit.rows import Rows, stand_in
 
 STEP = 0.001  # s
 
@@ -57,10 +58,25 @@ def second_order_log(samples: int, uneven: bool, held: bool) -> dict[str, np.nda
 def test_several_blocks_give_what_one_does(monkeypatch, uneven, hold, more):
     log = second_order_log(6_000, uneven, hold == "zoh")
     found = []
-    for rows in (1 << 20, 700):
-        monkeypatch.setattr(experiment, "BLOCK_ROWS", rows)
+    for block, kept in ((1 << 20, True), (700, True), (700, False)):
+        monkeypatch.setattr(rows, "BLOCK_ROWS", block)
+        if not kept:
+            keep_nothing(monkeypatch)
         found.append(fit("hydrostatic", [log], hold={"force": hold}, **more))
-    one, several = found
+    compare(found[0], found[1])
+    compare(found[0], found[2])
+    mass = found[0].parameters["mass"]
+    assert abs(mass.value - 0.8) < 4.0 * mass.std_error
+
+
+def keep_nothing(monkeypatch):
+    """Make anew whatever can be made anew, as of records of 10^8 samples."""
+    monkeypatch.setattr(rows, "LONG", 800)  # no less than a block, and what it looks back
+    monkeypatch.setattr(rows, "MOST_KEPT", 0)
+
+
+def compare(one, several):
+    """Whether two fits found the same."""
     for name, q in one.parameters.items():
         other = several.parameters[name]
         assert other.status == q.status
@@ -68,7 +84,6 @@ def test_several_blocks_give_what_one_does(monkeypatch, uneven, hold, more):
             assert other.value == pytest.approx(q.value, rel=1e-9, abs=1e-9 * q.std_error)
             assert other.std_error == pytest.approx(q.std_error, rel=1e-9)
     assert several.fitted[0].simulated == pytest.approx(one.fitted[0].simulated, abs=1e-12)
-    assert abs(one.parameters["mass"].value - 0.8) < 4.0 * one.parameters["mass"].std_error
     for (name, a), b in zip(examined(one).items(), examined(several).values(), strict=True):
         assert b == pytest.approx(a, rel=1e-6, abs=1e-6), name
 
@@ -90,7 +105,7 @@ def examined(result):
 
 def test_a_triangle_keeps_the_products_of_columns(monkeypatch):
     rng = np.random.default_rng(7)
-    monkeypatch.setattr(experiment, "BLOCK_ROWS", 500)
+    monkeypatch.setattr(rows, "BLOCK_ROWS", 500)
     n = 20_000
     k = np.arange(n)
     large = 1e9 * rng.standard_normal(n)
@@ -128,9 +143,11 @@ def test_covariance_of_coloured_residuals_is_that_of_the_toeplitz_matrix(monkeyp
     r *= max(sigma2 / r[0], 1.0)
     bread = np.linalg.inv(j.T @ j)
     expected = bread @ (j.T @ toeplitz(r) @ j) @ bread
-    for rows in (1 << 20, 64):
-        monkeypatch.setattr(experiment, "BLOCK_ROWS", rows)
+    for block in (1 << 20, 64):
+        monkeypatch.setattr(rows, "BLOCK_ROWS", block)
         assert covariance([j], [residual]).covariance == pytest.approx(expected, rel=1e-9)
+    made = [stand_in(Rows(x.shape, lambda a, b, x=x: x[a:b])) for x in (j, residual)]
+    assert covariance(made[:1], made[1:]).covariance == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +159,7 @@ def test_covariance_of_coloured_residuals_is_that_of_the_toeplitz_matrix(monkeyp
     ],
 )
 def test_another_row_of_a_long_log_takes_little_memory(monkeypatch, sizes, most):
-    monkeypatch.setattr(experiment, "BLOCK_ROWS", 1 << 12)
+    monkeypatch.setattr(rows, "BLOCK_ROWS", 1 << 12)
     log = second_order_log(sizes[1], False, True)
     # what a first fit imports would hide the memory of rows
     fit("hydrostatic", {name: values[:2000] for name, values in log.items()})

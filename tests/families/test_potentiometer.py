@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fluidact_fit import rows
+from fluidact_fit.assessment.optimum import make_optimum
 from fluidact_fit.errors import FluidactError, LogError, NotIdentifiedError, UsageError
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families import get_family
@@ -29,6 +32,7 @@ from fluidact_fit.families.potentiometer.rational_bezier import (
     rational_bezier_slope,
 )
 from fluidact_fit.family import Estimate, ParameterDocument, Plant, Quantity, Request
+from fluidact_fit.outcome import pair
 from fluidact_fit.parameters import make_document
 
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
@@ -116,6 +120,27 @@ def saturating(position: FloatArray) -> FloatArray:
 
 
 # -------------------------------------------------------------------- the curve itself
+
+
+def test_derivatives_of_long_logs_are_the_differences_of_simulations(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(3)
+    x = 0.5 + 0.5 * np.sin(0.02 * np.arange(1200))
+    run = experiment(2.0 + 3.0 * x, saturating(x) + 1e-4 * rng.standard_normal(1200), 0.01)
+    assert not fit(run, degree="3").sensitivity
+    monkeypatch.setattr(rows, "LONG", 1000)
+    monkeypatch.setattr(rows, "BLOCK_ROWS", 300)
+    estimate = fit(run, degree="3").estimate
+    found = []
+    for known in (estimate, replace(estimate, sensitivity=())):
+        simulated = FAMILY.simulate(known.plant(VARIANT), [run])
+        at = make_optimum(FAMILY, VARIANT, known, pair([run], simulated, VARIANT))
+        assert at is not None
+        found.append((at.names, at.jacobians[0]))
+    assert found[0][0] == found[1][0] == estimate.covariance_order
+    size = np.abs(found[1][1]).max(axis=0)
+    np.testing.assert_allclose(found[0][1] / size, found[1][1] / size, atol=1e-5)
 
 
 def test_degree_one_with_equal_weights_is_a_straight_line() -> None:

@@ -1,21 +1,27 @@
 """Long logs are looked at block by block: nothing in any block may be seen otherwise than whole."""
 
+import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
+from pyarrow import parquet
 
-from fluidact_fit import experiment
+from fluidact_fit import rows
 from fluidact_fit.experiment import all_of, at_rows, is_finite
 from fluidact_fit.families import get_family
-from fluidact_fit.logs import experiments, read_log, repeats, spikes, timebase
+from fluidact_fit.logs import binary, checks, experiments, read_log, repeats, spikes, timebase
+from fluidact_fit.logs.arrays import log_of
+from fluidact_fit.logs.log import Log
 
 LINE = get_family("line").variants[0]
 
 
 @pytest.fixture(params=[1 << 15, 37])
 def rows_of_a_block(request, monkeypatch):
-    monkeypatch.setattr(experiment, "BLOCK_ROWS", request.param)
+    monkeypatch.setattr(rows, "BLOCK_ROWS", request.param)
     return request.param
 
 
@@ -104,3 +110,77 @@ def test_the_last_rows_of_a_long_log_are_judged(tmp_path: Path):
     assert [n.code for n in notices] == ["spikes"]
     path.write_text(path.read_text().replace("299.999,3.0,", "299.999,3.0x,"), encoding="utf-8")
     assert read_log(path).columns[1].bad == {299_999: "3.0x"}
+
+
+@pytest.mark.parametrize("end", [-1.0, 1.0])
+@pytest.mark.parametrize("begin", [0, 30, 33, 300, 692])
+def test_a_stay_at_an_end_is_seen_across_blocks(rows_of_a_block, end, begin):
+    values = np.sin(0.11 * np.arange(700)) * 0.9
+    values[begin : begin + 8] = end
+    assert checks._stays_at(values, end)
+    values[begin + 4] = 0.0
+    assert not checks._stays_at(values, end)
+
+
+def table_of_all_kinds(rows: int) -> pa.Table:
+    rng = np.random.default_rng(2)
+    counts = pa.array([None if k % 7 == 3 else k for k in range(rows)], type=pa.int64())
+    return pa.table({
+        "time [s]": 0.01 * np.arange(rows),
+        "counts": counts,
+        "pressure [bar]": pa.array(rng.standard_normal(rows).astype(np.float32)),
+        "note": [f"row {k}" for k in range(rows)],
+        "valve": pa.array([str(k) for k in range(rows)]),
+    })  # fmt: skip
+
+
+def test_parquet_that_is_read_part_by_part_is_the_table(tmp_path, monkeypatch):
+    monkeypatch.setattr(binary, "_BATCH", 37)
+    table, path = table_of_all_kinds(500), tmp_path / "log.parquet"
+    parquet.write_table(table, path, row_group_size=150)
+    log = read_log(path)
+    assert log.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert [c.header for c in log.columns] == table.column_names
+    for column in log.columns:
+        expected = table[column.header].to_numpy()
+        if column.header == "note":
+            assert np.isnan(column.values).all()
+        else:
+            np.testing.assert_array_equal(column.values, expected.astype(float))
+    assert [k for k in log.columns[1].bad if k < 20] == [3, 10, 17]
+
+
+def line_log(**columns: np.ndarray) -> Log:
+    time = 0.01 * np.arange(400)
+    inlet = np.repeat([1.0, 3.0, 2.0, 4.0], 100)
+    return log_of({"time [s]": time, "inlet [bar]": inlet, "outlet [bar]": 0.9 * inlet} | columns)
+
+
+def test_columns_that_are_used_once_give_their_memory_away():
+    log = line_log()
+    (kept,), _ = experiments(log, LINE)
+    assert log.columns[2].values.max() == pytest.approx(3.6)
+    (found,), _ = experiments(replace(log, disposable=True), LINE)
+    assert np.shares_memory(found["outlet"], log.columns[2].values)
+    for role in ("inlet", "outlet"):
+        np.testing.assert_array_equal(found[role], kept[role])
+
+
+def test_a_column_in_two_roles_is_turned_to_si_once():
+    both = dict.fromkeys(("inlet", "outlet"), "outlet [bar]")
+    log = replace(line_log(), bindings=both, disposable=True)
+    (found,), _ = experiments(log, LINE)
+    np.testing.assert_array_equal(found["inlet"], found["outlet"])
+    assert found["inlet"].max() == pytest.approx(3.6e5)
+
+
+def test_what_stands_for_none_is_named_in_the_unit_of_its_column():
+    outlet = 1.0 + 1e-3 * np.arange(400) % 0.3
+    outlet[[50, 60, 61, 62]] = -999.0
+    said = []
+    for disposable in (False, True):
+        log = replace(line_log(**{"outlet [bar]": outlet}), disposable=disposable)
+        _, notices = experiments(log, LINE)
+        said.append([n.message for n in notices if n.code == "placeholder-values"])
+    assert said[0] == said[1]
+    assert "holds -999 in 4 rows" in said[0][0]

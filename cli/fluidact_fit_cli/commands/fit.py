@@ -190,7 +190,8 @@ def _fit(
         judged = _read_judged(params)
         return fit(
             family.name,
-            iter(read_logs(params["logs"], params)),  # so that raw columns are not kept
+            # so that raw columns are not kept
+            iter([replace(log, disposable=True) for log in read_logs(params["logs"], params)]),
             fixed=params["fix"],
             start=params["start"],
             bounds=params["bounds"],

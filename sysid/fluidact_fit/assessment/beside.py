@@ -15,7 +15,8 @@ import numpy as np
 from ..estimation.blocks import condense, joined
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.uncertainty import fit_autoregression, innovations, middle_of
-from ..experiment import FloatArray, blocks
+from ..experiment import FloatArray
+from ..rows import blocks, is_kept
 
 _ORDER = 25  # highest of the autoregression that whitens the residual
 
@@ -49,16 +50,39 @@ class Beside:
     @cached_property
     def _means(self) -> list[FloatArray]:
         """What is taken from the columns of every series."""
-        parts = zip(self.jacobians, self.columns, self.residuals, self.free)
-        return [
-            np.concatenate([np.atleast_1d(np.mean(x, axis=0)) for x in (j, c, r)]) * free
-            for j, c, r, free in parts
-        ]
+        return [self._mean(k) if free else np.zeros(1) for k, free in enumerate(self.free)]
+
+    def _mean(self, k: int) -> FloatArray:
+        """Mean of every column of one series."""
+        if self._is_kept(k):
+            parts = self.jacobians[k], self.columns[k], self.residuals[k]
+            return np.concatenate([np.atleast_1d(np.mean(x, axis=0)) for x in parts])
+        triangle = self._with_ones[k]
+        return np.asarray(triangle[0, 1:] / triangle[0, 0])
+
+    def _is_kept(self, k: int) -> bool:
+        """Whether making the rows of a series again takes no time."""
+        return is_kept(self.jacobians[k])
+
+    @cached_property
+    def _with_ones(self) -> dict[int, FloatArray]:
+        """Triangles of a column of ones and all others as they are, where rows are not kept."""
+        found = {}
+        for k in (k for k in range(len(self.residuals)) if not self._is_kept(k)):
+            parts = (self._raw(k, at) for at in blocks(self.residuals[k].size))
+            table = condense(np.column_stack((np.ones(len(x)), x)) for x in parts)
+            found[k] = np.asarray(np.linalg.qr(table, mode="r"))
+        return found
+
+    def _raw(self, k: int, at: slice) -> FloatArray:
+        parts = self.jacobians[k][at], self.columns[k][at], self.residuals[k][at]
+        return np.column_stack(parts)
 
     def _table(self, k: int, at: slice) -> FloatArray:
         """Some rows of one series."""
-        parts = self.jacobians[k][at], self.columns[k][at], self.residuals[k][at]
-        return np.asarray(np.column_stack(parts) - self._means[k])
+        raw = self._raw(k, at)
+        raw -= self._means[k]
+        return raw
 
     @property
     def tables(self) -> list[FloatArray]:
@@ -73,7 +97,20 @@ class Beside:
     @cached_property
     def _plain(self) -> list[FloatArray]:
         """Every series condensed."""
-        return [condense(self._blocks(k)) for k in range(len(self.residuals))]
+        return [self._condensed(k) for k in range(len(self.residuals))]
+
+    def _condensed(self, k: int) -> FloatArray:
+        """One series condensed; what is beside a column of ones is what is left without means."""
+        if self._is_kept(k):
+            return condense(self._blocks(k))
+        triangle = self._with_ones[k]
+        return triangle[1:, 1:] if self.free[k] else triangle[:, 1:]
+
+    def _left(self, k: int, found: FloatArray) -> float:
+        """Mean of a combination of the columns of one series."""
+        if not self._is_kept(k):
+            return 0.0 if self.free[k] else float(self._mean(k) @ found)
+        return sum(float(np.sum(x @ found)) for x in self._blocks(k)) / self.residuals[k].size
 
     @property
     def finite(self) -> bool:
@@ -123,7 +160,7 @@ class Beside:
         found = np.append(-scaled_least_squares(table[:, :-1], table[:, -1]), 1.0)
         out = []
         for k, r in enumerate(self.residuals):
-            mean = sum(float(np.sum(x @ found)) for x in self._blocks(k)) / r.size
+            mean = self._left(k, found)
             middle = middle_of(r.size)
             parts = (slice(middle.start + at.start, middle.start + at.stop)
                      for at in blocks(middle.stop - middle.start))  # fmt: skip

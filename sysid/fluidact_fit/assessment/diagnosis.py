@@ -19,7 +19,7 @@ from ..estimation.inputs import choose_hold
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.noise import noise_floor
 from ..estimation.uncertainty import fit_autoregression, innovations
-from ..experiment import FloatArray, Hold, Signal, all_of
+from ..experiment import FloatArray, Hold, Signal, all_of, where_finite
 from ..family import Estimate, Family, FamilyOptions, Plant, Value, Variant
 from ..outcome import Simulation, sum_of_squares
 from ..units import as_share
@@ -135,7 +135,7 @@ def _noise_or_model(fitted: Sequence[Simulation], through: Sequence[float]) -> f
     error, floor = 0.0, 0.0
     for s, own in zip(fitted, through):
         residual = s.residual
-        used = np.isfinite(residual)
+        used = where_finite(residual)
         samples = np.count_nonzero(used)
         if samples < 50:
             continue

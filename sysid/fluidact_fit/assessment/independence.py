@@ -31,9 +31,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import Notice
-from ..estimation.blocks import condense, rows_of
+from ..estimation.blocks import condensed
 from ..estimation.uncertainty import independent_samples, inverse_information
 from ..experiment import FloatArray
+from ..rows import blocks, is_kept
 from .optimum import Optimum
 
 _FEWEST = 8.0  # independent samples an unknown: with fewer, errors of 4 standard errors were seen
@@ -77,7 +78,7 @@ def _errors_by_blocks(at: Optimum) -> FloatArray:
     """Standard errors by the contributions of blocks of rows, 0 where no more than chance."""
     from scipy.special import chdtri
 
-    bread, blind = inverse_information(condense(rows_of(at.jacobians)))
+    bread, blind = inverse_information(condensed(at.jacobians))
     known, n = at.errors**2, at.samples
     counts = [count for count in _BLOCKS if n >= count * _SHORTEST]
     out = np.zeros(known.size)
@@ -100,7 +101,9 @@ def _score(at: Optimum, begin: int, end: int) -> FloatArray:
     for j, r in zip(at.jacobians, at.residuals, strict=True):
         a, b = max(begin - first, 0), min(end - first, r.size)
         if a < b:
-            total += r[a:b] @ j[a:b]
+            some, left = j[a:b], r[a:b]
+            parts = [slice(0, b - a)] if is_kept(some) else list(blocks(b - a))
+            total += sum(left[part] @ some[part] for part in parts)
         first += r.size
     return total
 
@@ -142,7 +145,7 @@ def fewest_independent(jacobians: Sequence[FloatArray], residuals: Sequence[Floa
     jacobians, residuals
         Of every run, shapes ``(n_i, p)`` and ``(n_i,)``.
     """
-    triangle = np.asarray(np.linalg.qr(condense(rows_of(jacobians)), mode="r"))
+    triangle = np.asarray(np.linalg.qr(condensed(jacobians), mode="r"))
     if np.any(inverse_information(triangle)[1]):
         return np.inf
     root, p = np.linalg.inv(triangle), len(triangle)  # columns at right angles

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..estimation.blocks import condense, rows_of
-from ..experiment import BoolArray, FloatArray, blocks
+from ..estimation.blocks import condensed
+from ..experiment import BoolArray, FloatArray, IndexArray
+from ..rows import blocks, ends_of, square_sum
 
 _ODD = 1e-6  # probability of a residual that large among all samples
 _MOVES = 0.5  # standard errors by which an odd sample may move a parameter
@@ -72,7 +73,7 @@ class Influence:
     effects
         Those of samples that decide or lie far off, in order.
     odd
-        Which samples of every series are odd, shape ``(n_i,)`` each.
+        Samples of every series that are odd, in order, shape ``(m_i,)`` each.
     inverse
         That of the triangle of the derivatives: rows of them times it are those of the
         orthogonal factor, shape ``(p, p)``.
@@ -81,7 +82,7 @@ class Influence:
     leverage: float
     most: float
     effects: Sequence[Effect]
-    odd: Sequence[BoolArray]
+    odd: Sequence[IndexArray]
     inverse: FloatArray
 
 
@@ -97,7 +98,7 @@ def measure_influence(
     known : (p,)
         Standard errors of the parameters.
     """
-    table = condense(rows_of(jacobians))
+    table = condensed(jacobians)
     n, p = sum(r.size for r in residuals), table.shape[1]
     if n <= p + 10:
         return None
@@ -111,7 +112,7 @@ def measure_influence(
     scatter = _Scatter.of(residuals, p)
     limit = _limit(n, n - p - 1)
     leverage, most, effects = 0.0, 0.0, []
-    odd = [np.zeros(r.size, dtype=bool) for r in residuals]
+    odd: list[list[IndexArray]] = [[] for _ in residuals]
     for series, part in ((k, at) for k, r in enumerate(residuals) for at in blocks(r.size)):
         r = residuals[series][part]
         q = jacobians[series][part] @ inverse
@@ -125,13 +126,13 @@ def measure_influence(
         errors = (q[rows] * (r[rows] / (1.0 - own))[:, None]) @ inverse.T / known
         size, strange = np.abs(errors).max(axis=1), np.abs(deviations) > limit
         most = max(most, float(size.max(initial=0.0)))
-        odd[series][part.start + rows] = strange
+        odd[series].append(part.start + rows[strange])
         strong = (size > _MOVES) | (np.abs(deviations) > _FAR)
         for i in np.flatnonzero((strange & strong) | (size > _CARRIES)):
             k = int(np.argmax(np.abs(errors[i])))
             found = (float(own[i]), float(deviations[i]), bool(strange[i]), k, float(errors[i, k]))
             effects.append(Effect(series, part.start + int(rows[i]), *found))
-    return Influence(leverage, most, effects, odd, inverse)
+    return Influence(leverage, most, effects, [np.concatenate(rows) for rows in odd], inverse)
 
 
 @dataclass(frozen=True)
@@ -152,8 +153,8 @@ class _Scatter:
     def of(cls, residuals: Sequence[FloatArray], p: int) -> _Scatter:
         """The scatter of all series together."""
         n = sum(r.size for r in residuals)
-        squares = sum(float(r @ r) for r in residuals)
-        largest = max(float(max(r.max(), -r.min())) for r in residuals)
+        squares = sum(map(square_sum, residuals))
+        largest = max(max(high, -low) for low, high in map(ends_of, residuals))
         per_median = 1.4826 * np.sqrt(n / max(n - p, 1))
         enough = np.sqrt(squares / max(n - p - 1, 1)) / (2.0 * per_median)
         below = sum(
@@ -163,7 +164,7 @@ class _Scatter:
         )
         if 2 * below < n - 1:
             return cls(n, p, squares, np.inf, largest)
-        size = np.concatenate([np.abs(r) for r in residuals])
+        size = np.concatenate([np.abs(r) for r in residuals])  # an array, however long
         median = float(np.median(size, overwrite_input=True))
         return cls(n, p, squares, per_median * median, largest)
 

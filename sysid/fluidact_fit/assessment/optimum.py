@@ -14,9 +14,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import BLOCK_ROWS, Experiment, FloatArray, all_of, is_finite
+from ..experiment import Experiment, FloatArray, all_of, is_finite, where_finite
 from ..family import Estimate, Family, FamilyOptions, Plant, Simulated, Variant
 from ..outcome import Simulation
+from ..rows import BLOCK_ROWS, square_sum
 from ..units import after_number
 from .beside import Beside
 from .copies import Copies
@@ -255,7 +256,7 @@ class Optimum:
 
 def root_mean_square(parts: Sequence[FloatArray]) -> float:
     """Root of the mean square of all parts, of any shape ``(n_i,)`` each."""
-    return float(np.sqrt(sum(float(x @ x) for x in parts) / sum(x.size for x in parts)))
+    return float(np.sqrt(sum(map(square_sum, parts)) / sum(x.size for x in parts)))
 
 
 def make_optimum(
@@ -326,7 +327,7 @@ def _series(
             fits = estimate.sensitivity_also[run]
             channels |= {r: (y, x, y - x) for r, (y, x) in s.others.items() if r in fits}
         for role, (measured, simulated, residual) in channels.items():
-            used = np.isfinite(measured)
+            used = where_finite(measured)
             level = role == output and s.offset is not None
             series.append(Series(run, role, s.experiment, simulated, used, own_level=level))
             residuals.append(all_of(residual, used))

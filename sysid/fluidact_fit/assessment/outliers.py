@@ -97,8 +97,7 @@ def _alone(at: Optimum, influence: Influence, found: Sequence[Effect]) -> bool:
     """Whether each has few odd samples beside it, and no input jumped there."""
     for series in {e.series for e in found}:
         s, odd = at.series[series], influence.odd[series]
-        in_a_row = np.convolve(odd, np.ones(_WIDE + 1, dtype=int), mode="valid") > _WIDE
-        if in_a_row.any():
+        if np.any(odd[_WIDE:] - odd[:-_WIDE] == _WIDE):  # more in a row than that
             return False
         if s.experiment.time.size:
             moved = where_inputs_move(s.experiment, at.variant)[s.used]

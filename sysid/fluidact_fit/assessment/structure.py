@@ -21,9 +21,10 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.noise import noise_floor
 from ..estimation.recursion import run_recursion
-from ..experiment import FloatArray, all_of, blocks
+from ..experiment import FloatArray, all_of
 from ..family import Departure, ParameterSpec, Role
 from ..options import describe
+from ..rows import blocks, by_rows
 from ..units import as_share
 from .noisy_inputs import beside_copies
 from .optimum import Optimum, Series, delayed, root_mean_square, shifted
@@ -117,10 +118,9 @@ def _drift(at: Optimum, role: str) -> Term:
     timed = all(s.experiment.time.size for s in at.series)
     columns = []
     for s in at.series:
-        t = s.experiment.time
-        ramp = all_of(t - t[0] if timed else np.linspace(0.0, 1.0, s.used.size), s.used)
-        ramp *= (s.role == role) / s.scale
-        columns.append(ramp)
+        t = s.experiment.time if timed else np.linspace(0.0, 1.0, s.used.size)
+        since, size = t[0] if timed else 0.0, (s.role == role) / s.scale
+        columns.append(by_rows(partial(_ramp, since=since, size=size), all_of(t, s.used)))
     per = "a second" if timed else "from the first row of a log to the last"
     return Term(
         f"drift{of}", f"{unit}/s" if timed else unit,
@@ -129,6 +129,10 @@ def _drift(at: Optimum, role: str) -> Term:
         "Go back to the first position at the end and compare. In sorted rows, or in a single "
         "sweep, a drift cannot be told from the curve or from play.", columns,
     )  # fmt: skip
+
+
+def _ramp(t: FloatArray, since: float, size: float) -> FloatArray:
+    return (t - since) * size
 
 
 def _levels(at: Optimum) -> Iterator[Term]:
@@ -279,7 +283,7 @@ class _Track:
 def _make_track(at: Optimum, s: Series) -> _Track:
     e, t, step = s.experiment, s.experiment.time, s.experiment.sample_time
     grid, values = None, s.simulated
-    if not e.uniform or abs(float(np.ptp(t)) - (t.size - 1) * step) > 0.5 * step:
+    if not e.uniform or abs(float(t[-1] - t[0]) - (t.size - 1) * step) > 0.5 * step:
         grid = np.arange(t[0], t[-1] + step, step)
         values = np.interp(grid, t, s.simulated)
     rough = not at.copies and noise_floor(values) > _ROUGH * at.sigma * s.scale

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from ..errors import Notice
 from ..estimation.uncertainty import Whiteness, whiteness
-from ..experiment import all_of
+from ..experiment import all_of, where_finite
 from ..notices import is_information
 from ..outcome import Agreement, Simulation, percent_text
 
 
 def residual_whiteness(fitted: Sequence[Simulation], unknowns: int) -> Whiteness:
     """Ljung-Box test of the residuals of all runs."""
-    return whiteness([all_of(s.residual, np.isfinite(s.residual)) for s in fitted], unknowns)
+    return whiteness([all_of(s.residual, where_finite(s.residual)) for s in fitted], unknowns)
 
 
 def judge(

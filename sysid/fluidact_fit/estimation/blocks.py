@@ -25,7 +25,8 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from ..experiment import FloatArray, blocks
+from ..experiment import FloatArray
+from ..rows import blocks, by_rows, is_kept, remembered
 
 _APART = 1e-7  # least part of a column that the ones before leave, to divide by a triangle
 _GROWN = 1e5  # trace of the sum of products beyond which a new triangle is taken
@@ -66,6 +67,34 @@ def condense(tables: Iterable[FloatArray]) -> FloatArray:
     for table in each:
         found.add(table)
     return found.triangle
+
+
+def condensed(tables: Sequence[FloatArray]) -> FloatArray:
+    """`condense` of all rows of some tables; of one that is not kept it is remembered."""
+    if len(tables) != 1 or is_kept(tables[0]):
+        return condense(rows_of(tables))
+    (rows,) = tables
+    known = remembered(rows)
+    if "condensed" not in known:
+        known["condensed"] = condense(rows_of(tables))
+    found: FloatArray = known["condensed"]
+    return found
+
+
+def products(left: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``left' left`` and ``left' right`` of shapes ``(n, p)`` and ``(n,)``; in one go if not kept.
+
+    What else is asked of them later, the triangle and the sum of squares, comes along.
+    """
+    if is_kept(left):
+        return left.T @ left, left.T @ right
+    both = by_rows(lambda x, y: np.column_stack((x, y)), left, right)
+    table = condense(rows_of([both]))
+    triangle, last = table[:, :-1], table[:, -1]
+    remembered(left)["condensed"] = triangle
+    if not is_kept(right):
+        remembered(right)["squares"] = float(last @ last)
+    return triangle.T @ triangle, triangle.T @ last
 
 
 class _Condensed:

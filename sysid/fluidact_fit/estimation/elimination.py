@@ -10,6 +10,7 @@ from itertools import chain
 import numpy as np
 
 from ..experiment import BoolArray, FloatArray
+from ..rows import Rows, Streamed, may_keep
 from .blocks import condense
 from .least_squares import bounded_least_squares, explain, orthonormal, project_out, without
 from .problem import STEP, Basis, Problem, Slopes, bounds_of, slopes_of
@@ -124,54 +125,28 @@ class Eliminated:
 class Tangent:
     """Derivatives of the model by ``eta`` at a fit.
 
-    ``raw`` holds them weighed, with room for the shared columns, shape ``(n_i, p + q)``;
-    ``tables`` holds them between shared columns and rest.
+    ``raw`` holds them weighed, with room for the shared columns, shape ``(n_i, p + q)``; it is
+    empty where there are too many to be kept. ``tables`` holds them between shared columns and
+    rest.
     """
 
     def __init__(self, fit: Eliminated, scales: FloatArray) -> None:
         unknowns = fit.eta.size + fit.linear.size
-        self.raw = [np.empty((y.shape[0], unknowns)) for y in fit.problem.measured]
+        kept = may_keep(fit.problem.rows * unknowns)
+        self.raw = [np.empty((y.shape[0], unknowns)) for y in fit.problem.measured if kept]
         self.move(fit, scales)
 
     def move(self, fit: Eliminated, scales: FloatArray) -> None:
         """Take the derivatives at another fit."""
-        self.fit = fit
-        self.tables = [
-            _Table.of(self._rows(i, scales), t.local.shape[1]) for i, t in enumerate(fit.tables)
-        ]
+        self.fit, self.scales = fit, scales
+        self.tables = [_Table.of(self._rows(i), t.local.shape[1]) for i, t in enumerate(fit.tables)]
 
-    def _rows(self, index: int, scales: FloatArray) -> Iterator[FloatArray]:
-        fit, problem, end = self.fit, self.fit.problem, 0
-        for b, slopes in self._sloped(index, scales):
-            at = slice(end, end + b.known.shape[0])
-            end = at.stop
-            j = slopes.known.copy()
-            for columns, values in ((slopes.shared, fit.linear), (slopes.local, fit.local[index])):
-                if values.size:  # as one matrix times a vector: the columns lie interleaved
-                    j += columns.reshape(-1, values.size).dot(values).reshape(j.shape)
-            rest = problem.measured[index][at] - b.known
-            table = problem.weigh(index, np.column_stack((b.local, b.shared, j.T, rest)), at)
-            self.raw[index][at, : fit.eta.size] = table[:, -1 - fit.eta.size : -1]
+    def _rows(self, index: int) -> Iterator[FloatArray]:
+        p = self.fit.eta.size
+        for at, table in _weighed(self.fit, self.scales, index):
+            if self.raw:
+                self.raw[index][at, :p] = table[:, -1 - p : -1]
             yield table
-
-    def _sloped(self, index: int, scales: FloatArray) -> Iterator[tuple[Basis, Slopes]]:
-        """Columns and their slopes, piece by piece."""
-        problem, eta, steps = self.fit.problem, self.fit.eta, STEP * scales
-        own = getattr(problem.model, "slopes", None)
-        if own is not None:
-            problem.count(index, 1 + eta.size)
-            yield own(index, eta)
-            return
-        turned = [problem.pieces(index, eta + 1j * row) for row in np.diag(steps)]
-        if self.fit.is_whole(index) or not turned:
-            turned.insert(0, self.fit.pieces(index))
-            for at, *moved in zip(*turned, strict=True):
-                yield at, slopes_of(at, moved, steps)
-            return
-        for first, *others in zip(*turned, strict=True):
-            # so small a step changes no digit of a real part
-            at = Basis(np.real(first.known), np.real(first.shared), np.real(first.local))
-            yield at, slopes_of(at, (first, *others), steps)
 
     def normal(self) -> tuple[FloatArray, FloatArray]:
         """Derivatives, local and free shared columns projected out, and residuals."""
@@ -184,20 +159,83 @@ class Tangent:
     def finish(self, fit: Eliminated, index: int) -> tuple[FloatArray, FloatArray]:
         """Residuals and Jacobian of one experiment at a fit close by.
 
-        The derivatives turn into the Jacobian: there is no room for both.
+        The derivatives turn into the Jacobian: there is no room for both. Those that were not kept
+        are made again whenever some rows are asked for.
         """
-        problem, jacobian, table = fit.problem, self.raw[index], fit.tables[index]
         p = fit.eta.size
         by_local = np.column_stack((
-            self.tables[index].explained[:, fit.linear.size : -1], table.explained[:, :-1]
+            self.tables[index].explained[:, fit.linear.size : -1],
+            fit.tables[index].explained[:, :-1],
         ))  # fmt: skip
+        if not self.raw:
+            return _remade(self.fit, self.scales, fit, index, by_local)
+        jacobian = self.raw[index]
         residuals = np.empty(jacobian.shape[0])
-        for at, b in placed(fit.pieces(index)):
-            simulated = b.known + b.shared @ fit.linear + b.local @ fit.local[index]
-            rest = problem.measured[index][at] - simulated
-            rows = problem.weigh(index, np.column_stack((b.local, b.shared, rest)), at)
-            local, shared = rows[:, : b.local.shape[1]], rows[:, b.local.shape[1] : -1]
-            residuals[at] = rows[:, -1]
+        for at, local, shared, rest in _left(fit, index):
+            residuals[at] = rest
             jacobian[at, p:] = shared
             jacobian[at] -= local @ by_local
         return residuals, jacobian
+
+
+def _remade(
+    start: Eliminated, scales: FloatArray, fit: Eliminated, index: int, by_local: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Residuals and Jacobian at a fit, of the derivatives at a start close by; none is kept."""
+    p, n = fit.eta.size, fit.problem.measured[index].shape[0]
+
+    def make() -> Iterator[FloatArray]:
+        both = zip(_weighed(start, scales, index), _left(fit, index), strict=True)
+        for (_, table), (_, local, shared, rest) in both:
+            jacobian = np.column_stack((table[:, -1 - p : -1], shared))
+            jacobian -= local @ by_local
+            yield np.column_stack((jacobian, rest))
+
+    table = Rows((n, p + fit.linear.size + 1), Streamed(make).cut)
+    return table[:, -1], table[:, :-1]
+
+
+def _left(
+    fit: Eliminated, index: int
+) -> Iterator[tuple[slice, FloatArray, FloatArray, FloatArray]]:
+    """Rows, their weighed local and shared columns, and what a fit leaves, piece by piece."""
+    problem = fit.problem
+    for at, b in placed(fit.pieces(index)):
+        simulated = b.known + b.shared @ fit.linear + b.local @ fit.local[index]
+        rest = problem.measured[index][at] - simulated
+        rows = problem.weigh(index, np.column_stack((b.local, b.shared, rest)), at)
+        yield at, rows[:, : b.local.shape[1]], rows[:, b.local.shape[1] : -1], rows[:, -1]
+
+
+def _weighed(fit: Eliminated, scales: FloatArray, index: int) -> Iterator[tuple[slice, FloatArray]]:
+    """Weighed columns, derivatives by ``eta`` and what the model is to explain, by pieces."""
+    problem, end = fit.problem, 0
+    for b, slopes in _sloped(fit, scales, index):
+        at = slice(end, end + b.known.shape[0])
+        end = at.stop
+        j = slopes.known.copy()
+        for columns, values in ((slopes.shared, fit.linear), (slopes.local, fit.local[index])):
+            if values.size:  # as one matrix times a vector: the columns lie interleaved
+                j += columns.reshape(-1, values.size).dot(values).reshape(j.shape)
+        rest = problem.measured[index][at] - b.known
+        yield at, problem.weigh(index, np.column_stack((b.local, b.shared, j.T, rest)), at)
+
+
+def _sloped(fit: Eliminated, scales: FloatArray, index: int) -> Iterator[tuple[Basis, Slopes]]:
+    """Columns and their slopes, piece by piece."""
+    problem, eta, steps = fit.problem, fit.eta, STEP * scales
+    own = getattr(problem.model, "slopes", None)
+    if own is not None:
+        problem.count(index, 1 + eta.size)
+        yield own(index, eta)
+        return
+    turned = [problem.pieces(index, eta + 1j * row) for row in np.diag(steps)]
+    if fit.is_whole(index) or not turned:
+        turned.insert(0, fit.pieces(index))
+        for at, *moved in zip(*turned, strict=True):
+            yield at, slopes_of(at, moved, steps)
+        return
+    for first, *others in zip(*turned, strict=True):
+        # so small a step changes no digit of a real part
+        at = Basis(np.real(first.known), np.real(first.shared), np.real(first.local))
+        yield at, slopes_of(at, (first, *others), steps)

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from ..errors import UsageError
 from ..experiment import Array, Experiment, FloatArray, Hold, Signal
+from ..rows import by_rows, made
 from .spline import FEWEST, cubic_pieces
 
 GAP = 3.5  # usual sample times that a curve is drawn across
@@ -102,15 +103,23 @@ def piecewise(signal: Signal, *, level: float = 0.0) -> PiecewiseInput:
     level
         Level of rest that is subtracted [unit of the signal].
     """
-    values = signal.values - level if level else signal.values
+    time, values, n = signal.time, signal.values, signal.values.size
+    if level:
+        values = by_rows(lambda v: v - level, values)
     kind = settled_hold(signal)
     if kind == "zoh":
-        return PiecewiseInput(signal.time, values[:, None])
-    slope = np.append(np.diff(values) / np.diff(signal.time), 0.0)
-    straight = np.column_stack((values, slope))
+        return PiecewiseInput(time, by_rows(lambda v: v[:, None], values))
+
+    def lines(begin: int, end: int) -> FloatArray:
+        some, until = values[begin : end + 1], time[begin : end + 1]
+        slope = np.diff(some) / np.diff(until)
+        slope = np.append(slope, 0.0) if end == n else slope
+        return np.column_stack((some[: end - begin], slope))
+
     if kind == "foh":
-        return PiecewiseInput(signal.time, straight)
-    return PiecewiseInput(signal.time, _smooth_pieces(signal.time, straight))
+        straight = made((n, 2), lines)
+        return PiecewiseInput(time, straight)
+    return PiecewiseInput(time, _smooth_pieces(np.asarray(time), lines(0, n)))
 
 
 def _smooth_pieces(time: FloatArray, straight: FloatArray) -> FloatArray:

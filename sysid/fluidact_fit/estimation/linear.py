@@ -28,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import Array, FloatArray
+from ..rows import part_of
 from .grid import SAME_STEP, Grid, group, make_grid
 from .inputs import PiecewiseInput
 from .recursion import orbit, scan
@@ -292,20 +293,24 @@ def forced_pieces(
     for part in parts:
         last = end
         if part.stop < samples.instants.size:
-            real = samples.instants[part.stop - 1] - np.real(dead_time) + nudge * nodes.unit
-            reached = np.searchsorted(nodes.instants, real, side="right") - 1
-            last = max(part.stop - 1 - back if even else int(reached), first)
+            last = part.stop - 1 - back
+            if not even:
+                real = samples.instants[part.stop - 1] - np.real(dead_time) + nudge * nodes.unit
+                last = int(np.searchsorted(nodes.instants, real, side="right")) - 1
+            last = max(last, first)
         some, grid = _between(u, first, last, shape), nodes.part(first, last)
         states = run(some, grid, state)
         if even:
             begin = min(max(part.start, back), part.stop)
             y = np.zeros(part.stop - part.start, dtype=np.result_type(states, c, a, b, dead_time))
             at = slice(begin - back - first, part.stop - back - first)
-            moments = samples.instants[begin : part.stop] - dead_time
+            instants = part_of(samples.instants, begin, part.stop)
             late = max(back * nodes.distinct[0] - np.real(later), 0.0)
             if np.imag(dead_time) != 0.0:
                 late = late - 1j * np.imag(dead_time)
-            y[begin - part.start :] = _even_output(a, b, c, some, states, at, moments, late)
+            y[begin - part.start :] = _even_output(
+                a, b, c, some, states, at, (instants, dead_time), late
+            )
             yield y
         else:
             yield forced_response(
@@ -336,23 +341,30 @@ def _between(
 ) -> PiecewiseInput:
     """An input from one node to another, both included, as it is shaped."""
     if shape is None:
-        return PiecewiseInput(u.nodes[first : last + 1], u.coefficients[first : last + 1])
+        nodes = part_of(u.nodes, first, last + 1)
+        return PiecewiseInput(nodes, u.coefficients[first : last + 1])
     # what happens before a node depends on the value at it
-    some = shape(PiecewiseInput(u.nodes[first : last + 2], u.coefficients[first : last + 2]))
+    nodes = part_of(u.nodes, first, min(last + 2, u.nodes.size))
+    some = shape(PiecewiseInput(nodes, u.coefficients[first : last + 2]))
     count = last + 1 - first
-    return PiecewiseInput(some.nodes[:count], some.coefficients[:count], some.kinks)
+    nodes = part_of(some.nodes, 0, count)
+    return PiecewiseInput(nodes, some.coefficients[:count], some.kinks)
 
 
 def _even_output(
-    a: Array, b: Array, c: Array, u: PiecewiseInput, states: Array, at: slice, moments: Array,
-    late: complex,
+    a: Array, b: Array, c: Array, u: PiecewiseInput, states: Array, at: slice,
+    seen: tuple[FloatArray, complex], late: complex,
 ) -> Array:  # fmt: skip
-    """Output ``late`` [s] after some nodes of a grid of equal steps, at ``moments`` [s]."""
+    """Output ``late`` [s] after some nodes of a grid of equal steps.
+
+    It is ``seen`` at some instants, a dead time later [s].
+    """
     if abs(late) == 0.0:
         return np.asarray(states[at] @ c)
     phi, gamma = _scaled_transition(a, b, np.array([late]), u.coefficients.shape[1] - 1)
     y = states[at] @ (c @ phi[0]) + u.coefficients[at] @ (c @ gamma[0])
     if u.kinks.interval.size:
+        moments = np.asarray(seen[0]) - seen[1]
         y = y + _kink_part(a, b, c, u, moments, np.arange(at.start, at.stop), u.nodes)
     return np.asarray(y)
 

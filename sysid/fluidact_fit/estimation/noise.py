@@ -13,7 +13,8 @@ from math import comb, sqrt
 
 import numpy as np
 
-from ..experiment import FloatArray, blocks
+from ..experiment import FloatArray
+from ..rows import blocks
 
 _ORDERS = (3, 5, 7)  # of the differences of a column that may be exact
 _EXACT = 1e-6  # part of its range that is rounding

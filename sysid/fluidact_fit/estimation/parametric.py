@@ -16,9 +16,10 @@ import numpy as np
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from ..family import FamilyOptions, NoiseLevel, ParameterSpec, Request
+from ..rows import by_rows, square_sum
 from ..units import as_share
 from .agreement_of_logs import Drift, compare_logs
-from .blocks import condense, rows_of
+from .blocks import condensed
 from .least_squares import explain
 from .named_model import NamedModel, bind
 from .problem import Solution, Unknown
@@ -73,12 +74,12 @@ class Fitted(Solved):
         other = [k for k in range(len(self.names)) if k not in kept]
         parts = self.solution.jacobian
         if other:
-            table = condense(rows_of(parts))
+            table = condensed(parts)
             found = explain(table[:, kept], table[:, other])
-            parts = [j[:, kept] - j[:, other] @ found for j in parts]
+            parts = [by_rows(lambda x: x[:, kept] - x[:, other] @ found, j) for j in parts]
         if not self.factors:
             return list(parts)
-        return [j / self.factors[k] for j, k in zip(parts, self.logs)]
+        return [by_rows(lambda x, by=self.factors[k]: x / by, j) for j, k in zip(parts, self.logs)]
 
     def compare_logs(
         self, experiments: Sequence[Experiment]
@@ -359,7 +360,7 @@ def _balance(model: NamedModel, solution: Solution) -> dict[int, float]:
     cost = dict(rows)
     for r, k, local in zip(solution.residuals, model.logs, solution.local_counts):
         rows[k] += r.size - local
-        cost[k] += float(r @ r)
+        cost[k] += square_sum(r)
     sigma = {k: np.sqrt(cost[k] / max(rows[k], 1.0)) for k in every}
     if min(rows.values()) < 100 or not 0.0 < 1.1 * min(sigma.values()) < max(sigma.values()):
         return {}

@@ -140,7 +140,8 @@ class Solution:
         ``simulate()``: output of the model per experiment. Of long records it is not kept.
     jacobian
         Weighted derivative of the model output by ``(eta, linear)`` with the local
-        unknowns projected out, one array ``(n_i, p + q)`` per experiment.
+        unknowns projected out, one array ``(n_i, p + q)`` per experiment. Of very long records
+        these and the residuals are made where they are asked for (:mod:`fluidact_fit.rows`).
     local_counts
         Number of local unknowns per experiment.
     active

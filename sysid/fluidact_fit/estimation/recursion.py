@@ -8,7 +8,8 @@ from math import ceil
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import Array, FloatArray, blocks
+from ..experiment import Array, FloatArray
+from ..rows import blocks
 
 _SHORT = 4000  # numbers of a forcing for which one banded system is quicker than blocks
 

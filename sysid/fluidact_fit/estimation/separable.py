@@ -28,6 +28,8 @@ from typing import Any
 import numpy as np
 
 from ..experiment import BoolArray, FloatArray
+from ..rows import by_rows, is_kept, square_sum
+from .blocks import products
 from .elimination import Eliminated, Tangent
 from .price import exhausted
 from .problem import Problem, Solution, bounds_of
@@ -200,8 +202,10 @@ def settled(problem: Problem, found: Solution, least: float) -> Solution:
     derivatives and residuals that are there: no model is evaluated, and ``simulate`` stays behind.
     """
     free = ~found.active
-    curvature = np.sum([j.T @ j for j in found.jacobian], axis=0)[np.ix_(free, free)]
-    gradient = np.sum([j.T @ r for j, r in zip(found.jacobian, found.residuals)], axis=0)[free]
+    pairs = list(zip(found.jacobian, found.residuals, strict=True))
+    squares, scores = zip(*(products(j, r) for j, r in pairs))
+    curvature = np.sum(squares, axis=0)[np.ix_(free, free)]
+    gradient = np.sum(scores, axis=0)[free]
     scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     step = np.zeros(free.size)
     step[free] = np.linalg.lstsq(
@@ -212,11 +216,18 @@ def settled(problem: Problem, found: Solution, least: float) -> Solution:
     low, high = bounds_of([*problem.nonlinear, *problem.linear])
     if not gradient @ step[free] > least**2 * noise or np.any((at < low) | (at > high)):
         return found
-    for j, r in zip(found.jacobian, found.residuals):
-        r -= j @ step
-    cost = float(sum(float(r @ r) for r in found.residuals))
+    left = [_less(r, j, step) for j, r in pairs]
     eta, linear = at[: found.eta.size], at[found.eta.size :]
-    return replace(found, eta=eta, linear=linear, cost=cost)
+    cost = sum(map(square_sum, left))
+    return replace(found, eta=eta, linear=linear, residuals=left, cost=cost)
+
+
+def _less(residuals: FloatArray, jacobian: FloatArray, step: FloatArray) -> FloatArray:
+    """Residuals after a step; those that are kept are moved where they lie."""
+    if not is_kept(residuals):
+        return by_rows(lambda r, j: r - j @ step, residuals, jacobian)
+    residuals -= jacobian @ step
+    return residuals
 
 
 def profile(problem: Problem, candidates: FloatArray) -> FloatArray:

@@ -23,8 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import BoolArray, FloatArray, blocks
-from .blocks import condense, rows_of
+from ..experiment import BoolArray, FloatArray
+from ..rows import blocks, is_kept, square_sum
+from .blocks import condensed
 from .recursion import run_recursion
 
 IndexArray = npt.NDArray[np.intp]
@@ -171,8 +172,10 @@ def _coloured_product(jacobian: FloatArray, a: FloatArray) -> FloatArray:
     q, p = a.size, jacobian.shape[1]
     later = np.zeros((q, p))  # what the recursion gave for the samples after these, next one first
     total = np.zeros((p, p))
-    for at in reversed(list(blocks(jacobian.shape[0]))):
-        driven = jacobian[at][::-1].copy()
+    # to and fro are the same to a symmetric R: what is made block by block is made forwards
+    way = -1 if is_kept(jacobian) else 1
+    for at in list(blocks(jacobian.shape[0]))[::way]:
+        driven = jacobian[at][::way].copy()
         for m in range(min(q, driven.shape[0])):
             driven[m] += a[m:] @ later[: q - m]
         found = run_recursion(driven, a)
@@ -311,10 +314,10 @@ def covariance(
     Uncertainty
         With infinite variances in directions that the data do not determine.
     """
-    stacked = condense(rows_of(jacobian))
+    stacked = condensed(jacobian)
     n, p = sum(len(j) for j in jacobian), stacked.shape[1]
     degrees = max(n - p - local_unknowns, 1)
-    cost = float(sum(float(r @ r) for r in residuals))
+    cost = float(sum(map(square_sum, residuals)))
     sigma = max(np.sqrt(cost / degrees), sigma_floor)
     bread, blind = inverse_information(stacked)
     order, middle, independent = 0, None, np.inf

@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import LogError, Notice
-from ..experiment import FloatArray
+from ..experiment import FloatArray, where_finite
+from ..rows import counted
 from ..units import is_doubtful_suffix, parse_unit_from_header
 from .groups import united
 from .log import Account, Column, Dialect, Log, count_of
@@ -27,13 +28,14 @@ class Named:
     """A column by its header; ``unit`` where it does not stand in the header.
 
     ``values`` of shape ``(n,)``: numbers, text, instants or durations. Of a ``sparse`` one NaN
-    are no samples.
+    are no samples. Of one that is ``own`` nobody else holds the values.
     """
 
     header: str
     values: Any
     unit: str | None = None
     sparse: bool = False
+    own: bool = False
 
 
 def log_of(data: Any, name: str = "data", *, path: str | Path | None = None) -> Log:
@@ -108,13 +110,12 @@ def make_log(
     if not rows:
         raise LogError("there are no samples.", where=name, remedy="Check what was recorded.")
     columns = tuple(_column(k, c, name) for k, c in enumerate(named, start=1))
-    lines = np.arange(1, rows + 1, dtype=np.int64)
     return Log(
         path=path,
         name=name,
         sha256=sha256 or _checksum(columns),
         columns=columns,
-        lines=lines,
+        lines=counted(1, rows + 1),
         dialect=Dialect(dialect, "binary", "", ".", 0, None, None, 1),
         account=Account(int(rows), 0, int(rows), 0),
         notices=tuple(notices),
@@ -127,7 +128,7 @@ def _column(index: int, given: Named, name: str) -> Column:
     header = given.header.strip()
     written, in_header = parse_unit_from_header(header)
     unit = unit or given.unit or in_header
-    finite = np.isfinite(values)
+    finite = where_finite(values)
     bad: dict[int, str] = {}
     if not finite.all():
         raw = np.asarray(given.values, dtype=object).ravel()
@@ -154,7 +155,7 @@ def _numbers(given: Named, name: str) -> tuple[FloatArray, str | None]:
         since = values - values[0] if values.dtype.kind == "M" and values.size else values
         return since.astype("timedelta64[ns]").astype(np.float64) / 1e9, "s"
     if values.dtype.kind in "fiu":
-        return values.astype(np.float64), None
+        return values.astype(np.float64, copy=not given.own), None
     if values.dtype.kind == "c":
         raise LogError(
             f"column '{given.header}' holds complex numbers.", where=name,

@@ -11,7 +11,9 @@ import logging
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,9 @@ import numpy as np
 from ..errors import LogError, Notice
 from .arrays import Named, joined
 from .log import count_of
+from .source import begins_with, name_of
 
+_BATCH = 1 << 16  # rows that are decoded at once
 Found = tuple[str, list[Named], list[Notice]]  # dialect, columns, what was noticed
 
 
@@ -34,16 +38,37 @@ def read_binary(raw: bytes, name: str) -> Found | None:
     reader = next((r for magic, r in _READERS.items() if raw.startswith(magic)), None)
     if reader is None:
         return None
-    try:
+    with _blaming_the_file(name):
         return reader(raw, name)
+
+
+@contextmanager
+def _blaming_the_file(name: str) -> Iterator[None]:
+    """Where a library meets a damaged file, that is said."""
+    try:
+        yield
     except LogError:
         raise
-    except Exception as error:  # a library meets a damaged file
+    except Exception as error:
         raise LogError(
             f"the file cannot be read ({type(error).__name__}: {str(error)[:200]}).",
             where=name,
             remedy="Export the recording again, or as CSV.",
         ) from error
+
+
+def read_stored(path: Path) -> Found | None:
+    """Columns of a binary recording that can be read without its bytes at hand; else ``None``.
+
+    Raises
+    ------
+    LogError
+        As :func:`read_binary`.
+    """
+    if not begins_with(path, b"PAR1"):
+        return None
+    with _blaming_the_file(name_of(path)):
+        return _of_parquet(path)
 
 
 def _optional(module: str, extra: str, name: str) -> Any:
@@ -83,14 +108,28 @@ def _read_hdf5(raw: bytes, name: str) -> Found:
 
 
 def _read_parquet(raw: bytes, name: str) -> Found:
+    return _of_parquet(io.BytesIO(raw))
+
+
+def _of_parquet(source: Path | io.BytesIO) -> Found:
+    """Columns of a Parquet file; numbers part by part, so that none is there twice."""
+    import pyarrow as pa
     from pyarrow import parquet
 
-    table = parquet.read_table(io.BytesIO(raw))
-    columns = []
-    for header, column in zip(table.column_names, table.columns):
-        if not header.startswith("__index_level_"):
-            columns.append(Named(header, column.to_numpy()))
-    return "Parquet", columns, []
+    file = parquet.ParquetFile(source, pre_buffer=False)  # or it keeps all that it has read
+    schema, rows = file.schema_arrow, file.metadata.num_rows
+    kept = [n for n in schema.names if not n.startswith("__index_level_")]
+    number = pa.types.is_floating, pa.types.is_integer
+    numbers = [n for n in kept if any(is_one(schema.field(n).type) for is_one in number)]
+    found = {n: np.empty(rows) for n in numbers}
+    begin = 0
+    for batch in file.iter_batches(_BATCH, columns=numbers) if numbers else ():
+        for name, column in zip(batch.schema.names, batch.columns):
+            found[name][begin : begin + len(column)] = column.to_numpy(zero_copy_only=False)
+        begin += len(batch)
+    others = file.read([n for n in kept if n not in found])
+    values = {**found, **{n: others[n].to_numpy() for n in others.column_names}}
+    return "Parquet", [Named(n, values[n], own=n in found) for n in kept], []
 
 
 def _read_tdms(raw: bytes, name: str) -> Found:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import Notice
-from ..experiment import BoolArray, Experiment, FloatArray, IndexArray
+from ..experiment import BoolArray, Experiment, FloatArray, IndexArray, where_changed, where_finite
+from ..rows import blocks
 from ..units import after_number
 from .columns import Binding
 from .log import Column, Log, count_of, exclude_lines, name_lines
@@ -70,7 +72,7 @@ def placeholder_rows(values: FloatArray) -> IndexArray:
 
     ``values`` of shape ``(n,)``, NaN are ignored; empty where there is no such value.
     """
-    count = np.count_nonzero(np.isfinite(values))
+    count = np.count_nonzero(where_finite(values))
     for extreme in (np.fmax.reduce(values), np.fmin.reduce(values)) if count else ():
         if not 1 < np.count_nonzero(values == extreme) <= _RARE * count:
             continue
@@ -103,10 +105,36 @@ def check_placeholders(log: Log, column: Column) -> Iterator[Notice]:
     )
 
 
+@dataclass(frozen=True)
+class Suspect:
+    """A value [SI] that seems to stand for a missing one, and what is to be said of it."""
+
+    value: float
+    notices: Sequence[Notice]
+
+
+def find_suspects(log: Log, bindings: Mapping[str, Binding]) -> dict[str, Suspect]:
+    """Values of columns that seem to stand for missing ones, by role."""
+    out = {}
+    for role, binding in bindings.items():
+        raw = binding.column.values
+        rows = placeholder_rows(raw) if role != "time" else raw[:0]
+        if rows.size:
+            value = float(raw[rows[0]]) * binding.to_si
+            out[role] = Suspect(value, list(check_placeholders(log, binding.column)))
+    return out
+
+
 def check_signals(
-    log: Log, bindings: Mapping[str, Binding], experiments: Sequence[Experiment]
+    log: Log,
+    bindings: Mapping[str, Binding],
+    experiments: Sequence[Experiment],
+    suspects: Mapping[str, Suspect],
 ) -> Iterator[Notice]:
-    """Report signals that are constant or stay at an extreme."""
+    """Report signals that are constant, stay at an extreme, or hold one of the ``suspects``.
+
+    One that was replaced as a spike is held no more.
+    """
     for role, binding in bindings.items():
         parts = [e[role] for e in experiments if role in e]
         if role == "time" or not parts or sum(part.size for part in parts) < 2:
@@ -115,8 +143,9 @@ def check_signals(
         high = max(float(part.max()) for part in parts)
         column = f"{log.name}: {role} (column '{binding.column.label}')"
         unit = after_number(binding.role.unit)
-        if _is_odd(binding, parts):
-            yield from check_placeholders(log, binding.column)
+        suspect = suspects.get(role)
+        if suspect and any(bool(np.isin(part, suspect.value).any()) for part in parts):
+            yield from suspect.notices
         if low == high:
             yield Notice(
                 "constant-signal",
@@ -131,14 +160,6 @@ def check_signals(
             )
 
 
-def _is_odd(binding: Binding, parts: Sequence[FloatArray]) -> bool:
-    """Whether a value that stands for a missing one is used, and was not replaced as a spike."""
-    raw = binding.column.values
-    rows = placeholder_rows(raw)
-    odd = raw[rows[:1]] * binding.to_si
-    return any(bool(np.isin(part, odd).any()) for part in parts)
-
-
 def _clipped(parts: Sequence[FloatArray], low: float, high: float) -> int:
     """Return for how many samples a sensor sticks to its extreme but moves everywhere else.
 
@@ -146,11 +167,11 @@ def _clipped(parts: Sequence[FloatArray], low: float, high: float) -> int:
     repeats one elsewhere, and that runs into the extreme with speed and leaves it with
     speed, is said to be clipped: what comes to rest slows down first. Otherwise 0.
     """
-    if sum(np.count_nonzero((part == low) | (part == high)) for part in parts) < _STUCK:
+    if not any(_stays_at(part, end) for part in parts for end in (low, high)):
         return 0
     at_ends, elsewhere, moving = 0, 0, 0
     for part in parts:
-        first = np.flatnonzero(np.r_[True, np.diff(part) != 0])
+        first = np.append(0, where_changed(part) + 1)
         length = np.diff(np.r_[first, part.size])
         extreme = (part[first] == low) | (part[first] == high)
         long = extreme & (length >= _STUCK)
@@ -163,6 +184,15 @@ def _clipped(parts: Sequence[FloatArray], low: float, high: float) -> int:
     return at_ends if clipped else 0
 
 
+def _stays_at(values: FloatArray, end: float) -> bool:
+    """Whether a signal stays at an end of its range for as long as a clipped one would."""
+    for at in blocks(values.size):
+        there = np.flatnonzero(values[at.start : at.stop + _STUCK - 1] == end)
+        if np.any(there[_STUCK - 1 :] - there[: 1 - _STUCK] == _STUCK - 1):
+            return True
+    return False
+
+
 def _is_abrupt(values: FloatArray, first: IndexArray, length: IndexArray) -> BoolArray:
     """Whether a signal is fast both right before and right after it stays on a value.
 
@@ -173,5 +203,7 @@ def _is_abrupt(values: FloatArray, first: IndexArray, length: IndexArray) -> Boo
     whole = (first >= _ASIDE) & (last + _ASIDE < values.size)
     before = np.abs(values[first] - values[np.maximum(first - _ASIDE, 0)])
     after = np.abs(values[np.minimum(last + _ASIDE, values.size - 1)] - values[last])
-    usual = float(np.quantile(np.abs(values[_ASIDE:] - values[:-_ASIDE]), 0.9))
+    step = max(values.size // _MANY, 1)  # of long signals as many samples tell it
+    speed = np.abs(values[_ASIDE::step] - values[: values.size - _ASIDE : step])
+    usual = float(np.quantile(speed, 0.9))
     return np.asarray(whole & (np.minimum(before, after) >= _FAST * usual), dtype=np.bool_)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -12,7 +13,7 @@ from ..family import Role, Variant
 from ..options import plausible
 from ..units import conversion_factor
 from .agreement import absolute_notice, overridden_notice, require_agreement
-from .checks import check_sampling, check_signals, smallest_step
+from .checks import check_sampling, check_signals, find_suspects, smallest_step
 from .columns import (
     Binding,
     assumed_notice,
@@ -91,6 +92,7 @@ def experiments(
     notices += overridden_notice(log, bindings)
     notices += absolute_notice(log, bindings.values())
     runs = exclude_runs(log, _apply_window(log, runs))
+    suspects = find_suspects(log, bindings)
     whole, runs = runs, [_sampled_run(log, variant, bindings, run) for run in runs]
     found = _make_experiments(log, variant, bindings, list(zip(runs, whole)), index)
     cleaned = [replace_spikes(e, variant) for e in found]
@@ -98,7 +100,7 @@ def experiments(
     notices += [n for _, said in cleaned for n in said]
     notices += _time_bases(log, found)
     notices += check_sampling(log, runs)
-    notices += check_signals(log, bindings, found)
+    notices += check_signals(log, bindings, found, suspects)
     notices += check_repeats(log, bindings, found)
     return found, notices
 
@@ -215,10 +217,11 @@ def _make_experiments(
     resolutions = {
         role: smallest_step(b.column.values) * abs(b.to_si) for role, b in measured.items()
     }
+    spent = _spent(log, measured)
     found = []
     for number, (run, whole) in enumerate(runs, start=1):
         signals = {
-            role: _measured_signal(log, binding, run, whole, resolutions[role])
+            role: _measured_signal(log, binding, run, whole, resolutions[role], role in spent)
             for role, binding in measured.items()
         }
         for role in variant.roles:
@@ -242,6 +245,14 @@ def _make_experiments(
     return found
 
 
+def _spent(log: Log, measured: Mapping[str, Binding]) -> set[str]:
+    """Roles whose column may be turned to SI where it lies: nobody else reads it."""
+    if not log.disposable:
+        return set()
+    times = Counter(b.column.index for b in measured.values())
+    return {role for role, b in measured.items() if times[b.column.index] == 1}
+
+
 def _sampled_run(log: Log, variant: Variant, bindings: Mapping[str, Binding], run: Run) -> Run:
     """The rows of a run in which the output was sampled; all where none is sparse."""
     output = bindings.get(variant.output.name)
@@ -258,12 +269,15 @@ def _sampled_run(log: Log, variant: Variant, bindings: Mapping[str, Binding], ru
     return make_run(run.rows[kept], run.time[kept], print_resolution(run.time[kept]), 1.0)
 
 
-def _measured_signal(log: Log, binding: Binding, run: Run, whole: Run, resolution: float) -> Signal:
+def _measured_signal(
+    log: Log, binding: Binding, run: Run, whole: Run, resolution: float, spent: bool
+) -> Signal:
     """Return a column over one run, in SI.
 
     What drives the machine keeps the instants at which it was sampled; all else is read off
     straight lines where the output was sampled at other ones. ``whole`` is the run with every
     row. Refused are values whose squares overflow or vanish: nothing can be computed with them.
+    A column that is ``spent`` gives its memory away.
     """
     rows, time = run.rows, run.time
     if binding.column.sparse and whole.time.size:
@@ -272,11 +286,9 @@ def _measured_signal(log: Log, binding: Binding, run: Run, whole: Run, resolutio
             rows, time = whole.rows[kept], whole.time[kept]
     require_numbers(log, binding, rows)
     role, raw = binding.role, at_rows(binding.column.values, rows)
-    with np.errstate(over="ignore"):
-        values = raw if binding.to_si == 1.0 else raw * binding.to_si
-    size = max(float(values.max()), -float(values.min()))
+    size = max(float(raw.max()), -float(raw.min())) * abs(binding.to_si)
     if size != 0.0 and not 1.0 / _LARGEST <= size <= _LARGEST:
-        worst, extreme = int(np.argmax(np.abs(values))), "large" if size > _LARGEST else "small"
+        worst, extreme = int(np.argmax(np.abs(raw))), "large" if size > _LARGEST else "small"
         raise LogError(
             f"column '{binding.column.label}' holds {raw[worst]:g}, which is too {extreme} to "
             "compute with.",
@@ -284,6 +296,9 @@ def _measured_signal(log: Log, binding: Binding, run: Run, whole: Run, resolutio
             expected=f"Expected {role.name} in the range of a real sensor, in {role.unit}.",
             remedy=f"Check the column and --unit {role.name}=..., or remove the line.",
         )
+    values = raw
+    if binding.to_si != 1.0:
+        values = np.multiply(raw, binding.to_si, out=raw if spent else None)
     if role.hold is None and time is not run.time:
         time, values = run.time, np.interp(run.time, time, values)
     return Signal(

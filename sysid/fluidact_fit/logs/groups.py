@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import LogError
-from ..experiment import BoolArray, FloatArray, IndexArray, counted
+from ..experiment import BoolArray, FloatArray, IndexArray
+from ..rows import counted
 from .layout import Group, Layout
 from .log import IntArray
 

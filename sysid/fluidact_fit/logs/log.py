@@ -150,6 +150,9 @@ class Log:
         Runs, seconds and lines that are left out.
     from_name
         Role to where its constant, one of the ``steps``, stood in the name of the file.
+    disposable
+        Whether nobody reads the columns once experiments were made of them, which then may take
+        their memory.
     """
 
     path: Path
@@ -170,6 +173,7 @@ class Log:
     exclude: tuple[Exclusion, ...] = ()
     from_name: Mapping[str, str] = field(default_factory=dict)
     elsewhere: frozenset[str] = frozenset()
+    disposable: bool = False
 
     @property
     def rows(self) -> int:

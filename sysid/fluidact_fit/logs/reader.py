@@ -12,13 +12,13 @@ from typing import Any
 from ..errors import LogError, UsageError
 from ..units import is_doubtful_suffix, parse_unit_from_header
 from .arrays import log_of, make_log
-from .binary import read_binary
+from .binary import read_binary, read_stored
 from .dialect import find_layout
 from .groups import sparse_columns
 from .layout import Layout, Written
 from .log import Account, Column, Dialect, Log, StepInput, check_hold
 from .merging import merged
-from .source import Source, files_of, make_source, name_of, read_bytes
+from .source import Source, checksum, files_of, make_source, name_of, read_bytes
 from .surgery import parse_exclusion, with_constants, without
 from .table import Table, read_table
 
@@ -116,10 +116,14 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
     place = Path(path)
     if len(files := files_of(place)) > 1:
         return merged([_read(file, written) for file in files])
-    raw, sha256 = read_bytes(place)
-    found = read_binary(raw, name_of(place))
+    raw, sha256 = b"", ""
+    found = read_stored(place)
+    if found is None:
+        raw, sha256 = read_bytes(place)
+        found = read_binary(raw, name_of(place))
     if found is not None:
         dialect, columns, notices = found
+        sha256 = sha256 or checksum(place)
         return make_log(
             columns, name_of(place), dialect, path=place, sha256=sha256, notices=notices
         )

@@ -9,8 +9,9 @@ from itertools import combinations
 import numpy as np
 
 from ..errors import LogError, Notice
-from ..experiment import Experiment, FloatArray, blocks
+from ..experiment import Experiment, FloatArray, where_changed
 from ..family import Variant
+from ..rows import blocks
 from .columns import Binding
 from .log import Log
 
@@ -104,10 +105,7 @@ def _rows_per_reading(values: FloatArray, led: bool = False) -> float:
     """
     if not _may_repeat(values):
         return 1.0
-    changes = np.concatenate(
-        [at.start + np.flatnonzero(np.diff(values[at.start : at.stop + 1]))
-         for at in blocks(values.size - 1)]
-    )  # fmt: skip
+    changes = where_changed(values)
     steps = values[changes + 1] - values[changes]
     size = np.abs(steps)
     least = float(size.min())

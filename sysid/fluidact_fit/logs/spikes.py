@@ -17,8 +17,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import Notice
-from ..experiment import BoolArray, Experiment, FloatArray, IndexArray, blocks
+from ..experiment import BoolArray, Experiment, FloatArray, IndexArray
 from ..family import Variant
+from ..rows import blocks
 from .log import count_of
 
 _FARTHER = 5.0  # times the largest other jump of the record
@@ -45,7 +46,7 @@ def replace_spikes(experiment: Experiment, variant: Variant) -> tuple[Experiment
         signal = experiment.signals.get(role.name)
         if signal is None or signal.values.size != experiment.samples or signal.hold == "zoh":
             continue
-        others = moved if role.output else np.zeros_like(moved)
+        others = moved if role.output else np.broadcast_to(np.False_, moved.shape)
         found = find_spikes(signal.values, others)
         if not found.size:
             continue
@@ -127,7 +128,9 @@ def where_inputs_move(experiment: Experiment, variant: Variant) -> BoolArray:
             continue
         if signal.values.size != n:  # a step that was not recorded
             if experiment.time.size and signal.time.size:
-                moved |= np.abs(experiment.time - signal.time[0]) <= _NEAR * experiment.sample_time
+                for at in blocks(n):
+                    away = np.abs(experiment.time[at] - signal.time[0])
+                    moved[at] |= away <= _NEAR * experiment.sample_time
             continue
         jumps = _jumps(signal.values)
         for near in range(-1, 1 + _NEAR):

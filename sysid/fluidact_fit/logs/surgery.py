@@ -100,6 +100,8 @@ def with_constants(log: Log, constants: Mapping[str, str], from_name: Mapping[st
 def without(log: Log, exclusions: Sequence[Exclusion]) -> Log:
     """The log without the rows and lines excluded; runs and seconds are noted for later."""
     log = replace(log, exclude=tuple(exclusions))
+    if all(x.kind not in ("lines", "rows") for x in exclusions):
+        return log
     kept: BoolArray = np.ones(log.rows, dtype=np.bool_)
     places = {"lines": log.lines, "rows": 1 + np.arange(log.rows)}
     for x in exclusions:

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import LogError, Notice
-from ..experiment import FloatArray, counted, is_finite
+from ..experiment import FloatArray, is_finite
+from ..rows import counted
 from .clock import read_clocks
 from .groups import complete, merge
 from .layout import NUMBER, Layout

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import LogError, Notice
-from ..experiment import BoolArray, FloatArray, IndexArray, blocks, counted
+from ..experiment import BoolArray, FloatArray, IndexArray
+from ..rows import blocks, counted, evenly
 from .columns import Binding, require_numbers
 from .log import Log, count_of, name_lines
 
@@ -49,8 +50,7 @@ def untimed_run(rows: int) -> Run:
 
 def counted_run(rows: int, sample_time: float) -> Run:
     """Return all rows as one run on a grid that the user named [s]."""
-    time = np.arange(rows, dtype=np.float64) * sample_time
-    return Run(counted(0, rows), time, sample_time, True)
+    return Run(counted(0, rows), evenly(0.0, sample_time, rows), sample_time, True)
 
 
 def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
@@ -112,10 +112,7 @@ def make_run(rows: IndexArray, stamps: FloatArray, resolution: float, factor: fl
         return Run(rows, _in_seconds(stamps, factor), float(_in_seconds(step, factor)), False)
     first, step = grid
     first, step = float(_in_seconds(first, factor)), float(_in_seconds(step, factor))
-    time = np.arange(stamps.size, dtype=np.float64)
-    time *= step
-    time += first
-    return Run(rows, time, step, True)
+    return Run(rows, evenly(first, step, stamps.size), step, True)
 
 
 def _in_seconds(value: FloatArray | float, factor: float) -> FloatArray:
@@ -274,7 +271,7 @@ class _Repair:
 
     def cut_at_restarts(self, part: _Part) -> list[_Part]:
         """Cut where time starts again; small backward steps are another matter."""
-        if np.all(part.stamps[1:] >= part.stamps[:-1]):
+        if _in_order(part.stamps, np.greater_equal):
             return [part]
         steps = np.diff(part.stamps)
         forward = steps[steps > 0]
@@ -313,7 +310,7 @@ class _Repair:
         Samples that share a stamp lie within one unit of its last digit, in the order of the
         lines; they are spread evenly over that unit, which is wrong by less than the rounding.
         """
-        if all(np.all(p.stamps[1:] > p.stamps[:-1]) for p in parts):
+        if all(_in_order(p.stamps, np.greater) for p in parts):
             return parts
         steps = np.concatenate([np.diff(p.stamps) for p in parts])
         tied = np.concatenate([p.rows[1:] for p in parts])[steps == 0]
@@ -366,6 +363,14 @@ class _Repair:
                 ": time has no unit and was taken as seconds, but its whole numbers "
                 f"step by {usual:g}. If they are {name}, give --unit time={unit}.",
             )
+
+
+def _in_order(stamps: FloatArray, behind: np.ufunc) -> bool:
+    """Whether every stamp is ``behind`` the one before it."""
+    return all(
+        bool(np.all(behind(stamps[at.start + 1 : at.stop + 1], stamps[at])))
+        for at in blocks(stamps.size - 1)
+    )
 
 
 def _sort_out(stamps: Sequence[float], usual: float) -> tuple[IndexArray, list[int], list[int]]:

@@ -59,7 +59,7 @@ from .selection import (
     search_degree,
     weigh_suspects,
 )
-from .spread import find_spread, free_jacobian
+from .spread import find_spread, free_jacobian, sensitivity
 
 
 class Potentiometer(Family[PotentiometerOptions]):
@@ -170,6 +170,7 @@ class Potentiometer(Family[PotentiometerOptions]):
                 *direction_notice(fit, partial(free_jacobian, fit, scaled), scaled, data),
             ],
             fit_details(fit, spread, scores, scaled),
+            sensitivity(fit, spread, scaled, [e.sampled("reading") for e in experiments]),
             independent=spread.independent,
         )
 

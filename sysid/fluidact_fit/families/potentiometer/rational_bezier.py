@@ -24,7 +24,8 @@ import numpy.typing as npt
 
 from ...estimation.problem import Basis, Problem, Unknown
 from ...estimation.separable import Search, solve_from
-from ...experiment import Array, FloatArray, blocks
+from ...experiment import Array, FloatArray
+from ...rows import blocks
 
 LOG_WEIGHT_LIMIT = float(np.log(50.0))
 _FEW = 24  # rows that are left out one by one

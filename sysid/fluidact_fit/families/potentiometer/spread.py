@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from ...errors import NotIdentifiedError
 from ...estimation.uncertainty import Uncertainty, covariance
 from ...experiment import FloatArray
+from ...rows import by_rows, is_long, may_keep
 from .data import FINE, LONG, Data, Scaled, contiguous_parts
 from .misfit import Misfit, widen
 from .rational_bezier import CurveFit, compress, curve_jacobian, free_coordinates
@@ -47,6 +49,28 @@ def find_spread(
 def free_jacobian(fit: CurveFit, scaled: Scaled, part: slice) -> FloatArray:
     """Derivative of the curve at some rows by what was free in the fit, shape ``(n, p)``."""
     return np.asarray(_jacobian(fit, scaled, part) @ free_coordinates(fit))
+
+
+def sensitivity(
+    fit: CurveFit, spread: Uncertainty, scaled: Scaled, readings: Sequence[FloatArray]
+) -> list[FloatArray]:
+    """Derivatives of the positions by what was estimated, shape ``(n, q)`` of every log.
+
+    Of long logs with one free curve, where as many differences of simulations as there are
+    parameters take several times as long; none of others, which are examined by those.
+    """
+    if not is_long(sum(x.size for x in readings)) or fit.shape.branches > 1 or fit.shape.ends:
+        return []
+    ((p, w),) = fit.curves
+    kept = np.flatnonzero(np.diag(spread.covariance) > 0.0)
+    per_value = np.concatenate((np.ones(p.size), scaled.stroke / w))
+
+    def derivatives(reading: FloatArray) -> FloatArray:
+        t = np.clip((reading - scaled.low) / scaled.span, 0.0, 1.0)
+        return (curve_jacobian(fit, t, np.ones(t.size)) * per_value)[:, kept]
+
+    tables = [by_rows(derivatives, x) for x in readings]
+    return [np.asarray(j) if may_keep(j.size) else j for j in tables]
 
 
 def std_errors(spread: Uncertainty, degree: int) -> FloatArray:

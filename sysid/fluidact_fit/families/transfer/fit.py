@@ -118,7 +118,7 @@ def unrecorded_time(
     if rest or dead_time < 3.0 * step:
         return None
     for e in experiments:
-        early = e[output][answers_to_the_past(e, dead_time)]
+        early = e[output][: answers_to_the_past(e, dead_time)]
         if early.size < 3 or any(s.time.size == 1 for s in e.signals.values()):
             continue
         noise = noise_floor(e[output][middle_of(e.samples)], 4)

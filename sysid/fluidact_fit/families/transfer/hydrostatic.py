@@ -29,9 +29,10 @@ from ...estimation.parametric import Fitted
 from ...estimation.problem import Unknown
 from ...estimation.results import Refusal
 from ...estimation.separable import solve
-from ...experiment import Experiment
+from ...experiment import Experiment, FloatArray
 from ...family import Departure, ParameterSpec, Plant, Quantity, Request, Role, Variant
 from ...options import choice
+from ...rows import made, upper_quantile
 from .base import ASKED, Plan, Searched, TransferFamily, TransferOptions
 from .fit import dead_time_axis, grid_search
 from .losses import other_losses
@@ -231,14 +232,25 @@ def _ranges(experiments: Sequence[Experiment]) -> tuple[float, float, float]:
     """
     high = max(float(e["force"].max()) for e in experiments)
     low = min(float(e["force"].min()) for e in experiments)
-    speeds = np.concatenate([np.abs(np.gradient(e["position"], e.time)) for e in experiments])
-    speed = float(np.quantile(speeds, 0.98))
+    speed = upper_quantile([_speeds(e["position"], e.time) for e in experiments], 0.98)
     if max(high, -low) <= 0.0 or speed <= 0.0:
         raise LogError(
             "force or position does not change in any log",
             remedy="Record strokes with a force that moves the piston.",
         )
     return low, high, speed
+
+
+def _speeds(position: FloatArray, time: FloatArray) -> FloatArray:
+    """Absolute central differences of positions [m] at instants [s], shape ``(n,)`` [m/s]."""
+    n = position.size
+
+    def cut(begin: int, end: int) -> FloatArray:
+        first = max(begin - 1, 0)
+        some = slice(first, min(end + 1, n))
+        return np.abs(np.gradient(position[some], time[some]))[begin - first : end - first]
+
+    return made((n,), cut)
 
 
 def _edges_out_of_reach(low: float, high: float) -> list[Refusal]:

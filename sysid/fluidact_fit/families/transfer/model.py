@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from ...estimation.blocks import condense
 from ...estimation.grid import Grid, make_grid
@@ -20,8 +19,9 @@ from ...estimation.least_squares import project_out
 from ...estimation.linear import forced_pieces, free_pieces, states_at_nodes
 from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis
-from ...experiment import Array, Experiment, FloatArray, Signal, all_of, blocks
+from ...experiment import Array, Experiment, FloatArray, Signal
 from ...family import Simulated
+from ...rows import blocks
 
 T = TypeVar("T")
 Realisation = Callable[[Values], tuple[Array, Array, Array]]
@@ -51,7 +51,7 @@ class _Prepared:
 
     ``rest`` says that the run starts at rest, as a step that was not recorded does;
     ``log`` is the position of its offset among those shared by several runs, or None;
-    ``used`` are its samples that the model describes, ``parts`` the blocks of them.
+    ``unseen`` samples at its start are not described, ``parts`` are the blocks of the others.
     """
 
     u: PiecewiseInput
@@ -59,8 +59,13 @@ class _Prepared:
     samples: Grid
     rest: bool
     log: int | None
-    used: npt.NDArray[np.bool_]
+    unseen: int
     parts: tuple[slice, ...]
+
+    @property
+    def samples_of_run(self) -> int:
+        """Number of samples, described or not."""
+        return self.unseen + int(self.samples.instants.size)
 
 
 class TransferModel:
@@ -118,7 +123,7 @@ class TransferModel:
         self.several = several if common_offset else []
         self.prepared = [self._prepare(e, input_role) for e in experiments]
         self.measured = [
-            all_of(e[output_role], p.used)
+            e[output_role][p.unseen :]
             for e, p in zip(experiments, self.prepared)
             if output_role in e
         ]
@@ -128,17 +133,17 @@ class TransferModel:
         signal = experiment.signals[role]
         u = piecewise(signal, level=0.0 if self.dead_zone else input_level(signal))
         rest = self.rest or signal.time.size == 1
-        used = np.ones(experiment.time.size, dtype=bool)
+        unseen = 0
         if self.unrecorded > 0.0 and not rest:
-            used = ~answers_to_the_past(experiment, self.unrecorded)
-        samples = make_grid(all_of(experiment.time, used))
-        same = used.all() and (
+            unseen = answers_to_the_past(experiment, self.unrecorded)
+        samples = make_grid(experiment.time[unseen:])
+        same = unseen == 0 and (
             signal.time is experiment.time or np.array_equal(signal.time, experiment.time)
         )
         log = self.several.index(experiment.log) if experiment.log in self.several else None
         nodes = samples if same else make_grid(u.nodes)
         parts = tuple(blocks(samples.instants.size))
-        return _Prepared(u, nodes, samples, rest, log, used, parts)
+        return _Prepared(u, nodes, samples, rest, log, unseen, parts)
 
     def columns(self, index: int, values: Values) -> Basis:
         """Forced response, free responses and offset of one experiment."""
@@ -266,17 +271,21 @@ def input_level(signal: Signal) -> float:
 
 def time_scales(experiments: Sequence[Experiment]) -> tuple[float, float]:
     """Shortest sample time and longest duration of the logs [s]."""
-    return min(e.sample_time for e in experiments), max(float(np.ptp(e.time)) for e in experiments)
+    return min(e.sample_time for e in experiments), max(
+        float(e.time[-1] - e.time[0]) for e in experiments
+    )
 
 
-def answers_to_the_past(experiment: Experiment, unrecorded: float) -> npt.NDArray[np.bool_]:
-    """Samples within ``unrecorded`` [s] of the start; none of a run not even twice as long."""
+def answers_to_the_past(experiment: Experiment, unrecorded: float) -> int:
+    """How many samples lie within ``unrecorded`` [s] of the start.
+
+    None of a run not even twice as long.
+    """
     time = experiment.time
-    early = np.zeros(time.size, dtype=bool)
-    if time[-1] - time[0] > 2.0 * unrecorded:
-        first = time[: np.searchsorted(time, time[0] + 2.0 * unrecorded)]
-        early[: first.size] = first - time[0] < unrecorded
-    return early
+    if time[-1] - time[0] <= 2.0 * unrecorded:
+        return 0
+    first = time[: np.searchsorted(time, time[0] + 2.0 * unrecorded)]
+    return int(np.count_nonzero(first - time[0] < unrecorded))
 
 
 def are_short(experiments: Sequence[Experiment]) -> bool:
@@ -310,12 +319,13 @@ def simulate_transfer(
     out: dict[int, Simulated] = {}
     for owner in dict.fromkeys(owners):
         own = [i for i in runs if owners[i] == owner]
-        forced = [np.empty(model.measured[i].size) for i in own]
+        outputs = [np.full(model.prepared[i].samples_of_run, np.nan) for i in own]
+        forced = [y[model.prepared[i].unseen :] for i, y in zip(own, outputs, strict=True)]
         found = _fit_offset(
             [condense(_columns(model, i, values, y)) for i, y in zip(own, forced, strict=True)]
         )
-        for i, y, unknowns in zip(own, forced, found, strict=True):
-            output = _fitted_output(model, i, values, y, unknowns)
+        for i, y, output, unknowns in zip(own, forced, outputs, found, strict=True):
+            _add_beginnings(model, i, values, y, unknowns)
             out[i] = Simulated(output, offset=float(unknowns[-1]) - model.level(i, values))
     return [out[i] for i in runs]
 
@@ -333,18 +343,13 @@ def _columns(
         yield np.column_stack((free, np.ones(rest.size), rest))
 
 
-def _fitted_output(
+def _add_beginnings(
     model: TransferModel, index: int, values: Values, forced: FloatArray, unknowns: FloatArray
-) -> FloatArray:
-    """Output of a run with its initial state and offset, NaN where nothing is described."""
+) -> None:
+    """Add initial state and offset of a run to its response to the input."""
     p = model.prepared[index]
     for part, free in zip(p.parts, model.free_responses(index, values), strict=True):
         forced[part] += free @ unknowns[:-1] + unknowns[-1]
-    if forced.size == p.used.size:
-        return forced
-    output = np.full(p.used.size, np.nan)
-    output[p.used] = forced
-    return output
 
 
 def _fit_offset(runs: Sequence[FloatArray]) -> list[FloatArray]:

@@ -1,0 +1,295 @@
+"""Rows of long records that are not kept: they are made where they are asked for.
+
+A record of 10^8 samples takes 0.8 GB for every array as long as it. Its instants, what a model
+leaves of its output and the derivatives of it can be made again whenever some rows of them are
+needed, block by block. What stands for them here takes slices like an array and is turned into one
+by whatever else numpy does with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+Array = npt.NDArray[Any]  # real, or complex where derivatives are taken by complex steps
+
+BLOCK_ROWS = 1 << 15  # of a block: what is made of it stays in the cache
+LONG = 1 << 20  # rows up to which a record is kept as an array; far more than a block
+_SAMPLED = 32  # of so many blocks one suggests a bound
+MOST_KEPT = 1 << 27  # numbers of a table that is slow to make, up to which it is kept
+
+
+def blocks(rows: int) -> Iterator[slice]:
+    """Cut a record into blocks; a record no longer than one, or an empty one, is one."""
+    for begin in range(0, max(rows, 1), BLOCK_ROWS):
+        yield slice(begin, min(begin + BLOCK_ROWS, rows))
+
+
+def is_long(rows: int) -> bool:
+    """Whether a record is too long for what can be made again to be kept."""
+    return rows > LONG
+
+
+def may_keep(numbers: int) -> bool:
+    """Whether a table of that many numbers may be kept although it can be made again."""
+    return numbers <= MOST_KEPT
+
+
+class Rows(NDArrayOperatorsMixin):
+    """What stands for an array of many rows.
+
+    ``cut(begin, end)`` makes some consecutive rows. A slice of few rows is an array, one of many
+    stands for them in turn; a single row, or some columns, are as of an array.
+
+    Parameters
+    ----------
+    shape
+        Of the array, ``(n,)`` or ``(n, columns)``.
+    """
+
+    def __init__(
+        self, shape: tuple[int, ...], cut: Callable[[int, int], Array], dtype: npt.DTypeLike = float
+    ) -> None:
+        self.shape, self.dtype, self.cut = shape, np.dtype(dtype), cut
+        self.known: dict[str, Any] = {}  # what was computed of all rows
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return len(self.shape)
+
+    @property
+    def size(self) -> int:
+        """Number of numbers."""
+        return int(np.prod(self.shape, dtype=np.int64))
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(np.asarray(self), name)  # whatever else an array has
+
+    def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> Array:
+        out = np.empty(self.shape, self.dtype if dtype is None else dtype)
+        for at in blocks(len(self)):
+            out[at] = self.cut(at.start, at.stop)
+        return out
+
+    def __reduce__(self) -> str | tuple[Any, ...]:
+        return np.asarray(self).__reduce__()  # what makes the rows is not to be stored
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **how: Any) -> Any:
+        whole = (np.asarray(x) if isinstance(x, Rows) else x for x in inputs)
+        return getattr(ufunc, method)(*whole, **how)
+
+    def __getitem__(self, at: Any) -> Any:
+        if isinstance(at, tuple):
+            rows, columns = at
+            return self.mapped(lambda x: x[:, columns])[rows]
+        if isinstance(at, int | np.integer):
+            begin = range(len(self))[at]
+            return self.cut(begin, begin + 1)[0]
+        if isinstance(at, slice) and at.step in (None, 1):
+            begin, end, _ = at.indices(len(self))
+            return self._part(begin, max(begin, end))
+        if isinstance(at, list | np.ndarray) and np.asarray(at).dtype.kind in "iu":
+            found = [self[int(k)] for k in at] if np.size(at) < BLOCK_ROWS else np.asarray(self)[at]
+            return np.array(found, dtype=self.dtype).reshape(np.shape(at) + self.shape[1:])
+        return np.asarray(self)[at]
+
+    def _part(self, begin: int, end: int) -> Array:
+        if not is_long(end - begin):
+            return self.cut(begin, end)
+        shape = (end - begin, *self.shape[1:])
+        return stand_in(Rows(shape, lambda a, b: self.cut(begin + a, begin + b), self.dtype))
+
+    def mapped(self, change: Callable[[Array], Array]) -> Array:
+        """What becomes of the rows; ``change`` takes and returns rows."""
+        one = change(self.cut(0, min(1, len(self))))
+        shape = (len(self), *one.shape[1:])
+        return stand_in(Rows(shape, lambda a, b: change(self.cut(a, b)), one.dtype))
+
+
+class _Even(Rows):
+    """``first + k step`` from ``k = begin`` on; ``step`` is positive."""
+
+    def __init__(self, first: float, step: float, begin: int, end: int) -> None:
+        whole = isinstance(first, int) and isinstance(step, int)
+        self.first, self.step, self.begin = first, step, begin
+        super().__init__((end - begin,), self._cut, np.int64 if whole else np.float64)
+
+    def _cut(self, begin: int, end: int) -> Array:
+        out = np.arange(self.begin + begin, self.begin + end, dtype=self.dtype)
+        if self.step != 1:
+            out *= self.step
+        out += self.first
+        return out
+
+    def _part(self, begin: int, end: int) -> Array:
+        if not is_long(end - begin):
+            return self._cut(begin, end)
+        return stand_in(_Even(self.first, self.step, self.begin + begin, self.begin + end))
+
+    def __getitem__(self, at: Any) -> Any:
+        if isinstance(at, np.ndarray) and at.dtype.kind in "iu":
+            k = np.where(at < 0, at + len(self), at)
+            return (self.begin + k).astype(self.dtype) * self.step + self.first
+        return super().__getitem__(at)
+
+    def _at(self, k: Array) -> Array:
+        """Values at some places, and infinities beyond the ends."""
+        inside = (self.begin + np.clip(k, 0, len(self) - 1)).astype(self.dtype)
+        found = inside * self.step + self.first
+        return np.where(k < 0, -np.inf, np.where(k >= len(self), np.inf, found))
+
+    def searchsorted(self, v: npt.ArrayLike, side: str = "left", sorter: None = None) -> Any:
+        """As of an array; only places near the computed one are looked at."""
+        wanted = np.asarray(v, dtype=np.float64)
+        near = np.floor((wanted - self.first) / self.step) - self.begin
+        k = np.clip(near, -1, len(self)).astype(np.int64)
+        before = np.less if side == "left" else np.less_equal
+        found = sum((before(self._at(k + j), wanted) for j in range(-1, 3)), start=k - 1)
+        out = np.clip(found, 0, len(self))
+        return out if wanted.ndim else int(out)
+
+
+def stand_in(rows: Rows) -> Array:
+    """Rows in the place of an array; numpy takes them for one."""
+    return cast("Array", rows)
+
+
+def is_kept(values: Array) -> bool:
+    """Whether an array is one."""
+    return not isinstance(values, Rows)
+
+
+def remembered(values: Array) -> dict[str, Any]:
+    """What was computed of all rows of what is not kept, to be added to."""
+    return cast("Rows", values).known
+
+
+def is_even(values: Array) -> bool:
+    """Whether values stand for an arithmetic sequence."""
+    return isinstance(values, _Even)
+
+
+def part_of(values: Array, begin: int, end: int) -> Array:
+    """Some consecutive values; of an arithmetic sequence none is made yet."""
+    if isinstance(values, _Even):
+        return stand_in(_Even(values.first, values.step, values.begin + begin, values.begin + end))
+    return values[begin:end]
+
+
+def made(shape: tuple[int, ...], cut: Callable[[int, int], Array]) -> Array:
+    """Rows as ``cut(begin, end)`` makes them; an array where they are few."""
+    return stand_in(Rows(shape, cut)) if is_long(shape[0]) else cut(0, shape[0])
+
+
+def evenly(first: float, step: float, count: int) -> FloatArray:
+    """``first + k step``, shape ``(count,)``; of many they are made where they are asked for."""
+    rows = _Even(float(first), float(step), 0, count)
+    return stand_in(rows) if is_long(count) else rows.cut(0, count)
+
+
+def counted(begin: int, end: int) -> npt.NDArray[np.integer[Any]]:
+    """Whole numbers from one up to another; of many they are made where they are asked for."""
+    rows = _Even(begin, 1, 0, max(end - begin, 0))
+    return stand_in(rows) if is_long(end - begin) else np.arange(begin, end, dtype=np.int64)
+
+
+def by_rows(change: Callable[..., Array], *tables: Array) -> Array:
+    """What becomes of tables of as many rows each, row by row; of long ones it is not kept.
+
+    It is an array where all tables are arrays, unless they are longer than what is kept.
+    """
+    n = len(tables[0])
+    if not is_long(n) and all(map(is_kept, tables)):
+        return change(*tables)
+    shape = change(*(t[:1] for t in tables)).shape[1:]
+    return stand_in(Rows((n, *shape), lambda a, b: change(*(t[a:b] for t in tables))))
+
+
+class Streamed:
+    """Consecutive tables as rows; they are made from the beginning for what lies further back.
+
+    Those that follow one another are asked for by most: of these none is made twice.
+
+    Parameters
+    ----------
+    make
+        ``make()``: an iterator over consecutive tables, ``(m, columns)`` each.
+    """
+
+    def __init__(self, make: Callable[[], Iterator[Array]]) -> None:
+        self._make = make
+        self._restart()
+
+    def _restart(self) -> None:
+        self._tables, self._end = self._make(), 0
+        self._last: list[tuple[int, Array]] = []  # with their first rows; a slice may begin before
+
+    def cut(self, begin: int, end: int) -> Array:
+        """Some rows."""
+        if self._last and begin < self._last[0][0]:
+            self._restart()
+        while self._end <= begin or not self._last:
+            self._advance()
+        parts = [(first, table) for first, table in self._last if first + len(table) > begin]
+        while self._end < end:
+            parts.append(self._advance())
+        some = [table[max(begin - first, 0) : max(end - first, 0)] for first, table in parts]
+        return some[0] if len(some) == 1 else np.concatenate(some)
+
+    def _advance(self) -> tuple[int, Array]:
+        table = next(self._tables)
+        made = self._end, table
+        self._last, self._end = [*self._last[-1:], made], self._end + len(table)
+        return made
+
+
+def square_sum(values: FloatArray) -> float:
+    """Sum of the squares of values of shape ``(n,)``."""
+    if isinstance(values, Rows):
+        if "squares" not in values.known:
+            parts = (values[at] for at in blocks(len(values)))
+            values.known["squares"] = sum(float(part @ part) for part in parts)
+        return float(values.known["squares"])
+    return float(values @ values)
+
+
+def upper_quantile(parts: Sequence[FloatArray], share: float) -> float:
+    """Quantile of all values of some records, shape ``(n_i,)``, of which few lie above it.
+
+    Of long records only those above a bound are gathered, which some of their blocks suggest.
+    """
+    if all(map(is_kept, parts)):
+        return float(np.quantile(np.concatenate(parts), share))
+    every = [(p, at) for p in parts for at in blocks(len(p))]
+    some = np.concatenate([p[at] for p, at in every[::_SAMPLED]])
+    count = sum(map(len, parts))
+    place = (count - 1) * share
+    for lower in (2.0, 8.0, np.inf):  # times as many as are wanted
+        bound = np.quantile(some, max(1.0 - lower * (1.0 - share), 0.0))
+        bound = bound if np.isfinite(lower) else -np.inf
+        above = np.sort(np.concatenate([x[x >= bound] for x in (p[at] for p, at in every)]))
+        first = int(place) - (count - above.size)  # of those above it
+        if first >= 0:
+            break
+    low, high = above[first], above[min(first + 1, above.size - 1)]
+    return float(low + (place - int(place)) * (high - low))
+
+
+def ends_of(values: FloatArray) -> tuple[float, float]:
+    """Smallest and largest value, shape ``(n,)``."""
+    if is_kept(values):
+        return float(values.min()), float(values.max())
+    ends = [ends_of(values[at]) for at in blocks(len(values))]
+    return min(low for low, _ in ends), max(high for _, high in ends)
