@@ -15,6 +15,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -72,10 +73,8 @@ def main() -> None:
             problem, at = captured(name, log)
             guess = PROBLEMS[name].guess
             peer = {"P1": by_hand.p1, "P2": by_hand.p2, "P3": by_hand.p3}[name]
-            pairs = [
-                (processor(lambda: peer(log, guess)), processor(lambda: solve(problem, at)))
-                for _ in range(repeat)
-            ]
+            both = partial(peer, log, guess), partial(solve, problem, at)
+            pairs = [tuple(map(processor, both)) for _ in range(repeat)]
             theirs, ours = (1e3 * float(np.median(column)) for column in zip(*pairs))
             print(f"| {name} | {theirs:.2f} | {ours:.2f} | {ours / theirs:.2f} |")
 
