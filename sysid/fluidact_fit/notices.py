@@ -334,12 +334,6 @@ _FAMILIES = {
         "An input of the network is the same in all logs, so other values of it are unknown.",
         "Record logs with other values, or leave it out of `--inputs`.",
     ),
-    "levels-assumed": _information(
-        "The friction of a cylinder with a spring was taken to be the same loading and unloading; "
-        "what it differs by would look like preload, and no log of force can tell the two apart.",
-        "Give `--fix preload=N` where a spring scale shows it, or `--levels=equal` where the seals "
-        "are known to rub alike both ways. The width of the hysteresis does not depend on it.",
-    ),
     "logs-disagree": _warning(
         "The logs do not share one friction.",
         "Fit logs of different pressure or condition separately.",

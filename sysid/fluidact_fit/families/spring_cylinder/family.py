@@ -133,8 +133,7 @@ class SpringCylinder(Family[SpringOptions]):
         settled = replace(options, spike=found.spike)
         return Estimate(
             parameters, derived, order, matrix, settled,
-            [*notices, *_remarks(found, samples, request.options.levels == "auto")],
-            _details(found, runs, options.settle),
+            [*notices, *_remarks(found, samples)], _details(found, runs, options.settle),
             nearby=_Nearby(runs, settled),
             represented=_simulate_represented if found.instrumented else None,
             input_noise=input_noise(variant, runs) if found.instrumented else {},
@@ -256,6 +255,12 @@ def _simulate_represented(
     return _simulate(plant, [instrumented(d) for d in runs])
 
 
+_EQUAL = (
+    "taken to be equal: force shows preload + coulomb_loading and preload - coulomb_unloading, not "
+    "how they share it; --fix preload=N, from a spring scale, tells"
+)
+
+
 def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str, Any]:
     """What was done, for the file; with the error of each branch."""
     residual = np.concatenate(found.residuals)
@@ -270,7 +275,7 @@ def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str,
         "method": "two-stage least squares with the neighbours of noisy columns, Huber weights"
         if found.instrumented
         else "linear regression, Huber weights",
-        "levels": "equal about the preload" if found.equal else "free",
+        "levels": _EQUAL if found.equal else "free",
         "robust_scale": found.scale,
         "spikes": found.spikes,
         "left_out": {
@@ -282,17 +287,7 @@ def _details(found: Regression, runs: Sequence[Run], settle: float) -> dict[str,
     }
 
 
-def _remarks(found: Regression, samples: int, assumed: bool) -> Iterator[Notice]:
-    """What is to be said of a fit; ``assumed`` that nobody said how the levels are."""
-    if assumed and found.equal:
-        yield Notice(
-            "levels-assumed",
-            "the friction was taken to be the same loading and unloading: force shows two "
-            "branches, which are preload + coulomb_loading and preload - coulomb_unloading. If "
-            "the levels differ, each is off by half of that, and the preload too, whatever their "
-            "intervals say. Give --fix preload=N where a spring scale shows it; the width of the "
-            "hysteresis is right either way.",
-        )
+def _remarks(found: Regression, samples: int) -> Iterator[Notice]:
     shape = found.other_shape()
     if shape is not None:
         yield shape
