@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ...estimation.least_squares import without
 from ...estimation.named_model import Values
 from ...estimation.price import exhausted
 from ...estimation.problem import Unknown
@@ -306,11 +307,6 @@ def moving_speeds(solution: GraySolution) -> FloatArray:
     if not v.any():
         v = np.concatenate([log.guess[:, 3] for log in solution.problem.box.logs])
     return np.asarray(v[v != 0.0])
-
-
-def without(q: FloatArray, rows: FloatArray) -> FloatArray:
-    """Rows with what orthonormal columns can say projected out."""
-    return rows - q @ (q.T @ rows)
 
 
 def _move(

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ...estimation.departures import slopes
-from ...estimation.least_squares import orthonormal
+from ...estimation.least_squares import orthonormal, without
 from ...estimation.stribeck import EXPONENT, with_speed
 from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulate, Simulated
 from .case import read_machine
 from .gray_box import CHANNELS, GrayBox, GrayLog, mean_command
-from .gray_search import GraySolution, moving_speeds, without
+from .gray_search import GraySolution, moving_speeds
 from .options import HydraulicCylinderOptions
 
 _APART = 0.1  # of the exponent, between its two simulations and 2
