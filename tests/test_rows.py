@@ -14,6 +14,7 @@ from fluidact_fit.rows import (
     counted,
     ends_of,
     evenly,
+    median_of,
     square_sum,
     stand_in,
 )
@@ -120,6 +121,20 @@ def test_a_quantile_is_that_of_the_array(table, share, long_from_100_rows):
         assert not any(map(rows.is_kept, parts))
         found = rows.upper_quantile(parts, share)
         assert found == pytest.approx(np.quantile(values, share), rel=1e-15, abs=1e-300)
+
+
+@pytest.mark.parametrize("count", [1, 2, 36, 37, 999, 1000])
+def test_a_median_is_that_of_the_array(table, count):
+    drifting = table[:count, 0] + 0.01 * np.arange(count)  # some parts say little of the others
+    few = np.round(table[:count, 1])
+    for values in (table[:count, 2], drifting, drifting[::-1], few, np.abs(few)):
+        found = median_of(lambda x=values: (x[k : k + 7] for k in range(0, count, 7)))
+        assert found == np.median(values)
+
+
+def test_a_median_of_what_is_no_number_is_none(table):
+    table[500, 0] = np.nan
+    assert np.isnan(median_of(lambda: iter(np.split(table[:, 0], 10))))
 
 
 def test_a_hole_is_seen_wherever_it_is(table, long_from_100_rows):

@@ -31,6 +31,13 @@ def where_finite(values: FloatArray) -> BoolArray:
     return np.broadcast_to(np.True_, values.shape) if is_finite(values) else np.isfinite(values)
 
 
+def where_both(one: BoolArray, other: BoolArray) -> BoolArray:
+    """Samples that are among both, shape ``(n,)``; one of both where the other is all samples."""
+    if other.all():
+        return one
+    return other if one.all() else one & other
+
+
 def where_changed(values: FloatArray) -> IndexArray:
     """Samples after which a record changes, shape ``(m,)``."""
     parts = ((at.start, values[at.start : at.stop + 1]) for at in blocks(values.size - 1))

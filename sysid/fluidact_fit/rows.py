@@ -287,6 +287,32 @@ def upper_quantile(parts: Sequence[FloatArray], share: float) -> float:
     return float(low + (place - int(place)) * (high - low))
 
 
+def median_of(parts: Callable[[], Iterator[FloatArray]]) -> float:
+    """Median of all numbers of parts that are made as often as they are asked for; NaN of NaN.
+
+    Only those near it are gathered, where they are many: within bounds that some parts suggest.
+    """
+    count = 0
+    for part in parts():
+        if np.isnan(part).any():
+            return float("nan")
+        count += part.size
+    some = np.concatenate([p for k, p in enumerate(parts()) if k % _SAMPLED == 0])
+    middle = (count - 1) // 2, count // 2
+    for aside in (0.02, 0.2, np.inf):  # of all numbers
+        low, high = -np.inf, np.inf
+        if np.isfinite(aside):
+            low, high = np.quantile(some, (0.5 - aside, 0.5 + aside))
+        below, near = 0, list[FloatArray]()
+        for part in parts():
+            below += int(np.count_nonzero(part < low))
+            near.append(part[(part >= low) & (part <= high)])
+        found = np.sort(np.concatenate(near))
+        if below <= middle[0] and middle[1] < below + found.size:
+            break
+    return float(np.mean([found[k - below] for k in middle]))
+
+
 def ends_of(values: FloatArray) -> tuple[float, float]:
     """Smallest and largest value, shape ``(n,)``."""
     if is_kept(values):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from fluidact_fit.errors import FluidactError, LogError, NotIdentifiedError, Usa
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families import get_family
 from fluidact_fit.families.potentiometer import data as samples
-from fluidact_fit.families.potentiometer import selection, spread
+from fluidact_fit.families.potentiometer import misfit, readings, selection, spread
 from fluidact_fit.families.potentiometer.block import PotentiometerBlock
 from fluidact_fit.families.potentiometer.calibration import Calibration, rising_share
 from fluidact_fit.families.potentiometer.family import Potentiometer
@@ -660,6 +661,111 @@ def test_a_long_log_is_fitted_on_few_rows(monkeypatch: pytest.MonkeyPatch) -> No
     assert rows
     assert max(rows) < 5000
     assert rms(residuals(result)) < 1.1e-4
+
+
+@pytest.mark.parametrize("part", [37, 500, 1 << 20])
+def test_readings_that_are_collected_in_parts_are_those_of_all(
+    monkeypatch: pytest.MonkeyPatch, part: int
+) -> None:
+    monkeypatch.setattr(readings, "_PART", part)
+    rng = np.random.default_rng(5)
+    x = np.round(3.0 + np.sin(0.01 * np.arange(1700)), 2)
+    y = 1e3 + 1e-6 * rng.standard_normal(x.size)  # its squares would leave nothing of the scatter
+    found = readings.Readings.of(x, y)
+    np.testing.assert_array_equal(found.reading, np.unique(x))
+    for k, value in enumerate(found.reading):
+        there = y[x == value]
+        assert found.count[k] == there.size
+        assert found.mean[k] == pytest.approx(there.mean(), rel=1e-15)
+        squares = np.sum((there - there.mean()) ** 2)
+        assert found.scatter[k] == pytest.approx(squares, rel=1e-6, abs=1e-24)
+
+
+def to_and_fro(decimals: int, lost: bool) -> Experiment:
+    rng = np.random.default_rng(8)
+    k = np.arange(24_000)
+    x = 0.03 + 0.0301 * np.sin(0.0021 * k) * np.cos(0.00013 * k)
+    reading = np.round(saturating(x), decimals)
+    reference = x + 1e-5 * rng.standard_normal(x.size)
+    if lost:
+        reference[100:140] = np.nan
+        reading[5000:5010] = np.nan
+    return experiment(reading, reference, 0.01)
+
+
+@pytest.mark.parametrize("branches", ["pooled", "two"])
+@pytest.mark.parametrize("lost", [False, True])
+@pytest.mark.parametrize("decimals", [0, 9])  # those of a converter, and hardly two alike
+def test_a_log_whose_rows_are_not_kept_is_fitted_alike(
+    monkeypatch: pytest.MonkeyPatch, decimals: int, lost: bool, branches: str
+) -> None:
+    run = to_and_fro(decimals, lost)
+    for module in (samples, spread):
+        monkeypatch.setattr(module, "LONG", 10_000)
+    monkeypatch.setattr(samples, "MANY", 2000)
+    whole = fit(run, branches=branches, degree="3")
+    monkeypatch.setattr(rows, "LONG", 1000)
+    monkeypatch.setattr(rows, "BLOCK_ROWS", 300)
+    monkeypatch.setattr(readings, "_PART", 5000)
+    parts = fit(run, branches=branches, degree="3")
+    assert [n.message for n in parts.notices] == [n.message for n in whole.notices]
+    np.testing.assert_allclose(parts.simulated[0], whole.simulated[0], rtol=0.0, atol=1e-11)
+    # the colour of the residuals is found from some blocks of them
+    np.testing.assert_allclose(parts.covariance, whole.covariance, rtol=1e-2)
+    for name, quantity in parts.parameters.items():
+        np.testing.assert_allclose(quantity.value, whole.parameters[name].value, rtol=1e-6)
+
+
+def test_samples_that_are_merged_say_what_all_of_them_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = samples.gather([to_and_fro(0, lost=False)])
+    monkeypatch.setattr(samples, "MANY", 10**6)
+    every = samples.scale_samples(data)
+    assert every.scatter is None
+    monkeypatch.setattr(samples, "MANY", 2000)
+    few = samples.scale_samples(data)
+    assert few.scatter is not None
+    assert few.merged.t.size < 1000
+    curve = selection.fit_shape(every.rows, samples.Shape(2), samples.Shape(2).starts()[:1])
+    assert few.squares(curve) == pytest.approx(every.squares(curve), rel=1e-12)
+    one, two = (misfit.find_misfit(curve, s) for s in (every, few))
+    assert one is not None
+    assert two is not None
+    assert not one.at_rest
+    assert vars(two) == pytest.approx(vars(one), rel=1e-9)
+
+
+def test_a_reading_in_blocks_moves_the_share_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(4)
+    reading = np.cumsum(rng.standard_normal(500))
+    reading[[0, 1, 99, 100, 101, 300, 499]] = np.nan
+    whole = rising_share(reading, 3.0, -0.5)
+    monkeypatch.setattr(rows, "BLOCK_ROWS", 50)
+    np.testing.assert_allclose(rising_share(reading, 3.0, -0.5), whole, atol=1e-13)
+    assert whole.min() == 0.0
+    assert whole.max() == 1.0
+
+
+def test_of_each_row_of_a_long_log_a_number_is_kept_beside_input_and_output(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(6)
+    x = 0.03 - 0.0299 * np.cos(np.arange(400_000) * 2.0 * np.pi / 3000.0)
+    run = experiment(np.round(saturating(x)), x + 5e-5 * rng.standard_normal(x.size), 0.001)
+    fit(run.beginning(30_000), degree="2")  # what is imported is no part of the record
+    monkeypatch.setattr(rows, "LONG", 100_000)
+    monkeypatch.setattr(rows, "MOST_KEPT", 100_000)
+    monkeypatch.setattr(readings, "_PART", 20_000)
+    monkeypatch.setattr(samples, "LONG", 20_000)
+    monkeypatch.setattr(spread, "LONG", 20_000)
+    request = Request(options=PotentiometerOptions.read({"degree": "2"}))
+    tracemalloc.start()
+    try:
+        estimate = FAMILY.estimate(VARIANT, [run], request)
+        FAMILY.simulate(estimate.plant(VARIANT), [run])
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 12.0 * x.size + 8e6  # the second are blocks
 
 
 @pytest.mark.parametrize(("play", "warned"), [(0.0, False), (1e-3, True)])

@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import Notice
 from ..experiment import BoolArray, Experiment, FloatArray, IndexArray
 from ..family import Variant
-from ..rows import blocks
+from ..rows import blocks, median_of
 from .log import count_of
 
 _FARTHER = 5.0  # times the largest other jump of the record
@@ -151,7 +151,7 @@ def _jumps(values: FloatArray) -> IndexArray:
     if 2 * near > values.size - 1:
         return np.zeros(0, dtype=np.intp)
     if 2 * above >= values.size - 1:
-        jump = max(jump, _USUAL * float(np.median(np.abs(np.diff(values)))))
+        jump = max(jump, _USUAL * median_of(lambda: (size for _, size in _changes(values))))
     return np.concatenate([begin + np.flatnonzero(size > jump) for begin, size in _changes(values)])
 
 

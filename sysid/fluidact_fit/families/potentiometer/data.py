@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
@@ -12,9 +12,11 @@ import numpy.typing as npt
 
 from ...errors import LogError, NotIdentifiedError
 from ...estimation.blocks import joined
-from ...experiment import BoolArray, Experiment, FloatArray, all_of
+from ...experiment import BoolArray, Experiment, FloatArray, all_of, where_both, where_finite
+from ...rows import by_rows
 from .calibration import rising_share
-from .rational_bezier import CurveFit, Rows, Shape, group
+from .rational_bezier import CurveFit, Rows, Shape
+from .readings import Readings
 
 COARSE, FINE = 600, 4096  # rows that searches and the final fit work on
 MANY = 20_000  # rows that are worth merging
@@ -40,9 +42,9 @@ class Data:
     unit: str
 
     @cached_property
-    def grouped(self) -> tuple[FloatArray, npt.NDArray[np.intp]]:
-        """Distinct readings of the used samples in order, and which of them each one is."""
-        return group(self.kept(self.reading))
+    def distinct(self) -> Readings:
+        """Distinct readings of the used samples."""
+        return Readings.of(self.kept(self.reading), self.kept(self.reference))
 
     def kept(self, values: FloatArray) -> FloatArray:
         """Values at the used samples."""
@@ -74,7 +76,7 @@ def gather(experiments: Sequence[Experiment]) -> Data:
     reference = joined([e["reference"] for e in experiments])
     ends = np.cumsum([e["reading"].size for e in experiments]).tolist()
     parts = tuple(slice(begin, end) for begin, end in pairwise([0, *ends]))
-    used = np.isfinite(reading) & np.isfinite(reference)
+    used = where_both(where_finite(reading), where_finite(reference))
     timed = all(e.time.size > 0 for e in experiments)
     in_order = timed or _goes_to_and_fro([reading[p] for p in parts])
     unit = experiments[0].signals["reading"].unit
@@ -83,8 +85,9 @@ def gather(experiments: Sequence[Experiment]) -> Data:
 
 def _goes_to_and_fro(readings: Sequence[FloatArray]) -> bool:
     """Whether a reading rises as well as it falls."""
-    steps = np.concatenate([np.diff(x) for x in readings])
-    return bool(np.nanmin(steps, initial=0.0) < 0.0 < np.nanmax(steps, initial=0.0))
+    return all(
+        any(bool(way(x[:-1], x[1:]).any()) for x in readings) for way in (np.less, np.greater)
+    )
 
 
 def check_data(data: Data) -> None:
@@ -110,9 +113,9 @@ def check_data(data: Data) -> None:
 class Scaled:
     """Used samples scaled to order one.
 
-    ``rows`` are all of them, in the order of the logs. ``merged`` are those that share a
-    reading in one, where that says the same: ``key`` tells which of them a row went into.
-    ``grouped`` are the distinct places of many rows in order, and which of them each row is at.
+    ``rows`` are all of them, in the order of the logs; of long logs they are made where they are
+    asked for. ``merged`` are those that share a reading in one, where that says the same, and
+    ``scatter`` is the sum of the squares by which the samples of each of these miss their mean.
     """
 
     rows: Rows
@@ -121,28 +124,29 @@ class Scaled:
     base: float
     stroke: float
     merged: Rows
-    key: npt.NDArray[np.intp] | None
-    grouped: tuple[FloatArray, npt.NDArray[np.intp]] | None = None
+    scatter: FloatArray | None = None
+
+    @property
+    def scattered(self) -> float:
+        """Sum of squares that no curve explains: of samples beside their mean at one reading."""
+        return 0.0 if self.scatter is None else float(self.scatter.sum())
 
     @cached_property
     def positions(self) -> npt.NDArray[np.intp] | None:
-        """Which of the positions at which readings were taken each row belongs to."""
-        if self.grouped is None:
-            return find_positions(self.rows.t)
-        places, key = self.grouped
-        found = _divide(places, key.size)
-        return None if found is None else found[key]
+        """Which of the positions at which readings were taken each of ``merged`` belongs to."""
+        return find_positions(self.merged.t, self.rows.t.size)
 
-    def evaluate(self, fit: CurveFit) -> FloatArray:
-        """Value of a curve at all rows."""
-        if self.key is None:
-            return fit.evaluate(self.rows.t, self.rows.rising)
-        return np.asarray(fit.evaluate(self.merged.t, self.merged.rising)[self.key])
+    def beside(self, fit: CurveFit) -> FloatArray:
+        """What a curve leaves of all rows, shape ``(n,)``."""
+        return by_rows(
+            lambda t, y, rising: y - fit.evaluate(t, rising),
+            self.rows.t, self.rows.y, self.rows.rising,
+        )  # fmt: skip
 
     def squares(self, fit: CurveFit) -> float:
         """Weighted sum of squared residuals over all rows."""
-        rest = self.rows.y - self.evaluate(fit)
-        return float((self.rows.count * rest) @ rest)
+        rest = self.merged.y - fit.evaluate(self.merged.t, self.merged.rising)
+        return self.scattered + float((self.merged.count * rest) @ rest)
 
 
 def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
@@ -153,15 +157,15 @@ def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
     share = alike
     if dead_band is not None:  # each log from its own start
         shares = [rising_share(data.reading[p], dead_band) for p in data.parts]
-        share = np.concatenate(shares)[data.used]
-    rows = Rows(_scaled(x, low, span), _scaled(y, base, stroke), alike, share)
-    if dead_band is None and x.size > MANY:
-        readings, key = data.grouped
-        grouped = _scaled(readings, low, span), key
-        if 4 * readings.size < x.size:
-            return Scaled(rows, low, span, base, stroke, rows.merge(key), key, grouped)
-        return Scaled(rows, low, span, base, stroke, rows, None, grouped)
-    return Scaled(rows, low, span, base, stroke, rows, None)
+        share = data.kept(joined(shares))
+    t, level = partial(_scaled, low=low, span=span), partial(_scaled, low=base, span=stroke)
+    rows = Rows(by_rows(t, x), by_rows(level, y), alike, share)
+    if dead_band is None and x.size > MANY and 4 * data.distinct.reading.size < x.size:
+        found = data.distinct
+        same = np.broadcast_to(1.0, found.count.shape)
+        merged = Rows(t(found.reading), level(found.mean), found.count, same)
+        return Scaled(rows, low, span, base, stroke, merged, found.scatter / stroke**2)
+    return Scaled(rows, low, span, base, stroke, rows)
 
 
 def _scaled(values: FloatArray, low: float, span: float) -> FloatArray:
@@ -170,15 +174,16 @@ def _scaled(values: FloatArray, low: float, span: float) -> FloatArray:
     return out
 
 
-def find_positions(t: FloatArray) -> npt.NDArray[np.intp] | None:
+def find_positions(t: FloatArray, samples: int | None = None) -> npt.NDArray[np.intp] | None:
     """Which of the positions at which readings were taken each place belongs to, shape ``(n,)``.
 
     Readings that were taken at rest lie in groups, as far apart as the positions are and no
     wider than the noise: the gaps between sorted places then fall into small and large ones.
-    ``None`` where they do not: a sweep, or one reading at each position.
+    ``None`` where they do not: a sweep, or one reading at each position. ``samples`` says how
+    many there are where a place stands for several.
     """
     order = np.argsort(t, kind="stable")
-    found = _divide(t[order], t.size)
+    found = _divide(t[order], t.size if samples is None else samples)
     if found is None:
         return None
     key = np.empty(t.size, dtype=np.intp)

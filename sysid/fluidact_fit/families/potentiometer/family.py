@@ -25,8 +25,9 @@ from typing import Any
 
 import numpy as np
 
+from ...estimation.blocks import joined
 from ...estimation.named_model import check_request
-from ...experiment import Experiment, Hold
+from ...experiment import Experiment, Hold, where_both
 from ...family import (
     Curve,
     Estimate,
@@ -225,8 +226,8 @@ class Potentiometer(Family[PotentiometerOptions]):
         points = c.curves[0][0]
         return StaticView(
             "reading", data.unit, "reference", "m",
-            data.reading, data.reference, np.concatenate([s.output for s in simulated]),
-            data.used & between(data.reading, plant.options.rails),
+            data.reading, data.reference, joined([s.output for s in simulated]),
+            where_both(data.used, between(data.reading, plant.options.rails)),
             [
                 Curve(name, c.low + (c.high - c.low) * t, rational_bezier(t, p, w))
                 for name, (p, w) in zip(names, c.curves)

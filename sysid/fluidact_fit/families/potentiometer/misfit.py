@@ -27,10 +27,11 @@ from ...errors import Notice
 from ...estimation.blocks import joined
 from ...estimation.noise import noise_floor
 from ...estimation.uncertainty import Uncertainty, covariance, enlarge
-from ...experiment import FloatArray
+from ...experiment import FloatArray, all_of, where_finite
+from ...rows import blocks
 from .calibration import rising_share
 from .data import Data, Scaled, contiguous_parts
-from .rational_bezier import CurveFit
+from .rational_bezier import CurveFit, Rows
 
 _STRETCHES = 60  # of a sweep
 _BY_CHANCE = 0.01  # probability of a ratio of mean squares that is no accident
@@ -67,32 +68,41 @@ def find_misfit(fit: CurveFit, scaled: Scaled) -> Misfit | None:
     """Compare the scatter of positions with that of readings; ``None`` where they are few."""
     from scipy.special import fdtrc
 
-    rows = scaled.rows
-    rest, unknowns = rows.y - scaled.evaluate(fit), fit.shape.unknowns
+    rows, samples = scaled.merged, scaled.rows.t.size
+    rest, unknowns = rows.y - fit.evaluate(rows.t, rows.rising), fit.shape.unknowns
     key = scaled.positions
     at_rest = key is not None
     if key is None:
-        key = _stretches(rows.t, unknowns)
+        key = _stretches(rows, samples)
     size = np.bincount(key, rows.count)
     mean = np.bincount(key, rest * rows.count) / np.maximum(size, 1e-300)
-    degrees, free = size.size - unknowns, rest.size - size.size
+    degrees, free = size.size - unknowns, samples - size.size
     if degrees < 1 or free < 10:
         return None
     between = float(size @ mean**2) / degrees
-    within = float(rows.count @ (rest - mean[key]) ** 2) / free
+    within = (scaled.scattered + float(rows.count @ (rest - mean[key]) ** 2)) / free
     floor = 1e-28  # what rounding leaves
     probability = float(fdtrc(degrees, free, (between + floor) / (within + floor)))
     rms = float(np.sqrt(max(between - within, 0.0) * degrees / max(float(size.sum()), 1.0)))
     worst = int(np.argmax(np.abs(mean) * np.sqrt(size)))
-    place = float(np.mean(rows.t[key == worst]))
+    there = key == worst
+    place = float(np.average(rows.t[there], weights=np.maximum(rows.count[there], 1.0)))
     return Misfit(between, within, probability, degrees, rms, place, at_rest)
 
 
-def _stretches(t: FloatArray, unknowns: int) -> npt.NDArray[np.intp]:
+def _stretches(rows: Rows, samples: int) -> npt.NDArray[np.intp]:
     """Stretches of a sweep of equally many samples; those of equal readings stay together."""
-    count = max(min(_STRETCHES, t.size // 5), 1)
-    edges = np.unique(np.quantile(t, np.arange(1, count) / count))
-    key = np.searchsorted(edges, t, side="right")
+    count = max(min(_STRETCHES, samples // 5), 1)
+    shares = np.arange(1, count) / count
+    place = (samples - 1) * shares
+    before = np.floor(place).astype(np.int64)
+    if rows.t.size < samples:  # in order, as many samples each as it counts
+        ends = np.cumsum(rows.count)
+        low, high = (rows.t[np.searchsorted(ends, before + k, side="right")] for k in (0, 1))
+        edges = low + (place - before) * (high - low)
+    else:
+        edges = np.quantile(rows.t, shares)
+    key = np.searchsorted(np.unique(edges), rows.t, side="right")
     used = np.bincount(key) > 0
     return (np.cumsum(used) - 1)[key]
 
@@ -142,11 +152,14 @@ def _two_groups_notice(rest: FloatArray, scaled: Scaled) -> list[Notice]:
     The excess kurtosis of a normal scatter is 0, of that of a coarse converter -1.2, of two
     levels, one up to twice as frequent as the other, -1.5 to -2.
     """
-    if rest.size < 100:
+    n = rest.size
+    if n < 100:
         return []
-    centred = rest - rest.mean()
-    variance = float(np.mean(centred**2))
-    kurtosis = float(np.mean(centred**4)) / max(variance**2, 1e-300) - 3.0
+    mean = sum(float(rest[at].sum()) for at in blocks(n)) / n
+    variance, fourth = (
+        sum(float(np.sum((rest[at] - mean) ** k)) for at in blocks(n)) / n for k in (2, 4)
+    )
+    kurtosis = fourth / max(variance**2, 1e-300) - 3.0
     if kurtosis > _TWO_LEVELS or np.sqrt(variance) < _MATTERS:
         return []
     text = (
@@ -182,23 +195,23 @@ def direction_notice(
     if fit.shape.branches > 1:
         return []
     readings = [data.reading[p] for p in data.parts]
-    tremble = _TREMBLE * max(noise_floor(x[np.isfinite(x)]) for x in readings)
+    tremble = _TREMBLE * max(noise_floor(all_of(x, where_finite(x))) for x in readings)
     band = 5e-3 * scaled.span
     shares = [rising_share(x, max(tremble, band)) for x in readings]
-    way = data.kept(joined(shares)) - 0.5
-    rest = scaled.rows.y - scaled.evaluate(fit)
-    ways = sorted((np.count_nonzero(way > 0.4), np.count_nonzero(way < -0.4)))
+    share, rest = data.kept(joined(shares)), scaled.beside(fit)
+    ways = sorted((np.count_nonzero(share > 0.9), np.count_nonzero(share < 0.1)))
     if ways[0] < 10:
-        sweep = ways[1] > 0.9 * way.size and scaled.positions is None
+        sweep = ways[1] > 0.9 * share.size and scaled.positions is None
         one_way = [_one_way()] if sweep and not ways[0] else []
         return _two_groups_notice(rest, scaled) or one_way
     if tremble > band:
         # of the reading before: one that is too high by chance both looks like rising and lies
         # beside the curve
-        before = [np.concatenate((x[:1], x[:-1])) for x in shares]
-        way = np.concatenate(before)[data.used] - 0.5
+        for x in shares:
+            x[1:] = x[:-1].copy()
+        share = data.kept(joined(shares))
     parts = contiguous_parts(data.sizes)
-    columns = np.vstack([np.column_stack((jacobian(p), way[p])) for p in parts])
+    columns = np.vstack([np.column_stack((jacobian(p), share[p] - 0.5)) for p in parts])
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
     columns /= scale

@@ -10,7 +10,8 @@ import numpy as np
 from ...errors import Notice
 from ...estimation.noise import noise_floor
 from ...estimation.uncertainty import t_quantile
-from ...experiment import BoolArray, Experiment, FloatArray
+from ...experiment import BoolArray, Experiment, FloatArray, where_both, where_finite
+from ...rows import blocks
 from .data import Data, check_data, gather
 from .options import PotentiometerOptions
 
@@ -30,11 +31,12 @@ def prepare(
             rails, suspects, notices = find_rails(data)
         else:
             rails, notices = widen_rails(data, options.rails)
-        left_out = not (between(data.reading, rails) | ~data.used).all()
+        inside = between(data.reading, rails)
+        left_out = not inside.all() and not (inside | ~data.used).all()
         named = ",".join(repr(s) for s in suspects) or None
         options = replace(options, rails=rails, clipped=left_out, suspects=named)
-    used = data.used & between(data.reading, options.rails)
-    if not np.array_equal(used, data.used):
+    used = where_both(data.used, between(data.reading, options.rails))
+    if used is not data.used and not np.array_equal(used, data.used):
         data = replace(data, used=used)
         check_data(data)
     return data, options, notices
@@ -42,7 +44,11 @@ def prepare(
 
 def between(reading: FloatArray, rails: tuple[float, float] | None) -> BoolArray:
     """Readings that are finite and inside the rails, if there are any."""
-    low, high = rails or (-np.inf, np.inf)
+    if rails is None:
+        return where_finite(reading)
+    low, high = rails
+    if all(bool(((reading[at] > low) & (reading[at] < high)).all()) for at in blocks(reading.size)):
+        return np.broadcast_to(np.True_, reading.shape)
     return (reading > low) & (reading < high)
 
 
@@ -54,7 +60,7 @@ def widen_rails(data: Data, rails: tuple[float, float]) -> tuple[tuple[float, fl
     clips, readings within three standard deviations of their noise are left out as well.
     """
     low, high = rails
-    reading, reference = data.reading[data.used], data.reference[data.used]
+    reading, reference = data.kept(data.reading), data.kept(data.reference)
     kept = between(reading, rails)
     count = int(np.sum(~kept))
     if not count:
@@ -108,32 +114,33 @@ def find_rails(data: Data) -> tuple[tuple[float, float] | None, list[float], lis
     Returns the rails (``None`` where both ends are sound), readings at or beyond which nothing
     is used, the extreme readings that are warned of and stay, and the warnings.
     """
-    reading, reference = data.kept(data.reading), data.kept(data.reference)
-    distinct, key = data.grouped
+    distinct = data.distinct.reading
     if distinct.size < 6:
         return None, [], []
     finest = float(np.diff(distinct).min())
-    count = np.bincount(key)
-    mean = np.bincount(key, reference) / count
     rails: list[float] = []
     suspects: list[float] = []
+    notices: list[Notice] = []
     for order in (slice(None), slice(None, None, -1)):
-        x, y, n = distinct[order], mean[order], count[order]
-        end = reading == x[0]
-        near = (np.abs(reading - x[0]) <= abs(x[:21][-1] - x[0])) & ~end
-        line = np.polynomial.Polynomial.fit(reading[near], reference[near], 1)
-        scatter = float(np.std(reference[near] - line(reading[near])))
-        slope = abs(float(line.convert().coef[-1]))
-        if n[0] >= 3 and np.std(reference[end]) > 3.0 * (scatter + slope * finest):
+        x, n, y, squares = (v[order] for v in vars(data.distinct).values())
+        scatter, slope = _course(x[1:21], n[1:21], y[1:21], squares[1:21])
+        if n[0] >= 3 and np.sqrt(squares[0] / n[0]) > 3.0 * (scatter + slope * finest):
             rails.append(float(x[0]))
+            notices.append(_rails_notice(int(n[0]), f"on the extreme reading {x[0]:g}"))
         elif n[0] <= 2 and _is_off_course(x, y):
             suspects.append(float(x[0]))
-    notices = [
-        _rails_notice(int(np.sum(reading == r)), f"on the extreme reading {r:g}") for r in rails
-    ]
     if suspects:
         notices.append(_suspicion(_rails_at(suspects, distinct), suspects))
     return _rails_at(rails, distinct) if rails else None, sorted(suspects), notices
+
+
+def _course(
+    x: FloatArray, count: FloatArray, mean: FloatArray, squares: FloatArray
+) -> tuple[float, float]:
+    """Scatter about a straight line through some readings, and its slope without its sign."""
+    line = np.polynomial.Polynomial.fit(x, mean, 1, w=np.sqrt(count))
+    left = float(squares.sum() + count @ (mean - line(x)) ** 2)
+    return float(np.sqrt(left / count.sum())), abs(float(line.convert().coef[-1]))
 
 
 def _rails_at(ends: Sequence[float], distinct: FloatArray) -> tuple[float, float]:

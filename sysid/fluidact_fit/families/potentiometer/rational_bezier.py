@@ -26,6 +26,7 @@ from ...estimation.problem import Basis, Problem, Unknown
 from ...estimation.separable import Search, solve_from
 from ...experiment import Array, FloatArray
 from ...rows import blocks
+from .readings import group
 
 LOG_WEIGHT_LIMIT = float(np.log(50.0))
 _FEW = 24  # rows that are left out one by one
@@ -146,26 +147,6 @@ class Rows:
         """Return some of the rows."""
         return Rows(self.t[index], self.y[index], self.count[index], self.rising[index])
 
-    def merge(self, key: npt.NDArray[np.intp]) -> Rows:
-        """Means of the rows that share a key, in the order of the keys ``0, 1, 2 ...``."""
-        count = np.asarray(np.bincount(key, self.count), dtype=float)
-
-        def mean(values: FloatArray) -> FloatArray:
-            return np.asarray(np.bincount(key, values * self.count) / count)
-
-        return Rows(mean(self.t), mean(self.y), count, mean(self.rising))
-
-
-def group(values: npt.NDArray[Any]) -> tuple[FloatArray, npt.NDArray[np.intp]]:
-    """Distinct values in order, and which of them each value is.
-
-    Hashed: sorting the many equal readings of a converter takes several times longer.
-    """
-    from pandas import factorize
-
-    key, distinct = factorize(values, sort=True)
-    return distinct, key
-
 
 def compress(rows: Rows, limit: int) -> Rows:
     """Merge rows at equal positions, or of one narrow bin, into their means.
@@ -175,12 +156,23 @@ def compress(rows: Rows, limit: int) -> Rows:
     """
     if rows.t.size <= limit:
         return rows
-    place = np.minimum((rows.t * limit).astype(np.int64), limit - 1)
-    if np.unique(rows.t[:: max(rows.t.size // (8 * limit), 1)]).size <= limit:
-        distinct, found = group(rows.t)
-        place = found if distinct.size <= limit else place
-    turning = np.round(rows.rising * 4.0).astype(np.int64)
-    return rows.merge(group(place * 5 + turning)[1])
+    distinct = np.unique(rows.t[:: max(rows.t.size // (8 * limit), 1)])
+    if distinct.size <= limit:
+        distinct = group(np.asarray(rows.t))[0]
+    sums = np.zeros((4, 5 * limit))
+    for at in blocks(rows.t.size):
+        t, count = rows.t[at], rows.count[at]
+        if distinct.size <= limit:
+            place = np.searchsorted(distinct, t)
+        else:
+            place = np.minimum((t * limit).astype(np.int64), limit - 1)
+        key = place * 5 + np.round(rows.rising[at] * 4.0).astype(np.int64)
+        weighted = count, t * count, rows.y[at] * count, rows.rising[at] * count
+        for total, values in zip(sums, weighted, strict=True):
+            total += np.bincount(key, values, minlength=total.size)
+    count, *means = sums[:, sums[0] > 0.0]
+    t, y, rising = (m / count for m in means)
+    return Rows(t, y, count, rising)
 
 
 # -------------------------------------------------------------------------------- fit
@@ -470,11 +462,16 @@ def curve_jacobian(fit: CurveFit, t: FloatArray, rising: FloatArray) -> FloatArr
     ``dy/dP_i = R_i`` and ``dy/d log w_i = R_i (P_i - y)`` with
     ``R_i = w_i B_i / sum_k w_k B_k``.
     """
-    b = bernstein(t, fit.shape.degree)
-    columns = []
-    for (p, w), share in zip(fit.curves, _shares(rising, fit.shape.branches)):
-        ratio = b * w
-        ratio /= ratio.sum(axis=1)[:, None]
-        y = ratio @ p
-        columns += [ratio * share, ratio * (p - y[:, None]) * share]
-    return np.hstack(columns)
+    b = bernstein(t, fit.shape.degree).T
+    m, branches = fit.shape.degree + 1, fit.shape.branches
+    out = np.empty((2 * m * branches, b.shape[1]))  # every column together, as of `bernstein`
+    for k, ((p, w), share) in enumerate(zip(fit.curves, _shares(rising, branches))):
+        points, logs = out[2 * m * k : 2 * m * (k + 1)].reshape(2, m, -1)
+        np.multiply(b, w[:, None], out=points)
+        points /= points.sum(axis=0)
+        np.subtract(p[:, None], p @ points, out=logs)
+        logs *= points
+        if branches > 1:
+            points *= share[:, 0]
+            logs *= share[:, 0]
+    return out.T

@@ -134,10 +134,10 @@ def weigh_suspects(
     distance ``r`` from the curve of the others and their scatter ``s``.
     """
     suspects = request.options.suspected
-    if not suspects or shape.branches > 1 or scaled.key is not None:
+    if not suspects or shape.branches > 1 or scaled.scatter is not None:
         return scaled
     rows = scaled.rows
-    suspect = np.isin(data.reading[data.used], suspects)
+    suspect = np.isin(data.kept(data.reading), suspects)
     others = rows.take(~suspect)
     if sample_count(others) < shape.unknowns + 4 or np.unique(others.t).size < 6:
         return scaled

@@ -10,10 +10,10 @@ import numpy as np
 from ...errors import NotIdentifiedError
 from ...estimation.uncertainty import Uncertainty, covariance
 from ...experiment import FloatArray
-from ...rows import by_rows, is_long, may_keep
+from ...rows import blocks, by_rows, is_long, may_keep
 from .data import FINE, LONG, Data, Scaled, contiguous_parts
 from .misfit import Misfit, widen
-from .rational_bezier import CurveFit, compress, curve_jacobian, free_coordinates
+from .rational_bezier import CurveFit, Rows, compress, curve_jacobian, free_coordinates
 
 
 def find_spread(
@@ -24,7 +24,7 @@ def find_spread(
     Refuses a curve that the data do not determine.
     """
     matrix = free_coordinates(fit)
-    rest = scaled.rows.y - scaled.evaluate(fit)
+    rest = scaled.beside(fit)
     if fit.shape.ends is None and rest.size > LONG:
         uncertainty = _long_uncertainty(fit, matrix, scaled, data, rest)
     else:
@@ -67,7 +67,9 @@ def sensitivity(
 
     def derivatives(reading: FloatArray) -> FloatArray:
         t = np.clip((reading - scaled.low) / scaled.span, 0.0, 1.0)
-        return (curve_jacobian(fit, t, np.ones(t.size)) * per_value)[:, kept]
+        columns = curve_jacobian(fit, t, np.ones(t.size)).T[kept]
+        columns *= per_value[kept, None]
+        return columns.T
 
     tables = [by_rows(derivatives, x) for x in readings]
     return [np.asarray(j) if may_keep(j.size) else j for j in tables]
@@ -81,10 +83,7 @@ def std_errors(spread: Uncertainty, degree: int) -> FloatArray:
 
 def _jacobian(fit: CurveFit, scaled: Scaled, part: slice) -> FloatArray:
     """Derivative of the curve at some rows by all its numbers."""
-    if scaled.key is None:
-        return curve_jacobian(fit, scaled.rows.t[part], scaled.rows.rising[part])
-    table = curve_jacobian(fit, scaled.merged.t, scaled.merged.rising)
-    return np.asarray(np.take(table, scaled.key[part], axis=0))
+    return curve_jacobian(fit, scaled.rows.t[part], scaled.rows.rising[part])
 
 
 def _long_uncertainty(
@@ -96,14 +95,10 @@ def _long_uncertainty(
     ``F = E^1/2 C E^1/2`` says how much more than white noise of one unit the residuals let
     through in every direction; the covariance of all is ``B^-1/2 F B^-1/2``.
     """
-    rows = scaled.merged if scaled.key is not None else compress(scaled.rows, FINE)
+    rows = scaled.merged if scaled.scatter is not None else compress(scaled.rows, FINE)
     degrees = rest.size - matrix.shape[1]
-    variance = float((scaled.rows.count * rest) @ rest) / degrees
-    j = curve_jacobian(fit, rows.t, rows.rising) @ matrix
-    scale = np.linalg.norm(j, axis=0)
-    scale[scale == 0.0] = 1.0
-    j = j / scale
-    both = j.T @ (j * rows.count[:, None])
+    variance = scaled.squares(fit) / degrees
+    both, scale = _products(fit, matrix, rows)
     inner, order = variance * np.eye(scale.size), 0
     if data.in_order:
         parts = contiguous_parts(data.sizes)
@@ -118,6 +113,17 @@ def _long_uncertainty(
     half = _power(both, -0.5)
     total = half @ inner @ half / np.outer(scale, scale)
     return Uncertainty(0.5 * (total + total.T), degrees, float(np.sqrt(variance)), order)
+
+
+def _products(fit: CurveFit, matrix: FloatArray, rows: Rows) -> tuple[FloatArray, FloatArray]:
+    """Products of the columns of the derivatives, and the scale by which each was divided."""
+    products, squares = np.zeros((matrix.shape[1], matrix.shape[1])), np.zeros(matrix.shape[1])
+    for at in blocks(rows.t.size):
+        j = curve_jacobian(fit, rows.t[at], rows.rising[at]) @ matrix
+        products += j.T @ (j * rows.count[at, None])
+        squares += np.sum(j**2, axis=0)
+    scale = np.where(squares > 0.0, np.sqrt(squares), 1.0)
+    return products / np.outer(scale, scale), scale
 
 
 def _power(matrix: FloatArray, exponent: float) -> FloatArray:
