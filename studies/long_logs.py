@@ -48,7 +48,7 @@ by block, and so are the derivatives where rows times parameters exceed 2^27: al
 each row is input, output and simulation, 24 bytes, and the time while the log is read. That takes
 the examinations of such a log several times as long. A potentiometer keeps each distinct reading
 beside them, with how many samples have it, their mean and their scatter: little for the readings of
-a converter, as here, but some 100 bytes a row where hardly two readings are alike.
+a converter, as here, but some 150 bytes a row where hardly two readings are alike.
 
 """
 _STEP = 1e-3  # s
