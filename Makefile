@@ -117,7 +117,8 @@ study: $(INSTALLED_DEV)
 	$(BIN)/python -m studies.prediction --write
 	$(BIN)/python -m studies.long_logs --rows 1e5 1e6 1e7 --write
 
-# Half an hour on two cores; make red-team RED_TEAM='--family valve --verbose' runs a part.
+# Half an hour on two cores; make red-team RED_TEAM='--family valve --verbose' runs a part, and
+# RED_TEAM='--vary 0.4 --seed 7' attacks machines that nothing was tuned on.
 red-team: $(INSTALLED)
 	$(BIN)/python -m studies.red_team $(or $(RED_TEAM),--write)
 
