@@ -115,7 +115,10 @@ study: $(INSTALLED_DEV)
 	$(BIN)/python -m studies.replay --write
 	$(BIN)/python studies/avr.py --write
 	$(BIN)/python -m studies.prediction --write
-	$(BIN)/python -m studies.long_logs --rows 1e5 1e6 1e7 --write
+	rm -f .long-logs.jsonl
+	$(BIN)/python -m studies.long_logs --rows 1e5 1e6 1e7 --results .long-logs.jsonl
+	$(BIN)/python -m studies.long_logs --rows 1e5 1e6 1e7 1e8 --kind "even Parquet" \
+		--results .long-logs.jsonl --write
 
 # Half an hour on two cores; make red-team RED_TEAM='--family valve --verbose' runs a part, and
 # RED_TEAM='--vary 0.4 --seed 7' attacks machines that nothing was tuned on.
