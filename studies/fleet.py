@@ -31,10 +31,10 @@ import pandas as pd
 PAGE = Path(__file__).parents[1] / "docs" / "fleet.md"
 _EXPLAINED = """# A fleet of actuators as one batch
 
-Written by `python -m studies.fleet --jobs 1000 --write`. Every unit is a transmission line with
-one log of 1,000 rows, made by its closed form; gain, time constant and dead time vary from unit to
-unit. 2 % of the units are outliers (a time constant half as long again), 1 % of the logs are
-broken. The logs take up some 20 kB each, the batch another 3 kB a job.
+Written by `python -m studies.fleet --jobs 10000 --share 0.04 --write`. Every unit is a transmission
+line with one log of 1,000 rows, made by its closed form; gain, time constant and dead time vary
+from unit to unit. 2 % of the units are outliers (a time constant half as long again), 1 % of the
+logs are broken. The logs take up some 20 kB each, the batch another 3 kB a job.
 
 """
 _PROGRAM = [sys.executable, "-m", "fluidact_fit_cli.main"]
