@@ -31,6 +31,7 @@ from .recursion import run_recursion
 IndexArray = npt.NDArray[np.intp]
 _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 _LASTING = 12  # samples of a reading that no noise shakes
+_SAME = 0.125  # of a code, within which its readings are of the same point
 
 
 @dataclass(frozen=True)
@@ -203,13 +204,13 @@ def _converter_middle(
     while a reading of width ``q`` lasts has its middle within ``q - s``: the mean error has the
     variance ``(q - s)^2 / 12``, none where the signal crosses the whole width, and what of the
     error moves along sums up to nothing. The residual moves as the signal does, backwards.
-    Readings are independent of one another but for long ones of the same code, which are the same
-    point met again, as in strokes that are repeated.
+    Readings are independent of one another but for long ones of the same code that miss the model
+    by as much: they are the same point met again, as in strokes that are repeated.
     """
     if not readings or _step_variance(readings) < 0.3 * sigma**2:
         return None
     p = jacobian[0].shape[1]
-    middle, again = np.zeros((p, p)), dict[float, FloatArray]()
+    middle, again = np.zeros((p, p)), dict[tuple[float, float], FloatArray]()
     for j, r, (y, step) in zip(jacobian, residuals, readings):
         if y.size != j.shape[0]:
             return None
@@ -219,8 +220,10 @@ def _converter_middle(
         sums = unknown[:, None] * np.add.reduceat(j, starts, axis=0)
         lasting = lengths >= _LASTING
         middle += sums[~lasting].T @ sums[~lasting]
-        for code, row in zip(y[starts[lasting]].tolist(), sums[lasting]):
-            again[code] = again.get(code, 0.0) + row
+        missed = np.round(np.add.reduceat(r, starts) / lengths / max(_SAME * step, 1e-300))
+        points = zip(y[starts[lasting]].tolist(), missed[lasting].tolist())
+        for point, row in zip(points, sums[lasting]):
+            again[point] = again.get(point, 0.0) + row
     rows = np.array(list(again.values())).reshape(-1, p)
     return np.asarray(middle + rows.T @ rows)
 
