@@ -31,7 +31,7 @@ from .recursion import run_recursion
 IndexArray = npt.NDArray[np.intp]
 _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 _LASTING = 12  # samples of a reading that no noise shakes
-_SAME = 0.125  # of a code, within which its readings are of the same point
+_SAME = 1 / 16  # of a code, within which its readings are of the same point
 
 
 @dataclass(frozen=True)
