@@ -41,7 +41,7 @@ def captured(name: str, log: Any) -> tuple[Any, np.ndarray]:
 
     separable.solve = watch
     try:
-        own._fit(name, started=True)(own.prepare(name, log), PROBLEMS[name].guess)
+        own.FITS[f"{name}|started at the guess"](own.prepare(name, log), PROBLEMS[name].guess)
     finally:
         separable.solve = solve
     problem = max(reversed(taken), key=lambda p: p.rows)
@@ -72,8 +72,7 @@ def main() -> None:
             log = make_trial(PROBLEMS[name], 0).log
             problem, at = captured(name, log)
             guess = PROBLEMS[name].guess
-            peer = {"P1": by_hand.p1, "P2": by_hand.p2, "P3": by_hand.p3}[name]
-            both = partial(peer, log, guess), partial(solve, problem, at)
+            both = partial(by_hand.FITS[name], log, guess), partial(solve, problem, at)
             pairs = [tuple(map(processor, both)) for _ in range(repeat)]
             theirs, ours = (1e3 * float(np.median(column)) for column in zip(*pairs))
             print(f"| {name} | {theirs:.2f} | {ours:.2f} | {ours / theirs:.2f} |")

@@ -21,14 +21,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from ..experiment import BoolArray, FloatArray
+from ..experiment import BoolArray, FloatArray, IndexArray
 from ..rows import blocks, is_kept, square_sum
 from .blocks import condensed
 from .recursion import run_recursion
 
-IndexArray = npt.NDArray[np.intp]
 _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 _LASTING = 12  # samples of a reading that no noise shakes
 _SAME = 1 / 16  # of a code, within which its readings are of the same point

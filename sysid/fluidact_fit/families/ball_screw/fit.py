@@ -62,17 +62,17 @@ def fit_drive(
             again = _levels_and_forces(with_high_levels(stage), request)
             ready = ready if again.beyond else again
         return _finish(_fit_position(variant, ready, request), variant, request)
+    units = variant.parameter(SPEED).unit, variant.parameter("coulomb_positive").unit
     refusal = without_level(stage)
     if refusal is None:
         request.progress("looking for the fall of friction at low speed")
         curve = without_idle_levels(with_curve(stage, request))
-        refusal = None if SPEED in request.bounds else without_curve(curve)
+        refusal = None if SPEED in request.bounds else without_curve(curve, units[0])
     if refusal is None:
         curved = _levels_and_forces(curve, request)
         refusal = without_level(curved.stage)
     if refusal is None:
         found = _fit_position(variant, curved, request)
-        units = variant.parameter(SPEED).unit, variant.parameter("coulomb_positive").unit
         refusal = undetermined(found.fitted, fastest(experiments, axis), *units)
     if refusal is None:
         return _finish(found, variant, request)

@@ -30,7 +30,6 @@ from .brackets import Bracket, levels_above
 from .model import (
     BREAKAWAY,
     EXCESS,
-    ROTARY,
     SIDES,
     SPEED,
     Axis,
@@ -273,7 +272,7 @@ def _falls(found: Solved, unit: str) -> list[Quantity]:
     return list(found.derive(dict.fromkeys(sides, unit), function).values())
 
 
-def without_curve(stage: Stage) -> Refusal | None:
+def without_curve(stage: Stage, unit: str) -> Refusal | None:
     """The speed of the curve, where the beginnings of long logs tell that friction falls at once.
 
     The search ends as far down as it goes, and a speed ten times that is out of the question: the
@@ -293,7 +292,7 @@ def without_curve(stage: Stage) -> Refusal | None:
     other = wider.solve(wider.problem(), max_iterations=10, tolerance=0.05)
     if (other.cost - found.cost) * samples <= DECIDED * found.cost:
         return None
-    return at_end_of_search(SPEED, values[SPEED], "rad/s" if stage.axis is ROTARY else "m/s")
+    return at_end_of_search(SPEED, values[SPEED], unit)
 
 
 def without_level(stage: Stage) -> Refusal | None:
