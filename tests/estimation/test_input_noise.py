@@ -72,6 +72,38 @@ def test_the_correction_is_consistent_where_output_error_is_not() -> None:
     assert 0.5 < np.sqrt(np.mean(deviations**2)) < 1.5
 
 
+class BehindDeadZone(FirstOrder):
+    """``y[k] = y[k-1] + gain max(u[k-1] - edge, 0)``: noise passes while it moves, and stays."""
+
+    def basis(self, index: int, eta: np.ndarray) -> Basis:
+        edge, gain = eta
+        driving = np.where(np.real(self.inputs[index] - edge) > 0.0, self.inputs[index] - edge, 0.0)
+        known = gain * np.concatenate(([0.0], np.cumsum(driving)[:-1])) / N
+        return Basis(known, np.zeros((N, 0)), np.ones((N, 1)))
+
+
+def test_noise_that_passes_while_the_output_moves_widens_the_intervals() -> None:
+    """Residuals white all in all are not where the derivatives are: 1.5 deviations before."""
+    edge, gain, noise, deviations = 0.5, 3.0, 0.2, []
+    unknowns = [Unknown("edge"), Unknown("gain")]
+
+    def build(experiments: Sequence[Experiment], whiten: Sequence[object] = ()) -> Problem:
+        measured = [e["y"] for e in experiments]
+        return Problem(BehindDeadZone(experiments), measured, unknowns, whiten=whiten)
+
+    for seed in range(60):
+        clean = record(seed, 0.0)
+        rng = np.random.default_rng([5, seed])
+        y = BehindDeadZone([clean]).basis(0, np.array([edge, gain])).known
+        e = clean.with_readings("y", y + 0.002 * rng.standard_normal(N))
+        e = e.with_readings("u", clean["u"] + noise * rng.standard_normal(N))
+        found = correct(InputNoise([e], "u", noise), build, np.array([edge, gain]))
+        deviations.append((found.eta - [edge, gain]) / np.sqrt(np.diag(found.covariance)))
+    size = np.sqrt(np.mean(np.square(deviations), axis=0))
+    assert np.all(size > 0.7)
+    assert np.all(size < 1.35)
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_correction_settles_wherever_it_starts(seed: int) -> None:
     """Its first step may be long or short in standard errors, with or without what noise adds."""

@@ -115,7 +115,7 @@ def piston(truth: Mapping[str, float], u: Array, step: float) -> Array:
     return np.asarray((way - tau * (v - v[0]))[::_FINE])
 
 
-def _hydrostatic(
+def hydrostatic(
     rng: np.random.Generator, *, noise: float = 0.0, converter: float = 0.0,
     sigma: float = 0.01, n: int = 1000, step: float = 0.01, logs: int = 2,
 ) -> list[Recording]:  # fmt: skip
@@ -167,11 +167,11 @@ def attacks() -> Iterator[Attack]:
     for noise in (0.0, 0.02, 0.1, 0.5):
         yield Attack(
             "hydrostatic", "noise on the force", f"{noise:g} N of 12", HYDROSTATIC,
-            partial(_hydrostatic, noise=noise), FORCE_UNITS, scales=EDGES, repetitions=3,
+            partial(hydrostatic, noise=noise), FORCE_UNITS, scales=EDGES, repetitions=3,
         )  # fmt: skip
     for converter in (0.05, 0.5):
         yield Attack(
             "hydrostatic", "converter at the force", f"{converter:g} N of 12", HYDROSTATIC,
-            partial(_hydrostatic, converter=converter), FORCE_UNITS, scales=EDGES,
+            partial(hydrostatic, converter=converter), FORCE_UNITS, scales=EDGES,
             repetitions=3,
         )  # fmt: skip

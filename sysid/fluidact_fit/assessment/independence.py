@@ -35,6 +35,7 @@ from ..estimation.blocks import condensed
 from ..estimation.uncertainty import independent_samples, inverse_information
 from ..experiment import FloatArray
 from ..rows import blocks, is_kept
+from .noisy_inputs import whitened
 from .optimum import Optimum
 
 _FEWEST = 8.0  # independent samples an unknown: with fewer, errors of 4 standard errors were seen
@@ -49,6 +50,7 @@ _WIDER = 1.5  # times its standard error, that the error of a parameter has to b
 
 def find_independent_samples(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """How many independent samples the residuals are worth, and a warning where they are few."""
+    at = whitened(at)
     slow, said = _find_slow_errors(at)
     entry, few = _count_independent(at)
     return {**entry, **slow}, few or said

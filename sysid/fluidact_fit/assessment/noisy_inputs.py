@@ -18,6 +18,7 @@ from .copies import Copies
 from .optimum import Optimum, make_optimum
 
 _DRAWS = 3  # of the noise
+_HEAD = 8  # part of a run that is left out at most while a filter settles
 _ROWS = 30_000  # of every run, of which so many copies are made
 
 
@@ -44,6 +45,28 @@ def beside_copies(at: Optimum) -> Optimum:
     filters = make_filters(_response(at, draws), at.residuals)
     relative = max(noise.relative for noise in at.estimate.input_noise.values())
     return replace(found, copies=Copies(filters, relative, found.jacobians, found.residuals))
+
+
+def whitened(at: Optimum) -> Optimum:
+    """The fit as its score was corrected for noise of inputs: residuals and derivatives white.
+
+    Itself where inputs are exact or stand-ins tell their noise. Left out are the first rows, in
+    which the filter settles: the level and the state that a run began with fit them as they like.
+    """
+    if not at.estimate.input_noise or at.instruments:
+        return at
+    at = at.beginning(_ROWS)
+    draws = [_draw(at, np.random.default_rng(seed)) for seed in range(_DRAWS)]
+    filters = make_filters(_response(at, draws), at.residuals)
+    begun = [
+        slice(min(f.settling, r.size // _HEAD), None)
+        for f, r in zip(filters, at.residuals, strict=True)
+    ]
+    return replace(
+        at,
+        residuals=[f.filter(r)[b] for f, r, b in zip(filters, at.residuals, begun, strict=True)],
+        jacobians=[f.filter(j)[b] for f, j, b in zip(filters, at.jacobians, begun, strict=True)],
+    )
 
 
 def _draw(at: Optimum, rng: np.random.Generator) -> list[Experiment]:

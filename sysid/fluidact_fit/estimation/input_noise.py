@@ -41,6 +41,8 @@ from .whitening import Whitening, autoregression_from_rest
 Build = Callable[[Sequence[Experiment], Sequence[Whitening]], Problem]
 
 _PAIRS = 6  # antithetic draws of the noise
+_SPREAD = 100  # draws that show how the score scatters
+_ADDS_UP = 1e-3  # part of what noise does to the output that may depend on the input
 _FEW = 3  # of them that show whether it matters
 _ORDER = 8  # of the autoregression that noise of the input makes of the output
 _RATIOS = np.array([0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.3, 1.7, 2.5])
@@ -335,10 +337,48 @@ def _correct(
     inverse = np.linalg.inv(curvature)
     each = np.array([target.solve(a.slope) for a in added])
     bias = each.mean(axis=0)
-    covariance = scale * inverse @ base.curvature @ inverse
+    spread = _spread(noise, build, whitening, evaluate(problem, eta), base.curvature)
+    covariance = scale * inverse @ spread @ inverse
     covariance += np.outer(bias, bias) * noise.relative**2
     covariance += np.atleast_2d(np.cov(each.T)) / len(each)
     return Corrected(eta, covariance, curvature, bias, np.zeros(eta.size), weak, converged)
+
+
+def _spread(
+    noise: InputNoise, build: Build, whitening: Sequence[Whitening], at: Solution,
+    curvature: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Covariance of the score, of whitened residuals of variance one, shape ``(p, p)``.
+
+    That is ``J' J`` where outputs add up as inputs do: what the noise makes of the output is then
+    the same whatever the input, and the residual is white. Behind a dead zone noise passes only
+    while the machine moves, which is when the derivatives are large. Draws of the noise of input
+    and output, as :func:`make_filters` found them, show what that does.
+    """
+
+    def outputs(experiments: Sequence[Experiment]) -> list[FloatArray]:
+        problem = build(experiments, ())
+        return [problem.basis(i, at.eta).known for i in range(len(experiments))]
+
+    base = outputs(noise.experiments)
+    up, down = (outputs(noise.add(0, sign)) for sign in (1.0, -1.0))
+    if all(_adds_up(*three) for three in zip(base, up, down, strict=True)):
+        return curvature
+    rng = np.random.default_rng(noise.seed)
+    scores, squares = np.zeros((_SPREAD, at.eta.size)), 0.0
+    for k in range(_SPREAD):
+        moved = outputs(replace(noise, seed=noise.seed + 1 + k, pairs=1).add(0, 1.0))
+        for i, (f, j) in enumerate(zip(whitening, at.jacobian, strict=True)):
+            white = f.filter(moved[i] - base[i] + f.white * rng.standard_normal(base[i].size))
+            squares += float(white @ white)
+            scores[k] += white @ j
+    rows = sum(known.size for known in base)
+    return np.asarray(scores.T @ scores * (rows / squares))
+
+
+def _adds_up(base: FloatArray, up: FloatArray, down: FloatArray) -> bool:
+    """Whether what is added to an input and what is taken from it do the same to the output."""
+    return bool(np.abs(up + down - 2.0 * base).max() <= _ADDS_UP * np.abs(up - down).max())
 
 
 def _disturbed(

@@ -71,6 +71,11 @@ class Whitening:
             variances.append(variance)
         return np.array(gains), np.array(variances)
 
+    @property
+    def settling(self) -> int:
+        """Samples until the gain of the filter is constant."""
+        return int(self._gains[1].size)
+
     def filter(self, rows: Array) -> Array:
         """Innovations of rows (samples first), in their standard deviations.
 
