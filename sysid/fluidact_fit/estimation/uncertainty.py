@@ -22,14 +22,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..experiment import BoolArray, FloatArray, IndexArray
+from ..experiment import BoolArray, FloatArray
 from ..rows import blocks, is_kept, square_sum
 from .blocks import condensed
 from .recursion import run_recursion
 
 _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 _LASTING = 12  # samples of a reading that no noise shakes
-_SAME = 1 / 16  # of a code, within which its readings are of the same point
+_TRIES = (20, 200)  # draws of where a signal lies among the codes, fewest and most
+_DRAWN = 10_000_000  # samples of all draws, as long as these are not the fewest
+_BENDS = 9.0  # times what noise gives, that a slope or bow of a residual has to be
 
 
 @dataclass(frozen=True)
@@ -194,45 +196,80 @@ def _converter_middle(
     jacobian: Sequence[FloatArray],
     residuals: Sequence[FloatArray],
     readings: Sequence[tuple[FloatArray, float]],
+    bread: FloatArray,
     sigma: float,
+    apart: bool,
 ) -> FloatArray | None:
-    """``J' R J`` of converter errors that last as long as a reading does; None if they are few.
+    """``J' R J`` of the errors of a converter, shape ``(p, p)``; None if they are few.
 
-    Nobody knows where between two codes the steady part of a signal lies. One that moves by ``s``
-    while a reading of width ``q`` lasts has its middle within ``q - s``: the mean error has the
-    variance ``(q - s)^2 / 12``, none where the signal crosses the whole width, and what of the
-    error moves along sums up to nothing. The residual moves as the signal does, backwards.
-    Readings are independent of one another but for long ones of the same code that miss the model
-    by as much: they are the same point met again, as in strokes that are repeated.
+    ``J' e`` over draws of where the signal ``s`` lies among the codes ``q``, with
+    ``e = q round(s / q) - s``: the unknowns are moved as far as errors that are one for each code
+    leave them uncertain, and the signal by a common part of a code. What is met again has its
+    error again, other levels have others, and a signal that crosses the codes averages them. The
+    signals of series that are ``apart``, each with an offset of its own, are moved by parts of
+    their own. ``bread`` is ``(J'J)^-1``.
+
+    Of a signal that is shaken by noise within a code the readings are short; that of a lasting one
+    is not, whatever noise of a regressor its residual holds.
     """
+    noise = sigma**2 - _step_variance(readings)
     if not readings or _step_variance(readings) < 0.3 * sigma**2:
         return None
-    p = jacobian[0].shape[1]
-    middle, again = np.zeros((p, p)), dict[tuple[float, float], FloatArray]()
-    for j, r, (y, step) in zip(jacobian, residuals, readings):
-        if y.size != j.shape[0]:
-            return None
-        starts = np.concatenate(([0], np.flatnonzero(np.diff(y)) + 1))
-        lengths = np.diff(np.append(starts, y.size))
-        unknown = np.maximum(step - _moved(r, starts, lengths), 0.0) / np.sqrt(12.0)
-        sums = unknown[:, None] * np.add.reduceat(j, starts, axis=0)
-        lasting = lengths >= _LASTING
-        middle += sums[~lasting].T @ sums[~lasting]
-        missed = np.round(np.add.reduceat(r, starts) / lengths / max(_SAME * step, 1e-300))
-        points = zip(y[starts[lasting]].tolist(), missed[lasting].tolist())
-        for point, row in zip(points, sums[lasting]):
-            again[point] = again.get(point, 0.0) + row
-    rows = np.array(list(again.values())).reshape(-1, p)
-    return np.asarray(middle + rows.T @ rows)
+    if any(y.size != j.shape[0] for j, (y, _) in zip(jacobian, readings)):
+        return None
+    p, samples = jacobian[0].shape[1], sum(y.size for y, _ in readings)
+    rng = np.random.default_rng(0)
+    tries = int(np.clip(_DRAWN // samples, *_TRIES))
+    codes = _by_codes(jacobian, readings)
+    away = rng.standard_normal((tries, codes.shape[0])) @ (codes @ bread)
+    parts = rng.uniform(-0.5, 0.5, (tries, len(jacobian) if apart else 1))
+    sums = np.zeros((tries, p))
+    for i, (j, r, (y, step)) in enumerate(zip(jacobian, residuals, readings)):
+        if not step > 0.0:
+            continue
+        signal, shaken = _signal(np.asarray(y), np.asarray(r))
+        size = np.sqrt(max(noise, 0.0)) * shaken
+        for k in range(tries):
+            at = signal + j @ away[k] + step * parts[k, i if apart else 0]
+            at += size * rng.standard_normal(y.size)
+            sums[k] += (step * np.round(at / step) - at) @ j
+    return np.asarray(sums.T @ sums / tries)
 
 
-def _moved(r: FloatArray, starts: IndexArray, lengths: IndexArray) -> FloatArray:
-    """How far a line through residuals runs along each stretch, by the means of its halves."""
-    half = lengths // 2
-    total = np.concatenate(([0.0], np.cumsum(r)))
-    ends = starts + lengths
-    first, last = total[starts + half] - total[starts], total[ends] - total[ends - half]
-    return np.abs(last - first) * lengths / np.maximum(half * (lengths - half), 1)
+def _by_codes(
+    jacobian: Sequence[FloatArray], readings: Sequence[tuple[FloatArray, float]]
+) -> FloatArray:
+    """Sums of the derivatives over all samples of a code, times the size of its error, (k, p)."""
+    values, which = np.unique(np.concatenate([y for y, _ in readings]), return_inverse=True)
+    rows = np.vstack([j * (step / np.sqrt(12.0)) for j, (_, step) in zip(jacobian, readings)])
+    return np.column_stack([np.bincount(which, column, values.size) for column in rows.T])
+
+
+def _signal(y: FloatArray, r: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """What a converter was given, shape ``(n,)``: its readings less residuals; and the short ones.
+
+    Of a lasting one the level of the residual is taken, and a slope and bow that stand out of what
+    noise leaves.
+    """
+    starts = np.concatenate(([0], np.flatnonzero(np.diff(y)) + 1))
+    lengths = np.diff(np.append(starts, y.size))
+    which = np.repeat(np.arange(starts.size), lengths)
+
+    def sums(values: FloatArray) -> FloatArray:
+        return np.asarray(np.add.reduceat(values, starts))
+
+    curve = (sums(r) / lengths)[which]
+    left = sums((r - curve) ** 2)
+    off = (np.arange(y.size) - (starts + 0.5 * (lengths - 1))[which]) / lengths[which]
+    bow = off**2 - (sums(off**2) / lengths)[which]
+    for column in (off, bow):  # at right angles to the level and to each other
+        size = np.maximum(sums(column**2), 1e-300)
+        slope = sums(column * r) / size
+        left = left - slope**2 * size
+        seen = slope**2 * size > _BENDS * left / np.maximum(lengths - 3, 1)
+        curve += np.where(seen, slope, 0.0)[which] * column
+    short = (lengths < _LASTING)[which]
+    return y - np.where(short, r, curve), short
 
 
 def enlarge(matrix: FloatArray, variances: FloatArray) -> FloatArray:
@@ -332,10 +369,12 @@ def covariance(
             variance *= max(sigma**2 / float(_ar_autocovariance(a, variance)[0]), 1.0)
             middle = variance * np.sum([_coloured_product(j, a) for j in jacobian], axis=0)
     total = sigma**2 * bread if middle is None else bread @ middle @ bread
-    steps = _converter_middle(jacobian, residuals, readings, sigma) if robust else None
-    if steps is not None:
-        held = bread @ (steps + max(sigma**2 - _step_variance(readings), 0.0) * stacked.T @ stacked)
-        total = enlarge(total, np.diag(held @ bread))
+    if robust:
+        steps = _converter_middle(jacobian, residuals, readings, bread, sigma, local_unknowns > 0)
+        if steps is not None:
+            noise = max(sigma**2 - _step_variance(readings), 0.0)
+            held = bread @ (steps + noise * stacked.T @ stacked) @ bread
+            total = enlarge(total, np.diag(held))
     total = _positive(total)
     if order and small_sample:
         effective = _effective(total, sigma**2 * bread, n)
