@@ -229,10 +229,12 @@ def _converter_middle(
             continue
         signal, shaken = _signal(np.asarray(y), np.asarray(r))
         size = np.sqrt(max(noise, 0.0)) * shaken
-        for k in range(tries):
-            at = signal + j @ away[k] + step * parts[k, i if apart else 0]
-            at += size * rng.standard_normal(y.size)
-            sums[k] += (step * np.round(at / step) - at) @ j
+        for at in blocks(y.size):
+            rows = np.asarray(j[at])
+            for k in range(tries):
+                moved = signal[at] + rows @ away[k] + step * parts[k, i if apart else 0]
+                moved += size[at] * rng.standard_normal(moved.size)
+                sums[k] += (step * np.round(moved / step) - moved) @ rows
     return np.asarray(sums.T @ sums / tries)
 
 
@@ -240,9 +242,14 @@ def _by_codes(
     jacobian: Sequence[FloatArray], readings: Sequence[tuple[FloatArray, float]]
 ) -> FloatArray:
     """Sums of the derivatives over all samples of a code, times the size of its error, (k, p)."""
-    values, which = np.unique(np.concatenate([y for y, _ in readings]), return_inverse=True)
-    rows = np.vstack([j * (step / np.sqrt(12.0)) for j, (_, step) in zip(jacobian, readings)])
-    return np.column_stack([np.bincount(which, column, values.size) for column in rows.T])
+    values = np.unique(np.concatenate([np.unique(y) for y, _ in readings]))
+    sums = np.zeros((values.size, jacobian[0].shape[1]))
+    for j, (y, step) in zip(jacobian, readings):
+        for at in blocks(y.size):
+            which, rows = np.searchsorted(values, y[at]), np.asarray(j[at])
+            for k in range(rows.shape[1]):
+                sums[:, k] += np.bincount(which, rows[:, k], values.size) * step
+    return sums / np.sqrt(12.0)
 
 
 def _signal(y: FloatArray, r: FloatArray) -> tuple[FloatArray, BoolArray]:
