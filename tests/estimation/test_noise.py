@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from fluidact_fit.estimation.noise import noise_floor
+from fluidact_fit.estimation.noise import common_step, noise_floor
 
 
 @pytest.mark.parametrize("order", [2, 3, 4])
@@ -34,3 +36,15 @@ def test_polynomials_below_the_order_hold_no_noise() -> None:
 
 def test_too_short_a_record_tells_nothing() -> None:
     assert noise_floor(np.arange(11.0) % 2.0, 3) == 0.0
+
+
+@given(st.sets(st.integers(1, 200), min_size=2, max_size=6), st.sampled_from([0.5, 0.1, 1e-3]))
+def test_levels_of_a_converter_have_a_step_in_common(codes: set[int], step: float) -> None:
+    found = common_step(step * np.array([*codes, -next(iter(codes)), 0.0]))
+    assert found == pytest.approx(step * np.gcd.reduce(list(codes)), rel=1e-6)
+
+
+def test_levels_of_no_converter_have_none() -> None:
+    rng = np.random.default_rng(6)
+    for levels in (rng.uniform(-5.0, 5.0, 4), np.array([3.0, -3.0]), np.zeros(2)):
+        assert common_step(levels) == 0.0

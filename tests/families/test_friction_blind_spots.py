@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from studies.red_team.attacks import cylinder_friction
 
 import fluidact_fit as ff
 from fluidact_fit.estimation.friction_law import FrictionLaw
@@ -159,3 +160,17 @@ def test_a_heavy_mass_on_a_noisy_position_does_not_fail_the_right_answer(tmp_pat
     assert found.verdict != "fail"
     assert found.document.fit.fit_percent > 60.0
     assert holds(found, LAW)
+
+
+def test_one_steady_reading_a_log_tells_no_more_than_its_converter() -> None:
+    """Four logs of one value each behind steps of 0.5 N: off by 88 standard errors rms."""
+    for seed in range(6):
+        rng = np.random.default_rng([43, seed])
+        law = {n: v * rng.uniform(0.8, 1.2) for n, v in cylinder_friction.TRUTH.items()}
+        logs = cylinder_friction.record(
+            rng, law=law, converter=0.5, sigma=0.01, motions=cylinder_friction.CONSTANT
+        )  # fmt: skip
+        found = ff.fit("cylinder-friction", logs, mass=cylinder_friction.MASS)
+        for name, q in found.parameters.items():
+            if name == "viscous" and q.status == "estimated":
+                assert q.ci95[0] <= law[name] <= q.ci95[1]

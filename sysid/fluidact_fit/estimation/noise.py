@@ -121,3 +121,23 @@ def white_level(values: FloatArray, resolution: float = 0.0) -> tuple[float, flo
     if plain < 1.15 * sigma:
         return max(plain, resolution / sqrt(12.0)), relative
     return max(sigma, resolution / sqrt(12.0)), 1.65 * relative
+
+
+def common_step(levels: FloatArray) -> float:
+    """Largest step that all levels ``(k,)`` are multiples of, 0 where there is none of some size.
+
+    What a converter may have where every signal keeps a level of its own and shows no steps
+    (Euclid's algorithm, down to a thousandth of the largest).
+    """
+    sizes = np.unique(np.abs(levels[levels != 0.0]))
+    if sizes.size < 2:
+        return 0.0
+    least, step = 1e-3 * float(sizes[-1]), 0.0
+    for size in sizes.tolist():
+        a, b = size, step
+        while b > least:
+            a, b = b, abs(a - b * round(a / b))
+        if b > 1e-3 * least:  # what is left is no rounding
+            return 0.0
+        step = a
+    return step

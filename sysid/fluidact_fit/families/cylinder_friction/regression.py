@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ...estimation.least_squares import scaled_least_squares
+from ...estimation.noise import common_step
 from ...estimation.results import Solved
 from ...estimation.uncertainty import Uncertainty, covariance, enlarge, long_run, score_covariance
 from ...experiment import BoolArray, FloatArray
@@ -239,6 +240,8 @@ class System:
         """Covariance from the residuals at some samples of every run, and their correlation."""
         columns, rest, readings = [], [], []
         step = max(d.resolution for d in self.data)
+        if step == 0.0 and all(d.driven for d in self.data):
+            step = common_step(np.unique(np.concatenate([d.reading for d in self.data])))
         for d, j, r, at in zip(self.data, jacobian, residuals, samples):
             cuts = _stretches(at)
             columns += [part for part in np.split(j, cuts) if part.size]
