@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from fluidact_fit.errors import NotIdentifiedError
-from fluidact_fit.estimation.named_model import NamedModel, Values, make_unknowns
+from fluidact_fit.estimation.named_model import NamedModel, Values, bind, make_unknowns
 from fluidact_fit.estimation.parametric import fit_named
-from fluidact_fit.estimation.problem import Basis
+from fluidact_fit.estimation.problem import Basis, Unknown
+from fluidact_fit.estimation.separable import solve
 from fluidact_fit.family import FamilyOptions, ParameterSpec, Request
 
 TIME = np.linspace(0.0, 1.0, 100)
@@ -42,3 +43,25 @@ def test_a_value_whose_interval_reaches_across_the_limit_is_refused() -> None:
 def test_a_value_on_a_bound_that_was_given_is_a_result() -> None:
     assert fit(rate=(0.1, 8.9)) == pytest.approx(8.9)
     assert fit(rate=(0.1, 20.0)) == pytest.approx(9.0, rel=0.01)
+
+
+def test_readings_of_a_converter_are_weighed_as_their_residuals_are() -> None:
+    """Two logs, every residual times the same number: no interval changes."""
+    x = np.repeat(np.tile([-1.0, -0.61, -0.2, 0.27, 0.6, 1.0], 4), 20)
+    columns = np.column_stack((np.ones(x.size), x))
+    step, y = 0.1, 1.37 + 1.23 * x
+    coarse = step * np.round((y + 1e-3 * np.random.default_rng(3).standard_normal(x.size)) / step)
+
+    def line(index: int, values: Values) -> Basis:
+        return Basis(np.zeros(x.size), columns, columns[:, :0])
+
+    model = NamedModel(
+        (), ("level", "slope"), line, [coarse, coarse], resolutions=[step] * 2, logs=[0, 1],
+    )  # fmt: skip
+    unknowns = {name: Unknown(name) for name in model.linear}
+    errors = []
+    for factor in (1.0, 7.3):
+        scaled = model.scaled({0: factor, 1: factor})
+        found = solve(bind(scaled, unknowns, {}), np.zeros(0))
+        errors.append(np.diag(scaled.uncertainty(found).covariance))
+    np.testing.assert_allclose(errors[1], errors[0], rtol=1e-6)

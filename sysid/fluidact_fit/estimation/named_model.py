@@ -94,8 +94,18 @@ class NamedModel:
             robust=self.robust,
             sigma_floor=self.sigma_floor,
             small_sample=True,
-            readings=list(zip(self.measured, self.resolutions)),
+            readings=self._readings(),
         )
+
+    def _readings(self) -> list[tuple[FloatArray, float]]:
+        """What was measured as residuals are weighed, and the step of its converter."""
+        if not self.resolutions:
+            return []
+        weights = self.weights or [1.0] * len(self.measured)
+        return [
+            (y if np.all(w == 1.0) else w * y, step)
+            for w, y, step in zip(weights, self.measured, self.resolutions)
+        ]
 
     def without_linear(self) -> NamedModel:
         """The same model with the linear parameters among the nonlinear ones, after them."""
