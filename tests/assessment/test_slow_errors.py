@@ -37,7 +37,7 @@ def test_white_noise_is_not() -> None:
 
 
 def test_noise_of_the_force_that_a_piston_adds_up_is_not() -> None:
-    """The score is corrected and the residual whitened: 78 of 100 good files were warned of."""
+    """The score is corrected and the residual whitened: 81 of 100 good files were warned of."""
     for seed in range(4):
         rng = np.random.default_rng([42, seed])
         found = ff.fit("hydrostatic", input_noise.hydrostatic(rng, noise=0.5))

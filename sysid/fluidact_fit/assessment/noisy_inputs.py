@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..estimation.input_noise import make_filters
+from ..estimation.whitening import Whitening
 from ..experiment import Experiment, FloatArray
 from ..outcome import Simulation
 from .copies import Copies
@@ -32,7 +33,7 @@ def beside_copies(at: Optimum) -> Optimum:
         return at
     at = at.beginning(_ROWS)
     runs = at.experiments
-    draws = [_draw(at, np.random.default_rng(seed)) for seed in range(_DRAWS)]
+    draws = _draws(at)
     every = [*runs, *(run for draw in draws for run in draw)]
     output = at.variant.output.name
     fitted = [
@@ -42,7 +43,7 @@ def beside_copies(at: Optimum) -> Optimum:
     plain = replace(at.estimate, sensitivity=(), nearby=None)  # those know the recording only
     found = make_optimum(at.family, at.variant, plain, fitted)
     assert found is not None  # it is made of the same series
-    filters = make_filters(_response(at, draws), at.residuals)
+    filters = _filters(at, draws)
     relative = max(noise.relative for noise in at.estimate.input_noise.values())
     return replace(found, copies=Copies(filters, relative, found.jacobians, found.residuals))
 
@@ -56,17 +57,23 @@ def whitened(at: Optimum) -> Optimum:
     if not at.estimate.input_noise or at.instruments:
         return at
     at = at.beginning(_ROWS)
-    draws = [_draw(at, np.random.default_rng(seed)) for seed in range(_DRAWS)]
-    filters = make_filters(_response(at, draws), at.residuals)
-    begun = [
-        slice(min(f.settling, r.size // _HEAD), None)
-        for f, r in zip(filters, at.residuals, strict=True)
+    white = [
+        (f.filter(r)[begin:], f.filter(j)[begin:])
+        for f, r, j in zip(_filters(at, _draws(at)), at.residuals, at.jacobians, strict=True)
+        for begin in [min(f.settling, r.size // _HEAD)]
     ]
-    return replace(
-        at,
-        residuals=[f.filter(r)[b] for f, r, b in zip(filters, at.residuals, begun, strict=True)],
-        jacobians=[f.filter(j)[b] for f, j, b in zip(filters, at.jacobians, begun, strict=True)],
-    )
+    residuals, jacobians = zip(*white, strict=True)
+    return replace(at, residuals=residuals, jacobians=jacobians)
+
+
+def _filters(at: Optimum, draws: Sequence[Sequence[Experiment]]) -> list[Whitening]:
+    """What whitens the residual of every run, whose inputs carry noise such as the draws."""
+    return make_filters(_response(at, draws), at.residuals)
+
+
+def _draws(at: Optimum) -> list[list[Experiment]]:
+    """All runs, with noise added once for every draw."""
+    return [_draw(at, np.random.default_rng(seed)) for seed in range(_DRAWS)]
 
 
 def _draw(at: Optimum, rng: np.random.Generator) -> list[Experiment]:

@@ -125,13 +125,12 @@ class InputNoise:
 
     def _response(self, build: Build, eta: FloatArray) -> list[FloatArray]:
         """What a few draws of the noise make of the output of every experiment."""
-        plain = build(self.experiments, ())
-        base = [plain.basis(i, eta).known for i in range(len(self.experiments))]
-        series = []
-        for k in range(_FEW):
-            moved = build(self.add(k, 1.0), ())
-            series += [moved.basis(i, eta).known - known for i, known in enumerate(base)]
-        return series
+        base = _outputs(build, self.experiments, eta)
+        return [
+            moved - known
+            for k in range(_FEW)
+            for moved, known in zip(_outputs(build, self.add(k, 1.0), eta), base, strict=True)
+        ]
 
     def effect(self, build: Build, eta: FloatArray, errors: FloatArray) -> float:
         """Largest error of a parameter by the noise, in its standard errors, from a few draws.
@@ -175,6 +174,12 @@ class InputNoise:
         ratio = float(_RATIOS[best])
         spread = max(float(np.ptp(near)) / ratio, 0.2)
         return replace(self, sigma=ratio * self.sigma, relative=spread)
+
+
+def _outputs(build: Build, experiments: Sequence[Experiment], eta: FloatArray) -> list[FloatArray]:
+    """What a model makes of inputs, every experiment from rest."""
+    plain = build(experiments, ())
+    return [plain.basis(i, eta).known for i in range(len(experiments))]
 
 
 def make_filters(
@@ -337,7 +342,9 @@ def _correct(
     inverse = np.linalg.inv(curvature)
     each = np.array([target.solve(a.slope) for a in added])
     bias = each.mean(axis=0)
-    spread = _spread(noise, build, whitening, evaluate(problem, eta), base.curvature)
+    spread = base.curvature
+    if not now > leave:  # else another filter is to come
+        spread = _spread(noise, build, whitening, eta, spread)
     covariance = scale * inverse @ spread @ inverse
     covariance += np.outer(bias, bias) * noise.relative**2
     covariance += np.atleast_2d(np.cov(each.T)) / len(each)
@@ -345,7 +352,7 @@ def _correct(
 
 
 def _spread(
-    noise: InputNoise, build: Build, whitening: Sequence[Whitening], at: Solution,
+    noise: InputNoise, build: Build, whitening: Sequence[Whitening], eta: FloatArray,
     curvature: FloatArray,
 ) -> FloatArray:  # fmt: skip
     """Covariance of the score, of whitened residuals of variance one, shape ``(p, p)``.
@@ -355,20 +362,17 @@ def _spread(
     while the machine moves, which is when the derivatives are large. Draws of the noise of input
     and output, as :func:`make_filters` found them, show what that does.
     """
-
-    def outputs(experiments: Sequence[Experiment]) -> list[FloatArray]:
-        problem = build(experiments, ())
-        return [problem.basis(i, at.eta).known for i in range(len(experiments))]
-
-    base = outputs(noise.experiments)
-    up, down = (outputs(noise.add(0, sign)) for sign in (1.0, -1.0))
+    base = _outputs(build, noise.experiments, eta)
+    up, down = (_outputs(build, noise.add(0, sign), eta) for sign in (1.0, -1.0))
     if all(_adds_up(*three) for three in zip(base, up, down, strict=True)):
         return curvature
+    jacobian = evaluate(build(noise.experiments, whitening), eta).jacobian
     rng = np.random.default_rng(noise.seed)
-    scores, squares = np.zeros((_SPREAD, at.eta.size)), 0.0
+    scores, squares = np.zeros((_SPREAD, eta.size)), 0.0
     for k in range(_SPREAD):
-        moved = outputs(replace(noise, seed=noise.seed + 1 + k, pairs=1).add(0, 1.0))
-        for i, (f, j) in enumerate(zip(whitening, at.jacobian, strict=True)):
+        drawn = replace(noise, seed=noise.seed + 1 + k, pairs=1).add(0, 1.0)
+        moved = _outputs(build, drawn, eta)
+        for i, (f, j) in enumerate(zip(whitening, jacobian, strict=True)):
             white = f.filter(moved[i] - base[i] + f.white * rng.standard_normal(base[i].size))
             squares += float(white @ white)
             scores[k] += white @ j

@@ -87,6 +87,9 @@ class NamedModel:
         """Covariance of ``(eta, linear)`` at a solution."""
         if self.channels and len(self.channels[0]) > 1:
             return score_covariance(solution.jacobian, solution.residuals, self.channels)
+        readings = list(zip(self.measured, self.resolutions))
+        if self.weights:  # as the residuals are
+            readings = [(w * y, step) for w, (y, step) in zip(self.weights, readings)]
         return covariance(
             solution.jacobian,
             solution.residuals,
@@ -94,18 +97,8 @@ class NamedModel:
             robust=self.robust,
             sigma_floor=self.sigma_floor,
             small_sample=True,
-            readings=self._readings(),
+            readings=readings,
         )
-
-    def _readings(self) -> list[tuple[FloatArray, float]]:
-        """What was measured as residuals are weighed, and the step of its converter."""
-        if not self.resolutions:
-            return []
-        weights = self.weights or [1.0] * len(self.measured)
-        return [
-            (y if np.all(w == 1.0) else w * y, step)
-            for w, y, step in zip(weights, self.measured, self.resolutions)
-        ]
 
     def without_linear(self) -> NamedModel:
         """The same model with the linear parameters among the nonlinear ones, after them."""

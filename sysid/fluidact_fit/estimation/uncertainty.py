@@ -197,42 +197,38 @@ def _converter_middle(
     residuals: Sequence[FloatArray],
     readings: Sequence[tuple[FloatArray, float]],
     bread: FloatArray,
-    sigma: float,
+    noise: float,
     apart: bool,
-) -> FloatArray | None:
-    """``J' R J`` of the errors of a converter, shape ``(p, p)``; None if they are few.
+) -> FloatArray:
+    """``J' R J`` of the errors of a converter, shape ``(p, p)``, beside white noise.
 
     ``J' e`` over draws of where the signal ``s`` lies among the codes ``q``, with
     ``e = q round(s / q) - s``: the unknowns are moved as far as errors that are one for each code
     leave them uncertain, and the signal by a common part of a code. What is met again has its
     error again, other levels have others, and a signal that crosses the codes averages them. The
     signals of series that are ``apart``, each with an offset of its own, are moved by parts of
-    their own. ``bread`` is ``(J'J)^-1``.
+    their own. ``bread`` is ``(J'J)^-1``, ``noise`` the variance of the white noise.
 
     Of a signal that is shaken by noise within a code the readings are short; that of a lasting one
     is not, whatever noise of a regressor its residual holds.
     """
-    noise = sigma**2 - _step_variance(readings)
-    if not readings or _step_variance(readings) < 0.3 * sigma**2:
-        return None
-    if any(y.size != j.shape[0] for j, (y, _) in zip(jacobian, readings)):
-        return None
     p, samples = jacobian[0].shape[1], sum(y.size for y, _ in readings)
     rng = np.random.default_rng(0)
     tries = int(np.clip(_DRAWN // samples, *_TRIES))
     codes = _by_codes(jacobian, readings)
     away = rng.standard_normal((tries, codes.shape[0])) @ (codes @ bread)
     parts = rng.uniform(-0.5, 0.5, (tries, len(jacobian) if apart else 1))
+    parts = np.broadcast_to(parts, (tries, len(jacobian)))
     sums = np.zeros((tries, p))
     for i, (j, r, (y, step)) in enumerate(zip(jacobian, residuals, readings)):
         if not step > 0.0:
             continue
         signal, shaken = _signal(np.asarray(y), np.asarray(r))
-        size = np.sqrt(max(noise, 0.0)) * shaken
+        size = np.sqrt(noise) * shaken
         for at in blocks(y.size):
             rows = np.asarray(j[at])
             for k in range(tries):
-                moved = signal[at] + rows @ away[k] + step * parts[k, i if apart else 0]
+                moved = signal[at] + rows @ away[k] + step * parts[k, i]
                 moved += size[at] * rng.standard_normal(moved.size)
                 sums[k] += (step * np.round(moved / step) - moved) @ rows
     return np.asarray(sums.T @ sums / tries)
@@ -376,12 +372,15 @@ def covariance(
             variance *= max(sigma**2 / float(_ar_autocovariance(a, variance)[0]), 1.0)
             middle = variance * np.sum([_coloured_product(j, a) for j in jacobian], axis=0)
     total = sigma**2 * bread if middle is None else bread @ middle @ bread
-    if robust:
-        steps = _converter_middle(jacobian, residuals, readings, bread, sigma, local_unknowns > 0)
-        if steps is not None:
-            noise = max(sigma**2 - _step_variance(readings), 0.0)
-            held = bread @ (steps + noise * stacked.T @ stacked) @ bread
-            total = enlarge(total, np.diag(held))
+    coarse = _step_variance(readings)
+    whole = readings and all(y.size == j.shape[0] for j, (y, _) in zip(jacobian, readings))
+    if robust and whole and coarse >= 0.3 * sigma**2:
+        noise = max(sigma**2 - coarse, 0.0)
+        steps = _converter_middle(
+            jacobian, residuals, readings, bread, noise, apart=local_unknowns > 0
+        )
+        held = bread @ (steps + noise * stacked.T @ stacked) @ bread
+        total = enlarge(total, np.diag(held))
     total = _positive(total)
     if order and small_sample:
         effective = _effective(total, sigma**2 * bread, n)

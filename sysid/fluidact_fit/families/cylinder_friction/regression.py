@@ -231,6 +231,14 @@ class System:
         spread = sum(long_run(t - t.mean(axis=0)) for t in terms)
         return np.asarray(self._inverse @ spread @ self._inverse.T)
 
+    @cached_property
+    def _converter(self) -> float:
+        """Step of what logged the drive [N]; 0 where there was none, or nothing shows it."""
+        step = max(d.resolution for d in self.data)
+        if step > 0.0 or not all(d.driven for d in self.data):
+            return step
+        return common_step(np.unique(np.concatenate([d.reading for d in self.data])))
+
     def _covariance(
         self,
         jacobian: Sequence[FloatArray],
@@ -239,14 +247,13 @@ class System:
     ) -> Uncertainty:
         """Covariance from the residuals at some samples of every run, and their correlation."""
         columns, rest, readings = [], [], []
-        step = max(d.resolution for d in self.data)
-        if step == 0.0 and all(d.driven for d in self.data):
-            step = common_step(np.unique(np.concatenate([d.reading for d in self.data])))
         for d, j, r, at in zip(self.data, jacobian, residuals, samples):
             cuts = _stretches(at)
             columns += [part for part in np.split(j, cuts) if part.size]
             rest += [part for part in np.split(r, cuts) if part.size]
-            readings += [(part, step) for part in np.split(d.reading[at], cuts) if part.size]
+            readings += [
+                (part, self._converter) for part in np.split(d.reading[at], cuts) if part.size
+            ]
         timed = all(d.experiment.time.size for d in self.data)
         return covariance(columns, rest, robust=timed, small_sample=True, readings=readings)
 
