@@ -55,6 +55,8 @@ class Departure:
         the experiments and what simulates them near the fit. A channel without stays as it is.
     unit
         Of its size.
+    positive
+        Whether its size cannot be negative, as that of friction cannot.
     """
 
     name: str
@@ -62,6 +64,7 @@ class Departure:
     remedy: str
     response: Callable[[Sequence[Experiment], Simulate], Sequence[Mapping[str, FloatArray]]]
     unit: str = "1"
+    positive: bool = False
 
 
 @dataclass(frozen=True)

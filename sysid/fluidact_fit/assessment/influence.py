@@ -7,6 +7,7 @@ see :mod:`.leverage`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,10 +87,15 @@ def _notice(found: list[Sample], count: int, unit: str) -> Notice:
 
 def find_disagreeing_parts(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Compare the two halves of the data."""
-    jacobians, residuals, half = _halves(at)
+    (jacobians, residuals), half = _halves(at, [at.jacobians, at.residuals])
     if min(sum(r.size for r, h in zip(residuals, half) if h == k) for k in (0, 1)) < _FEWEST:
         return {}, []
-    drift = compare_logs(jacobians, residuals, half, at.names, _VAGUE * at.errors)[0][0]
+    compared = jacobians, residuals, half, at.names, _VAGUE * at.errors
+    drift = compare_logs(*compared)[0][0]
+    if _telling(at, drift):  # what a converter does takes longer to know, and excuses more
+        (measured,), _ = _halves(at, [at.measured])
+        steps = [s.resolution for s in at.series for _ in range(len(measured) // len(at.series))]
+        drift = compare_logs(*compared, list(zip(measured, steps, strict=True)))[0][0]
     entry = {
         "parameter": drift.parameter,
         "difference": drift.difference,
@@ -99,17 +105,18 @@ def find_disagreeing_parts(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     return {"halves": entry}, [_halves_notice(at, drift)] if _telling(at, drift) else []
 
 
-def _halves(at: Optimum) -> tuple[list[FloatArray], list[FloatArray], list[int]]:
-    """Derivatives and residuals of the parts, and which half each belongs to."""
+def _halves(
+    at: Optimum, tables: Sequence[Sequence[FloatArray]]
+) -> tuple[list[list[FloatArray]], list[int]]:
+    """The parts of tables of all series, and which half of the data each belongs to."""
     last = at.series[-1].run
     if last:
-        return list(at.jacobians), list(at.residuals), [int(2 * s.run > last) for s in at.series]
-    parts: list[list[FloatArray]] = [[], []]
-    for whole, halves in zip((at.jacobians, at.residuals), parts):
-        for rows in whole:
-            middle = rows.shape[0] // 2
-            halves += [rows[:middle], rows[middle:]]
-    return parts[0], parts[1], [0, 1] * len(at.series)
+        return [list(t) for t in tables], [int(2 * s.run > last) for s in at.series]
+    parts = []
+    for table in tables:
+        cuts = [(rows, rows.shape[0] // 2) for rows in table]
+        parts.append([part for rows, k in cuts for part in (rows[:k], rows[k:])])
+    return parts, [0, 1] * len(at.series)
 
 
 def _telling(at: Optimum, d: Drift) -> bool:

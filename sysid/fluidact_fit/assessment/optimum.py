@@ -60,6 +60,12 @@ class Series:
     scale: float = 1.0
     own_level: bool = False
 
+    @property
+    def resolution(self) -> float:
+        """Step of the converter, in parts of the scale; 0 where the channel was not logged."""
+        signal = self.experiment.signals.get(self.role)
+        return signal.resolution / self.scale if signal is not None else 0.0
+
 
 @dataclass(frozen=True)
 class Optimum:
@@ -179,6 +185,13 @@ class Optimum:
         runs = [found[s.run] for s in self.series]
         return [np.asarray(one.also.get(s.role, one.output), dtype=float)
                 for s, one in zip(self.series, runs, strict=True)]  # fmt: skip
+
+    @property
+    def measured(self) -> list[FloatArray]:
+        """What was measured of every series, as the residuals are, shape ``(n_i,)``."""
+        return [
+            r + all_of(s.simulated, s.used) / s.scale for s, r in zip(self.series, self.residuals)
+        ]
 
     @cached_property
     def influence(self) -> Influence | None:

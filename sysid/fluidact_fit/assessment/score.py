@@ -33,7 +33,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.least_squares import scaled_least_squares
+from ..estimation.least_squares import explain, scaled_least_squares
 from ..estimation.uncertainty import covariance
 from ..experiment import FloatArray
 from .beside import Beside
@@ -42,7 +42,8 @@ from .optimum import LEAST, Optimum
 
 _SIGNIFICANT = 3.0, 4.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
-_MISLEADS = 3.0  # of them from which fewer standard errors of the term are enough
+_ONE_SIDED = 0.2  # fewer standard errors are as rare where one sign alone is possible
+_NOTED = 0.01  # part of its value by which one would, that asks for the first of them only
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
 
 
@@ -56,7 +57,7 @@ class Term:
     parameter by more than ``least``, in parts of its value. ``instruments`` are the directions by
     what stands in for noisy inputs; empty where the columns know nothing of the noise. Where the
     residual itself has chosen the direction out of several, ``chosen`` is their number: by chance
-    it then has as much of it as of all of them.
+    it then has as much of it as of all of them. ``positive`` ones cannot be negative.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Term:
     least: float = LEAST
     instruments: Sequence[FloatArray] = ()
     chosen: int = 1
+    positive: bool = False
 
 
 @dataclass(frozen=True)
@@ -89,28 +91,25 @@ class Score:
     share: float
 
     @property
-    def least(self) -> float:
-        """Standard errors of the term from which it counts.
-
-        Fewer than else where it would move a parameter by far: what passes then misleads more,
-        and few terms are so nearly one of the parameters that chance does it.
-        """
-        moved = max(abs(self.errors), 1e-300)
-        return float(np.clip(_MISLEADS * abs(self.deviations) / moved, *_SIGNIFICANT))
+    def significant(self) -> float:
+        """Standard errors of the term from which it counts: fewer where it would change much."""
+        impossible = self.term.positive and self.size < 0.0
+        level = _SIGNIFICANT[0 if self.share > _NOTED and not impossible else 1]
+        return level - _ONE_SIDED if self.term.positive and not impossible else level
 
     @property
     def unseen(self) -> dict[str, float]:
         """How large the term could be without being significant, and what it would then move."""
         if not self.size or not self.deviations:
             return {}
-        size = min(self.least * abs(self.size / self.deviations), self.term.most)
+        size = min(self.significant * abs(self.size / self.deviations), self.term.most)
         return {"unseen_size": size, "unseen_shift": size * abs(self.shift / self.size)}
 
     @property
     def telling(self) -> bool:
         """Whether the term is there, and matters."""
         possible = abs(self.size) <= self.term.most and self.share >= self.term.least
-        return possible and abs(self.deviations) > self.least and abs(self.errors) > _MATTERS
+        return possible and abs(self.deviations) > self.significant and abs(self.errors) > _MATTERS
 
 
 def judge_term(at: Optimum, term: Term) -> Score | None:
@@ -225,9 +224,7 @@ def _instrumented(at: Optimum, term: Term, beside: Beside) -> tuple[FloatArray, 
     instruments = np.vstack(at.represented(term.instruments or term.columns).tables)[:, :-1]
     if not np.all(np.isfinite(instruments)):
         return None
-    size = np.linalg.norm(instruments, axis=0)
-    scaled = instruments / np.where(size > 0.0, size, 1.0)
-    projected = scaled @ np.linalg.lstsq(scaled, columns, rcond=1e-12)[0]
+    projected = instruments @ explain(columns, instruments)
     if not _own(np.asarray(np.linalg.qr(projected, mode="r"))):
         return None
     x = scaled_least_squares(projected, residual)

@@ -196,10 +196,14 @@ def _departures(at: Optimum) -> Iterator[Term]:
             else np.zeros(int(s.used.sum()))
             for s in at.series
         ]
-        yield Term(d.name, d.unit, partial(_departed, d), d.remedy, columns)
+        yield Term(
+            d.name, d.unit, partial(_departed, d), d.remedy, columns, positive=d.positive
+        )
 
 
 def _departed(departure: Departure, size: float) -> str:
+    if departure.positive and size < 0.0:
+        return f"{departure.name} were {size:.3g} {departure.unit}, which cannot be"
     return departure.words
 
 

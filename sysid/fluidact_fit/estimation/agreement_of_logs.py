@@ -53,6 +53,7 @@ def compare_logs(
     logs: Sequence[int],
     names: Sequence[str],
     largest: FloatArray | None = None,
+    readings: Sequence[tuple[FloatArray, float]] = (),
 ) -> tuple[list[Drift], dict[int, float]]:
     """Drift of every log in every parameter, and the error of each predicted by the others.
 
@@ -67,6 +68,9 @@ def compare_logs(
     largest
         Standard error of a difference, shape ``(p,)``, above which it says nothing: a log
         that hardly determines a parameter is linear in it over its own noise only.
+    readings
+        As in :func:`.uncertainty.covariance`: the errors of a converter are not noise. Those of
+        logs with the same levels are alike and are taken for independent, which is cautious.
 
     Returns
     -------
@@ -78,7 +82,7 @@ def compare_logs(
         Root-mean-square error of every log predicted from all the others; of two none.
     """
     every = list(dict.fromkeys(logs))
-    parts = {k: _part(jacobian, residuals, logs, k) for k in every}
+    parts = {k: _part(jacobian, residuals, readings, logs, k) for k in every}
     left_out = {k: _predicted_error(parts, k) for k in every} if len(every) > 2 else {}
     drifts: list[Drift] = []
     rest = dict(parts)
@@ -96,13 +100,18 @@ def compare_logs(
 
 
 def _part(
-    jacobian: Sequence[FloatArray], residuals: Sequence[FloatArray], logs: Sequence[int], k: int
+    jacobian: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+    readings: Sequence[tuple[FloatArray, float]],
+    logs: Sequence[int],
+    k: int,
 ) -> _Part:
     js = [j for j, log in zip(jacobian, logs) if log == k]
     rs = [r for r, log in zip(residuals, logs) if log == k]
+    ys = [y for y, log in zip(readings, logs) if log == k]
     squares, scores = zip(*(products(j, r) for j, r in zip(js, rs)))
     information, score = np.sum(squares, axis=0), np.sum(scores, axis=0)
-    return _Part(information, score, covariance(js, rs).covariance, js, rs)
+    return _Part(information, score, covariance(js, rs, readings=ys).covariance, js, rs)
 
 
 def _pooled(parts: dict[int, _Part], k: int) -> tuple[list[_Part], FloatArray, FloatArray]:

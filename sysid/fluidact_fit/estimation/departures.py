@@ -28,6 +28,7 @@ def soft_edges(plant: Plant[Any], role: str, edges: tuple[float, float]) -> Depa
         "commands of the logs only, or fit commands far from the edges by themselves.",
         partial(_softened, plant, role, edges),
         plant.variant.role(role).unit,
+        positive=True,
     )
 
 

@@ -35,6 +35,7 @@ def other_losses(plant: Plant[Any]) -> list[Departure]:
         "speeds by itself, or look for a bore or a fitting that throttles.",
         partial(_lossy, _throttled, plant),
         "N s2/m2",
+        positive=True,
     )
     if "stiffness" in plant.values:  # friction and spring: see the spring cylinder
         return [turbulent]
@@ -46,6 +47,7 @@ def other_losses(plant: Plant[Any]) -> list[Departure]:
         "that knows friction (fluidact-fit families).",
         partial(_lossy, _rubbed, plant),
         plant.variant.role("force").unit,
+        positive=True,
     )
     return [turbulent, dry]
 
