@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from fluidact_fit.estimation.uncertainty import covariance, score_covariance
+from fluidact_fit.estimation.uncertainty import _most_noise, covariance, score_covariance
 
 
 @pytest.mark.parametrize("samples", [1, 3, 4])
@@ -79,3 +79,29 @@ def test_a_signal_that_crosses_the_codes_averages_the_converter_error(step: floa
     moving = np.sin(2.0 * np.pi * 0.7 * t) + 0.5 * np.sin(2.0 * np.pi * 0.31 * t + 1.0)
     found = _deviations(moving, step)
     assert np.all((found > 0.7) & (found < 1.2))
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.3, 0.6])
+def test_the_longest_reading_bounds_the_noise(noise):
+    rng = np.random.default_rng(4)
+    signal = np.repeat(rng.uniform(0.0, 10.0, 8), 150) + noise * rng.standard_normal(1200)
+    readings = [(0.5 * np.round(signal), 0.5)]
+    bound = _most_noise(readings)
+    assert 0.5 * noise < bound < 2.0 * 0.5 * max(noise, 0.13)
+
+
+def test_a_level_on_an_edge_between_codes_is_not_averaged():
+    """Noise of a twentieth of a code flips its readings; their mean is off by up to half a code."""
+    rng = np.random.default_rng(5)
+    errors, claimed = [], []
+    for _ in range(100):
+        levels = np.repeat([0.5 + 0.03 * rng.standard_normal(), 3.5 + rng.uniform(-0.5, 0.5)], 300)
+        shaken = levels + 0.05 * rng.standard_normal(600) + 0.2 * rng.standard_normal(600)
+        y = np.round(levels + 0.05 * rng.standard_normal(600))
+        columns = np.column_stack((levels < 2.0, levels > 2.0)).astype(float)
+        values = np.array([y[:300].mean(), y[300:].mean()])
+        errors.append(values[0] - levels[0])
+        r = y - columns @ values + shaken - levels  # noise of a regressor is in the residual
+        found = covariance([columns], [r], readings=[(y, 1.0)])
+        claimed.append(np.sqrt(found.covariance[0, 0]))
+    assert np.median(claimed) > 0.5 * np.std(errors)

@@ -196,9 +196,7 @@ def _departures(at: Optimum) -> Iterator[Term]:
             else np.zeros(int(s.used.sum()))
             for s in at.series
         ]
-        yield Term(
-            d.name, d.unit, partial(_departed, d), d.remedy, columns, positive=d.positive
-        )
+        yield Term(d.name, d.unit, partial(_departed, d), d.remedy, columns, positive=d.positive)
 
 
 def _departed(departure: Departure, size: float) -> str:

@@ -30,7 +30,9 @@ from .recursion import run_recursion
 _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 _LASTING = 12  # samples of a reading that no noise shakes
 _TRIES = (20, 200)  # draws of where a signal lies among the codes, fewest and most
-_DRAWN = 10_000_000  # samples of all draws, as long as these are not the fewest
+_NEAR = 5  # samples that a signal hardly changes over
+_TURNS = 20  # of an iteration that halves its error
+_DRAWN = 5_000_000  # samples of all draws, as long as these are not the fewest
 _BENDS = 9.0  # times what noise gives, that a slope or bow of a residual has to be
 
 
@@ -199,52 +201,80 @@ def _converter_middle(
     bread: FloatArray,
     noise: float,
     apart: bool,
+    mirrored: bool,
 ) -> FloatArray:
     """``J' R J`` of the errors of a converter, shape ``(p, p)``, beside white noise.
 
     ``J' e`` over draws of where the signal ``s`` lies among the codes ``q``, with
     ``e = q round(s / q) - s``: the unknowns are moved as far as errors that are one for each code
     leave them uncertain, and the signal by a common part of a code. What is met again has its
-    error again, other levels have others, and a signal that crosses the codes averages them. The
-    signals of series that are ``apart``, each with an offset of its own, are moved by parts of
+    error again, other levels have others, and a signal that crosses the codes averages them. A
+    machine that is alike both ways is read alike both ways, its errors ``mirrored`` at zero.
+    The signals of series that are ``apart``, each with an offset of its own, are moved by parts of
     their own. ``bread`` is ``(J'J)^-1``, ``noise`` the variance of the white noise.
 
-    Of a signal that is shaken by noise within a code the readings are short; that of a lasting one
-    is not, whatever noise of a regressor its residual holds.
+    Of a signal that is shaken by noise within a code the readings are short; that of a lasting
+    one is not, whatever noise of a regressor its residual holds. The longest reading says how much
+    noise there can be: a signal on an edge between two codes is as wrong by the mean of both.
     """
     p, samples = jacobian[0].shape[1], sum(y.size for y, _ in readings)
     rng = np.random.default_rng(0)
     tries = int(np.clip(_DRAWN // samples, *_TRIES))
-    codes = _by_codes(jacobian, readings)
+    codes = _by_codes(jacobian, readings, mirrored)
     away = rng.standard_normal((tries, codes.shape[0])) @ (codes @ bread)
     parts = rng.uniform(-0.5, 0.5, (tries, len(jacobian) if apart else 1))
     parts = np.broadcast_to(parts, (tries, len(jacobian)))
+    sizes, most = np.full(tries, np.sqrt(noise)), _most_noise(readings)
+    if most < sizes[0]:
+        sizes = most * rng.uniform(size=tries)
     sums = np.zeros((tries, p))
     for i, (j, r, (y, step)) in enumerate(zip(jacobian, residuals, readings)):
         if not step > 0.0:
             continue
         signal, shaken = _signal(np.asarray(y), np.asarray(r))
-        size = np.sqrt(noise) * shaken
         for at in blocks(y.size):
-            rows = np.asarray(j[at])
+            rows, sides = np.asarray(j[at]), step * (np.sign(y[at]) if mirrored else 1.0)
             for k in range(tries):
-                moved = signal[at] + rows @ away[k] + step * parts[k, i]
-                moved += size[at] * rng.standard_normal(moved.size)
+                moved = signal[at] + rows @ away[k] + parts[k, i] * sides
+                moved += sizes[k] * shaken[at] * rng.standard_normal(moved.size)
                 sums[k] += (step * np.round(moved / step) - moved) @ rows
     return np.asarray(sums.T @ sums / tries)
 
 
+def _most_noise(readings: Sequence[tuple[FloatArray, float]]) -> float:
+    """Standard deviation of noise behind which the longest reading is hardly as long (5 %).
+
+    In the middle of a code a reading of ``l`` samples comes some ``n (1 - p) p^l`` times, ``p`` the
+    probability that noise leaves it there.
+    """
+    from scipy.special import ndtri
+
+    samples, longest, step = sum(y.size for y, _ in readings), 0, 0.0
+    for y, own in readings:
+        ends = np.flatnonzero(np.diff(y, prepend=np.nan, append=np.nan))
+        longest, step = max(longest, int(np.diff(ends).max(initial=0))), max(step, own)
+    stays = 0.5
+    for _ in range(_TURNS):
+        stays = min((0.05 / (samples * (1.0 - stays))) ** (1.0 / max(longest, 1)), 1.0 - 1e-9)
+    return -0.5 * step / float(ndtri(0.5 * (1.0 - stays)))
+
+
 def _by_codes(
-    jacobian: Sequence[FloatArray], readings: Sequence[tuple[FloatArray, float]]
+    jacobian: Sequence[FloatArray], readings: Sequence[tuple[FloatArray, float]], mirrored: bool
 ) -> FloatArray:
-    """Sums of the derivatives over all samples of a code, times the size of its error, (k, p)."""
-    values = np.unique(np.concatenate([np.unique(y) for y, _ in readings]))
+    """Sums of the derivatives over all samples of a code, times the size of its error, (k, p).
+
+    ``mirrored``: a code below zero has the error of the one above, with the sign changed.
+    """
+    size = np.abs if mirrored else np.asarray
+    values = np.unique(np.concatenate([np.unique(size(y)) for y, _ in readings]))
     sums = np.zeros((values.size, jacobian[0].shape[1]))
     for j, (y, step) in zip(jacobian, readings):
         for at in blocks(y.size):
-            which, rows = np.searchsorted(values, y[at]), np.asarray(j[at])
+            which, rows = np.searchsorted(values, size(y[at])), np.asarray(j[at])
+            weights = step * np.sign(y[at]) if mirrored else np.full(which.size, step)
             for k in range(rows.shape[1]):
-                sums[:, k] += np.bincount(which, rows[:, k], values.size) * step
+                sums[:, k] += np.bincount(which, weights * rows[:, k], values.size)
     return sums / np.sqrt(12.0)
 
 
@@ -272,7 +302,9 @@ def _signal(y: FloatArray, r: FloatArray) -> tuple[FloatArray, BoolArray]:
         seen = slope**2 * size > _BENDS * left / np.maximum(lengths - 3, 1)
         curve += np.where(seen, slope, 0.0)[which] * column
     short = (lengths < _LASTING)[which]
-    return y - np.where(short, r, curve), short
+    near = np.ones(_NEAR)  # noise of a regressor is in the residual, and not in the signal
+    smooth = np.convolve(y - r, near, "same") / np.convolve(np.ones(y.size), near, "same")
+    return np.where(short, smooth, y - curve), short
 
 
 def enlarge(matrix: FloatArray, variances: FloatArray) -> FloatArray:
@@ -372,20 +404,21 @@ def covariance(
             variance *= max(sigma**2 / float(_ar_autocovariance(a, variance)[0]), 1.0)
             middle = variance * np.sum([_coloured_product(j, a) for j in jacobian], axis=0)
     total = sigma**2 * bread if middle is None else bread @ middle @ bread
-    coarse = _step_variance(readings)
-    whole = readings and all(y.size == j.shape[0] for j, (y, _) in zip(jacobian, readings))
-    if robust and whole and coarse >= 0.3 * sigma**2:
-        noise = max(sigma**2 - coarse, 0.0)
-        steps = _converter_middle(
-            jacobian, residuals, readings, bread, noise, apart=local_unknowns > 0
-        )
-        held = bread @ (steps + noise * stacked.T @ stacked) @ bread
-        total = enlarge(total, np.diag(held))
     total = _positive(total)
     if order and small_sample:
         effective = _effective(total, sigma**2 * bread, n)
         total *= effective / max(effective - 3.0 * p - 2.0, 0.25 * effective)
         degrees = max(int(min(effective, independent)) - p, 1)
+    coarse = _step_variance(readings)
+    whole = readings and all(y.size == j.shape[0] for j, (y, _) in zip(jacobian, readings))
+    if robust and whole and coarse >= 0.3 * sigma**2:
+        noise = max(sigma**2 - coarse, 0.0)
+        for mirrored in (False, True):  # what the machine is like nobody knows
+            steps = _converter_middle(
+                jacobian, residuals, readings, bread, noise, local_unknowns > 0, mirrored
+            )
+            held = bread @ (steps + noise * stacked.T @ stacked) @ bread
+            total = enlarge(total, np.diag(held))
     total[blind, blind] = np.inf
     return Uncertainty(total, degrees, float(sigma), order, independent)
 
