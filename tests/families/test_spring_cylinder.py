@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from studies.red_team.attacks import spring_cylinder
+from studies.red_team.run import Result, run
 
 import fluidact_fit as ff
 from dataset_fits import fit_dataset
@@ -238,3 +240,23 @@ def test_the_window_of_the_velocity_does_not_flatten_it(pace: float, noise: floa
     assert abs(share - 1.0) < least + 4.0 * uncertain
     error = np.std((found.rate - truth)[inside])
     assert error < 1.2 * noise * found.gain + least * np.std(truth)
+
+
+def of_a_noisy_rise(noise: str, repetition: int, seed: int) -> Result:
+    """A recording whose friction rises by 2 N towards rest, beside noise of its motion."""
+    name = f"2 N, 4 mm/s, noise of the {noise}"
+    (attack,) = (a for a in spring_cylinder.attacks() if a.name == name)
+    return run(attack, repetition, seed)
+
+
+def test_noise_of_the_speed_does_not_shift_a_rise() -> None:
+    """Its error is skew through the curve; Huber's weights took 0.3 standard errors off."""
+    found = [of_a_noisy_rise("velocity, 1 mm/s", k, 1618) for k in range(40)]
+    for name in ("stribeck", "stribeck_speed"):
+        deviations = [one.errors[name].deviations for one in found]
+        assert abs(np.mean(deviations)) < 2.0 / np.sqrt(40)
+
+
+def test_a_rise_about_too_high_a_level_is_not_settled() -> None:
+    """The speed had hardly moved beside a level of a million newtons: 5 mm/s +- 1 nm/s."""
+    assert "stribeck_speed" not in of_a_noisy_rise("position, 0.1 mm", 90, 77).errors

@@ -45,12 +45,12 @@ from .data import Run
 from .equation import GAINS, LEVELS
 from .options import SpringOptions
 
-_HUBER = 2.5  # threshold in robust standard deviations
+_HUBER = 2.5, 4.0  # threshold in robust standard deviations: of even and of skew errors
 _BIASED = 0.3  # standard errors of bias by noise of a column from which instruments are used
 SPIKE = 8.0  # robust standard deviations beyond which a lone sample counts as a spike
 _ENOUGH = 4000  # samples on which the Stribeck speed is searched for
 _STEPS = 12  # from one Stribeck speed to the next
-_SETTLED = 1e-3  # relative change of the Stribeck speed at which they end
+_SETTLED = 1e-3  # relative change of level and speed at which they end
 _SENSIBLE = 2.0  # half-width of an interval, relative to the value, beyond which it is useless
 
 
@@ -173,6 +173,20 @@ class _System:
         force = np.concatenate([d.force[d.kept] for d in runs])
         return a[:, : len(names)], force - a @ known
 
+    @property
+    def _blurred(self) -> bool:
+        """Whether noise of the speed is in a Stribeck term."""
+        return "stribeck" in self.names and bool(speed_noise(self.runs))
+
+    @property
+    def _robust(self) -> tuple[float, float, float]:
+        """Threshold of Huber's weights, least scale and least distance of a spike [N].
+
+        Through the curve of a Stribeck term noise of the speed has a skew error, of mean zero:
+        weights that cut the longer tail would shift what is estimated.
+        """
+        return (_HUBER[1 if self._blurred else 0], *self.least)
+
     def solve(self) -> Regression:
         """Solve, about one Stribeck speed after the other where that is unknown."""
         rise = self._start()
@@ -185,7 +199,9 @@ class _System:
             # no further at once than where the term is still the same one
             speed = float(np.clip(speed, 0.6 * rise.speed, 1.6 * rise.speed))
             speed = float(np.clip(speed, 0.5 * low, 2.0 * high))
-            if abs(speed - rise.speed) < _SETTLED * speed:
+            # about too high a level the speed hardly moves, and would seem to be known well
+            off = abs(speed - rise.speed) / speed, abs(level - rise.level) / max(abs(level), 1e-300)
+            if max(off) < _SETTLED:
                 break
             rise = Rise(level, speed)
             found = self._about(rise)
@@ -201,7 +217,7 @@ class _System:
         def solve(speed: float) -> tuple[float, float]:
             """Squared mean size of the residuals [N2], which spikes hardly change, and level."""
             a, y = (x[thin] for x in self.equations(Rise(0.0, speed, exponent), names))
-            best = _reweighted(a, a, y, self.least)
+            best = _reweighted(a, a, y, self._robust)
             level = {**self.held, **dict(zip(names, best.values.tolist()))}["stribeck"]
             return float(np.mean(np.abs(y - a @ best.values))) ** 2, level
 
@@ -224,12 +240,14 @@ class _System:
             rests = np.split(root * residual, cuts)
             return self._spread(rows, rests, timed)
 
-        best = _reweighted(a, a, y, self.least)
+        best = _reweighted(a, a, y, self._robust)
         found = spread(best)
         errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
         biased = bool(np.any(np.abs(self._bias(rise, a, best)) > _BIASED * errors))
         if biased:
-            best = _reweighted(a, self.equations(rise, self.names, instead=True)[0], y, self.least)
+            best = _reweighted(
+                a, self.equations(rise, self.names, instead=True)[0], y, self._robust
+            )
             found = _reaching(spread(best), best, a, y)
         values = dict(zip(self.names, best.values.tolist()))
         if "stribeck_speed" in values:
@@ -250,7 +268,7 @@ class _System:
         its parameters are told: the residual has not the same variance everywhere.
         """
         found = covariance(rows, rests, robust=timed)
-        if "stribeck" not in self.names or not speed_noise(self.runs):
+        if not self._blurred:
             return found
         scores = score_covariance(rows, rests, [[slice(0, r.size)] for r in rests])
         return replace(found, covariance=enlarge(found.covariance, np.diag(scores.covariance)))
@@ -288,12 +306,15 @@ def _reaching(found: Uncertainty, best: _Robust, a: FloatArray, y: FloatArray) -
     return replace(found, covariance=enlarge(found.covariance, variances))
 
 
-def _reweighted(a: FloatArray, z: FloatArray, y: FloatArray, least: tuple[float, float]) -> _Robust:
+def _reweighted(
+    a: FloatArray, z: FloatArray, y: FloatArray, robust: tuple[float, float, float]
+) -> _Robust:
     """Huber regression by iterated reweighting [1]_; lone spikes get no weight at all.
 
     ``z`` are the instruments of the columns ``a``, both ``(n, p)``: with their own columns as
     instruments this is least squares, else two-stage least squares.
     """
+    threshold, least, spike = robust
     norm = np.linalg.norm(a, axis=0)
     norm[norm == 0.0] = 1.0
     size_z = np.linalg.norm(z, axis=0)
@@ -306,9 +327,9 @@ def _reweighted(a: FloatArray, z: FloatArray, y: FloatArray, least: tuple[float,
             columns = z / size_z @ first
         now = np.linalg.lstsq(root * columns / norm, root[:, 0] * y, rcond=1e-12)[0] / norm
         size = np.abs(y - a @ now)
-        scale = max(1.4826 * float(np.median(size)), least[0])
-        limit = max(SPIKE * scale, least[1])
-        weight = np.minimum(1.0, _HUBER * scale / np.maximum(size, 1e-300))
+        scale = max(1.4826 * float(np.median(size)), least)
+        limit = max(SPIKE * scale, spike)
+        weight = np.minimum(1.0, threshold * scale / np.maximum(size, 1e-300))
         weight[size > limit] = 0.0
         done = np.all(np.abs(now - p) <= 1e-10 * (np.abs(now) + scale / norm))
         p = now
