@@ -105,3 +105,12 @@ def test_a_level_on_an_edge_between_codes_is_not_averaged():
         found = covariance([columns], [r], readings=[(y, 1.0)])
         claimed.append(np.sqrt(found.covariance[0, 0]))
     assert np.median(claimed) > 0.5 * np.std(errors)
+
+
+def test_stretches_of_a_few_samples_have_errors_of_the_converter_too():
+    rng = np.random.default_rng(6)
+    sizes = [1, 2, 3, 4, 300]
+    y = [np.round(rng.uniform(0.0, 5.0, n)) for n in sizes]
+    rest = [rng.uniform(-0.5, 0.5, n) for n in sizes]
+    found = covariance([np.ones((n, 1)) for n in sizes], rest, readings=[(r, 1.0) for r in y])
+    assert 0.0 < found.covariance[0, 0] < np.inf

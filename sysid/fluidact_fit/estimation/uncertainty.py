@@ -31,7 +31,7 @@ _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 _LASTING = 12  # samples of a reading that no noise shakes
 _TRIES = (20, 200)  # draws of where a signal lies among the codes, fewest and most
 _NEAR = 5  # samples that a signal hardly changes over
-_TURNS = 20  # of an iteration that halves its error
+_TURNS = 20  # of an iteration whose error soon is far below what matters
 _DRAWN = 5_000_000  # samples of all draws, as long as these are not the fewest
 _BENDS = 9.0  # times what noise gives, that a slope or bow of a residual has to be
 
@@ -302,7 +302,8 @@ def _signal(y: FloatArray, r: FloatArray) -> tuple[FloatArray, BoolArray]:
         seen = slope**2 * size > _BENDS * left / np.maximum(lengths - 3, 1)
         curve += np.where(seen, slope, 0.0)[which] * column
     short = (lengths < _LASTING)[which]
-    near = np.ones(_NEAR)  # noise of a regressor is in the residual, and not in the signal
+    # noise of a regressor is in the residual, and not in the signal
+    near = np.ones(min(_NEAR, y.size))
     smooth = np.convolve(y - r, near, "same") / np.convolve(np.ones(y.size), near, "same")
     return np.where(short, smooth, y - curve), short
 
