@@ -70,8 +70,8 @@ and fitted many times, each with other noise.
 Intervals that hold more often than they say: a drive that is rounded to a thousandth of its range
 and moves on straight lines may have been rounded in the machine or in the record, and the interval
 allows for the second (ball screw with lost rows; taken as exact, 87 to 97 % of 30 held). Errors of
-a coarse and quiet converter are bounded, not normal. Less often: levels of strokes behind one,
-nearly all warned of (89 %), and a Stribeck speed beside a noisy velocity (91 %).
+a coarse and quiet converter are bounded, not normal. Less often: a Stribeck speed beside a noisy
+velocity (91 %, counted while Huber's weights shifted it).
 
 | attack | runs | quiet | parameter | estimated | held | held, quiet | error / bound |
 |---|---|---|---|---|---|---|---|

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from functools import partial
+from types import ModuleType
 
 import numpy as np
 import pytest
-from studies.red_team.attack import Attack
 from studies.red_team.attacks import hydraulic_motor, hydrostatic, line, spring_cylinder
 
 import fluidact_fit as ff
+from attack_finder import find_attack
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
-
-
-def find(module: object, group: str, name: str) -> Attack:
-    (found,) = (a for a in module.attacks() if (a.group, a.name) == (group, name))  # type: ignore[attr-defined]
-    return found
 
 
 @pytest.mark.parametrize(
@@ -44,9 +40,9 @@ def find(module: object, group: str, name: str) -> Attack:
     ],
 )
 def test_a_channel_that_is_not_straight_is_named(
-    module: object, group: str, name: str, words: str
+    module: ModuleType, group: str, name: str, words: str
 ) -> None:
-    attack = find(module, group, name)
+    attack = find_attack(module, group, name)
     (recording,) = attack.record(np.random.default_rng(31))
     found = ff.fit(attack.family, recording)
     said = [n.message for n in found.notices if n.code == "unmodelled-response"]
@@ -55,18 +51,20 @@ def test_a_channel_that_is_not_straight_is_named(
 
 
 @pytest.mark.parametrize(
-    ("module", "group", "name"),
+    ("module", "group", "name", "by_chance"),
     [
-        (line, "right model", "smooth"),
-        (spring_cylinder, "right model", "command"),
-        (hydraulic_motor, "right model", "stairs"),
+        (line, "right model", "smooth", 0),
+        (spring_cylinder, "right model", "command", 0),
+        (hydraulic_motor, "right model", "stairs", 1),
     ],
 )
-def test_straight_channels_are_not(module: object, group: str, name: str) -> None:
-    """By chance one recording in fifty has as much of some term."""
-    attack = find(module, group, name)
+def test_straight_channels_are_not(
+    module: ModuleType, group: str, name: str, by_chance: int
+) -> None:
+    """By chance one recording in fifty has as much of some term (here at 3.02 errors of it)."""
+    attack = find_attack(module, group, name)
     recordings = (attack.record(np.random.default_rng([31, seed]))[0] for seed in range(6))
-    assert sum(ff.fit(attack.family, r).verdict != "pass" for r in recordings) <= 1
+    assert sum(ff.fit(attack.family, r).verdict != "pass" for r in recordings) <= by_chance
 
 
 @pytest.mark.parametrize(
@@ -79,9 +77,9 @@ def test_straight_channels_are_not(module: object, group: str, name: str) -> Non
     ],
 )  # fmt: skip
 def test_the_size_of_a_departure_has_its_unit(
-    module: object, group: str, name: str, term: str, unit: str, size: float
+    module: ModuleType, group: str, name: str, term: str, unit: str, size: float
 ) -> None:
-    attack = find(module, group, name)
+    attack = find_attack(module, group, name)
     (recording,) = attack.record(np.random.default_rng(31))
     row = ff.fit(attack.family, recording).document.fit.details["missing_response"][term]
     assert row["unit"] == unit
@@ -122,7 +120,7 @@ def test_what_a_small_delay_would_do_stands_in_the_file() -> None:
 
     The lag that would not show covers the one that is there, and so does its effect.
     """
-    attack = find(spring_cylinder, "recording", "valve behind by 10 ms")
+    attack = find_attack(spring_cylinder, "recording", "valve behind by 10 ms")
     (recording,) = attack.record(np.random.default_rng(31))
     found = ff.fit(attack.family, recording)
     row = found.document.fit.details["missing_response"]["lag of 2 samples"]
@@ -134,7 +132,7 @@ def test_what_a_small_delay_would_do_stands_in_the_file() -> None:
 
 def test_part_of_a_long_log_shows_what_is_always_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same terms, of the same size within their errors, from half of the rows."""
-    attack = find(hydraulic_motor, "valve of another shape", "saturates by and by")
+    attack = find_attack(hydraulic_motor, "valve of another shape", "saturates by and by")
     (recording,) = attack.record(np.random.default_rng(31))
     whole = ff.fit(attack.family, recording)
     monkeypatch.setattr(type(get_family(attack.family)), "examined", 750)

@@ -13,6 +13,7 @@ from studies.red_team.attacks import spring_cylinder
 from studies.red_team.run import Result, run
 
 import fluidact_fit as ff
+from attack_finder import find_attack
 from dataset_fits import fit_dataset
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
@@ -245,8 +246,7 @@ def test_the_window_of_the_velocity_does_not_flatten_it(pace: float, noise: floa
 def of_a_noisy_rise(noise: str, repetition: int, seed: int) -> Result:
     """A recording whose friction rises by 2 N towards rest, beside noise of its motion."""
     name = f"2 N, 4 mm/s, noise of the {noise}"
-    (attack,) = (a for a in spring_cylinder.attacks() if a.name == name)
-    return run(attack, repetition, seed)
+    return run(find_attack(spring_cylinder, "Stribeck asked for", name), repetition, seed)
 
 
 def test_noise_of_the_speed_does_not_shift_a_rise() -> None:

@@ -93,9 +93,10 @@ class Score:
     @property
     def significant(self) -> float:
         """Standard errors of the term from which it counts: fewer where it would change much."""
-        impossible = self.term.positive and self.size < 0.0
-        level = _SIGNIFICANT[0 if self.share > _NOTED and not impossible else 1]
-        return level - _ONE_SIDED if self.term.positive and not impossible else level
+        few, many = _SIGNIFICANT
+        if self.term.positive and self.size < 0.0:
+            return many
+        return (few if self.share > _NOTED else many) - _ONE_SIDED * self.term.positive
 
     @property
     def unseen(self) -> dict[str, float]:

@@ -201,14 +201,18 @@ def _departures(at: Optimum) -> Iterator[Term]:
 
 def _departed(departure: Departure, size: float) -> str:
     if departure.positive and size < 0.0:
-        return f"{departure.name} were {size:.3g} {departure.unit}, which cannot be"
+        return _impossible(departure.name, size, departure.unit)
     return departure.words
+
+
+def _impossible(name: str, value: float, unit: str) -> str:
+    return f"{name} were {value:.3g} {unit}, which cannot be"
 
 
 def _instead(spec: ParameterSpec, value: float, change: float) -> str:
     """What another value of a parameter would be."""
     if not spec.minimum <= value + change <= spec.maximum:
-        return f"{spec.name} were {value + change:.3g} {spec.unit}, which cannot be"
+        return _impossible(spec.name, value + change, spec.unit)
     return f"{spec.name} is about {value + change:.3g} {spec.unit} instead of {value:.3g}"
 
 
