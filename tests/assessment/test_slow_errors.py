@@ -10,7 +10,7 @@ from studies.red_team.attacks import cylinder_friction as friction
 from studies.red_team.attacks import input_noise
 
 import fluidact_fit as ff
-from fluidact_fit.assessment.independence import fewest_independent
+from fluidact_fit.assessment.independence import errors_by_blocks, fewest_independent
 from fluidact_fit.estimation.uncertainty import covariance
 
 
@@ -42,6 +42,19 @@ def test_noise_of_the_force_that_a_piston_adds_up_is_not() -> None:
         rng = np.random.default_rng([42, seed])
         found = ff.fit("hydrostatic", input_noise.hydrostatic(rng, noise=0.5))
         assert "errors-change-slowly" not in {n.code for n in found.notices}
+
+
+def test_parameter_that_few_blocks_tell_of_is_not() -> None:
+    """An edge crossed four times: 16 of 500 good hydrostatic files were warned of."""
+    n, tries, wider = 4_800, 400, 0
+    rng = np.random.default_rng(43)
+    told = np.isin(np.arange(n) // 100, [3, 17, 18, 40])
+    x = np.column_stack((np.ones(n), told * rng.standard_normal(n)))
+    errors = np.sqrt(np.diag(np.linalg.inv(x.T @ x)))
+    for _ in range(tries):
+        found = errors_by_blocks([x], [rng.standard_normal(n)], errors)
+        wider += bool(np.any(found > 1.5 * errors))
+    assert wider <= binom.ppf(0.999, tries, 0.005)
 
 
 @pytest.mark.parametrize("memory", [0.9, 0.98])

@@ -21,11 +21,14 @@ References
    Research 30(3), 1982.
 .. [2] D. A. Harville, "Maximum likelihood approaches to variance component estimation and to
    related problems", J. American Statistical Association 72(358), 1977.
+.. [3] F. E. Satterthwaite, "An approximate distribution of estimates of variance components",
+   Biometrics Bulletin 2(6), 1946.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -34,7 +37,7 @@ from ..errors import Notice
 from ..estimation.blocks import condensed
 from ..estimation.uncertainty import independent_samples, inverse_information
 from ..experiment import FloatArray
-from ..rows import blocks, is_kept
+from ..rows import blocks, is_kept, square_sum
 from .noisy_inputs import whitened
 from .optimum import Optimum
 
@@ -60,7 +63,7 @@ def _find_slow_errors(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Errors that change so slowly that the intervals do not know of them."""
     if len(at.roles) > 1 or at.instruments or not all(e.time.size for e in at.experiments):
         return {}, []
-    wider = _errors_by_blocks(at) / at.errors
+    wider = errors_by_blocks(at.jacobians, at.residuals, at.errors) / at.errors
     worst = int(np.argmax(wider))
     if wider[worst] <= _WIDER:
         return {}, []
@@ -76,38 +79,68 @@ def _find_slow_errors(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     ]
 
 
-def _errors_by_blocks(at: Optimum) -> FloatArray:
-    """Standard errors by the contributions of blocks of rows, 0 where no more than chance."""
+def errors_by_blocks(
+    jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray], errors: FloatArray
+) -> FloatArray:
+    """Standard errors by the contributions of blocks of rows, 0 where no more than chance.
+
+    What an output says of a parameter may be told by few of its blocks, those that cross an edge:
+    the sum of squares of contributions with variances ``v`` has about ``(sum v)^2 / sum v^2``
+    degrees of freedom [3]_.
+
+    Parameters
+    ----------
+    jacobians, residuals
+        Of every run, shapes ``(n_i, p)`` and ``(n_i,)``.
+    errors
+        Standard errors of the parameters so far, shape ``(p,)``.
+    """
     from scipy.special import chdtri
 
-    bread, blind = inverse_information(condensed(at.jacobians))
-    known, n = at.errors**2, at.samples
+    bread, blind = inverse_information(condensed(jacobians))
+    n = sum(r.size for r in residuals)
     counts = [count for count in _BLOCKS if n >= count * _SHORTEST]
-    out = np.zeros(known.size)
+    out = np.zeros(errors.size)
     if np.any(blind) or not counts:  # the output may say nothing of what was fitted to others
         return out
     finest = counts[-1]
-    scores = np.array([_score(at, k * n // finest, (k + 1) * n // finest) for k in range(finest)])
-    parts = scores @ bread
+    ends = [k * n // finest for k in range(finest + 1)]
+    told = [_contribution(jacobians, residuals, bread, a, b) for a, b in pairwise(ends)]
+    parts, white = (np.array(x) for x in zip(*told, strict=True))
+    left = sum(square_sum(r) for r in residuals) / n
+    # rows that a filter settled in are told nothing of
+    known = np.maximum(errors**2, left * white.sum(axis=0))
     for count in counts:
-        sums = parts.reshape(count, finest // count, known.size).sum(axis=1)
+        sums, share = (x.reshape(count, finest // count, -1).sum(axis=1) for x in (parts, white))
+        free = (1.0 - 1.0 / count) * share.sum(axis=0) ** 2 / np.sum(share**2, axis=0)
         found = np.sum(sums**2, axis=0) * count / (count - 1)
-        more = found > known * chdtri(count - 1, _BY_CHANCE) / (count - 1)
+        more = found > known * chdtri(free, _BY_CHANCE) / free
         out = np.where(more, np.maximum(out, found), out)
     return np.sqrt(out)
 
 
-def _score(at: Optimum, begin: int, end: int) -> FloatArray:
-    """``J' r`` over some rows, counted through all runs, shape ``(p,)``."""
-    total, first = np.zeros(len(at.names)), 0
-    for j, r in zip(at.jacobians, at.residuals, strict=True):
+def _contribution(
+    jacobians: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+    bread: FloatArray,
+    begin: int,
+    end: int,
+) -> tuple[FloatArray, FloatArray]:
+    """``B J' r`` over some rows, counted through all runs, and its variance for errors of one.
+
+    Both have shape ``(p,)``; the errors are independent.
+    """
+    total, square, first = np.zeros(len(bread)), np.zeros(len(bread)), 0
+    for j, r in zip(jacobians, residuals, strict=True):
         a, b = max(begin - first, 0), min(end - first, r.size)
         if a < b:
             some, left = j[a:b], r[a:b]
-            parts = [slice(0, b - a)] if is_kept(some) else list(blocks(b - a))
-            total += sum(left[part] @ some[part] for part in parts)
+            for part in [slice(0, b - a)] if is_kept(some) else list(blocks(b - a)):
+                weights = some[part] @ bread
+                total += left[part] @ weights
+                square += np.einsum("ij,ij->j", weights, weights)
         first += r.size
-    return total
+    return total, square
 
 
 def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
