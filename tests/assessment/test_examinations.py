@@ -288,3 +288,20 @@ def test_the_error_of_a_converter_is_no_difference_between_halves():
     attack = find_attack(cylinder_friction, "force in steps", "0.5 N, noise 0.1 N, strokes")
     said = [run(attack, k, 2718).codes for k in range(16)]
     assert sum("halves-disagree" in codes for codes in said) <= 3
+
+
+def test_the_error_of_a_converter_is_no_missing_response():
+    """Strokes read in steps of 0.2 N without noise to average them: a rise of friction, at 5."""
+    attack = find_attack(cylinder_friction, "force in steps", "0.2 N, quiet, strokes")
+    said = [run(attack, k, 2718).codes for k in range(16)]
+    assert sum("unmodelled-response" in codes for codes in said) <= 3
+
+
+def test_a_missing_response_is_found_behind_a_converter():
+    """Friction that rises to low speeds by 1.2 N, in steps of 0.2 N with and without noise."""
+    law = {**cylinder_friction.TRUTH, "stribeck": 1.2, "stribeck_speed": 0.02}
+    for seed, sigma in enumerate((0.1, 0.1, 0.002, 0.002)):
+        rng = np.random.default_rng([9, seed])
+        logs = cylinder_friction.record(rng, law=law, converter=0.2, sigma=sigma)
+        found = ff.fit("cylinder-friction", logs, mass=cylinder_friction.MASS)
+        assert "unmodelled-response" in {n.code for n in found.notices}

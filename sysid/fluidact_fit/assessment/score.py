@@ -44,6 +44,7 @@ _SIGNIFICANT = 3.0, 4.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
 _ONE_SIDED = 0.2  # fewer standard errors are as rare where one sign alone is possible
 _NOTED = 0.01  # part of its value by which one would, that asks for the first of them only
+_COARSE = 1.0  # step of a converter in standard deviations of a residual that it makes much of
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
 
 
@@ -128,10 +129,32 @@ def judge_term(at: Optimum, term: Term) -> Score | None:
     size = float(x[-1])
     deviations = _as_one(size / max(deviation, 1e-300), term.chosen)
     kept = replace(term, columns=(), instruments=())  # those of many terms are too much to keep
-    return Score(
+    score = Score(
         kept, size, deviations, at.names[worst], float(x[worst]),
         float(errors[worst]), float(shares.max()),
     )  # fmt: skip
+    if score.telling and not (at.copies or at.instruments):  # what takes longer excuses more
+        excused = _as_one(_beside_converter(at, term), term.chosen)
+        score = replace(score, deviations=min(deviations, excused, key=abs))
+    return score
+
+
+def _beside_converter(at: Optimum, term: Term) -> float:
+    """Standard errors of a term by rows as they are, the errors of a converter no noise.
+
+    Infinite where nothing was read in steps that count.
+    """
+    steps = [s.resolution for s in at.series]
+    if max(steps) <= _COARSE * at.sigma:
+        return np.inf
+    tables = at.beside_residual(term.columns).tables
+    columns, rest = [t[:, :-1] for t in tables], [t[:, -1] for t in tables]
+    x = scaled_least_squares(np.vstack(columns), np.concatenate(rest))
+    left = [r - c @ x for c, r in zip(columns, rest, strict=True)]
+    readings = list(zip(at.measured, steps, strict=True))
+    free = sum(s.own_level for s in at.series)
+    spread = covariance(columns, left, readings=readings, local_unknowns=free)
+    return float(x[-1] / np.sqrt(max(spread.covariance[-1, -1], 1e-300)))
 
 
 def fit_together(
