@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from studies.red_team.attacks import ball_screw as screw
+from studies.red_team.run import run
 
 import fluidact_fit as ff
+from attack_finder import find_attack
 from fluidact_fit import LogError
 from fluidact_fit.estimation.lost_rows import fill_lost_rows, find_lost_rows
 from fluidact_fit.experiment import Experiment, Signal
@@ -153,6 +155,15 @@ def test_noise_of_the_torque_is_in_the_intervals(monkeypatch: pytest.MonkeyPatch
         for n in ("breakaway_positive", "breakaway_negative")
     ]
     assert max(widened) > 1.2
+
+
+def test_a_drive_that_was_rounded_in_the_machine_was_not_wrong_in_the_record() -> None:
+    """Every interval of 200 held, six times too wide: the residual would show the rounding."""
+    attack = find_attack(screw, "lost rows", "5 % of lines, foh")
+    errors = [run(attack, k, 2711).errors for k in range(12)]
+    z = np.array([[e[name].deviations for name in attack.truth] for e in errors])
+    assert np.all(np.sqrt(np.mean(z**2, axis=0)) > 0.35)  # of 1: below in 1 of 10,000 by chance
+    assert np.all(np.sqrt(np.mean(z**2, axis=0)) < 1.9)
 
 
 def test_a_torque_of_the_other_sign_is_said_to_be_one() -> None:

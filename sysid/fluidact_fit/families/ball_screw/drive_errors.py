@@ -6,6 +6,10 @@ residuals show only part of this: a static level is wrong by what the torque was
 few instants of break-away. So the drive is disturbed at random by as much as it may be wrong,
 followed through all events, and the estimate moved by ``(J'J)^-1 J' dy``, which is what the
 error that is already in the log did as well.
+
+What is left of ``dy`` beside the parameters is in the residual, where it wanders. Where the
+residual wanders less the error was smaller, and the move is taken for as much smaller: a drive that
+is rounded may have been rounded in the machine, which is no error of the record.
 """
 
 from __future__ import annotations
@@ -27,6 +31,7 @@ from .model import Axis, DriveModel
 _DRAWS = 24  # disturbances; they tell a standard error to a seventh
 _FIRST = 4  # of them, after which it shows whether they matter at all
 _MATTERS = 0.1  # of a standard error, which the first have to move an estimate by
+_WANDERS = 20  # rows of which white noise averages, and the way from one break-away to the next not
 _ORDER = 8  # of the differences that leave noise of a drive, and nothing of a sine
 _LEAST = 1e-7  # of the range of the drive: errors below it are rounding
 # of the range of a held drive: below is the curve of a chirp, above are levels that were commanded
@@ -56,17 +61,30 @@ def with_drive_errors(
     # a residual that is autocorrelated has shown part of it already: the larger of the two
     plain = covariance(fitted.solution.jacobian, fitted.solution.residuals, robust=False)
     known = np.diag(plain.covariance)
+    shown = _wander(np.concatenate(fitted.solution.residuals))
     moves: list[FloatArray] = []
     for count in (_FIRST, _DRAWS):
         while len(moves) < count:
             disturbed = model.disturbed([e * rng.standard_normal(e.size) for e in errors])
             after = disturbed.compared_rows(fitted.values)
-            change = [w * (a - b) for w, a, b in zip(scale, after, before)]
-            moves.append(np.asarray(np.linalg.lstsq(j, np.concatenate(change), rcond=1e-12)[0]))
+            change = np.concatenate([w * (a - b) for w, a, b in zip(scale, after, before)])
+            move = np.linalg.lstsq(j, change, rcond=1e-12)[0]
+            left = _wander(change - j @ move)
+            moves.append(move * (min(shown / left, 1.0) if left > 0.0 else 1.0))
         added = np.mean(np.square(moves), axis=0)
         if np.all(added < _MATTERS**2 * known):
             return fitted
     return replace(fitted, covariance=enlarge(fitted.covariance, known + added))
+
+
+def _wander(rows: FloatArray) -> float:
+    """Size of what changes slowly in some rows: root of the sum of squares of blocks' means.
+
+    About their mean: an offset of the position is not the drive's.
+    """
+    count = rows.size // _WANDERS
+    means = rows[: count * _WANDERS].reshape(count, -1).mean(axis=1) if count > 1 else rows
+    return float(np.linalg.norm(means - means.mean()))
 
 
 def warn_of_held_noise(axis: Axis, experiments: Sequence[Experiment]) -> list[Notice]:
