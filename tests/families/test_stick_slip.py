@@ -6,7 +6,7 @@ import pytest
 from fluidact_fit.estimation.grid import make_grid
 from fluidact_fit.estimation.inputs import piecewise
 from fluidact_fit.experiment import Signal
-from fluidact_fit.families.ball_screw.stick_slip import StickSlip, simulate_stick_slip
+from fluidact_fit.families.ball_screw.stick_slip import Passes, StickSlip, simulate_stick_slip
 
 # inertia, viscous, kinetic +/-, static +/-: an axis of the size of the thesis' drive, scaled to one
 AXIS = (1.2, 0.9, 1.0, 0.8, 1.4, 1.1)
@@ -46,7 +46,7 @@ def test_against_brute_force(hold: str) -> None:
     time = np.arange(120) * 0.05
     values = 3.0 * np.sin(1.9 * time + 0.2) * np.exp(-0.1 * time)
     u, grid = torque(time, values, hold)
-    motion = simulate_stick_slip(parameters(), u, grid)
+    motion = simulate_stick_slip(parameters(), Passes(u, grid))
     assert min(motion.breakaways) >= 1
     assert motion.stops >= 3
 
@@ -63,7 +63,7 @@ def test_against_brute_force(hold: str) -> None:
 def test_constant_torque_in_closed_form() -> None:
     time = np.linspace(0.0, 2.0, 41)
     u, grid = torque(time, np.full(41, 2.0), "zoh")
-    motion = simulate_stick_slip(parameters(), u, grid)
+    motion = simulate_stick_slip(parameters(), Passes(u, grid))
     j, b, kp = AXIS[:3]
     final = (2.0 - kp) / b
     want = final * (time - j / b * (1.0 - np.exp(-b / j * time)))
@@ -74,7 +74,7 @@ def test_constant_torque_in_closed_form() -> None:
 def test_below_the_static_level_nothing_moves() -> None:
     time = np.arange(50) * 0.1
     u, grid = torque(time, 1.09 * np.sin(time), "foh")
-    motion = simulate_stick_slip(parameters(), u, grid)
+    motion = simulate_stick_slip(parameters(), Passes(u, grid))
     assert np.all(motion.position == 0.0)
     assert motion.breakaways == (0, 0)
 
@@ -83,7 +83,7 @@ def test_without_viscous_friction() -> None:
     """b = 0 is a limit, not a division by zero."""
     time = np.linspace(0.0, 1.0, 21)
     u, grid = torque(time, np.full(21, 2.0), "zoh")
-    p = simulate_stick_slip(parameters((1.2, 0.0, *AXIS[2:])), u, grid).position[0]
+    p = simulate_stick_slip(parameters((1.2, 0.0, *AXIS[2:])), Passes(u, grid)).position[0]
     np.testing.assert_allclose(p, 0.5 * (2.0 - AXIS[2]) / 1.2 * time**2, atol=1e-12)
 
 
@@ -93,8 +93,8 @@ def test_mirrored_torque_mirrors_the_motion() -> None:
     j, b, kp, kn, sp, sn = AXIS
     u, grid = torque(time, values, "foh")
     down, _ = torque(time, -values, "foh")
-    one = simulate_stick_slip(parameters(), u, grid).position
-    other = simulate_stick_slip(parameters((j, b, kn, kp, sn, sp)), down, grid).position
+    one = simulate_stick_slip(parameters(), Passes(u, grid)).position
+    other = simulate_stick_slip(parameters((j, b, kn, kp, sn, sp)), Passes(down, grid)).position
     np.testing.assert_allclose(other, -one, atol=1e-10)
 
 
@@ -105,13 +105,13 @@ def test_derivatives_pass_through_the_events(hold: str) -> None:
     base = np.array(AXIS)
     rows = np.tile(base.astype(complex), (6, 1))
     rows[np.arange(6), np.arange(6)] += 1e-30j
-    exact = np.imag(simulate_stick_slip(StickSlip(*rows.T), u, grid).position) / 1e-30
+    exact = np.imag(simulate_stick_slip(StickSlip(*rows.T), Passes(u, grid)).position) / 1e-30
     for k in range(6):
         sides = []
         for sign in (1.0, -1.0):
             moved = base.copy()
             moved[k] += sign * 1e-6
-            sides.append(simulate_stick_slip(parameters(tuple(moved)), u, grid).position[0])
+            sides.append(simulate_stick_slip(parameters(tuple(moved)), Passes(u, grid)).position[0])
         np.testing.assert_allclose(exact[k], (sides[0] - sides[1]) / 2e-6, atol=3e-5)
     static = np.abs(exact[4:]).max()
     # a held torque jumps past the static level: where exactly it lies does not show
@@ -121,7 +121,7 @@ def test_derivatives_pass_through_the_events(hold: str) -> None:
 def test_initial_speed_coasts_to_rest() -> None:
     time = np.linspace(0.0, 5.0, 101)
     u, grid = torque(time, np.zeros(101), "zoh")
-    motion = simulate_stick_slip(parameters(), u, grid, initial_speed=2.0)
+    motion = simulate_stick_slip(parameters(), Passes(u, grid), initial_speed=2.0)
     j, b, kp = AXIS[:3]
     stop = j / b * np.log(1.0 + b * 2.0 / kp)
     travel = j / b * 2.0 - kp / b * stop

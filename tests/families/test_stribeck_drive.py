@@ -24,7 +24,7 @@ from fluidact_fit.estimation.inputs import piecewise
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
 from fluidact_fit.families.ball_screw.motion import Motion, StickSlip
-from fluidact_fit.families.ball_screw.stick_slip import simulate_stick_slip
+from fluidact_fit.families.ball_screw.stick_slip import Passes, simulate_stick_slip
 from fluidact_fit.family import Estimate, Plant, Request
 from fluidact_fit.parameters import make_document
 
@@ -56,7 +56,7 @@ def rows_of(values: Mapping[str, float], turned: bool = False) -> StickSlip:
 
 def simulate(values: Mapping[str, float], hold: str, turned: bool = False) -> Motion:
     u = piecewise(torque_of(SWING, hold, RECORD))
-    return simulate_stick_slip(rows_of(values, turned), u, make_grid(RECORD))
+    return simulate_stick_slip(rows_of(values, turned), Passes(u, make_grid(RECORD)))
 
 
 @pytest.mark.parametrize("hold", ["zoh", "foh", "smooth"])
@@ -81,7 +81,7 @@ def test_a_stop_from_thousands_of_times_the_speed_of_the_curve() -> None:
     def place(speed: float) -> np.ndarray:
         values = {**SCREW, **both, "stribeck_speed": speed}
         u = piecewise(torque_of(level, "zoh", time))
-        return simulate_stick_slip(rows_of(values), u, make_grid(time)).position[0]
+        return simulate_stick_slip(rows_of(values), Passes(u, make_grid(time))).position[0]
 
     sudden = place(0.0)
     narrow, wider = (float(np.abs(place(x) - sudden).max()) for x in (1e-4, 1e-2))
@@ -107,7 +107,10 @@ def test_the_derivative_by_the_exponent_of_the_curve(hold: str) -> None:
             for s in (1, -1)]  # fmt: skip
     wanted = (ends[0] - ends[1]) / 2e-4
     law = StickSlip(*(np.array([AXIS[n]]) for n in ORDER), np.array([2.0 + 1e-30j]))
-    found = simulate_stick_slip(law, piecewise(torque), make_grid(RECORD)).position[0].imag / 1e-30
+    found = (
+        simulate_stick_slip(law, Passes(piecewise(torque), make_grid(RECORD))).position[0].imag
+        / 1e-30
+    )
     np.testing.assert_allclose(found, wanted, atol=1e-4 * np.abs(wanted).max())
     assert np.abs(wanted).max() > 1e-3
 
@@ -129,7 +132,7 @@ def test_initial_speed_and_its_derivative() -> None:
     def coast(speed: complex) -> np.ndarray:
         p = StickSlip(*(np.array([x + 0j * speed.imag]) for x in
                         (AXIS["inertia"], 0.9, 1.0, 0.8, 1.4, 1.1, 0.7, 0.5)))  # fmt: skip
-        return simulate_stick_slip(p, u, make_grid(RECORD), np.array([speed])).position[0]
+        return simulate_stick_slip(p, Passes(u, make_grid(RECORD)), np.array([speed])).position[0]
 
     way = coast(2.0 + 1e-30j)
     ends = coast(2.0 + 1e-5), coast(2.0 - 1e-5)

@@ -202,7 +202,7 @@ class _Staircase:
 
     def levels(self, values: Mapping[str, float], side: str) -> FloatArray:
         """The kinetic level and every commanded one above it, ascending, lost rows included."""
-        acting = [u.coefficients[:, 0] for u, _, _ in self.model.inputs]
+        acting = [passes.torque.coefficients[:, 0] for passes, _ in self.model.inputs]
         return levels_above(acting, values, side)
 
     def recorded(

@@ -182,8 +182,9 @@ class CurvedRun:
     Attributes
     ----------
     steps
-        Interval, direction, offset in the interval [s], length [s], and speed at the begin
-        (positive) of every step; the way it makes and the speed at its end, with their signs.
+        Shape ``(7, n)``: interval, direction, offset in the interval [s], length [s], and speed at
+        the begin (positive) of every step; the way it makes and the speed at its end, with their
+        signs.
     carry
         What the derivative of the speed at the end of a step is multiplied by to be that at the
         begin of the next, for the steps that end in a stop: 0 where a rest follows. Otherwise 1.
@@ -195,10 +196,13 @@ class CurvedRun:
         self.slides = {way: slide_of(law, way) for way in (1, -1)}
         self.band = StaticBand(u, *law.static)
         self._tables: dict[int, list[list[float]]] = {}
-        self.steps: list[tuple[int, int, float, float, float, float, float]] = []
+        self._polynomials: list[list[float]] = u.coefficients.tolist()
+        self._steps: list[tuple[int, int, float, float, float, float, float]] = []
         self.carry: dict[int, float] = {}
         self.breakaways, self.stops = [0, 0], 0
         self._run(abs(speed), int(np.sign(speed)))
+        self.steps = np.array(self._steps, dtype=float).reshape(-1, 7).T
+        del self._steps, self._tables, self._polynomials
 
     def _run(self, speed: float, way: int) -> None:
         node, offset, end = 0, 0.0, len(self.spans)
@@ -221,7 +225,7 @@ class CurvedRun:
         """Slip from an event to the next stop: interval, offset, and the way that follows."""
         slide, table, spans = self.slides[way], self._pushes(way), self.spans
         advance, tolerance, least = slide.advance, _TOLERANCE, _TOLERANCE * slide.speed
-        note, span = self.steps.append, inf  # the span to try next
+        note, span = self._steps.append, inf  # the span to try next
         while node < len(spans):
             h = spans[node]
             if offset == 0.0 and y > 0.0 and span >= h:
@@ -249,11 +253,11 @@ class CurvedRun:
         offset = last.offset + last.span
         torque = value_of(self.torque[node], offset)
         following = self.band.way(torque)
-        self.carry[len(self.steps) - 1] = 0.0
+        self.carry[len(self._steps) - 1] = 0.0
         if following == -way and last.slope < 0.0:
             other = self.slides[following]
             begins = following * torque / self.law.inertia - other.level - other.fall
-            self.carry[len(self.steps) - 1] = -begins / last.slope
+            self.carry[len(self._steps) - 1] = -begins / last.slope
         return node, offset, following
 
     def _pushes(self, way: int) -> list[list[float]]:
@@ -267,10 +271,33 @@ class CurvedRun:
 
     def _push(self, node: int, way: int) -> Push:
         """Pushes of a direction inside an interval, as :meth:`Slide.divide` asks for them."""
-        c, j, level = self.torque[node], self.law.inertia, self.slides[way].level
-        if c.size == 1:
-            return self.slides[way].held(way * float(c[0]))
-        return lambda at, h: [way * value_of(c, at + x * h) / j - level for x in NODES.tolist()]
+        slide, scale = self.slides[way], way / self.law.inertia
+        first, *rest = self._polynomials[node]
+        if not rest:
+            return slide.held(way * first)
+        return polynomial([scale * first - slide.level, *(scale * c for c in rest)])
+
+
+def polynomial(coefficients: Sequence[float]) -> Push:
+    """Pushes of a polynomial with rising powers, at most three."""
+    c0, c1, c2, c3 = (*coefficients, *[0.0] * (4 - len(coefficients)))
+    _, x2, x3, x4, x5, _ = NODES.tolist()
+
+    def push(at: float, h: float) -> list[float]:  # the hot path of every slow motion
+        b0 = c0 + at * (c1 + at * (c2 + at * c3))
+        b1 = h * (c1 + at * (2.0 * c2 + at * 3.0 * c3))
+        b2 = h * h * (c2 + at * 3.0 * c3)
+        b3 = h * h * h * c3
+        return [
+            b0,
+            b0 + x2 * (b1 + x2 * (b2 + x2 * b3)),
+            b0 + x3 * (b1 + x3 * (b2 + x3 * b3)),
+            b0 + x4 * (b1 + x4 * (b2 + x4 * b3)),
+            b0 + x5 * (b1 + x5 * (b2 + x5 * b3)),
+            b0 + b1 + b2 + b3,
+        ]
+
+    return push
 
 
 def torque_at(coefficients: FloatArray, offset: FloatArray) -> FloatArray:
@@ -319,16 +346,14 @@ def _vary(run: CurvedRun, steps: Steps, speed: FloatArray, shape: bool) -> Varie
     return Varied(moved[0], sign * moved[1:], way[0], sign * way[1:])
 
 
-def simulate_curved(p: StickSlip, torque: PiecewiseInput, initial_speed: Array) -> Motion:
-    """Simulate at the nodes of the torque, from position zero; see :func:`.simulate_stick_slip`.
+def motion_of(run: CurvedRun, p: StickSlip, initial_speed: Array) -> Motion:
+    """The motion of a pass at the nodes of the torque, from position zero.
 
     The imaginary parts of the parameters carry exact derivatives: those of the steps taken.
     """
     begin = float(np.real(initial_speed.flat[0]))
-    run = CurvedRun(p.levels, torque, begin)
-    table = np.array(run.steps, dtype=float).reshape(-1, 7).T
-    node, way, offset, span, first, made, after = table
-    nodes = np.arange(torque.nodes.size)
+    node, way, offset, span, first, made, after = run.steps
+    nodes = np.arange(run.torque.shape[0])
     count = np.searchsorted(node, nodes)  # steps before each node
     last = np.maximum(count - 1, 0)
     moving = (count > 0) & (np.append(node, -1.0)[last] == nodes - 1)
@@ -339,7 +364,7 @@ def simulate_curved(p: StickSlip, torque: PiecewiseInput, initial_speed: Array) 
     motion = Motion(places, speed, (run.breakaways[0], run.breakaways[1]), run.stops)
     if not p.turned(initial_speed):
         return motion
-    if not run.steps:
+    if not node.size:
         return with_changes(motion, None, None, p, initial_speed)
     carry = np.ones(node.size)
     carry[list(run.carry)] = list(run.carry.values())

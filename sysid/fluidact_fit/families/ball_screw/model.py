@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ...estimation.grid import Grid, make_grid
+from ...estimation.grid import make_grid
 from ...estimation.inputs import PiecewiseInput, piecewise
 from ...estimation.lost_rows import fill_lost_rows
 from ...estimation.named_model import NamedModel, Values
@@ -22,7 +22,7 @@ from ...estimation.stribeck import EXPONENT
 from ...experiment import Array, Experiment, FloatArray, Signal
 from ...family import Variant
 from .motion import Motion, StickSlip
-from .stick_slip import simulate_stick_slip
+from .stick_slip import Passes, simulate_stick_slip
 
 SIDES: tuple[Literal["positive"], Literal["negative"]] = ("positive", "negative")
 BREAKAWAY: dict[str, str] = {s: f"breakaway_{s}" for s in SIDES}  # static level
@@ -147,9 +147,9 @@ class DriveModel:
         curve = row(values.get(SPEED, 0.0))
         shape = row(values.get(EXPONENT, 2.0))
         p = StickSlip(row(values[self.axis.inertia]), forward, *levels, backward, curve, shape)
-        u, grid, samples = self.inputs[index]
+        passes, samples = self.inputs[index]
         speed = row(values.get(f"initial_speed[{index}]", 0.0))
-        return simulate_stick_slip(p, u, grid, initial_speed=speed), samples
+        return simulate_stick_slip(p, passes, initial_speed=speed), samples
 
     def motions(self, values: Values) -> list[Motion]:
         """Simulated motions of all logs at their nodes, which are counted."""
@@ -175,7 +175,7 @@ class DriveModel:
         return self._basis(index, self.compared.reduce(motion.position[0, samples]))
 
     def _basis(self, index: int, y: FloatArray) -> Basis:
-        samples = self.inputs[index][2].size
+        samples = self.inputs[index][1].size
         return Basis(y, np.zeros((y.size, 0)), self.compared.offset(samples, y.size))
 
     def slopes(self, index: int, values: Values, names: Sequence[str]) -> tuple[Basis, Slopes]:
@@ -200,17 +200,16 @@ class DriveModel:
         )  # fmt: skip
 
 
-def _on_samples(
-    signal: Signal, time: FloatArray
-) -> tuple[PiecewiseInput, Grid, npt.NDArray[np.intp]]:
-    """Split the input at the samples, so that every sample is a node."""
+def _on_samples(signal: Signal, time: FloatArray) -> tuple[Passes, npt.NDArray[np.intp]]:
+    """The input split at the samples, so that every sample is a node; and which are."""
     u = piecewise(signal)
     nodes = np.union1d(u.nodes[(u.nodes > time[0]) & (u.nodes < time[-1])], time)
     piece = np.searchsorted(u.nodes, nodes, side="right") - 1
     coefficients = u.coefficients[np.maximum(piece, 0)]
     coefficients[piece < 0] = 0.0
     coefficients[piece < 0, 0] = signal.before
-    return PiecewiseInput(nodes, coefficients), make_grid(nodes), np.searchsorted(nodes, time)
+    passes = Passes(PiecewiseInput(nodes, coefficients), make_grid(nodes))
+    return passes, np.searchsorted(nodes, time)
 
 
 def leading_parts(experiments: Sequence[Experiment], samples: int = _LONG) -> list[Experiment]:

@@ -52,7 +52,8 @@ class StaticBand:
 
     def leave(self, node: int, offset: float) -> tuple[int, float, int] | None:
         """Next break-away from an offset [s] behind a node: interval, offset and direction."""
-        for j in self._hot[bisect_left(self._hot, node) :]:
+        for k in range(bisect_left(self._hot, node), len(self._hot)):
+            j = self._hot[k]
             if j >= self.time.size - 1:
                 return None
             found = self._leave(j, offset if j == node else 0.0)

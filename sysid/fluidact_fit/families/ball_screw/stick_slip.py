@@ -31,7 +31,7 @@ from ...estimation.inputs import PiecewiseInput
 from ...estimation.recursion import run_recursion
 from ...experiment import Array, FloatArray
 from .changes import Steps, Varied, with_changes
-from .curved import simulate_curved
+from .curved import CurvedRun, motion_of
 from .motion import Levels, Motion, StickSlip
 from .phi import phi_of, phi_real
 from .rest import StaticBand, rising_root, slope_of, value_of
@@ -320,27 +320,52 @@ def _moving_start(
     return None
 
 
+class Passes:
+    """Passes through the events of a torque, the last of which is kept.
+
+    Derivatives are asked for where a search has just been, and have the same events.
+
+    Parameters
+    ----------
+    torque, grid
+        Of any degree (a curve: three at most), and its nodes.
+    """
+
+    def __init__(self, torque: PiecewiseInput, grid: Grid) -> None:
+        self.torque, self.grid = torque, grid
+        self._last: tuple[Levels, float, _Run | CurvedRun] | None = None
+
+    def led_by(self, levels: Levels, speed: float) -> _Run | CurvedRun:
+        """The pass of a drive with some first speed."""
+        if self._last is None or self._last[:2] != (levels, speed):
+            self._last = None  # not to lie beside the next
+            run = (
+                CurvedRun(levels, self.torque, speed)
+                if levels.speed > 0.0
+                else _Run(levels, self.torque, self.grid, speed)
+            )
+            self._last = levels, speed, run
+        return self._last[2]
+
+
 def simulate_stick_slip(
-    parameters: StickSlip,
-    torque: PiecewiseInput,
-    grid: Grid,
-    initial_speed: Array | float = 0.0,
+    parameters: StickSlip, passes: Passes, initial_speed: Array | float = 0.0
 ) -> Motion:
-    """Simulate stick-slip at the nodes of the torque, from position zero.
+    """Simulate stick-slip at the nodes of a torque, from position zero.
 
     Parameters
     ----------
     parameters
         Each as a row of ``k`` (complex) values.
-    torque, grid
-        Of any degree, and its nodes.
+    passes
+        Of the torque.
     initial_speed
         At the first node.
     """
     start = np.asarray(initial_speed)
-    if parameters.levels.speed > 0.0:
-        return simulate_curved(parameters, torque, start)
-    run = _Run(parameters.levels, torque, grid, float(np.real(start.flat[0])))
+    run = passes.led_by(parameters.levels, float(np.real(start.flat[0])))
+    if isinstance(run, CurvedRun):
+        return motion_of(run, parameters, start)
     motion = Motion(
         np.tile(run.position, (parameters.inertia.size, 1)),
         run.velocity,

@@ -113,7 +113,8 @@ def inside_cells(stage: Stage) -> tuple[Stage, dict[str, Bracket]]:
     levels = {BREAKAWAY[s]: stage.start[f"coulomb_{s}"] + stage.start[EXCESS[s]]
               for s in stage.open_sides()}  # fmt: skip
     renamed = _with_levels_of_their_own(part, levels)
-    acting = [u.coefficients[:, 0] for u, _, _ in DriveModel(part.experiments, part.axis).inputs]
+    drives = DriveModel(part.experiments, part.axis).inputs
+    acting = [passes.torque.coefficients[:, 0] for passes, _ in drives]
     best = _Inside(renamed, dict.fromkeys(names, (0.0, np.inf)), levels)
     edges = {n: levels_above(acting, best.values, n.removeprefix("breakaway_")) for n in names}
     best = best.within({n: _cell(edges[n], best.values[n]) for n in names})
