@@ -70,7 +70,7 @@ def with_drive_errors(
             change = np.concatenate([w * (a - b) for w, a, b in zip(scale, after, before)])
             move = np.linalg.lstsq(j, change, rcond=1e-12)[0]
             left = _wander(change - j @ move)
-            moves.append(move * (min(shown / left, 1.0) if left > 0.0 else 1.0))
+            moves.append(move * np.sqrt(min(shown / left, 1.0) if left > 0.0 else 1.0))
         added = np.mean(np.square(moves), axis=0)
         if np.all(added < _MATTERS**2 * known):
             return fitted
@@ -78,13 +78,18 @@ def with_drive_errors(
 
 
 def _wander(rows: FloatArray) -> float:
-    """Size of what changes slowly in some rows: root of the sum of squares of blocks' means.
+    """Sum of squares of what changes slowly in some rows, about their mean.
 
-    About their mean: an offset of the position is not the drive's.
+    That of the means of blocks, less what white noise has in them. A quarter of the latter is left
+    at least: less could not be told from none.
     """
     count = rows.size // _WANDERS
-    means = rows[: count * _WANDERS].reshape(count, -1).mean(axis=1) if count > 1 else rows
-    return float(np.linalg.norm(means - means.mean()))
+    if count < 2:
+        return float(np.sum((rows - rows.mean()) ** 2))
+    parts = rows[: count * _WANDERS].reshape(count, -1)
+    means = parts.mean(axis=1)
+    white = float(parts.var(axis=1, ddof=1).sum()) / _WANDERS
+    return max(float(np.sum((means - means.mean()) ** 2)) - white, 0.25 * white)
 
 
 def warn_of_held_noise(axis: Axis, experiments: Sequence[Experiment]) -> list[Notice]:
