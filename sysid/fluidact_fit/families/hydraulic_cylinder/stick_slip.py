@@ -123,7 +123,7 @@ def _step_function(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> A
     z, u, time, values, _ = args
     now = way(z[:4], values)
     smooth = flow(z, u, time, values, now)
-    event = _reserve_function(ca, machine)(smooth[:4], u, values, now)[0] <= 0.0
+    event = _reserve_function(ca, machine)(smooth[:4], values, now) <= 0.0
     return ca.Function("step", args[:4], [switch(event, z, u, time, values, now, smooth)])
 
 
@@ -131,14 +131,15 @@ def _phase_function(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> 
     """Motion until the next event or the end: ``(z, u, t, theta, way) -> z, time left, way``."""
     flow, states = _flow_function(ca, machine, free), _flow_function(ca, machine, None)
     reserve, after = _reserve_function(ca, machine), _after_event(ca, machine, free)
+    with_rate = _reserve_rate_function(ca, machine)
     args = z, u, time, theta, way = _arguments(ca.MX, _size(free))
     x = z[:4]
-    first = reserve(x, u, theta, way)[0]
-    last = reserve(states(x, u, time, theta, way), u, theta, way)[0]
+    first = reserve(x, theta, way)
+    last = reserve(states(x, u, time, theta, way), theta, way)
     low, high = ca.MX(0.0), time
     guess = ca.if_else(first > 0.0, time * first / (first - last), time)
     for _ in range(_NEWTON):
-        value, slope = reserve(states(x, u, guess, theta, way), u, theta, way)
+        value, slope = with_rate(states(x, u, guess, theta, way), u, theta, way)
         low = ca.if_else(value > 0.0, guess, low)
         high = ca.if_else(value > 0.0, high, guess)
         newton = guess - value / slope
@@ -172,18 +173,27 @@ def _after_event(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> Any
 
 
 def _reserve_function(ca: Any, machine: Machine) -> Any:
-    """What is left until the next event, and its rate, ``(x, u, theta, way)``.
+    """What is left until the next event, ``(x, theta, way)``.
 
     Speed [m/s] the way the piston goes, or friction [N] that the push has not used up.
     """
+    x, _, _, theta, way = _arguments(ca.SX, 4)
+    return ca.Function("reserve", [x, theta, way], [_reserve(ca, x, theta, way, machine)])
+
+
+def _reserve_rate_function(ca: Any, machine: Machine) -> Any:
+    """The same with its rate, ``(x, u, theta, way)``: every step asks for the first alone."""
     x, u, _, theta, way = _arguments(ca.SX, 4)
-    push = _push(x, machine)
-    held = _level(theta) - ca.fabs(push)
-    value = ca.if_else(way == 0.0, held, way * x[3])
+    value = _reserve(ca, x, theta, way, machine)
     slope = ca.mtimes(ca.jacobian(value, x), _rates(ca, x, u, theta, way, machine))
+    return ca.Function("reserve_rate", [x, u, theta, way], [value, slope])
+
+
+def _reserve(ca: Any, x: Any, theta: Any, way: Any, machine: Machine) -> Any:
+    held = _level(theta) - ca.fabs(_push(x, machine))
+    value = ca.if_else(way == 0.0, held, way * x[3])
     # a piston stays at rest as long as the friction is not exceeded
-    value = ca.if_else(ca.logic_and(way == 0.0, held == 0.0), 1e-300, value)
-    return ca.Function("reserve", [x, u, theta, way], [value, slope])
+    return ca.if_else(ca.logic_and(way == 0.0, held == 0.0), 1e-300, value)
 
 
 def _push(x: Any, machine: Machine) -> Any:
