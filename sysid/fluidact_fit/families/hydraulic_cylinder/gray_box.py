@@ -23,6 +23,7 @@ CHANNELS = ("pressure_1", "pressure_2", "position")
 _STEP = 5e-4  # s: longest Runge-Kutta step
 _FALL = 0.5  # growth of a speed over a step where friction falls with it
 _ANGLE = 0.3  # rad of the pressure resonance that a step may turn
+_FOLLOWED = 1.0  # rad of the piston on the oil of one chamber, that a step can follow at most
 _STIFF = 1e9  # Pa: bulk modulus of the resonance that the steps are made for
 _MOST_STEPS = 16  # per sample
 _PIECES = 4  # from all over a log, beside its liveliest part
@@ -152,6 +153,12 @@ class GrayBox:
         rates = viscous / mass / 2.0, fall / mass / _FALL, np.sqrt(stiffness / mass) / _ANGLE
         needed = step * max(1.0 / _STEP, *rates)
         self.steps = int(np.clip(np.ceil(needed - 1e-9), 1, _MOST_STEPS))
+
+    def least_volume(self, chamber: int, values: Values) -> float:
+        """Volume [m3] of a chamber whose oil is so stiff that no step follows the piston on it."""
+        step = max(float(np.max(log.step)) for log in self.logs) / self.steps
+        stiffness = values["bulk_modulus"] * self.machine.area(chamber) ** 2
+        return float(stiffness * (step / _FOLLOWED) ** 2 / (self.machine.mass or 1.0))
 
     def _inputs(self, log: GrayLog) -> FloatArray:
         """Command and step of every sample, the last segment filled up, ``(2, m)``."""

@@ -99,16 +99,18 @@ def _all_states(
     )  # fmt: skip
     box = GrayBox([log], machine, values["viscous"], fall=fall)
     states = box.simulate(log, rest, values)
-    _require_oil(e, machine, states[:, 2])
+    _require_oil(e, machine, states[:, 2], [box.least_volume(i, values) for i in (1, 2)])
     return states
 
 
-def _require_oil(e: Experiment, machine: Machine, position: FloatArray) -> None:
-    """Refuse a run in which the piston uses up the volume of a chamber."""
+def _require_oil(
+    e: Experiment, machine: Machine, position: FloatArray, least: Sequence[float] = (0.0, 0.0)
+) -> None:
+    """Refuse a run in which the piston uses up a chamber, or all but the ``least`` volumes [m3]."""
     full = np.isfinite(position)
-    for chamber in (1, 2):
+    for chamber, left in zip((1, 2), least):
         if machine.dead_volume(chamber) is not None:
-            full &= machine.volume(chamber, position) > 0.0
+            full &= machine.volume(chamber, position) > left
     if not full.all():
         first = int(np.argmin(full))
         raise UsageError(
