@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from fluidact_fit.estimation.uncertainty import _most_noise, covariance, score_covariance
+from fluidact_fit.estimation.uncertainty import (
+    _most_noise,
+    covariance,
+    enlarge,
+    score_covariance,
+)
 
 
 @pytest.mark.parametrize("samples", [1, 3, 4])
@@ -114,3 +119,9 @@ def test_stretches_of_a_few_samples_have_errors_of_the_converter_too():
     rest = [rng.uniform(-0.5, 0.5, n) for n in sizes]
     found = covariance([np.ones((n, 1)) for n in sizes], rest, readings=[(r, 1.0) for r in y])
     assert 0.0 < found.covariance[0, 0] < np.inf
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_covariance_grows_where_it_is_finite():
+    found = enlarge(np.array([[1.0, 0.5], [0.5, np.inf]]), np.array([4.0, np.inf]))
+    assert found.tolist() == [[4.0, 1.0], [1.0, np.inf]]

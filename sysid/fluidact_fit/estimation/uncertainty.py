@@ -311,7 +311,8 @@ def _signal(y: FloatArray, r: FloatArray) -> tuple[FloatArray, BoolArray]:
 def enlarge(matrix: FloatArray, variances: FloatArray) -> FloatArray:
     """Scale a covariance up to given variances, correlations kept."""
     now = np.diag(matrix)
-    ratio = np.where(now > 0.0, variances / np.where(now > 0.0, now, 1.0), 1.0)
+    ratio = np.ones(now.size)
+    np.divide(variances, now, out=ratio, where=(now > 0.0) & np.isfinite(now))
     scale = np.sqrt(np.maximum(ratio, 1.0))
     return np.asarray(matrix * np.outer(scale, scale))
 
