@@ -67,11 +67,9 @@ and fitted many times, each with other noise.
 - `held, quiet`: the same over the quiet files alone, of which nobody was warned.
 - `error / bound`: root mean square error over the Cramér-Rao bound, where the attack knows it.
 
-Intervals that hold more often than they say: a drive that is rounded to a thousandth of its range
-and moves on straight lines may have been rounded in the machine or in the record, and the interval
-allows for the second (ball screw with lost rows; taken as exact, 87 to 97 % of 30 held). Errors of
-a coarse and quiet converter are bounded, not normal. Less often: a Stribeck speed beside a noisy
-velocity (91 %, counted while Huber's weights shifted it).
+Intervals that hold more often than they say: errors of a recorded drive (ball screw: rows that were
+lost, rounding, noise) count as far as the residual shows them, which is a bound. Errors of a coarse
+and quiet converter are bounded, not normal, and so is what a position of 20 Hz does not show.
 
 | attack | runs | quiet | parameter | estimated | held | held, quiet | error / bound |
 |---|---|---|---|---|---|---|---|
