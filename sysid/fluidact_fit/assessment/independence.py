@@ -63,7 +63,7 @@ def _find_slow_errors(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """Errors that change so slowly that the intervals do not know of them."""
     if len(at.roles) > 1 or at.instruments or not all(e.time.size for e in at.experiments):
         return {}, []
-    wider = errors_by_blocks(at.jacobians, at.residuals, at.errors) / at.errors
+    wider = wider_by_blocks(at.jacobians, at.residuals, at.errors)
     worst = int(np.argmax(wider))
     if wider[worst] <= _WIDER:
         return {}, []
@@ -79,10 +79,10 @@ def _find_slow_errors(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     ]
 
 
-def errors_by_blocks(
+def wider_by_blocks(
     jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray], errors: FloatArray
 ) -> FloatArray:
-    """Standard errors by the contributions of blocks of rows, 0 where no more than chance.
+    """How many times wider contributions of blocks scatter, 0 where no more than chance.
 
     What an output says of a parameter may be told by few of its blocks, those that cross an edge:
     the sum of squares of contributions with variances ``v`` has about ``(sum v)^2 / sum v^2``
@@ -108,13 +108,13 @@ def errors_by_blocks(
     told = [_contribution(jacobians, residuals, bread, a, b) for a, b in pairwise(ends)]
     parts, white = (np.array(x) for x in zip(*told, strict=True))
     left = sum(square_sum(r) for r in residuals) / n
-    # rows that a filter settled in are told nothing of
+    # rows that are left out, where a filter settles or a log is long, made the errors smaller
     known = np.maximum(errors**2, left * white.sum(axis=0))
     for count in counts:
         sums, share = (x.reshape(count, finest // count, -1).sum(axis=1) for x in (parts, white))
         free = (1.0 - 1.0 / count) * share.sum(axis=0) ** 2 / np.sum(share**2, axis=0)
-        found = np.sum(sums**2, axis=0) * count / (count - 1)
-        more = found > known * chdtri(free, _BY_CHANCE) / free
+        found = np.sum(sums**2, axis=0) * count / (count - 1) / known
+        more = found > chdtri(free, _BY_CHANCE) / free
         out = np.where(more, np.maximum(out, found), out)
     return np.sqrt(out)
 

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from ..estimation.uncertainty import covariance
 from ..experiment import Experiment, FloatArray, all_of, is_finite, where_finite
 from ..family import Estimate, Family, FamilyOptions, Plant, Simulated, Variant
 from ..outcome import Simulation
@@ -30,6 +31,7 @@ _LATE = 0.1  # sample times by which a time is moved for a derivative
 _SMALL = 1e-3  # part of itself by which another value is moved at first
 _PART = 0.3  # standard deviations of the residual by which the output then changes
 _TRIES = 8  # to find that part
+_QUANTISED = 1.5  # times its standard error from white noise that one is by a converter
 _FEWEST = 20  # samples of a series that can be examined
 
 
@@ -197,6 +199,12 @@ class Optimum:
     def influence(self) -> Influence | None:
         """What every sample does to the estimate; ``None`` where too few of them tell."""
         return measure_influence(self.jacobians, self.residuals, self.errors)
+
+    @cached_property
+    def quantised(self) -> bool:
+        """Whether parameters are less certain than they were if the residuals were white noise."""
+        white = covariance(self.jacobians, self.residuals, robust=False).covariance
+        return bool(np.any(self.errors > _QUANTISED * np.sqrt(np.diag(white))))
 
     @property
     def sigma(self) -> float:

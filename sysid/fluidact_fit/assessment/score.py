@@ -34,8 +34,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..estimation.least_squares import explain, scaled_least_squares
-from ..estimation.uncertainty import covariance
+from ..estimation.uncertainty import covariance, is_coarse
 from ..experiment import FloatArray
+from ..rows import is_kept
 from .beside import Beside
 from .copies import Products
 from .optimum import LEAST, Optimum
@@ -44,7 +45,6 @@ _SIGNIFICANT = 3.0, 4.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
 _ONE_SIDED = 0.2  # fewer standard errors are as rare where one sign alone is possible
 _NOTED = 0.01  # part of its value by which one would, that asks for the first of them only
-_COARSE = 1.0  # step of a converter in standard deviations of a residual that it makes much of
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
 
 
@@ -80,7 +80,8 @@ class Score:
 
     ``size`` is that of the term [its unit], ``deviations`` that in its standard errors;
     ``parameter`` would move by ``shift`` [its unit], ``errors`` of its standard errors.
-    ``share`` is the largest part of its value that one would move by, significantly.
+    ``share`` is the largest part of its value that one would move by, significantly. It is
+    ``bounded`` unless a coarse converter may have more to do with it than the standard errors say.
     """
 
     term: Term
@@ -90,6 +91,7 @@ class Score:
     shift: float
     errors: float
     share: float
+    bounded: bool = True
 
     @property
     def significant(self) -> float:
@@ -102,7 +104,7 @@ class Score:
     @property
     def unseen(self) -> dict[str, float]:
         """How large the term could be without being significant, and what it would then move."""
-        if not self.size or not self.deviations:
+        if not self.size or not self.deviations or not self.bounded:
             return {}
         size = min(self.significant * abs(self.size / self.deviations), self.term.most)
         return {"unseen_size": size, "unseen_shift": size * abs(self.shift / self.size)}
@@ -120,6 +122,11 @@ def judge_term(at: Optimum, term: Term) -> Score | None:
     if found is None:
         return None
     x, deviation = found
+    return _beside_converter(at, term, _score(at, term, x, deviation))
+
+
+def _score(at: Optimum, term: Term, x: FloatArray, deviation: float) -> Score:
+    """What changes of the parameters and a size of the term, ``(p + 1,)``, mean."""
     errors = x[:-1] / at.errors
     values = np.abs([at.number(n) for n in at.names])
     shares = np.full(values.size, np.inf)  # whatever is added to zero
@@ -129,32 +136,34 @@ def judge_term(at: Optimum, term: Term) -> Score | None:
     size = float(x[-1])
     deviations = _as_one(size / max(deviation, 1e-300), term.chosen)
     kept = replace(term, columns=(), instruments=())  # those of many terms are too much to keep
-    score = Score(
+    return Score(
         kept, size, deviations, at.names[worst], float(x[worst]),
         float(errors[worst]), float(shares.max()),
     )  # fmt: skip
-    if score.telling and not (at.copies or at.instruments):  # what takes longer excuses more
-        excused = _as_one(_beside_converter(at, term), term.chosen)
-        score = replace(score, deviations=min(deviations, excused, key=abs))
-    return score
 
 
-def _beside_converter(at: Optimum, term: Term) -> float:
-    """Standard errors of a term by rows as they are, the errors of a converter no noise.
+def _beside_converter(at: Optimum, term: Term, plain: Score) -> Score:
+    """The same by rows as they are, with the errors of a coarse converter not taken for noise.
 
-    Infinite where nothing was read in steps that count.
+    That takes longer, and is asked only where it may excuse what would be said. Of other terms it
+    is not known then how large they could be without a word.
     """
     steps = [s.resolution for s in at.series]
-    if max(steps) <= _COARSE * at.sigma:
-        return np.inf
+    if at.copies or at.instruments or not all(map(is_kept, at.jacobians)):
+        return plain
+    if not is_coarse(max(steps), at.sigma):
+        return plain
+    if not plain.telling:
+        return replace(plain, bounded=not at.quantised)
     tables = at.beside_residual(term.columns).tables
     columns, rest = [t[:, :-1] for t in tables], [t[:, -1] for t in tables]
     x = scaled_least_squares(np.vstack(columns), np.concatenate(rest))
     left = [r - c @ x for c, r in zip(columns, rest, strict=True)]
-    readings = list(zip(at.measured, steps, strict=True))
     free = sum(s.own_level for s in at.series)
+    readings = list(zip(at.measured, steps, strict=True))
     spread = covariance(columns, left, readings=readings, local_unknowns=free)
-    return float(x[-1] / np.sqrt(max(spread.covariance[-1, -1], 1e-300)))
+    other = _score(at, term, x, float(np.sqrt(spread.covariance[-1, -1])))
+    return min(plain, other, key=lambda s: abs(s.deviations))
 
 
 def fit_together(

@@ -153,7 +153,7 @@ def damped_step(
 
 
 def _solution(normal: FloatArray, rhs: FloatArray) -> FloatArray:
-    """Of normal equations; the shortest of those that are singular."""
+    """Solution of normal equations; the shortest where they are singular."""
     try:
         return np.asarray(np.linalg.solve(normal, rhs))  # in a third of the time
     except np.linalg.LinAlgError:

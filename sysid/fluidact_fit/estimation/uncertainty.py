@@ -33,6 +33,7 @@ _TRIES = (20, 200)  # draws of where a signal lies among the codes, fewest and m
 _NEAR = 5  # samples that a signal hardly changes over
 _TURNS = 20  # of an iteration whose error soon is far below what matters
 _DRAWN = 5_000_000  # samples of all draws, as long as these are not the fewest
+_MUCH = 0.3  # of the variance of a residual
 _BENDS = 9.0  # times what noise gives, that a slope or bow of a residual has to be
 
 
@@ -189,9 +190,9 @@ def _coloured_product(jacobian: FloatArray, a: FloatArray) -> FloatArray:
     return np.asarray(total + later.T @ reach @ later)
 
 
-def _step_variance(readings: Sequence[tuple[FloatArray, float]]) -> float:
-    """Variance of the error of an ideal converter."""
-    return max((step for _, step in readings), default=0.0) ** 2 / 12.0
+def is_coarse(step: float, sigma: float) -> bool:
+    """Whether the error of a converter is much of a residual of that standard deviation."""
+    return step**2 / 12.0 >= _MUCH * sigma**2
 
 
 def _converter_middle(
@@ -314,7 +315,8 @@ def enlarge(matrix: FloatArray, variances: FloatArray) -> FloatArray:
     ratio = np.ones(now.size)
     np.divide(variances, now, out=ratio, where=(now > 0.0) & np.isfinite(now))
     scale = np.sqrt(np.maximum(ratio, 1.0))
-    return np.asarray(matrix * np.outer(scale, scale))
+    with np.errstate(invalid="ignore"):
+        return np.where(matrix == 0.0, 0.0, matrix * np.outer(scale, scale))
 
 
 def _positive(matrix: FloatArray) -> FloatArray:
@@ -411,10 +413,10 @@ def covariance(
         effective = _effective(total, sigma**2 * bread, n)
         total *= effective / max(effective - 3.0 * p - 2.0, 0.25 * effective)
         degrees = max(int(min(effective, independent)) - p, 1)
-    coarse = _step_variance(readings)
+    step = max((step for _, step in readings), default=0.0)
     whole = readings and all(y.size == j.shape[0] for j, (y, _) in zip(jacobian, readings))
-    if robust and whole and coarse >= 0.3 * sigma**2:
-        noise = max(sigma**2 - coarse, 0.0)
+    if robust and whole and is_coarse(step, float(sigma)):
+        noise = max(sigma**2 - step**2 / 12.0, 0.0)
         for mirrored in (False, True):  # what the machine is like nobody knows
             steps = _converter_middle(
                 jacobian, residuals, readings, bread, noise, local_unknowns > 0, mirrored

@@ -202,7 +202,7 @@ class CurvedRun:
         self.breakaways, self.stops = [0, 0], 0
         self._run(abs(speed), int(np.sign(speed)))
         self.steps = np.array(self._steps, dtype=float).reshape(-1, 7).T
-        del self._steps, self._tables, self._polynomials
+        del self._steps, self._tables, self._polynomials, self.band, self.spans  # the pass is kept
 
     def _run(self, speed: float, way: int) -> None:
         node, offset, end = 0, 0.0, len(self.spans)

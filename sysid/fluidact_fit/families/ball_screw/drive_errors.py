@@ -8,8 +8,8 @@ followed through all events, and the estimate moved by ``(J'J)^-1 J' dy``, which
 error that is already in the log did as well.
 
 What is left of ``dy`` beside the parameters is in the residual, where it wanders. Where the
-residual wanders less the error was smaller, and the move is taken for as much smaller: a drive that
-is rounded may have been rounded in the machine, which is no error of the record.
+residual wanders less than that the error was smaller, and the moves are taken for as much smaller:
+a drive that is rounded may have been rounded in the machine, which is no error of the record.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 
 from ...errors import Notice
 from ...estimation.inputs import settled_hold
+from ...estimation.least_squares import orthonormal, without
 from ...estimation.lost_rows import find_lost_rows
 from ...estimation.noise import noise_floor
 from ...estimation.parametric import Fitted
@@ -31,7 +32,7 @@ from .model import Axis, DriveModel
 _DRAWS = 24  # disturbances; they tell a standard error to a seventh
 _FIRST = 4  # of them, after which it shows whether they matter at all
 _MATTERS = 0.1  # of a standard error, which the first have to move an estimate by
-_WANDERS = 20  # rows of which white noise averages, and the way from one break-away to the next not
+_WANDERS = 20  # rows over which white noise averages out, but not what a wrong break-away does
 _ORDER = 8  # of the differences that leave noise of a drive, and nothing of a sine
 _LEAST = 1e-7  # of the range of the drive: errors below it are rounding
 # of the range of a held drive: below is the curve of a chirp, above are levels that were commanded
@@ -55,41 +56,47 @@ def with_drive_errors(
     if not any(e.any() for e in errors) or not fitted.names:
         return fitted
     rng = np.random.default_rng(seed)
+    first = [model.columns(i, fitted.values) for i in range(len(drives))]
     scale: list[FloatArray | float] = [*weights] or [1.0] * len(drives)
-    before = model.compared_rows(fitted.values)
-    j = np.vstack(fitted.solution.jacobian)
+    # a position may lie beside the simulated one: that is no error of the drive
+    free = [orthonormal(np.asarray((w * b.local.T).T)) for w, b in zip(scale, first)]
+    before = [np.real(b.known) for b in first]
+    jacobian, residuals = fitted.solution.jacobian, fitted.solution.residuals
+    j = np.vstack(jacobian)
     # a residual that is autocorrelated has shown part of it already: the larger of the two
-    plain = covariance(fitted.solution.jacobian, fitted.solution.residuals, robust=False)
+    plain = covariance(jacobian, residuals, robust=False)
     known = np.diag(plain.covariance)
-    shown = _wander(np.concatenate(fitted.solution.residuals))
+    shown = sum(map(_wander, residuals))
     moves: list[FloatArray] = []
+    left: list[float] = []
     for count in (_FIRST, _DRAWS):
         while len(moves) < count:
             disturbed = model.disturbed([e * rng.standard_normal(e.size) for e in errors])
             after = disturbed.compared_rows(fitted.values)
-            change = np.concatenate([w * (a - b) for w, a, b in zip(scale, after, before)])
-            move = np.linalg.lstsq(j, change, rcond=1e-12)[0]
-            left = _wander(change - j @ move)
-            moves.append(move * np.sqrt(min(shown / left, 1.0) if left > 0.0 else 1.0))
-        added = np.mean(np.square(moves), axis=0)
+            change = [without(q, w * (a - b)) for q, w, a, b in zip(free, scale, after, before)]
+            moves.append(np.linalg.lstsq(j, np.concatenate(change), rcond=1e-12)[0])
+            left.append(sum(_wander(c - k @ moves[-1]) for c, k in zip(change, jacobian)))
+        usual = float(np.mean(left))
+        # speed and acceleration are compared where the model lacks forces: they show those
+        share = 1.0 if model.compared.half_width or not usual else min(shown / usual, 1.0)
+        added = share * np.mean(np.square(moves), axis=0)
         if np.all(added < _MATTERS**2 * known):
             return fitted
     return replace(fitted, covariance=enlarge(fitted.covariance, known + added))
 
 
 def _wander(rows: FloatArray) -> float:
-    """Sum of squares of what changes slowly in some rows, about their mean.
+    """Sum of squares of what changes slowly in the rows of a run.
 
     That of the means of blocks, less what white noise has in them. A quarter of the latter is left
     at least: less could not be told from none.
     """
     count = rows.size // _WANDERS
     if count < 2:
-        return float(np.sum((rows - rows.mean()) ** 2))
+        return float(rows @ rows) / _WANDERS
     parts = rows[: count * _WANDERS].reshape(count, -1)
-    means = parts.mean(axis=1)
     white = float(parts.var(axis=1, ddof=1).sum()) / _WANDERS
-    return max(float(np.sum((means - means.mean()) ** 2)) - white, 0.25 * white)
+    return max(float(np.sum(parts.mean(axis=1) ** 2)) - white, 0.25 * white)
 
 
 def warn_of_held_noise(axis: Axis, experiments: Sequence[Experiment]) -> list[Notice]:

@@ -134,6 +134,8 @@ class _Run:
         self.phases: list[_Phase] = []
         self.breakaways, self.stops = [0, 0], 0
         self._run(speed)
+        del self.band  # the pass is kept
+        self.velocity.flags.writeable = False
 
     def _run(self, speed: float) -> None:
         """Follow the motion from event to event until the log ends."""
@@ -335,10 +337,10 @@ class Passes:
         self.torque, self.grid = torque, grid
         self._last: tuple[Levels, float, _Run | CurvedRun] | None = None
 
-    def led_by(self, levels: Levels, speed: float) -> _Run | CurvedRun:
+    def pass_of(self, levels: Levels, speed: float) -> _Run | CurvedRun:
         """The pass of a drive with some first speed."""
         if self._last is None or self._last[:2] != (levels, speed):
-            self._last = None  # not to lie beside the next
+            self._last = None  # free it before the next is made
             run = (
                 CurvedRun(levels, self.torque, speed)
                 if levels.speed > 0.0
@@ -363,7 +365,7 @@ def simulate_stick_slip(
         At the first node.
     """
     start = np.asarray(initial_speed)
-    run = passes.led_by(parameters.levels, float(np.real(start.flat[0])))
+    run = passes.pass_of(parameters.levels, float(np.real(start.flat[0])))
     if isinstance(run, CurvedRun):
         return motion_of(run, parameters, start)
     motion = Motion(
