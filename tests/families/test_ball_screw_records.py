@@ -166,6 +166,14 @@ def test_a_drive_that_was_rounded_in_the_machine_was_not_wrong_in_the_record() -
     assert np.all(np.sqrt(np.mean(z**2, axis=0)) < 1.9)
 
 
+def test_a_ripple_of_the_torque_hides_no_static_level_in_silence() -> None:
+    """A level 12 % off at 6 standard errors, PASS; the residual was 2.65 times the noise."""
+    attack = find_attack(screw, "torque ripple", "5e-05 N m")
+    found = run(attack, 2, 66190425)
+    assert "forces-beyond-model" in found.codes
+    assert "breakaway_negative" not in found.errors
+
+
 def test_a_torque_of_the_other_sign_is_said_to_be_one() -> None:
     log = record()
     torque = log.signals["torque"]

@@ -15,6 +15,7 @@ from .model import BREAKAWAY, SPEED, Compared
 from .stages import Stage
 
 DECISIVE = 3.0  # residual per noise above which forces are at work that the model lacks
+DECISIVE_HELD = 2.0  # the same under a drive that is held: it is exact, and explains no residual
 BEYOND_HELP = 100.0  # above which no other instant of a break-away would make it small
 
 

@@ -12,7 +12,14 @@ from ...estimation.named_model import check_request
 from ...estimation.parametric import Fitted, fit_named
 from ...experiment import Experiment, FloatArray
 from ...family import Estimate, Request, Variant
-from .beyond import BEYOND_HELP, DECISIVE, beyond_notice, residual_to_noise, with_derivatives
+from .beyond import (
+    BEYOND_HELP,
+    DECISIVE,
+    DECISIVE_HELD,
+    beyond_notice,
+    residual_to_noise,
+    with_derivatives,
+)
 from .brackets import Bracket, bracket_levels, narrow_levels
 from .drive_errors import warn_of_held_noise, with_drive_errors
 from .model import BREAKAWAY, EXCESS, SIDES, SPEED, Compared, DriveModel, axis_of
@@ -183,7 +190,7 @@ def _levels_and_forces(stage: Stage, request: Request[BallScrewOptions]) -> _Rea
     if brackets and ratio < BEYOND_HELP and not stage.curved:
         held, brackets = narrow_levels(held, brackets)
         ratio = residual_to_noise(held) if known is None else 0.0
-    beyond = known == "derivatives" or ratio > DECISIVE
+    beyond = known == "derivatives" or ratio > (DECISIVE_HELD if brackets else DECISIVE)
     if brackets and not beyond and _unknown(stage):
         excesses = {s: brackets[b].value - held.start[f"coulomb_{s}"] for s, b in BREAKAWAY.items()
                     if b in brackets}  # fmt: skip
