@@ -23,7 +23,7 @@ CHANNELS = ("pressure_1", "pressure_2", "position")
 _STEP = 5e-4  # s: longest Runge-Kutta step
 _FALL = 0.5  # growth of a speed over a step where friction falls with it
 _ANGLE = 0.3  # rad of the pressure resonance that a step may turn
-# rad that the piston on the oil of one chamber may turn in a step; it was followed at 1.6, and ran
+# rad that the piston on the oil of one chamber may turn in a step; it was followed at 1.5, and ran
 # away at 1.8
 _FOLLOWED = 1.7
 _STIFF = 1e9  # Pa: bulk modulus of the resonance that the steps are made for
