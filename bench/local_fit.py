@@ -14,9 +14,11 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -29,22 +31,29 @@ import scipy_reference as by_hand
 from problems import PROBLEMS, make_trial
 
 
+@contextmanager
+def watched(module: ModuleType, name: str) -> Iterator[list[tuple[Any, ...]]]:
+    """What a function of a module is given meanwhile, call by call."""
+    taken, function = [], getattr(module, name)
+
+    def watch(*given: Any, **options: Any) -> Any:
+        taken.append(given)
+        return function(*given, **options)
+
+    setattr(module, name, watch)
+    try:
+        yield taken
+    finally:
+        setattr(module, name, function)
+
+
 def captured(name: str, log: Any, start: dict[str, float]) -> tuple[Any, np.ndarray]:
     """The last problem that the family solves over a log, and where it is to begin."""
     from fluidact_fit.estimation import separable
 
-    taken, solve = [], separable.solve
-
-    def watch(problem: Any, start: np.ndarray, **limits: Any) -> Any:
-        taken.append(problem)
-        return solve(problem, start, **limits)
-
-    separable.solve = watch
-    try:
+    with watched(separable, "solve") as taken:
         own.FITS[f"{name}|started at the guess"](own.prepare(name, log), PROBLEMS[name].guess)
-    finally:
-        separable.solve = solve
-    problem = max(reversed(taken), key=lambda p: p.rows)
+    problem = max((given[0] for given in reversed(taken)), key=lambda p: p.rows)
     names = own._HOW[name][3]
     at = {names[k]: v for k, v in start.items()}
     return problem, np.array([at[u.name] for u in problem.nonlinear])
@@ -79,18 +88,10 @@ _FREE = {
 
 def fits_by_hand(name: str, log: Any) -> tuple[Callable[[], Any], Callable[[], Any], Any]:
     """The last fit by hand, the same with the unknowns of the family, and where both begin."""
-    taken, solve = [], by_hand._solve
-
-    def watch(simulate: Any, log: Any, start: dict[str, float], **options: Any) -> Any:
-        taken.append((simulate, start))
-        return solve(simulate, log, start, **options)
-
-    by_hand._solve = watch
-    try:
+    solve = by_hand._solve
+    with watched(by_hand, "_solve") as taken:
         by_hand.FITS[name](log, PROBLEMS[name].guess)
-    finally:
-        by_hand._solve = solve
-    simulate, start = taken[-1]
+    simulate, _, start = taken[-1]
     free, names = _FREE[name]
     size, t = 0.01 * float(np.ptp(log.y)), log.t - log.t[0]
     sizes = {"offset": size, "first": size, "rate": 0.1 * size / log.sample_time}

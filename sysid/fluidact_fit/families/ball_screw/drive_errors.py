@@ -56,12 +56,12 @@ def with_drive_errors(
     if not any(e.any() for e in errors) or not fitted.names:
         return fitted
     rng = np.random.default_rng(seed)
-    first = [model.columns(i, fitted.values) for i in range(len(drives))]
     scale: list[FloatArray | float] = [*weights] or [1.0] * len(drives)
-    # a position may lie beside the simulated one: that is no error of the drive
-    free = [orthonormal(np.asarray((w * b.local.T).T)) for w, b in zip(scale, first)]
-    before = [np.real(b.known) for b in first]
+    before = model.compared_rows(fitted.values)
     jacobian, residuals = fitted.solution.jacobian, fitted.solution.residuals
+    # a position may lie beside the simulated one: that is no error of the drive
+    beside = [model.compared.offset(t.size, y.size) for t, y in zip(model.times, before)]
+    free = [orthonormal((w * column.T).T) for w, column in zip(scale, beside)]
     j = np.vstack(jacobian)
     # a residual that is autocorrelated has shown part of it already: the larger of the two
     plain = covariance(jacobian, residuals, robust=False)

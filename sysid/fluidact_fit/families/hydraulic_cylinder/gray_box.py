@@ -146,7 +146,7 @@ class GrayBox:
     ) -> None:  # fmt: skip
         self.logs, self.machine = list(logs), machine
         self.segment = min(segment, *(log.samples - 1 for log in logs))
-        step = max(float(np.max(log.step)) for log in self.logs)
+        step = self._sample_time
         mass, middle = machine.mass or 1.0, np.mean([log.guess[:, 2].mean() for log in logs])
         stiffness = _STIFF * sum(
             machine.area(i) ** 2 / float(machine.volume(i, middle)) for i in (1, 2)
@@ -156,9 +156,14 @@ class GrayBox:
         needed = step * max(1.0 / _STEP, *rates)
         self.steps = int(np.clip(np.ceil(needed - 1e-9), 1, _MOST_STEPS))
 
+    @property
+    def _sample_time(self) -> float:
+        """Longest interval between samples [s]."""
+        return max(float(np.max(log.step)) for log in self.logs)
+
     def least_volume(self, chamber: int, values: Values) -> float:
         """Volume [m3] of a chamber whose oil is so stiff that no step follows the piston on it."""
-        step = max(float(np.max(log.step)) for log in self.logs) / self.steps
+        step = self._sample_time / self.steps
         stiffness = values["bulk_modulus"] * self.machine.area(chamber) ** 2
         return float(stiffness * (step / _FOLLOWED) ** 2 / (self.machine.mass or 1.0))
 

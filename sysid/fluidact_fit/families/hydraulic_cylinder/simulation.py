@@ -99,42 +99,27 @@ def _all_states(
     )  # fmt: skip
     box = GrayBox([log], machine, values["viscous"], fall=fall)
     states = box.simulate(log, rest, values)
-    _require_oil(e, machine, states[:, 2])
-    _require_followed(e, box, states[:, 2], values)
+    _require_oil(e, machine, states[:, 2], [box.least_volume(i, values) for i in (1, 2)])
     return states
 
 
-def _require_followed(e: Experiment, box: GrayBox, position: FloatArray, values: Values) -> None:
-    """Refuse a run in which the oil of a chamber is too stiff for the steps of the integration."""
-    machine = box.machine
-    soft = np.ones(position.size, dtype=bool)
-    for chamber in (1, 2):
-        soft &= machine.volume(chamber, position) > box.least_volume(chamber, values)
-    if not soft.all():
-        first = int(np.argmin(soft))
-        raise UsageError(
-            f"from {e.time[first]:.3g} s on the little oil that is left in a chamber is too stiff "
-            f"to be followed from sample to sample, {e.sample_time:.3g} s apart.",
-            where=e.name,
-            remedy="Keep the piston away from the end of its stroke (a shorter --duration, a "
-            "smaller command), or sample more finely.",
-        )
-
-
-def _require_oil(e: Experiment, machine: Machine, position: FloatArray) -> None:
-    """Refuse a run in which the piston uses up the volume of a chamber."""
+def _require_oil(
+    e: Experiment, machine: Machine, position: FloatArray, least: Sequence[float] = (0.0, 0.0)
+) -> None:
+    """Refuse a run in which the piston uses up a chamber, but for the ``least`` volumes [m3]."""
     full = np.isfinite(position)
-    for chamber in (1, 2):
+    for chamber, left in zip((1, 2), least):
         if machine.dead_volume(chamber) is not None:
-            full &= machine.volume(chamber, position) > 0.0
+            full &= machine.volume(chamber, position) > left
     if not full.all():
         first = int(np.argmin(full))
         raise UsageError(
             f"from {e.time[first]:.3g} s on the piston would be beyond where a chamber holds oil, "
+            "or holds too little for a step from sample to sample to follow it, "
             f"and {_NAME} knows no end of the stroke.",
             where=e.name,
-            remedy="Choose a shorter --duration or a smaller command; a log has to hold the "
-            "position, which drifts away when it is integrated for long.",
+            remedy="Choose a shorter --duration or a smaller command, or sample more finely; a log "
+            "has to hold the position, which drifts away when it is integrated for long.",
         )
 
 
