@@ -45,7 +45,7 @@ def main() -> int:
     )
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--write", action="store_true", help="write the page")
-    parser.add_argument("--verbose", action="store_true", help="print every single result")
+    parser.add_argument("--verbose", action="store_true", help="print every result as it comes")
     given = parser.parse_args()
     if given.vary:
         vary(given.vary, given.seed)
@@ -64,10 +64,12 @@ def main() -> int:
     ]
     _TASKS.extend(tasks)
     # forked, since an attack holds functions that cannot be sent
+    results = []
     with get_context("fork").Pool(given.jobs) as pool:
-        results = pool.map(_one, range(len(tasks)), chunksize=1)
-    if given.verbose:
-        print("\n".join(shown(r) for r in results))
+        for r in pool.imap(_one, range(len(tasks))):
+            results.append(r)
+            if given.verbose:
+                print(shown(r), flush=True)
     if given.cells:
         text, path = cells.page(attacks, results), cells.PAGE
     else:

@@ -41,6 +41,7 @@ CELLS = (
     ("cylinder-friction", "Stribeck asked for", "2.4 N, 0.01 m/s, hand"),
     ("cylinder-friction", "Stribeck asked for", "1.2 N, 0.02 m/s, strokes"),
     ("cylinder-friction", "right model", "one speed a log"),
+    ("ball-screw", "right model, continuous drive", "three logs, smooth"),
     ("ball-screw", "lost rows", "5 % of lines, foh"),
     ("ball-screw", "lost rows", "5 % of continuous, smooth"),
     ("ball-screw", "noise of the drive", "1e-05 N m, smooth"),

@@ -10,6 +10,7 @@ from fluidact_fit.estimation.uncertainty import (
     _most_noise,
     covariance,
     enlarge,
+    largest,
     score_covariance,
 )
 
@@ -125,3 +126,25 @@ def test_stretches_of_a_few_samples_have_errors_of_the_converter_too():
 def test_a_covariance_grows_where_it_is_finite():
     found = enlarge(np.array([[1.0, 0.5], [0.5, np.inf]]), np.array([4.0, np.inf]))
     assert found.tolist() == [[4.0, 1.0], [1.0, np.inf]]
+
+
+def test_errors_of_a_converter_are_correlated_as_they_are_and_not_as_noise_would_be():
+    # a ramp tells one level to a hundredth of a code; how far a rest lies above it only the code of
+    # that rest tells, and white noise would give the two a correlation of -0.7
+    rng = np.random.default_rng(7)
+    columns = np.repeat([[1.0, 0.0], [1.0, 1.0]], 400, axis=0)
+    for _ in range(5):
+        signal = np.concatenate((np.linspace(0.0, 40.0, 400), np.full(400, 20.0)))
+        signal += rng.uniform() + np.repeat([0.0, rng.uniform()], 400)
+        y = np.round(signal)
+        rest = y - signal - columns @ np.linalg.lstsq(columns, y - signal, rcond=None)[0]
+        v = covariance([columns], [rest], readings=[(y, 1.0)]).covariance
+        assert abs(v[0, 1]) < 0.3 * np.sqrt(v[0, 0] * v[1, 1])
+
+
+def test_the_largest_covariance_keeps_the_correlations_of_the_one_that_says_most():
+    small = np.array([[1.0, 0.5], [0.5, 1.0]])
+    large = np.array([[4.0, -1.5], [-1.5, 0.9]])
+    found = largest([small, large])
+    assert np.diag(found).tolist() == [4.0, 1.0]
+    assert found[0, 1] == pytest.approx(-1.5 / np.sqrt(0.9))

@@ -317,6 +317,14 @@ def attacks() -> Iterator[Attack]:
         yield make_attack(
             "right model, continuous drive", hold, screw, log, hold, bounds=True, repetitions=8
         )
+    yield make_attack(
+        "right model, continuous drive",
+        "three logs, smooth",
+        screw,
+        replace(moving, logs=3),
+        "smooth",
+        repetitions=4,
+    )
     yield make_attack("another hold", "curved, taken for lines", screw, moving, "foh")
     yield make_attack("another hold", "curved, taken for held", screw, moving)
     yield make_attack("another hold", "held, taken for lines", screw, plain, "foh")

@@ -319,6 +319,19 @@ def enlarge(matrix: FloatArray, variances: FloatArray) -> FloatArray:
         return np.where(matrix == 0.0, 0.0, matrix * np.outer(scale, scale))
 
 
+def largest(candidates: Sequence[FloatArray]) -> FloatArray:
+    """Covariance ``(p, p)`` of unknowns of which several are possible.
+
+    The largest variance of each unknown, with the correlations of the candidate that has most of
+    them: those of another would make too much or too little of what is the sum of two unknowns.
+    """
+    variances = np.array([np.diag(c) for c in candidates])
+    most = variances.max(axis=0)
+    known = (most > 0.0) & np.isfinite(most)
+    share = np.sum(variances[:, known] / most[known], axis=1)
+    return enlarge(candidates[int(np.argmax(share))], most)
+
+
 def _positive(matrix: FloatArray) -> FloatArray:
     """Remove the negative eigenvalues that rounding leaves in a nearly singular covariance."""
     symmetric = 0.5 * (matrix + matrix.T)
@@ -417,12 +430,13 @@ def covariance(
     whole = readings and all(y.size == j.shape[0] for j, (y, _) in zip(jacobian, readings))
     if robust and whole and is_coarse(step, float(sigma)):
         noise = max(sigma**2 - step**2 / 12.0, 0.0)
+        possible = [total]
         for mirrored in (False, True):  # what the machine is like nobody knows
             steps = _converter_middle(
                 jacobian, residuals, readings, bread, noise, local_unknowns > 0, mirrored
             )
-            held = bread @ (steps + noise * stacked.T @ stacked) @ bread
-            total = enlarge(total, np.diag(held))
+            possible.append(_positive(bread @ (steps + noise * stacked.T @ stacked) @ bread))
+        total = largest(possible)
     total[blind, blind] = np.inf
     return Uncertainty(total, degrees, float(sigma), order, independent)
 

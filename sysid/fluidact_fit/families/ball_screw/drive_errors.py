@@ -25,7 +25,7 @@ from ...estimation.least_squares import orthonormal, without
 from ...estimation.lost_rows import find_lost_rows
 from ...estimation.noise import noise_floor
 from ...estimation.parametric import Fitted
-from ...estimation.uncertainty import covariance, enlarge
+from ...estimation.uncertainty import covariance, largest
 from ...experiment import Experiment, FloatArray, Signal
 from .model import Axis, DriveModel
 
@@ -65,7 +65,6 @@ def with_drive_errors(
     j = np.vstack(jacobian)
     # a residual that is autocorrelated has shown part of it already: the larger of the two
     plain = covariance(jacobian, residuals, robust=False)
-    known = np.diag(plain.covariance)
     shown = sum(map(_wander, residuals))
     moves: list[FloatArray] = []
     left: list[float] = []
@@ -79,10 +78,11 @@ def with_drive_errors(
         usual = float(np.mean(left))
         # speed and acceleration are compared where the model lacks forces: they show those
         share = 1.0 if model.compared.half_width or not usual else min(shown / usual, 1.0)
-        added = share * np.mean(np.square(moves), axis=0)
-        if np.all(added < _MATTERS**2 * known):
+        added = share * np.transpose(moves) @ np.array(moves) / count
+        if np.all(np.diag(added) < _MATTERS**2 * np.diag(plain.covariance)):
             return fitted
-    return replace(fitted, covariance=enlarge(fitted.covariance, known + added))
+    both = np.asarray(plain.covariance + added)
+    return replace(fitted, covariance=largest([fitted.covariance, both]))
 
 
 def _wander(rows: FloatArray) -> float:
