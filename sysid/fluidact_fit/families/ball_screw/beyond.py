@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,24 +13,26 @@ from ...estimation.separable import solve
 from ...experiment import FloatArray
 from ...family import Quantity
 from .model import BREAKAWAY, SPEED, Compared
-from .stages import Stage
+from .stages import Stage, values_at
 
 DECISIVE = 3.0  # residual per noise above which forces are at work that the model lacks
 DECISIVE_HELD = 2.0  # the same under a drive that is held: it is exact, and explains no residual
 BEYOND_HELP = 100.0  # above which no other instant of a break-away would make it small
 
 
-def residual_to_noise(stage: Stage) -> float:
-    """Residual of the position, all parameters but those held fitted, per noise of the encoder.
+def residual_to_noise(stage: Stage) -> tuple[float, Stage]:
+    """Residual of the position per noise of the encoder, and the stage where it is least.
 
-    While it is near one, comparing the position alone is efficient. Far above, the residual
-    comes from forces that the model does not know.
+    All parameters but those held are fitted. While the ratio is near one, comparing the position
+    alone is efficient. Far above, the residual comes from forces that the model does not know.
     """
-    found = stage.solve(stage.problem(), max_iterations=10, tolerance=0.05)
+    problem = stage.problem()
+    found = stage.solve(problem, max_iterations=10, tolerance=0.05)
     residual = np.sqrt(found.cost / sum(e.samples for e in stage.experiments))
     white = max(noise_floor(e[stage.axis.motion], robust=False) for e in stage.experiments)
     noise = max(white, stage.rounding)
-    return float(residual / noise) if noise > 0.0 else np.inf
+    moved = replace(stage, start={**stage.start, **values_at(problem, found.eta)})
+    return float(residual / noise) if noise > 0.0 else np.inf, moved
 
 
 def with_derivatives(stage: Stage) -> tuple[Compared, list[FloatArray]]:

@@ -186,17 +186,19 @@ def _levels_and_forces(stage: Stage, request: Request[BallScrewOptions]) -> _Rea
     elif stepped and not stage.curved and known != "derivatives":
         request.progress("bracketing the static levels")
         held, brackets = bracket_levels(stage)
-    ratio = residual_to_noise(held) if known is None else 0.0
+    ratio, moved = residual_to_noise(held) if known is None else (0.0, held)
     if brackets and ratio < BEYOND_HELP and not stage.curved:
         held, brackets = narrow_levels(held, brackets)
-        ratio = residual_to_noise(held) if known is None else 0.0
+        ratio, moved = residual_to_noise(held) if known is None else (0.0, held)
     beyond = known == "derivatives" or ratio > (DECISIVE_HELD if brackets else DECISIVE)
     if brackets and not beyond and _unknown(stage):
         excesses = {s: brackets[b].value - held.start[f"coulomb_{s}"] for s, b in BREAKAWAY.items()
                     if b in brackets}  # fmt: skip
         return _Ready(stage.refuse_levels(LOST_ROWS, list(excesses), excesses), {}, False)
-    if not (beyond and stepped):
-        return _Ready(held, brackets, beyond)
+    if not beyond:  # the last fit goes on from there
+        return _Ready(moved, brackets, False)
+    if not stepped:
+        return _Ready(held, {}, True)
     return _Ready(stage.refuse_levels(UNKNOWN_FORCES, stage.open_sides()), {}, True)
 
 
