@@ -28,6 +28,7 @@ from .regression import begin_flow, directional_gains, fit_friction, not_shown, 
 
 _MARGIN = 1.5  # by which friction may fall more steeply than where the search for it ended
 _RISE = 4_000  # samples in which a Stribeck rise is looked for
+_ROUGH = 1e-4  # of its cost, that a fit without a rise is told to, from which one is looked for
 _SHORTEST = 400  # samples of a part
 _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says something
 
@@ -57,7 +58,7 @@ class _Search:
         first = self.start
         many = self.case.samples > _RISE
         box = self._part(_RISE) if many else self.box
-        plain = self._settle(box, {**held, **dict.fromkeys(low, 0.0)})
+        plain = self._settle(box, {**held, **dict.fromkeys(low, 0.0)}, enough=_ROUGH)
         found = find_rise(plain, first, low, held, self.case, near=many)
         self.unknowns |= {u.name: u for u in found.problem.free}
         self.start = found.values
@@ -89,24 +90,25 @@ class _Search:
     def _begin_in_part(self, held: Mapping[str, float], low: Sequence[str]) -> bool:
         """Go where part of long logs leads to, from where the whole takes few steps.
 
-        Returns whether it led anywhere.
+        A Stribeck rise has been found in a smaller part already. Returns whether it led anywhere.
         """
         before = self.start, self.sigma
         self.case.request.progress("gray box: part of the logs")
-        if self._settle(self._part(PART), held, low).converged:
+        if self._settle(self._part(PART), held, low, near=bool(low)).converged:
             return True
         self.start, self.sigma = before
         return False
 
     def _settle(
         self, box: GrayBox, held: Mapping[str, float], low: Sequence[str] = (),
-        initial: Sequence[FloatArray] | None = None, near: bool = False,
+        initial: Sequence[FloatArray] | None = None, near: bool = False, enough: float = 0.0,
     ) -> GraySolution:  # fmt: skip
         """Search from the last values; the weights follow the residuals."""
         free = [self.unknowns[n] for n in (*GRAY_NAMES, *low) if n not in held]
         begin = {**self.start, **held}
         for _ in range(3):
-            solution = solve_gray_box(GrayProblem(box, free, self.sigma), begin, initial, near=near)
+            problem = GrayProblem(box, free, self.sigma)
+            solution = solve_gray_box(problem, begin, initial, near=near, enough=enough)
             begin, initial = solution.values, solution.initial
             self.case.request.progress(
                 f"gray box: {solution.iterations} steps, weighted error {solution.cost:.6g}"

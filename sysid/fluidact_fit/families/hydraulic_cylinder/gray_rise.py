@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -21,11 +22,17 @@ from .gray_search import GraySolution, moving_speeds, solve_gray_box
 
 _SPEEDS = 6  # to begin with, evenly apart on a logarithmic scale
 _SHARES = (0.3, 0.6)  # of the dry friction that are Stribeck rise at first
-_ROUNDS = ((4, 6), (8, 2), (20, 1))  # steps of the search from each start, and how many go on
+_ROUNDS = (
+    (2, 12),
+    (2, 6),
+    (8, 2),
+    (20, 1),
+)  # steps of the search from each start, and how many go on
 _BESIDE = (0.63, 0.8, 1.25, 1.6)  # times the speed of a minimum, from where a better one is sought
 _HOPS = 3  # from minimum to minimum, at most
 _SIDE_STEPS = 6  # of the search from there, at that speed and then free
 _BETTER = 0.01  # part of the misfit that another minimum has to save
+_ENOUGH = 0.1 * _BETTER  # a step that saves less does not make one
 
 
 def find_rise(
@@ -78,14 +85,14 @@ def _hop(best: GraySolution, case: Case, near: bool) -> GraySolution:
     free = best.problem.free
     others = replace(best.problem, free=[u for u in free if u.name != "stribeck_speed"])
     (unknown,) = [u for u in free if u.name == "stribeck_speed"]
+    side = partial(solve_gray_box, max_iterations=_SIDE_STEPS, near=near, enough=_ENOUGH)
     for _ in range(_HOPS):
         ends = []
         for factor in _BESIDE:
             speed = min(max(factor * best.values["stribeck_speed"], unknown.low), unknown.high)
             begin = {**best.values, "stribeck_speed": speed}
-            at = solve_gray_box(others, begin, best.initial, _SIDE_STEPS, near=near)
-            free_again = solve_gray_box(best.problem, at.values, at.initial, _SIDE_STEPS, near=near)
-            ends.append(free_again)
+            at = side(others, begin, best.initial)
+            ends.append(side(best.problem, at.values, at.initial))
         other = min(ends, key=lambda s: s.cost)
         if not other.cost < (1.0 - _BETTER) * best.cost:
             break

@@ -53,42 +53,6 @@ class GrayProblem:
         return sum(log.samples for log in self.box.logs) > LONG
 
 
-@dataclass(frozen=True)
-class GraySolution:
-    """Outcome of the gray-box iteration.
-
-    ``states`` holds ``(n, 4)`` per log (p1, p2, y, v) and ``initial`` their first rows,
-    ``residuals`` and ``jacobian`` the weighted rows of every log, channel after channel, initial
-    states projected out of the latter: ``start_basis`` is an orthonormal basis of what they can
-    say. ``active`` marks the free parameters at a bound.
-    """
-
-    problem: GrayProblem
-    values: dict[str, float]
-    states: list[FloatArray]
-    residuals: list[FloatArray]
-    jacobian: list[FloatArray]
-    start_basis: list[FloatArray]
-    cost: float
-    iterations: int
-    converged: bool
-    active: BoolArray
-
-    @property
-    def initial(self) -> list[FloatArray]:
-        """State of every log at its beginning."""
-        return [s[0] for s in self.states]
-
-    @cached_property
-    def uncertainty(self) -> Uncertainty:
-        """Covariance of the free parameters; the channels of a log share their errors."""
-        channels = [
-            [slice(k * log.samples, (k + 1) * log.samples) for k in range(len(log.channels))]
-            for log in self.problem.box.logs
-        ]
-        return score_covariance(self.jacobian, self.residuals, channels)
-
-
 @dataclass
 class _Iterate:
     """A point of the iteration with everything computed there.
@@ -114,6 +78,84 @@ class _Iterate:
         return self.cost + self.defect
 
 
+@dataclass(frozen=True)
+class GraySolution:
+    """Outcome of the gray-box iteration.
+
+    ``states`` holds ``(n, 4)`` per log (p1, p2, y, v) and ``initial`` their first rows,
+    ``residuals`` and ``jacobian`` the weighted rows of every log, channel after channel, initial
+    states projected out of the latter: ``start_basis`` is an orthonormal basis of what they can
+    say. Where the search has not left the derivatives behind they are computed when asked for.
+    """
+
+    problem: GrayProblem
+    end: _Iterate
+    iterations: int
+    converged: bool
+
+    @property
+    def values(self) -> dict[str, float]:
+        """All parameters [SI]."""
+        return self.end.values
+
+    @property
+    def states(self) -> list[FloatArray]:
+        """Pressures, place and speed of every log, ``(n, 4)`` each."""
+        return self.end.states
+
+    @property
+    def cost(self) -> float:
+        """Sum of the squared weighted residuals."""
+        return self.end.cost
+
+    @property
+    def initial(self) -> list[FloatArray]:
+        """State of every log at its beginning."""
+        return [s[0] for s in self.states]
+
+    @property
+    def active(self) -> BoolArray:
+        """Which of the free parameters are at a bound."""
+        inside = [u.low < self.values[u.name] < u.high for u in self.problem.free]
+        return ~np.array(inside, dtype=bool)
+
+    @cached_property
+    def residuals(self) -> list[FloatArray]:
+        """Weighted residuals of every log, channel after channel."""
+        pairs = zip(self.problem.box.logs, self.states)
+        return [_residuals(log, x, self.problem.sigma) for log, x in pairs]
+
+    @property
+    def jacobian(self) -> list[FloatArray]:
+        """Their derivatives by the free parameters, with the sign of the model."""
+        return [j for j, _ in self._derivatives]
+
+    @property
+    def start_basis(self) -> list[FloatArray]:
+        """What the initial states of every log can say."""
+        return [basis for _, basis in self._derivatives]
+
+    @cached_property
+    def _derivatives(self) -> list[tuple[FloatArray, FloatArray]]:
+        if not self.end.linear:
+            _linearise(self.problem, self.end)
+        out = []
+        for log, linear in zip(self.problem.box.logs, self.end.linear):
+            j = _jacobian(log, linear, self.problem.sigma)
+            basis = _basis(j[:, :4] * STATE_SCALE)[0]
+            out.append((without(basis, j[:, 4:]), basis))
+        return out
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """Covariance of the free parameters; the channels of a log share their errors."""
+        channels = [
+            [slice(k * log.samples, (k + 1) * log.samples) for k in range(len(log.channels))]
+            for log in self.problem.box.logs
+        ]
+        return score_covariance(self.jacobian, self.residuals, channels)
+
+
 def solve_gray_box(
     problem: GrayProblem,
     start: Values,
@@ -121,6 +163,7 @@ def solve_gray_box(
     max_iterations: int = 40,
     *,
     near: bool = False,
+    enough: float = 0.0,
 ) -> GraySolution:
     """Minimise the weighted output error over parameters and initial states.
 
@@ -129,7 +172,8 @@ def solve_gray_box(
     out, it starts from the measured signals. Steps count whether they are accepted or not.
 
     Parameters that are ``near`` their end already need no segments, and no second look at logs
-    that may begin at rest: whether they do shows at once.
+    that may begin at rest: whether they do shows at once. The search ends where a step gains less
+    than the part ``enough`` of the cost.
     """
     begin, count = dict(start), 0
     measured = [log.guess[0] for log in problem.box.logs]
@@ -142,20 +186,19 @@ def solve_gray_box(
     if initial is None:
         far = _Iterate(begin, [problem.box.nodes_of(log.guess) for log in problem.box.logs])
         _evaluate_gaps(problem, far)
-        far, count, _ = _descend(problem, far, max_iterations, gaps=True)
+        far, count, _ = _descend(problem, far, max_iterations, enough, gaps=True)
         begin, initial = far.values, far.initial
-    now, more, converged = _descend(problem, _close(problem, begin, initial), max_iterations)
+    first = _close(problem, begin, initial)
+    now, more, converged = _descend(problem, first, max_iterations, enough)
     rested = _at_rest(problem, now.initial) if max_iterations and not near else None
     if rested is not None:
         other, extra, settled = _descend(
-            problem, _close(problem, now.values, rested), max_iterations
+            problem, _close(problem, now.values, rested), max_iterations, enough
         )
         more += extra
         if other.cost < now.cost:
             now, converged = other, settled
-    if not now.linear:
-        _linearise(problem, now)
-    return _finish(problem, now, count + more, converged)
+    return GraySolution(problem, now, count + more, converged and bool(np.isfinite(now.cost)))
 
 
 def _at_rest(problem: GrayProblem, initial: Sequence[FloatArray]) -> list[FloatArray] | None:
@@ -176,7 +219,7 @@ def _at_rest(problem: GrayProblem, initial: Sequence[FloatArray]) -> list[FloatA
 
 
 def _descend(
-    problem: GrayProblem, now: _Iterate, most: int, gaps: bool = False
+    problem: GrayProblem, now: _Iterate, most: int, enough: float = 0.0, gaps: bool = False
 ) -> tuple[_Iterate, int, bool]:
     """Damped steps until none helps; returns their number, and whether it came to that.
 
@@ -199,7 +242,7 @@ def _descend(
             if gaps:
                 settled = trial.defect <= 1e-2 * trial.cost and gain <= 1e-3 * now.merit
             else:  # a hundredth of one squared standard error: the slopes are the same
-                settled = gain <= 1e-2
+                settled = gain <= max(1e-2, enough * now.merit)
             if settled:
                 trial.linear = trial.linear or now.linear
                 return trial, count, True
@@ -322,17 +365,3 @@ def _move(
         for linear, old, start in zip(now.linear, now.nodes, initial)
     ]
     return _Iterate({**now.values, **moved}, nodes)
-
-
-def _finish(problem: GrayProblem, now: _Iterate, count: int, converged: bool) -> GraySolution:
-    residuals, jacobian, basis = [], [], []
-    for log, states, linear in zip(problem.box.logs, now.states, now.linear):
-        j = _jacobian(log, linear, problem.sigma)
-        basis.append(_basis(j[:, :4] * STATE_SCALE)[0])
-        residuals.append(_residuals(log, states, problem.sigma))
-        jacobian.append(without(basis[-1], j[:, 4:]))
-    active = [not u.low < now.values[u.name] < u.high for u in problem.free]
-    return GraySolution(
-        problem, now.values, now.states, residuals, jacobian, basis, now.cost, count,
-        converged and np.isfinite(now.cost), np.array(active, dtype=bool),
-    )  # fmt: skip
