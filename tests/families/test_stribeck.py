@@ -7,6 +7,7 @@ shares code with the estimators.
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -230,7 +231,9 @@ def test_the_command_line_estimates_it(tmp_path: Path) -> None:
         [*program, "--stribeck", "estimate", "-o", "out.yaml"],
         cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
+    # what a slow machine says of a fit that takes it seconds is no complaint
+    complaints = [x for x in done.stderr.splitlines() if not re.search(r"\.\.\. \(\d+ s\)$", x)]
+    assert (done.returncode, complaints) == (0, [])
     document = yaml.safe_load((tmp_path / "out.yaml").read_text())
     assert document["options"]["stribeck"] == "estimate"
     assert document["parameters"]["stribeck"]["value"] == pytest.approx(2.0, abs=0.08)
