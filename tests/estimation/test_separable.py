@@ -46,7 +46,7 @@ def test_recovers_shared_and_local_unknowns() -> None:
 def test_covariance_is_that_of_the_joint_problem() -> None:
     """Eliminating unknowns must not change the standard errors of those that stay."""
     problem = make()
-    found = solve(problem, FAR)
+    found = evaluate(problem, solve(problem, FAR).eta)
     rows = []
     for i, t in enumerate(problem.model.times):
         k, a = found.eta[0], found.linear[0]
@@ -58,6 +58,20 @@ def test_covariance_is_that_of_the_joint_problem() -> None:
     want = s2 * np.linalg.inv(j.T @ j)[:2, :2]
     got = covariance(found.jacobian, found.residuals, local_unknowns=2, robust=False).covariance
     np.testing.assert_allclose(got, want, rtol=1e-5)  # the fit stops at 1e-5 standard errors
+
+
+def test_slopes_that_a_fit_keeps_from_its_last_step_are_those_of_its_end() -> None:
+    """A step of a few hundredths of a standard error is not worth the slopes at its end."""
+    problem = make()
+    found = solve(problem, FAR)
+    there = evaluate(problem, found.eta)
+    size = np.abs(np.vstack(there.jacobian)).max(axis=0)
+    change = np.abs(np.vstack(found.jacobian) - np.vstack(there.jacobian)).max(axis=0)
+    assert np.all(change < 1e-3 * size)
+    # what is left to go, from the slopes and the residuals at the end
+    j, r = np.vstack(there.jacobian), np.concatenate(there.residuals)
+    left, sigma = np.linalg.lstsq(j, r, rcond=None)[0], np.sqrt(there.cost / r.size)
+    assert np.linalg.norm(j @ left) < 1e-4 * sigma
 
 
 def test_bounds_of_linear_and_nonlinear_unknowns_hold() -> None:

@@ -38,8 +38,10 @@ class _Table:
     own: FloatArray
 
     @classmethod
-    def of(cls, tables: Iterator[FloatArray], locals_: int) -> _Table:
-        """Condense the tables of consecutive pieces.
+    def of(
+        cls, tables: Iterator[FloatArray], locals_: int, own: FloatArray | None = None
+    ) -> _Table:
+        """Condense the tables of consecutive pieces; ``own`` where it is known.
 
         Raises
         ------
@@ -50,7 +52,7 @@ class _Table:
         if not np.all(np.isfinite(table)):
             raise np.linalg.LinAlgError("the model gives no finite numbers")
         local = table[:, :locals_]
-        return cls(local, table[:, locals_:], orthonormal(local))
+        return cls(local, table[:, locals_:], orthonormal(local) if own is None else own)
 
     @cached_property
     def projected(self) -> FloatArray:
@@ -139,7 +141,11 @@ class Tangent:
     def move(self, fit: Eliminated, scales: FloatArray) -> None:
         """Take the derivatives at another fit."""
         self.fit, self.scales = fit, scales
-        self.tables = [_Table.of(self._rows(i), t.local.shape[1]) for i, t in enumerate(fit.tables)]
+        self.tables = [
+            # the local columns of a single piece are those of the fit
+            _Table.of(self._rows(i), t.local.shape[1], t.own if fit.is_whole(i) else None)
+            for i, t in enumerate(fit.tables)
+        ]
 
     def _rows(self, index: int) -> Iterator[FloatArray]:
         p = self.fit.eta.size

@@ -131,7 +131,7 @@ def _scaled_transition(a: Array, b: Array, steps: Array, degree: int) -> tuple[A
     return phi, gamma * (steps[:, None] ** np.arange(degree + 1))[:, None, :]
 
 
-def free_response(a: Array, c: Array, grid: Grid) -> Array:
+def free_response(a: Array, c: Array, grid: Grid, driven: tuple[Array, int] | None = None) -> Array:
     """Outputs ``C exp(A (t - t0)) e_i`` for every unit initial state, shape ``(m, n)``.
 
     Parameters
@@ -140,11 +140,14 @@ def free_response(a: Array, c: Array, grid: Grid) -> Array:
     c : (n,)
     grid
         Instants of the log.
+    driven
+        Input matrix ``(n,)``, and the highest power of the input, where a forced response of the
+        same steps is computed as well: one exponential serves both.
     """
     m = grid.which.size
     if m == 0:
         return c[None, :].copy()
-    phi, _ = transition(a, None, grid.distinct)
+    phi = _transition_of(a, grid, driven)
     # a stable system forgets: what is left after the head is the last value
     head = min(m, _HEAD) if phi.shape[0] == 1 else m
     step = phi[0] if phi.shape[0] == 1 else phi[grid.which]
@@ -158,16 +161,25 @@ def free_response(a: Array, c: Array, grid: Grid) -> Array:
     return columns
 
 
-def free_pieces(a: Array, c: Array, grid: Grid, parts: Sequence[slice]) -> Iterator[Array]:
+def _transition_of(a: Array, grid: Grid, driven: tuple[Array, int] | None) -> Array:
+    """Transition matrices of a free response; unequal steps share none that could be kept."""
+    if driven is None or grid.distinct.size > 1:
+        return transition(a, None, grid.distinct)[0]
+    return transition(a, driven[0], grid.distinct, driven[1])[0]
+
+
+def free_pieces(
+    a: Array, c: Array, grid: Grid, parts: Sequence[slice], driven: tuple[Array, int] | None = None
+) -> Iterator[Array]:
     """`free_response` over consecutive parts of a record, one after the other."""
     row, last = c, grid.which.size
     even = len(parts) > 1 and grid.distinct.size == 1
-    step = transition(a, None, grid.distinct)[0][0] if even else None
+    step = _transition_of(a, grid, driven)[0] if even else None
     for part in parts:
         if step is not None and _is_settled(row, row @ step):  # how it began is long forgotten
             yield np.broadcast_to(row, (part.stop - part.start, c.size))
             continue
-        columns = free_response(a, row, grid.part(part.start, min(part.stop, last)))
+        columns = free_response(a, row, grid.part(part.start, min(part.stop, last)), driven)
         yield columns[: part.stop - part.start]
         # exponentials of one matrix commute: what has passed can be taken first
         row = columns[-1]

@@ -255,9 +255,9 @@ def _attempt(
     begin = [np.array([s[u.name] for u in problem.nonlinear]) for s in starts]
     rows = sum(y.size for y in model.measured)
     # of long logs a part was fitted before: the starts are near, or a few steps are rejected
-    limits: dict[str, Any] = {"tolerance": 1e-5 if rows <= _PROFILED else 1e-3}
-    if rows >= _MANY:
-        limits = {"tolerance": 1e-2, "damping": _NEAR}
+    limits: dict[str, Any] = {"tolerance": 1e-5}
+    if rows > _PROFILED:
+        limits = {"tolerance": 1e-3 if rows < _MANY else 1e-2, "damping": _NEAR}
     search = solve_from(problem, begin, **limits)
     best, fair = search.best, model
     factors = _balance(model, best)

@@ -34,6 +34,10 @@ from .elimination import Eliminated, Tangent
 from .price import exhausted
 from .problem import Problem, Solution, bounds_of
 
+_CLOSE = 0.03  # standard errors, within which the slopes of the model hardly change
+_GROWTH = 8.0  # of the damping after a step that failed, and as much again with every other one
+_EXACT = 0.05  # of its fall that the cost differs from a parabola, up to which damping only delays
+
 
 def solve(
     problem: Problem,
@@ -66,6 +70,7 @@ def solve(
     fit = Eliminated(problem, x * scales)
     tangent = Tangent(fit, scales)
     count, moved, converged = 0, True, x.size == 0
+    before, marquardt = 0.0, _Damping(damping)
     while not converged and count < max_iterations and not exhausted():
         if moved:
             j, r = tangent.normal()
@@ -75,40 +80,79 @@ def solve(
             if not np.all(np.isfinite(curvature)):
                 break
         count += 1
-        step = damped_step(curvature, gradient, x, (low, high), damping)
+        step = damped_step(curvature, gradient, x, (low, high), marquardt.value)
         candidate = np.clip(x + step, low, high)
         step = candidate - x
         predicted = _fall(curvature, gradient, step)
-        # damping keeps a step out of directions that the data hardly see: what it leaves counts
-        free = damped_step(curvature, gradient, x, (low, high), 1e-12) if moved else step
-        left = max(_fall(curvature, gradient, free) - predicted, 0.0)
-        if predicted <= 0.0 or predicted + left <= tolerance**2 * noise:
-            converged = True
-            break
+        if predicted <= tolerance**2 * noise:
+            # damping keeps a step out of directions that the data hardly see: what it leaves counts
+            left = _left(curvature, gradient, x, (low, high), predicted) if moved else 0.0
+            if predicted <= 0.0 or predicted + left <= tolerance**2 * noise:
+                converged = True
+                break
         trial = _value(problem, candidate * scales)
         if trial is None:  # the model breaks down there
-            damping, moved = max(damping * 8.0, 1e-9), False
+            marquardt.rise()
+            moved = False
             continue
         gain = (fit.cost - trial.cost) / predicted
-        moved = gain > 1e-4
+        first, moved = moved, gain > 1e-4
         if moved:
             # of what is left: a start far off has residuals that are not noise
-            x, noise = candidate, trial.cost / degrees or 1e-300
-            length, rest = float(np.sqrt(predicted / noise)), float(np.sqrt(left / noise))
+            noise = trial.cost / degrees or 1e-300
+            length = float(np.sqrt(predicted / noise))
             miss = min(1.0, 4.0 * abs(1.0 - gain)) if tolerance > 1e-3 else 1.0
-            if miss * length + rest <= 10.0 * tolerance and gain > 0.5:
-                # so short a step, or so exactly predicted, that the next one would be
-                # below the tolerance: keep these slopes
-                fit, converged = trial, True
-                break
-            damping = max(damping * (0.1 if gain > 0.5 else 0.5), 1e-12)
-            fit = trial
+            if before and length < _CLOSE:  # steps shorten at least as fast from one to the next
+                miss = min(miss, length / before)
+            if miss * length <= 10.0 * tolerance and gain > 0.5:
+                left = _left(curvature, gradient, x, (low, high), predicted) if first else 0.0
+                if miss * length + float(np.sqrt(left / noise)) <= 10.0 * tolerance:
+                    # so short a step, or so exactly predicted, that the next one would be
+                    # below the tolerance: keep these slopes
+                    x, fit, converged = candidate, trial, True
+                    break
+            x, fit, before = candidate, trial, length
+            marquardt.fall(gain)
             tangent.move(fit, scales)
         else:
             still = abs(fit.cost - trial.cost) <= 1e-13 * fit.cost
-            damping = max(damping * 8.0, 1e-9)
-            converged = (still and predicted <= 1e-11 * fit.cost) or damping > 1e12
+            # twice no better: the cost is rougher than the steps that are left are worth
+            rough = marquardt.has_risen and predicted <= (10.0 * tolerance) ** 2 * noise
+            marquardt.rise()
+            still = still and predicted <= 1e-11 * fit.cost
+            converged = rough or still or marquardt.value > 1e12
     return _finish(fit, tangent, (x <= low) | (x >= high), count, converged)
+
+
+class _Damping:
+    """Marquardt's damping: less after every step that helps, and ever more until one does."""
+
+    def __init__(self, value: float) -> None:
+        self.value, self._growth = value, _GROWTH
+
+    @property
+    def has_risen(self) -> bool:
+        """Whether a step has failed since the last one that helped."""
+        return self._growth > _GROWTH
+
+    def fall(self, gain: float) -> None:
+        """After a step whose fall of the cost was so many times the predicted one."""
+        fewer = 1e-3 if abs(1.0 - gain) < _EXACT else 0.1 if gain > 0.5 else 0.5
+        self.value, self._growth = max(self.value * fewer, 1e-12), _GROWTH
+
+    def rise(self) -> None:
+        """After a step that failed."""
+        self.value = max(self.value * self._growth, 1e-9)
+        self._growth *= _GROWTH
+
+
+def _left(
+    curvature: FloatArray, gradient: FloatArray, x: FloatArray,
+    bounds: tuple[FloatArray, FloatArray], predicted: float,
+) -> float:  # fmt: skip
+    """How much farther than ``predicted`` the cost falls with a step that nothing damps."""
+    free = damped_step(curvature, gradient, x, bounds, 1e-12)
+    return max(_fall(curvature, gradient, free) - predicted, 0.0)
 
 
 def _fall(curvature: FloatArray, gradient: FloatArray, step: FloatArray) -> float:

@@ -32,17 +32,19 @@ class Free:
     """A system of which some states stand for all that a run may have begun with.
 
     ``y = C exp(A t) e_i`` for every state ``i`` of ``states``; they are as many whatever the
-    values are, for derivatives are taken column by column.
+    values are, for derivatives are taken column by column. ``b`` is the input of the system where
+    it is the very one that is driven.
     """
 
     a: Array
     c: Array
     states: tuple[int, ...]
+    b: Array | None = None
 
 
 def any_start(a: Array, b: Array, c: Array) -> Free:
     """Every state of a system by itself."""
-    return Free(a, c, tuple(range(c.size)))
+    return Free(a, c, tuple(range(c.size)), b)
 
 
 @dataclass(frozen=True)
@@ -235,12 +237,15 @@ class TransferModel:
         p, a, c = self.prepared[index], free.a, free.c
         if p.rest:
             yield from (None for _ in p.parts)
-        elif len(p.parts) > 1:
-            yield from free_pieces(a, c, p.samples, p.parts)
+            return
+        driven = None
+        if free.b is not None and p.nodes.distinct.size == 1:
+            driven = free.b, p.u.coefficients.shape[1] - 1
+        pieces = free_pieces(a, c, p.samples, p.parts, driven)
+        if len(p.parts) > 1:
+            yield from pieces
         else:
-            yield self._remember(
-                ("free", index), (a, c), lambda: next(free_pieces(a, c, p.samples, p.parts))
-            )
+            yield self._remember(("free", index), (a, c), lambda: next(pieces))
 
     def _remember(self, key: tuple[str, int], of: Sequence[Array], compute: Callable[[], T]) -> T:
         """Compute unless the last real matrices were the same; complex ones never come again."""
