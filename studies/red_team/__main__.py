@@ -45,7 +45,7 @@ def main() -> int:
     )
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--write", action="store_true", help="write the page")
-    parser.add_argument("--verbose", action="store_true", help="print every result as it comes")
+    parser.add_argument("--verbose", action="store_true", help="print every result, as they come")
     given = parser.parse_args()
     if given.vary:
         vary(given.vary, given.seed)

@@ -1,5 +1,7 @@
 """The separable solver and the covariance, against textbook answers."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -60,18 +62,56 @@ def test_covariance_is_that_of_the_joint_problem() -> None:
     np.testing.assert_allclose(got, want, rtol=1e-5)  # the fit stops at 1e-5 standard errors
 
 
+class Residuals:
+    """A model whose first rows are given functions of the unknowns, the others zero."""
+
+    def __init__(self, function: Callable[[np.ndarray], np.ndarray], samples: int) -> None:
+        self.function, self.samples = function, samples
+
+    def basis(self, index: int, eta: np.ndarray) -> Basis:
+        rows = self.function(eta)
+        none = np.zeros((self.samples, 0))
+        return Basis(np.append(rows, np.zeros(self.samples - rows.size)), none, none)
+
+
+def test_a_fit_does_not_end_with_a_step_that_is_short_for_its_damping_alone() -> None:
+    """Valleys that bend: a damped step along them is short and just as predicted (Rosenbrock)."""
+    rng = np.random.default_rng(1)
+    ends = 0
+    for seed in range(60):
+        (k, c), start = 10.0 ** rng.uniform(0.0, 2.0, 2), rng.uniform(-2.0, 2.0, 2)
+        model = Residuals(lambda x: np.array([k * c * (x[1] - x[0] ** 2), c * (1.0 - x[0])]), 200)  # noqa: B023
+        y = np.random.default_rng(seed).normal(size=200)
+        problem = Problem(model, [y], [Unknown("a"), Unknown("b")])
+        found = solve(problem, start, tolerance=1e-2)
+        least = float(y[2:] @ y[2:])
+        ends += found.converged
+        assert not found.converged or found.cost - least < least / 198
+    assert ends > 30
+
+
+@pytest.mark.parametrize("slowness", [0.1, 0.3])
+def test_a_fit_does_not_end_while_its_slowest_unknown_is_on_the_way(slowness: float) -> None:
+    """One unknown gets there at once, the other by a part ``slowness`` less with every step."""
+    y = np.random.default_rng(3).normal(size=200)
+    y[:3] = 10.0, 0.0, 10.0
+    model = Residuals(lambda x: np.array([x[0], x[1], 0.05 * slowness * x[1] ** 2]), 200)
+    sigma = float(np.sqrt(y[2:] @ y[2:] / 198))
+    begin = 0.025 * sigma / (1.0 - slowness) / slowness
+    problem = Problem(model, [y], [Unknown("fast"), Unknown("slow")])
+    found = solve(problem, np.array([0.0, begin]))
+    assert abs(found.eta[1]) < 1e-4 * sigma
+
+
 def test_slopes_that_a_fit_keeps_from_its_last_step_are_those_of_its_end() -> None:
     """A step of a few hundredths of a standard error is not worth the slopes at its end."""
     problem = make()
     found = solve(problem, FAR)
     there = evaluate(problem, found.eta)
-    size = np.abs(np.vstack(there.jacobian)).max(axis=0)
-    change = np.abs(np.vstack(found.jacobian) - np.vstack(there.jacobian)).max(axis=0)
-    assert np.all(change < 1e-3 * size)
-    # what is left to go, from the slopes and the residuals at the end
-    j, r = np.vstack(there.jacobian), np.concatenate(there.residuals)
-    left, sigma = np.linalg.lstsq(j, r, rcond=None)[0], np.sqrt(there.cost / r.size)
-    assert np.linalg.norm(j @ left) < 1e-4 * sigma
+    kept, exact = (
+        covariance(s.jacobian, s.residuals, local_unknowns=2, robust=False) for s in (found, there)
+    )
+    np.testing.assert_allclose(kept.covariance, exact.covariance, rtol=1e-3)
 
 
 def test_bounds_of_linear_and_nonlinear_unknowns_hold() -> None:

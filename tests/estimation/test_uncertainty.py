@@ -148,3 +148,8 @@ def test_the_largest_covariance_keeps_the_correlations_of_the_one_that_says_most
     found = largest([small, large])
     assert np.diag(found).tolist() == [4.0, 1.0]
     assert found[0, 1] == pytest.approx(-1.5 / np.sqrt(0.9))
+
+
+def test_the_largest_covariance_has_what_one_candidate_takes_for_known() -> None:
+    found = largest([np.diag([1.0, 1.0, 0.0]), np.diag([0.1, 0.1, 4.0])])
+    assert np.diag(found).tolist() == [1.0, 1.0, 4.0]

@@ -254,7 +254,7 @@ def _attempt(
     problem = bind(model, unknowns, held)
     begin = [np.array([s[u.name] for u in problem.nonlinear]) for s in starts]
     rows = sum(y.size for y in model.measured)
-    # of long logs a part was fitted before: the starts are near, or a few steps are rejected
+    # of long logs a part was fitted before, mostly: the starts are near, or a step is rejected
     limits: dict[str, Any] = {"tolerance": 1e-5}
     if rows > _PROFILED:
         limits = {"tolerance": 1e-3 if rows < _MANY else 1e-2, "damping": _NEAR}

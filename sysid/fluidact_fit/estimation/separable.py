@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,8 @@ from .price import exhausted
 from .problem import Problem, Solution, bounds_of
 
 _CLOSE = 0.03  # standard errors, within which the slopes of the model hardly change
-_GROWTH = 8.0  # of the damping after a step that failed, and as much again with every other one
+_FIRST = 1e-3  # least damping after a step that failed: less would lead to the same again
+_GROWTH = 8.0  # of the damping after a step that failed, its square from the second one on
 _EXACT = 0.05  # of its fall that the cost differs from a parabola, up to which damping only delays
 
 
@@ -58,7 +60,8 @@ def solve(
         may ends before; see :mod:`.price`.
     tolerance
         Relative change of all scaled unknowns, in units of their own standard errors,
-        below which the iteration has converged.
+        below which the iteration has converged. It ends as well with a step after which less than
+        ten times that can be left.
     damping
         Of the first step: little where the start is near the minimum, for it is what keeps
         unknowns that the data hardly tell apart from getting there at once.
@@ -75,89 +78,108 @@ def solve(
         if moved:
             j, r = tangent.normal()
             j *= scales
-            gradient, curvature = j.T @ r, j.T @ j
+            local = _Parabola(j.T @ r, j.T @ j, x, (low, high))
             noise = fit.cost / degrees or 1e-300
-            if not np.all(np.isfinite(curvature)):
+            if not np.all(np.isfinite(local.curvature)):
                 break
         count += 1
-        step = damped_step(curvature, gradient, x, (low, high), marquardt.value)
-        candidate = np.clip(x + step, low, high)
-        step = candidate - x
-        predicted = _fall(curvature, gradient, step)
-        if predicted <= tolerance**2 * noise:
-            # damping keeps a step out of directions that the data hardly see: what it leaves counts
-            left = _left(curvature, gradient, x, (low, high), predicted) if moved else 0.0
-            if predicted <= 0.0 or predicted + left <= tolerance**2 * noise:
-                converged = True
-                break
+        candidate = np.clip(x + local.step(marquardt.value), low, high)
+        predicted = local.fall(candidate - x)
+        # damping keeps a step out of directions that the data hardly see: what it leaves counts
+        small = tolerance**2 * noise
+        if predicted <= small and (predicted <= 0.0 or local.lowest <= small):
+            converged = True
+            break
         trial = _value(problem, candidate * scales)
         if trial is None:  # the model breaks down there
             marquardt.rise()
             moved = False
             continue
         gain = (fit.cost - trial.cost) / predicted
-        first, moved = moved, gain > 1e-4
+        moved = gain > 1e-4
         if moved:
             # of what is left: a start far off has residuals that are not noise
             noise = trial.cost / degrees or 1e-300
             length = float(np.sqrt(predicted / noise))
-            miss = min(1.0, 4.0 * abs(1.0 - gain)) if tolerance > 1e-3 else 1.0
-            if before and length < _CLOSE:  # steps shorten at least as fast from one to the next
-                miss = min(miss, length / before)
-            if miss * length <= 10.0 * tolerance and gain > 0.5:
-                left = _left(curvature, gradient, x, (low, high), predicted) if first else 0.0
-                if miss * length + float(np.sqrt(left / noise)) <= 10.0 * tolerance:
-                    # so short a step, or so exactly predicted, that the next one would be
-                    # below the tolerance: keep these slopes
-                    x, fit, converged = candidate, trial, True
+            left = _share_left(length, before, gain, tolerance) * length
+            if left <= 10.0 * tolerance and gain > 0.5:
+                rest = max(local.lowest - predicted, 0.0)
+                if left + float(np.sqrt(rest / noise)) <= 10.0 * tolerance:
+                    x, fit, converged = candidate, trial, True  # keep the slopes
                     break
             x, fit, before = candidate, trial, length
             marquardt.fall(gain)
             tangent.move(fit, scales)
         else:
-            still = abs(fit.cost - trial.cost) <= 1e-13 * fit.cost
+            still = abs(fit.cost - trial.cost) <= 1e-13 * fit.cost and predicted <= 1e-11 * fit.cost
             # twice no better: the cost is rougher than the steps that are left are worth
-            rough = marquardt.has_risen and predicted <= (10.0 * tolerance) ** 2 * noise
+            rough = marquardt.has_risen and local.lowest <= (10.0 * tolerance) ** 2 * noise
             marquardt.rise()
-            still = still and predicted <= 1e-11 * fit.cost
             converged = rough or still or marquardt.value > 1e12
     return _finish(fit, tangent, (x <= low) | (x >= high), count, converged)
 
 
+def _share_left(length: float, before: float, gain: float, tolerance: float) -> float:
+    """The part of an accepted step that the next one would go at most.
+
+    ``length`` and ``before`` are those of this step and the last one in standard errors, ``gain``
+    the fall of the cost in parts of the predicted one. A step that comes as predicted leaves
+    little. Near the end, where less is wanted, the steps shorten at least as fast as before, those
+    of the slowest unknown too unless the prediction says otherwise.
+    """
+    wrong = abs(1.0 - gain)
+    left = min(1.0, 4.0 * wrong) if tolerance > 1e-3 else 1.0
+    return min(left, max(length / before, wrong)) if before and length < _CLOSE else left
+
+
+class _Parabola:
+    """The cost around ``x``, shape ``(p,)``, as its slopes have it.
+
+    ``gradient`` is ``J'r`` and ``curvature`` ``J'J`` for residuals ``r = measured - model``.
+    """
+
+    def __init__(
+        self, gradient: FloatArray, curvature: FloatArray, x: FloatArray,
+        bounds: tuple[FloatArray, FloatArray],
+    ) -> None:  # fmt: skip
+        self.gradient, self.curvature, self.x, self.bounds = gradient, curvature, x, bounds
+
+    def step(self, damping: float) -> FloatArray:
+        """Marquardt step."""
+        return damped_step(self.curvature, self.gradient, self.x, self.bounds, damping)
+
+    def fall(self, step: FloatArray) -> float:
+        """How far the cost falls with a step."""
+        return float(2.0 * self.gradient @ step - step @ self.curvature @ step)
+
+    @cached_property
+    def lowest(self) -> float:
+        """How far it falls with a step that nothing damps."""
+        return self.fall(self.step(1e-12))
+
+
 class _Damping:
-    """Marquardt's damping: less after every step that helps, and ever more until one does."""
+    """Marquardt's damping: less after every step that helps, more until one does."""
 
     def __init__(self, value: float) -> None:
-        self.value, self._growth = value, _GROWTH
+        self.value, self._failed = value, 0
 
     @property
     def has_risen(self) -> bool:
         """Whether a step has failed since the last one that helped."""
-        return self._growth > _GROWTH
+        return self._failed > 0
 
     def fall(self, gain: float) -> None:
         """After a step whose fall of the cost was so many times the predicted one."""
-        fewer = 1e-3 if abs(1.0 - gain) < _EXACT else 0.1 if gain > 0.5 else 0.5
-        self.value, self._growth = max(self.value * fewer, 1e-12), _GROWTH
+        fewer = 0.1 if gain > 0.5 else 0.5
+        if abs(1.0 - gain) < _EXACT and not self.has_risen:  # a short step is always exact
+            fewer = 1e-3
+        self.value, self._failed = max(self.value * fewer, 1e-12), 0
 
     def rise(self) -> None:
         """After a step that failed."""
-        self.value = max(self.value * self._growth, 1e-9)
-        self._growth *= _GROWTH
-
-
-def _left(
-    curvature: FloatArray, gradient: FloatArray, x: FloatArray,
-    bounds: tuple[FloatArray, FloatArray], predicted: float,
-) -> float:  # fmt: skip
-    """How much farther than ``predicted`` the cost falls with a step that nothing damps."""
-    free = damped_step(curvature, gradient, x, bounds, 1e-12)
-    return max(_fall(curvature, gradient, free) - predicted, 0.0)
-
-
-def _fall(curvature: FloatArray, gradient: FloatArray, step: FloatArray) -> float:
-    """How far the cost falls with a step, to second order."""
-    return float(2.0 * gradient @ step - step @ curvature @ step)
+        self._failed += 1
+        self.value = max(self.value * _GROWTH ** min(self._failed, 2), _FIRST)
 
 
 def damped_step(

@@ -329,7 +329,9 @@ def largest(candidates: Sequence[FloatArray]) -> FloatArray:
     most = variances.max(axis=0)
     known = (most > 0.0) & np.isfinite(most)
     share = np.sum(variances[:, known] / most[known], axis=1)
-    return enlarge(candidates[int(np.argmax(share))], most)
+    found = enlarge(candidates[int(np.argmax(share))], most)
+    np.fill_diagonal(found, most)  # also of what that candidate takes for known
+    return found
 
 
 def _positive(matrix: FloatArray) -> FloatArray:

@@ -195,8 +195,8 @@ def _levels_and_forces(stage: Stage, request: Request[BallScrewOptions]) -> _Rea
         excesses = {s: brackets[b].value - held.start[f"coulomb_{s}"] for s, b in BREAKAWAY.items()
                     if b in brackets}  # fmt: skip
         return _Ready(stage.refuse_levels(LOST_ROWS, list(excesses), excesses), {}, False)
-    if not beyond:  # the last fit goes on from there
-        return _Ready(moved, brackets, False)
+    if not beyond:  # the last fit goes on from there, unless the curve was lost on the way
+        return _Ready(moved if moved.curved == held.curved else held, brackets, False)
     if not stepped:
         return _Ready(held, {}, True)
     return _Ready(stage.refuse_levels(UNKNOWN_FORCES, stage.open_sides()), {}, True)

@@ -26,6 +26,7 @@ from ...experiment import BoolArray, FloatArray
 from .case import LONG
 from .gray_box import GrayBox, GrayLog, Linear
 
+_DAMPING = 1e-4  # of the first step
 _AS_PREDICTED = 0.1  # part of what a step was to gain, up to which its slopes are kept
 _ASTRAY = 1e12  # residuals in standard deviations beyond which a simulation has run away
 STATE_SCALE = np.array([1e5, 1e5, 1e-3, 1e-2])  # Pa, Pa, m, m/s
@@ -127,7 +128,7 @@ class GraySolution:
 
     @property
     def jacobian(self) -> list[FloatArray]:
-        """Their derivatives by the free parameters, with the sign of the model."""
+        """Derivatives of the weighted rows by the free parameters, with the sign of the model."""
         return [j for j, _ in self._derivatives]
 
     @property
@@ -144,6 +145,7 @@ class GraySolution:
             j = _jacobian(log, linear, self.problem.sigma)
             basis = _basis(j[:, :4] * STATE_SCALE)[0]
             out.append((without(basis, j[:, 4:]), basis))
+        self.end.linear = []  # several times as large as what was made of it
         return out
 
     @cached_property
@@ -186,7 +188,7 @@ def solve_gray_box(
     if initial is None:
         far = _Iterate(begin, [problem.box.nodes_of(log.guess) for log in problem.box.logs])
         _evaluate_gaps(problem, far)
-        far, count, _ = _descend(problem, far, max_iterations, enough, gaps=True)
+        far, count, _ = _descend(problem, far, max_iterations, gaps=True)
         begin, initial = far.values, far.initial
     first = _close(problem, begin, initial)
     now, more, converged = _descend(problem, first, max_iterations, enough)
@@ -221,12 +223,15 @@ def _at_rest(problem: GrayProblem, initial: Sequence[FloatArray]) -> list[FloatA
 def _descend(
     problem: GrayProblem, now: _Iterate, most: int, enough: float = 0.0, gaps: bool = False
 ) -> tuple[_Iterate, int, bool]:
-    """Damped steps until none helps; returns their number, and whether it came to that.
+    """Damped steps until none helps, or none gains the part ``enough`` of the cost.
 
-    With ``gaps`` that is multiple shooting, until the gaps between the segments are closed.
+    Returns their number, and whether it came to that.
+
+    With ``gaps`` that is multiple shooting, until the gaps between the segments are closed,
+    whatever is ``enough``.
     Without, a trial is simulated without sensitivities; they are computed where it is accepted.
     """
-    damping, count = 1e-4, 0
+    damping, count = _DAMPING, 0
     while count < most and not exhausted():
         count += 1
         if not now.linear:
@@ -242,7 +247,8 @@ def _descend(
             if gaps:
                 settled = trial.defect <= 1e-2 * trial.cost and gain <= 1e-3 * now.merit
             else:  # a hundredth of one squared standard error: the slopes are the same
-                settled = gain <= max(1e-2, enough * now.merit)
+                near = damping <= _DAMPING  # a step that is damped gains little for that
+                settled = gain <= (max(1e-2, enough * now.merit) if near else 1e-2)
             if settled:
                 trial.linear = trial.linear or now.linear
                 return trial, count, True

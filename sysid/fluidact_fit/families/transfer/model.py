@@ -245,7 +245,8 @@ class TransferModel:
         if len(p.parts) > 1:
             yield from pieces
         else:
-            yield self._remember(("free", index), (a, c), lambda: next(pieces))
+            of = (a, c) if driven is None else (a, c, driven[0])
+            yield self._remember(("free", index), of, lambda: next(pieces))
 
     def _remember(self, key: tuple[str, int], of: Sequence[Array], compute: Callable[[], T]) -> T:
         """Compute unless the last real matrices were the same; complex ones never come again."""
