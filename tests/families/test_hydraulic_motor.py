@@ -10,8 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline, make_interp_spline
+from studies.red_team.attacks import hydraulic_motor as motor_attacks
+from studies.red_team.run import run
 
 import fluidact_fit as ff
+from attack_finder import find_attack
 from dataset_fits import fit_dataset
 from fluidact_fit.control import make_block
 from fluidact_fit.demo import load_dataset
@@ -230,6 +233,14 @@ def test_a_motor_that_never_saturates_is_fitted_without(tmp_path: Path, seed: in
     assert "saturation_command" not in result.parameters
     assert result.verdict == "pass"
     assert number(result, "gain") == pytest.approx(100.0, rel=0.03)
+
+
+def test_a_saturation_that_the_log_can_hardly_tell_is_said_to_be_possible() -> None:
+    """It would move a parameter by 2.6 standard errors; without it the curvature is 4.9 off."""
+    lagging = find_attack(motor_attacks, "at the edge of the search", "half the log")
+    found = run(lagging, 0, 57721566)
+    assert not found.silent
+    assert "saturation-undecided" in found.codes
 
 
 def test_values_far_from_usual_are_found(tmp_path: Path) -> None:
