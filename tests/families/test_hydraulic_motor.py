@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline, make_interp_spline
 from studies.red_team.attacks import hydraulic_motor as motor_attacks
-from studies.red_team.run import run
+from studies.red_team.run import run as run_attack
 
 import fluidact_fit as ff
 from attack_finder import find_attack
@@ -238,7 +238,7 @@ def test_a_motor_that_never_saturates_is_fitted_without(tmp_path: Path, seed: in
 def test_a_saturation_that_the_log_can_hardly_tell_is_said_to_be_possible() -> None:
     """It would move a parameter by 2.6 standard errors; without it the curvature is 4.9 off."""
     lagging = find_attack(motor_attacks, "at the edge of the search", "half the log")
-    found = run(lagging, 0, 57721566)
+    found = run_attack(lagging, 0, 57721566)
     assert not found.silent
     assert "saturation-undecided" in found.codes
 
