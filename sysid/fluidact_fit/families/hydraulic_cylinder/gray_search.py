@@ -26,7 +26,6 @@ from ...experiment import BoolArray, FloatArray
 from .case import LONG
 from .gray_box import GrayBox, GrayLog, Linear
 
-_DAMPING = 1e-4  # of the first step
 _AS_PREDICTED = 0.1  # part of what a step was to gain, up to which its slopes are kept
 _ASTRAY = 1e12  # residuals in standard deviations beyond which a simulation has run away
 STATE_SCALE = np.array([1e5, 1e5, 1e-3, 1e-2])  # Pa, Pa, m, m/s
@@ -174,8 +173,8 @@ def solve_gray_box(
     out, it starts from the measured signals. Steps count whether they are accepted or not.
 
     Parameters that are ``near`` their end already need no segments, and no second look at logs
-    that may begin at rest: whether they do shows at once. The search ends where a step gains less
-    than the part ``enough`` of the cost.
+    that may begin at rest: whether they do shows at once. The search ends where
+    steps gain less than the part ``enough`` of the cost.
     """
     begin, count = dict(start), 0
     measured = [log.guess[0] for log in problem.box.logs]
@@ -223,15 +222,14 @@ def _at_rest(problem: GrayProblem, initial: Sequence[FloatArray]) -> list[FloatA
 def _descend(
     problem: GrayProblem, now: _Iterate, most: int, enough: float = 0.0, gaps: bool = False
 ) -> tuple[_Iterate, int, bool]:
-    """Damped steps until none helps, or none gains the part ``enough`` of the cost.
+    """Damped steps until none helps; returns their number, and whether it came to that.
 
-    Returns their number, and whether it came to that.
-
-    With ``gaps`` that is multiple shooting, until the gaps between the segments are closed,
-    whatever is ``enough``.
+    With ``gaps`` that is multiple shooting, until the gaps between the segments are closed.
     Without, a trial is simulated without sensitivities; they are computed where it is accepted.
+    Two steps in a row that gain less than the part ``enough`` of the cost are the last: a single
+    one may be short for its damping.
     """
-    damping, count = _DAMPING, 0
+    damping, count, little = 1e-4, 0, 0
     while count < most and not exhausted():
         count += 1
         if not now.linear:
@@ -247,8 +245,8 @@ def _descend(
             if gaps:
                 settled = trial.defect <= 1e-2 * trial.cost and gain <= 1e-3 * now.merit
             else:  # a hundredth of one squared standard error: the slopes are the same
-                near = damping <= _DAMPING  # a step that is damped gains little for that
-                settled = gain <= (max(1e-2, enough * now.merit) if near else 1e-2)
+                little = little + 1 if gain <= enough * now.merit else 0
+                settled = gain <= 1e-2 or little > 1
             if settled:
                 trial.linear = trial.linear or now.linear
                 return trial, count, True
