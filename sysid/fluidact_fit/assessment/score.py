@@ -43,7 +43,7 @@ from .optimum import LEAST, Optimum
 
 _SIGNIFICANT = 3.0, 4.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
-_ONE_SIDED = 0.4  # fewer where one sign alone is possible: nearly as rare, and mostly there
+_ONE_SIDED = 0.4  # fewer standard errors suffice where one sign alone is possible
 _NOTED = 0.01  # part of its value by which one would, that asks for the first of them only
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
 

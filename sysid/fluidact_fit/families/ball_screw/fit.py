@@ -179,6 +179,10 @@ def _levels_and_forces(stage: Stage, request: Request[BallScrewOptions]) -> _Rea
     """
     request.progress("fitting positions")
     known = request.options.compared
+
+    def weigh(at: Stage) -> tuple[float, Stage]:
+        return residual_to_noise(at) if known is None else (0.0, at)
+
     brackets: dict[str, Bracket] = {}
     held, stepped = stage, stage.stepped
     if stepped and stage.curved and stage.open_sides() and known != "derivatives":
@@ -186,10 +190,10 @@ def _levels_and_forces(stage: Stage, request: Request[BallScrewOptions]) -> _Rea
     elif stepped and not stage.curved and known != "derivatives":
         request.progress("bracketing the static levels")
         held, brackets = bracket_levels(stage)
-    ratio, moved = residual_to_noise(held) if known is None else (0.0, held)
+    ratio, moved = weigh(held)
     if brackets and ratio < BEYOND_HELP and not stage.curved:
         held, brackets = narrow_levels(held, brackets)
-        ratio, moved = residual_to_noise(held) if known is None else (0.0, held)
+        ratio, moved = weigh(held)
     beyond = known == "derivatives" or ratio > (DECISIVE_HELD if brackets else DECISIVE)
     if brackets and not beyond and _unknown(stage):
         excesses = {s: brackets[b].value - held.start[f"coulomb_{s}"] for s, b in BREAKAWAY.items()

@@ -173,8 +173,8 @@ def solve_gray_box(
     out, it starts from the measured signals. Steps count whether they are accepted or not.
 
     Parameters that are ``near`` their end already need no segments, and no second look at logs
-    that may begin at rest: whether they do shows at once. The search ends where
-    steps gain less than the part ``enough`` of the cost.
+    that may begin at rest: whether they do shows at once. The search ends where steps gain
+    less than the part ``enough`` of the cost.
     """
     begin, count = dict(start), 0
     measured = [log.guess[0] for log in problem.box.logs]
