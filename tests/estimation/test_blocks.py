@@ -73,6 +73,7 @@ def keep_nothing(monkeypatch):
     """Make anew whatever can be made anew, as of records of 10^8 samples."""
     monkeypatch.setattr(rows, "LONG", 800)  # no less than a block, and what it looks back
     monkeypatch.setattr(rows, "MOST_KEPT", 0)
+    monkeypatch.setattr(rows, "FEW_KEPT", 0)
 
 
 def compare(one, several):

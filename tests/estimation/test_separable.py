@@ -1,10 +1,12 @@
 """The separable solver and the covariance, against textbook answers."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from fluidact_fit import rows
 from fluidact_fit.estimation.agreement_of_logs import compare_logs
 from fluidact_fit.estimation.least_squares import bounded_least_squares
 from fluidact_fit.estimation.problem import Basis, Problem, Unknown
@@ -26,6 +28,22 @@ class Decay:
         return Basis(np.zeros(t.size), np.exp(-eta[0] * t)[:, None], np.ones((t.size, 1)))
 
 
+class DecayInPieces(Decay):
+    """The same 20 rows at a time."""
+
+    def __init__(self, times: list[np.ndarray]) -> None:
+        super().__init__(times)
+        self.passes = 0
+
+    def pieces(self, index: int, eta: np.ndarray) -> Iterator[Basis]:
+        self.passes += not np.iscomplexobj(eta)
+        whole = self.basis(index, eta)
+        for k in range(0, whole.known.size, 20):
+            at = slice(k, k + 20)
+            local = np.broadcast_to(np.ones(1), (20, 1))  # one row stands for all
+            yield Basis(whole.known[at], whole.shared[at], local)
+
+
 def make(seed: int = 0, logs: int = 2, **bounds: float) -> Problem:
     rng = np.random.default_rng(seed)
     times = [np.linspace(0.0, 3.0, 80) for _ in range(logs)]
@@ -43,6 +61,24 @@ def test_recovers_shared_and_local_unknowns() -> None:
     errors = np.abs(np.array([found.eta[0] - 1.5, found.linear[0] - 2.0]))
     assert np.all(errors < 3.5 * np.sqrt(np.diag(u.covariance)))
     np.testing.assert_allclose([x[0] for x in found.local], [0.0, 1.0], atol=0.02)
+
+
+def test_pieces_are_kept_only_where_there_is_room(monkeypatch) -> None:
+    whole, passes = make(), []
+    expected = solve(whole, FAR)
+    for most in (2 * 160, 2 * 160 - 1, 0):  # known and shared columns of both logs
+        monkeypatch.setattr(rows, "FEW_KEPT", most)
+        problem = replace(whole, model=DecayInPieces(whole.model.times))
+        found = solve(problem, FAR)
+        assert found.eta == pytest.approx(expected.eta, rel=1e-12)
+        for a, b in zip(found.simulate(), expected.simulate(), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-12)
+        for a, b in zip(found.jacobian, expected.jacobian, strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-12)
+        passes.append(problem.model.passes)
+    fits = passes[0]  # one pass for every fit that was tried
+    # of the second log what it takes to finish and to simulate comes again, then of both
+    assert passes == [fits, fits + 2, fits + 4]
 
 
 def test_covariance_is_that_of_the_joint_problem() -> None:

@@ -17,6 +17,7 @@ def test_the_same_is_found_with_nothing_kept(name, monkeypatch):
     monkeypatch.setattr(rows, "LONG", 150)
     monkeypatch.setattr(rows, "BLOCK_ROWS", 64)
     monkeypatch.setattr(rows, "MOST_KEPT", 0)
+    monkeypatch.setattr(rows, "FEW_KEPT", 0)
     made = fit(name, dataset.read(), **dataset.options)
     assert made.verdict == kept.verdict
     assert [n.code for n in made.notices] == [n.code for n in kept.notices]

@@ -16,7 +16,7 @@ from ..estimation.blocks import condense, joined
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.uncertainty import fit_autoregression, innovations, middle_of
 from ..experiment import FloatArray
-from ..rows import blocks, is_kept
+from ..rows import blocks, column_means, is_kept
 
 _ORDER = 25  # highest of the autoregression that whitens the residual
 
@@ -56,7 +56,7 @@ class Beside:
         """Mean of every column of one series."""
         if self._is_kept(k):
             parts = self.jacobians[k], self.columns[k], self.residuals[k]
-            return np.concatenate([np.atleast_1d(np.mean(x, axis=0)) for x in parts])
+            return np.concatenate([np.atleast_1d(column_means(x)) for x in parts])
         triangle = self._with_ones[k]
         return np.asarray(triangle[0, 1:] / triangle[0, 0])
 

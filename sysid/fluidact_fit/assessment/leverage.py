@@ -116,7 +116,7 @@ def measure_influence(
     for series, part in ((k, at) for k, r in enumerate(residuals) for at in blocks(r.size)):
         r = residuals[series][part]
         q = jacobians[series][part] @ inverse
-        own = np.minimum(np.sum(q**2, axis=1), 1.0 - 1e-9)
+        own = np.minimum(np.einsum("ij,ij->i", q, q), 1.0 - 1e-9)
         leverage = max(leverage, float(own.max()))
         # no parameter moves by more than this; what that leaves is looked at closely
         moved = np.sqrt(own) * np.abs(r) * (reach / (1.0 - own))

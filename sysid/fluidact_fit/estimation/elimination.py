@@ -10,7 +10,7 @@ from itertools import chain
 import numpy as np
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import Rows, Streamed, may_keep
+from ..rows import Rows, Streamed, is_repeated, may_keep, may_keep_aside
 from .blocks import condense
 from .least_squares import bounded_least_squares, explain, orthonormal, project_out, without
 from .problem import STEP, Basis, Problem, Slopes, bounds_of, slopes_of
@@ -71,7 +71,8 @@ class Eliminated:
     def __init__(self, problem: Problem, eta: FloatArray) -> None:
         self.problem = problem
         self.eta = eta
-        self._whole: dict[int, Basis] = {}
+        self._kept: dict[int, list[Basis]] = {}
+        self._numbers = 0  # kept
         self.tables = [self._table(i) for i in range(len(problem.measured))]
         self.linear, self.linear_active = self._solve_shared()
         rest = [t.projected[:, -1] - t.projected[:, :-1] @ self.linear for t in self.tables]
@@ -80,12 +81,16 @@ class Eliminated:
 
     def is_whole(self, index: int) -> bool:
         """Whether an experiment is of a single piece."""
-        return index in self._whole
+        return len(self._kept.get(index, ())) == 1
+
+    def has(self, index: int) -> bool:
+        """Whether the columns of an experiment are kept."""
+        return index in self._kept
 
     def pieces(self, index: int) -> Iterator[Basis]:
-        """Columns of one experiment; one of a single piece is not computed again."""
-        if index in self._whole:
-            return iter((self._whole[index],))
+        """Columns of one experiment; those that are kept are not computed again."""
+        if self.has(index):
+            return iter(self._kept[index])
         return self.problem.pieces(index, self.eta)
 
     def simulate(self) -> list[FloatArray]:
@@ -97,18 +102,29 @@ class Eliminated:
         ]  # fmt: skip
 
     def _table(self, index: int) -> _Table:
-        pieces = placed(self.problem.pieces(index, self.eta))
-        at, first = next(pieces)
-        measured = self.problem.measured[index]
-        if at.stop == measured.shape[0]:
-            self._whole[index] = first
+        pieces = self.problem.pieces(index, self.eta)
+        first = next(pieces)
 
         def tables() -> Iterator[FloatArray]:
-            for rows, b in chain(((at, first),), pieces):
-                columns = np.column_stack((b.local, b.shared, measured[rows] - b.known))
-                yield self.problem.weigh(index, columns, rows)
+            for at, b in placed(self._keep(index, chain((first,), pieces))):
+                rest = self.problem.measured[index][at] - b.known
+                columns = np.column_stack((b.local, b.shared, rest))
+                yield self.problem.weigh(index, columns, at)
 
         return _Table.of(tables(), first.local.shape[1])
+
+    def _keep(self, index: int, pieces: Iterator[Basis]) -> Iterator[Basis]:
+        """Pieces as they come; they are kept if there is room for all, or one is all there is."""
+        kept, numbers = list[Basis](), self._numbers
+        for count, piece in enumerate(pieces):
+            numbers += sum(x.size for x in piece.columns if not is_repeated(x))
+            if count == 0 or may_keep_aside(numbers):
+                kept.append(piece)
+            else:
+                kept.clear()
+            yield piece
+        if kept:
+            self._kept[index], self._numbers = kept, numbers
 
     def _solve_shared(self) -> tuple[FloatArray, BoolArray]:
         """Shared linear unknowns by bounded least squares (active set)."""
@@ -222,7 +238,8 @@ def _weighed(fit: Eliminated, scales: FloatArray, index: int) -> Iterator[tuple[
         j = slopes.known.copy()
         for columns, values in ((slopes.shared, fit.linear), (slopes.local, fit.local[index])):
             if values.size:  # as one matrix times a vector: the columns lie interleaved
-                j += columns.reshape(-1, values.size).dot(values).reshape(j.shape)
+                some = columns[:, :1] if is_repeated(columns.swapaxes(0, 1)) else columns
+                j += some.reshape(-1, values.size).dot(values).reshape(some.shape[:2])
         rest = problem.measured[index][at] - b.known
         yield at, problem.weigh(index, np.column_stack((b.local, b.shared, j.T, rest)), at)
 
@@ -236,7 +253,7 @@ def _sloped(fit: Eliminated, scales: FloatArray, index: int) -> Iterator[tuple[B
         yield own(index, eta)
         return
     turned = [problem.pieces(index, eta + 1j * row) for row in np.diag(steps)]
-    if fit.is_whole(index) or not turned:
+    if fit.has(index) or not turned:
         turned.insert(0, fit.pieces(index))
         for at, *moved in zip(*turned, strict=True):
             yield at, slopes_of(at, moved, steps)

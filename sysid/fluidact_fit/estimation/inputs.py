@@ -238,9 +238,14 @@ def beyond_dead_zone(u: Array, negative: complex, positive: complex) -> Array:
 
     The edges are complex in derivatives.
     """
-    above = np.where(np.real(u - positive) > 0.0, u - positive, 0.0)
-    below = np.where(np.real(u - negative) < 0.0, u - negative, 0.0)
-    return np.asarray(above + below)
+    least, most = np.real(negative), np.real(positive)
+    beyond: Array = np.real(u) - np.clip(np.real(u), least, most)
+    turned = [np.imag(x) for x in (u, negative, positive)]
+    if any(np.any(x) for x in turned):
+        own, below, above = turned
+        slope = np.where(beyond > 0.0, own - above, np.where(beyond < 0.0, own - below, 0.0))
+        beyond = beyond + 1j * slope
+    return beyond
 
 
 def apply_dead_zone(u: PiecewiseInput, negative: complex, positive: complex) -> PiecewiseInput:
@@ -260,10 +265,10 @@ def apply_dead_zone(u: PiecewiseInput, negative: complex, positive: complex) -> 
         Edges [unit of u], ``negative <= 0 <= positive``.
     """
     start = u.coefficients[:, 0]
+    if u.coefficients.shape[1] == 1:
+        return PiecewiseInput(u.nodes, beyond_dead_zone(start, negative, positive)[:, None])
     above, below = start > np.real(positive), start < np.real(negative)
     level = np.where(above, start - positive, np.where(below, start - negative, 0.0))
-    if u.coefficients.shape[1] == 1:
-        return PiecewiseInput(u.nodes, level[:, None])
     end = np.append(start[1:], start[-1])
     leaves = above[:-1] != (end > np.real(positive))[:-1]
     enters = below[:-1] != (end < np.real(negative))[:-1]

@@ -31,7 +31,7 @@ from ..experiment import Array, FloatArray
 from ..rows import part_of
 from .grid import SAME_STEP, Grid, group, make_grid
 from .inputs import PiecewiseInput
-from .recursion import orbit, scan
+from .recursion import Response, orbit, scan
 
 # Taylor coefficients of exp up to degree 15, four to a row; what is left out is
 # 0.5**16 / 16! = 7e-19: below rounding for a norm of one half.
@@ -241,10 +241,7 @@ def forced_response(
         return np.asarray(states @ c)
     unit = grid.unit
     real = instants - np.real(dead_time)
-    # An instant that falls on a node belongs to either piece, but only the earlier one
-    # gives the slope for a longer dead time: at zero there is no other direction.
-    nudge = -SAME_STEP if np.imag(dead_time) != 0.0 else SAME_STEP
-    before = np.searchsorted(grid.instants, real + nudge * unit, side="right") - 1
+    before = np.searchsorted(grid.instants, real + _side(dead_time) * unit, side="right") - 1
     inside = before >= 0
     piece = np.where(inside, before, 0)
     partial = np.maximum(real - grid.instants[piece], 0.0)
@@ -293,42 +290,81 @@ def forced_pieces(
     shape
         What the input passes first.
     run
-        States at some nodes; `states_at_nodes` unless the caller keeps them.
+        States at some nodes, where the caller keeps them.
     """
+    if _are_alike(nodes, samples):
+        yield from _even_pieces(a, b, c, u, nodes, samples, parts, dead_time, shape, run)
+        return
     run = partial(states_at_nodes, a, b) if run is None else run
-    even = _are_alike(nodes, samples)
-    # samples from a node to the instant that it acts on; see `forced_response` for the side
-    nudge = -SAME_STEP if np.imag(dead_time) != 0.0 else SAME_STEP
-    later = nodes.instants[0] - samples.instants[0] + dead_time if even else dead_time
-    back = ceil(np.real(later) / nodes.distinct[0] - nudge) if even else 0
+    nudge = _side(dead_time) * nodes.unit
     first, state, end = 0, None, nodes.which.size
     for part in parts:
         last = end
         if part.stop < samples.instants.size:
-            last = part.stop - 1 - back
-            if not even:
-                real = samples.instants[part.stop - 1] - np.real(dead_time) + nudge * nodes.unit
-                last = int(np.searchsorted(nodes.instants, real, side="right")) - 1
-            last = max(last, first)
+            real = samples.instants[part.stop - 1] - np.real(dead_time) + nudge
+            last = max(int(np.searchsorted(nodes.instants, real, side="right")) - 1, first)
         some, grid = _between(u, first, last, shape), nodes.part(first, last)
         states = run(some, grid, state)
-        if even:
-            begin = min(max(part.start, back), part.stop)
-            y = np.zeros(part.stop - part.start, dtype=np.result_type(states, c, a, b, dead_time))
-            at = slice(begin - back - first, part.stop - back - first)
-            instants = part_of(samples.instants, begin, part.stop)
-            late = max(back * nodes.distinct[0] - np.real(later), 0.0)
-            if np.imag(dead_time) != 0.0:
-                late = late - 1j * np.imag(dead_time)
-            y[begin - part.start :] = _even_output(
-                a, b, c, some, states, at, (instants, dead_time), late
-            )
-            yield y
-        else:
-            yield forced_response(
-                a, b, c, some, samples.instants[part], dead_time=dead_time, grid=grid, states=states
-            )
+        yield forced_response(
+            a, b, c, some, samples.instants[part], dead_time=dead_time, grid=grid, states=states
+        )
         first, state = last, states[-1]
+
+
+def _side(dead_time: complex) -> float:
+    """Which piece an instant on a node belongs to, in steps.
+
+    Either, but only the earlier one gives the slope for a longer dead time: at zero there is no
+    other direction.
+    """
+    return -SAME_STEP if np.imag(dead_time) != 0.0 else SAME_STEP
+
+
+def _even_pieces(
+    a: Array, b: Array, c: Array, u: PiecewiseInput, nodes: Grid, samples: Grid,
+    parts: Sequence[slice], dead_time: complex,
+    shape: Callable[[PiecewiseInput], PiecewiseInput] | None,
+    run: Callable[[PiecewiseInput, Grid, Array | None], Array] | None,
+) -> Iterator[Array]:  # fmt: skip
+    """`forced_pieces` of records with equal steps; no states where the caller keeps none."""
+    later = nodes.instants[0] - samples.instants[0] + dead_time
+    # samples from a node to the instant that it acts on
+    back = ceil(np.real(later) / nodes.distinct[0] - _side(dead_time))
+    late: complex = max(back * nodes.distinct[0] - np.real(later), 0.0)
+    if np.imag(dead_time) != 0.0:
+        late = late - 1j * np.imag(dead_time)
+    response = None
+    if run is None:
+        response = _response(a, b, c, nodes.distinct, late, u.coefficients.shape[1] - 1)
+        run = partial(states_at_nodes, a, b)
+    first, state, end = 0, np.zeros(a.shape[0], dtype=np.result_type(a, b)), nodes.which.size
+    for part in parts:
+        last = max(part.stop - 1 - back, first) if part.stop < samples.instants.size else end
+        some = _between(u, first, last, shape)
+        begin = min(max(part.start, back), part.stop)
+        at = slice(begin - back - first, part.stop - back - first)
+        if response is not None and not some.kinks.interval.size:
+            y, state = response.run(some.coefficients, state)
+            y = y[at]
+        else:
+            states = run(some, nodes.part(first, last), state)
+            state = states[-1]
+            instants = part_of(samples.instants, begin, part.stop)
+            y = _even_output(a, b, c, some, states, at, (instants, dead_time), late)
+        # nothing acts before
+        yield y if begin == part.start else np.concatenate((np.zeros(begin - part.start), y))
+        first = last
+
+
+def _response(
+    a: Array, b: Array, c: Array, step: FloatArray, late: complex, degree: int
+) -> Response:
+    """Outputs ``late`` [s] after nodes that are a step apart, shape ``(1,)`` [s]."""
+    phi, gamma = _scaled_transition(a, b, step, degree)
+    if abs(late) == 0.0:
+        return Response(phi[0], gamma[0], c, np.zeros(degree + 1))
+    on, more = _scaled_transition(a, b, np.array([late]), degree)
+    return Response(phi[0], gamma[0], c @ on[0], c @ more[0])
 
 
 def _are_alike(nodes: Grid, samples: Grid) -> bool:
@@ -385,8 +421,8 @@ def states_at_nodes(
     a: Array, b: Array, u: PiecewiseInput, grid: Grid, start: Array | None = None
 ) -> Array:
     """States at the nodes of the input, ``(m, n)``, from ``start``, ``(n,)``, or rest."""
-    n, degree = a.shape[0], u.coefficients.shape[1] - 1
-    start = np.zeros(n, dtype=np.result_type(a, b)) if start is None else start
+    degree = u.coefficients.shape[1] - 1
+    start = np.zeros(a.shape[0], dtype=np.result_type(a, b)) if start is None else start
     if grid.which.size == 0:
         return start[None]
     phi, gamma = _scaled_transition(a, b, grid.distinct, degree)

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ..experiment import Array, BoolArray, FloatArray
+from ..rows import is_repeated
 from .price import simulated
 from .whitening import Whitening
 
@@ -46,6 +47,11 @@ class Basis:
     known: Array
     shared: Array
     local: Array
+
+    @property
+    def columns(self) -> tuple[Array, ...]:
+        """All of them, one kind after the other."""
+        return self.known, self.shared, self.local
 
 
 @dataclass(frozen=True)
@@ -176,7 +182,11 @@ def slopes_of(at: Basis, turned: Sequence[Basis], steps: FloatArray) -> Slopes:
     """Derivatives from columns with a complex step in every unknown."""
 
     def slope(part: str) -> FloatArray:
-        rows = [np.imag(getattr(b, part)) / step for b, step in zip(turned, steps)]
-        return np.reshape(rows, (steps.size, *getattr(at, part).shape))
+        columns, count = [getattr(b, part) for b in turned], len(at.known)
+        kept = 1 if columns and all(map(is_repeated, columns)) else count
+        rows = [np.imag(x[:kept]) / step for x, step in zip(columns, steps)]
+        shape = getattr(at, part).shape[1:]
+        found = np.reshape(rows, (steps.size, kept, *shape))
+        return np.broadcast_to(found, (steps.size, count, *shape))
 
     return Slopes(slope("known"), slope("shared"), slope("local"))

@@ -205,7 +205,7 @@ def _checked_writing(written: Written) -> Written:
 
 def _account(source: Source, layout: Layout, table: Table) -> Account:
     """What every line was taken for; ``LogError`` if that does not add up."""
-    total = source.data.count(b"\n") + (not source.data.endswith(b"\n"))
+    total = source.line_ends + (not source.data.endswith(b"\n"))
     rows, above = table.data_lines, layout.first_row
     blank = total - above - rows - len(table.left_out)
     found = _count_blank(source, above) if blank else 0

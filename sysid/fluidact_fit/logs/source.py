@@ -10,6 +10,7 @@ import re
 import sys
 import zlib
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,11 @@ class Source:
     def name(self) -> str:
         """File name without folders."""
         return name_of(self.path)
+
+    @cached_property
+    def line_ends(self) -> int:
+        """How many there are."""
+        return self.data.count(b"\n")
 
     def lines(self) -> list[str]:
         """All lines."""

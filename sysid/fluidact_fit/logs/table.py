@@ -94,38 +94,44 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         return None
     if layout.delimiter == " " and any(data.find(sign, offset) >= 0 for sign in _ODD_BLANKS):
         return None  # line by line they separate cells
-    rows = data.count(b"\n", offset, end) + 1
+    rows = source.line_ends - layout.first_row - data.count(b"\n", end) + 1
     first = max(data.rfind(b"\n", 0, max(end - 4096, 0)) + 1, offset)
     tail = data[first:end].decode(errors="replace").split("\n")
     if _is_cut(tail[-1], tail[-40:-1], layout, not data.endswith(b"\n")):
         return None
-    if layout.delimiter != " ":
-        sign = layout.delimiter.encode()
-        stop = data.find(b"\n", end)
-        stop = len(data) if stop < 0 else stop
-        found = data.count(sign, offset, stop)
-        missing = layout.trailing and sign not in data[end - 1 : stop]  # behind the last cell
-        cells = layout.lead + layout.width + layout.trailing
-        if found != rows * (cells - 1) - missing:
-            return None
-        if rows > 1 and data.count(sign, offset, data.find(b"\n", offset)) != cells - 1:
-            return None  # pandas would take the first of too many cells for names of the rows
-    if data[end:] not in (b"", b"\n"):
-        data = data[:end]
-    columns = _parse_numbers(data, offset, layout, rows)
-    if columns is None:
-        columns = _parse_with_pandas(data, offset, layout)
+    text = data if data[end:] in (b"", b"\n") else data[:end]
+    columns = _parse_numbers(text, offset, layout, rows)
+    if columns is None and _has_all_cells(data, offset, end, layout, rows):
+        columns = _parse_with_pandas(text, offset, layout)
     if columns is None or columns[0].size != rows:
         return None
     bad: tuple[dict[int, str], ...] | None = tuple({} for _ in columns)
     if not all(map(is_finite, columns)):
         if not _may_have_holes(columns, layout):
             return None
-        bad = _collect_bad(columns, data, offset, layout)
+        bad = _collect_bad(columns, text, offset, layout)
     lines = counted(layout.first_row + 1, layout.first_row + 1 + rows)
     if bad is None or set(_cut_otherwise(bad, rows)):
         return None
     return Table(tuple(columns), bad, lines, (), layout.notices, rows)
+
+
+def _has_all_cells(data: bytes, offset: int, end: int, layout: Layout, rows: int) -> bool:
+    """Whether lines hold as many cells as there are columns: all of them, and the first.
+
+    ``end`` is behind the last cell.
+    """
+    if layout.delimiter == " ":
+        return True
+    sign = layout.delimiter.encode()
+    stop = data.find(b"\n", end)
+    stop = len(data) if stop < 0 else stop
+    missing = layout.trailing and sign not in data[end - 1 : stop]  # behind the last cell
+    cells = layout.lead + layout.width + layout.trailing
+    if data.count(sign, offset, stop) != rows * (cells - 1) - missing:
+        return False
+    # pandas would take the first of too many cells for names of the rows
+    return rows == 1 or data.count(sign, offset, data.find(b"\n", offset)) == cells - 1
 
 
 def _may_have_holes(columns: Sequence[FloatArray], layout: Layout) -> bool:

@@ -21,7 +21,7 @@ from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis
 from ...experiment import Array, Experiment, FloatArray, Signal
 from ...family import Simulated
-from ...rows import blocks
+from ...rows import blocks, is_repeated, repeated
 
 T = TypeVar("T")
 Realisation = Callable[[Values], tuple[Array, Array, Array]]
@@ -161,7 +161,8 @@ class TransferModel:
         a, b, c = self.realise(values)
         forced = forced_pieces(
             a, b, c, p.u, p.nodes, p.samples, p.parts, dead_time=values.get("dead_time", 0.0),
-            shape=self._shape(index, values), run=partial(self._states, index, a, b),
+            shape=self._shape(index, values),
+            run=partial(self._states, index, a, b) if len(p.parts) == 1 else None,
         )  # fmt: skip
         for y, local in zip(forced, self._local(index, values), strict=True):
             offsets = np.zeros((y.size, len(self.several)))
@@ -170,7 +171,7 @@ class TransferModel:
             if self.gain is None:
                 yield Basis(y, offsets, local)
             else:
-                yield Basis(np.zeros(y.size), np.column_stack((y, offsets)), local)
+                yield Basis(repeated(np.zeros(()), y.size), np.column_stack((y, offsets)), local)
 
     def _shape(
         self, index: int, values: Values
@@ -195,7 +196,7 @@ class TransferModel:
         def compute() -> Array:
             return states_at_nodes(a, b, u, nodes, start)
 
-        if self.dead_zone or len(self.prepared[index].parts) > 1:
+        if self.dead_zone:
             return compute()
         return self._remember(("states", index), (a, b), compute)
 
@@ -225,12 +226,13 @@ class TransferModel:
         shared = p.log is not None
         free = any_start(*self.realise(values)) if shared else self.beginnings(values)
         for part, every in zip(p.parts, self._free(index, free), strict=True):
-            states = 0 if every is None else len(free.states)
-            kind = float if every is None else every.dtype
-            out = np.ones((part.stop - part.start, states + (p.log is None)), dtype=kind)
-            if every is not None:
-                out[:, :states] = every[:, free.states]
-            yield out
+            count, own = part.stop - part.start, np.ones(int(p.log is None))
+            if every is None:
+                yield repeated(own, count)
+            elif is_repeated(every):
+                yield repeated(np.concatenate((every[0, free.states], own)), count)
+            else:
+                yield np.column_stack((every[:, free.states], repeated(own, count)))
 
     def _free(self, index: int, free: Free) -> Iterator[Array | None]:
         """Free responses; none of a run that starts at rest."""
