@@ -281,6 +281,14 @@ def square_sum(values: FloatArray) -> float:
     return float(values @ values)
 
 
+def side_by_side(*columns: Array) -> Array:
+    """Columns ``(n,)`` or ``(n, k)`` beside each other; each of them lies in one piece.
+
+    Tables of few columns are written so in a third of the time that whole rows take.
+    """
+    return np.concatenate([x.T if x.ndim > 1 else x[None] for x in columns]).T
+
+
 def column_means(table: FloatArray) -> FloatArray:
     """Mean of every column, shape ``(c,)`` for ``(n, c)``, or of values ``(n,)``.
 

@@ -16,7 +16,7 @@ from ..estimation.blocks import condense, joined
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.uncertainty import fit_autoregression, innovations, middle_of
 from ..experiment import FloatArray
-from ..rows import blocks, column_means, is_kept
+from ..rows import blocks, column_means, is_kept, side_by_side
 
 _ORDER = 25  # highest of the autoregression that whitens the residual
 
@@ -70,13 +70,12 @@ class Beside:
         found = {}
         for k in (k for k in range(len(self.residuals)) if not self._is_kept(k)):
             parts = (self._raw(k, at) for at in blocks(self.residuals[k].size))
-            table = condense(np.column_stack((np.ones(len(x)), x)) for x in parts)
+            table = condense(side_by_side(np.ones(len(x)), x) for x in parts)
             found[k] = np.asarray(np.linalg.qr(table, mode="r"))
         return found
 
     def _raw(self, k: int, at: slice) -> FloatArray:
-        parts = self.jacobians[k][at], self.columns[k][at], self.residuals[k][at]
-        return np.column_stack(parts)
+        return side_by_side(self.jacobians[k][at], self.columns[k][at], self.residuals[k][at])
 
     def _table(self, k: int, at: slice) -> FloatArray:
         """Some rows of one series."""

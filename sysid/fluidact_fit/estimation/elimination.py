@@ -10,7 +10,7 @@ from itertools import chain
 import numpy as np
 
 from ..experiment import BoolArray, FloatArray
-from ..rows import Rows, Streamed, is_repeated, may_keep, may_keep_aside
+from ..rows import Rows, Streamed, is_repeated, may_keep, may_keep_aside, side_by_side
 from .blocks import condense
 from .least_squares import bounded_least_squares, explain, orthonormal, project_out, without
 from .problem import STEP, Basis, Problem, Slopes, bounds_of, slopes_of
@@ -108,7 +108,7 @@ class Eliminated:
         def tables() -> Iterator[FloatArray]:
             for at, b in placed(self._keep(index, chain((first,), pieces))):
                 rest = self.problem.measured[index][at] - b.known
-                columns = np.column_stack((b.local, b.shared, rest))
+                columns = side_by_side(b.local, b.shared, rest)
                 yield self.problem.weigh(index, columns, at)
 
         return _Table.of(tables(), first.local.shape[1])
@@ -151,7 +151,7 @@ class Tangent:
     def __init__(self, fit: Eliminated, scales: FloatArray) -> None:
         unknowns = fit.eta.size + fit.linear.size
         kept = may_keep(fit.problem.rows * unknowns)
-        self.raw = [np.empty((y.shape[0], unknowns)) for y in fit.problem.measured if kept]
+        self.raw = [np.empty((unknowns, y.shape[0])).T for y in fit.problem.measured if kept]
         self.move(fit, scales)
 
     def move(self, fit: Eliminated, scales: FloatArray) -> None:
@@ -196,7 +196,7 @@ class Tangent:
         for at, local, shared, rest in _left(fit, index):
             residuals[at] = rest
             jacobian[at, p:] = shared
-            jacobian[at] -= local @ by_local
+            jacobian[at] -= (by_local.T @ local.T).T
         return residuals, jacobian
 
 
@@ -209,9 +209,9 @@ def _remade(
     def make() -> Iterator[FloatArray]:
         both = zip(_weighed(start, scales, index), _left(fit, index), strict=True)
         for (_, table), (_, local, shared, rest) in both:
-            jacobian = np.column_stack((table[:, -1 - p : -1], shared))
-            jacobian -= local @ by_local
-            yield np.column_stack((jacobian, rest))
+            jacobian = side_by_side(table[:, -1 - p : -1], shared)
+            jacobian -= (by_local.T @ local.T).T
+            yield side_by_side(jacobian, rest)
 
     table = Rows((n, p + fit.linear.size + 1), Streamed(make).cut)
     return table[:, -1], table[:, :-1]
@@ -225,7 +225,7 @@ def _left(
     for at, b in placed(fit.pieces(index)):
         simulated = b.known + b.shared @ fit.linear + b.local @ fit.local[index]
         rest = problem.measured[index][at] - simulated
-        rows = problem.weigh(index, np.column_stack((b.local, b.shared, rest)), at)
+        rows = problem.weigh(index, side_by_side(b.local, b.shared, rest), at)
         yield at, rows[:, : b.local.shape[1]], rows[:, b.local.shape[1] : -1], rows[:, -1]
 
 
@@ -241,7 +241,7 @@ def _weighed(fit: Eliminated, scales: FloatArray, index: int) -> Iterator[tuple[
                 some = columns[:, :1] if is_repeated(columns.swapaxes(0, 1)) else columns
                 j += some.reshape(-1, values.size).dot(values).reshape(some.shape[:2])
         rest = problem.measured[index][at] - b.known
-        yield at, problem.weigh(index, np.column_stack((b.local, b.shared, j.T, rest)), at)
+        yield at, problem.weigh(index, side_by_side(b.local, b.shared, j.T, rest), at)
 
 
 def _sloped(fit: Eliminated, scales: FloatArray, index: int) -> Iterator[tuple[Basis, Slopes]]:

@@ -238,11 +238,9 @@ def beyond_dead_zone(u: Array, negative: complex, positive: complex) -> Array:
 
     The edges are complex in derivatives.
     """
-    least, most = np.real(negative), np.real(positive)
-    beyond: Array = np.real(u) - np.clip(np.real(u), least, most)
-    turned = [np.imag(x) for x in (u, negative, positive)]
-    if any(np.any(x) for x in turned):
-        own, below, above = turned
+    beyond: Array = np.real(u) - np.clip(np.real(u), np.real(negative), np.real(positive))
+    if np.iscomplexobj(u) or np.iscomplexobj(negative) or np.iscomplexobj(positive):
+        own, below, above = np.imag(u), np.imag(negative), np.imag(positive)
         slope = np.where(beyond > 0.0, own - above, np.where(beyond < 0.0, own - below, 0.0))
         beyond = beyond + 1j * slope
     return beyond

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ..experiment import Array, FloatArray
 from ..rows import blocks
 
-_SHORT = 4000  # numbers of a forcing for which one banded system is quicker than blocks
+_SHORT = 16_000  # numbers of a forcing for which one banded system is quicker than blocks
 
 
 def orbit(start: Array, phi: Array, count: int) -> Array:
@@ -198,7 +198,8 @@ class Response:
             added = found[:, width:]
             states = scan(self._whole, added[:-1], start) if count > 1 else np.asarray(start)[None]
             blocks = out[: count * width].reshape(count, width)
-            np.add(found[:, :width], states @ self._free, out=blocks)
+            np.matmul(states, self._free, out=blocks)
+            blocks += found[:, :width]
             x = self._whole @ states[-1] + added[-1]
         for k in range(count * width, steps):
             out[k] = self.row @ x + self.direct @ inputs[k]

@@ -21,7 +21,7 @@ from ...estimation.named_model import NamedModel, Values
 from ...estimation.problem import Basis
 from ...experiment import Array, Experiment, FloatArray, Signal
 from ...family import Simulated
-from ...rows import blocks, is_repeated, repeated
+from ...rows import blocks, is_repeated, repeated, side_by_side
 
 T = TypeVar("T")
 Realisation = Callable[[Values], tuple[Array, Array, Array]]
@@ -171,7 +171,7 @@ class TransferModel:
             if self.gain is None:
                 yield Basis(y, offsets, local)
             else:
-                yield Basis(repeated(np.zeros(()), y.size), np.column_stack((y, offsets)), local)
+                yield Basis(repeated(np.zeros(()), y.size), side_by_side(y, offsets), local)
 
     def _shape(
         self, index: int, values: Values
@@ -232,7 +232,7 @@ class TransferModel:
             elif is_repeated(every):
                 yield repeated(np.concatenate((every[0, free.states], own)), count)
             else:
-                yield np.column_stack((every[:, free.states], repeated(own, count)))
+                yield side_by_side(every[:, free.states], repeated(own, count))
 
     def _free(self, index: int, free: Free) -> Iterator[Array | None]:
         """Free responses; none of a run that starts at rest."""
@@ -348,7 +348,7 @@ def _columns(
     for part, (known, free) in zip(model.prepared[index].parts, model.responses(index, values)):
         forced[part] = known
         rest = model.measured[index][part] - known
-        yield np.column_stack((free, np.ones(rest.size), rest))
+        yield side_by_side(free, np.ones(rest.size), rest)
 
 
 def _add_beginnings(
