@@ -84,7 +84,7 @@ class Rows(NDArrayOperatorsMixin):
         return getattr(np.asarray(self), name)  # whatever else an array has
 
     def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> Array:
-        out = np.empty(self.shape, self.dtype if dtype is None else dtype)
+        out = np.empty(self.shape, self.dtype if dtype is None else dtype, order="F")
         for at in blocks(len(self)):
             out[at] = self.cut(at.start, at.stop)
         return out

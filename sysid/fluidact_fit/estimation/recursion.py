@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ..experiment import Array, FloatArray
 from ..rows import blocks
 
+_PER_STEP = 20  # parts that begin in the time of a step of all parts side by side
 _SHORT = 16_000  # numbers of a forcing for which one banded system is quicker than blocks
 
 
@@ -54,10 +55,10 @@ def clamped(
     """``x_k = min(max(x_(k-1) + steps_k, low_k), high_k)``, shape ``(count,)``; exact.
 
     A step followed by a clamp, and any number of them one after the other, is again a step
-    followed by a clamp. About ``sqrt(count)`` parts are first taken as one such each, which gives
-    the value that each begins with, and then advance side by side.
+    followed by a clamp. Parts are first taken as one such each, which gives the value that each
+    begins with, and then advance side by side.
     """
-    width = max(1, ceil(count**0.5))
+    width = max(1, ceil((count / _PER_STEP) ** 0.5))  # of a part
     rows = -(-count // width)
 
     def cut(values: npt.ArrayLike, idle: float) -> FloatArray:
@@ -73,10 +74,11 @@ def clamped(
         step += more
         least = np.minimum(np.maximum(least + more, lowest), highest)
         most = np.minimum(np.maximum(most + more, lowest), highest)
-    now, x = np.empty(rows), start
-    for k in range(rows):
-        now[k] = x
-        x = min(max(x + step[k], least[k]), most[k])
+    begins, x = [], start
+    for more, lowest, highest in zip(step.tolist(), least.tolist(), most.tolist(), strict=True):
+        begins.append(x)
+        x = min(max(x + more, lowest), highest)
+    now = np.array(begins)
     found = np.empty((rows, width))
     for j, (more, lowest, highest) in enumerate(zip(a, b, c, strict=True)):
         found[:, j] = now = np.minimum(np.maximum(now + more, lowest), highest)
