@@ -28,7 +28,7 @@ from .regression import begin_flow, directional_gains, fit_friction, not_shown, 
 
 _MARGIN = 1.5  # by which friction may fall more steeply than where the search for it ended
 _RISE = 4_000  # samples in which a Stribeck rise is looked for
-_ROUGH = 1e-4  # part of the cost: a fit from which a rise is looked for ends with steps below it
+_ROUGH = 1e-3  # part of the cost: a fit from which a rise is looked for ends with steps below it
 _SHORTEST = 400  # samples of a part
 _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says something
 

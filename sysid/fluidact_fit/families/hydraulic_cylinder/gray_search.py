@@ -27,6 +27,7 @@ from .case import LONG
 from .gray_box import GrayBox, GrayLog, Linear
 
 _AS_PREDICTED = 0.1  # part of what a step was to gain, up to which its slopes are kept
+_UNDAMPED = 1e-12  # damping that only keeps singular equations solvable
 _ASTRAY = 1e12  # residuals in standard deviations beyond which a simulation has run away
 STATE_SCALE = np.array([1e5, 1e5, 1e-3, 1e-2])  # Pa, Pa, m, m/s
 
@@ -226,27 +227,28 @@ def _descend(
 
     With ``gaps`` that is multiple shooting, until the gaps between the segments are closed.
     Without, a trial is simulated without sensitivities; they are computed where it is accepted.
-    Two steps in a row that gain less than the part ``enough`` of the cost are the last: a single
-    one may be short for its damping.
+    Two steps in a row that change less than the part ``enough`` of the cost are the last: a single
+    one may be short for its damping. So is one that came as predicted and leaves nothing to gain.
     """
     damping, count, little = 1e-4, 0, 0
     while count < most and not exhausted():
         count += 1
         if not now.linear:
             _linearise(problem, now)
-        step, initial, predicted = _propose(problem, now, damping)
+        step, initial, predicted, left = _propose(problem, now, damping)
         trial = _move(problem, now, step, initial)
         if gaps:
             _evaluate_gaps(problem, trial)
         else:
             trial = _close(problem, trial.values, trial.initial)
         gain = now.merit - trial.merit
+        little = little + 1 if abs(gain) <= enough * now.merit else 0
         if gain >= -1e-12 * now.merit:
             if gaps:
                 settled = trial.defect <= 1e-2 * trial.cost and gain <= 1e-3 * now.merit
             else:  # a hundredth of one squared standard error: the slopes are the same
-                little = little + 1 if gain <= enough * now.merit else 0
-                settled = gain <= 1e-2 or little > 1
+                at_end = abs(gain - predicted) <= 1e-2 and left <= 1e-2
+                settled = gain <= 1e-2 or at_end or little > 1
             if settled:
                 trial.linear = trial.linear or now.linear
                 return trial, count, True
@@ -256,7 +258,7 @@ def _descend(
             now, damping = trial, max(0.1 * damping, 1e-10)
         else:
             damping = max(10.0 * damping, 1e-6)
-            if damping > 1e4 or predicted <= 1e-2:
+            if damping > 1e4 or predicted <= 1e-2 or little > 1:
                 return now, count, True
     return now, count, False
 
@@ -308,8 +310,11 @@ def _evaluate_gaps(problem: GrayProblem, point: _Iterate) -> None:
 
 def _propose(
     problem: GrayProblem, now: _Iterate, damping: float
-) -> tuple[FloatArray, list[FloatArray], float]:
-    """Damped Gauss-Newton step of the parameters and the initial states."""
+) -> tuple[FloatArray, list[FloatArray], float, float]:
+    """Damped Gauss-Newton step of the parameters and the initial states.
+
+    Returned beside them is what it should gain, and what a step without damping would gain more.
+    """
     scale, p = np.array([u.scale for u in problem.free]), len(problem.free)
     h, g = np.zeros((p, p)), np.zeros(p)
     blocks = []
@@ -326,16 +331,22 @@ def _propose(
         g += shared.T @ without(q, r)
         blocks.append((q, t, r, j))
     low, high = (np.array([getattr(u, end) for u in problem.free]) for end in ("low", "high"))
-    x = np.array([now.values[n] for n in problem.names])
-    step = damped_step(h, g, x / scale, (low / scale, high / scale), damping)
-    initial = []
+    x = np.array([now.values[n] for n in problem.names]) / scale
+    step, whole = (
+        damped_step(h, g, x, (low / scale, high / scale), d) for d in (damping, _UNDAMPED)
+    )
+    gain, most = (float(2.0 * g @ d - d @ h @ d) for d in (step, whole))
+    initial, left = [], most - gain
     for q, t, r, j in blocks:
         rest = r - j[:, 4:] @ (step * scale)
         # damped as well: the speed of a piston at rest is anything but linear in its friction
         damped = np.vstack((t, np.diag(np.sqrt(damping) * np.linalg.norm(t, axis=0))))
         target = np.concatenate((q.T @ rest, np.zeros(4)))
-        initial.append(np.linalg.lstsq(damped, target, rcond=1e-12)[0] * STATE_SCALE)
-    return step * scale, initial, float(2.0 * g @ step - step @ h @ step)
+        found = np.linalg.lstsq(damped, target, rcond=1e-12)[0]
+        initial.append(found * STATE_SCALE)
+        unmet = float(np.sum((q.T @ rest - t @ found) ** 2))
+        left, gain = left + unmet, gain + float(np.sum((q.T @ r) ** 2)) - unmet
+    return step * scale, initial, gain, left
 
 
 def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:

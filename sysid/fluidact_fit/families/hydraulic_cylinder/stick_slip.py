@@ -106,25 +106,33 @@ def _step_function(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> A
 
     The speed of a piston that sticks is exactly zero: the state alone tells what it does.
     """
-    x, theta = ca.SX.sym("x", 4), _theta(ca.SX)
-    rest = _way_from_rest(ca, x, theta, machine)
-    way = ca.Function("way", [x, theta], [ca.if_else(x[3] == 0.0, rest, ca.sign(x[3]))])
-    flow = _flow_function(ca, machine, free)
-    phase = _phase_function(ca, machine, free)
+    flow, phase = _flow_function(ca, machine, free), _phase_function(ca, machine, free)
     args = _arguments(ca.MX, _size(free))
     z, u, left, values, sign = args
     trial = ca.MX.sym("trial", _size(free))
     for _ in range(_EVENTS):
         z, left, sign = phase(z, u, left, values, sign)
-    through = ca.Function("through", [*args, trial], [flow(z, u, left, values, 0.0)])
+    rested = ca.if_else(left > 0.0, flow(z, u, left, values, 0.0), z)
+    through = ca.Function("through", [*args, trial], [rested])
     keep = ca.Function("keep", [*args, trial], [trial])
     # a switch evaluates the chosen branch only
     switch = ca.Function.if_else("switch", through, keep)
     z, u, time, values, _ = args
-    now = way(z[:4], values)
-    smooth = flow(z, u, time, values, now)
-    event = _reserve_function(ca, machine)(smooth[:4], values, now) <= 0.0
-    return ca.Function("step", args[:4], [switch(event, z, u, time, values, now, smooth)])
+    smooth, way, left = _smooth_function(ca, machine, free)(z, u, time, values)
+    return ca.Function("step", args[:4], [switch(left <= 0.0, z, u, time, values, way, smooth)])
+
+
+def _smooth_function(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> Any:
+    """A step as if there were no event, ``(z, u, t, theta) -> z, way, what is left until one``.
+
+    In one piece: most steps ask for nothing else.
+    """
+    z, u, time, theta, _ = _arguments(ca.SX, _size(free))
+    rest = _way_from_rest(ca, z, theta, machine)
+    way = ca.if_else(z[3] == 0.0, rest, ca.sign(z[3]))
+    after = _flow_function(ca, machine, free)(z, u, time, theta, way)
+    left = _reserve(ca, after, theta, way, machine)
+    return ca.Function("smooth", [z, u, time, theta], [after, way, left])
 
 
 def _phase_function(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> Any:
@@ -229,7 +237,7 @@ def _flow_function(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> A
     k3 = f(begin + 0.5 * t * k2, u, theta, way)
     k4 = f(begin + t * k3, u, theta, way)
     end = begin + t / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-    return ca.Function("flow", [z, u, t, theta, way], [ca.if_else(t > 0.0, end, z)])
+    return ca.Function("flow", [z, u, t, theta, way], [end])
 
 
 def _halted(ca: Any, z: Any, way: Any) -> Any:
