@@ -90,11 +90,14 @@ def test_a_stop_from_thousands_of_times_the_speed_of_the_curve() -> None:
 
 
 @pytest.mark.parametrize("hold", ["zoh", "foh"])
-def test_derivatives_pass_through_the_events(hold: str) -> None:
-    exact = np.imag(simulate(AXIS, hold, turned=True).position) / 1e-30
+@pytest.mark.parametrize("speed", [0.1, 0.5])
+def test_derivatives_pass_through_the_events(hold: str, speed: float) -> None:
+    """Of a curve that reaches to every speed of the log, and one whose end most are beyond."""
+    axis = {**AXIS, "stribeck_speed": speed}
+    exact = np.imag(simulate(axis, hold, turned=True).position) / 1e-30
     for row, name in zip(exact, ORDER):
-        by = 1e-5 * AXIS[name]
-        ends = [simulate({**AXIS, name: AXIS[name] + s * by}, hold).position[0] for s in (1, -1)]
+        by = 1e-5 * axis[name]
+        ends = [simulate({**axis, name: axis[name] + s * by}, hold).position[0] for s in (1, -1)]
         change = (ends[0] - ends[1]) / (2.0 * by)
         np.testing.assert_allclose(row, change, atol=1e-5 * np.abs(change).max())
         assert np.abs(change).max() > 0.0

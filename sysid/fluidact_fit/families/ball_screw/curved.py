@@ -8,8 +8,9 @@ For ``v_s -> 0`` this is the model of :mod:`.stick_slip`.
 
 Between two nodes of the torque the speed is followed by steps of Dormand and Prince's pair
 (:mod:`.runge_kutta`), divided where the error of a step would exceed ``1e-7 (v_s + |v|)``: they are
-long in fast motion and short where friction falls. Break-away and stop are solved inside the step,
-nothing is smoothed. The derivatives are those of the steps themselves, in whole arrays
+long in fast motion and short where friction falls. Beyond six speeds of the curve nothing is left
+of it, and the motion is that of a mass with viscous friction. Break-away and stop are solved inside
+the step, nothing is smoothed. The derivatives are those of the steps themselves, in whole arrays
 (variational equation): exact, at a small part of the price of the motion.
 
 At a break-away under a torque that rises steadily the acceleration is zero, and under one that
@@ -33,11 +34,13 @@ from math import exp, inf
 
 import numpy as np
 
+from ...estimation.grid import Grid
 from ...estimation.inputs import PiecewiseInput
 from ...estimation.runge_kutta import ERROR, NODES, RESULT, STAGES
 from ...experiment import Array, FloatArray
 from .changes import Steps, Varied, with_changes
 from .motion import Levels, Motion, StickSlip
+from .phi import Responses
 from .rest import StaticBand, value_of, zero_of
 
 ((_A21,), (_A31, _A32), (_A41, _A42, _A43), (_A51, _A52, _A53, _A54),
@@ -51,6 +54,7 @@ _SHORTEST = 1e-9  # part of an interval, below which a motion does not count as 
 _REFUSED = 0.9  # times its length that a step should have, below which it is taken again
 _SLOW, _NEARER = 2.0, 0.7  # speeds of the curve from which a motion stops, part of the way there
 _ROUNDING = 2e-16  # of the speed before a stop, which no step gets nearer to zero
+_BEYOND = 6.0  # speeds of the curve above which nothing is left of it: exp(-36) is rounding
 _LIMIT = 8  # events inside one sampling interval before the motion counts as stuck
 
 
@@ -176,6 +180,22 @@ def slide_of(levels: Levels, way: int) -> Slide:
     return Slide(levels.viscous[k] / j, levels.kinetic[k] / j, fall / j, levels.speed, j)
 
 
+@dataclass(frozen=True)
+class _Fast:
+    """Motion far beyond the curve in closed form, for whole intervals between two nodes.
+
+    The speed at the end is ``decay y + pushed`` and the way made ``travel y + carried``, where the
+    speed ``y`` at the begin is ``above`` and that at the end ``enough``.
+    """
+
+    above: float
+    enough: float
+    decay: list[float]
+    pushed: list[float]
+    travel: list[float]
+    carried: list[float]
+
+
 class CurvedRun:
     """One pass through a log: all steps in order, and where the nodes lie among them.
 
@@ -190,19 +210,21 @@ class CurvedRun:
         begin of the next, for the steps that end in a stop: 0 where a rest follows. Otherwise 1.
     """
 
-    def __init__(self, law: Levels, u: PiecewiseInput, speed: float) -> None:
-        self.law, self.torque = law, u.coefficients
+    def __init__(self, law: Levels, u: PiecewiseInput, grid: Grid, speed: float) -> None:
+        self.law, self.torque, self._grid = law, u.coefficients, grid
         self.spans: list[float] = np.diff(u.nodes).tolist()
         self.slides = {way: slide_of(law, way) for way in (1, -1)}
         self.band = StaticBand(u, *law.static)
-        self._tables: dict[int, list[list[float]]] = {}
+        self._tables: dict[int, FloatArray] = {}
+        self._fast: dict[int, _Fast] = {}
         self._polynomials: list[list[float]] = u.coefficients.tolist()
         self._steps: list[tuple[int, int, float, float, float, float, float]] = []
         self.carry: dict[int, float] = {}
         self.breakaways, self.stops = [0, 0], 0
         self._run(abs(speed), int(np.sign(speed)))
         self.steps = np.array(self._steps, dtype=float).reshape(-1, 7).T
-        del self._steps, self._tables, self._polynomials, self.band, self.spans  # the pass is kept
+        # the pass is kept
+        del self._steps, self._tables, self._fast, self._polynomials, self.band, self.spans
 
     def _run(self, speed: float, way: int) -> None:
         node, offset, end = 0, 0.0, len(self.spans)
@@ -226,10 +248,19 @@ class CurvedRun:
         slide, table, spans = self.slides[way], self._pushes(way), self.spans
         advance, tolerance, least = slide.advance, _TOLERANCE, _TOLERANCE * slide.speed
         note, span = self._steps.append, inf  # the span to try next
+        fast = self._beyond_curve(way)
+        above, enough = fast.above, fast.enough
+        decay, pushed, travel, carried = fast.decay, fast.pushed, fast.travel, fast.carried
         while node < len(spans):
             h = spans[node]
+            if y > above and offset == 0.0:
+                x = decay[node] * y + pushed[node]
+                if x > enough:
+                    note((node, way, 0.0, h, y, way * (travel[node] * y + carried[node]), way * x))
+                    node, y, span = node + 1, x, inf
+                    continue
             if offset == 0.0 and y > 0.0 and span >= h:
-                x, made, error, _ = advance(y, h, table[node])
+                x, made, error, _ = advance(y, h, table[node].tolist())
                 if x > 0.0 and error <= least + tolerance * x:
                     note((node, way, 0.0, h, y, way * made, way * x))
                     node, y = node + 1, x
@@ -260,14 +291,29 @@ class CurvedRun:
             self.carry[len(self._steps) - 1] = -begins / last.slope
         return node, offset, following
 
-    def _pushes(self, way: int) -> list[list[float]]:
-        """Pushes of a direction at the six nodes of whole intervals."""
+    def _pushes(self, way: int) -> FloatArray:
+        """Pushes of a direction at the six nodes of whole intervals, ``(n, 6)``."""
         if way not in self._tables:
-            spans = np.array(self.spans)
-            torque = torque_at(self.torque[:-1], NODES[:, None] * spans).T
-            push = way * torque / self.law.inertia - self.slides[way].level
-            self._tables[way] = push.tolist()
+            torque = torque_at(self.torque[:-1], NODES[:, None] * np.array(self.spans)).T
+            self._tables[way] = way * torque / self.law.inertia - self.slides[way].level
         return self._tables[way]
+
+    def _beyond_curve(self, way: int) -> _Fast:
+        """What whole intervals of a direction do where nothing is left of the curve."""
+        if way not in self._fast:
+            law, which, side = self.law, self._grid.which, 0 if way > 0 else 1
+            net = way * self.torque[:-1].T
+            net[0] -= law.kinetic[side]
+            r = Responses.of(law.inertia, law.viscous[side], self._grid.distinct, len(net))
+            above = _BEYOND * law.speed
+            # a speed that is lowest inside an interval has risen from there by no more than this
+            rise = (self._pushes(way).max(axis=1) * self.spans).max(initial=0.0)
+            self._fast[way] = _Fast(
+                above, above + max(float(rise), 0.0),
+                r.decay[which].tolist(), (r.speed[:, which] * net).sum(axis=0).tolist(),
+                r.travel[which].tolist(), (r.place[:, which] * net).sum(axis=0).tolist(),
+            )  # fmt: skip
+        return self._fast[way]
 
     def _push(self, node: int, way: int) -> Push:
         """Pushes of a direction inside an interval, as :meth:`Slide.divide` asks for them."""

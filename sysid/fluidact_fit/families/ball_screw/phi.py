@@ -5,11 +5,12 @@ phi_n(z) = sum_k z**k / (k + n)!,    phi_0 = exp,    phi_n = (phi_(n-1) - 1 / (n
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import exp, factorial
 
 import numpy as np
 
-from ...experiment import Array
+from ...experiment import Array, FloatArray
 
 _INVERSE = [1.0 / factorial(n) for n in range(32)]
 _SERIES = [_INVERSE[n + 14 : n - 1 if n else None : -1] for n in range(18)]  # of phi_n, last first
@@ -58,3 +59,29 @@ def phi_real(z: float, count: int) -> list[float]:
         previous = (previous - _INVERSE[n - 1]) / z
         values.append(previous)
     return values
+
+
+@dataclass(frozen=True)
+class Responses:
+    """What spans of time do to a moving mass, ``(g,)`` each: real, or complex for derivatives.
+
+    ``decay`` of the speed and ``travel`` per speed [s]; ``speed`` and ``place``, shape
+    ``(d, g)``, per coefficient of the net torque at the begin of the span.
+    """
+
+    decay: Array
+    travel: Array
+    speed: Array
+    place: Array
+
+    @classmethod
+    def of(cls, inertia: complex, viscous: complex, spans: FloatArray, size: int) -> Responses:
+        z = -(viscous / inertia) * spans
+        phi = phi_of(z, size + 1)
+        powers = [factorial(i) * spans ** (i + 1) / inertia for i in range(size)]
+        return cls(
+            1.0 + z * phi[0],
+            spans * phi[0],
+            np.array([power * phi[i] for i, power in enumerate(powers)]),
+            np.array([power * spans * phi[i + 1] for i, power in enumerate(powers)]),
+        )

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import comb, exp, factorial
+from math import comb, exp
 
 import numpy as np
 
@@ -33,37 +33,11 @@ from ...experiment import Array, FloatArray
 from .changes import Steps, Varied, with_changes
 from .curved import CurvedRun, motion_of
 from .motion import Levels, Motion, StickSlip
-from .phi import phi_of, phi_real
+from .phi import Responses, phi_real
 from .rest import StaticBand, rising_root, slope_of, value_of
 
 _LIMIT = 8  # events inside one sampling interval before the motion counts as stuck
 _TINY = 1e-30  # imaginary part, in parts of a parameter
-
-
-@dataclass(frozen=True)
-class _Responses:
-    """What spans of time do, shape ``(g,)`` each: real, or complex for derivatives.
-
-    ``decay`` of the speed and ``travel`` per speed [s]; ``speed`` and ``place``, shape
-    ``(d, g)``, per coefficient of the net torque at the begin of the span.
-    """
-
-    decay: Array
-    travel: Array
-    speed: Array
-    place: Array
-
-    @classmethod
-    def of(cls, inertia: complex, viscous: complex, spans: FloatArray, size: int) -> _Responses:
-        z = -(viscous / inertia) * spans
-        phi = phi_of(z, size + 1)
-        powers = [factorial(i) * spans ** (i + 1) / inertia for i in range(size)]
-        return cls(
-            1.0 + z * phi[0],
-            spans * phi[0],
-            np.array([power * phi[i] for i, power in enumerate(powers)]),
-            np.array([power * spans * phi[i + 1] for i, power in enumerate(powers)]),
-        )
 
 
 class _Direction:
@@ -80,7 +54,7 @@ class _Direction:
         self.rate = self.viscous / self.inertia
         net = self.torque[:-1].T.copy()
         net[0] -= self.level
-        r = _Responses.of(self.inertia, self.viscous, grid.distinct, net.shape[0])
+        r = Responses.of(self.inertia, self.viscous, grid.distinct, net.shape[0])
         speed, place = ((part[:, grid.which] * net).sum(axis=0) for part in (r.speed, r.place))
         driven = np.concatenate(([0.0], speed))
         decay = np.append(r.decay[grid.which], 0.0)
@@ -283,11 +257,11 @@ def _vary(run: _Run, steps: Steps) -> Varied:
         # whole intervals have few lengths, as long as those that events cut have no more
         spans, which = np.unique(steps.span[own], return_inverse=True)
         j, b, v0 = side.inertia, side.viscous, steps.speed[own]
-        now = _Responses.of(j, b, spans, net.shape[0])
+        now = Responses.of(j, b, spans, net.shape[0])
         speed[own], way[own] = now.decay[which], now.travel[which]
         tiny = _TINY * j, _TINY * max(b, 1e-12 * j / spans.max(initial=1e-300))
         for row, (dj, db) in enumerate(((tiny[0], 0.0), (0.0, tiny[1]))):
-            r = _Responses.of(j + 1j * dj, b + 1j * db, spans, net.shape[0])
+            r = Responses.of(j + 1j * dj, b + 1j * db, spans, net.shape[0])
             for out, by_speed, by_net in (
                 (speed_by, r.decay, r.speed), (way_by, r.travel, r.place)
             ):  # fmt: skip
@@ -342,7 +316,7 @@ class Passes:
         if self._last is None or self._last[:2] != (levels, speed):
             self._last = None  # free it before the next is made
             run = (
-                CurvedRun(levels, self.torque, speed)
+                CurvedRun(levels, self.torque, self.grid, speed)
                 if levels.speed > 0.0
                 else _Run(levels, self.torque, self.grid, speed)
             )

@@ -22,7 +22,12 @@ from .gray_search import GraySolution, moving_speeds, solve_gray_box
 
 _SPEEDS = 6  # to begin with, evenly apart on a logarithmic scale
 _SHARES = (0.3, 0.6)  # of the dry friction that are Stribeck rise at first
-_ROUNDS = ((2, 14), (2, 6), (8, 2), (20, 1))  # steps of the search from each start, and how many go on
+_ROUNDS = (
+    (2, 14),
+    (2, 6),
+    (8, 2),
+    (20, 1),
+)  # steps of the search from each start, and how many go on
 _BESIDE = (0.63, 0.8, 1.25, 1.6)  # times the speed of a minimum, from where a better one is sought
 _HOPS = 3  # from minimum to minimum, at most
 _SIDE_STEPS = 6  # of the search from there, at that speed and then free

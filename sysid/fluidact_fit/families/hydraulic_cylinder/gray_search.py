@@ -178,19 +178,19 @@ def solve_gray_box(
     less than the part ``enough`` of the cost.
     """
     begin, count = dict(start), 0
-    measured = [log.guess[0] for log in problem.box.logs]
+    first: _Iterate | None = None
     if initial is None and (near or not problem.free):
-        initial = measured  # near enough
-        rested = _at_rest(problem, measured) if near else None
+        initial = [log.guess[0] for log in problem.box.logs]  # near enough
+        rested = _at_rest(problem, initial) if near else None
         if rested is not None:
-            ends = [_close(problem, begin, x) for x in (measured, rested)]
-            initial = min(ends, key=lambda e: e.cost).initial
+            ends = [_close(problem, begin, x) for x in (initial, rested)]
+            first = min(ends, key=lambda e: e.cost)
     if initial is None:
         far = _Iterate(begin, [problem.box.nodes_of(log.guess) for log in problem.box.logs])
         _evaluate_gaps(problem, far)
         far, count, _ = _descend(problem, far, max_iterations, gaps=True)
         begin, initial = far.values, far.initial
-    first = _close(problem, begin, initial)
+    first = first or _close(problem, begin, initial)
     now, more, converged = _descend(problem, first, max_iterations, enough)
     rested = _at_rest(problem, now.initial) if max_iterations and not near else None
     if rested is not None:
