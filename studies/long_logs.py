@@ -44,11 +44,12 @@ of a log it stands in the second table. `deviations` is the largest of the param
 truth, in standard errors.
 
 Of a log of more than 2^20 rows the instants and the residuals are made where they are needed, block
-by block, and so are the derivatives where rows times parameters exceed 2^27: all that is kept of
-each row is input, output and simulation, 24 bytes, and the time while the log is read. That takes
-the examinations of such a log several times as long. A potentiometer keeps each distinct reading
-beside them, with how many samples have it, their mean and their scatter: little for the readings of
-a converter, as here, but some 150 bytes a row where hardly two readings are alike.
+by block, and so are the derivatives where rows times parameters exceed 2^27 and the columns of the
+model where they exceed 2^24: all that is kept of each row is input, output and simulation, 24
+bytes, and the time while the log is read. That takes the examinations of such a log several times
+as long. A potentiometer keeps each distinct reading beside them, with how many samples have it,
+their mean and their scatter: little for the readings of a converter, as here, but some 150 bytes a
+row where hardly two readings are alike.
 
 """
 _STEP = 1e-3  # s
