@@ -106,33 +106,37 @@ def _step_function(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> A
 
     The speed of a piston that sticks is exactly zero: the state alone tells what it does.
     """
-    flow, phase = _flow_function(ca, machine, free), _phase_function(ca, machine, free)
-    args = _arguments(ca.MX, _size(free))
-    z, u, left, values, sign = args
-    trial = ca.MX.sym("trial", _size(free))
-    for _ in range(_EVENTS):
-        z, left, sign = phase(z, u, left, values, sign)
-    rested = ca.if_else(left > 0.0, flow(z, u, left, values, 0.0), z)
-    through = ca.Function("through", [*args, trial], [rested])
-    keep = ca.Function("keep", [*args, trial], [trial])
-    # a switch evaluates the chosen branch only
-    switch = ca.Function.if_else("switch", through, keep)
-    z, u, time, values, _ = args
-    smooth, way, left = _smooth_function(ca, machine, free)(z, u, time, values)
-    return ca.Function("step", args[:4], [switch(left <= 0.0, z, u, time, values, way, smooth)])
-
-
-def _smooth_function(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> Any:
-    """A step as if there were no event, ``(z, u, t, theta) -> z, way, what is left until one``.
-
-    In one piece: most steps ask for nothing else.
-    """
-    z, u, time, theta, _ = _arguments(ca.SX, _size(free))
+    z, u, time, theta, way = _arguments(ca.SX, _size(free))
     rest = _way_from_rest(ca, z, theta, machine)
-    way = ca.if_else(z[3] == 0.0, rest, ca.sign(z[3]))
+    begun = ca.if_else(z[3] == 0.0, rest, ca.sign(z[3]))
+    glide = _glide_function(ca, machine, free)
+    # in one piece: most steps ask for nothing else
+    first = ca.Function("first", [z, u, time, theta], [*glide(z, u, time, theta, begun), begun])
+    phase, flow = _phase_function(ca, machine, free), _flow_function(ca, machine, free)
+    args = z, u, time, theta, way = _arguments(ca.MX, _size(free))
+    trial = ca.MX.sym("trial", _size(free))
+    keep = ca.Function("keep", [*args, trial], [trial])
+    # where one event follows the other, the piston rests for what is left
+    rested = ca.if_else(time > 0.0, flow(z, u, time, theta, 0.0), z)
+    through = ca.Function("rests", [*args, trial], [rested])
+    for _ in range(_EVENTS):
+        later = phase(*args)
+        after, left = glide(later[0], u, later[1], theta, later[2])
+        # a switch evaluates the chosen branch only
+        switch = ca.Function.if_else("switch", through, keep)
+        end = switch(left <= 0.0, later[0], u, later[1], theta, later[2], after)
+        through = ca.Function("through", [*args, trial], [end])
+    smooth, left, way = first(z, u, time, theta)
+    switch = ca.Function.if_else("switch", through, keep)
+    end = switch(left <= 0.0, z, u, time, theta, way, smooth)
+    return ca.Function("step", list(args[:4]), [end])
+
+
+def _glide_function(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> Any:
+    """Motion without an event, and what is left until one, ``(z, u, t, theta, way)``."""
+    args = z, u, time, theta, way = _arguments(ca.SX, _size(free))
     after = _flow_function(ca, machine, free)(z, u, time, theta, way)
-    left = _reserve(ca, after, theta, way, machine)
-    return ca.Function("smooth", [z, u, time, theta], [after, way, left])
+    return ca.Function("glide", args, [after, _reserve(ca, after, theta, way, machine)])
 
 
 def _phase_function(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> Any:
