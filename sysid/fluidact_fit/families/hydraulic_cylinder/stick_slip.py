@@ -82,7 +82,29 @@ def segment_function(
     step, after = _step_function(ca, machine, free), now
     for _ in range(steps):
         after = step(after, held[0], held[1] / steps, theta)
-    return ca.Function("sample", [now, held, theta], [after]).mapaccum("segment", segment)
+    sample = ca.Function("sample", [now, held, theta], [after])
+    if free is None:  # with derivatives one piece of so many operations is no faster
+        sample = _without_event_at_once(ca, machine, sample, steps)
+    return sample.mapaccum("segment", segment)
+
+
+def _without_event_at_once(ca: Any, machine: Machine, sample: Any, steps: int) -> Any:
+    """The same sample, in one piece where no event lies in it: most have none."""
+    x, held, theta = ca.SX.sym("x", 4), ca.SX.sym("input", 2), _theta(ca.SX)
+    glide, way = _glide_function(ca, machine, None), _begun(ca, x, theta, machine)
+    after, least = x, ca.inf
+    for _ in range(steps):
+        after, left = glide(after, held[0], held[1] / steps, theta, way)
+        least = ca.fmin(least, left)
+    at_once = ca.Function("at_once", [x, held, theta], [after, least])
+    args = ca.MX.sym("x", 4), ca.MX.sym("input", 2), _theta(ca.MX)
+    trial = ca.MX.sym("trial", 4)
+    stepped = ca.Function("stepped", [*args, trial], [sample(*args)])
+    keep = ca.Function("keep", [*args, trial], [trial])
+    smooth, least = at_once(*args)
+    # a switch evaluates the chosen branch only
+    end = ca.Function.if_else("switch", stepped, keep)(least <= 0.0, *args, smooth)
+    return ca.Function("sample", list(args), [end])
 
 
 def _size(free: tuple[str, ...] | None) -> int:
@@ -101,34 +123,29 @@ def _arguments(kind: Any, size: int) -> list[Any]:
     ]  # fmt: skip
 
 
-def _step_function(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> Any:
-    """One step through whatever events lie in it, ``(z, u, t, theta) -> z``.
+def _begun(ca: Any, z: Any, theta: Any, machine: Machine) -> Any:
+    """Way that the piston goes; the speed of one that sticks is exactly zero."""
+    return ca.if_else(z[3] == 0.0, _way_from_rest(ca, z, theta, machine), ca.sign(z[3]))
 
-    The speed of a piston that sticks is exactly zero: the state alone tells what it does.
-    """
-    z, u, time, theta, way = _arguments(ca.SX, _size(free))
-    rest = _way_from_rest(ca, z, theta, machine)
-    begun = ca.if_else(z[3] == 0.0, rest, ca.sign(z[3]))
-    glide = _glide_function(ca, machine, free)
-    # in one piece: most steps ask for nothing else
-    first = ca.Function("first", [z, u, time, theta], [*glide(z, u, time, theta, begun), begun])
-    phase, flow = _phase_function(ca, machine, free), _flow_function(ca, machine, free)
-    args = z, u, time, theta, way = _arguments(ca.MX, _size(free))
+
+def _step_function(ca: Any, machine: Machine, free: tuple[str, ...] | None) -> Any:
+    """One step through whatever events lie in it, ``(z, u, t, theta) -> z``."""
+    x, theta = ca.SX.sym("x", 4), _theta(ca.SX)
+    way_of = ca.Function("begun", [x, theta], [_begun(ca, x, theta, machine)])
+    glide, phase = _glide_function(ca, machine, free), _phase_function(ca, machine, free)
+    flow = _flow_function(ca, machine, free)
+    args = z, u, time, theta, _ = _arguments(ca.MX, _size(free))
     trial = ca.MX.sym("trial", _size(free))
     keep = ca.Function("keep", [*args, trial], [trial])
     # where one event follows the other, the piston rests for what is left
     rested = ca.if_else(time > 0.0, flow(z, u, time, theta, 0.0), z)
     through = ca.Function("rests", [*args, trial], [rested])
-    for _ in range(_EVENTS):
-        later = phase(*args)
-        after, left = glide(later[0], u, later[1], theta, later[2])
-        # a switch evaluates the chosen branch only
+    for events in range(_EVENTS + 1):
+        begun = phase(*args) if events < _EVENTS else (z, time, way_of(z[:4], theta))
+        after, left = glide(begun[0], u, begun[1], theta, begun[2])
         switch = ca.Function.if_else("switch", through, keep)
-        end = switch(left <= 0.0, later[0], u, later[1], theta, later[2], after)
+        end = switch(left <= 0.0, begun[0], u, begun[1], theta, begun[2], after)
         through = ca.Function("through", [*args, trial], [end])
-    smooth, left, way = first(z, u, time, theta)
-    switch = ca.Function.if_else("switch", through, keep)
-    end = switch(left <= 0.0, z, u, time, theta, way, smooth)
     return ca.Function("step", list(args[:4]), [end])
 
 
