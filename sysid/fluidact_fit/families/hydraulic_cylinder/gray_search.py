@@ -207,13 +207,15 @@ def _at_rest(problem: GrayProblem, initial: Sequence[FloatArray]) -> list[FloatA
     """The same beginnings with every log that hardly moves there at rest, forces balanced.
 
     Noise of the pressures may put a piston that sticks beyond its friction; it then slips in
-    the simulation, and no small step of the search brings it back. ``None`` where all move.
+    the simulation, and no small step of the search brings it back, from whatever speed it has come
+    to by then. ``None`` where all move.
     """
     machine, found, changed = problem.box.machine, [], False
     area = np.array([machine.area(1), -machine.area(2)])
     for log, state in zip(problem.box.logs, initial):
         x = state.copy()
-        if x[3] != 0.0 and abs(x[3]) * float(np.median(log.step)) < problem.sigma[2]:
+        slow = min(abs(x[3]), abs(log.guess[0, 3]))
+        if x[3] != 0.0 and slow * float(np.median(log.step)) < problem.sigma[2]:
             x[:2] -= area * (area @ x[:2]) / (area @ area)
             x[3], changed = 0.0, True
         found.append(x)
