@@ -179,5 +179,16 @@ def test_cylinders_that_were_given_up_unseen_are_found(
     attack = next(a for a in every(["hydraulic-cylinder"]) if a.name == name)
     found = run(attack, repetition, seed)
     assert found.verdict == "pass", shown(found)
+
+
+def test_a_cylinder_begins_at_rest_whatever_speed_the_search_has_come_to() -> None:
+    """From 0.06 m/s on it missed the pressures by 40 % more than their noise."""
+    attack = next(a for a in every(["hydraulic-cylinder"]) if a.name == "micro-actuator, 5 kHz")
+    assert callable(attack.bounds)
+    found, bounds = run(attack, 0, SEED), attack.bounds()
+    for name in ("valve_gain_1", "dead_zone_negative", "coulomb"):
+        error = found.errors[name]
+        stated = abs(error.relative * attack.scale(name) / error.deviations)
+        assert stated < 1.2 * bounds[name], name
     assert set(found.errors) == set(attack.truth)
     assert max(abs(e.deviations) for e in found.errors.values()) < 4.0, shown(found)
