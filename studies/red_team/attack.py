@@ -26,6 +26,22 @@ class Error:
     relative: float
     held: bool
 
+    @classmethod
+    def of(
+        cls, value: float, truth: float, error: float, ends: Sequence[float], scale: float
+    ) -> Error:
+        """That of a value with a standard error and an interval.
+
+        Of a skew interval, as that of a weight is, whose logarithm was estimated, the standard
+        error is taken in the proportion of the side on which the truth lies.
+        """
+        low, high = ends
+        miss, half = value - truth, 0.5 * (high - low)
+        side = value - low if miss > 0.0 else high - value
+        if half > 0.0:
+            error *= side / half
+        return cls(miss / max(error, 1e-300), miss / scale, bool(low <= truth <= high))
+
 
 @dataclass(frozen=True)
 class Attack:

@@ -77,12 +77,9 @@ def _fit(attack: Attack, paths: list[Path]) -> Result:
         if q is None or q.status != "estimated":
             continue
         k = int(index.rstrip("]") or 0)
-        miss = float(np.ravel(q.value)[k]) - truth
-        low, high = np.reshape(q.ci95, (-1, 2))[k]
-        errors[parameter] = Error(
-            miss / max(float(np.ravel(q.std_error)[k]), 1e-300), miss / attack.scale(parameter),
-            bool(low <= truth <= high),
-        )  # fmt: skip
+        value, error = float(np.ravel(q.value)[k]), float(np.ravel(q.std_error)[k])
+        ends = np.reshape(q.ci95, (-1, 2))[k].tolist()
+        errors[parameter] = Error.of(value, truth, error, ends, attack.scale(parameter))
     if attack.judge is not None:
         errors.update(attack.judge(found))
     refused = tuple(n for n, q in found.parameters.items() if q.status == "not_identified")

@@ -192,3 +192,12 @@ def test_a_cylinder_begins_at_rest_whatever_speed_the_search_has_come_to() -> No
         assert stated < 1.2 * bounds[name], name
     assert set(found.errors) == set(attack.truth)
     assert max(abs(e.deviations) for e in found.errors.values()) < 4.0, shown(found)
+
+
+def test_of_a_skew_interval_the_side_of_the_truth_counts() -> None:
+    """Of a weight that is estimated by its logarithm the interval reaches farther upwards."""
+    below, above = (Error.of(0.5, truth, 0.1, [0.35, 0.75], 1.0) for truth in (0.3, 0.9))
+    assert below.deviations == pytest.approx(0.2 / 0.075)
+    assert above.deviations == pytest.approx(-0.4 / 0.125)
+    even = Error.of(3.0, 1.0, 0.5, [2.0, 4.0], 2.0)
+    assert (even.deviations, even.relative, even.held) == (4.0, 1.0, False)

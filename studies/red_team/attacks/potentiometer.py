@@ -184,11 +184,10 @@ def _judge_numbers(found: Any, counts: int, **more: Any) -> dict[str, Error]:
     for entry, truth in section(low / counts, high / counts).items():
         name, _, index = entry.partition("[")
         q, k = found.parameters[name], int(index.rstrip("]"))
-        miss, (least, most) = q.value[k] - truth, q.ci95[k]
         size = STROKE if name == "control_points" else truth
-        error = max(float(np.ravel(q.std_error)[k]), 1e-300)
-        if q.status == "estimated" and least < most:
-            out[entry] = Error(miss / error, miss / size, bool(least <= truth <= most))
+        if q.status == "estimated" and q.ci95[k][0] < q.ci95[k][1]:
+            error = float(np.ravel(q.std_error)[k])
+            out[entry] = Error.of(q.value[k], truth, error, q.ci95[k], size)
     return out
 
 

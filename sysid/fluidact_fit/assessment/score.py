@@ -43,6 +43,7 @@ from .optimum import LEAST, Optimum
 
 _SIGNIFICANT = 3.0, 4.0  # standard errors of the added term
 _MATTERS = 2.0  # standard errors by which a parameter would move
+_SURE = 1.0  # the same where a term of a known sign is there without the benefit of that sign
 _ONE_SIDED = 0.4  # fewer standard errors suffice where one sign alone is possible
 _NOTED = 0.01  # part of its value by which one would, that asks for the first of them only
 _OWN = 1e-3  # part of a direction that the parameters must leave over to tell it apart
@@ -113,7 +114,8 @@ class Score:
     def telling(self) -> bool:
         """Whether the term is there, and matters."""
         possible = abs(self.size) <= self.term.most and self.share >= self.term.least
-        return possible and abs(self.deviations) > self.significant and abs(self.errors) > _MATTERS
+        there = abs(self.deviations) > self.significant
+        return possible and there and abs(self.errors) > _least(self.term, self.deviations)
 
 
 def judge_term(at: Optimum, term: Term) -> Score | None:
@@ -131,15 +133,24 @@ def _score(at: Optimum, term: Term, x: FloatArray, deviation: float) -> Score:
     values = np.abs([at.number(n) for n in at.names])
     shares = np.full(values.size, np.inf)  # whatever is added to zero
     np.divide(np.abs(x[:-1]), values, out=shares, where=values > np.finfo(float).tiny)
-    shares[np.abs(errors) <= _MATTERS] = 0.0
     worst = int(np.argmax(np.abs(errors)))
     size = float(x[-1])
     deviations = _as_one(size / max(deviation, 1e-300), term.chosen)
+    shares[np.abs(errors) <= _least(term, deviations)] = 0.0
     kept = replace(term, columns=(), instruments=())  # those of many terms are too much to keep
     return Score(
         kept, size, deviations, at.names[worst], float(x[worst]),
         float(errors[worst]), float(shares.max()),
     )  # fmt: skip
+
+
+def _least(term: Term, deviations: float) -> float:
+    """Standard errors by which a parameter has to move for a term to matter.
+
+    Noise may take as much from an error as the term added to it; where hardly a right model shows
+    such a term, less of a move is enough.
+    """
+    return _SURE if term.positive and deviations > _SIGNIFICANT[0] else _MATTERS
 
 
 def _beside_converter(at: Optimum, term: Term, plain: Score) -> Score:
