@@ -152,6 +152,7 @@ _HELD_OUT = [
     ("ball-screw", "1e-05 N m, held", 0, 202),  # one sought between noisy values
     ("valve", "60 rad/s, 0.3, every 0.1 s", 1, 202),  # a command taken for noisy
     ("line", "0.5 ms at 100 Hz", 7, 32),  # a rival from which a closer search slides away
+    ("line", "steps, 0.1 bar of 2", 1, 36055513),  # a noisy inlet that looks held
 ]
 
 

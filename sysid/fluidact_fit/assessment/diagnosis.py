@@ -174,9 +174,13 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
         driving = [e for e in experiments if role.name in e and e.signals[role.name].time.size > 1]
         if len(driving) < len(experiments):
             continue
-        others = [h for h in _WORDS if h != (experiments[0].signals[role.name].hold or "zoh")]
+        taken = experiments[0].signals[role.name].hold
+        others = [h for h in _WORDS if h != (taken or "zoh")]
         tried = [t for h in others if (t := _shift(at, role.name, h))]
-        if not at.estimate.sensitivity:
+        # no command carries noise: what does was measured, and may have moved in between
+        noisy = role.hold == "auto" and role.name in at.estimate.input_noise
+        measured = noisy and taken == "zoh"
+        if not at.estimate.sensitivity and not measured:
             tried = [t for t in tried if _explains_forces(at, t)]
         found = _best_hold(tried, [e.signals[role.name] for e in driving])
         if found is None:
