@@ -11,6 +11,7 @@ from fluidact_fit.estimation.grid import make_grid
 from fluidact_fit.estimation.inputs import (
     PiecewiseInput,
     apply_dead_zone,
+    beyond_dead_zone,
     choose_hold,
     is_smooth,
     piecewise,
@@ -211,3 +212,13 @@ def test_input_before_its_first_node_is_zero() -> None:
     a, b, c = np.array([[-1.0]]), np.array([1.0]), np.array([1.0])
     y = forced_response(a, b, c, u, np.array([0.0, 1.0, 2.0]))
     np.testing.assert_allclose(y, [0.0, 0.0, 2.0 * (1.0 - np.exp(-1.0))], atol=1e-14)
+
+
+def test_an_edge_of_zero_may_be_moved_across() -> None:
+    """As differences do that ask what hangs on it."""
+    u = np.array([-2.0, -0.5, 0.7, 3.0])
+    moved = [beyond_dead_zone(u, by, 0.0) for by in (-1e-6, 1e-6)]
+    slope = (moved[1] - moved[0]) / 2e-6
+    np.testing.assert_allclose(slope, [-1.0, -1.0, 0.0, 0.0], atol=1e-9)
+    exact = np.imag(beyond_dead_zone(u, 1e-30j, 0.0)) / 1e-30
+    np.testing.assert_allclose(exact, [-1.0, -1.0, 0.0, 0.0])

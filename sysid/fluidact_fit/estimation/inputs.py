@@ -238,11 +238,12 @@ def beyond_dead_zone(u: Array, negative: complex, positive: complex) -> Array:
 
     The edges are complex in derivatives.
     """
-    beyond: Array = np.real(u) - np.clip(np.real(u), np.real(negative), np.real(positive))
+    value, least, most = np.real(u), np.real(negative), np.real(positive)
+    # a difference at an edge of zero takes it across: both parts count then
+    beyond: Array = np.maximum(value - most, 0.0) + np.minimum(value - least, 0.0)
     if np.iscomplexobj(u) or np.iscomplexobj(negative) or np.iscomplexobj(positive):
-        own, below, above = np.imag(u), np.imag(negative), np.imag(positive)
-        slope = np.where(beyond > 0.0, own - above, np.where(beyond < 0.0, own - below, 0.0))
-        beyond = beyond + 1j * slope
+        above = (value > most) * (np.imag(u) - np.imag(positive))
+        beyond = beyond + 1j * (above + (value < least) * (np.imag(u) - np.imag(negative)))
     return beyond
 
 
