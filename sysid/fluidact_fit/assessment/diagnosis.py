@@ -179,8 +179,7 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
         tried = [t for h in others if (t := _shift(at, role.name, h))]
         # no command carries noise: what does was measured, and may have moved in between
         noisy = role.hold == "auto" and role.name in at.estimate.input_noise
-        measured = noisy and taken == "zoh"
-        if not at.estimate.sensitivity and not measured:
+        if not at.estimate.sensitivity and not (noisy and taken == "zoh"):
             tried = [t for t in tried if _explains_forces(at, t)]
         found = _best_hold(tried, [e.signals[role.name] for e in driving])
         if found is None:

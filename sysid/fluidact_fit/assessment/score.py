@@ -115,7 +115,7 @@ class Score:
         """Whether the term is there, and matters."""
         possible = abs(self.size) <= self.term.most and self.share >= self.term.least
         there = abs(self.deviations) > self.significant
-        return possible and there and abs(self.errors) > _least(self.term, self.deviations)
+        return possible and there and abs(self.errors) > _needed_move(self.term, self.deviations)
 
 
 def judge_term(at: Optimum, term: Term) -> Score | None:
@@ -136,7 +136,7 @@ def _score(at: Optimum, term: Term, x: FloatArray, deviation: float) -> Score:
     worst = int(np.argmax(np.abs(errors)))
     size = float(x[-1])
     deviations = _as_one(size / max(deviation, 1e-300), term.chosen)
-    shares[np.abs(errors) <= _least(term, deviations)] = 0.0
+    shares[np.abs(errors) <= _needed_move(term, deviations)] = 0.0
     kept = replace(term, columns=(), instruments=())  # those of many terms are too much to keep
     return Score(
         kept, size, deviations, at.names[worst], float(x[worst]),
@@ -144,7 +144,7 @@ def _score(at: Optimum, term: Term, x: FloatArray, deviation: float) -> Score:
     )  # fmt: skip
 
 
-def _least(term: Term, deviations: float) -> float:
+def _needed_move(term: Term, deviations: float) -> float:
     """Standard errors by which a parameter has to move for a term to matter.
 
     Noise may take as much from an error as the term added to it; where hardly a right model shows

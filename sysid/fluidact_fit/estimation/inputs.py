@@ -264,10 +264,10 @@ def apply_dead_zone(u: PiecewiseInput, negative: complex, positive: complex) -> 
         Edges [unit of u], ``negative <= 0 <= positive``.
     """
     start = u.coefficients[:, 0]
+    level = beyond_dead_zone(start, negative, positive)
     if u.coefficients.shape[1] == 1:
-        return PiecewiseInput(u.nodes, beyond_dead_zone(start, negative, positive)[:, None])
+        return PiecewiseInput(u.nodes, level[:, None])
     above, below = start > np.real(positive), start < np.real(negative)
-    level = np.where(above, start - positive, np.where(below, start - negative, 0.0))
     end = np.append(start[1:], start[-1])
     leaves = above[:-1] != (end > np.real(positive))[:-1]
     enters = below[:-1] != (end < np.real(negative))[:-1]

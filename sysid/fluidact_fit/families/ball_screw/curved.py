@@ -224,7 +224,8 @@ class CurvedRun:
         self._run(abs(speed), int(np.sign(speed)))
         self.steps = np.array(self._steps, dtype=float).reshape(-1, 7).T
         # the pass is kept
-        del self._steps, self._tables, self._fast, self._polynomials, self.band, self.spans
+        del self._steps, self._tables, self._fast, self._polynomials, self._grid
+        del self.band, self.spans
 
     def _run(self, speed: float, way: int) -> None:
         node, offset, end = 0, 0.0, len(self.spans)
