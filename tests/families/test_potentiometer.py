@@ -755,7 +755,7 @@ def test_of_each_row_of_a_long_log_a_number_is_kept_beside_input_and_output(
     run = experiment(np.round(saturating(x)), x + 5e-5 * rng.standard_normal(x.size), 0.001)
     fit(run.beginning(30_000), degree="2")  # what is imported is no part of the record
     monkeypatch.setattr(rows, "LONG", 100_000)
-    monkeypatch.setattr(rows, "MOST_KEPT", 100_000)
+    monkeypatch.setattr(rows, "FEW_KEPT", 100_000)
     monkeypatch.setattr(readings, "_PART", 20_000)
     monkeypatch.setattr(samples, "LONG", 20_000)
     monkeypatch.setattr(spread, "LONG", 20_000)

@@ -240,11 +240,15 @@ def beyond_dead_zone(u: Array, negative: complex, positive: complex) -> Array:
     """
     value, least, most = np.real(u), np.real(negative), np.real(positive)
     # a difference at an edge of zero takes it across: both parts count then
-    beyond: Array = np.maximum(value - most, 0.0) + np.minimum(value - least, 0.0)
-    if np.iscomplexobj(u) or np.iscomplexobj(negative) or np.iscomplexobj(positive):
-        above = (value > most) * (np.imag(u) - np.imag(positive))
-        beyond = beyond + 1j * (above + (value < least) * (np.imag(u) - np.imag(negative)))
-    return beyond
+    beyond: Array = np.maximum(value - most, 0.0)
+    beyond += np.minimum(value - least, 0.0)
+    if not any(np.iscomplexobj(x) for x in (u, negative, positive)):
+        return beyond
+    moved = np.imag(u) if np.iscomplexobj(u) else 0.0
+    out = beyond.astype(complex)
+    out.imag = (value > most) * (moved - np.imag(positive))
+    out.imag += (value < least) * (moved - np.imag(negative))
+    return out
 
 
 def apply_dead_zone(u: PiecewiseInput, negative: complex, positive: complex) -> PiecewiseInput:

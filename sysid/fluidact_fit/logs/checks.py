@@ -72,22 +72,27 @@ def placeholder_rows(values: FloatArray) -> IndexArray:
 
     ``values`` of shape ``(n,)``, NaN are ignored; empty where there is no such value.
     """
-    count = np.count_nonzero(where_finite(values))
-    for extreme in (np.fmax.reduce(values), np.fmin.reduce(values)) if count else ():
-        if not 1 < np.count_nonzero(values == extreme) <= _RARE * count:
+    for extreme in (np.fmax.reduce(values), np.fmin.reduce(values)) if values.size else ():
+        if not np.isfinite(extreme) or not _is_far(values, extreme):
             continue
-        others = np.isfinite(values) & (values != extreme)
-        low, high = _ends(values, others)
-        away = min(abs(extreme - low), abs(extreme - high))
-        if away > _AWAY * (high - low) and np.unique(values[others]).size > _VARIED:
-            return np.flatnonzero(values == extreme)
+        rows = np.flatnonzero(values == extreme)
+        if not 1 < rows.size <= _RARE * np.count_nonzero(where_finite(values)):
+            continue
+        others = values[np.isfinite(values) & (values != extreme)]
+        if np.unique(others).size > _VARIED:
+            return rows
     return np.array([], dtype=np.int64)
 
 
-def _ends(values: FloatArray, chosen: BoolArray) -> tuple[float, float]:
-    """Smallest and largest of some values."""
-    low = values.min(where=chosen, initial=np.inf)
-    return float(low), float(values.max(where=chosen, initial=-np.inf))
+def _is_far(values: FloatArray, extreme: float) -> bool:
+    """Whether a value is far from all others; a few of them mostly show that it is not."""
+    low, high = np.inf, -np.inf
+    for at in blocks(values.size):
+        others = values[at][values[at] != extreme]
+        low, high = np.fmin.reduce(others, initial=low), np.fmax.reduce(others, initial=high)
+        if min(abs(extreme - low), abs(extreme - high)) <= _AWAY * (high - low):
+            return False
+    return True
 
 
 def check_placeholders(log: Log, column: Column) -> Iterator[Notice]:

@@ -85,10 +85,11 @@ def _back_again(values: FloatArray, moved: BoolArray) -> tuple[IndexArray, Float
     for at in blocks(values.size - 2):
         part = values[at.start : at.stop + 2]
         jumps = np.diff(part)
-        inner = np.minimum(np.abs(jumps[:-1]), np.abs(jumps[1:]))
-        found = (jumps[:-1] * jumps[1:] < 0.0) & (np.abs(part[2:] - part[:-2]) <= _BACK * inner)
-        found &= ~moved[at.start + 1 : at.stop + 1]
-        places.append(at.start + 1 + np.flatnonzero(found))
+        turns = np.flatnonzero(jumps[:-1] * jumps[1:] < 0.0)
+        inner = np.minimum(np.abs(jumps[turns]), np.abs(jumps[turns + 1]))
+        found = np.abs(part[turns + 2] - part[turns]) <= _BACK * inner
+        found &= ~moved[at.start + 1 + turns]
+        places.append(at.start + 1 + turns[found])
         heights.append(inner[found])
     first, last = np.abs(np.diff(values[:3])), np.abs(np.diff(values[-3:]))[::-1]
     for place, (jump, beside) in ((0, first), (values.size - 1, last)):

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import NotIdentifiedError
 from ...estimation.uncertainty import Uncertainty, covariance
 from ...experiment import FloatArray
-from ...rows import blocks, by_rows, is_long, may_keep
+from ...rows import blocks, by_rows, is_long, may_keep_aside
 from .data import FINE, LONG, Data, Scaled, contiguous_parts
 from .misfit import Misfit, widen
 from .rational_bezier import CurveFit, Rows, compress, curve_jacobian, free_coordinates
@@ -72,7 +72,7 @@ def sensitivity(
         return columns.T
 
     tables = [by_rows(derivatives, x) for x in readings]
-    return [np.asarray(j) if may_keep(j.size) else j for j in tables]
+    return [np.asarray(j) if may_keep_aside(j.size) else j for j in tables]
 
 
 def std_errors(spread: Uncertainty, degree: int) -> FloatArray:

@@ -18,7 +18,7 @@ from ...estimation.inputs import PiecewiseInput, apply_dead_zone, piecewise
 from ...estimation.least_squares import project_out
 from ...estimation.linear import forced_pieces, free_pieces, states_at_nodes
 from ...estimation.named_model import NamedModel, Values
-from ...estimation.problem import Basis
+from ...estimation.problem import Basis, real_if_real
 from ...experiment import Array, Experiment, FloatArray, Signal
 from ...family import Simulated
 from ...rows import blocks, is_repeated, repeated, side_by_side
@@ -158,7 +158,7 @@ class TransferModel:
     def pieces(self, index: int, values: Values) -> Iterator[Basis]:
         """The same for consecutive blocks of samples."""
         p = self.prepared[index]
-        a, b, c = self.realise(values)
+        a, b, c = map(real_if_real, self.realise(values))
         forced = forced_pieces(
             a, b, c, p.u, p.nodes, p.samples, p.parts, dead_time=values.get("dead_time", 0.0),
             shape=self._shape(index, values),
@@ -179,14 +179,14 @@ class TransferModel:
         """What the input passes first."""
         if not self.dead_zone:
             return None
-        edges = values["dead_zone_negative"], values["dead_zone_positive"]
+        edges = real_if_real(np.array([values[f"dead_zone_{s}"] for s in ("negative", "positive")]))
 
         def shape(u: PiecewiseInput) -> PiecewiseInput:
             return apply_dead_zone(u, *edges)
 
         if len(self.prepared[index].parts) > 1:
             return shape
-        return lambda u: self._remember(("shape", index), [np.array(edges)], lambda: shape(u))
+        return lambda u: self._remember(("shape", index), [edges], lambda: shape(u))
 
     def _states(
         self, index: int, a: Array, b: Array, u: PiecewiseInput, nodes: Grid, start: Array | None
