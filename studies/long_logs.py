@@ -39,9 +39,9 @@ Written by `python -m studies.long_logs --write`. Every log is sampled at 1 kHz 
 output and made by a closed form; the command runs in a fresh process. Memory is the largest
 resident set of that process, time is processor time. `times read_csv` is what the rows beyond those
 of the line above took, over what `pandas.read_csv` takes for as many more rows of the same log as
-CSV. The exponent is that of the time over the rows, from the line above to this one; over all rows
-of a log it stands in the second table. `deviations` is the largest of the parameters from the
-truth, in standard errors.
+CSV, the quickest of three. The exponent is that of the time over the rows, from the line above to
+this one; over all rows of a log it stands in the second table. `deviations` is the largest of the
+parameters from the truth, in standard errors.
 
 Of a log of more than 2^20 rows the instants and the residuals are made where they are needed, block
 by block, and so are the derivatives where rows times parameters exceed 2^27 and the columns of the
@@ -68,8 +68,10 @@ _MEASURED = (
     "    else:\n"
     "        runpy.run_module(sys.argv[0], run_name='__main__')\n"
     "finally:\n"
-    "    used = resource.getrusage(resource.RUSAGE_SELF)\n"
-    "    print(sum(used[:2]) - began, used.ru_maxrss / 1024.0, file=sys.stderr)\n"
+    "    used = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])\n"
+    # ru_maxrss begins with what the process that started this one had
+    "    peak = next(x for x in open('/proc/self/status') if x.startswith('VmHWM'))\n"
+    "    print(used - began, float(peak.split()[1]) / 1024.0, file=sys.stderr)\n"
 )
 
 
@@ -317,7 +319,9 @@ def measure_row(folder: Path, family: str, kind: str, rows: int) -> Row:
     log = folder / f"{family}.{ending}"
     write_log(log, family, rows, "uneven" in kind)
     taken, document = fit(folder, family, log)
-    reading = measure("read_csv", str(log)).seconds if ending == "csv" else np.nan
+    reading = np.nan
+    if ending == "csv":  # the quickest, as the first to read a file is slow
+        reading = min(measure("read_csv", str(log)).seconds for _ in range(3))
     log.unlink()
     return Row(family, kind, rows, taken, reading, deviations(family, document))
 

@@ -1,6 +1,7 @@
 """Long logs are looked at block by block: nothing in any block may be seen otherwise than whole."""
 
 import hashlib
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -184,3 +185,14 @@ def test_what_stands_for_none_is_named_in_the_unit_of_its_column():
         said.append([n.message for n in notices if n.code == "placeholder-values"])
     assert said[0] == said[1]
     assert "holds -999 in 4 rows" in said[0][0]
+
+
+def test_a_signal_of_two_levels_takes_no_list_of_its_rows():
+    values = np.repeat([1.0, 2.0] * 50, 20_000)
+    tracemalloc.start()
+    try:
+        assert not checks.placeholder_rows(values).size
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 2 * values.size  # a mark for each sample; an index takes eight bytes

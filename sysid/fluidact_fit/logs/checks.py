@@ -75,12 +75,12 @@ def placeholder_rows(values: FloatArray) -> IndexArray:
     for extreme in (np.fmax.reduce(values), np.fmin.reduce(values)) if values.size else ():
         if not np.isfinite(extreme) or not _is_far(values, extreme):
             continue
-        rows = np.flatnonzero(values == extreme)
-        if not 1 < rows.size <= _RARE * np.count_nonzero(where_finite(values)):
+        count = np.count_nonzero(values == extreme)
+        if not 1 < count <= _RARE * np.count_nonzero(where_finite(values)):
             continue
         others = values[np.isfinite(values) & (values != extreme)]
         if np.unique(others).size > _VARIED:
-            return rows
+            return np.flatnonzero(values == extreme)
     return np.array([], dtype=np.int64)
 
 
