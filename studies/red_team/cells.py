@@ -66,14 +66,17 @@ and fitted many times, each with other noise.
 - `estimated`: how often the parameter was written as estimated; otherwise it was refused.
 - `held`: how often its 95 % interval then held the truth, whatever the verdict.
 - `held, quiet`: the same over the quiet files alone, of which nobody was warned.
-- `error / bound`: root mean square error over the Cramér-Rao bound, where the attack knows it.
+- `/ stated`: root mean square of the errors over their stated standard errors, 1 where these are of
+  the right size.
+- `/ bound`: root mean square error over the Cramér-Rao bound, where the attack knows it.
 
-Intervals that hold more often than they say: errors of a recorded drive (ball screw: rows that were
-lost, rounding, noise) count as far as the residual shows them, which is a bound. Errors of a coarse
-and quiet converter are bounded, not normal, and so is what a position of 20 Hz does not show.
+Intervals that hold more often than they say: errors of a coarse and quiet converter are bounded,
+not normal, and so is what a position of 20 Hz does not show. What errors of a recorded drive do
+(ball screw: rows that were lost, rounding, noise) is found by adding as much to the record, which
+holds some already: a break-away reacts more to noise the noisier the drive is.
 
-| attack | runs | quiet | parameter | estimated | held | held, quiet | error / bound |
-|---|---|---|---|---|---|---|---|
+| attack | runs | quiet | parameter | estimated | held | held, quiet | / stated | / bound |
+|---|---|---|---|---|---|---|---|---|
 """
 
 
@@ -95,11 +98,13 @@ def page(attacks: Sequence[Attack], results: Sequence[Result]) -> str:
             errors = [r.errors[name] for r in own if name in r.errors]
             held = _share([e.held for e in errors])
             unwarned = _share([r.errors[name].held for r in own if r.quiet and name in r.errors])
+            size = np.sqrt(np.mean([e.deviations**2 for e in errors])) if errors else np.nan
             ratio = ""
             if bounds.get(name):
                 rms = np.sqrt(np.mean([(e.relative * a.scale(name)) ** 2 for e in errors]))
                 ratio = f"{rms / bounds[name]:.2f}"
-            rows.append(f"| {head} | {name} | {len(errors)} | {held} | {unwarned} | {ratio} |")
+            rows.append(f"| {head} | {name} | {len(errors)} | {held} | {unwarned} | "
+                        f"{size:.2f} | {ratio} |")  # fmt: skip
             head = " | | "
     return _EXPLAINED + "\n".join(rows) + "\n"
 
