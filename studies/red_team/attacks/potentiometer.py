@@ -157,16 +157,20 @@ def _judge(
     """Errors of the curve where the slider is at shares of its stroke.
 
     Relative to a quarter of the stroke, so that 2 % are half a percent of it: a potentiometer
-    that nobody calibrates is that good.
+    that nobody calibrates is that good. What lies beyond the range of the file is not judged: the
+    block says that it is.
     """
     from fluidact_fit.control import make_block
 
     block = make_block(found.document, accept_failed=True)
     block.accept(True)
     values = {name: np.array(q.value, dtype=float) for name, q in found.parameters.items()}
+    low, high = values["reading_range"]
     out = {}
     for x in places:
         reading = counts * float(np.asarray(wiper(np.asarray(x))))
+        if not low <= reading <= high:
+            continue
         value = float(block(reading))
         gradient = _gradient(found, values, reading)
         error = float(np.sqrt(max(gradient @ found.covariance @ gradient, 1e-300)))
