@@ -31,10 +31,10 @@ import pandas as pd
 PAGE = Path(__file__).parents[1] / "docs" / "fleet.md"
 _EXPLAINED = """# A fleet of actuators as one batch
 
-Written by `python -m studies.fleet --jobs 10000 --share 0.04 --write`. Every unit is a transmission
-line with one log of 1,000 rows, made by its closed form; gain, time constant and dead time vary
-from unit to unit. 2 % of the units are outliers (a time constant half as long again), 1 % of the
-logs are broken. The logs take up some 20 kB each, the batch another 3 kB a job.
+Written by `python -m studies.fleet --jobs 10000 --write`. Every unit is a transmission line with
+one log of 1,000 rows, made by its closed form; gain, time constant and dead time vary from unit to
+unit. 2 % of the units are outliers (a time constant half as long again), 1 % of the logs are
+broken. The logs take up some 20 kB each, the batch another 3 kB a job.
 
 """
 _PROGRAM = [sys.executable, "-m", "fluidact_fit_cli.main"]
@@ -187,20 +187,14 @@ def judge(fleet: Path, run: Run) -> dict[str, str]:
     }  # fmt: skip
 
 
-def measure(
-    folder: Path, fleet: Path, part: Path, jobs: int, rng: np.random.Generator
-) -> dict[str, str]:
+def measure(folder: Path, fleet: Path, jobs: int, rng: np.random.Generator) -> dict[str, str]:
     """Run the fleet in every way; a row of the table each."""
-    first = Run(part, folder / "part-1", "--workers", "1")
-    second = Run(part, folder / "part-2", "--workers", "2")
     began = time.perf_counter()
-    parallel = [(second.whole(), first.whole()), *_again(first, second)]
-    ratios = sorted(one / two for two, one in parallel)
-    _say("one worker and two", began)
-
-    whole = Run(fleet, folder / "whole")
+    whole = Run(fleet, folder / "whole", "--workers", "2")
     seconds = whole.whole()
-    _say("the fleet in one go", began)
+    _say("two workers", began)
+    alone = Run(fleet, folder / "alone", "--workers", "1").whole()
+    _say("one worker", began)
     resumed = Run(fleet, folder / "resumed")
     kills = sorted(rng.uniform(2.0, 0.4 * seconds, 3))
     killed_and_resumed(resumed, kills)
@@ -210,15 +204,11 @@ def measure(
     often = Counter(Counter(entry["job"] for entry in resumed.finished()).values())
     used = sum(entry["seconds"] for entry in whole.finished())
     rate = jobs / used
-    cores = os.cpu_count() or 1
     return {
         "jobs": f"{jobs}",
         **judge(fleet, whole),
-        f"two workers against one, {len(list((part / 'units').iterdir()))} jobs": ", ".join(
-            f"{r:.2f}" for r in ratios
-        ),
-        "whole fleet": f"{seconds:.0f} s with {cores} workers, {used:.0f} s of processor time in "
-        "the jobs",
+        "two workers": f"{seconds:.0f} s, {used:.0f} s of processor time in the jobs",
+        "one worker": f"{alone:.0f} s, {alone / seconds:.2f} times as long",
         "rate per core": f"{rate:.1f} jobs a second",
         "10⁶ logs on 100 cores, from that rate": f"{1e6 / rate / 100 / 60:.0f} minutes",
         "killed (kill -9, all processes) after": ", ".join(f"{k:.0f} s" for k in kills),
@@ -226,16 +216,6 @@ def measure(
         "summary after the kills": _same(resumed.summary(), whole.summary()),
         "summary of Dask, one of three workers killed": _same(on.summary(), whole.summary()),
     }
-
-
-def _again(first: Run, second: Run) -> list[tuple[float, float]]:
-    """Twice more, every job anew, so that a ratio is not one of chance."""
-    pairs = []
-    for _ in range(2):
-        for run in (first, second):
-            run.words = [*[w for w in run.words if w != "--force"], "--force"]
-        pairs.append((second.whole(), first.whole()))
-    return pairs
 
 
 def _same(one: str, other: str) -> str:
@@ -254,15 +234,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m studies.fleet", description=__doc__)
     parser.add_argument("--jobs", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=12)
-    parser.add_argument("--share", type=float, default=0.1, help="of the jobs, one against two")
     parser.add_argument("--write", action="store_true", help="write the page")
     given = parser.parse_args()
     rng = np.random.default_rng(given.seed)
     with tempfile.TemporaryDirectory() as folder:
-        fleet, part = Path(folder) / "fleet", Path(folder) / "part"
+        fleet = Path(folder) / "fleet"
         make_fleet(fleet, given.jobs, given.seed)
-        make_fleet(part, max(20, round(given.share * given.jobs)), given.seed + 1)
-        rows = measure(Path(folder), fleet, part, given.jobs, rng)
+        rows = measure(Path(folder), fleet, given.jobs, rng)
     table = "| | |\n|---|---|\n" + "".join(f"| {a} | {b} |\n" for a, b in rows.items())
     print(table)
     if given.write:
