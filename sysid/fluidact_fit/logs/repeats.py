@@ -88,9 +88,8 @@ def _may_repeat(values: FloatArray) -> bool:
         changed = size > 0.0
         count = int(np.count_nonzero(changed))
         same, changes = same + size.size - count, changes + count
-        least = min(
-            least, float((size if count == size.size else size[changed]).min(initial=np.inf))
-        )
+        moves = size if count == size.size else size[changed]
+        least = min(least, float(moves.min(initial=np.inf)))
     if changes < 3 * _FEWEST or same < _FEWEST:
         return False
     for at in blocks(values.size - 1):
