@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import freqz, lfilter
 
-from fluidact_fit.estimation.whitening import Whitening, autoregression_from_rest
+from fluidact_fit.estimation.whitening import Whitening, autoregression_from_rest, causal_filter
 
 
 def spread(a: list[float], drive: float, white: float, n: int) -> np.ndarray:
@@ -38,3 +39,21 @@ def test_an_integrated_noise_keeps_its_unit_root() -> None:
     assert a.sum() == pytest.approx(1.0, abs=0.01)
     assert drive == pytest.approx(0.2, rel=0.05)
     assert autoregression_from_rest([np.zeros(9)], 2)[1] == 0.0
+
+
+def test_a_causal_filter_has_the_gains_asked_for_and_no_needless_delay() -> None:
+    power = 0.01 + 0.99 / (1.0 + (np.arange(129) / 20.0) ** 4)
+    taps = causal_filter(power, 128)
+    _, gains = freqz(taps, worN=np.linspace(0.0, np.pi, 129))
+    np.testing.assert_allclose(np.abs(gains) ** 2, power, rtol=0.01)
+    assert np.all(np.abs(np.roots(taps)) < 1.0)  # zeros inside the circle: none has less delay
+
+
+def test_innovations_are_focused_column_by_column() -> None:
+    rows = np.random.default_rng(3).standard_normal((400, 2))
+    plain = Whitening(np.array([0.9]), 1.0, 0.2)
+    taps = np.array([1.0, 0.5, -0.2])
+    focused = Whitening(np.array([0.9]), 1.0, 0.2, taps)
+    expected = lfilter(taps, [1.0], plain.filter(rows), axis=0)
+    np.testing.assert_allclose(focused.filter(rows), expected, atol=1e-12)
+    np.testing.assert_allclose(focused.filter(rows[:, 1]), expected[:, 1], atol=1e-12)

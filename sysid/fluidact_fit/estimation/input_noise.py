@@ -13,7 +13,9 @@ static nonlinearity whose edges are passed quickly adds terms of the fourth orde
 second size of ``w'`` estimates.
 
 The residual ``e - G w`` is whitened first, see :mod:`.whitening`; any fixed filter leaves the
-estimate consistent, the right one makes it efficient (generalised least squares [2]_).
+estimate consistent, the right one makes it efficient (generalised least squares [2]_). Where the
+input holds little but noise the derivatives do so too and only scatter: every frequency counts by
+the part of the input that is none, ``1 - sigma^2 / S_u``, which makes the score scatter least.
 
 References
 ----------
@@ -36,7 +38,7 @@ from .least_squares import project_out
 from .noise import noise_floor, white_level
 from .problem import Problem, Solution
 from .separable import evaluate, score
-from .whitening import Whitening, autoregression_from_rest
+from .whitening import Whitening, autoregression_from_rest, causal_filter
 
 Build = Callable[[Sequence[Experiment], Sequence[Whitening]], Problem]
 
@@ -54,6 +56,10 @@ _SMALL = 0.1  # standard errors of a bias, of which the correction leaves nothin
 _FAR = 0.3  # standard errors of a step, after which what the noise adds is looked at again
 _COARSEST = 0.05  # of its range: steps of a measured signal that a converter makes
 _LEVELS = 3  # that no converter has
+_FOCUS = 128  # weights of the filter that leaves out frequencies of noise
+_NEIGHBOURS = 11  # frequencies that are taken together, at least
+_CHANCE = 4.0  # standard deviations by which their noise may be more than it is on the average
+_LEAST_PART = 0.01  # weight of a frequency that holds nothing but noise
 _WEAK = 0.02  # part of the information that has to be left without the noise
 _SURE = 3.0  # times its own uncertainty that this part has to be
 
@@ -123,6 +129,18 @@ class InputNoise:
         at = at or evaluate(build(self.experiments, ()), eta)
         return make_filters(self._response(build, eta), at.residuals)
 
+    def focused(self, whitening: Sequence[Whitening], times: int = 1) -> list[Whitening]:
+        """The same, with the frequencies weighed by what the input holds beside its noise."""
+        out = []
+        for e, f in zip(self.experiments, whitening, strict=True):
+            values, focus = e.signals[self.role].values, np.ones(1)
+            if self.sigma and e.uniform and _FOCUS <= values.size == e.samples:
+                single = causal_filter(_clean_part(values, self.sigma), _FOCUS)
+                for _ in range(times):
+                    focus = np.convolve(focus, single)
+            out.append(replace(f, focus=focus))
+        return out
+
     def _response(self, build: Build, eta: FloatArray) -> list[FloatArray]:
         """What a few draws of the noise make of the output of every experiment."""
         base = _outputs(build, self.experiments, eta)
@@ -174,6 +192,23 @@ class InputNoise:
         ratio = float(_RATIOS[best])
         spread = max(float(np.ptp(near)) / ratio, 0.2)
         return replace(self, sigma=ratio * self.sigma, relative=spread)
+
+
+def _clean_part(values: FloatArray, sigma: float) -> FloatArray:
+    """Part of the power of a signal that is not white noise, shape ``(_FOCUS + 1,)``.
+
+    At evenly spaced frequencies from zero to half a cycle a sample, each with its neighbours.
+    """
+    window = np.hanning(values.size)
+    spectrum = np.abs(np.fft.rfft(window * (values - values.mean()))) ** 2 / float(window @ window)
+    width = max(_NEIGHBOURS, spectrum.size // _FOCUS) | 1
+    padded = np.pad(spectrum, width // 2, mode="reflect")
+    power = np.convolve(padded, np.full(width, 1.0 / width), "valid")
+    at = np.linspace(0.0, 1.0, _FOCUS + 1)
+    power = np.interp(at, np.linspace(0.0, 1.0, power.size), power)
+    # what chance gives to a frequency must not decide its weight: the score would be biased
+    noise = sigma**2 * (1.0 + _CHANCE / np.sqrt(width))
+    return np.maximum(1.0 - noise / np.maximum(power, 1e-300), _LEAST_PART)
 
 
 def _outputs(build: Build, experiments: Sequence[Experiment], eta: FloatArray) -> list[FloatArray]:
@@ -289,8 +324,9 @@ def correct(noise: InputNoise, build: Build, start: FloatArray) -> Corrected:
         found = _correct(noise, build, found.eta, whitening)
     if np.all(np.abs(found.bias) < _SMALL * np.sqrt(np.diag(found.covariance))):
         return found
-    base = _score(build(noise.experiments, whitening), found.eta)
-    larger = _disturbed(noise, build, whitening, np.sqrt(2.0))
+    focused = noise.focused(whitening)
+    base = _score(build(noise.experiments, focused), found.eta)
+    larger = _disturbed(noise, build, focused, np.sqrt(2.0))
     more = np.mean([a.slope for a in _added(base, larger, found.eta)], axis=0)
     left = 0.5 * np.linalg.solve(found.information, more) - found.bias
     return replace(found, left=left)
@@ -307,8 +343,9 @@ def _correct(
 
     It ends with a first step of more than ``leave`` standard errors: the filter is another there.
     """
-    problem = build(noise.experiments, whitening)
-    disturbed = _disturbed(noise, build, whitening, 1.0)
+    focused = noise.focused(whitening)
+    problem = build(noise.experiments, focused)
+    disturbed = _disturbed(noise, build, focused, 1.0)
     low = np.array([u.low for u in problem.nonlinear])
     high = np.array([u.high for u in problem.nonlinear])
     rows = sum(y.size for y in problem.measured)
@@ -344,7 +381,12 @@ def _correct(
     bias = each.mean(axis=0)
     spread = base.curvature
     if not now > leave:  # else another filter is to come
-        spread = _spread(noise, build, whitening, eta, spread)
+        # as many rows are left as the focus lets pass of white ones
+        passed = sum(y.size * float(f.focus @ f.focus)
+                     for y, f in zip(problem.measured, focused, strict=True))  # fmt: skip
+        found = evaluate(problem, eta)
+        scale = found.cost / max(passed - eta.size - sum(found.local_counts), 1.0)
+        spread = _spread(noise, build, whitening, eta)
     covariance = scale * inverse @ spread @ inverse
     covariance += np.outer(bias, bias) * noise.relative**2
     covariance += np.atleast_2d(np.cov(each.T)) / len(each)
@@ -352,30 +394,31 @@ def _correct(
 
 
 def _spread(
-    noise: InputNoise, build: Build, whitening: Sequence[Whitening], eta: FloatArray,
-    curvature: FloatArray,
-) -> FloatArray:  # fmt: skip
+    noise: InputNoise, build: Build, whitening: Sequence[Whitening], eta: FloatArray
+) -> FloatArray:
     """Covariance of the score, of whitened residuals of variance one, shape ``(p, p)``.
 
-    That is ``J' J`` where outputs add up as inputs do: what the noise makes of the output is then
-    the same whatever the input, and the residual is white. Behind a dead zone noise passes only
-    while the machine moves, which is when the derivatives are large. Draws of the noise of input
-    and output, as :func:`make_filters` found them, show what that does.
+    Where outputs add up as inputs do it is ``J' J`` with all rows focused twice: what the noise
+    makes of the output is then the same whatever the input, and the residual is white. Behind a
+    dead zone noise passes only while the machine moves, which is when the derivatives are large.
+    Draws of the noise of input and output, as :func:`make_filters` found them, show what that does.
     """
     base = _outputs(build, noise.experiments, eta)
     up, down = (_outputs(build, noise.add(0, sign), eta) for sign in (1.0, -1.0))
     if all(_adds_up(*three) for three in zip(base, up, down, strict=True)):
-        return curvature
-    jacobian = evaluate(build(noise.experiments, whitening), eta).jacobian
+        return _score(build(noise.experiments, noise.focused(whitening, 2)), eta).curvature
+    focused = noise.focused(whitening)
+    jacobian = evaluate(build(noise.experiments, focused), eta).jacobian
     rng = np.random.default_rng(noise.seed)
     scores, squares = np.zeros((_SPREAD, eta.size)), 0.0
     for k in range(_SPREAD):
         drawn = replace(noise, seed=noise.seed + 1 + k, pairs=1).add(0, 1.0)
         moved = _outputs(build, drawn, eta)
-        for i, (f, j) in enumerate(zip(whitening, jacobian, strict=True)):
-            white = f.filter(moved[i] - base[i] + f.white * rng.standard_normal(base[i].size))
+        for i, (f, g, j) in enumerate(zip(whitening, focused, jacobian, strict=True)):
+            rest = moved[i] - base[i] + f.white * rng.standard_normal(base[i].size)
+            white = f.filter(rest)
             squares += float(white @ white)
-            scores[k] += white @ j
+            scores[k] += g.filter(rest) @ j
     rows = sum(known.size for known in base)
     return np.asarray(scores.T @ scores * (rows / squares))
 

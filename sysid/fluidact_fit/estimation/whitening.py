@@ -11,12 +11,13 @@ References
    J. Basic Engineering 82, 1960.
 .. [2] M. Morf, G. Sidhu, T. Kailath, "Some new algorithms for recursive estimation in constant,
    linear, discrete-time systems", IEEE Trans. Automatic Control 19(4), 1974.
+.. [3] A. Oppenheim, R. Schafer, Discrete-Time Signal Processing, 3rd ed., 2010, section 13.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -38,11 +39,14 @@ class Whitening:
         ``a``, shape ``(q,)``; the process is zero before the first sample.
     drive, white
         Standard deviations of what drives it, and of the white noise on top [unit of the rows].
+    focus
+        Weights of a filter that the innovations pass then, shape ``(m,)``: the present one first.
     """
 
     coefficients: FloatArray
     drive: float
     white: float
+    focus: FloatArray = field(default_factory=lambda: np.ones(1))
 
     @cached_property
     def _gains(self) -> tuple[FloatArray, FloatArray]:
@@ -77,6 +81,16 @@ class Whitening:
         return int(self._gains[1].size)
 
     def filter(self, rows: Array) -> Array:
+        """Innovations of rows (samples first), in their standard deviations, focused."""
+        white = self._innovations(rows)
+        if self.focus.size == 1:
+            return white
+        size = rows.shape[0] + self.focus.size - 1
+        gains = np.fft.rfft(self.focus, size).reshape(-1, *(1 for _ in rows.shape[1:]))
+        found = np.fft.irfft(gains * np.fft.rfft(white, size, axis=0), size, axis=0)
+        return np.asarray(found[: rows.shape[0]])
+
+    def _innovations(self, rows: Array) -> Array:
         """Innovations of rows (samples first), in their standard deviations.
 
         With ``g_k`` the gain of the predictor, ``e_k = n_k - sum_i a_i n_{k-1-i} +
@@ -104,6 +118,23 @@ class Whitening:
             return samples * float(np.log(self.drive**2 + self.white**2))
         variances = np.log(self._gains[1][:samples])
         return float(variances.sum() + (samples - variances.size) * variances[-1])
+
+
+def causal_filter(power: FloatArray, length: int) -> FloatArray:
+    """Weights of the causal filter of least delay whose gains have given squares, ``(length,)``.
+
+    By the cepstrum: half of it, doubled, is that of the filter [3]_.
+
+    Parameters
+    ----------
+    power : (k,)
+        Positive, at evenly spaced frequencies from zero to half a cycle a sample.
+    """
+    cepstrum = np.fft.irfft(0.5 * np.log(power))
+    half = cepstrum.size // 2
+    cepstrum[1:half] *= 2.0
+    cepstrum[half + 1 :] = 0.0
+    return np.fft.irfft(np.exp(np.fft.rfft(cepstrum)))[:length]
 
 
 def autoregression_from_rest(series: Sequence[FloatArray], order: int) -> tuple[FloatArray, float]:
