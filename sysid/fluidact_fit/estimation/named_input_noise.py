@@ -70,12 +70,17 @@ def correct_named(
     return replace(
         fitted, values=values, names=solved.names, covariance=solved.covariance, intervals={},
         refused=done.refused, order=-1, input_noise={noise.role: level},
-        notices=[*kept, *done.notices, *_notices(noise, solved, found)],
+        notices=[*kept, *done.notices, *_notices(noise, solved, found, fitted.values)],
     )  # fmt: skip
 
 
-def _notices(noise: InputNoise, solved: Solved, found: Corrected) -> list[Notice]:
-    """How much noise there is, what it would have done, and what it still does, if it matters."""
+def _notices(
+    noise: InputNoise, solved: Solved, found: Corrected, before: Mapping[str, float]
+) -> list[Notice]:
+    """How much noise there is, what it would have done, and what it still does, if it matters.
+
+    ``before`` is the estimate that took the input for exact.
+    """
     unit = noise.experiments[0].signals[noise.role].unit
     errors = np.array([max(solved.std_error(n), 1e-300) for n in solved.names])
     level = f"'{noise.role}' carries noise of about {noise.sigma:.2g} {unit} rms"
@@ -94,11 +99,13 @@ def _notices(noise: InputNoise, solved: Solved, found: Corrected) -> list[Notice
             "further."
         )
         return [Notice("input-noise-left", text)]
-    if abs(found.bias[most]) < errors[most]:
+    moved = np.array([before[n] - solved.values[n] for n in solved.names])
+    most = _largest(moved / errors)
+    if abs(moved[most]) < errors[most]:
         return []
     text = (
         f"{level}, which was allowed for: it would have changed {solved.names[most]} by "
-        f"{found.bias[most]:+.2g}, {abs(found.bias[most]) / errors[most]:.1f} standard errors. "
+        f"{moved[most]:+.2g}, {abs(moved[most]) / errors[most]:.1f} standard errors. "
         "A cleaner sensor would narrow the intervals, and show sooner what the model lacks."
     )
     return [Notice("input-noise", text)]
