@@ -18,6 +18,7 @@ from .results import Refusal, Solved, determine, left_open
 from .whitening import Whitening
 
 BuildHeld = Callable[[Mapping[str, float], Sequence[Experiment], Sequence[Whitening]], Problem]
+_CHANGED = 2.0  # standard errors of a change that is no difference of two estimates by chance
 _LEFT = 0.5  # standard errors of a remaining bias that are worth a warning
 
 
@@ -101,7 +102,7 @@ def _notices(
         return [Notice("input-noise-left", text)]
     moved = np.array([before[n] - solved.values[n] for n in solved.names])
     most = _largest(moved / errors)
-    if abs(moved[most]) < errors[most]:
+    if abs(moved[most]) < _CHANGED * errors[most]:
         return []
     text = (
         f"{level}, which was allowed for: it would have changed {solved.names[most]} by "
