@@ -84,6 +84,8 @@ class InputNoise:
         Its standard deviation [SI] and the standard error of ``sigma**2`` as a part of it.
     seed, pairs
         Of the draws, and how many there are.
+    linear
+        Whether outputs add up as inputs do: frequencies of the input are then those of the output.
     """
 
     experiments: Sequence[Experiment]
@@ -92,6 +94,7 @@ class InputNoise:
     relative: float = 0.0
     seed: int = 0
     pairs: int = _PAIRS
+    linear: bool = False
 
     @classmethod
     def seen(cls, experiments: Sequence[Experiment], role: str, seed: int) -> InputNoise:
@@ -134,7 +137,7 @@ class InputNoise:
         out = []
         for e, f in zip(self.experiments, whitening, strict=True):
             values, focus = e.signals[self.role].values, np.ones(1)
-            if self.sigma and e.uniform and _FOCUS <= values.size == e.samples:
+            if self.linear and e.uniform and _FOCUS <= values.size == e.samples:
                 single = causal_filter(_clean_part(values, self.sigma), _FOCUS)
                 for _ in range(times):
                     focus = np.convolve(focus, single)
@@ -316,6 +319,7 @@ def correct(noise: InputNoise, build: Build, start: FloatArray) -> Corrected:
         is among its nonlinear unknowns; linear ones do not depend on the input.
     start : (p,)
     """
+    noise = replace(noise, linear=_is_linear(noise, build, start))
     whitening = noise.whitening(build, start)
     found = _correct(noise, build, start, whitening, leave=_MOVED)
     far = np.abs(found.eta - start) > _MOVED * np.sqrt(np.diag(found.covariance))
@@ -403,24 +407,28 @@ def _spread(
     dead zone noise passes only while the machine moves, which is when the derivatives are large.
     Draws of the noise of input and output, as :func:`make_filters` found them, show what that does.
     """
-    base = _outputs(build, noise.experiments, eta)
-    up, down = (_outputs(build, noise.add(0, sign), eta) for sign in (1.0, -1.0))
-    if all(_adds_up(*three) for three in zip(base, up, down, strict=True)):
+    if noise.linear:
         return _score(build(noise.experiments, noise.focused(whitening, 2)), eta).curvature
-    focused = noise.focused(whitening)
-    jacobian = evaluate(build(noise.experiments, focused), eta).jacobian
+    base = _outputs(build, noise.experiments, eta)
+    jacobian = evaluate(build(noise.experiments, whitening), eta).jacobian
     rng = np.random.default_rng(noise.seed)
     scores, squares = np.zeros((_SPREAD, eta.size)), 0.0
     for k in range(_SPREAD):
         drawn = replace(noise, seed=noise.seed + 1 + k, pairs=1).add(0, 1.0)
         moved = _outputs(build, drawn, eta)
-        for i, (f, g, j) in enumerate(zip(whitening, focused, jacobian, strict=True)):
-            rest = moved[i] - base[i] + f.white * rng.standard_normal(base[i].size)
-            white = f.filter(rest)
+        for i, (f, j) in enumerate(zip(whitening, jacobian, strict=True)):
+            white = f.filter(moved[i] - base[i] + f.white * rng.standard_normal(base[i].size))
             squares += float(white @ white)
-            scores[k] += g.filter(rest) @ j
+            scores[k] += white @ j
     rows = sum(known.size for known in base)
     return np.asarray(scores.T @ scores * (rows / squares))
+
+
+def _is_linear(noise: InputNoise, build: Build, eta: FloatArray) -> bool:
+    """Whether outputs add up as inputs do, as far as a draw of the noise shows."""
+    base = _outputs(build, noise.experiments, eta)
+    up, down = (_outputs(build, noise.add(0, sign), eta) for sign in (1.0, -1.0))
+    return all(_adds_up(*three) for three in zip(base, up, down, strict=True))
 
 
 def _adds_up(base: FloatArray, up: FloatArray, down: FloatArray) -> bool:
