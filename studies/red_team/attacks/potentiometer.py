@@ -165,11 +165,10 @@ def _judge(
     block = make_block(found.document, accept_failed=True)
     block.accept(True)
     values = {name: np.array(q.value, dtype=float) for name, q in found.parameters.items()}
-    low, high = values["reading_range"]
     out = {}
     for x in places:
         reading = counts * float(np.asarray(wiper(np.asarray(x))))
-        if not low <= reading <= high:
+        if block.outside("reading", reading):
             continue
         value = float(block(reading))
         gradient = _gradient(found, values, reading)

@@ -293,7 +293,7 @@ class Corrected:
     information
         ``J' J`` without the part of the noise, shape ``(p, p)``.
     bias
-        What the noise would have done to the estimate, shape ``(p,)``.
+        What the noise would do to the estimate, were it not taken away, shape ``(p,)``.
     left
         What the correction may have left of it, shape ``(p,)``.
     weak
@@ -365,6 +365,7 @@ def _correct(
         )
         target = _Score(base.slope, curvature, base.cost)
         step = target.solve(base.slope - np.mean([a.slope for a in added], axis=0))
+        # all rows, focused or not: these are on the small side, and the end is the stricter for it
         scale = base.cost / max(rows - eta.size, 1)
         errors = np.sqrt(scale * np.diag(np.linalg.inv(curvature)))
         now = float(np.max(np.abs(step) / errors))
