@@ -18,6 +18,7 @@ from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families.cylinder_friction.block import FrictionBlock
 from fluidact_fit.families.cylinder_friction.family import CylinderFriction
 from fluidact_fit.families.cylinder_friction.options import FrictionOptions
+from fluidact_fit.families.cylinder_friction.samples import prepare
 from fluidact_fit.family import Estimate, Plant, Request, Simulated
 
 FAMILY = CylinderFriction()
@@ -717,3 +718,17 @@ def test_one_chamber_alone_is_refused_with_the_missing_pressure() -> None:
     alone = make_experiment(a.time, force=a["force"], position=a["position"])
     with pytest.raises(LogError, match="the other chamber is missing"):
         fit([alone])
+
+
+def test_the_side_of_a_sample_beside_a_sharp_reversal_is_not_told_by_its_neighbours() -> None:
+    """Velocity turns at a sample: the mean of its neighbours, clear of zero, had the wrong sign."""
+    rng, wrong = np.random.default_rng(5), 0
+    for _ in range(20):
+        turn = np.concatenate((np.linspace(-0.1, -0.0005, 5), np.full(95, 0.02)))
+        true = np.concatenate((np.full(95, -0.1), turn, np.full(5, -0.0005)))[:195]
+        time = STEP * np.arange(true.size)
+        read = true + 1e-3 * rng.standard_normal(true.size)
+        e = make_experiment(time, force=friction_force(true, HAND), velocity=read)
+        (d,), _ = prepare(VARIANTS["velocity"], [e], FrictionOptions())
+        wrong += np.count_nonzero(np.sign(d.speed) != np.sign(true[d.kept]))
+    assert wrong == 0

@@ -134,10 +134,13 @@ def _moving(motion: Motion, deadband: float) -> BoolArray:
 
     Near a rest the filter spreads motion over samples at rest. A reversal without a pause has
     no rest: only what lies within the dead band there is left out, unless the matched force
-    is a mean over it.
+    is a mean over it. Beside a reversal a speed smoothed from its neighbours may be on the wrong
+    side of zero, where the velocity turns sharply; its own reading decides with it.
     """
     v = motion.velocity
-    idle, kept = np.abs(v) <= deadband, motion.inside.copy()
+    turns = np.concatenate(([False], np.sign(v[1:]) != np.sign(v[:-1]), [False]))
+    unsure = (turns[1:] | turns[:-1]) & (np.abs(motion.regressor) <= deadband)
+    idle, kept = (np.abs(v) <= deadband) | unsure, motion.inside.copy()
     edges = np.flatnonzero(np.diff(np.concatenate(([False], idle, [False])).astype(int)))
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist()):
         reach = motion.reach
