@@ -32,6 +32,7 @@ CELLS = (
     ("hydraulic-cylinder", "Stribeck asked for", "900 N, 300 N, 0.01 m/s"),
     ("hydraulic-motor", "noise of the command", "0.05 % of range"),
     ("line", "cut in motion, long dead time"),
+    ("cylinder-friction", "force in steps", "0.05 N, quiet, strokes"),
     ("cylinder-friction", "force in steps", "0.2 N, quiet, strokes"),
     ("cylinder-friction", "force in steps", "0.2 N, noise 0.1 N, hand"),
     ("cylinder-friction", "force in steps", "0.5 N, quiet, hand"),

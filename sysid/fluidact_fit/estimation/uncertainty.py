@@ -29,8 +29,10 @@ from .recursion import run_recursion
 
 _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 _LASTING = 12  # samples of a reading that no noise shakes
+_CROSSED = 2.0 / 3.0  # of a code squared, that readings differ by where noise crosses codes
+_RESTING = 0.05  # of all samples where it does not, from which on their errors may matter
 _TRIES = (20, 200)  # draws of where a signal lies among the codes, fewest and most
-_NEAR = 5  # samples that a signal hardly changes over
+_NEAR = (5, 25, 125)  # samples that a signal hardly changes over: always, and where it may rest
 _TURNS = 20  # of an iteration whose error soon is far below what matters
 _DRAWN = 5_000_000  # samples of all draws, as long as these are not the fewest
 _MUCH = 0.3  # of the variance of a residual
@@ -242,6 +244,23 @@ def _converter_middle(
     return np.asarray(sums.T @ sums / tries)
 
 
+def _rests(readings: Sequence[tuple[FloatArray, float]]) -> bool:
+    """Whether neither noise nor motion takes what a converter was given across its codes.
+
+    Noise of half a code makes ``q^2 / 3`` of half the mean square of the differences; a signal on
+    an edge, which the least noise flips, makes a quarter. Errors like these are no noise, however
+    small they are beside the residual: it may hold that of a regressor.
+    """
+    resting, samples = 0, 0
+    for y, step in readings:
+        for at in blocks(y.size) if step > 0.0 else ():
+            moved = np.diff(y[at], prepend=y[at][:1]) ** 2
+            level = np.convolve(moved, np.full(min(_LASTING, moved.size), 1.0 / _LASTING), "same")
+            resting += int(np.count_nonzero(level < _CROSSED * step**2))
+        samples += y.size
+    return resting > _RESTING * samples
+
+
 def _most_noise(readings: Sequence[tuple[FloatArray, float]]) -> float:
     """Standard deviation of noise behind which the longest reading is hardly as long (5 %).
 
@@ -303,10 +322,26 @@ def _signal(y: FloatArray, r: FloatArray) -> tuple[FloatArray, BoolArray]:
         seen = slope**2 * size > _BENDS * left / np.maximum(lengths - 3, 1)
         curve += np.where(seen, slope, 0.0)[which] * column
     short = (lengths < _LASTING)[which]
-    # noise of a regressor is in the residual, and not in the signal
-    near = np.ones(min(_NEAR, y.size))
-    smooth = np.convolve(y - r, near, "same") / np.convolve(np.ones(y.size), near, "same")
-    return np.where(short, smooth, y - curve), short
+    return np.where(short, _smooth(y, r), y - curve), short
+
+
+def _smooth(y: FloatArray, r: FloatArray) -> FloatArray:
+    """What a converter was given where noise shakes its readings, shape ``(n,)``.
+
+    Noise of a regressor is in the residual, and not in the signal: neighbours are taken together,
+    as many as hardly differ by more than the two codes that a signal is between.
+    """
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    moved = np.diff(y)
+    step = 1.5 * float(np.abs(moved[moved != 0.0]).min(initial=np.inf))
+    out = y.copy()
+    for near in _NEAR:
+        count = np.ones(min(near, y.size))
+        mean = np.convolve(y - r, count, "same") / np.convolve(np.ones(y.size), count, "same")
+        between = maximum_filter1d(y, count.size) - minimum_filter1d(y, count.size) <= step
+        out = np.where(between | (near == _NEAR[0]), mean, out)
+    return out
 
 
 def enlarge(matrix: FloatArray, variances: FloatArray) -> FloatArray:
@@ -430,14 +465,14 @@ def covariance(
         degrees = max(int(min(effective, independent)) - p, 1)
     step = max((step for _, step in readings), default=0.0)
     whole = readings and all(y.size == j.shape[0] for j, (y, _) in zip(jacobian, readings))
-    if robust and whole and is_coarse(step, float(sigma)):
+    if robust and whole and (is_coarse(step, float(sigma)) or _rests(readings)):
         noise = max(sigma**2 - step**2 / 12.0, 0.0)
-        possible = [total]
+        rest, possible = total * (noise / sigma**2), []
         for mirrored in (False, True):  # what the machine is like nobody knows
             steps = _converter_middle(
                 jacobian, residuals, readings, bread, noise, local_unknowns > 0, mirrored
             )
-            possible.append(_positive(bread @ (steps + noise * stacked.T @ stacked) @ bread))
+            possible.append(_positive(bread @ steps @ bread) + rest)
         total = largest(possible)
     total[blind, blind] = np.inf
     return Uncertainty(total, degrees, float(sigma), order, independent)
