@@ -296,6 +296,13 @@ def test_the_error_of_a_converter_is_no_difference_between_halves():
     assert sum("halves-disagree" in codes for codes in said) <= 3
 
 
+def test_a_half_that_knows_a_parameter_by_noise_alone_is_not_compared():
+    """One half had one speed: its viscous friction was that of the noise of the speed (4 of 10)."""
+    attack = find_attack(cylinder_friction, "force in steps", "0.2 N, quiet, strokes")
+    said = [run(attack, k, 2718).codes for k in range(16)]
+    assert sum("halves-disagree" in codes for codes in said) <= 1
+
+
 def test_the_error_of_a_converter_is_no_missing_response():
     """Strokes read in steps of 0.2 N without noise to average them: a rise of friction, at 5."""
     attack = find_attack(cylinder_friction, "force in steps", "0.2 N, quiet, strokes")

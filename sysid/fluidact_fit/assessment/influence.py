@@ -22,7 +22,7 @@ _LISTED = 5
 _FEWEST = 50  # samples of a part of the data that is compared with the rest
 _DISAGREE = 1e-4  # probability of a difference that large between parts of the data
 _MATTERS = 0.02  # part of a parameter that a difference must exceed
-_VAGUE = 10.0  # standard errors of the fit: a half that is vaguer says nothing
+_TOLD = 0.04  # part of what both halves know of a parameter that each has to know of it
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def find_disagreeing_parts(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     (jacobians, residuals), half = _halves(at, [at.jacobians, at.residuals])
     if min(sum(r.size for r, h in zip(residuals, half) if h == k) for k in (0, 1)) < _FEWEST:
         return {}, []
-    compared = jacobians, residuals, half, at.names, _VAGUE * at.errors
+    compared = jacobians, residuals, half, at.names, _TOLD
     drift = compare_logs(*compared)[0][0]
     if _telling(at, drift):  # what a converter does takes longer to know, and excuses more
         (measured,), _ = _halves(at, [at.measured])

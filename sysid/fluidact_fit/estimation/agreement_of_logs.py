@@ -52,7 +52,7 @@ def compare_logs(
     residuals: Sequence[FloatArray],
     logs: Sequence[int],
     names: Sequence[str],
-    largest: FloatArray | None = None,
+    least: float = 0.0,
     readings: Sequence[tuple[FloatArray, float]] = (),
 ) -> tuple[list[Drift], dict[int, float]]:
     """Drift of every log in every parameter, and the error of each predicted by the others.
@@ -65,9 +65,10 @@ def compare_logs(
         Log of every experiment.
     names
         Parameters; nuisance unknowns have been left out of the Jacobian.
-    largest
-        Standard error of a difference, shape ``(p,)``, above which it says nothing: a log
-        that hardly determines a parameter is linear in it over its own noise only.
+    least
+        Part of what all logs know of a parameter that a log has to know to be judged by it: one
+        that hardly determines it is linear in it over its own noise only, and what it seems to
+        know may be noise of its regressors.
     readings
         As in :func:`.uncertainty.covariance`: the errors of a converter are not noise. Those of
         logs with the same levels are alike and are taken for independent, which is cautious.
@@ -91,7 +92,7 @@ def compare_logs(
         # each of two differs from the other alike: rounding is not to say which is named
         tried = list(rest)[:1] if len(rest) == 2 else rest
         found = max(
-            (_drift(rest, k, names, tests, largest) for k in tried),
+            (_drift(rest, k, names, tests, least) for k in tried),
             key=lambda d: abs(d.deviations),
         )
         drifts.append(found)
@@ -143,7 +144,7 @@ def _drift(
     k: int,
     names: Sequence[str],
     tests: int,
-    largest: FloatArray | None,
+    least: float,
 ) -> Drift:
     one, (others, information, theirs) = parts[k], _pooled(parts, k)
     # covariance of the pooled others: each log's sandwich, weighted by its information
@@ -154,8 +155,9 @@ def _drift(
     variance = np.where(vague, np.inf, variance)
     difference = _solve(one.information, one.score) - theirs
     z = difference / np.sqrt(np.maximum(variance, 1e-300))
-    told = np.isfinite(z) if largest is None else np.isfinite(z) & (variance <= largest**2)
-    z = np.where(told, z, 0.0)
+    known = 1.0 / np.diag(_inverse(one.information + information)[0])
+    told = [1.0 / np.diag(_inverse(i)[0]) >= least * known for i in (one.information, information)]
+    z = np.where(np.isfinite(z) & told[0] & told[1], z, 0.0)
     worst = int(np.argmax(np.abs(z)))
     p_value = min(1.0, tests * erfc(abs(float(z[worst])) / sqrt(2.0)))
     return Drift(k, names[worst], float(difference[worst]), float(z[worst]), p_value)
