@@ -21,9 +21,9 @@ TRUTH = {
 DATASET = Path(__file__).parents[2] / "datasets" / "cylinder-friction"
 # of the fit of the README before viscous friction could differ by direction
 BEFORE = {
-    "viscous": (44.99592168973732, 0.02532375452519224),
-    "coulomb_positive": (2.3974892412169697, 0.0036678188203899025),
-    "coulomb_negative": (2.395750239297106, 0.0036957022977194185),
+    "viscous": (44.99626954997557, 0.02533836919007075),
+    "coulomb_positive": (2.3974593484696594, 0.0036689970720506864),
+    "coulomb_negative": (2.395663297992413, 0.00370043077610861),
 }
 SIGMA = 0.1  # N
 

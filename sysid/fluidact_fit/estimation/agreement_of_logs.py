@@ -155,9 +155,9 @@ def _drift(
     variance = np.where(vague, np.inf, variance)
     difference = _solve(one.information, one.score) - theirs
     z = difference / np.sqrt(np.maximum(variance, 1e-300))
-    known = 1.0 / np.diag(_inverse(one.information + information)[0])
-    told = [1.0 / np.diag(_inverse(i)[0]) >= least * known for i in (one.information, information)]
-    z = np.where(np.isfinite(z) & told[0] & told[1], z, 0.0)
+    together = np.diag(_inverse(one.information + information)[0])
+    alone = np.maximum(np.diag(_inverse(one.information)[0]), np.diag(inverse))
+    z = np.where(np.isfinite(z) & (least * alone <= together), z, 0.0)
     worst = int(np.argmax(np.abs(z)))
     p_value = min(1.0, tests * erfc(abs(float(z[worst])) / sqrt(2.0)))
     return Drift(k, names[worst], float(difference[worst]), float(z[worst]), p_value)

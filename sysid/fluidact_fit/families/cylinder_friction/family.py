@@ -69,17 +69,11 @@ from ...parameters.problems import find_entries
 from .axis import LINEAR, PRESSURES, ROTARY, Axis, axis_of, is_place, motion_role
 from .block import FrictionBlock
 from .fit import LEVELS, SECOND_SPEED, fit_friction
+from .left_out import leave_out_accelerations, leave_out_turns
 from .options import ONE_SIDED, SIDES, FrictionOptions
 from .regression import System
 from .remarks import fit_details, remarks
-from .samples import (
-    check_measured,
-    count_kept,
-    leave_out_accelerations,
-    prepare,
-    sides_moved,
-    simulate_force,
-)
+from .samples import check_measured, count_kept, prepare, sides_moved, simulate_force
 
 
 def _parameters(axis: Axis) -> tuple[ParameterSpec, ...]:
@@ -190,12 +184,16 @@ class CylinderFriction(Family[FrictionOptions]):
         if options.moved is None and not options.is_settled:
             data, options, notices = leave_out_accelerations(data, options)
         quiet = count_kept(data)
+        if options.stribeck != "estimate" and not options.is_settled:
+            data, options = leave_out_turns(data, options)
+        smooth = count_kept(data)
         fit = fit_friction(variant, data, replace(request, options=options))
         notices += [*fit.notices, *remarks(fit, variant, experiments)]
         counts = {
             "slow_or_reversing": every - moving,
             "accelerating": moving - quiet,
-            "stroke_ends": quiet - count_kept(fit.data),
+            "turning": quiet - smooth,
+            "stroke_ends": smooth - count_kept(fit.data),
         }
         parameters, order, matrix = fit.solved.quantities(variant.parameters)
         return Estimate(
@@ -221,8 +219,8 @@ class CylinderFriction(Family[FrictionOptions]):
         """
         moved = self.variant(motion_role(plant.variant))
         free = replace(
-            plant.options, area=None, area_2=None, acceleration_limit=None, speeds_positive=None,
-            speeds_negative=None, force_offset=None,
+            plant.options, area=None, area_2=None, acceleration_limit=None, turn_limit=None,
+            speeds_positive=None, speeds_negative=None, force_offset=None,
         )  # fmt: skip
         (d,), _ = prepare(moved, [experiment], free)
         slope = d.motion.acceleration

@@ -76,6 +76,20 @@ class Motion:
         return self.sharp if self.reach else self.regressor
 
     @property
+    def turns(self) -> FloatArray:
+        """Largest second difference of the velocity within reach of a sample, ``(n,)`` [m/s].
+
+        Where it is that of a corner, the acceleration changed between two readings, and with it
+        the force, at an instant that they do not show.
+        """
+        from scipy.ndimage import maximum_filter1d
+
+        v = self.sharp
+        corner = np.zeros(v.size)
+        corner[1:-1] = np.abs(np.diff(v, 2))
+        return np.asarray(maximum_filter1d(corner, 2 * max(self.reach, self.half) + 3))
+
+    @property
     def shared(self) -> float:
         """Noise that ``velocity`` and ``regressor`` have in common [m/s]."""
         return self.noise if self.velocity is self.regressor else 0.0

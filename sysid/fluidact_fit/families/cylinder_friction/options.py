@@ -52,6 +52,10 @@ class FrictionOptions(FamilyOptions):
     acceleration_limit: float | None = settled(
         "float", "acceleration above which an unknown mass would show", unit="m/s2 or rad/s2"
     )
+    turn_limit: float | None = settled(
+        "float", "second difference of the velocity above which it turns between readings",
+        unit="m/s or rad/s",
+    )  # fmt: skip
     speeds_positive: tuple[float, float] | None = settled(
         "range", "the only speeds described in the positive direction", unit="m/s or rad/s"
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import LogError, Notice, NotIdentifiedError
+from ...errors import LogError, NotIdentifiedError
 from ...estimation.friction_law import FrictionLaw, stribeck_share
 from ...estimation.input_noise import InputNoise
 from ...estimation.stribeck import with_speed
@@ -19,7 +19,6 @@ from .motion import SLOW, Motion, make_motions, match_force, quiet_acceleration
 from .options import SIDES, FrictionOptions, check_options
 
 _LINGER = 1.5  # times the passage through rest that its slope predicts: longer is a rest
-_SMALL = 0.05  # share of the friction that inertia may have before it matters
 _STEADY = 0.1  # part of its mean that a steady speed may wander
 _FEWEST_STEADY = 50  # samples that show it
 _PAIRS = 2, 12  # least and most draws of the noise of the motion, each added and subtracted
@@ -112,7 +111,7 @@ def count_kept(data: Sequence[Data]) -> int:
     return sum(int(d.kept.sum()) for d in data)
 
 
-def _count_sides(data: Sequence[Data]) -> dict[str, int]:
+def count_sides(data: Sequence[Data]) -> dict[str, int]:
     """Number of samples to fit by direction."""
     return {s: sum(int(d.side(s).sum()) for d in data) for s in SIDES}
 
@@ -212,7 +211,7 @@ def prepare(
         direction = match_force(e, motion, np.sign(motion.velocity))
         slow = 0.0 if motion.exact else deadband
         moving = np.abs(motion.velocity) > slow
-        kept = _moving(motion, slow) & _described(motion, options)
+        kept = _moving(motion, slow) & described(motion, options)
         known, friction, driven = pressure + inertia, rest - inertia, drive is not None
         resolution = scale * e.signals[variant.output.name].resolution if driven else 0.0
         reading = rest if drive is None else drive
@@ -243,9 +242,11 @@ def draw_noisier(
     return [prepare(variant, experiments, options)[0] for experiments in drawn]
 
 
-def _described(motion: Motion, options: FrictionOptions) -> BoolArray:
-    """Samples within the accelerations and speeds that a fit has settled, shape ``(n,)``."""
+def described(motion: Motion, options: FrictionOptions) -> BoolArray:
+    """Samples within accelerations, turns and speeds that a fit has settled, shape ``(n,)``."""
     near = at_speeds(motion, options.speeds)
+    if options.turn_limit is not None:
+        near &= motion.turns <= options.turn_limit
     if options.acceleration_limit is None or motion.acceleration is None:
         return near
     if _is_steady(motion.velocity):
@@ -334,7 +335,7 @@ def both_ways(runs: Sequence[Data]) -> bool:
 
 def sides_moved(data: Sequence[Data]) -> list[str]:
     """Directions with enough moving samples to average; refused where there is none."""
-    counts = _count_sides(data)
+    counts = count_sides(data)
     least = max(5.0, 0.005 * sum(counts.values()))
     moved = [s for s in SIDES if counts[s] >= least]
     if not moved:
@@ -373,42 +374,3 @@ def half_range(data: Sequence[Data]) -> float:
     if forward.all() or not forward.any():
         return abs(float(np.mean(force)))
     return 0.5 * abs(float(np.mean(force[forward]) - np.mean(force[~forward])))
-
-
-def leave_out_accelerations(
-    data: Sequence[Data], options: FrictionOptions
-) -> tuple[list[Data], FrictionOptions, list[Notice]]:
-    """Leave out samples in which an unknown mass would show, and settle which these are.
-
-    The mass is estimated along with friction, only to see where its force exceeds a share
-    of the friction.
-    """
-    unchanged, axis = (list(data), options), data[0].axis
-    rows = []
-    for d in data:
-        if d.motion.acceleration is None:
-            return *unchanged, []
-        signs, regressor = d.direction[d.kept], d.motion.regressor[d.kept]
-        acceleration = d.motion.acceleration[d.kept]
-        rows.append(np.column_stack((1.0 + signs, 1.0 - signs, regressor, acceleration)))
-    a, force = np.vstack(rows), np.concatenate([d.matched[d.kept] for d in data])
-    step = min(d.experiment.sample_time for d in data)
-    if np.abs(a[:, 3]).max() <= 1e-9 * np.abs(a[:, 2]).max() / step:
-        return *unchanged, []  # rounding, no acceleration
-    a = a[:, np.any(a != 0.0, axis=0)]
-    scale = np.linalg.norm(a, axis=0)
-    mass = float((np.linalg.lstsq(a / scale, force, rcond=None)[0] / scale)[-1])
-    share = _SMALL * half_range(data)
-    if mass * float(np.quantile(np.abs(a[:, -1]), 0.999)) <= share:
-        return *unchanged, []
-    options = replace(options, acceleration_limit=share / mass)
-    quiet = [replace(d, kept=d.kept & _described(d.motion, options)) for d in data]
-    before, after = _count_sides(data), _count_sides(quiet)
-    if any(after[s] < 0.2 * before[s] for s in SIDES):
-        message = (
-            f"accelerating takes more than {100 * _SMALL:.0f} % of the friction in most of "
-            f"the moving samples (about {mass:.3g} {axis.inertia_unit}). Give --{axis.inertia}="
-            f"{axis.inertia_unit.replace(' ', '').upper()} to subtract it."
-        )
-        return *unchanged, [Notice("inertia-matters", message)]
-    return quiet, options, []
