@@ -156,8 +156,14 @@ def test_rounded_time_stamps_are_one_grid() -> None:
         (np.sin(np.arange(400) * 0.12), True),
         (np.sin(np.arange(400) * 0.3) + 0.01 * RNG.normal(size=400), True),
         (np.interp(np.arange(400), np.arange(0, 401, 20), RNG.normal(size=21)), False),
+        (
+            np.interp(np.arange(400), np.arange(0, 401, 20), 9.0 * RNG.normal(size=21))
+            + 0.1 * RNG.normal(size=400),
+            False,
+        ),
+        (np.sin(np.arange(400) * 0.12) + 0.1 * RNG.normal(size=400), True),
+        (np.sin(np.arange(400) * 0.02) + 0.1 * RNG.normal(size=400), True),
         (RNG.normal(size=400), False),
-        (np.cumsum(RNG.normal(size=400)), False),
     ],
 )
 def test_only_smooth_signals_are_taken_for_smooth(values: np.ndarray, smooth: bool) -> None:

@@ -18,9 +18,18 @@ import numpy.typing as npt
 from ..errors import UsageError
 from ..experiment import Array, Experiment, FloatArray, Hold, Signal
 from ..rows import by_rows, made
+from .noise import white_level
 from .spline import FEWEST, cubic_pieces
 
 GAP = 3.5  # usual sample times that a curve is drawn across
+_FEWEST_TOLD = 16  # samples that tell a curve from lines
+_ENOUGH = 20_000  # that tell it as well as a million
+_CLEARLY = 0.9  # of the squared errors of lines that those of cubics have to be
+# variances of a prediction from every second sample in which there is nothing but noise of 1
+_NOISE_OF_LINE, _NOISE_OF_CUBIC = 1.5, 1.755
+_SPREAD_OF_BOTH = 1.7  # of the difference of both, as it was simulated, over the root of n
+_SURE = 3.0  # deviations of what noise does
+_NOISY = 0.1  # share of the power that noise may have
 
 
 @dataclass(frozen=True)
@@ -61,29 +70,47 @@ def is_smooth(signals: Sequence[Signal]) -> bool:
 
     The measured force of a hand is smooth: straight lines between 100 Hz samples clip its
     peaks, which biases the inertia that is fitted to it. A signal that really follows
-    straight lines, jumps, or is mostly noise is not predicted better by a cubic. Noise
-    alone makes the cubic worse by 5 %, so any gain is due to the signal.
+    straight lines, or jumps, is not predicted better by a cubic.
+
+    Noise is predicted by neither, and worse by the cubic: what it adds to the errors is taken
+    away. Where nothing tells the two apart beside it, curves are the better guess: what they do
+    about a bend that nobody sees averages out, and lines clip every peak.
 
     Parameters
     ----------
     signals
         The same role in all logs: one decision for all of them.
     """
-    cubic, line = 0.0, 0.0
+    cubic = line = noise = power = doubt = 0.0
+    samples = 0
     for signal in signals:
-        more = _prediction_errors(signal.time, signal.values)
+        at = _middle(signal.values.size)
+        time, values = signal.time[at], signal.values[at]
+        if values.size < _FEWEST_TOLD:
+            continue
+        more = _prediction_errors(time, values)
+        sigma, relative = white_level(values)
         cubic, line = cubic + more[0], line + more[1]
-    return bool(cubic < 0.9 * line)
+        samples += values.size
+        noise += 0.5 * values.size * sigma**2
+        doubt += 0.5 * values.size * sigma**2 * relative
+        power += 0.5 * values.size * float(values.var())
+    if noise > _NOISY * power:  # there is no signal to speak of
+        return bool(cubic < _CLEARLY * line)
+    known = _NOISE_OF_CUBIC - _CLEARLY * _NOISE_OF_LINE
+    better = _CLEARLY * line - cubic + known * noise
+    chance = np.hypot(_SPREAD_OF_BOTH * noise / np.sqrt(max(samples, 1)), known * doubt)
+    return bool(better > -_SURE * chance)
+
+
+def _middle(samples: int) -> slice:
+    """A part of a long record that is told from as well as from all of it."""
+    begin = max((samples - _ENOUGH) // 2, 0)
+    return slice(begin, min(begin + _ENOUGH, samples))
 
 
 def _prediction_errors(time: FloatArray, values: FloatArray) -> tuple[float, float]:
     """Squared errors of a cubic and of lines through every second sample at the others."""
-    if values.size < 16:
-        return 0.0, 0.0
-    if values.size > 20_000:  # the answer does not need a million samples
-        middle = values.size // 2
-        part = slice(middle - 10_000, middle + 10_000)
-        time, values = time[part], values[part]
     kept, asked = slice(0, None, 2), slice(1, values.size - values.size % 2, 2)
     asked_time, truth = time[asked][2:-2], values[asked][2:-2]
     pieces = cubic_pieces(time[kept], values[kept])[2:][: truth.size]

@@ -205,8 +205,9 @@ class TransferFit:
         fitted = self._fit(model, ends, part)
         if self._are_very_long:
             part = self._part(_LONGER, rest)
-        self._refuse_ambiguous(fitted, model, places, part)
-        fitted, found = self._allow_for_input_noise(fitted, rest)
+        said, found, correct = self._look_for_input_noise(fitted, rest)
+        self._refuse_ambiguous(fitted, model, places, part, correct)
+        fitted = correct(fitted) if correct else replace(fitted, notices=[*fitted.notices, *said])
         tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
         return replace(fitted, search=tried, remarks=found), rest
 
@@ -269,12 +270,15 @@ class TransferFit:
         model: NamedModel,
         places: Sequence[Mapping[str, float]],
         part: NamedModel | None,
+        correct: Callable[[Fitted], Fitted] | None,
     ) -> None:
         """Refuse what has two values, far apart, that the data cannot tell from each other.
 
         ``places`` are where a rough search ended. A closer one may slide from there, along a
         valley that hardly falls, to the best: what they cost tells whether it does. Those that are
-        out of the question on ``part`` of long logs need no look at the others.
+        out of the question on ``part`` of long logs need no look at the others. Nor do those from
+        which one comes to the same: noise of an input that is averaged between samples makes a
+        dead time of half a sample look better, until it is allowed for (``correct``).
 
         Raises
         ------
@@ -299,7 +303,7 @@ class TransferFit:
             if cost - best.cost >= DECISIVE * unit:
                 continue
             apart = [k for k in range(len(names)) if abs(eta[k] - best.eta[k]) > _OTHER * errors[k]]
-            if not apart:
+            if not apart or (correct and _leads_back(fitted, correct, dict(zip(names, eta)))):
                 continue
             # a value to fall back on is none where the data allow two others
             apart.sort(key=lambda k: fitted.specs[names[k]].neutral is not None)
@@ -339,17 +343,22 @@ class TransferFit:
             scores.append(total * np.log(max(search.best.cost, 1e-300)) + count * np.log(total))
         return bool(scores[0] <= scores[1])
 
-    def _allow_for_input_noise(self, fitted: Fitted, rest: bool) -> tuple[Fitted, dict[str, Any]]:
-        """Correct the estimate for the noise of a measured input, where that matters."""
+    def _look_for_input_noise(
+        self, fitted: Fitted, rest: bool
+    ) -> tuple[list[Notice], dict[str, Any], Callable[[Fitted], Fitted] | None]:
+        """What is to be said of the noise of a measured input, and what corrects a fit for it.
+
+        Nothing does where it does not matter, or cannot be allowed for.
+        """
         experiments = self.experiments
         rows, roles = sum(e.samples for e in experiments), moving_inputs(experiments)
         if not roles or not fitted.names:
-            return fitted, {}
+            return [], {}, None
         role, seed = roles[0], self.request.seed
         given = self.request.noise.get(role)
         if rows > _MANY or rows < 200 * len(experiments):
             said = [_not_allowed_for(role)] if given else []
-            return replace(fitted, notices=[*fitted.notices, *said]), {}
+            return said, {}, None
 
         def build(
             held: Mapping[str, float], some: Sequence[Experiment], white: Sequence[Whitening]
@@ -369,18 +378,31 @@ class TransferFit:
         errors = np.array([fitted.std_error(n) for n in names])
         found: dict[str, Any] = {"role": noise.role, "sigma": noise.sigma, "unit": unit}
         if noise.sigma == 0.0 or noise.effect(at_hand, eta, errors) < _NEGLIGIBLE:
-            return fitted, {"input_noise": found}
+            return [], {"input_noise": found}, None
         if given is None:
             noise = noise.supported(at_hand, eta)
             found["sigma"] = noise.sigma
         if noise.sigma == 0.0:
-            return fitted, {"input_noise": found}
-        self.request.progress("allowing for the noise of the input")
-        corrected = correct_named(
-            noise, build, fitted, refusals=self.refusals, sensible=self.sensible
-        )
+            return [], {"input_noise": found}, None
         found["treatment"] = "residual whitened, score corrected"
-        return corrected, {"input_noise": found}
+
+        def correct(plain: Fitted) -> Fitted:
+            self.request.progress("allowing for the noise of the input")
+            return correct_named(
+                noise, build, plain, refusals=self.refusals, sensible=self.sensible
+            )
+
+        return [], {"input_noise": found}, correct
+
+
+def _leads_back(
+    fitted: Fitted, correct: Callable[[Fitted], Fitted], rival: Mapping[str, float]
+) -> bool:
+    """Whether a fit and a rival of it are the same once noise of the input is allowed for."""
+    own, other = correct(fitted), correct(replace(fitted, values={**fitted.values, **rival}))
+    return own.names == other.names and all(
+        abs(own.values[n] - other.values[n]) <= own.std_error(n) for n in own.names
+    )
 
 
 def _not_allowed_for(role: str) -> Notice:
