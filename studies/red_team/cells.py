@@ -71,10 +71,9 @@ and fitted many times, each with other noise.
   the right size.
 - `/ bound`: root mean square error over the Cramér-Rao bound, where the attack knows it.
 
-Intervals that hold more often than they say: errors of a coarse and quiet converter are bounded,
-not normal, and so is what a position of 20 Hz does not show. What errors of a recorded drive do
-(ball screw: rows that were lost, rounding, noise) is found by adding as much to the record, which
-holds some already: a break-away reacts more to noise the noisier the drive is.
+Errors of a coarse and quiet converter are bounded, not normal: such intervals hold a little more
+often than they say. What errors of a recorded drive do (ball screw: rows that were lost, rounding,
+noise) is found by adding as much to the record, in draws of its own for every log.
 
 | attack | runs | quiet | parameter | estimated | held | held, quiet | / stated | / bound |
 |---|---|---|---|---|---|---|---|---|

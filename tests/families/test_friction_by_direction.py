@@ -21,9 +21,9 @@ TRUTH = {
 DATASET = Path(__file__).parents[2] / "datasets" / "cylinder-friction"
 # of the fit of the README before viscous friction could differ by direction
 BEFORE = {
-    "viscous": (44.99626954997557, 0.02533836919007075),
-    "coulomb_positive": (2.3974593484696594, 0.0036689970720506864),
-    "coulomb_negative": (2.395663297992413, 0.00370043077610861),
+    "viscous": (44.99592168973728, 0.025323754525192175),
+    "coulomb_positive": (2.397489241216967, 0.0036678188203898925),
+    "coulomb_negative": (2.3957502392971124, 0.003695702297719404),
 }
 SIGMA = 0.1  # N
 

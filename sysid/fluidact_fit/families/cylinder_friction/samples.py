@@ -138,7 +138,7 @@ def _moving(motion: Motion, deadband: float) -> BoolArray:
     """
     v = motion.velocity
     turns = np.concatenate(([False], np.sign(v[1:]) != np.sign(v[:-1]), [False]))
-    unsure = (turns[1:] | turns[:-1]) & (np.abs(motion.regressor) <= deadband)
+    unsure = (turns[1:] | turns[:-1]) & (np.abs(motion.regressor) <= 0.5 * deadband)
     idle, kept = (np.abs(v) <= deadband) | unsure, motion.inside.copy()
     edges = np.flatnonzero(np.diff(np.concatenate(([False], idle, [False])).astype(int)))
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist()):
