@@ -30,6 +30,7 @@ from .recursion import run_recursion
 _LONG = 200_000  # samples of a series that its autocorrelation is judged by
 _LASTING = 12  # samples of a reading that no noise shakes
 _CROSSED = 2.0 / 3.0  # of a code squared, that readings differ by where noise crosses codes
+_ADDS = 0.02  # of a variance that is worth a closer look
 _RESTING = 0.05  # of all samples where it does not, from which on their errors may matter
 _TRIES = (20, 200)  # draws of where a signal lies among the codes, fewest and most
 _NEAR = (5, 25, 125)  # samples that a signal hardly changes over: always, and where it may rest
@@ -261,6 +262,17 @@ def _rests(readings: Sequence[tuple[FloatArray, float]]) -> bool:
     return resting > _RESTING * samples
 
 
+def _may_matter(
+    jacobian: Sequence[FloatArray],
+    readings: Sequence[tuple[FloatArray, float]],
+    bread: FloatArray,
+    total: FloatArray,
+) -> bool:
+    """Whether errors that are one for each code could add to the covariance ``total``."""
+    error = _by_codes(jacobian, readings, mirrored=False) @ bread
+    return bool(np.any(np.sum(error**2, axis=0) > _ADDS * np.diag(total)))
+
+
 def _most_noise(readings: Sequence[tuple[FloatArray, float]]) -> float:
     """Standard deviation of noise behind which the longest reading is hardly as long (5 %).
 
@@ -465,7 +477,14 @@ def covariance(
         degrees = max(int(min(effective, independent)) - p, 1)
     step = max((step for _, step in readings), default=0.0)
     whole = readings and all(y.size == j.shape[0] for j, (y, _) in zip(jacobian, readings))
-    if robust and whole and (is_coarse(step, float(sigma)) or _rests(readings)):
+    if (
+        robust
+        and whole
+        and (
+            is_coarse(step, float(sigma))
+            or (_rests(readings) and _may_matter(jacobian, readings, bread, total))
+        )
+    ):
         noise = max(sigma**2 - step**2 / 12.0, 0.0)
         rest, possible = total * (noise / sigma**2), []
         for mirrored in (False, True):  # what the machine is like nobody knows

@@ -60,7 +60,7 @@ def with_drive_errors(
     if not any(e.any() for e in errors) or not fitted.names:
         return fitted
     # logs of one bench are alike: what chance makes of some draws must not be the same for all
-    rng = np.random.default_rng([seed, *(crc32(s.values.tobytes()) for s in drives)])
+    rng = np.random.default_rng([seed, *(crc32(np.asarray(s.values).tobytes()) for s in drives)])
     scale: list[FloatArray | float] = [*weights] or [1.0] * len(drives)
     before = model.compared_rows(fitted.values)
     jacobian, residuals = fitted.solution.jacobian, fitted.solution.residuals
@@ -88,10 +88,11 @@ def with_drive_errors(
         if np.all(np.diag(added) < _MATTERS**2 * np.diag(plain.covariance)):
             return fitted
     # what wanders in the residual is what the drive did to it, and counted already
-    white = sum(r.size * noise_floor(r) ** 2 for r in residuals) / sum(map(square_sum, residuals))
-    both = np.asarray(min(white, 1.0) * plain.covariance + added)
-    part = float(np.max(np.diag(added) / np.diag(both)))
-    degrees = int(most / part**2)
+    white = sum(r.size * noise_floor(r) ** 2 for r in residuals)
+    rest = min(white / max(sum(map(square_sum, residuals)), 1e-300), 1.0)
+    both = np.asarray(max(rest, _LEAST) * plain.covariance + added)
+    part = np.diag(added)[np.diag(both) > 0.0] / np.diag(both)[np.diag(both) > 0.0]
+    degrees = int(most / max(float(part.max(initial=0.0)), _MATTERS) ** 2)
     if np.any(np.diag(fitted.covariance) > np.diag(both)):
         degrees = min(degrees, fitted.degrees)
     return replace(fitted, covariance=largest([fitted.covariance, both]), degrees=degrees)

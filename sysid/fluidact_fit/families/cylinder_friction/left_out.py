@@ -79,6 +79,8 @@ def leave_out_turns(
 
     .. [1] J. Hausman, "Specification tests in econometrics", Econometrica 46, 1978.
     """
+    if not all(d.experiment.time.size for d in data):
+        return list(data), options
     usual = float(np.median(np.concatenate([d.motion.turns[d.kept] for d in data])))
     fast = max(float(np.abs(d.speed).max(initial=0.0)) for d in data)
     limit = max(_CORNER * usual, _SHARP * fast)
