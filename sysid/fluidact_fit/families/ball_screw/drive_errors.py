@@ -29,7 +29,6 @@ from ...estimation.noise import noise_floor
 from ...estimation.parametric import Fitted
 from ...estimation.uncertainty import covariance, largest
 from ...experiment import Experiment, FloatArray, Signal
-from ...rows import square_sum
 from .model import Axis, DriveModel
 
 _DRAWS = 24, 96  # fewest and most disturbances; they tell a standard error to 14 and 7 %
@@ -87,10 +86,7 @@ def with_drive_errors(
         added = share * np.transpose(moves) @ np.array(moves) / count
         if np.all(np.diag(added) < _MATTERS**2 * np.diag(plain.covariance)):
             return fitted
-    # what wanders in the residual is what the drive did to it, and counted already
-    white = sum(r.size * noise_floor(r) ** 2 for r in residuals)
-    rest = min(white / max(sum(map(square_sum, residuals)), 1e-300), 1.0)
-    both = np.asarray(max(rest, _LEAST) * plain.covariance + added)
+    both = np.asarray(plain.covariance + added)
     part = np.diag(added)[np.diag(both) > 0.0] / np.diag(both)[np.diag(both) > 0.0]
     degrees = int(most / max(float(part.max(initial=0.0)), _MATTERS) ** 2)
     if np.any(np.diag(fitted.covariance) > np.diag(both)):
