@@ -318,3 +318,11 @@ def test_a_missing_response_is_found_behind_a_converter():
         logs = cylinder_friction.record(rng, law=law, converter=0.2, sigma=sigma)
         found = ff.fit("cylinder-friction", logs, mass=cylinder_friction.MASS)
         assert "unmodelled-response" in {n.code for n in found.notices}
+
+
+@pytest.mark.parametrize(("repetition", "seed"), [(1, 77120099), (3, 77120100)])
+def test_a_saturation_at_the_end_of_the_commands_is_not_ruled_out_in_silence(repetition, seed):
+    """It bends the curve by up to 4 standard errors, and one that was tried moved it by 1.2."""
+    attack = find_attack(hydraulic_motor, "at the edge of the search", "bent")
+    found = run(attack, repetition, seed)
+    assert "saturation_command" in found.errors or "saturation-undecided" in found.codes
