@@ -86,6 +86,10 @@ def recall_columns(document: ParameterDocument, log: Log) -> Log:
     ]
     best = max(range(len(sources)), key=lambda i: len(fitting[i]))
     known = _apply(log, fitting[best])
+    # a column that the user names is still drawn between its samples as the fit settled it
+    held = {r: c.hold for s in sources for r, c in s.columns.items() if c.hold and c.step is None}
+    named_here = {r: h for r, h in held.items() if r in log.bindings and r not in log.steps}
+    known = replace(known, holds={**named_here, **known.holds})
     timed = "time" in {*sources[best].columns, *log.bindings}
     if not timed and log.sample_time is None and sources[best].sample_time:
         known = replace(known, sample_time=sources[best].sample_time)

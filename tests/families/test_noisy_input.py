@@ -10,6 +10,7 @@ from studies.red_team.attacks import input_noise
 from studies.red_team.run import write
 
 import fluidact_fit as ff
+from fluidact_fit.simulation import simulate_logs
 
 
 def fit_line(folder: Path, seed: int, k: int, noise: float, n: int) -> ff.Fit:
@@ -36,3 +37,15 @@ def test_two_dead_times_that_noise_of_the_inlet_makes_are_one(tmp_path: Path) ->
     q = found.parameters["dead_time"]
     assert q.status == "estimated"
     assert abs(float(q.number) - input_noise.LINE["dead_time"]) < 4.0 * float(q.std_error)
+
+
+def test_a_column_that_is_named_keeps_the_hold_of_the_file(tmp_path: Path) -> None:
+    """Naming it again had the hold chosen again, from whatever log was simulated."""
+    (log,) = input_noise._line(np.random.default_rng(5), noise=0.05)
+    path = write(tmp_path / "log.csv", log, input_noise.LINE_UNITS)
+    document = ff.fit("line", path, hold={"inlet": "foh"}).document
+    columns = {"inlet": "inlet [Pa]", "outlet": "outlet [Pa]"}
+    plain, named = (
+        simulate_logs(document, [ff.read_log(path, **how)])[0] for how in ({}, {"columns": columns})
+    )
+    np.testing.assert_array_equal(named.simulated, plain.simulated)
