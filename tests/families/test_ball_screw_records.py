@@ -170,6 +170,12 @@ def test_intervals_hang_little_on_the_draws_of_the_noise(tmp_path: Path) -> None
     assert np.mean(spread) < 0.1  # 7 % are to be expected
 
 
+def test_a_covariance_that_rounding_made_uneven_is_written() -> None:
+    """Small beside two large ones, an element and its mirror image differed by too much."""
+    attack = find_attack(screw, "noise of the drive", "0.0001 N m, smooth")
+    assert run(attack, 2, 31400159).verdict in ("warn", "fail")
+
+
 def test_a_drive_that_was_rounded_in_the_machine_was_not_wrong_in_the_record() -> None:
     """Every interval of 200 held, six times too wide: the residual would show the rounding."""
     attack = find_attack(screw, "lost rows", "5 % of lines, foh")

@@ -179,7 +179,8 @@ class Solved:
         # nuisance values of single logs stay behind: their rows are dropped, not conditioned on
         kept = [k for k, name in enumerate(self.names) if name in out]
         order = tuple(self.names[k] for k in kept)
-        return out, order, self.covariance[np.ix_(kept, kept)]
+        matrix = self.covariance[np.ix_(kept, kept)]
+        return out, order, 0.5 * (matrix + matrix.T)  # rounding is not to make it uneven
 
     def _quantity(self, spec: ParameterSpec, unit: str) -> Quantity:
         name, value = spec.name, float(self.values[spec.name])
