@@ -88,8 +88,8 @@ def recall_columns(document: ParameterDocument, log: Log) -> Log:
     known = _apply(log, fitting[best])
     # a column that the user names is still drawn between its samples as the fit settled it
     held = {r: c.hold for s in sources for r, c in s.columns.items() if c.hold and c.step is None}
-    named_here = {r: h for r, h in held.items() if r in log.bindings and r not in log.steps}
-    known = replace(known, holds={**named_here, **known.holds})
+    followed = {r: h for r, h in held.items() if r in {*fitting[best], *log.bindings}}
+    known = replace(known, holds={**followed, **log.holds})
     timed = "time" in {*sources[best].columns, *log.bindings}
     if not timed and log.sample_time is None and sources[best].sample_time:
         known = replace(known, sample_time=sources[best].sample_time)
@@ -139,10 +139,8 @@ def _present(log: Log, columns: Mapping[str, Column]) -> dict[str, Column]:
 
 def _apply(log: Log, remembered: Mapping[str, Column]) -> Log:
     bindings, units = dict(log.bindings), dict(log.units)
-    scales, steps, holds = dict(log.scales), dict(log.steps), dict(log.holds)
+    scales, steps = dict(log.scales), dict(log.steps)
     for role, entry in remembered.items():
-        if entry.hold is not None and entry.step is None:
-            holds.setdefault(role, entry.hold)
         if role in log.steps or (role == "time" and log.sample_time is not None):
             continue
         if entry.step is not None:
@@ -153,7 +151,7 @@ def _apply(log: Log, remembered: Mapping[str, Column]) -> Log:
             units.setdefault(role, entry.unit)
         if entry.scale is not None:
             scales.setdefault(role, entry.scale)
-    return replace(log, bindings=bindings, units=units, scales=scales, steps=steps, holds=holds)
+    return replace(log, bindings=bindings, units=units, scales=scales, steps=steps)
 
 
 def recall_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Log]:

@@ -27,7 +27,7 @@ _ENOUGH = 20_000  # that tell it as well as a million
 _CLEARLY = 0.9  # of the squared errors of lines that those of cubics have to be
 # variances of a prediction from every second sample in which there is nothing but noise of 1
 _NOISE_OF_LINE, _NOISE_OF_CUBIC = 1.5, 1.755
-_SPREAD_OF_BOTH = 1.7  # of the difference of both, as it was simulated, over the root of n
+_SPREAD_OF_BOTH = 1.7  # of their difference over the root of n; simulated with a signal: 0.9
 _SURE = 3.0  # deviations of what noise does
 _NOISY = 0.1  # share of the power that noise may have
 

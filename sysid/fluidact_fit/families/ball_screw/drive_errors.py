@@ -87,9 +87,10 @@ def with_drive_errors(
         if np.all(np.diag(added) < _MATTERS**2 * np.diag(plain.covariance)):
             return fitted
     both = np.asarray(plain.covariance + added)
-    part = np.diag(added)[np.diag(both) > 0.0] / np.diag(both)[np.diag(both) > 0.0]
-    degrees = int(most / max(float(part.max(initial=0.0)), _MATTERS) ** 2)
-    if np.any(np.diag(fitted.covariance) > np.diag(both)):
+    variances = np.diag(both)
+    part = (np.diag(added) / np.maximum(variances, 1e-300)).max(initial=_MATTERS)
+    degrees = int(most / part**2)
+    if np.any(np.diag(fitted.covariance) > variances):
         degrees = min(degrees, fitted.degrees)
     return replace(fitted, covariance=largest([fitted.covariance, both]), degrees=degrees)
 

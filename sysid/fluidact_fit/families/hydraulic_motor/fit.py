@@ -26,7 +26,7 @@ from .starts import find_starts, highest_command, sizes
 _ROUNDS = 6  # of reweighting
 _SIGNIFICANT = 12.0  # rise of the squared residuals, in variances, without a saturation
 _POSSIBLE = 3.0  # the same, from which a saturation cannot be ruled out
-_MATTERS = 5.0  # times the standard errors by which one that is possible would move a parameter
+_MATTERS = 5.0  # that rise times the standard errors by which it would move a parameter
 _BENDS = (0.97, 0.93, 0.89, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)  # shares of the highest command
 _FAR = 4.0  # robust standard deviations from which a residual counts less
 

@@ -206,10 +206,12 @@ class TransferFit:
         if self._are_very_long:
             part = self._part(_LONGER, rest)
         said, found, correct = self._look_for_input_noise(fitted, rest)
-        self._refuse_ambiguous(fitted, model, places, part, correct)
-        fitted = correct(fitted) if correct else replace(fitted, notices=[*fitted.notices, *said])
-        tried = replace(fitted.search, tried=search.tried, agreeing=search.agreeing)
-        return replace(fitted, search=tried, remarks=found), rest
+        end = correct(fitted) if correct else replace(fitted, notices=[*fitted.notices, *said])
+        self._refuse_ambiguous(
+            fitted, model, places, part, partial(_leads_to, end, fitted, correct)
+        )
+        tried = replace(end.search, tried=search.tried, agreeing=search.agreeing)
+        return replace(end, search=tried, remarks=found), rest
 
     def _part(self, samples: int, rest: bool) -> NamedModel:
         """The model of part of the logs."""
@@ -270,15 +272,15 @@ class TransferFit:
         model: NamedModel,
         places: Sequence[Mapping[str, float]],
         part: NamedModel | None,
-        correct: Callable[[Fitted], Fitted] | None,
+        is_the_same: Callable[[Mapping[str, float]], bool],
     ) -> None:
         """Refuse what has two values, far apart, that the data cannot tell from each other.
 
         ``places`` are where a rough search ended. A closer one may slide from there, along a
         valley that hardly falls, to the best: what they cost tells whether it does. Those that are
-        out of the question on ``part`` of long logs need no look at the others. Nor do those from
-        which one comes to the same: noise of an input that is averaged between samples makes a
-        dead time of half a sample look better, until it is allowed for (``correct``).
+        out of the question on ``part`` of long logs need no look at the others. Nor do those that
+        are the same end: noise of an input that is averaged between samples makes a dead time of
+        half a sample look better, until it is allowed for.
 
         Raises
         ------
@@ -303,7 +305,7 @@ class TransferFit:
             if cost - best.cost >= DECISIVE * unit:
                 continue
             apart = [k for k in range(len(names)) if abs(eta[k] - best.eta[k]) > _OTHER * errors[k]]
-            if not apart or (correct and _leads_back(fitted, correct, dict(zip(names, eta)))):
+            if not apart or is_the_same(dict(zip(names, eta))):
                 continue
             # a value to fall back on is none where the data allow two others
             apart.sort(key=lambda k: fitted.specs[names[k]].neutral is not None)
@@ -395,13 +397,18 @@ class TransferFit:
         return [], {"input_noise": found}, correct
 
 
-def _leads_back(
-    fitted: Fitted, correct: Callable[[Fitted], Fitted], rival: Mapping[str, float]
+def _leads_to(
+    end: Fitted,
+    plain: Fitted,
+    correct: Callable[[Fitted], Fitted] | None,
+    rival: Mapping[str, float],
 ) -> bool:
-    """Whether a fit and a rival of it are the same once noise of the input is allowed for."""
-    own, other = correct(fitted), correct(replace(fitted, values={**fitted.values, **rival}))
-    return own.names == other.names and all(
-        abs(own.values[n] - other.values[n]) <= own.std_error(n) for n in own.names
+    """Whether a rival of a plain fit comes to the same end once noise is allowed for."""
+    if correct is None:
+        return False
+    other = correct(replace(plain, values={**plain.values, **rival}))
+    return end.names == other.names and all(
+        abs(end.values[n] - other.values[n]) <= end.std_error(n) for n in end.names
     )
 
 
