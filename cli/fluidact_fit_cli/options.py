@@ -167,7 +167,9 @@ def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
     given = {name: params[name] for name in ("sample_time", "window")}
     given |= {name: params[name] for name in _WRITING if params[name] is not None}
     given |= {"from_name": params["from_name"], **by_role}
-    known = [_names(p) for name in _LOGS for p in _listed(params.get(name))]
+    paths = list(paths)
+    given_logs = [*paths, *(p for name in _LOGS for p in _listed(params.get(name)))]
+    known = [_names(p) for p in dict.fromkeys(given_logs)]
     exclude = _by_log("--exclude", split_runs(params["exclude"]), known)
     exclude += _by_log("--exclude-rows", split_rows(params["exclude_rows"]), known)
     constants = _by_log("--set", params["set"], known)

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
-from .errors import LogError, Notice, NotIdentifiedError
+from .errors import LogError, Notice, NotIdentifiedError, UsageError
 from .experiment import Experiment
 from .family import Quantity, Variant
 from .fitting import refit
 from .logs import Log
 from .outcome import Simulation
 from .parameters.document import ParameterDocument
-from .simulation import prepare_logs, recall_logs, simulate_runs, variant_of
+from .recall import recall_logs
+from .simulation import prepare_logs, simulate_runs, variant_of
 
 RMSE_FACTOR = 2.0  # of the file's own rmse, plus one resolution step of the output
 MOST_STD_ERRORS = 4.0
@@ -43,9 +44,9 @@ class LogCheck:
 class Drift:
     """A parameter in the file and in the new logs [``unit``].
 
-    ``combined_error`` is the root of the sum of both squared standard errors, ``sigmas``
-    the distance in these, ``percent`` the distance relative to the file (``None`` where
-    that is zero).
+    ``combined_error`` is the standard error of the difference, ``sigmas`` the distance in these,
+    ``percent`` the distance relative to the file (``None`` where that is zero). ``held`` are
+    parameters that the new logs cannot tell: ``now`` is the value with these as in the file.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Drift:
     sigmas: float
     percent: float | None
     moved: bool
+    held: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,10 @@ def check_logs(
 ) -> Check:
     """Compare a parameter file with new logs of the machine.
 
+    Parameters that the file has estimated and the new logs cannot tell are held at the values of
+    the file, and the others compared with these held; the errors of the difference are then those
+    of both, with what the file does not know of the parameters held.
+
     It no longer ``fits`` when the rmse of a run is above ``RMSE_FACTOR`` times the file's plus one
     resolution step of the output, or a parameter moved by more than ``MOST_STD_ERRORS`` combined
     standard errors and by more than ``LEAST_RELATIVE``.
@@ -103,12 +109,16 @@ def check_logs(
     if any(q.std_error is not None for q in before.values() if q.status == "estimated"):
         say("fitting again")
         try:
-            drifts = _compare(before, refit(document, logs, progress=progress))
+            refitted = _refit(document, logs, progress)
+            drifts = _compare(document, before, refitted)
+            notices += _partly_compared(refitted.held, logs)
         except NotIdentifiedError as error:
             text = " ".join(error.text.split())
             message = f"only the simulation was compared, not the parameters: {text}"
             notices.append(Notice("not-compared", message))
     checks = tuple(_check_log(document, s, variant) for s in simulations)
+    if not drifts and not any(c.samples for c in checks):
+        _refuse_empty(checks)
     reasons = _reasons(checks, drifts)
     return Check(
         document.family, not reasons, reasons, checks, drifts, tuple(dict.fromkeys(notices))
@@ -134,30 +144,142 @@ def _check_log(document: ParameterDocument, simulation: Simulation, variant: Var
                     found.fit_percent, found.rmse <= limit)  # fmt: skip
 
 
-def _compare(before: Mapping[str, Quantity], now: Mapping[str, Quantity]) -> tuple[Drift, ...]:
+def _refuse_empty(checks: Sequence[LogCheck]) -> None:
+    raise NotIdentifiedError(
+        "the model describes no sample of the logs, and they determine no parameter.",
+        where=", ".join(dict.fromkeys(c.file for c in checks)),
+        expected="Nothing was compared.",
+        remedy="Check with logs that move the machine as those of the fit did.",
+    )
+
+
+@dataclass(frozen=True)
+class _Refitted:
+    """Parameters of the new logs, ``held`` ones at the values of the file.
+
+    ``slopes`` are the changes of the others per change of a held one.
+    """
+
+    found: Mapping[str, Quantity]
+    held: tuple[str, ...] = ()
+    slopes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+def _refit(
+    document: ParameterDocument, logs: Sequence[Log], progress: Callable[[str], None] | None
+) -> _Refitted:
+    """Fit the new logs, with what they cannot tell held as in the file."""
+    before = document.quantities()
+    numbers = _numbers({n: q for n, q in before.items() if q.status == "estimated"})
+    held: dict[str, float] = {}
+    found = refit(document, logs, progress=progress)
+    while more := {n: v for n, v in numbers.items() if n not in held and _is_lost(found.get(n))}:
+        held |= more
+        found = _refit_with(document, logs, held, progress)
+    slopes = {}
+    for name, value in held.items():
+        step = _error_of(before[name]) or abs(value) * 1e-3
+        if step > 0.0:
+            changed = _refit_with(document, logs, {**held, name: value + step}, progress)
+            after = _numbers(changed)
+            slopes[name] = {
+                n: (after[n] - now) / step
+                for n, now in _numbers(found).items()
+                if n in numbers and n not in held
+            }
+    return _Refitted(found, tuple(held), slopes)
+
+
+def _refit_with(
+    document: ParameterDocument,
+    logs: Sequence[Log],
+    held: Mapping[str, float],
+    progress: Callable[[str], None] | None,
+) -> Mapping[str, Quantity]:
+    """Fit with parameters held; some families cannot hold every one."""
+    try:
+        return refit(document, logs, fixed=held, progress=progress)
+    except UsageError as error:
+        raise NotIdentifiedError(
+            f"they cannot determine {', '.join(held)}, and there is no fit with these held as in "
+            f"the file ({error.what})."
+        ) from error
+
+
+def _numbers(quantities: Mapping[str, Quantity]) -> dict[str, float]:
+    return {n: float(q.value) for n, q in quantities.items() if not isinstance(q.value, list)}
+
+
+def _is_lost(q: Quantity | None) -> bool:
+    return q is not None and q.status == "not_identified"
+
+
+def _error_of(q: Quantity) -> float:
+    return q.std_error if isinstance(q.std_error, float) else 0.0
+
+
+def _partly_compared(held: Sequence[str], logs: Sequence[Log]) -> list[Notice]:
+    if not held:
+        return []
+    names, one = ", ".join(held), len(held) == 1
+    return [
+        Notice(
+            "compared-in-part",
+            f"{', '.join(log.name for log in logs[:4])}{' ...' if len(logs) > 4 else ''} cannot "
+            f"determine {names}: {'it is' if one else 'they are'} held as in the file, and the "
+            f"other parameters are compared with {'that' if one else 'those'}.",
+        )
+    ]
+
+
+def _compare(
+    document: ParameterDocument, before: Mapping[str, Quantity], refitted: _Refitted
+) -> tuple[Drift, ...]:
     """Compare all numbers, list entries too, that have a standard error on both sides."""
     drifts = []
     for name, old in before.items():
-        new = now.get(name)
+        new = refitted.found.get(name)
         if new is None or old.status != "estimated" or new.status != "estimated":
+            continue
+        if name in refitted.held:
             continue
         errors = ([] if q.std_error is None else q.std_error for q in (old, new))
         parts = [np.atleast_1d(np.asarray(q, dtype=float)) for q in (old.value, new.value, *errors)]
         if len({p.shape for p in parts}) > 1 or parts[0].ndim > 1:
             continue
         labels = [name] if parts[0].size == 1 else [f"{name}[{i}]" for i in range(parts[0].size)]
+        slopes = {held: own[name] for held, own in refitted.slopes.items() if own.get(name)}
         for label, a, b, error_a, error_b in zip(labels, *parts):
-            if (error := math.hypot(error_a, error_b)) > 0.0:
-                drifts.append(_drift(label, old.unit, a, b, error))
+            of_file = _combined(document, label, slopes) if slopes else error_a
+            if (error := math.hypot(of_file, error_b)) > 0.0:
+                drifts.append(_drift(label, old.unit, a, b, error, tuple(slopes)))
     return tuple(drifts)
 
 
-def _drift(name: str, unit: str, before: float, now: float, error: float) -> Drift:
+def _combined(document: ParameterDocument, name: str, slopes: Mapping[str, float]) -> float:
+    """Standard error of what the file expects of a parameter with others held."""
+    weights = {name: -1.0, **slopes}
+    given = document.covariance
+    order = [] if given is None else given.order
+    if given is None or not set(weights) <= set(order):
+        known = document.quantities()
+        return math.hypot(*(w * _error_of(known[n]) for n, w in weights.items()))
+    at = [order.index(n) for n in weights]
+    matrix = np.asarray(given.matrix, dtype=float)[np.ix_(at, at)]
+    w = np.array(list(weights.values()))
+    return math.sqrt(max(float(w @ matrix @ w), 0.0))
+
+
+def _drift(
+    name: str, unit: str, before: float, now: float, error: float, held: tuple[str, ...]
+) -> Drift:
     sigmas = abs(now - before) / error
     relative = (now - before) / abs(before) if before else None
     moved = sigmas > MOST_STD_ERRORS and (relative is None or abs(relative) > LEAST_RELATIVE)
     percent = None if relative is None else 100.0 * float(relative)
-    return Drift(name, unit, float(before), float(now), error, float(sigmas), percent, bool(moved))
+    return Drift(
+        name, unit, float(before), float(now), error, float(sigmas), percent, bool(moved), held
+    )
 
 
 def _reasons(logs: Sequence[LogCheck], drifts: Sequence[Drift]) -> tuple[str, ...]:
@@ -170,8 +292,9 @@ def _reasons(logs: Sequence[LogCheck], drifts: Sequence[Drift]) -> tuple[str, ..
     for drift in drifts:
         if drift.moved:
             by = "" if drift.percent is None else f" ({drift.percent:+.1f} %)"
+            given = f", with {', '.join(drift.held)} as in the file" if drift.held else ""
             found.append(
                 f"{drift.name} moved from {drift.before:.6g} to {drift.now:.6g} {drift.unit}{by}, "
-                f"{drift.sigmas:.1f} combined standard errors."
+                f"{drift.sigmas:.1f} combined standard errors{given}."
             )
     return tuple(found)

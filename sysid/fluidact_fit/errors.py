@@ -14,10 +14,10 @@ from dataclasses import dataclass
 # Options whose keyword in Python is not the same word.
 _KEYWORDS = {
     "fix": "fixed", "column": "columns", "unit": "units", "scale": "scales", "step": "steps",
-    "input": "inputs", "force": "overwrite=True",
+    "input": "inputs", "force": "overwrite=True", "set": "constants",
 }  # fmt: skip
 _MAPPINGS = {
-    "fix", "start", "bounds", "noise", "column", "unit", "scale", "step", "hold", "input",
+    "fix", "start", "bounds", "noise", "column", "unit", "scale", "step", "hold", "input", "set",
 }  # fmt: skip
 _VALUE = r"\"[^\"]*\"|'[^']*'|\[[^\]]*\]|\.\.\.|[^\s,;()]*[^\s,;().:]"
 _OPTION = re.compile(

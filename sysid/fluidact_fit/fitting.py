@@ -268,6 +268,7 @@ def refit(
     document: ParameterDocument,
     logs: Sequence[Log],
     *,
+    fixed: Mapping[str, float] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Mapping[str, Quantity]:
     """Fit the model of a parameter file to other logs, with everything settled as it was.
@@ -278,6 +279,8 @@ def refit(
         The file: its family, options, fixed values and bounds.
     logs
         Logs with their columns bound.
+    fixed
+        Parameters that are held as well, by name [SI].
 
     Returns
     -------
@@ -294,7 +297,7 @@ def refit(
     given = document.provenance.options or {}
     request = Request(
         options=plant.options,
-        fixed=given.get("fixed") or {},
+        fixed={**(given.get("fixed") or {}), **(fixed or {})},
         bounds={k: (v[0], v[1]) for k, v in (given.get("bounds") or {}).items()},
         noise=given.get("noise") or {},
         seed=document.provenance.seed or 0,

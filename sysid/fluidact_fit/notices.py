@@ -222,6 +222,11 @@ _JUDGEMENT = {
         "One log gives a significantly different value of a parameter than the others do.",
         "Check that it shows the same machine in the same state; leave it out or fit it alone.",
     ),
+    "compared-in-part": _information(
+        "The logs that `check` was given cannot determine a parameter of the file; it was held as "
+        "in the file, and the others were compared with it.",
+        "Nothing, or check with logs that determine all parameters, as those of the fit did.",
+    ),
     "not-compared": _warning(
         "`check` could not fit the new logs, so only the simulation was compared with them.",
         "Check with logs that determine all parameters, as those of the fit did.",

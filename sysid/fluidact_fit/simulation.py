@@ -14,13 +14,13 @@ from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
 from .family import Variant
-from .logs import Log, StepInput, read_log, require_agreement, share_columns
+from .logs import Log, StepInput, read_log, require_agreement
 from .logs import experiments as experiments_of
-from .logs.columns import in_unit, matching
+from .logs.columns import in_unit
 from .logs.experiments import step_signal
-from .logs.surgery import find_in_name, parse_exclusion, with_constants, without
 from .outcome import Simulation, pair
-from .parameters.document import Column, ParameterDocument
+from .parameters.document import ParameterDocument
+from .recall import recall_logs
 from .units import pressure_reference
 
 LogLike = Log | str | PathLike[str] | Any  # and the data themselves: see `read_log`
@@ -58,105 +58,6 @@ def _read_already(log: Log, said: Mapping[str, Any]) -> Log:
 def variant_of(document: ParameterDocument) -> Variant:
     """The variant of a document's family."""
     return get_family(document.family).variant(document.variant)
-
-
-def recall_columns(document: ParameterDocument, log: Log) -> Log:
-    """Bind a log's columns as the file's own logs were bound, where nothing else was said.
-
-    The example is the log of the provenance whose headers this log shares most; roles
-    without a header there take the columns of their own name, as usual.
-    """
-    sources = document.provenance.logs
-    if not sources:
-        return log
-    named = {
-        role: entry.from_name
-        for source in sources
-        for role, entry in source.columns.items()
-        if entry.from_name is not None and role not in {*log.steps, *log.bindings}
-    }
-    same = next((s for s in sources if s.sha256 == log.sha256), None)
-    own = same.columns if same is not None else {}
-    if same is not None:
-        log = _recall_parts(log, same.details or {})
-    log = _recall_constants(log, named, {r: own[r] for r in named if r in own})
-    fitting = [
-        {r: c for r, c in _present(log, source.columns).items() if r not in named}
-        for source in sources
-    ]
-    best = max(range(len(sources)), key=lambda i: len(fitting[i]))
-    known = _apply(log, fitting[best])
-    # a column that the user names is still drawn between its samples as the fit settled it
-    held = {r: c.hold for s in sources for r, c in s.columns.items() if c.hold and c.step is None}
-    followed = {r: h for r, h in held.items() if r in {*fitting[best], *log.bindings}}
-    known = replace(known, holds={**followed, **log.holds})
-    timed = "time" in {*sources[best].columns, *log.bindings}
-    if not timed and log.sample_time is None and sources[best].sample_time:
-        known = replace(known, sample_time=sources[best].sample_time)
-    return known
-
-
-def _recall_parts(log: Log, details: Mapping[str, Any]) -> Log:
-    """The part of a log that was fitted, unless the user names another."""
-    recalled = []
-    if not log.exclude and (excluded := details.get("exclude")):
-        log = without(log, [parse_exclusion(text) for text in excluded])
-        recalled += [f"--exclude {text}" for text in excluded]
-    if log.window is None and (window := details.get("window")):
-        low, _, high = window.partition(":")
-        ends = (float(low) if low else None, float(high) if high else None)
-        log = replace(log, window=ends)
-        recalled.append(f"--window {window}")
-    if not recalled:
-        return log
-    message = f"{log.name}: it was fitted, and the same part of it is used: {', '.join(recalled)}."
-    return replace(log, notices=(*log.notices, Notice("part-recalled", message)))
-
-
-def _recall_constants(log: Log, named: Mapping[str, str], own: Mapping[str, Column]) -> Log:
-    """Constants from the name of a log as the file's own logs had them in theirs.
-
-    What is in no name is known only of a log that was fitted: ``own`` are its columns.
-    """
-    for role, template in named.items():
-        if find_in_name(role, template, log.name) is not None:
-            log = with_constants(log, {}, {role: template})
-        elif role in own and (step := own[role].step) is not None:
-            steps = {**log.steps, role: StepInput(step.start, step.end, step.at)}
-            log = replace(log, steps=steps, units={**log.units, role: own[role].unit})
-    return log
-
-
-def _present(log: Log, columns: Mapping[str, Column]) -> dict[str, Column]:
-    """Entries of a provenance that a log can follow and the user did not replace."""
-    return {
-        role: entry
-        for role, entry in columns.items()
-        if role not in log.bindings
-        and (entry.header is None or len(matching(log, entry.header)) == 1)
-    }
-
-
-def _apply(log: Log, remembered: Mapping[str, Column]) -> Log:
-    bindings, units = dict(log.bindings), dict(log.units)
-    scales, steps = dict(log.scales), dict(log.steps)
-    for role, entry in remembered.items():
-        if role in log.steps or (role == "time" and log.sample_time is not None):
-            continue
-        if entry.step is not None:
-            steps[role] = StepInput(entry.step.start, entry.step.end, entry.step.at)
-        elif entry.header is not None:
-            bindings[role] = entry.header
-        if not entry.assumed:
-            units.setdefault(role, entry.unit)
-        if entry.scale is not None:
-            scales.setdefault(role, entry.scale)
-    return replace(log, bindings=bindings, units=units, scales=scales, steps=steps)
-
-
-def recall_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Log]:
-    """Bind the columns of logs that belong together as the file's own logs were bound."""
-    return share_columns([recall_columns(document, log) for log in logs])
 
 
 def prepare_logs(

@@ -13,7 +13,7 @@ from fluidact_fit.errors import LogError, ParameterFileError, UnitError, UsageEr
 from fluidact_fit.families import get_family
 from fluidact_fit.logs import experiments, read_log
 from fluidact_fit.logs.surgery import find_in_name, parse_constant, parse_exclusion
-from fluidact_fit.simulation import recall_columns
+from fluidact_fit.recall import recall_columns
 from fluidact_fit_cli.main import run
 from fluidact_fit_cli.options import read_logs
 
@@ -132,7 +132,8 @@ def test_a_constant_of_every_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert (old.steps["position"].start, old.units["position"]) == (0.0, "%")
     # nobody knows of one that is neither
     other = muscle(tmp_path / "m_other.csv", 0.1, rng)
-    assert "position" not in recall_columns(document, read_log(other)).steps
+    with pytest.raises(UsageError, match=r"m_unkink_1\.csv 0 %, m_kinked25_1\.csv 25 %"):
+        recall_columns(document, read_log(other))
 
 
 def test_a_constant_in_a_unit_of_another_kind_is_refused(tmp_path: Path) -> None:

@@ -154,7 +154,8 @@ def _check_source(logs: Sequence[str], params: Mapping[str, Any]) -> None:
 def _with_logs(
     document: ParameterDocument, paths: Sequence[str], params: Mapping[str, Any]
 ) -> list[Simulation]:
-    from fluidact_fit.simulation import prepare_logs, recall_logs, simulate_runs
+    from fluidact_fit.recall import recall_logs
+    from fluidact_fit.simulation import prepare_logs, simulate_runs
 
     runs, notices = prepare_logs(document, recall_logs(document, read_logs(paths, params)))
     if not params["quiet"]:

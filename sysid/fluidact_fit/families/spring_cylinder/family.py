@@ -221,11 +221,16 @@ def _one_way(
 
 
 def _simulate(plant: Plant[SpringOptions], runs: Sequence[Run]) -> list[Simulated]:
-    """Force of every run, without the samples that are spikes of the load cell."""
+    """Force of every run, without the samples that are spikes of the load cell.
+
+    Where most of a run is off the law does not hold there, and nothing of it is a spike.
+    """
     law, out = SpringLaw.of(with_speed(plant.numbers, fitted_velocities(runs))), []
     for d in runs:
         force = d.predict(law)
         spike = np.abs(d.force - force) > (plant.options.spike or np.inf)  # not so where NaN
+        if 2 * np.count_nonzero(spike & d.kept) > np.count_nonzero(d.kept):
+            spike = np.zeros_like(spike)
         out.append(Simulated(force, d.kept & ~spike))
     return out
 

@@ -1,0 +1,167 @@
+"""How the logs of a parameter file were read, for logs that are checked and simulated with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from .errors import Notice, UsageError
+from .logs import Log, StepInput, share_columns
+from .logs.columns import matching
+from .logs.surgery import find_in_name, parse_exclusion, with_constants, without
+from .parameters.document import Column, LogSource, ParameterDocument
+
+_LISTED = 4  # logs whose constant a message names
+
+
+def recall_columns(document: ParameterDocument, log: Log) -> Log:
+    """Bind a log's columns as the file's own logs were bound, where nothing else was said.
+
+    The example is the log itself where it was fitted, whatever it is called now, else the log of
+    the provenance whose headers this one shares most; roles without a header there take the
+    columns of their own name, as usual.
+
+    Raises
+    ------
+    UsageError
+        When a role was constant in every log of the file, at another value each, and nothing says
+        what it was in this one.
+    """
+    sources = document.provenance.logs
+    if not sources:
+        return log
+    named = {
+        role: entry.from_name
+        for source in sources
+        for role, entry in source.columns.items()
+        if entry.from_name is not None and role not in {*log.steps, *log.bindings}
+    }
+    same = next((s for s in sources if s.sha256 == log.sha256), None)
+    own = same.columns if same is not None else {}
+    if same is not None:
+        log = _recall_parts(log, same.details or {})
+    log = _recall_constants(log, named, {r: own[r] for r in named if r in own})
+    told_apart = set() if same is not None else _told_apart(log, sources)
+    candidates = sources if same is None else [same]
+    fitting = [
+        {r: c for r, c in _present(log, source.columns).items() if r not in {*named, *told_apart}}
+        for source in candidates
+    ]
+    best = max(range(len(candidates)), key=lambda i: len(fitting[i]))
+    known = _apply(log, fitting[best])
+    # a column that the user names is still drawn between its samples as the fit settled it
+    held = {r: c.hold for s in sources for r, c in s.columns.items() if c.hold and c.step is None}
+    followed = {r: h for r, h in held.items() if r in {*fitting[best], *log.bindings}}
+    known = replace(known, holds={**followed, **log.holds})
+    timed = "time" in {*candidates[best].columns, *log.bindings}
+    if not timed and log.sample_time is None and candidates[best].sample_time:
+        known = replace(known, sample_time=candidates[best].sample_time)
+    return known
+
+
+def _told_apart(log: Log, sources: Sequence[LogSource]) -> set[str]:
+    """Roles whose constants belong to the logs of the file, and not to any other log.
+
+    ``UsageError`` where such a role is in every log of the file and nothing gives it in this one.
+    """
+    steps = {role for s in sources for role, column in s.columns.items() if column.step is not None}
+    apart = set()
+    for role in steps - {*log.steps, *log.bindings}:
+        entries = [s.columns.get(role) for s in sources]
+        if len({(e.step.start, e.step.end, e.step.at, e.unit) if e and e.step else None
+                for e in entries}) == 1:  # fmt: skip
+            continue
+        apart.add(role)
+        if all(entries) and not any(matching(log, text) for text in _headers(role, entries)):
+            _refuse_unknown(log, role, sources)
+    return apart
+
+
+def _headers(role: str, entries: Sequence[Column | None]) -> set[str]:
+    """Headers by which a log would have a column of a role."""
+    return {role, *(e.header for e in entries if e is not None and e.header is not None)}
+
+
+def _refuse_unknown(log: Log, role: str, sources: Sequence[LogSource]) -> None:
+    known = [(s.file, s.columns[role]) for s in sources]
+    texts = [
+        f"{file} {_value_text(c.step.start, c.step.end)} {c.unit}" if c.step else f"{file} recorded"
+        for file, c in known[:_LISTED]
+    ]
+    more = f" and {len(known) - _LISTED} more" if len(known) > _LISTED else ""
+    raise UsageError(
+        f"'{role}' was constant in the logs of the parameter file, each at its own value, and is "
+        "not known in this one.",
+        where=log.name,
+        expected=f"In the file: {', '.join(texts)}{more}.",
+        remedy=f'Give --set {role}="VALUE UNIT"; of one log of several, '
+        f"--set '{log.name}:{role}=VALUE UNIT'.",
+    )
+
+
+def _value_text(start: float, end: float) -> str:
+    return f"{start:.6g}" if start == end else f"{start:.6g} to {end:.6g}"
+
+
+def _recall_parts(log: Log, details: Mapping[str, Any]) -> Log:
+    """The part of a log that was fitted, unless the user names another."""
+    recalled = []
+    if not log.exclude and (excluded := details.get("exclude")):
+        log = without(log, [parse_exclusion(text) for text in excluded])
+        recalled += [f"--exclude {text}" for text in excluded]
+    if log.window is None and (window := details.get("window")):
+        low, _, high = window.partition(":")
+        ends = (float(low) if low else None, float(high) if high else None)
+        log = replace(log, window=ends)
+        recalled.append(f"--window {window}")
+    if not recalled:
+        return log
+    message = f"{log.name}: it was fitted, and the same part of it is used: {', '.join(recalled)}."
+    return replace(log, notices=(*log.notices, Notice("part-recalled", message)))
+
+
+def _recall_constants(log: Log, named: Mapping[str, str], own: Mapping[str, Column]) -> Log:
+    """Constants from the name of a log as the file's own logs had them in theirs.
+
+    What is in no name is known only of a log that was fitted: ``own`` are its columns.
+    """
+    for role, template in named.items():
+        if find_in_name(role, template, log.name) is not None:
+            log = with_constants(log, {}, {role: template})
+        elif role in own and (step := own[role].step) is not None:
+            steps = {**log.steps, role: StepInput(step.start, step.end, step.at)}
+            log = replace(log, steps=steps, units={**log.units, role: own[role].unit})
+    return log
+
+
+def _present(log: Log, columns: Mapping[str, Column]) -> dict[str, Column]:
+    """Entries of a provenance that a log can follow and the user did not replace."""
+    return {
+        role: entry
+        for role, entry in columns.items()
+        if role not in log.bindings
+        and (entry.header is None or len(matching(log, entry.header)) == 1)
+    }
+
+
+def _apply(log: Log, remembered: Mapping[str, Column]) -> Log:
+    bindings, units = dict(log.bindings), dict(log.units)
+    scales, steps = dict(log.scales), dict(log.steps)
+    for role, entry in remembered.items():
+        if role in log.steps or (role == "time" and log.sample_time is not None):
+            continue
+        if entry.step is not None:
+            steps[role] = StepInput(entry.step.start, entry.step.end, entry.step.at)
+        elif entry.header is not None:
+            bindings[role] = entry.header
+        if not entry.assumed:
+            units.setdefault(role, entry.unit)
+        if entry.scale is not None:
+            scales.setdefault(role, entry.scale)
+    return replace(log, bindings=bindings, units=units, scales=scales, steps=steps)
+
+
+def recall_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Log]:
+    """Bind the columns of logs that belong together as the file's own logs were bound."""
+    return share_columns([recall_columns(document, log) for log in logs])
