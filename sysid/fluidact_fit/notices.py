@@ -177,6 +177,11 @@ _JUDGEMENT = {
         "biases the parameters.",
         "Record with the controller off, with an added excitation, or with a cleaner sensor.",
     ),
+    "compared-in-part": _information(
+        "The logs that `check` was given cannot determine a parameter of the file; it was held as "
+        "in the file, and the others were compared with it.",
+        "Nothing, or check with logs that determine all parameters, as those of the fit did.",
+    ),
     "conditional": _warning(
         "A parameter that the data cannot determine was held at a value, and others would move "
         "with it by more than their intervals say.",
@@ -221,11 +226,6 @@ _JUDGEMENT = {
     "log-differs": _warning(
         "One log gives a significantly different value of a parameter than the others do.",
         "Check that it shows the same machine in the same state; leave it out or fit it alone.",
-    ),
-    "compared-in-part": _information(
-        "The logs that `check` was given cannot determine a parameter of the file; it was held as "
-        "in the file, and the others were compared with it.",
-        "Nothing, or check with logs that determine all parameters, as those of the fit did.",
     ),
     "not-compared": _warning(
         "`check` could not fit the new logs, so only the simulation was compared with them.",
