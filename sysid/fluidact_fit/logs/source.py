@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import codecs
 import hashlib
-import io
-import lzma
 import re
 import sys
-import zlib
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from ..errors import LogError
+from .archives import unpack
 
 _PROBE = 1 << 16
 _CONTROL = bytes([*range(9), *range(14, 27), 28, 29, 30, 31])
@@ -25,10 +21,6 @@ _FOREIGN = (
     (b"\xd0\xcf\x11\xe0", "an old Excel workbook", "Save it as CSV."),
     (b"%PDF", "a PDF document", "Give the CSV log itself."),
 )
-
-
-_PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\xfd7zXZ": "lzma", b"\x28\xb5\x2f\xfd": "zstd"}
-_LARGEST = 1 << 32
 
 
 @dataclass(frozen=True)
@@ -91,7 +83,7 @@ def _refusal(what: str, where: str, remedy: str) -> LogError:
 def read_bytes(path: Path) -> tuple[bytes, str]:
     """The bytes of a file, unpacked, of standard input for ``-``; and the checksum of the file."""
     raw = _read_raw(path)
-    return _unpack(raw, name_of(path)), hashlib.sha256(raw).hexdigest()
+    return unpack(raw, name_of(path)), hashlib.sha256(raw).hexdigest()
 
 
 def begins_with(path: Path, magic: bytes) -> bool:
@@ -109,29 +101,6 @@ def checksum(path: Path) -> str:
     """SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _unpack(raw: bytes, name: str) -> bytes:
-    """Unpacked bytes, up to a limit: a small archive may hold a lot of nothing."""
-    packed = next((module for magic, module in _PACKED.items() if raw.startswith(magic)), None)
-    if packed is None:
-        return raw
-    try:
-        with _open_packed(raw, packed) as stream:
-            unpacked: bytes = stream.read(_LARGEST + 1)
-    except (OSError, EOFError, ValueError, zlib.error, lzma.LZMAError) as error:
-        raise _refusal(f"the archive is damaged ({error}).", name, "Pack it again.") from None
-    if len(unpacked) > _LARGEST:
-        raise _refusal("the archive holds more than 4 GB.", name, "Unpack and split it.")
-    return unpacked
-
-
-def _open_packed(raw: bytes, packed: str) -> Any:
-    if packed == "zstd":
-        import pyarrow
-
-        return pyarrow.CompressedInputStream(pyarrow.BufferReader(raw), packed)
-    return import_module(packed).open(io.BytesIO(raw))
 
 
 def _read_raw(path: Path) -> bytes:
