@@ -164,6 +164,7 @@ def member_of(content: bytes) -> bytes:
 
 def test_members_of_a_workbook_are_read_within_one_bound() -> None:
     assert member_of(zipped(("a.xml", b"abc"), ("b.xml", PLAIN))) == b"abc" + PLAIN
+    assert member_of(forged_size(zipped(("log.csv", PLAIN)), 1 << 31)) == PLAIN
     with pytest.raises(LogError, match="holds more than 67 MB"):
         member_of(zipped(("a.xml", ROWS * 16), ("b.xml", ROWS * 16)))
 
@@ -174,7 +175,6 @@ def test_members_of_a_workbook_are_read_within_one_bound() -> None:
         (zipped(("log.csv", PLAIN), how=zipfile.ZIP_BZIP2), "packed in a way that is not read"),
         (zipped(("log.csv", PLAIN), how=zipfile.ZIP_LZMA), "packed in a way that is not read"),
         (forged_size(zipped(("log.csv", PLAIN)), 100), "damaged"),
-        (forged_size(zipped(("log.csv", PLAIN)), 1 << 31), "damaged"),
         (locked(), "damaged"),
         (zipped(("log.csv", PLAIN))[:-30], "damaged"),
         (zipped(*((f"{k}", b"") for k in range(10_001))), "10001 files"),
