@@ -116,7 +116,7 @@ def _damaged(error: Exception, name: str) -> LogError:
     return LogError(
         f"the archive is damaged ({str(error)[:200] or type(error).__name__}).",
         where=name,
-        remedy="Pack the log again, or give it as it is.",
+        remedy="Check the archive, or give the log unpacked.",
     )
 
 
