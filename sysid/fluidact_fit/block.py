@@ -293,7 +293,7 @@ class SteppedBlock(Block):
 
 @dataclass(frozen=True)
 class LinearModel:
-    """``x' = a x + b w(t - dead_time)``, ``y = c x``, with a dead zone before it.
+    """``x' = a x + b w(t - dead_time)``, ``y = c x``, with a dead zone or a curve before it.
 
     Attributes
     ----------
@@ -305,6 +305,9 @@ class LinearModel:
         Negative and positive edge [unit of the input]; ``None`` without one.
     gain
         Steady output per input; ``None`` for an integrating model.
+    curve
+        What acts on the model, of the input, where that is more than a dead zone. It keeps its
+        states from one change of the input to the next.
     """
 
     a: FloatArray
@@ -313,10 +316,11 @@ class LinearModel:
     dead_time: float
     dead_zone: tuple[float, float] | None
     gain: float | None
+    curve: Routine | None = None
 
 
 class LinearBlock(SteppedBlock):
-    """A block that is a continuous linear model but for its dead zone."""
+    """A block that is a continuous linear model but for what stands before it."""
 
     @abstractmethod
     def linear_model(self) -> LinearModel:

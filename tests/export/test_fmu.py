@@ -33,7 +33,10 @@ from fluidact_fit.routines import Machine
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "0.1.0"
 FAMILIES = sorted(path.stem for path in GOLDEN.glob("*.yaml"))
-PLANTS = {"ball-screw": "torque", "hydrostatic": "force", "line": "inlet", "valve": "command"}
+PLANTS = {
+    "ball-screw": "torque", "hydraulic-motor": "command", "hydrostatic": "force", "line": "inlet",
+    "valve": "command",
+}  # fmt: skip
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wshadow"]
 OK, ERROR = 0, 3
 Array = npt.NDArray[np.float64]
@@ -212,7 +215,8 @@ def test_fmpy_simulates_what_the_model_gives(family: str, tmp_path: Path) -> Non
     """Steps of one sample; outputs are those at the end of a step."""
     path = tmp_path / "unit.fmu"
     path.write_bytes(unit_of(family))
-    block, period = block_of(family), 0.01
+    block = block_of(family)
+    period = block.sample_time if family in PLANTS else 0.01
     if family in PLANTS:
         (low, high, _), name = block.validity[PLANTS[family]], PLANTS[family]
         records = {name: draw(low, high, 200)}
@@ -462,20 +466,21 @@ def test_what_is_beyond_a_range_is_clamped_and_told(host: Callable[[str], Host])
 def test_asking_changes_nothing_and_a_step_does(host: Callable[[str], Host]) -> None:
     """The play of the motor's valve keeps the direction of the last step only."""
     block, unit = block_of("hydraulic-motor"), host("hydraulic-motor").running()
+    long = 60.0 * block.parameters["time_constant"]
     for u in (5.0, 3.0):
         assert unit.set("command", u) == OK
-        assert unit.step(0.1) == OK
-    down = unit.get("step_value")
-    assert down == pytest.approx(float(block(3.0, -1)), rel=1e-9)
+        assert unit.step(long) == OK
+    down = unit.get("speed")
+    assert down == pytest.approx(float(block(3.0, -1)) + block.offset, rel=1e-9)
     assert unit.set("command", 0.5) == OK
-    unit.get("step_value")
+    unit.get("speed")
     assert unit.set("command", 3.0) == OK
-    assert unit.get("step_value") == down
+    assert unit.get("speed") == down
     for u in (0.5, 3.0):
         assert unit.set("command", u) == OK
-        assert unit.step(0.1) == OK
-    up = unit.get("step_value")
-    assert up == pytest.approx(float(block(3.0, 1)), rel=1e-9)
+        assert unit.step(long) == OK
+    up = unit.get("speed")
+    assert up == pytest.approx(float(block(3.0, 1)) + block.offset, rel=1e-9)
     assert up != pytest.approx(down, rel=1e-3)
 
 
@@ -592,7 +597,8 @@ def test_the_sources_compile_without_a_warning_under_names_of_their_own(
     family: str, tmp_path: Path
 ) -> None:
     job = job_of(family)
-    made = gcc(*STRICT, "-c", sources_of(job, tmp_path), "-o", tmp_path / "unit.o")
+    prefix = f"-DFMI2_FUNCTION_PREFIX={job.name}_"
+    made = gcc(*STRICT, prefix, "-c", sources_of(job, tmp_path), "-o", tmp_path / "unit.o")
     assert made.returncode == 0, made.stderr
     names = subprocess.run(
         ["nm", "-g", "--defined-only", tmp_path / "unit.o"], capture_output=True, text=True,
@@ -602,8 +608,29 @@ def test_the_sources_compile_without_a_warning_under_names_of_their_own(
     assert all(name.startswith(f"{job.name}_") for name in names)
 
 
+@needs_gcc
+@pytest.mark.filterwarnings("ignore")  # those of FMPy itself
+@pytest.mark.parametrize("family", ["hydraulic-motor", "line"])
+def test_a_library_that_fmpy_compiles_from_the_sources_runs(family: str, tmp_path: Path) -> None:
+    """The way of every platform that the unit holds no library for."""
+    fmpy()
+    if shutil.which("cmake") is None or shutil.which("make") is None:
+        pytest.skip("cmake or make is not installed")
+    from fmpy.build import build_platform_binary
+
+    with zipfile.ZipFile(io.BytesIO(unit_of(family))) as archive:
+        archive.extractall(tmp_path)
+    (library,) = (tmp_path / "binaries" / "linux64").iterdir()
+    library.unlink()
+    build_platform_binary(tmp_path)
+    plain = subprocess.run(["nm", "-D", "--defined-only", library], capture_output=True, text=True,
+                           check=True).stdout.split()[2::3]  # fmt: skip
+    assert "fmi2DoStep" in plain
+    found = fmpy().simulate_fmu(str(tmp_path), stop_time=0.1)
+    assert len(found) > 1
+
+
 DRIVER = """
-#define FMI2_OVERRIDE_FUNCTION_PREFIX
 #include "{name}.c"
 
 int main(void)

@@ -188,6 +188,36 @@ def test_inverse(command: float, direction: int) -> None:
         assert float(block.inverse(speed, direction)) == pytest.approx(command, rel=1e-6)
 
 
+@pytest.mark.parametrize(("dead_time", "period"), [(0.0, 0.02), (0.03, 0.02), (0.0371, 0.01)])
+def test_a_step_moves_as_the_continuous_motor_does(dead_time: float, period: float) -> None:
+    """Play, curve, dead time and lag on a grid of ten microseconds, which shares no code."""
+    block = loaded().with_sample_time(period)
+    block.parameters._values["dead_time"] = dead_time
+    v = {n: number(fitted(), n) for n in fitted().parameters}
+    command = np.random.default_rng(3).uniform(-6.5, 6.5, 40).repeat(3)
+    fine, late = 1e-5, round(dead_time / 1e-5)
+    spool, steady = 0.0, [0.0] * late
+    for u in command.tolist():
+        spool = min(max(spool, u - 0.5 * v["hysteresis"]), u + 0.5 * v["hysteresis"])
+        size = min(abs(spool), v["saturation_command"]) - v["dead_zone"]
+        flow = -np.expm1(-v["curvature"] * max(size, 0.0)) * v["gain"] / v["curvature"]
+        steady += [float(np.sign(spool) * flow)] * round(period / fine)
+    speed, wanted = 0.0, []
+    for n, target in enumerate(steady[: command.size * round(period / fine)]):
+        if n % round(period / fine) == 0:
+            wanted.append(speed + block.offset)
+        speed += (target - speed) * -np.expm1(-fine / v["time_constant"])
+    found = [block.step(u) for u in command.tolist()]
+    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-7 * np.ptp(wanted))
+
+
+def test_a_motor_at_rest_under_a_command_stays_there() -> None:
+    block = loaded()
+    block.reset(input=3.0)
+    steady = float(block(3.0)) + block.offset
+    assert [block.step(3.0) for _ in range(5)] == pytest.approx([steady] * 5, rel=1e-12)
+
+
 @real
 def test_real_motor() -> None:
     """Dead zone, saturation and hysteresis of the curve; 50 ms to 100 ms of lag."""

@@ -45,7 +45,7 @@ def test_a_map_gives_what_its_block_gives(family: str, name: str) -> None:
     assert not np.any(outside)
 
 
-@pytest.mark.parametrize("family", ["valve", "line", "hydrostatic"])
+@pytest.mark.parametrize("family", ["valve", "line", "hydrostatic", "hydraulic-motor"])
 def test_a_step_gives_what_the_difference_equation_gives(family: str) -> None:
     loaded: Any = ff.load(GOLDEN / f"{family}.yaml", accept_not_identified=True)
     for period in (0.01, 0.0037):
@@ -84,7 +84,7 @@ def test_what_lies_beyond_a_range_is_clamped_and_told() -> None:
 
 def test_a_play_and_a_tracked_direction_are_kept_between_calls() -> None:
     motor: Any = ff.load(GOLDEN / "hydraulic-motor.yaml", accept_not_identified=True)
-    routine = routine_of(motor, "step")
+    routine = motor.linear_model().curve
     machine = Machine(routine)
     high = routine.arguments[0].high
     up = [float(machine(command=u)[0]) for u in np.linspace(0.0, high, 50)]

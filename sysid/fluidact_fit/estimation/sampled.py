@@ -8,6 +8,8 @@ from math import floor
 import numpy as np
 
 from ..experiment import FloatArray
+from ..routines import Filter, Name
+from ..routines.routine import as_matrix
 from .linear import transition
 
 
@@ -53,3 +55,12 @@ def sample(
     assert gamma is not None
     new = gamma[1, :, 0]  # the sample's own command, once it arrives
     return Sampled(phi[0], new, gamma[0, :, 0] - new, c, whole)
+
+
+def difference_equation(model: Sampled) -> Filter:
+    """The sampled model as it stands in a routine, its input named ``drive``."""
+    change = model.phi - np.eye(model.new.size)
+    return Filter(
+        "moved", as_matrix(change), tuple(model.new.tolist()), tuple(model.old.tolist()),
+        tuple(model.output.tolist()), model.whole, Name("drive"),
+    )  # fmt: skip

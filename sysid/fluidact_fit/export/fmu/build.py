@@ -13,7 +13,6 @@ from ...errors import OutputError
 
 _OPTIONS = (
     "-std=c99", "-O2", "-fPIC", "-shared", "-s", "-fvisibility=hidden", "-Wl,--build-id=none",
-    "-DFMI2_OVERRIDE_FUNCTION_PREFIX",
 )  # fmt: skip
 _LONGEST = 120.0  # s
 

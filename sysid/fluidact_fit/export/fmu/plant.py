@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from ...block import Block, DryDriveBlock, FlowBlock, LinearBlock, Port
+from ...block import Block, DryDriveBlock, FlowBlock, LinearBlock, LinearModel, Port
 from ...control.machines import hydraulic_cylinder
 from ...control.plants.hydraulic import HydraulicCylinder
 from ...errors import UsageError
@@ -25,7 +25,7 @@ def add_plant(model: Model, block: Block, name: str) -> None:
     time: where the steps are one sample long, it gives the same numbers.
     """
     if isinstance(block, LinearBlock):
-        _add_linear(model, block)
+        _add_linear(model, block, name)
     elif isinstance(block, DryDriveBlock):
         _add_drive(model, block)
     elif isinstance(block, FlowBlock):
@@ -44,7 +44,7 @@ def _flag(argument: Argument) -> Result:
     return Result("outside", None, about, (argument.name,))
 
 
-def _add_linear(model: Model, block: LinearBlock) -> None:
+def _add_linear(model: Model, block: LinearBlock, name: str) -> None:
     law, out = block.linear_model(), block.output
     argument, drive = _driven(model, block)
     place, flag = model.output(Result(out.role, out.unit, "output of the model"), _flag(argument))
@@ -56,16 +56,8 @@ def _add_linear(model: Model, block: LinearBlock) -> None:
         table("linear_a", law.a.tolist()),
         table("linear_b", law.b.tolist()),
         table("linear_c", law.c.tolist()),
-        table("linear_edges", law.dead_zone or (0.0, 0.0)),
         table("linear_range", (argument.low, argument.high)),
     ]
-    if law.gain is None:
-        model.constants.append("#define LINEAR_INTEGRATING")
-    else:
-        model.constants += [
-            f"static const double linear_gain = {number(law.gain)};",
-            f"static const double linear_offset = {number(block.offset)};",
-        ]
     if law.dead_time > 0.0:
         model.constants += [
             f"#define LINEAR_QUEUE {_CHANGES}",
@@ -73,15 +65,41 @@ def _add_linear(model: Model, block: LinearBlock) -> None:
         ]
     model.headers.append("linear.h")
     model.memory.append("linear_memory plant;")
-    model.begin.append(f"linear_begin(&memory->plant, {start});")
+    at_rest = "0.0" if law.gain is None else start
+    acting, level = _before_linear(model, law, name, drive, at_rest)
+    if law.gain is None:
+        model.begin.append(f"linear_begin(&memory->plant, {level}, {start});")
+    else:
+        output = f"{number(law.gain)} * level + {number(block.offset)}"
+        model.begin.append(
+            f"{{ const double level = {level}; linear_begin(&memory->plant, level, {output}); }}"
+        )
     model.evaluate += [
         f"(void)linear_clamped({drive}, &{flag});",
         f"{place} = linear_output(&memory->plant);",
     ]
     model.advance += [
-        f"problem = linear_advance(&memory->plant, {drive}, time, span);",
+        f"problem = linear_advance(&memory->plant, {acting}, time, span);",
         "if (problem) return problem;",
     ]
+
+
+def _before_linear(
+    model: Model, law: LinearModel, name: str, drive: str, rest: str
+) -> tuple[str, str]:
+    """What stands before the linear model: C of what acts under an input, and of that at rest."""
+    if law.curve is None:
+        model.constants += [
+            "#define LINEAR_EDGES",
+            table("linear_edges", law.dead_zone or (0.0, 0.0)),
+        ]
+        return f"linear_behind(linear_clamped({drive}, NULL))", f"linear_behind({rest})"
+    writer = Writer(law.curve, name, DOUBLE)
+    model.called.append(law.curve)
+    model.memory.append(f"{writer.name}_state before;")
+    model.begin.append(f"{writer.name}_reset(&memory->before);")
+    call = f"{writer.name}(&memory->before, {{}}, NULL)"
+    return call.format(f"linear_clamped({drive}, NULL)"), call.format(rest)
 
 
 def _add_drive(model: Model, block: DryDriveBlock) -> None:

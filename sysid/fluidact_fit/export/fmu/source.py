@@ -27,9 +27,6 @@ def source(unit: Unit, guid: str) -> str:
     least += [-sys.float_info.max if s.minimum is None else s.minimum for s in model.parameters]
     lines = [
         *comment([f"{unit.name}: {unit.about}.", *unit.remarks, "SI and double precision."]),
-        "#ifndef FMI2_FUNCTION_PREFIX",
-        f"#define FMI2_FUNCTION_PREFIX {unit.name}_",
-        "#endif",
         '#include "fmi2_types.h"',
         "",
         "#include <math.h>",

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import Notice, UsageError
 from ...estimation.departures import soft_edges
+from ...estimation.discrete import discretise
 from ...estimation.named_model import Values, check_request
 from ...estimation.parametric import Fitted
 from ...experiment import Experiment, Hold
@@ -145,13 +146,18 @@ class HydraulicMotor(Family[MotorOptions]):
         return [soft_edges(plant, "command", (-edge, edge))]
 
     def model(self, plant: Plant[MotorOptions], sample_time: float, hold: Hold) -> dict[str, Any]:
-        """The static curve and the lag behind it."""
+        """The static curve, the lag behind it, and that lag for a speed held between samples."""
         v = plant.numbers
         lag = ("time_constant", "dead_time")
-        return {
+        section: dict[str, Any] = {
             "static": {"equation": self.equation, **{n: v[n] for n in v if n not in lag}},
             "lag": {n: v[n] for n in lag if n in v},
         }
+        if sample_time > 0.0:
+            section["discrete"] = discretise(
+                [1.0], [v["time_constant"], 1.0], sample_time, v.get("dead_time", 0.0)
+            )
+        return section
 
     def block(self, variant: Variant, document: ParameterDocument) -> MotorBlock:
         """The static curve and its inverse for a controller."""

@@ -9,6 +9,7 @@ from ...routines import (
     Argument,
     Draft,
     Expression,
+    Filter,
     Routine,
     by_sign,
     choose,
@@ -65,8 +66,27 @@ class _Curve:
         return self.zone + _unbend(speed * (1.0 / self.gain), self.k, self.fastest / self.gain)
 
 
-def routines_of(values: Mapping[str, float], command: Argument, unit: str) -> Sequence[Routine]:
-    """Return the routines; ``unit`` is that of the speed."""
+def curve_routine(values: Mapping[str, float], command: Argument, unit: str) -> Routine:
+    """Steady speed behind the play; the first command finds the spool where it is."""
+    curve = _Curve(values, command)
+    draft = Draft("steady", "Steady speed; the play of the valve is kept between calls.", unit)
+    u = draft.argument(command)
+    spool, begun = draft.state("spool"), draft.state("begun")
+    draft.put(spool, choose(begun, ">", 0.5, _behind_play(u, spool, values), u))
+    draft.put(begun, 1.0)
+    return draft.returns(curve.speed(spool))
+
+
+def _behind_play(u: Expression, spool: Expression, values: Mapping[str, float]) -> Expression:
+    half = 0.5 * values["hysteresis"]
+    return minimum(maximum(spool, u - half), u + half)
+
+
+def routines_of(
+    values: Mapping[str, float], command: Argument, unit: str, lag: Filter, offset: float,
+    sample_time: float,
+) -> Sequence[Routine]:  # fmt: skip
+    """Return the routines; ``unit`` is that of the speed, ``lag`` what follows the curve."""
     curve, half = _Curve(values, command), 0.5 * values["hysteresis"]
     direction = Argument(
         "direction", "1", "1 where the command was last raised, -1 lowered, 0 between", -1.0, 1.0
@@ -75,12 +95,11 @@ def routines_of(values: Mapping[str, float], command: Argument, unit: str) -> Se
     def shift(way: Expression) -> Expression:
         return by_sign(way, half, -half)
 
-    follow = Draft("step", "Steady speed; the play of the valve is kept between calls.", unit)
-    u = follow.argument(command)
-    spool, begun = follow.state("spool"), follow.state("begun")
-    near = minimum(maximum(spool, u - half), u + half)
-    follow.put(spool, choose(begun, ">", 0.5, near, u))
-    follow.put(begun, 1.0)
+    follow = Draft("step", "Take the command of this sample, return the speed.", unit, sample_time)
+    u, spool = follow.argument(command), follow.state("spool")
+    follow.put(spool, _behind_play(u, spool, values))
+    follow.let("drive", curve.speed(spool))
+    motion = follow.returns(follow.filter(lag) + offset)
     steady = Draft("speed", "Steady speed where the direction of the command is known.", unit)
     at = steady.let("spool", steady.argument(command) - shift(steady.argument(direction)))
     inverse = Draft("command_for", "Command for a steady speed.", command.unit)
@@ -90,6 +109,4 @@ def routines_of(values: Mapping[str, float], command: Argument, unit: str) -> Se
     )  # fmt: skip
     size, moved = inverse.let("size", curve.command(abs(wanted))), inverse.argument(direction)
     back = by_sign(wanted, size + shift(moved), shift(moved) - size)
-    return (
-        follow.returns(curve.speed(spool)), steady.returns(curve.speed(at)), inverse.returns(back),
-    )  # fmt: skip
+    return motion, steady.returns(curve.speed(at)), inverse.returns(back)

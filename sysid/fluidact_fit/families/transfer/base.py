@@ -16,6 +16,7 @@ import numpy as np
 
 from ...errors import Notice
 from ...estimation.departures import soft_edges
+from ...estimation.discrete import discretise
 from ...estimation.information import sensitivity
 from ...estimation.named_model import Values, bind, check_request, make_unknowns
 from ...estimation.parametric import Fitted
@@ -38,7 +39,6 @@ from ...family import (
 )
 from ...options import settled
 from .block import TransferBlock
-from .discrete import discretise
 from .fit import TransferFit, dead_time_axis, grid_search, unrecorded_time
 from .model import Free, TransferModel, any_start, are_short, simulate_transfer, time_scales
 

@@ -12,14 +12,14 @@ import numpy.typing as npt
 
 from ...block import LinearBlock, LinearModel
 from ...errors import UsageError
+from ...estimation.discrete import companion, discretise
 from ...estimation.inputs import PiecewiseInput, apply_dead_zone, make_signal, piecewise
 from ...estimation.linear import forced_response
-from ...estimation.sampled import sample
+from ...estimation.sampled import difference_equation, sample
 from ...experiment import Experiment, FloatArray, Hold
 from ...parameters.document import ParameterDocument
 from ...routines import Routine
 from ...specification import Variant
-from .discrete import companion, discretise
 from .model import input_level
 
 
@@ -265,7 +265,7 @@ class TransferBlock(LinearBlock):
 
     def routines(self) -> Sequence[Routine]:
         """One step of the model, and the inverse of its dead zone where it has one."""
-        from .routines import difference_equation, routines_of
+        from .routines import routines_of
 
         self._need_sample_time("discrete model")
         input, output, f = self._port(self.variant.driving[0]), self.output, self._linear

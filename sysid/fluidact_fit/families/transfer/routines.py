@@ -4,22 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from ...estimation.sampled import Sampled
-from ...routines import Argument, Draft, Filter, Name, Routine, maximum, minimum
-from ...routines.routine import as_matrix
+from ...routines import Argument, Draft, Filter, Routine, maximum, minimum
 
 Edges = tuple[float, float] | None
-
-
-def difference_equation(model: Sampled) -> Filter:
-    """The sampled model as it stands in a routine, its input named ``drive``."""
-    change = model.phi - np.eye(model.new.size)
-    return Filter(
-        "moved", as_matrix(change), tuple(model.new.tolist()), tuple(model.old.tolist()),
-        tuple(model.output.tolist()), model.whole, Name("drive"),
-    )  # fmt: skip
 
 
 def step_routine(

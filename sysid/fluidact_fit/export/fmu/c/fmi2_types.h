@@ -44,14 +44,11 @@ typedef struct {
 #define FMI2_EXPORT
 #endif
 
-/* Where several units are linked into one program, FMI2_FUNCTION_PREFIX stands before the name of
-   a function. A library of its own has plain names: define FMI2_OVERRIDE_FUNCTION_PREFIX for it,
-   and FMI2_ACTUAL_FUNCTION_PREFIX for another prefix. */
+/* A library of its own has the plain names of the standard. Where several units are linked into one
+   program, define FMI2_FUNCTION_PREFIX for each: it stands before the name of every function. */
 #define FMI2_PASTE(a, b) a##b
 #define FMI2_JOIN(a, b) FMI2_PASTE(a, b)
-#if defined(FMI2_OVERRIDE_FUNCTION_PREFIX) && defined(FMI2_ACTUAL_FUNCTION_PREFIX)
-#define FMI2_NAME(name) FMI2_JOIN(FMI2_ACTUAL_FUNCTION_PREFIX, name)
-#elif defined(FMI2_FUNCTION_PREFIX) && !defined(FMI2_OVERRIDE_FUNCTION_PREFIX)
+#ifdef FMI2_FUNCTION_PREFIX
 #define FMI2_NAME(name) FMI2_JOIN(FMI2_FUNCTION_PREFIX, name)
 #else
 #define FMI2_NAME(name) name

@@ -2,9 +2,9 @@
  * x' = A x + B w(t - dead time), y = C x, for an input that is held over each communication step:
  * solved exactly, whatever the lengths of the steps.
  *
- * Follows LINEAR_ORDER, linear_a, linear_b, linear_c, linear_edges, linear_range and linear_gain;
- * LINEAR_QUEUE (changes that can be on their way) and linear_dead_time where there is a dead time;
- * LINEAR_INTEGRATING where there is no gain.
+ * Follows LINEAR_ORDER, linear_a, linear_b, linear_c and linear_range; linear_edges where a dead
+ * zone stands before the model; LINEAR_QUEUE (changes that can be on their way) and
+ * linear_dead_time where there is a dead time.
  */
 #include <math.h>
 
@@ -15,7 +15,7 @@ typedef struct {
 typedef struct {
     double x[LINEAR_ORDER];
     double acting; /* what acts now, about the level of rest */
-    double level;  /* of rest */
+    double level;  /* what acts at rest */
     double rest;   /* output there */
 #ifdef LINEAR_QUEUE
     double newest; /* what entered the dead time last */
@@ -27,17 +27,19 @@ typedef struct {
 
 static double linear_clamped(double input, int *outside)
 {
-    *outside = !(input >= linear_range[0] && input <= linear_range[1]);
+    if (outside) *outside = !(input >= linear_range[0] && input <= linear_range[1]);
     if (!(input >= linear_range[0])) return linear_range[0];
     return input > linear_range[1] ? linear_range[1] : input;
 }
 
+#ifdef LINEAR_EDGES
 /* What is left of an input behind the dead zone. */
 static double linear_behind(double input)
 {
     if (input > linear_edges[1]) return input - linear_edges[1];
     return input < linear_edges[0] ? input - linear_edges[0] : 0.0;
 }
+#endif
 
 /* unit + factor A j */
 static linear_matrix linear_product(double unit, double factor, const linear_matrix *j)
@@ -108,20 +110,15 @@ static void linear_move(linear_memory *m, double span)
     }
 }
 
-/* At rest: under an input, or at an output where the model integrates. */
-static void linear_begin(linear_memory *m, double at_rest)
+/* At rest: what acts there, and the output. */
+static void linear_begin(linear_memory *m, double level, double rest)
 {
     int k;
 
     for (k = 0; k < LINEAR_ORDER; k++) m->x[k] = 0.0;
     m->acting = 0.0;
-#ifdef LINEAR_INTEGRATING
-    m->level = 0.0;
-    m->rest = at_rest;
-#else
-    m->level = linear_behind(at_rest);
-    m->rest = linear_gain * m->level + linear_offset;
-#endif
+    m->level = level;
+    m->rest = rest;
 #ifdef LINEAR_QUEUE
     m->newest = 0.0;
     m->first = m->count = 0;
@@ -137,11 +134,10 @@ static double linear_output(const linear_memory *m)
     return sum;
 }
 
-/* Hold an input for a span; returns what went wrong, before anything has changed, or NULL. */
-static const char *linear_advance(linear_memory *m, double input, double time, double span)
+/* Let it act for a span; returns what went wrong, before anything has changed, or NULL. */
+static const char *linear_advance(linear_memory *m, double acting, double time, double span)
 {
-    int outside;
-    const double drive = linear_behind(linear_clamped(input, &outside)) - m->level;
+    const double drive = acting - m->level;
 #ifdef LINEAR_QUEUE
     const double end = time + span;
     double now = time;

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import UsageError
-from ...estimation.inputs import PiecewiseInput
-from ...estimation.linear import forced_response, transition
-from ...experiment import FloatArray
+from ..errors import UsageError
+from ..experiment import FloatArray
+from .inputs import PiecewiseInput
+from .linear import forced_response, transition
 
 _LONGEST = 10_000  # samples of dead time that a controller may be asked to store
 
