@@ -484,6 +484,24 @@ def test_asking_changes_nothing_and_a_step_does(host: Callable[[str], Host]) -> 
     assert up != pytest.approx(down, rel=1e-3)
 
 
+@pytest.mark.parametrize("family", FAMILIES)
+def test_every_parameter_reaches_code_that_runs(family: str) -> None:
+    """An identified lag or offset that no export has would be lost on the machine."""
+
+    def code(name: str | None = None) -> str:
+        block = block_of(family)
+        if name is not None:
+            value = block.parameters._values[name]
+            block.parameters._values[name] = np.multiply(value, 1.01).tolist()
+        job = Job("unit", block)
+        model = describe_unit(job)[1]["unit.c"].partition("model_least")[2]
+        return model + "".join(map(repr, block.routines()))
+
+    present = code()
+    values = block_of(family).parameters
+    assert [n for n in values if np.any(values[n]) and code(n) == present] == []
+
+
 # ---------------------------------------------------------------------- life of an instance
 
 
