@@ -13,9 +13,11 @@ Run as a program, this module gives every family of the registry a section in
 from __future__ import annotations
 
 import inspect
+import math
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import get_args
@@ -25,6 +27,7 @@ from pydantic.fields import FieldInfo
 
 import fluidact_fit as ff
 from fluidact_fit.control import controller_file as controllers
+from fluidact_fit.demo import load_dataset
 from fluidact_fit.export import TARGETS, get_target, make_job
 from fluidact_fit.families import family_title
 from fluidact_fit.family import Family, FamilyOptions, ParameterSpec, Role, Variant
@@ -280,6 +283,63 @@ def _part_text(name: str, field: FieldInfo) -> str:
     models = [_lower(inspect.getdoc(model) or "") for model in _models(field.annotation)]
     text = field.description or _PARTS.get(name) or " ".join(models)
     return " ".join(text.split()).rstrip(".")
+
+
+# --------------------------------------------------------------------- a fit of today
+
+
+def fitted_file(name: str, *parts: str) -> str:
+    """The parameter file that the dataset of a family gives today: its head, and some parts.
+
+    Fitting takes seconds, and a number typed by hand is out of date tomorrow.
+    """
+    document = _fit(name).document.to_dict()
+    heads = [f"{key}: {document[key]}" for key in ("format", "format_version", "family")]
+    entries = document["parameters"]
+    width = max(map(len, entries)) + 1
+    heads.append("parameters:")
+    heads += [f"  {n + ':':{width}} {_flow(_shortened(p))}" for n, p in entries.items()]
+    for part in parts:
+        heads.append(f"{part}:")
+        heads += [f"  {key}: {_flow(_brief(value))}" for key, value in document[part].items()]
+    return "\n".join(["", "```yaml", *heads, "```", ""])
+
+
+@lru_cache
+def _fit(name: str) -> ff.FitResult:
+    data = load_dataset(name)
+    return ff.fit(name, data.read(), **data.options)
+
+
+def _shortened(entry: Mapping[str, object]) -> dict[str, object]:
+    """A parameter to two digits of its standard error."""
+    error = float(str(entry["std_error"]))
+    digits = max(0, 1 - math.floor(math.log10(error)))
+    out: dict[str, object] = {}
+    for key in ("value", "unit", "std_error", "ci95", "status"):
+        value = entry[key]
+        numbers = value if isinstance(value, list) else [value]
+        texts = [_flow(v) if isinstance(v, str) else f"{v:.{digits}f}" for v in numbers]
+        out[key] = texts if isinstance(value, list) else texts[0]
+    return out
+
+
+def _brief(value: object) -> object:
+    """Numbers to five digits, long texts and nested parts left out."""
+    if isinstance(value, float):
+        return float(f"{value:.5g}")
+    if isinstance(value, list):
+        return [_brief(v) for v in value] if all(isinstance(v, float) for v in value) else "[...]"
+    return {k: _brief(v) for k, v in value.items()} if isinstance(value, dict) else value
+
+
+def _flow(value: object) -> str:
+    """YAML on one line; texts stand as they are."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{k}: {_flow(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    return '"1"' if value == "1" else str(value)
 
 
 # ------------------------------------------------------------------------------- exports
