@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import cont2discrete, dlsim
 
 import fluidact_fit as ff
 from fluidact_fit.block import Port
@@ -104,6 +105,36 @@ def test_free_drive_equals_the_block_of_the_family(write: Callable[..., Path]) -
     np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-9 * np.abs(theirs).max())
 
 
+@pytest.mark.parametrize("stiffness", [None, 800.0])
+def test_a_line_equals_the_block_of_the_family(
+    stiffness: float | None, write: Callable[..., Path]
+) -> None:
+    """Its dead zone is no dry friction: within it, the line coasts."""
+    block = ff.load(write("hydrostatic"))
+    values = {**block.numbers(), **({"stiffness": stiffness} if stiffness else {})}
+    plant = DrivePlant(rigid_line(values), block.input, block.output, 0.01)
+    force = 8.0 * np.random.default_rng(3).uniform(-1.0, 1.0, 400)
+    if stiffness is None:
+        wanted = np.array([block.step(value) for value in force.tolist()])
+    else:
+        through = np.array([block.actuate(value) for value in force.tolist()])
+        m = values["mass"]
+        a = np.array([[0.0, 1.0], [-stiffness / m, -values["damping"] / m]])
+        system = a, np.array([[0.0], [1.0 / m]]), np.eye(2)[:1], np.zeros((1, 1))
+        wanted = dlsim(cont2discrete(system, 0.01), through)[1][:, 0]
+    np.testing.assert_allclose(follow(plant, force), wanted, atol=1e-9 * np.ptp(wanted))
+
+
+def test_a_force_beyond_the_logs_is_taken_at_the_end_of_its_range() -> None:
+    inside, beyond = (
+        DrivePlant(Drive(0.8, LAW), FORCE, PLACE, 0.01, limits=(-4.0, 5.0)) for _ in range(2)
+    )
+    for force in (5.0, -4.0):
+        inside.advance([force])
+        beyond.advance([1e3 * force])
+    assert beyond.measure() == inside.measure()
+
+
 def test_series_is_the_exact_solution_of_a_held_force() -> None:
     law = FrictionLaw(0.0, 0.0, 8.0, 8.0)
     plant = drive_plant(law)
@@ -155,9 +186,57 @@ def test_screw_and_line_are_the_mass_of_equation_11() -> None:
     drive = behind_screw(values, line, h, r)
     # torque that accelerates at 1 m/s2 from rest: J r + h m, and friction
     assert drive.mass / drive.leverage == pytest.approx(11.71e-7 * r + h * 53.7)
-    assert drive.damping / drive.leverage == pytest.approx(h * 1720.5)
-    assert drive.friction.breakaway_positive / drive.leverage == pytest.approx(2.9e-3 + h)
+    assert drive.viscous / drive.leverage == pytest.approx(h * 1720.5)
+    assert drive.static == pytest.approx((2.9e-3 + h, 1.9e-3))
     assert drive.friction.coulomb_negative / drive.leverage == pytest.approx(1.6e-3)
+
+
+@pytest.mark.parametrize("stiffness", [0.0, 3000.0])
+def test_screw_and_line_are_one_body_with_the_dead_zone_between(stiffness: float) -> None:
+    """Both equations of motion, ``J' a + b v + C + h F = T`` and ``m a + R = D(F)``, by Euler."""
+    values = {
+        "inertia": 11.71e-7, "viscous": 2e-6, "coulomb_positive": 2e-3, "coulomb_negative": 1.6e-3,
+        "breakaway_positive": 2.9e-3, "breakaway_negative": 1.9e-3,
+    }  # fmt: skip
+    low, high, mass, damping = -30.0, 12.0, 53.7, 1720.5
+    line = rigid_line(
+        {"mass": mass, "damping": damping, "dead_zone_negative": low, "dead_zone_positive": high,
+         "stiffness": stiffness}
+    )  # fmt: skip
+    r, h = 2.0 * pi * 4.4 / 1e-3, 0.056e-3
+    plant = DrivePlant(behind_screw(values, line, h, r), Port("torque", "N m"), PLACE, 0.01)
+    torque = 0.02 * np.sin(np.arange(80) * 0.2) * np.random.default_rng(0).uniform(0.2, 1.0, 80)
+    exact = follow(plant, torque)
+    inertia, viscous = values["inertia"] * r, values["viscous"] * r
+
+    def acceleration(t: float, x: float, v: float, way: float) -> float:
+        level = values["coulomb_positive"] if way > 0.0 else -values["coulomb_negative"]
+        load = stiffness * x + damping * v
+        within = -load / mass
+        force = (t - viscous * v - level - inertia * within) / h
+        if low <= force <= high:
+            return within
+        edge = high if force > high else low
+        return (t - viscous * v - level - h * (load + edge)) / (inertia + h * mass)
+
+    def leaves(t: float, x: float) -> float:
+        load = stiffness * x
+        back, forth = (high, high) if load > 0 else (low, low) if load < 0 else (low, high)
+        if t > h * (load + forth) + values["breakaway_positive"]:
+            return 1.0
+        return -1.0 if t < h * (load + back) - values["breakaway_negative"] else 0.0
+
+    x = v = 0.0
+    brute = []
+    for t in torque.tolist():
+        brute.append(x)
+        for _ in range(1000):
+            way = float(np.sign(v)) or leaves(t, x)
+            if way:
+                new = v + 1e-5 * acceleration(t, x, v, way)
+                x, v = x + 0.5e-5 * (v + new), 0.0 if new * way < 0.0 else new
+    assert plant.body.events > 5
+    np.testing.assert_allclose(exact, brute, atol=4e-4 * np.ptp(exact))
 
 
 def test_puncture_lets_go_at_the_puncture_force_and_energy_is_kept() -> None:

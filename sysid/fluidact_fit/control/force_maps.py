@@ -7,7 +7,7 @@ from typing import Any
 
 from ..block import Port
 from ..errors import UsageError
-from ..routines import Argument, Routine
+from ..routines import Argument, Machine, Routine
 from .controllers.force import ForceMap
 from .parts import Parts, refuse, supplies_of
 
@@ -83,8 +83,7 @@ def force_maps(parts: Parts) -> ForceMaps:
     inverse, supplies = networks[0] if networks else spring, supplies_of(parts)
     if drive.role == "command" or not supplies:
         return ForceMaps(forward, inverse)
-    chain, offset, _ = supplies[0]
-    return ForceMaps(forward, inverse, chain.gain, offset)
+    return ForceMaps(forward, inverse, supplies[0].chain.gain, supplies[0].offset)
 
 
 def force_block(parts: Parts) -> tuple[Any, Port]:
@@ -101,11 +100,16 @@ def force_block(parts: Parts) -> tuple[Any, Port]:
 
 
 def forward_of(block: Any) -> ForceMap:
-    """Force of a drive, position and motion state."""
-    if "preload" in block.parameters:
-        return lambda u, x, s: float(block(u, x, s))
-    role = "pressure" if "pressure" in block.inputs else "command"
-    return lambda u, x, s: call_network(block, **{role: u}, position=x, direction=s)
+    """Force of a drive, position and motion state: what exports of the block give for them."""
+    routine: Routine = block.routines()[0]
+    machine, role = Machine(routine), block.input.role
+    names = [a.name for a in routine.arguments]
+
+    def force(drive: float, position: float, state: float) -> float:
+        known = {role: drive, "position": position, "direction": state}
+        return float(machine(**{name: known.get(name, 0.0) for name in names})[0])
+
+    return force
 
 
 def call_network(block: Any, **values: float) -> float:

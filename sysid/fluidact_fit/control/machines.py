@@ -32,7 +32,7 @@ from .controllers.impedance import Impedance, KnownFriction, Pressures
 from .controllers.pd import StaticFriction
 from .force_maps import force_block, force_maps, forward_of
 from .parts import Parts, refuse, sort_parts, supplies_of
-from .plants.base import Plant
+from .plants.base import UNLIMITED, Limits, Plant
 from .plants.drive import Drive, DrivePlant, behind_screw, rigid_line
 from .plants.force import Branches, ForcePlant
 from .plants.hydraulic import HydraulicCylinder, HydraulicPlant
@@ -98,7 +98,9 @@ def _position_plant(file: ControllerFile, parts: Parts) -> Plant:
     if oil is not None and axis is None and line is None:
         if file.tissue is not None:
             raise UsageError("the hydraulic cylinder knows no tissue", remedy="Leave it out.")
-        return HydraulicPlant(hydraulic_cylinder(oil), oil.input, file.sample_time)
+        return HydraulicPlant(
+            hydraulic_cylinder(oil), oil.input, file.sample_time, limits=_limits(oil)
+        )
     if axis is None and line is None:
         raise refuse(file.kind)
     if axis is None:
@@ -114,7 +116,14 @@ def _position_plant(file: ControllerFile, parts: Parts) -> Plant:
         behind = rigid_line(line.numbers())
         drive = behind_screw(axis.numbers(), behind, lever, transmission)
         command, out = axis.input, line.output
-    return DrivePlant(drive, command, out, file.sample_time, _tissue(file))
+    limits = _limits(line if axis is None else axis)
+    return DrivePlant(drive, command, out, file.sample_time, _tissue(file), limits=limits)
+
+
+def _limits(block: Block) -> Limits:
+    """Range of what drives a block, as its exports have it; unlimited in a file without one."""
+    known = block.validity.get(block.input.role) if block.input else None
+    return UNLIMITED if known is None else (known.low, known.high)
 
 
 def hydraulic_cylinder(block: Any) -> HydraulicCylinder:
@@ -148,14 +157,17 @@ def _pneumatic_plant(file: ControllerFile, parts: Parts) -> Plant:
     volumes = machine.volume_1, machine.volume_2
     if volumes != (None, None) and machine.atmosphere == 0.0:
         raise UsageError("a volume of gas needs absolute pressures: machine.atmosphere is 0")
-    (first, offset_1, command), (second, offset_2, _) = supplies[0], supplies[-1]
+    one, two = supplies[0], supplies[-1]
     chambers = (
-        Chamber(first, area_1, offset_1, volumes[0]),
-        Chamber(second, area_2, offset_2, volumes[1]),
+        Chamber(one.chain, area_1, one.offset, volumes[0]),
+        Chamber(two.chain, area_2, two.offset, volumes[1]),
     )
     law = FrictionLaw.of(friction.numbers())
     cylinder = Cylinder(mass, law, chambers, machine.atmosphere, keys.sum_of_pressures)
-    return PneumaticPlant(cylinder, command, file.sample_time, _tissue(file))
+    return PneumaticPlant(
+        cylinder, one.input, file.sample_time, _tissue(file),
+        limits=(_limits(one.first), _limits(two.first)),
+    )  # fmt: skip
 
 
 def _force_plant(file: ControllerFile, parts: Parts) -> Plant:
@@ -165,7 +177,10 @@ def _force_plant(file: ControllerFile, parts: Parts) -> Plant:
     block, drive = force_block(parts)
     force = forward_of(block)
     place = file.machine.position
-    chain, offset, command = supplies[0] if supplies else (make_chain([]), 0.0, drive)
+    chain, offset, command, limits = make_chain([]), 0.0, drive, _limits(block)
+    if supplies:
+        chain, offset, command = supplies[0].chain, supplies[0].offset, supplies[0].input
+        limits = _limits(supplies[0].first)
     if supplies and drive.role == "command":  # the map knows the valve's gain
         scale, offset = chain.gain, 0.0
         chain = Chain(chain.a, chain.b, chain.c / scale, chain.dead_time)
@@ -178,7 +193,7 @@ def _force_plant(file: ControllerFile, parts: Parts) -> Plant:
     if file.tissue is not None:
         raise UsageError("the rod of a force loop is held: there is no tissue", remedy="Leave it.")
     return ForcePlant(found, chain, command, file.sample_time, offset=offset, position=place,
-                      drive_unit=drive.unit)  # fmt: skip
+                      drive_unit=drive.unit, limits=limits)  # fmt: skip
 
 
 def _pd(
@@ -194,11 +209,7 @@ def _pd(
     gains = _gains(keys, drive) if drive else Gains(keys.proportional or 0.0, keys.derivative or 0)
     friction = StaticFriction()
     if keys.friction == "static" and drive is not None:
-        law = drive.friction
-        friction = StaticFriction(
-            law.breakaway_positive / drive.leverage, law.breakaway_negative / drive.leverage,
-            keys.velocity_tolerance,
-        )  # fmt: skip
+        friction = StaticFriction(*drive.static, keys.velocity_tolerance)
     return PDController(
         gains, plant.controlled.role, file.sample_time, friction,
         cutoff=keys.cutoff, limits=limits,
@@ -208,7 +219,7 @@ def _pd(
 def _gains(keys: PDKeys, drive: Drive) -> Gains:
     """Gains as given, or by their rule."""
     ratio = keys.damping_ratio or 1.0
-    plant = (drive.mass, drive.damping, drive.leverage)
+    plant = (drive.mass, drive.viscous, drive.leverage)
     if keys.ramp_error is not None and keys.ramp_speed is not None:
         found = Gains.for_ramp(
             *plant, slope=keys.ramp_speed, error=keys.ramp_error, damping_ratio=ratio

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..block import Block, Port
+from ..block import Block, LinearBlock, Port
 from ..errors import UsageError
 from .plants.linear import Chain, make_chain
 
@@ -55,6 +55,8 @@ def sort_parts(kind: str, blocks: Sequence[Block]) -> Parts:
     for block in blocks:
         names = set(block.parameters)
         part = next((p for p, signs in _SIGNS if signs <= names), None)
+        if part == "supply" and not isinstance(block, LinearBlock):
+            part = None  # a motor has a gain and a time constant as well
         if part is None:
             raise UsageError(
                 f"a file of {block.family} has no place in a closed loop",
@@ -72,7 +74,23 @@ def refuse(kind: str) -> UsageError:
     )
 
 
-def supplies_of(parts: Parts) -> list[tuple[Chain, float, Port]]:
+@dataclass(frozen=True)
+class Supply:
+    """A valve, a line or both: the chain, its output without input, and its first block."""
+
+    chain: Chain
+    offset: float
+    first: LinearBlock
+
+    @property
+    def input(self) -> Port:
+        """What drives it."""
+        port = self.first.input
+        assert port is not None
+        return port
+
+
+def supplies_of(parts: Parts) -> list[Supply]:
     """Chains of valve and line in the order given; each begins with a valve or a lone line."""
     chains: list[list[Any]] = []
     for block in parts.blocks.get("supply", ()):
@@ -88,5 +106,5 @@ def supplies_of(parts: Parts) -> list[tuple[Chain, float, Port]]:
         for block in links:
             gain = block.transfer_function().gain
             offset = gain * offset + block.offset
-        found.append((chain, offset, links[0].input))
+        found.append(Supply(chain, offset, links[0]))
     return found

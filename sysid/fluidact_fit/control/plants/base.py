@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from math import inf
 from types import MappingProxyType
 
 from ...block import Port
 from ...experiment import FloatArray
+
+
+Limits = tuple[float, float]
+"""Lowest and highest command that is taken [its unit]."""
+UNLIMITED: Limits = (-inf, inf)
 
 
 class Plant(ABC):
@@ -21,6 +27,9 @@ class Plant(ABC):
         What is to follow the reference.
     sample_time
         [s]
+    limits
+        Of each command: those of the logs where the machine is that of a file. What is beyond is
+        taken at the end of it, as by every export of the file.
     units
         Of what only this machine measures, by role.
     """
@@ -28,6 +37,7 @@ class Plant(ABC):
     commands: tuple[Port, ...]
     controlled: Port
     sample_time: float
+    limits: tuple[Limits, ...]
     units: Mapping[str, str] = MappingProxyType({})
 
     @abstractmethod
@@ -38,9 +48,13 @@ class Plant(ABC):
     def measure(self) -> Mapping[str, float]:
         """What sensors show now, by role [SI]; the controlled output among it."""
 
-    @abstractmethod
     def advance(self, command: Sequence[float]) -> None:
-        """Hold these commands for one sample."""
+        """Hold these commands, each within its limits, for one sample."""
+        self._advance([min(max(u, low), high) for u, (low, high) in zip(command, self.limits)])
+
+    @abstractmethod
+    def _advance(self, command: Sequence[float]) -> None:
+        """Hold commands that are within their limits for one sample."""
 
     def response(self, z: complex) -> FloatArray:
         """Response of the output to each command in ``z``, dry friction apart, ``(commands,)``.

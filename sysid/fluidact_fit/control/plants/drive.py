@@ -9,8 +9,8 @@ travel. Divided by ``h``, this is a mass ``M = J r / h + m`` with friction ``b r
 ``C / h + F_f``. What a lossless screw would have, ``h = 1 / r``, is not assumed: the value that
 the thesis found is half as large again.
 
-The dead zone of a hydrostatic line is taken for its dry friction ``F_f``: it is the same where
-the motion is driven slowly compared with ``m / c``.
+The hydrostatic line is the one of its file: a dead zone for the force that moves it, and no dry
+friction. Behind a screw both are one body with that dead zone inside (:mod:`.body`).
 
 References
 ----------
@@ -21,16 +21,17 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ...block import Port
+from ...errors import UsageError
 from ...estimation.friction_law import FrictionLaw
 from ...estimation.sampled import Sampled, sample
 from ...experiment import FloatArray
-from .base import Plant
+from .base import UNLIMITED, Limits, Plant
 from .body import Body, Dynamics
 from .delay import HeldCommands
 from .tissue import Tissue
@@ -38,30 +39,59 @@ from .tissue import Tissue
 
 @dataclass(frozen=True)
 class Drive:
-    """Mass [kg or kg m2], friction, spring [N/m], force per command, and dead time [s]."""
+    """A mass that a command moves.
+
+    Attributes
+    ----------
+    mass
+        All of it [kg or kg m2].
+    friction
+        Ahead of the dead zone.
+    leverage
+        Force per command.
+    stiffness, damping
+        Of what is moved, without dry friction [N/m, N s/m].
+    dead_time
+        Of the command [s].
+    edges
+        Dead zone for the force that moves it [N]; ``None`` without one.
+    ahead
+        Part of the mass that is ahead of the dead zone [kg].
+    """
 
     mass: float
     friction: FrictionLaw
     leverage: float = 1.0
     stiffness: float = 0.0
     dead_time: float = 0.0
+    damping: float = 0.0
+    edges: tuple[float, float] | None = None
+    ahead: float = 0.0
 
     @property
-    def damping(self) -> float:
-        """Viscous friction, mean of both directions [N s/m or N m s/rad]."""
-        return 0.5 * (self.friction.viscous_positive + self.friction.viscous_negative)
+    def viscous(self) -> float:
+        """All viscous friction, mean of both directions [N s/m or N m s/rad]."""
+        law = self.friction
+        return self.damping + 0.5 * (law.viscous_positive + law.viscous_negative)
+
+    @property
+    def static(self) -> tuple[float, float]:
+        """Command that it takes to move it from rest, forward and backward, as magnitudes."""
+        low, high = self.edges or (0.0, 0.0)
+        law = self.friction
+        return (
+            (law.breakaway_positive + high) / self.leverage,
+            (law.breakaway_negative - low) / self.leverage,
+        )
 
 
 def rigid_line(values: Mapping[str, float]) -> Drive:
-    """Take the parameters of a hydrostatic line for a mass with dry friction."""
-    viscous = values["damping"]
-    law = FrictionLaw(
-        values.get("dead_zone_positive", 0.0), -values.get("dead_zone_negative", 0.0),
-        viscous, viscous,
-    )  # fmt: skip
+    """Take the parameters of a hydrostatic line."""
+    edges = values.get("dead_zone_negative", 0.0), values.get("dead_zone_positive", 0.0)
     return Drive(
-        values["mass"], law, stiffness=values.get("stiffness", 0.0),
-        dead_time=values.get("dead_time", 0.0),
+        values["mass"], FrictionLaw(0.0, 0.0), stiffness=values.get("stiffness", 0.0),
+        dead_time=values.get("dead_time", 0.0), damping=values["damping"],
+        edges=edges if any(edges) else None,
     )  # fmt: skip
 
 
@@ -79,20 +109,30 @@ def behind_screw(
         ``h``, torque per force of the screw [m].
     transmission
         ``r``, angle of the motor per travel [rad/m].
+
+    Raises
+    ------
+    UsageError
+        When friction of the screw falls with the speed and the line has a dead zone.
     """
-    screw, far = FrictionLaw.of(values), line.friction
+    screw = FrictionLaw.of(values)
+    if screw.curved and line.edges is not None:
+        raise UsageError(
+            "a screw whose friction falls with the speed cannot be put before a line with a dead "
+            "zone: no solver here follows both",
+            remedy="Fit the screw with --stribeck none for this loop.",
+        )
     viscous = transmission / lever
     law = FrictionLaw(
-        screw.coulomb_positive / lever + far.coulomb_positive,
-        screw.coulomb_negative / lever + far.coulomb_negative,
-        screw.viscous_positive * viscous + far.viscous_positive,
-        screw.viscous_negative * viscous + far.viscous_negative,
-        screw.breakaway_positive / lever + far.breakaway_positive,
-        screw.breakaway_negative / lever + far.breakaway_negative,
+        screw.coulomb_positive / lever, screw.coulomb_negative / lever,
+        screw.viscous_positive * viscous, screw.viscous_negative * viscous,
+        screw.breakaway_positive / lever, screw.breakaway_negative / lever,
         screw.stribeck / lever, screw.stribeck_speed / transmission, joined=screw.joined,
     )  # fmt: skip
-    mass = values["inertia"] * transmission / lever + line.mass
-    return Drive(mass, law, 1.0 / lever, line.stiffness, line.dead_time)
+    ahead = values["inertia"] * transmission / lever
+    return replace(
+        line, mass=ahead + line.mass, friction=law, leverage=1.0 / lever, ahead=ahead
+    )
 
 
 class DrivePlant(Plant):
@@ -100,14 +140,17 @@ class DrivePlant(Plant):
 
     def __init__(
         self, drive: Drive, command: Port, controlled: Port, sample_time: float,
-        tissue: Tissue | None = None,
+        tissue: Tissue | None = None, *, limits: Limits = UNLIMITED,
     ) -> None:  # fmt: skip
         self.drive, self.sample_time = drive, sample_time
-        self.commands, self.controlled = (command,), controlled
-        row = np.array([-drive.stiffness, 0.0, drive.leverage, 0.0])  # x, v, command, 1
+        self.commands, self.controlled, self.limits = (command,), controlled, (limits,)
+        row = np.array([0.0, 0.0, drive.leverage, 0.0])  # x, v, command, 1
         self.body = Body(
-            Dynamics(drive.mass, drive.friction, row, np.zeros((4, 4)), sample_time, tissue)
-        )
+            Dynamics(
+                drive.mass, drive.friction, row, np.zeros((4, 4)), sample_time, tissue,
+                drive.stiffness, drive.damping, drive.edges, drive.ahead,
+            )
+        )  # fmt: skip
         self._held = HeldCommands([drive.dead_time], sample_time)
 
     def reset(self, output: float = 0.0) -> None:
@@ -123,17 +166,16 @@ class DrivePlant(Plant):
             "resistance": self.body.resistance,
         }
 
-    def advance(self, command: Sequence[float]) -> None:
-        """Hold the torque or force for one sample."""
+    def _advance(self, command: Sequence[float]) -> None:
         for span, (value,) in self._held.send(command):
             self.body.state[2] = value
             self.body.advance(span)
 
     @cached_property
     def _linear(self) -> Sampled:
-        """The drive without its dry friction."""
+        """The drive without its dry friction and its dead zone."""
         d = self.drive
-        a = np.array([[0.0, 1.0], [-d.stiffness / d.mass, -d.damping / d.mass]])
+        a = np.array([[0.0, 1.0], [-d.stiffness / d.mass, -d.viscous / d.mass]])
         b, c = np.array([0.0, d.leverage / d.mass]), np.array([1.0, 0.0])
         return sample(a, b, c, d.dead_time, self.sample_time)
 

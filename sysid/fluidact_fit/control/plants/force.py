@@ -22,7 +22,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from ...block import Port
-from .base import Plant
+from .base import UNLIMITED, Limits, Plant
 from .delay import HeldCommands
 from .hybrid import Mode
 from .linear import Chain
@@ -52,9 +52,10 @@ class ForcePlant(Plant):
     def __init__(
         self, branches: Branches, supply: Chain, command: Port, sample_time: float,
         *, offset: float = 0.0, position: float = 0.0, drive_unit: str | None = None,
+        limits: Limits = UNLIMITED,
     ) -> None:  # fmt: skip
         self.units = {"drive": command.unit if drive_unit is None else drive_unit}
-        self.commands, self.controlled = (command,), Port("force", "N")
+        self.commands, self.controlled, self.limits = (command,), Port("force", "N"), (limits,)
         self.sample_time, self.position = sample_time, position
         self._branches, self._supply, self._offset = branches, supply, offset
         n = supply.b.size
@@ -102,8 +103,7 @@ class ForcePlant(Plant):
         """Force, position, and the drive that acts."""
         return {"force": self.force, "position": self.position, "drive": self._drive}
 
-    def advance(self, command: Sequence[float]) -> None:
-        """Hold the command for one sample."""
+    def _advance(self, command: Sequence[float]) -> None:
         for span, (value,) in self._held.send(command):
             self._state[-1] = value
             for _ in range(_TURNS):

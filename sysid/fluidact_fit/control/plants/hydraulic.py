@@ -19,7 +19,7 @@ import numpy as np
 from ...block import Port
 from ...errors import UsageError
 from ...estimation.friction_law import FrictionLaw
-from .base import Plant
+from .base import UNLIMITED, Limits, Plant
 
 _State = tuple[float, float, float, float]  # p1, p2, y, v
 _EVENTS = 8  # within a step; a piston that rattles faster rests for what is left of it
@@ -67,8 +67,11 @@ class HydraulicCylinder:
 class HydraulicPlant(Plant):
     """Position of a :class:`HydraulicCylinder`; the command is that of its valve [V]."""
 
-    def __init__(self, cylinder: HydraulicCylinder, command: Port, sample_time: float) -> None:
-        self.cylinder, self.sample_time = cylinder, sample_time
+    def __init__(
+        self, cylinder: HydraulicCylinder, command: Port, sample_time: float,
+        *, limits: Limits = UNLIMITED,
+    ) -> None:  # fmt: skip
+        self.cylinder, self.sample_time, self.limits = cylinder, sample_time, (limits,)
         self.commands, self.controlled = (command,), Port("position", "m")
         self._step = cylinder.step(sample_time)
         self.reset()
@@ -83,8 +86,7 @@ class HydraulicPlant(Plant):
         p1, p2, y, v = self._state
         return {"position": y, "speed": v, "pressure_1": p1, "pressure_2": p2}
 
-    def advance(self, command: Sequence[float]) -> None:
-        """Hold the command for one sample."""
+    def _advance(self, command: Sequence[float]) -> None:
         for _ in range(round(self.sample_time / self._step)):
             rest = self._step
             for _ in range(_EVENTS):

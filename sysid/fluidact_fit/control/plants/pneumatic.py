@@ -30,7 +30,7 @@ from ...block import Port
 from ...estimation.friction_law import FrictionLaw
 from ...estimation.sampled import Sampled, sample
 from ...experiment import FloatArray
-from .base import Plant
+from .base import UNLIMITED, Limits, Plant
 from .body import Body, Dynamics
 from .delay import HeldCommands
 from .linear import Chain
@@ -77,9 +77,10 @@ class PneumaticPlant(Plant):
     """Position of a :class:`Cylinder`; commands are those of the two valves."""
 
     def __init__(
-        self, cylinder: Cylinder, command: Port, sample_time: float, tissue: Tissue | None = None
-    ) -> None:
-        self.cylinder, self.sample_time = cylinder, sample_time
+        self, cylinder: Cylinder, command: Port, sample_time: float,
+        tissue: Tissue | None = None, *, limits: tuple[Limits, Limits] = (UNLIMITED, UNLIMITED),
+    ) -> None:  # fmt: skip
+        self.cylinder, self.sample_time, self.limits = cylinder, sample_time, limits
         self.commands = (
             Port(f"{command.role}_1", command.unit), Port(f"{command.role}_2", command.unit)
         )  # fmt: skip
@@ -138,8 +139,7 @@ class PneumaticPlant(Plant):
         place = {"position": float(z[0]), "speed": float(z[1])}
         return {**place, **found, "resistance": self.body.resistance}
 
-    def advance(self, command: Sequence[float]) -> None:
-        """Hold the commands of both valves for one sample."""
+    def _advance(self, command: Sequence[float]) -> None:
         for span, values in self._held.send(command):
             self.body.state[self._inputs] = values
             self.body.advance(span)
