@@ -42,7 +42,7 @@ def pd(compensation: float = 1.0, tolerance: float = TOLERANCE) -> PDController:
     """K_p from the breaking distance, K_d from the damping ratio; share of friction added."""
     proportional = 0.5 * (SCREW["breakaway_positive"] + SCREW["breakaway_negative"]) / BREAKING
     gains = Gains.with_damping(
-        DRIVE.mass, DRIVE.damping, DRIVE.leverage, proportional=proportional, damping_ratio=RATIO
+        DRIVE.mass, DRIVE.viscous, DRIVE.leverage, proportional=proportional, damping_ratio=RATIO
     )
     positive, negative = SCREW["breakaway_positive"], SCREW["breakaway_negative"]
     friction = StaticFriction(compensation * positive, compensation * negative, tolerance)

@@ -10,7 +10,6 @@ from types import MappingProxyType
 from ...block import Port
 from ...experiment import FloatArray
 
-
 Limits = tuple[float, float]
 """Lowest and highest command that is taken [its unit]."""
 UNLIMITED: Limits = (-inf, inf)

@@ -32,11 +32,8 @@ from .hybrid import Mode
 from .tissue import Contact, Tissue
 
 _EVENTS = 64  # in one go; a mass that rattles faster than this rests for what is left of it
-_Cause = (
-    Literal["stop", "forward", "backward"]
-    | tuple[Literal["contact"], Contact]
-    | tuple[Literal["zone"], int]
-)
+# What begins: rest, a motion, a state of contact, or a side of the dead zone.
+_Cause = Literal["stop", "forward", "backward"] | tuple[Literal["contact"], Contact] | int
 _Piece = tuple[Mode | FallingMode, list[_Cause]]
 
 
@@ -131,12 +128,12 @@ class Body:
         if cause == "stop":
             self.state[1] = 0.0
             self.way = self._leaving()
-        elif cause in ("forward", "backward"):
-            self.way = 1 if cause == "forward" else -1
-        elif cause[0] == "contact":
+        elif isinstance(cause, tuple):
             self.contact = cause[1]
+        elif isinstance(cause, int):
+            return cause
         else:
-            return cause[1]
+            self.way = 1 if cause == "forward" else -1
         return self._zone()
 
     def _leaving(self) -> int:
@@ -238,5 +235,5 @@ class Body:
             if zone in (0, side):
                 row = self._push(way, contact) * (side if zone else -side)
                 row[-1] -= edge * (side if zone else -side)
-                rows.append((row, ("zone", 0 if zone else side)))
+                rows.append((row, 0 if zone else side))
         return rows

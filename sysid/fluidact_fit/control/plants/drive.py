@@ -130,9 +130,7 @@ def behind_screw(
         screw.stribeck / lever, screw.stribeck_speed / transmission, joined=screw.joined,
     )  # fmt: skip
     ahead = values["inertia"] * transmission / lever
-    return replace(
-        line, mass=ahead + line.mass, friction=law, leverage=1.0 / lever, ahead=ahead
-    )
+    return replace(line, mass=ahead + line.mass, friction=law, leverage=1.0 / lever, ahead=ahead)
 
 
 class DrivePlant(Plant):
