@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .errors import (
         ConsumerError,
         ControllerFileError,
+        ExtrapolationWarning,
         FluidactError,
         JobsFileError,
         LogError,
@@ -40,8 +41,8 @@ if TYPE_CHECKING:
 _NAMES = {
     "control": ("load", "read_document"),
     "errors": (
-        "ConsumerError", "ControllerFileError", "FluidactError", "JobsFileError", "LogError",
-        "MismatchError", "NotIdentifiedError", "Notice", "OutputError",
+        "ConsumerError", "ControllerFileError", "ExtrapolationWarning", "FluidactError",
+        "JobsFileError", "LogError", "MismatchError", "NotIdentifiedError", "Notice", "OutputError",
         "ParameterFileError", "StrictError", "UnitError", "UsageError",
     ),
     "families": ("family_names", "get_family"),
@@ -52,9 +53,9 @@ _NAMES = {
 _HOMES = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "ConsumerError", "ControllerFileError", "FitResult", "FluidactError", "JobsFileError", "Log",
-    "LogError", "MismatchError", "NotIdentifiedError", "Notice", "OutputError",
-    "ParameterFileError", "StepInput", "StrictError", "UnitError", "UsageError",
+    "ConsumerError", "ControllerFileError", "ExtrapolationWarning", "FitResult", "FluidactError",
+    "JobsFileError", "Log", "LogError", "MismatchError", "NotIdentifiedError", "Notice",
+    "OutputError", "ParameterFileError", "StepInput", "StrictError", "UnitError", "UsageError",
     "__version__", "family_names", "fit", "get_family", "load", "read_document", "read_log",
 ]  # fmt: skip
 

@@ -6,16 +6,20 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any, NamedTuple, Self
+from warnings import warn
 
 import numpy as np
 import numpy.typing as npt
 
-from .errors import NotIdentifiedError, UsageError
+from .errors import ExtrapolationWarning, NotIdentifiedError, UsageError
 from .experiment import Experiment, FloatArray
 from .parameters.document import ParameterDocument
 from .routines.routine import Argument, Routine
 from .specification import Role, Value, Variant, scalars
+
+_NEAR = 0.05  # part of the width of a range that the noise of another log may leave it by
 
 
 class ValidRange(NamedTuple):
@@ -24,6 +28,24 @@ class ValidRange(NamedTuple):
     low: float
     high: float
     unit: str
+
+    def left_by(self, values: npt.ArrayLike) -> FloatArray:
+        """Values that leave the range by more than noise may; NaN is none of them."""
+        v = np.asarray(values, dtype=float)
+        slack = max(_NEAR * (self.high - self.low), 1e-9 * max(abs(self.low), abs(self.high)))
+        return np.asarray(v[(v < self.low - slack) | (v > self.high + slack)])
+
+    def departure(self, role: str, values: npt.ArrayLike) -> str:
+        """Say where values leave the range; empty where they do not."""
+        beyond = self.left_by(values)
+        if not beyond.size:
+            return ""
+        far = beyond.flat[np.argmax(np.abs(beyond - 0.5 * (self.low + self.high)))]
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return (
+            f"{role} = {far:.6g}{unit} is outside of {self.low:.6g} to {self.high:.6g}{unit}, "
+            "the range that the data of the model covered: it extrapolates there"
+        )
 
 
 class Port(NamedTuple):
@@ -95,7 +117,12 @@ class Block(ABC):
         Role to the range that the data covered; outside it the model extrapolates.
     offset
         Output at rest without input, mean over the fitted logs [unit of the output].
+    watching
+        Whether the use of the model beyond ``validity`` gives an ``ExtrapolationWarning``, once
+        per role: of a block that ``load`` returned.
     """
+
+    watching = False
 
     def __init__(self, document: ParameterDocument, variant: Variant) -> None:
         self.family = document.family
@@ -107,6 +134,7 @@ class Block(ABC):
             role: ValidRange(r.low, r.high, r.unit) for role, r in document.validity.items()
         }
         self.offset = float(document.model.get("output_offset", 0.0))
+        self._told: set[str] = set()
 
     def __repr__(self) -> str:
         ports = " -> ".join(str(port) for port in (self.input, self.output) if port)
@@ -189,6 +217,37 @@ class Block(ABC):
         v, r = np.asarray(value, dtype=float), self._range(role)
         out = ~((v >= r.low) & (v <= r.high))
         return bool(out) if out.ndim == 0 else out
+
+    def watch(self, **values: npt.ArrayLike) -> None:
+        """Warn where values by role are the first beyond the range that the data covered."""
+        if not self.watching:
+            return
+        for role, value in values.items():
+            known = self.validity.get(role)
+            if known is None or role in self._told:
+                continue
+            if text := known.departure(role, value):
+                self._told.add(role)
+                message = f"{self.family}: {text}. This is said once."
+                warn(message, ExtrapolationWarning, stacklevel=3)
+
+    def sample(self, role: str, value: float) -> float:
+        """Return the next sample of a role, held against its range.
+
+        Raises
+        ------
+        ValueError
+            When it is not a finite number; the block is then as it was.
+        """
+        number = float(value)
+        if not isfinite(number):
+            raise ValueError(
+                f"{role} = {number} is not a finite number. The block is as before: hold its last "
+                "output, and step again with the next good sample."
+            )
+        if self.watching and role not in self._told:
+            self.watch(**{role: number})
+        return number
 
     def _range(self, role: str) -> ValidRange:
         """Range of a role (``UsageError`` when the file holds none)."""
@@ -286,9 +345,33 @@ class SteppedBlock(Block):
     def _begin(self) -> None:
         """Be at rest, as before the first step."""
 
-    @abstractmethod
     def step(self, value: float) -> float:
-        """Take the input of this sample and return the output at the same instant."""
+        """Take the input of this sample and return the output at the same instant.
+
+        The input acts until the next call, one ``sample_time`` later.
+
+        Parameters
+        ----------
+        value
+            [unit of the input]
+
+        Returns
+        -------
+        float
+            [unit of the output]
+
+        Raises
+        ------
+        ValueError
+            When the input is not a finite number; the state is then as before.
+        UsageError
+            When the file holds no sample time.
+        """
+        return self._step(self.sample(self.variant.driving[0].name, value))
+
+    @abstractmethod
+    def _step(self, value: float) -> float:
+        """Advance by one sample; the input is finite."""
 
 
 @dataclass(frozen=True)

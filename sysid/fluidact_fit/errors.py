@@ -15,6 +15,7 @@ from dataclasses import dataclass
 _KEYWORDS = {
     "fix": "fixed", "column": "columns", "unit": "units", "scale": "scales", "step": "steps",
     "input": "inputs", "force": "overwrite=True", "set": "constants",
+    "accept-failed": "accept_failed=True",
 }  # fmt: skip
 _MAPPINGS = {
     "fix", "start", "bounds", "noise", "column", "unit", "scale", "step", "hold", "input", "set",
@@ -97,6 +98,10 @@ def _quoted(value: str) -> str:
     """Text as Python writes it; numbers, placeholders and what is quoted stay as they are."""
     plain = re.fullmatch(r"[-+0-9.e]+|nan|inf|[A-Z0-9:_@]+|[\"'\[].*|\.\.\.|True|False|None", value)
     return value if plain else repr(value)
+
+
+class ExtrapolationWarning(UserWarning):
+    """A model is used beyond the range that its data covered; given once per block and role."""
 
 
 class FluidactError(Exception):

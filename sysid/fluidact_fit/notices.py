@@ -167,6 +167,10 @@ _READING = {
 }
 
 _JUDGEMENT = {
+    "beyond-validity": _warning(
+        "An input goes beyond the range that the data of the parameter file covered.",
+        "Trust the model there only if its equation is known to hold; else fit logs that go there.",
+    ),
     "channel-missed": _warning(
         "A measured channel beside the output, such as a pressure, is missed by more than its "
         "noise: something that was given or recorded is not as the machine was.",

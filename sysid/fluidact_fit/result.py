@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .errors import in_python
+from .errors import StrictError, in_python
 from .experiment import FloatArray
 from .family import Quantity
 from .outcome import Outcome, Simulation, percent_text
-from .parameters import save_document
+from .parameters import ParameterDocument, save_document
 from .simulation import LogLike, open_logs, simulate_logs
 
 if TYPE_CHECKING:
@@ -70,15 +70,47 @@ class FitResult(Outcome):
             f"<ul>{said}</ul>" if said else ""
         )
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+    def save(
+        self, path: str | Path, *, overwrite: bool = False, accept_failed: bool = False
+    ) -> Path:
         """Write the parameter file atomically and return its path.
+
+        Parameters
+        ----------
+        path
+            The file.
+        overwrite
+            Replace a file that exists.
+        accept_failed
+            Write the file although the verdict is FAIL: the file then says so.
 
         Raises
         ------
         OutputError
             When the file exists and ``overwrite`` is false, or cannot be written.
+        StrictError
+            When the verdict is FAIL and that was not accepted.
         """
-        return save_document(self.document, path, overwrite=overwrite)
+        document = self.document_to_write(accept_failed)
+        return save_document(document, path, overwrite=overwrite)
+
+    def document_to_write(self, accept_failed: bool = False) -> ParameterDocument:
+        """Return the document, marked where it is written against the verdict.
+
+        Raises
+        ------
+        StrictError
+            When the verdict is FAIL and that was not accepted.
+        """
+        if self.verdict != "fail":
+            return self.document
+        if not accept_failed:
+            raise StrictError(
+                "the verdict is FAIL, nothing was written:",
+                expected="\n".join(f"  {n.code}: {n.message}" for n in self.notices),
+                remedy="Correct the cause, or give --accept-failed to write the file anyway.",
+            )
+        return self.document.model_copy(update={"accepted_failed": True})
 
     def simulate(self, logs: Sequence[LogLike] | LogLike) -> list[Simulation]:
         """Simulate other logs, one entry per run; columns are bound as those of the fit were.

@@ -6,10 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from typing import Any
+from warnings import warn
 
 import numpy as np
 
-from .errors import LogError, Notice, UsageError
+from .block import ValidRange
+from .errors import ExtrapolationWarning, LogError, Notice, UsageError
 from .estimation.inputs import settle_holds
 from .experiment import Experiment
 from .families import get_family
@@ -78,7 +80,26 @@ def prepare_logs(
         some, said = experiments_of(log, variant, index=index)
         runs += some
         notices += said
-    return settle_holds(runs), notices
+    return settle_holds(runs), [*notices, *beyond_validity(document, runs)]
+
+
+def beyond_validity(document: ParameterDocument, runs: Sequence[Experiment]) -> list[Notice]:
+    """Name the inputs that leave the range of the data which the file was fitted to."""
+    found = []
+    for role in variant_of(document).roles:
+        covered = document.validity.get(role.name)
+        if covered is None or role.output:
+            continue
+        known = ValidRange(covered.low, covered.high, covered.unit)
+        for run in (r for r in runs if role.name in r):
+            signal = run.signals[role.name]
+            ends = [signal.values.min(), signal.values.max()]
+            if signal.values.size == 1:  # of a step
+                ends.append(signal.before)
+            if text := known.departure(role.name, np.array(ends, dtype=float)):
+                found.append(Notice("beyond-validity", f"{run.name}: {text}."))
+                break
+    return found
 
 
 def _units_of_file(document: ParameterDocument) -> dict[str, str]:
@@ -115,8 +136,13 @@ def simulate_logs(document: ParameterDocument, logs: Sequence[Log]) -> list[Simu
 
     Everything that the fit settled is read from the file; nothing is settled here. The logs may
     lack the output role; ``measured`` is then NaN. See :func:`prepare_logs` for what is refused.
+    An input beyond ``validity`` gives an ``ExtrapolationWarning``.
     """
-    return simulate_runs(document, prepare_logs(document, recall_logs(document, logs))[0])
+    runs, notices = prepare_logs(document, recall_logs(document, logs))
+    for notice in notices:
+        if notice.code == "beyond-validity":
+            warn(notice.message, ExtrapolationWarning, stacklevel=3)
+    return simulate_runs(document, runs)
 
 
 def simulate_steps(

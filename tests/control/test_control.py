@@ -26,6 +26,9 @@ relaxed = settings(
 )
 Writer = Callable[..., Path]
 
+# most records here go beyond the range of the files, which has a test of its own
+pytestmark = pytest.mark.filterwarnings("ignore::fluidact_fit.ExtrapolationWarning")
+
 
 def loaded(path: Path) -> Any:
     return ff.load(path)

@@ -352,6 +352,7 @@ def test_every_routine_gives_what_it_gives_in_python(host: Callable[[str], Host]
                 assert unit.get(f"{routine.name}_outside") == bool(outside)
 
 
+@pytest.mark.filterwarnings("ignore::fluidact_fit.ExtrapolationWarning")
 def test_what_is_beyond_a_range_is_clamped_and_told(host: Callable[[str], Host]) -> None:
     unit, block = host("potentiometer").running(), block_of("potentiometer")
     for reading in (-50.0, 5000.0, np.inf, -np.inf):

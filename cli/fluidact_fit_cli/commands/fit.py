@@ -264,15 +264,7 @@ def _judge(result: FitResult, params: Mapping[str, Any]) -> FitResult:
             expected=said,
             remedy="Remove the causes, or run without --strict.",
         )
-    if result.verdict != "fail":
-        return result
-    if not params["accept_failed"]:
-        raise StrictError(
-            "the verdict is FAIL, nothing was written:",
-            expected=said,
-            remedy="Correct the cause, or give --accept-failed to write the file anyway.",
-        )
-    return replace(result, document=result.document.model_copy(update={"accepted_failed": True}))
+    return replace(result, document=result.document_to_write(params["accept_failed"]))
 
 
 def _render(result: FitResult, targets: Mapping[str, str]) -> dict[str, bytes | str]:

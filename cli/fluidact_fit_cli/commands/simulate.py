@@ -165,9 +165,12 @@ def _with_logs(
 
 def _with_steps(document: ParameterDocument, params: Mapping[str, Any]) -> list[Simulation]:
     from fluidact_fit.logs import StepInput
-    from fluidact_fit.simulation import simulate_steps
+    from fluidact_fit.simulation import beyond_validity, simulate_steps
 
     steps = {role: StepInput(*step) for role, step in params["input"].items()}
-    return simulate_steps(
+    runs = simulate_steps(
         document, steps, params["unit"], params["duration"], params["sample_time"]
     )
+    if not params["quiet"]:
+        echo_warnings(beyond_validity(document, [run.experiment for run in runs]))
+    return runs

@@ -47,7 +47,8 @@ def load(
     -------
     Block
         A static map is called with arrays; a dynamic block has ``step``, ``simulate`` and
-        ``reset``. All have ``parameters``, ``validity``, ``outside`` and ``not_identified``.
+        ``reset``. All have ``parameters``, ``validity``, ``outside`` and ``not_identified``. An
+        input beyond ``validity`` gives one ``ExtrapolationWarning`` per role.
 
     Raises
     ------
@@ -60,6 +61,7 @@ def load(
     document = read_document(path)
     block = make_block(document, accept_failed=accept_failed, where=os.fspath(path))
     block.accept(accept_not_identified)
+    block.watching = True
     return block
 
 

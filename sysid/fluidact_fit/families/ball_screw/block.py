@@ -93,24 +93,11 @@ class DriveBlock(DryDriveBlock):
         self.position = 0.0 if output is None else float(output)
         self.velocity = float(velocity)
 
-    def step(self, value: float) -> float:
-        """Take the input of this sample and return the position at the same instant.
-
-        The input is held until the next call, one ``sample_time`` later.
-
-        Parameters
-        ----------
-        value
-            Torque or force [unit of the input].
-
-        Returns
-        -------
-        float
-            Position [unit of the output].
-        """
+    def _step(self, value: float) -> float:
+        """Hold the input for one sample time, and return the position before that."""
         self._need_sample_time("sample time")
         now = self.position
-        rest, value = self.sample_time, float(value)
+        rest = self.sample_time
         for _ in range(4):  # a held input: moving, stopped, moving the other way
             rest = self._move(value, rest)
             if rest <= 0.0:
@@ -237,6 +224,7 @@ class DriveBlock(DryDriveBlock):
             self._need_sample_time("sample time")
             time = np.arange(np.size(values)) * self.sample_time
         role = self.variant.driving[0]
+        self.watch(**{role.name: values})
         signal = make_signal(role.name, values, time, role.unit, hold)
         place = output or 0.0
         if signal.time.size == 1:

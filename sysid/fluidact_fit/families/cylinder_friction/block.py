@@ -40,6 +40,7 @@ class FrictionBlock(Block):
 
     def __call__(self, velocity: npt.ArrayLike, width: float | None = None) -> FloatArray:
         """Return the friction, shape of ``velocity`` [N or N m]; ``velocity`` in m/s or rad/s."""
+        self.watch(**{axis_of(self.variant).speed: velocity})
         v = np.asarray(velocity, dtype=float)
         width = self.width if width is None else width
         if width <= 0.0:

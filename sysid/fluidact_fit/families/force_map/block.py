@@ -62,6 +62,7 @@ class ForceMapBlock(Block):
 
         A motion state of 0, not known, gives what lies between the branches.
         """
+        self.watch(**values)
         x, shape = self._table(values)
         y = self._map.predict(x, self.inputs)
         return float(y[0]) if not shape else y.reshape(shape)

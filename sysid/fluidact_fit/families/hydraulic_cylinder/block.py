@@ -81,6 +81,7 @@ class HydraulicBlock(FlowBlock):
         network
             Whether to ask the network (``--flow mlp``) instead of the equation.
         """
+        self.watch(**{"command": command, f"pressure_{chamber}": pressure})
         u, p = np.broadcast_arrays(np.asarray(command, float), np.asarray(pressure, float))
         if network:
             net = self._network(f"flow_{chamber}", "flow")

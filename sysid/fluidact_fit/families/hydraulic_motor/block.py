@@ -37,6 +37,7 @@ class MotorBlock(LinearBlock):
             1 where the command was last raised, -1 where it was lowered, 0 for the middle of
             the hysteresis.
         """
+        self.watch(command=command)
         u, v = np.asarray(command, dtype=float), self.numbers()
         return static_speed(u - 0.5 * np.sign(direction) * v["hysteresis"], v)
 
@@ -50,6 +51,7 @@ class MotorBlock(LinearBlock):
         direction
             As when calling; use the sign of the wanted change.
         """
+        self.watch(speed=speed)
         n, v = np.asarray(speed, dtype=float), self.numbers()
         k = v["curvature"] + 1e-12
         share = np.minimum(np.abs(n) * k / v["gain"], 1.0 - 1e-12)

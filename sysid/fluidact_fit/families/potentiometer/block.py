@@ -40,6 +40,7 @@ class PotentiometerBlock(Block):
         self, reading: npt.ArrayLike, direction: npt.ArrayLike | None = None
     ) -> float | FloatArray:
         """Position of a reading or an array of readings [m]; clamped to the reading range."""
+        self.watch(reading=reading)
         y = self._calibration.position(np.asarray(reading, dtype=float), direction)
         return float(y) if y.ndim == 0 else y
 
@@ -55,8 +56,14 @@ class PotentiometerBlock(Block):
         return self._calibration.position(experiment.sampled("reading"))
 
     def step(self, reading: float) -> float:
-        """Position of the next reading of a controller [m]."""
-        c = self._calibration
+        """Position of the next reading of a controller [m].
+
+        Raises
+        ------
+        ValueError
+            When the reading is not a finite number; the direction is then as before.
+        """
+        c, reading = self._calibration, self.sample("reading", reading)
         if len(c.curves) > 1:
             pair = np.array([reading if np.isnan(self._last) else self._last, reading])
             share = rising_share(pair, c.dead_band, self._state)[-1]

@@ -34,12 +34,14 @@ class SpringCylinderBlock(Block):
 
         With a Stribeck rise friction at velocity 0 is that of the slowest motion.
         """
+        self.watch(**{self.variant.name: drive, "position": position})
         return self._law.force(drive, position, direction, velocity)
 
     def inverse(
         self, force: _Array, position: _Array, direction: _Array = 0.0, velocity: _Array = 0.0
     ) -> FloatArray:
         """Command [V] or pressure [Pa] for a wanted force [N]; exact."""
+        self.watch(force=force, position=position)
         return self._law.command(force, position, direction, velocity)
 
     def routines(self) -> Sequence[Routine]:

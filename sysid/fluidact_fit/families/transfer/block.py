@@ -186,26 +186,8 @@ class TransferBlock(LinearBlock):
         level = self.actuate(input)
         return level, gain * level + self.offset if output is None else output
 
-    def step(self, value: float) -> float:
-        """Take the input of this sample and return the output at the same instant.
-
-        The input acts until the next call, one ``sample_time`` later.
-
-        Parameters
-        ----------
-        value
-            [unit of the input]
-
-        Returns
-        -------
-        float
-            [unit of the output]
-
-        Raises
-        ------
-        UsageError
-            When the file holds no discrete model.
-        """
+    def _step(self, value: float) -> float:
+        """Take one step of the difference equation."""
         if self._state is None:
             self.reset()
         num, den = self._difference
@@ -251,9 +233,10 @@ class TransferBlock(LinearBlock):
         (n,)
             Output [unit of the output].
         """
+        role = self.variant.driving[0]
+        self.watch(**{role.name: values})
         if time is None:
             return self._stepped(np.asarray(values, dtype=float), before, output)
-        role = self.variant.driving[0]
         signal = make_signal(role.name, values, time, role.unit, hold)
         level = float(signal.values[0]) if before is None else before
         return self._respond(piecewise(signal), signal.time, level, output)
