@@ -44,12 +44,22 @@ _READING = {
         "atmosphere.",
         "Subtract the pressure of the air on that day, or use a gauge sensor.",
     ),
+    "clock-doubtful": _warning(
+        "Clock times may be read in several ways, and the column does not tell which; it was not "
+        "read.",
+        "Export the times in seconds, or name another column of time.",
+    ),
     "clock-midnight": _information(
-        "A clock without dates passes midnight; it was continued, a day later.",
+        "A clock without dates passes midnight (or one without hours the hour); it was continued.",
         "Nothing, if the recording went on; else give --sample-time, or record the date as well.",
     ),
+    "clock-of-days": _information(
+        "Clock times of four numbers were read as days, hours, minutes and seconds.",
+        "Nothing, unless the numbers mean something else; export seconds then.",
+    ),
     "clock-set-back": _information(
-        "A clock goes back by an hour, as at the end of summer time; it was continued.",
+        "A clock goes back by an hour, as at the end of summer time, or by half a day, as one of "
+        "twelve hours; it was continued.",
         "Nothing, if the recording went on; record in UTC to avoid it.",
     ),
     "constant-signal": _warning(
@@ -119,6 +129,10 @@ _READING = {
     "time-bases": _information(
         "Columns were sampled at different instants.",
         "Nothing: each is used at its own instants.",
+    ),
+    "time-joined": _information(
+        "Seconds and their fraction stand in two columns, which were joined to one time.",
+        "Nothing.",
     ),
     "time-out-of-order": _warning(
         "Lines whose time is earlier than that of the line before were left out.",

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fluidact_fit.errors import LogError
 from fluidact_fit.family import Role, Variant
 from fluidact_fit.logs import Log, describe, experiments, read_log
 
@@ -194,3 +195,120 @@ def test_a_stamp_of_another_century_is_named(tmp_path: Path) -> None:
 def test_ratios_and_versions_are_no_stamps(tmp_path: Path) -> None:
     log = read(tmp_path, "t;mix;p", [f"{k};12:30;1.{k}" for k in range(40)])
     assert not any(c.clock for c in log.columns)
+
+
+def hms(seconds: float) -> str:
+    return f"{int(seconds) // 3600:02}:{int(seconds) // 60 % 60:02}:{int(seconds) % 60:02}"
+
+
+@pytest.mark.parametrize(
+    ("cell", "step"),
+    [
+        (lambda k: f"0:{hms(3500 + k)}", 1.0),  # days, hours, minutes, seconds
+        (lambda k: f"{k // 86400}:{hms(86_000 + k)}", 1.0),
+        (lambda k: f"001:{hms(43_000 + k // 2)}.{5 * (k % 2)}00", 0.5),  # IRIG
+        (lambda k: f"123:{hms(43_000 + 10 * k)}", 10.0),
+        (lambda k: f"{hms(900 + k // 100)}:{k % 100:02}", 0.01),  # hundredths
+        (lambda k: f"{hms(90 + k // 50)}:{20 * (k % 50)}", 0.02),  # %d of milliseconds
+        (lambda k: f"0:0:{k // 50}:{20 * (k % 50)}", 0.02),
+        (lambda k: f"{hms(90 + k // 50)}:{20_000 * (k % 50)}", 0.02),
+        (lambda k: f"2024-05-01 {hms(90 + k // 50)}:{20 * (k % 50):03}", 0.02),
+        (lambda k: f"{(30 + k // 2) // 60}:{(30 + k // 2) % 60:02}.{5 * (k % 2)}", 0.5),
+        (lambda k: f"{hms(3590 + k // 2)[3:]}.{5 * (k % 2)}", 0.5),  # over the hour
+        (lambda k: f"20240501{hms(43_000 + k).replace(':', '')}", 1.0),
+        (lambda k: f"20240501T{hms(43_000 + k).replace(':', '')}.250", 1.0),
+        (lambda k: f"20240501_{hms(43_000 + k).replace(':', '')}", 1.0),
+        (lambda k: f"2024-123T{hms(43_000 + k)}.5Z", 1.0),
+        (lambda k: f"2024-05-01 {hms(43_000 + k)} CEST", 1.0),
+        (lambda k: f"2024-05-01 {hms(43_000 + k)}+02", 1.0),
+        (lambda k: f"{(46_700 + k) // 3600 % 12 or 12}{hms(46_700 + k)[2:]}", 1.0),
+    ],
+)  # fmt: skip
+def test_forms_of_clocks(tmp_path: Path, cell: Callable[[int], str], step: float) -> None:
+    """Days were read as hours and hundredths as seconds; numbers without signs skipped a minute."""
+    log = read(tmp_path, "time;p", [f"{cell(k)};{k}.5" for k in range(200)])
+    np.testing.assert_allclose(log.columns[0].values, step * np.arange(200), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("cell", "told"),
+    [
+        (lambda k: f"{hms(3600 + k // 25)}:{k % 25:02}", "frames, 25 to a second"),
+        (lambda k: f"{hms(3600 + k // 24)}:{k % 24:02}", "frames, 24 to a second"),
+        (lambda k: f"{hms(3600 + k // 30)};{k % 30:02}", "frames, 30 to a second"),
+        (lambda k: f"{hms(3600 + k // 30)}:{k % 30}", "frames, 30 to a second"),
+        (lambda k: f"0:{hms(60 * k)}", "may be days, hours, minutes and seconds, or"),
+        (lambda k: f"{hms(3600)}:{k % 20:02}" if k < 20 else f"{hms(3600 + k)}:05", "may be days"),
+        (lambda k: f"2024-05-01T{hms(k)}{'Z' * (k % 2)}", "name several zones (UTC, none)"),
+        (lambda k: f"2024-10-27 {hms(k)} {'CEST' if k < 99 else 'CET'}", "zones (CEST, CET)"),
+    ],
+)
+def test_clocks_that_may_be_read_in_several_ways_are_refused(
+    tmp_path: Path, cell: Callable[[int], str], told: str
+) -> None:
+    log = read(tmp_path, "time,p", [f"{cell(k)},{k % 9}.5" for k in range(200)])
+    assert np.isnan(log.columns[0].values).all()
+    assert [n.code for n in log.notices] == ["clock-doubtful"]
+    bound = read_log(log.path, columns={"outlet": "p"})
+    with pytest.raises(LogError) as caught:
+        experiments(bound, Variant("any", ROLES, ()))
+    assert told in caught.value.text
+    assert "line 2: column 'time' was not read" in caught.value.text
+    assert "--sample-time SECONDS" in caught.value.remedy
+
+
+@pytest.mark.parametrize("cell", [lambda k: hms(k)[3:], lambda k: hms(60 * k)[:5]])
+def test_two_numbers_may_be_minutes_or_hours(tmp_path: Path, cell: Callable[[int], str]) -> None:
+    log = read(tmp_path, "time,p", [f"{cell(k)},{k}.5" for k in range(60)])
+    bound = read_log(log.path, columns={"outlet": "p"})
+    with pytest.raises(LogError, match="hours and minutes or minutes and seconds"):
+        experiments(bound, Variant("any", ROLES, ()))
+
+
+@pytest.mark.parametrize("end", ["", ".25"])
+@pytest.mark.parametrize("start", [43_000, 3_590, 86_000])
+def test_digits_of_a_clock_are_no_count(tmp_path: Path, start: int, end: str) -> None:
+    """They skip from 115659 to 115700: 41 s where one had passed."""
+    rows = [f"{hms(start + k).replace(':', '').lstrip('0')}{end},{k}.5" for k in range(200)]
+    bound = read_log(read(tmp_path, "time,p", rows).path, columns={"outlet": "p"})
+    with pytest.raises(LogError, match="digits of a clock"):
+        experiments(bound, Variant("any", ROLES, ()))
+
+
+@pytest.mark.parametrize("step", [0.5, 1, 7, 20, 50, 100])
+def test_seconds_are_no_digits_of_a_clock(tmp_path: Path, step: float) -> None:
+    bound = read_log(
+        read(tmp_path, "time,p", [f"{k * step},{k}.5" for k in range(60)]).path,
+        columns={"outlet": "p"},
+    )
+    (one,), _ = experiments(bound, Variant("any", ROLES, ()))
+    assert one.sample_time == step
+
+
+@pytest.mark.parametrize("hours", [1, 2, 6])
+def test_a_slow_logger_is_not_set_back(tmp_path: Path, hours: int) -> None:
+    """Steps of half an hour and more were each lengthened by an hour."""
+    rows = [f"2024-05-{1 + k * hours // 24:02} {k * hours % 24:02}:00:00,{k}" for k in range(40)]
+    log = read(tmp_path, "time,p", rows)
+    np.testing.assert_array_equal(log.columns[0].values, 3600.0 * hours * np.arange(40))
+    assert not log.notices
+
+
+@pytest.mark.parametrize(
+    ("name", "first", "step", "unit"),
+    [("__time", 1717171717123456789, 10_000_000, "ns"), ("stamp", 45413.5, 1 / 86400, "d"),
+     ("epoch time", 1717171717123, 10, "ms")],
+)  # fmt: skip
+def test_inspect_reads_the_time_as_a_fit_does(
+    tmp_path: Path, name: str, first: float, step: float, unit: str
+) -> None:
+    """It showed nanoseconds and days of a spreadsheet as seconds."""
+    rows = [f"{first + k * step:.9f},{k}.5" if unit == "d" else f"{first + k * step},{k}.5"
+            for k in range(40)]  # fmt: skip
+    log = read(tmp_path, f"{name},p", rows)
+    bound = read_log(log.path, columns={"time": "#1", "outlet": "p"})
+    (one,), _ = experiments(bound, Variant("any", ROLES, ()))
+    shown = describe(log)["time"]
+    assert shown["unit"] == unit
+    assert shown["start"] == one.time[0]
+    assert shown["sample_time"] == pytest.approx(one.sample_time, rel=1e-5)

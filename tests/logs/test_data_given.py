@@ -8,6 +8,7 @@ import io
 import lzma
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -267,3 +268,43 @@ def test_a_path_takes_columns_a_sample_time_and_a_window(expected: dict[str, flo
     part = ff.fit("line", CSV, columns=named, window=(None, 1.0))
     whole, cut = (f.document.fit.samples for f in (found, part))
     assert cut < whole
+
+
+@pytest.mark.parametrize("missing", [0, 5])
+@pytest.mark.parametrize("kind", ["datetime64[ns]", "datetime64[us]", "timedelta64[ns]"])
+@pytest.mark.parametrize("how", ["frame", "parquet"])
+def test_a_missing_instant_is_one_invalid_row(
+    tmp_path: Path, how: str, kind: str, missing: int
+) -> None:
+    """All instants became -9.2e9 s."""
+    start = 0 if kind.startswith("t") else 1_714_564_800_000_000_000
+    instants = (start + 10_000_000 * np.arange(50)).astype(kind.partition("[")[0] + "[ns]")
+    instants = instants.astype(kind)
+    instants[missing] = "NaT"
+    frame = pd.DataFrame({"time": instants, "p": np.arange(50.0)})
+    given: object = frame
+    if how == "parquet":
+        frame.to_parquet(tmp_path / "log.parquet")
+        given = tmp_path / "log.parquet"
+    values = read_log(given).columns[0].values
+    assert np.flatnonzero(np.isnan(values)).tolist() == [missing]
+    np.testing.assert_allclose(np.diff(np.delete(values, missing))[6:], 0.01)
+
+
+@pytest.mark.parametrize(
+    "as_cells",
+    [
+        lambda t: t.tz_localize("UTC"),
+        lambda t: t.tz_localize("UTC").tz_convert("Europe/Berlin"),
+        lambda t: list(t.to_pydatetime()),
+        lambda t: [str(x) for x in t],
+        lambda t: [x.isoformat() + "Z" for x in t],
+        lambda t: [x.time() for x in t],
+    ],
+)
+def test_instants_of_any_kind(as_cells: Callable[[pd.DatetimeIndex], object]) -> None:
+    """With a zone, as objects or as text none of them was a number."""
+    instants = pd.date_range("2024-10-27 00:59:59.8", periods=50, freq="10ms")
+    log = read_log(pd.DataFrame({"time": as_cells(instants), "p": np.arange(50.0)}))
+    np.testing.assert_allclose(log.columns[0].values, 0.01 * np.arange(50), atol=1e-9)
+    assert log.columns[0].unit == "s"

@@ -272,7 +272,7 @@ def test_unusable_optional_time_is_dropped_with_a_notice(tmp_path: Path) -> None
     truncated=st.booleans(),
 )
 def test_printed_grids_are_found(step: float, start: float, digits: int, truncated: bool) -> None:
-    from fluidact_fit.logs.timebase import make_run, print_resolution
+    from fluidact_fit.logs.grid import make_run, print_resolution
 
     exact = start + np.arange(400) * step
     power = 10.0**digits

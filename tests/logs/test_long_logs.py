@@ -13,7 +13,7 @@ from pyarrow import parquet
 from fluidact_fit import rows
 from fluidact_fit.experiment import all_of, at_rows, is_finite
 from fluidact_fit.families import get_family
-from fluidact_fit.logs import binary, checks, experiments, read_log, repeats, spikes, timebase
+from fluidact_fit.logs import binary, checks, experiments, grid, read_log, repeats, spikes
 from fluidact_fit.logs.arrays import log_of
 from fluidact_fit.logs.log import Log
 
@@ -71,14 +71,14 @@ def test_a_clock_of_many_stamps_is_that_of_all(rows_of_a_block, monkeypatch):
     even = 0.0025 * np.arange(900)
     uneven = np.round(even + 1e-3 * rng.uniform(-0.5, 0.5, 900), 4)
     for stamps in (even, np.round(even, 3), np.round(even, 4), uneven):
-        resolution = timebase.print_resolution(stamps)
+        resolution = grid.print_resolution(stamps)
         runs = []
         for many in (10**6, 100):
-            monkeypatch.setattr(timebase, "_MANY", many)
-            runs.append(timebase.make_run(np.arange(900), stamps, resolution, 1.0))
+            monkeypatch.setattr(grid, "_MANY", many)
+            runs.append(grid.make_run(np.arange(900), stamps, resolution, 1.0))
         assert runs[0].uniform == runs[1].uniform
         assert runs[0].time.tobytes() == runs[1].time.tobytes()
-    assert timebase.print_resolution(np.append(even, 2.250001)) == 1e-6
+    assert grid.print_resolution(np.append(even, 2.250001)) == 1e-6
 
 
 def test_a_cell_far_down_is_looked_at(rows_of_a_block):

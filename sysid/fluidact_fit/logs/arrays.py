@@ -16,10 +16,12 @@ from ..errors import LogError, Notice
 from ..experiment import FloatArray, where_finite
 from ..rows import counted
 from ..units import is_doubtful_suffix, parse_unit_from_header
+from .clock import Clocks, find_clocks, read_clocks
 from .groups import united
 from .log import Account, Column, Dialect, Log, count_of
 
 _MOST_COLUMNS = 4096
+_PROBED = 200  # cells that show whether a column holds instants
 _KEPT = 5000  # texts of cells that are no number
 
 
@@ -109,7 +111,8 @@ def make_log(
     (rows,) = sizes
     if not rows:
         raise LogError("there are no samples.", where=name, remedy="Check what was recorded.")
-    columns = tuple(_column(k, c, name) for k, c in enumerate(named, start=1))
+    said = list(notices)
+    columns = tuple(_column(k, c, name, said) for k, c in enumerate(named, start=1))
     return Log(
         path=path,
         name=name,
@@ -118,14 +121,19 @@ def make_log(
         lines=counted(1, rows + 1),
         dialect=Dialect(dialect, "binary", "", ".", 0, None, None, 1),
         account=Account(int(rows), 0, int(rows), 0),
-        notices=tuple(notices),
+        notices=tuple(said),
     )
 
 
-def _column(index: int, given: Named, name: str) -> Column:
+def _column(index: int, given: Named, name: str, notices: list[Notice]) -> Column:
     """A column as a file would have it."""
     values, unit = _numbers(given, name)
-    header = given.header.strip()
+    header, clock, doubt = given.header.strip(), False, ""
+    if unit is None and not np.isfinite(values).any():
+        clocks = _clocks(given, index, name)
+        clock, doubt = bool(clocks.seconds), clocks.doubts.get(index - 1, "")
+        values, unit = clocks.seconds.get(index - 1, values), "s" if clock else None
+        notices += clocks.notices
     written, in_header = parse_unit_from_header(header)
     unit = unit or given.unit or in_header
     finite = where_finite(values)
@@ -133,10 +141,24 @@ def _column(index: int, given: Named, name: str) -> Column:
     if not finite.all():
         raw = np.asarray(given.values, dtype=object).ravel()
         where = np.flatnonzero(~finite)[:_KEPT]
-        bad = {int(k): "" if raw[k] is None else str(raw[k])[:60] for k in where}
+        bad = {int(k): _text(raw[k])[:60] for k in where}
         values = np.where(finite, values, np.nan)
     doubtful = given.unit is None and is_doubtful_suffix(header)
-    return Column(index, header, written, unit, doubtful, values, bad, given.sparse)
+    return Column(index, header, written, unit, doubtful, values, bad, given.sparse, clock, doubt)
+
+
+def _text(cell: Any) -> str:
+    """A cell as text; nothing where it holds none, or no instant."""
+    return "" if cell is None or str(cell) in ("NaT", "<NA>") else str(cell)
+
+
+def _clocks(given: Named, index: int, name: str) -> Clocks:
+    """Instants of a column of text or of objects, where it holds such."""
+    cells = [_text(cell) for cell in np.asarray(given.values, dtype=object).ravel()]
+    if not find_clocks([[cell] for cell in cells if cell][:_PROBED]):
+        return Clocks({})
+    lines = np.arange(1, len(cells) + 1)
+    return read_clocks({index - 1: cells}, {index - 1: None}, lines, name)
 
 
 def _numbers(given: Named, name: str) -> tuple[FloatArray, str | None]:
@@ -152,8 +174,13 @@ def _numbers(given: Named, name: str) -> tuple[FloatArray, str | None]:
             )
         values = values.ravel()
     if values.dtype.kind in "mM":
-        since = values - values[0] if values.dtype.kind == "M" and values.size else values
-        return since.astype("timedelta64[ns]").astype(np.float64) / 1e9, "s"
+        known = ~np.isnat(values)
+        seconds = np.full(values.size, np.nan)
+        if known.any():
+            since = values[known]
+            since = since - since[0] if values.dtype.kind == "M" else since
+            seconds[known] = since.astype("timedelta64[ns]").astype(np.float64) / 1e9
+        return seconds, "s"
     if values.dtype.kind in "fiu":
         return values.astype(np.float64, copy=not given.own), None
     if values.dtype.kind == "c":

@@ -12,8 +12,8 @@ from ..experiment import BoolArray, Experiment, FloatArray, IndexArray, where_ch
 from ..rows import blocks
 from ..units import after_number
 from .columns import Binding
+from .grid import Run
 from .log import Column, Log, count_of, exclude_lines, name_lines
-from .timebase import Run
 
 _MANY = 100_000
 _GAP = 5.0

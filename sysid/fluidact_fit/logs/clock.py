@@ -6,6 +6,8 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import date
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,12 +16,17 @@ from ..experiment import FloatArray
 from .layout import Cut
 from .log import IntArray, name_lines
 from .stamps import SECOND, Stamp, is_bare_clock, is_date, is_stamp, read_stamp
+from .timecode import read_fourth
 
 _COMMA = re.compile(r"^([^,]*\d\d:\d\d:\d\d),(\d{3})(?=,)")
 _FILETIME = re.compile(r"\d{17,19}")  # units of 100 ns since 1601
 _LONGEST = 2**62  # what is counted in ns, 146 years
 _DAY = 86_400 * SECOND
 _HOUR = 3_600 * SECOND
+_SET_BACK = {
+    _HOUR: "the clock goes back by an hour, as at the end of summer time",
+    12 * _HOUR: "the clock goes back by half a day, as one of twelve hours does",
+}
 
 
 def find_clocks(rows: Sequence[Sequence[str]]) -> dict[int, int | None]:
@@ -59,12 +66,23 @@ def _with_point(line: str) -> str:
     return _COMMA.sub(r"\1.\2", line)
 
 
+class Clocks(NamedTuple):
+    """Columns of clock times by their index: seconds, shape ``(n_rows,)``, and notices.
+
+    ``doubts`` say why a column was not read, and below what to do.
+    """
+
+    seconds: dict[int, FloatArray]
+    notices: tuple[Notice, ...] = ()
+    doubts: Mapping[int, str] = MappingProxyType({})
+
+
 def read_clocks(
     columns: Mapping[int, Sequence[str]],
     clocks: Mapping[int, int | None],
     lines: IntArray,
     name: str,
-) -> tuple[dict[int, FloatArray], list[Notice]]:
+) -> Clocks:
     """Turn columns of clock times into seconds since the first sample of them all.
 
     Parameters
@@ -80,51 +98,82 @@ def read_clocks(
 
     Returns
     -------
-    tuple
-        Index to seconds, shape ``(n_rows,)``, NaN where a cell is no clock time; and notices.
+    Clocks
+        Seconds, NaN where a cell is no clock time.
     """
     notices: list[Notice] = []
-    read = {k: _nanoseconds(columns, k, dates, name, notices) for k, dates in clocks.items()}
+    found = {k: _read_column(columns, k, dates) for k, dates in clocks.items()}
+    for k, column in found.items():
+        if column.doubt:
+            text = f"{name}: column #{k + 1} was not read: {column.doubt}"
+            notices.append(Notice(column.code, f"{text} {column.remedy}"))
+        if column.days:
+            notices.append(
+                Notice(
+                    "clock-of-days",
+                    f"{name}: column #{k + 1} ('{columns[k][0]}') was read as days, hours, minutes "
+                    "and seconds, as its last number shows.",
+                )
+            )
+    read = {k: column.instants for k, column in found.items()}
     first = [next((v for v in values if v is not None), None) for values in read.values()]
     origin = min((v for v in first if v is not None), default=0)
     out = {}
-    for k, found in read.items():
-        values = [v if v is not None and abs(v - origin) < _LONGEST else None for v in found]
+    for k, instants in read.items():
+        values = [v if v is not None and abs(v - origin) < _LONGEST else None for v in instants]
         known = np.array([v is not None for v in values], dtype=np.bool_)
         since: IntArray = np.array([v - origin for v in values if v is not None], dtype=np.int64)
-        since = _go_on(since, lines[known], name, notices)
+        turn = _HOUR if found[k].hourless else _DAY
+        since = _go_on(since, turn, lines[known], name, notices)
         out[k] = np.full(len(values), np.nan)
         out[k][known] = since / SECOND
-    return out, notices
+    doubts = {k: f"{c.doubt}\n{c.remedy}" for k, c in found.items() if c.doubt}
+    return Clocks(out, tuple(notices), doubts)
 
 
-def _nanoseconds(
-    columns: Mapping[int, Sequence[str]],
-    clock: int,
-    dates: int | None,
-    name: str,
-    notices: list[Notice],
-) -> list[int | None]:
-    """Instants of a column [ns], ``None`` where a cell is none."""
+class _Instants(NamedTuple):
+    """Instants of a column [ns], ``None`` where a cell is none; why none was read, and what to do.
+
+    A clock that is ``hourless`` starts again with every hour.
+    """
+
+    instants: list[int | None]
+    doubt: str = ""
+    remedy: str = ""
+    code: str = "clock-doubtful"
+    days: bool = False
+    hourless: bool = False
+
+
+def _read_column(columns: Mapping[int, Sequence[str]], clock: int, dates: int | None) -> _Instants:
     cells: Sequence[str] = [cell.strip() for cell in columns[clock]]
     if _mostly([cell for cell in cells if cell], lambda cell: bool(_FILETIME.fullmatch(cell))):
-        return [100 * int(cell) if _FILETIME.fullmatch(cell) else None for cell in cells]
+        return _Instants([100 * int(c) if _FILETIME.fullmatch(c) else None for c in cells])
     if dates is not None:
         cells = [f"{day.strip()} {cell}" for day, cell in zip(columns[dates], cells)]
-    stamps = [read_stamp(cell) for cell in cells]
-    slashed = {s.slashed for s in stamps if s is not None and s.slashed is not None}
+    stamps, days, doubt = read_fourth([read_stamp(cell) for cell in cells])
+    known = [s for s in stamps if s is not None]
+    remedy = "Export it in seconds, or give --sample-time SECONDS."
+    if doubt:
+        return _unread(cells, doubt, remedy)
+    if len(zones := {s.zone for s in known if s.time is not None}) > 1:
+        listed = ", ".join(sorted(zone or "none" for zone in zones))
+        return _unread(cells, f"name several zones ({listed})", remedy)
+    if len({s.hourless for s in known}) > 1:
+        return _unread(cells, "have an hour in some rows and none in others", remedy)
+    slashed = {s.slashed for s in known if s.slashed is not None}
     day_first = _day_first(slashed)
     if day_first is None:
-        notices.append(
-            Notice(
-                "dates-doubtful",
-                f"{name}: the dates of column #{clock + 1} ('{cells[0]}') may be day and month or "
-                "month and day, and no row tells which; the column was not read. Export the "
-                "dates as 2024-05-31.",
-            )
-        )
-        return [None] * len(stamps)
-    return [None if s is None else _instant(s, day_first) for s in stamps]
+        doubt = "may be day and month or month and day, and no row tells which"
+        found = _unread(cells, doubt, "Export the dates as 2024-05-31.")
+        return found._replace(code="dates-doubtful")
+    instants = [None if s is None else _instant(s, day_first) for s in stamps]
+    return _Instants(instants, days=days, hourless=any(s.hourless for s in known))
+
+
+def _unread(cells: Sequence[str], doubt: str, remedy: str) -> _Instants:
+    shown = next((cell for cell in cells if cell), "")
+    return _Instants([None] * len(cells), f"its instants, as '{shown[:40]}', {doubt}.", remedy)
 
 
 def _day_first(slashed: set[tuple[int, int, int]]) -> bool | None:
@@ -158,23 +207,28 @@ def _instant(stamp: Stamp, day_first: bool) -> int | None:
     return (day or 0) * _DAY + (stamp.time or 0)
 
 
-def _go_on(since: IntArray, lines: IntArray, name: str, notices: list[Notice]) -> IntArray:
-    """Let a clock go on over midnight, and over the hour it is put back in autumn."""
+def _go_on(
+    since: IntArray, turn: int, lines: IntArray, name: str, notices: list[Notice]
+) -> IntArray:
+    """Let a clock go on over midnight (or the hour), and over the hour it is put back in autumn.
+
+    ``turn`` is what it shows before it starts again [ns].
+    """
     steps = np.diff(since)
     forward = steps[steps > 0]
     usual = int(np.median(forward)) if forward.size else 0
-    midnight = (steps < -_DAY // 2) & (since.max(initial=0) - since.min(initial=0) <= _DAY)
-    back = np.abs(steps + _HOUR - usual) <= max(2 * usual, SECOND)
-    if midnight.any():
-        since = since + _DAY * np.concatenate(([0], np.cumsum(midnight)))
-        where = f"{name}, {name_lines(lines[1:][midnight])}"
+    over = (steps < -turn // 2) & (since.max(initial=0) - since.min(initial=0) <= turn)
+    if over.any():
+        since = since + turn * np.concatenate(([0], np.cumsum(over)))
+        where = f"{name}, {name_lines(lines[1:][over])}"
+        what = "midnight" if turn == _DAY else "the hour"
         notices.append(
-            Notice("clock-midnight", f"{where}: the clock passes midnight and was continued.")
+            Notice("clock-midnight", f"{where}: the clock passes {what} and was continued.")
         )
-    back &= ~midnight
-    if back.any():
-        since = since + _HOUR * np.concatenate(([0], np.cumsum(back)))
-        where = f"{name}, {name_lines(lines[1:][back])}"
-        text = "the clock goes back by an hour, as at the end of summer time, and was continued"
-        notices.append(Notice("clock-set-back", f"{where}: {text}."))
+    for size, text in _SET_BACK.items():
+        back = (steps < 0) & (np.abs(steps + size - usual) <= max(2 * usual, SECOND)) & ~over
+        if back.any() and usual < size // 2:
+            since = since + size * np.concatenate(([0], np.cumsum(back)))
+            where = f"{name}, {name_lines(lines[1:][back])}"
+            notices.append(Notice("clock-set-back", f"{where}: {text}, and was continued."))
     return since

@@ -13,9 +13,10 @@ from ..errors import LogError, Notice, UsageError
 from ..experiment import IndexArray, at_rows, is_finite
 from ..family import Role
 from ..units import conversion_factor, same_dimension
+from .carry import find_carry
 from .layout import BLANKS, GROUPED
 from .log import Column, Log, exclude_lines, name_lines
-from .stamps import is_stamp
+from .stamps import PAIR
 
 TIME = Role("time", "s", "instants of the samples")
 # Time is the one role with a symbol that is in general use as a header.
@@ -26,6 +27,8 @@ _EPOCH = 9.5e8, 4.2e9  # s since 1970: the years 2000 to 2103
 _SPREADSHEET = 30_000.0, 65_000.0  # days since 1900: the years 1982 to 2077
 _DAYS_STEP = 2e-5  # below it numbers of that size are hardly seconds: 50,000 rows a second
 _TIME_NAME = re.compile("time|zeit|temps|tiempo|stamp|clock|elapsed|seconds|millis|micros", re.I)
+_UPPER_NAME = re.compile("time|zeit|stamp|clock|epoch|sec|min|hour|stunde", re.I)
+_PARTS = 60, 10**3, 10**6, 10**9  # of a minute, an hour or a second
 
 
 @dataclass(frozen=True)
@@ -160,7 +163,8 @@ def default_column(log: Log, role: str) -> Column | None:
     The one column of clock times is the time where no other is called so.
     """
     for name in (role, *_SYNONYMS.get(role, ())):
-        matches = [c for c in log.columns if c.header and name in (_fold(c.name), _fold(c.header))]
+        named = [c for c in log.columns if c.header and not c.part_of]
+        matches = [c for c in named if name in (_fold(c.name), _fold(c.header))]
         if len(matches) > 1:
             raise _ambiguous(log, role, name, matches)
         if matches:
@@ -194,6 +198,13 @@ def bind_role(log: Log, role: Role) -> Binding | None:
             return None  # the user says what it is: no other role is meant
     if column is None:
         return None
+    if column.part_of and role.name == TIME.name:
+        raise LogError(
+            f"column '{column.label}' holds no more than fractions of a second.",
+            where=log.name,
+            expected=f"The seconds are in column #{column.part_of}, with which it was joined.",
+            remedy=f"Give --column time=#{column.part_of}.",
+        )
     where = f"{log.name}, column '{column.label}' (role '{role.name}')"
     unit = log.units.get(role.name) or column.unit
     believed = role.name in log.units or not column.doubtful
@@ -241,11 +252,32 @@ def time_candidate(log: Log) -> Binding | None:
         return binding
     for column in log.columns:
         timed = column.unit is not None and same_dimension(column.unit, "s")
-        grows = column.unit is None and _grows_as_time(column)
-        if (timed or grows) and np.isfinite(column.values).all():
-            unit = column.unit or "s"
-            to_si = conversion_factor(unit, "s")
-            return Binding(TIME, column, unit, 1.0, to_si, assumed=column.unit is None)
+        likely = timed or (column.unit is None and _grows_as_time(column))
+        if likely and _grows(column) and counts_for(log, column) is None:
+            # as a fit reads it where it is named
+            return bind_role(replace(log, bindings={TIME.name: f"#{column.index}"}), TIME)
+    return None
+
+
+def _grows(column: Column) -> bool:
+    """Whether a column of numbers mostly grows."""
+    steps = np.diff(column.values)
+    whole = is_finite(column.values) and steps.size > 0
+    return whole and not column.part_of and float(np.mean(steps > 0)) > 0.5
+
+
+def counts_for(log: Log, column: Column) -> Column | None:
+    """The column beside one of which it counts parts, as of seconds or minutes; ``None`` without.
+
+    That goes up by one wherever the other starts again. One that counts runs does so as well, but
+    is not called a time, nor do runs take as long as a second or a minute.
+    """
+    for upper in log.columns:
+        named = not upper.header or _UPPER_NAME.search(upper.header)
+        if abs(upper.index - column.index) == 1 and named:
+            carry = find_carry(upper.values, column.values)
+            if carry is not None and any(map(carry.is_at, _PARTS)):
+                return upper
     return None
 
 
@@ -357,11 +389,16 @@ def require_numbers(log: Log, binding: Binding, rows: IndexArray) -> None:
     if text and any(form.match(text) for form in (*GROUPED.values(), BLANKS)):
         sign = next(c for c in text if not c.isdigit() and c not in "+-")
         remedy = f"If '{sign}' stands between thousands, give --thousands '{sign}'."
-    elif text and is_stamp(text):
+    elif text and PAIR.fullmatch(text):
         remedy = (
-            "Where day and month cannot be told apart, export the dates as 2024-05-31; or give "
-            "--sample-time SECONDS."
+            "It may be hours and minutes or minutes and seconds: export it with both, as 00:12:30, "
+            "or give --sample-time SECONDS."
         )
+    elif text and role == TIME.name:
+        remedy = "Export the time in seconds, or give --sample-time SECONDS."
+    if binding.column.doubt:
+        found, remedy = binding.column.doubt.split("\n")
+        found = f"was not read: {found}"
     raise LogError(
         f"column '{binding.column.label}' {found}", where=log.where(wrong[0]), remedy=remedy
     )

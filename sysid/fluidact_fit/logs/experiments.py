@@ -25,19 +25,12 @@ from .columns import (
     require_numbers,
     require_roles,
 )
+from .grid import Run, counted_run, make_run, print_resolution, untimed_run
 from .log import Log, StepInput, check_hold
 from .repeats import check_repeats
 from .spikes import replace_spikes
 from .surgery import exclude_runs
-from .timebase import (
-    MIN_RUN,
-    Run,
-    counted_run,
-    make_run,
-    print_resolution,
-    split_runs,
-    untimed_run,
-)
+from .timebase import MIN_RUN, split_runs
 
 _LARGEST = 1e30  # of any quantity in SI; products of a few must not overflow
 SHORTEST, LONGEST = 1e-12, 1e9  # step of time [s]

@@ -44,7 +44,9 @@ class Column:
     the role. ``values`` are as written, shape ``(n_rows,)``, NaN where a cell is not a finite
     number; ``bad`` has the text of such cells by row (the first few thousand). A ``sparse`` one was
     not sampled in every row: its NaN are no samples. A ``clock`` held dates or times of day, and
-    holds seconds since the first sample.
+    holds seconds since the first sample; of one that could not be read ``doubt`` says why, and
+    below what to do. One that holds but the fraction of a second is ``part_of`` the column of that
+    number, with which it was joined.
     """
 
     index: int
@@ -56,6 +58,8 @@ class Column:
     bad: Mapping[int, str] = field(default_factory=dict)
     sparse: bool = False
     clock: bool = False
+    doubt: str = ""
+    part_of: int = 0
 
     @property
     def label(self) -> str:

@@ -19,6 +19,7 @@ from .layout import Layout, Written
 from .log import Account, Column, Dialect, Log, StepInput, check_hold
 from .merging import merged
 from .source import Source, checksum, files_of, make_source, name_of, read_bytes
+from .split_time import with_joined_time
 from .surgery import parse_exclusion, with_constants, without
 from .table import Table, read_table
 
@@ -97,7 +98,7 @@ def read_log(
     written = _checked_writing(Written(decimal, thousands, delimiter, skip_rows, header_row))
     given = [parse_exclusion(text) for text in exclude]
     log = replace(
-        _read(path, written),
+        with_joined_time(_read(path, written)),
         bindings=dict(columns or {}),
         units=dict(units or {}),
         scales={role: float(factor) for role, factor in (scales or {}).items()},
@@ -115,7 +116,7 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
         return log_of(path)
     place = Path(path)
     if len(files := files_of(place)) > 1:
-        return merged([_read(file, written) for file in files])
+        return merged([with_joined_time(_read(file, written)) for file in files])
     raw, sha256 = b"", ""
     found = read_stored(place)
     if found is None:
@@ -237,8 +238,10 @@ def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:
         clock = index - 1 in layout.clocks
         empty = layout.hints.sparse and bool(bad) and not any(bad.values())
         sparse = empty or (index - 1 in rasters and not clock)
+        doubt = table.doubts.get(index - 1, "")
+        unit = unit_in_row or unit
         columns.append(
-            Column(index, header, name, unit_in_row or unit, doubtful, values, bad, sparse, clock)
+            Column(index, header, name, unit, doubtful, values, bad, sparse, clock, doubt)
         )
     return tuple(columns)
 

@@ -10,18 +10,27 @@ from typing import NamedTuple
 _YEAR = r"\d{4}|\d\d(?=\s+\d+:)"
 _DATE = (
     r"(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})"
+    r"|(?P<oy>\d{4})-(?P<od>\d{3})"  # the day of the year
     rf"|(?P<dd>\d{{1,2}})\.(?P<dm>\d{{1,2}})\.(?P<dy>{_YEAR})"
     rf"|(?P<a>\d{{1,2}})[/-](?P<b>\d{{1,2}})[/-](?P<c>{_YEAR})"
     rf"|(?P<nd>\d{{1,2}})[- ](?P<nm>[A-Za-zä]{{3}})[- ](?P<ny>{_YEAR})"
     r"|(?P<days>\d+) days?"
 )
 _CLOCK = (
-    r"(?P<hour>\d{1,3}):(?P<minute>\d\d)(?::(?P<second>\d\d)(?:[.,:](?P<part>\d+))?)?"
+    r"(?P<hour>\d{1,3}):(?P<minute>\d{1,2})"
+    r"(?::(?P<second>\d{1,2})(?:[:;](?P<fourth>\d{1,9}))?)?(?:[.,](?P<part>\d+))?"
     r"(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?"
 )
-_STAMP = re.compile(
-    rf"(?:{_DATE})?(?:(?:^|T|\s+){_CLOCK})?\s*(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?", re.ASCII
+_ZONE = r"Z|[+-]\d\d(?::?\d\d)?|[A-Z]{3,4}"
+_STAMP = re.compile(rf"(?:{_DATE})?(?:(?:^|T|\s+){_CLOCK})?\s*(?P<zone>{_ZONE})?", re.ASCII)
+# 20240501T115641.250, 20240501115641
+_DIGITS = re.compile(
+    r"((?:19|20)\d\d)(\d\d)(\d\d)[T_ ]?(\d\d)(\d\d)(\d\d)(?:[.,](\d+))?"
+    rf"\s*({_ZONE})?",
+    re.ASCII,
 )
+# Two numbers, of hours and minutes or of minutes and seconds.
+PAIR = re.compile(r"\d{1,3}:\d\d", re.ASCII)
 SECOND = 10**9
 _MONTHS = {
     "jan": 1, "feb": 2, "mar": 3, "apr": 4, "may": 5, "jun": 6, "jul": 7, "aug": 8, "sep": 9,
@@ -35,18 +44,26 @@ _SIZES = {"ms": SECOND // 1000, "s": SECOND, "sec": SECOND, "min": 60 * SECOND, 
 class Stamp(NamedTuple):
     """Days since the year 1 (``None`` without a date) and time of day [ns].
 
-    ``slashed`` are the two numbers of a date that may be day and month or month and day.
+    ``slashed`` are the two numbers of a date that may be day and month or month and day. ``zone``
+    is its name, ``UTC`` where it says how far it is from that. A clock that is ``hourless`` shows
+    minutes and seconds. With a ``fourth`` number of the clock, what the numbers mean is for the
+    whole column to tell, and ``time`` is that of the first three as hours, minutes and seconds.
     """
 
     day: int | None
     time: int | None
     slashed: tuple[int, int, int] | None
+    zone: str = ""
+    hourless: bool = False
+    fourth: tuple[str, ...] | None = None
 
 
 def is_stamp(text: str) -> bool:
     """Return whether a cell is a date, a time of day with seconds, both, or a duration."""
-    long = len(text) >= 7 or _DURATION.fullmatch(text) is not None
-    return long and text[0].isdigit() and read_stamp(text) is not None
+    if not text[:1].isdigit():
+        return False
+    long = len(text) >= 7 or ":" in text or _DURATION.fullmatch(text) is not None
+    return long and read_stamp(text) is not None
 
 
 def is_date(text: str) -> bool:
@@ -63,47 +80,100 @@ def is_bare_clock(text: str) -> bool:
 
 def read_stamp(text: str) -> Stamp | None:
     """Return what a cell says, ``None`` where it is no date and no time of day."""
+    if (digits := _DIGITS.fullmatch(text)) is not None:
+        return _of_digits(*digits.groups())
     found = _STAMP.fullmatch(text)
     if found is None:
         since = _DURATION.fullmatch(text)
         return since and Stamp(None, round(float(since["size"]) * _SIZES[since["unit"]]), None)
     slashed = None if found["a"] is None else (int(found["a"]), int(found["b"]), _year(found["c"]))
-    day = None
     try:
-        if found["y"] is not None:
-            day = date(int(found["y"]), int(found["m"]), int(found["d"])).toordinal()
-        elif found["dy"] is not None:
-            day = date(_year(found["dy"]), int(found["dm"]), int(found["dd"])).toordinal()
-        elif found["nm"] is not None:
-            day = date(
-                _year(found["ny"]), _MONTHS[found["nm"].casefold()], int(found["nd"])
-            ).toordinal()
-        elif found["days"] is not None:
-            day = int(found["days"])
+        day = _day(found)
     except (ValueError, KeyError):
         return None
-    dated = day is not None or slashed is not None
+    dated, zone = day is not None or slashed is not None, found["zone"]
     if found["hour"] is None:
-        return Stamp(day, None, slashed) if dated and found["zone"] is None else None
-    if found["second"] is None and not dated:
-        return None  # "12:30" may be a ratio, or minutes and seconds
+        alone = dated and zone is None and found["oy"] is None  # "2024-123" may be any number
+        return Stamp(day, None, slashed) if alone else None
+    time = _time(found, dated)
+    if time is None:
+        return None
+    numbers = (found["hour"], found["minute"], found["second"], found["fourth"], found["part"])
+    return Stamp(
+        day,
+        time - _offset(zone),
+        slashed,
+        zone=_name_of(zone),
+        hourless=found["second"] is None and not dated,
+        fourth=None if found["fourth"] is None else tuple(n or "" for n in numbers),
+    )
+
+
+def _day(found: re.Match[str]) -> int | None:
+    """Days since the year 1, ``None`` without a date that tells; ``ValueError``, ``KeyError``."""
+    if found["y"] is not None:
+        return date(int(found["y"]), int(found["m"]), int(found["d"])).toordinal()
+    if found["oy"] is not None:
+        first, number = date(int(found["oy"]), 1, 1), int(found["od"])
+        if not 1 <= number <= 366:
+            raise ValueError(number)
+        return first.toordinal() + number - 1
+    if found["dy"] is not None:
+        return date(_year(found["dy"]), int(found["dm"]), int(found["dd"])).toordinal()
+    if found["nm"] is not None:
+        month = _MONTHS[found["nm"].casefold()]
+        return date(_year(found["ny"]), month, int(found["nd"])).toordinal()
+    return int(found["days"]) if found["days"] is not None else None
+
+
+def _time(found: re.Match[str], dated: bool) -> int | None:
+    """Time of day [ns], without a fourth number; ``None`` where it is none."""
     hour, minute, second = (int(found[k] or 0) for k in ("hour", "minute", "second"))
+    part = int((found["part"] or "0")[:9].ljust(9, "0"))
+    short = len(found["minute"]) < 2 or len(found["second"] or "00") < 2
+    if found["second"] is None:
+        if found["part"] is not None and not dated and not short:  # minutes and seconds
+            return (hour * 60 + minute) * SECOND + part if minute <= 59 else None
+        if not dated or found["part"] is not None:
+            return None  # "12:30" may be a ratio, or minutes and seconds
+    if short and found["fourth"] is None:
+        return None
     if found["half"]:
         hour = hour % 12 + 12 * (found["half"] in "pP")
     if (dated and hour > 24) or minute > 59 or second > 60:
         return None
-    part = int((found["part"] or "0")[:9].ljust(9, "0"))
-    time = ((hour * 60 + minute) * 60 + second) * SECOND + part
-    return Stamp(day, time - _offset(found["zone"]), slashed)
+    time = ((hour * 60 + minute) * 60 + second) * SECOND
+    return time if found["fourth"] is not None else time + part
+
+
+def _of_digits(
+    year: str, month: str, day: str, hour: str, minute: str, second: str,
+    part: str | None, zone: str | None,
+) -> Stamp | None:  # fmt: skip
+    """An instant whose numbers follow each other without a sign between them."""
+    try:
+        days = date(int(year), int(month), int(day)).toordinal()
+    except ValueError:
+        return None
+    if int(hour) > 23 or int(minute) > 59 or int(second) > 60:
+        return None
+    time = ((int(hour) * 60 + int(minute)) * 60 + int(second)) * SECOND
+    time += int((part or "0")[:9].ljust(9, "0"))
+    return Stamp(days, time - _offset(zone), None, zone=_name_of(zone))
 
 
 def _year(digits: str) -> int:
     return int(digits) + (2000 if len(digits) == 2 else 0)
 
 
+def _name_of(zone: str | None) -> str:
+    """Name of a zone, ``UTC`` where the instant is known from it, empty without one."""
+    return "UTC" if zone in ("Z", "GMT") or (zone or "")[:1] in ("+", "-") else zone or ""
+
+
 def _offset(zone: str | None) -> int:
-    """How far a zone is ahead of UTC [ns]."""
-    if zone is None or zone[0] in "ZU":
+    """How far a zone is ahead of UTC [ns], where it says so."""
+    if zone is None or zone[0] not in "+-":
         return 0
-    size = (int(zone[1:3]) * 60 + int(zone[-2:])) * 60 * SECOND
+    size = (int(zone[1:3]) * 60 + int(zone[3:].lstrip(":") or 0)) * 60 * SECOND
     return -size if zone[0] == "-" else size

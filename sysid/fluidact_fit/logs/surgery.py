@@ -16,8 +16,9 @@ import numpy as np
 
 from ..errors import UsageError
 from ..experiment import BoolArray
+from .grid import Run
 from .log import Column, Exclusion, Log, StepInput
-from .timebase import MIN_RUN, Run
+from .timebase import MIN_RUN
 
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
 _FORMS = "run=2, time=3:3.5 (seconds, either end may be empty), rows=7:9 or lines=120:130"

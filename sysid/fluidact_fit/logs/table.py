@@ -12,14 +12,14 @@ import re
 import warnings
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..errors import LogError, Notice
 from ..experiment import FloatArray, is_finite
 from ..rows import counted
-from .clock import read_clocks
+from .clock import Clocks, read_clocks
 from .groups import complete, merge
 from .layout import NUMBER, Layout
 from .log import IntArray, count_of, name_lines
@@ -47,6 +47,7 @@ class Table:
     number; ``bad`` has the text of these cells by row. ``lines`` is the 1-based source line of
     every row, ``left_out`` those that are no rows with the reason, ``notices`` says so in words.
     ``data_lines`` lines hold the rows: several in a line where columns have their own times.
+    ``doubts`` say why columns of clock times were not read, by index.
     """
 
     values: tuple[FloatArray, ...]
@@ -55,6 +56,7 @@ class Table:
     left_out: tuple[tuple[int, str], ...]
     notices: tuple[Notice, ...]
     data_lines: int
+    doubts: Mapping[int, str] = field(default_factory=dict)
 
 
 def read_table(source: Source, layout: Layout) -> Table:
@@ -309,10 +311,11 @@ def _with_numbers(
         (np.empty(0), {}) if k in layout.clocks else _to_numbers(cells, layout)
         for k, cells in enumerate(columns)
     ]
+    clocks = Clocks({})
     if layout.clocks:
-        clocks, found = read_clocks(dict(enumerate(columns)), layout.clocks, lines, name)
-        notices += found
-        for k, seconds in clocks.items():
+        clocks = read_clocks(dict(enumerate(columns)), layout.clocks, lines, name)
+        notices += clocks.notices
+        for k, seconds in clocks.seconds.items():
             wrong = np.flatnonzero(np.isnan(seconds))
             read[k] = seconds, {int(row): columns[k][row].strip() for row in wrong}
     values, bad = tuple(v for v, _ in read), tuple(b for _, b in read)
@@ -327,7 +330,9 @@ def _with_numbers(
         left_out += [(int(n), "empty cells") for n in lines[merged.empty]]
         data_lines -= merged.empty.size
         values, bad, lines = merged.values, merged.bad, merged.lines
-    return Table(values, bad, lines, tuple(sorted(left_out)), tuple(notices), data_lines)
+    return Table(
+        values, bad, lines, tuple(sorted(left_out)), tuple(notices), data_lines, clocks.doubts
+    )
 
 
 def _cut_otherwise(bad: Sequence[Mapping[int, str]], rows: int) -> Iterator[int]:

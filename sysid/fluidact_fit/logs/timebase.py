@@ -9,48 +9,23 @@ reported; the rest is refused with its line.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import LogError, Notice
 from ..experiment import BoolArray, FloatArray, IndexArray
-from ..rows import blocks, counted, evenly
-from .columns import Binding, require_numbers
-from .log import Log, count_of, name_lines
+from ..rows import blocks, counted
+from .columns import Binding, counts_for, require_numbers
+from .counters import digits_of_clock, find_overflow
+from .grid import Run, make_run, print_resolution
+from .log import Column, Log, count_of, name_lines
 
 WRAP = 2.0**32
 MIN_RUN = 3
-_UNIFORM = 1e-6
-_MANY = 200_000  # stamps, of which the first show how far apart they were printed
 # Steps of whole numbers from which on they are likely to be such a part of a second.
 _SMALLER = ((1e5, "nanoseconds", "ns"), (1e3, "microseconds", "us"), (1.0, "milliseconds", "ms"))
-
-
-@dataclass(frozen=True)
-class Run:
-    """Consecutive rows with increasing time.
-
-    ``rows`` are indices into the log and ``time`` their instants [s], shape ``(n,)``; a log without
-    time has none. ``sample_time`` is the median step [s], 0 without time. ``uniform`` says that
-    the instants lie on one grid, to which they were then snapped.
-    """
-
-    rows: IndexArray
-    time: FloatArray
-    sample_time: float
-    uniform: bool
-
-
-def untimed_run(rows: int) -> Run:
-    """Return all rows as one run without time."""
-    return Run(counted(0, rows), np.empty(0), 0.0, False)
-
-
-def counted_run(rows: int, sample_time: float) -> Run:
-    """Return all rows as one run on a grid that the user named [s]."""
-    return Run(counted(0, rows), evenly(0.0, sample_time, rows), sample_time, True)
 
 
 def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
@@ -61,11 +36,14 @@ def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
     """
     rows = counted(0, log.rows)
     require_numbers(log, binding, rows)
-    repair = _Repair(log)
+    repair = _Repair(log, binding.column)
     stamps = binding.column.values
     part = repair.drop_impossible(_Part(rows, stamps if binding.to_si > 0.0 else -stamps))
     part = repair.unwrap(part)
     resolution = print_resolution(part.stamps)
+    if not binding.column.clock:
+        repair.refuse_digits(part)
+    part = repair.go_on(part, resolution, binding.column.clock)
     parts = repair.mend_ties(repair.cut_at_restarts(part), resolution)
     parts = repair.leave_out_short(parts)
     seconds = binding.unit == binding.role.unit and binding.scale == 1.0
@@ -73,124 +51,6 @@ def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
         repair.doubt_unit(part.stamps)
     factor = abs(binding.to_si)
     return [make_run(p.rows, p.stamps, resolution, factor) for p in parts], repair.notices
-
-
-def print_resolution(stamps: FloatArray) -> float:
-    """Return the decimal power that all printed stamps are multiples of, 0 without one."""
-    if not stamps.size:
-        return 0.0
-    largest = _largest(stamps)
-    for digits in range(13):
-        power = 10.0**digits
-        tolerance = 4 * np.finfo(float).eps * max(1.0, largest * power)
-        if tolerance > 0.05:
-            break
-        scaled = (stamps[at] * power for at in (slice(2000), *blocks(stamps.size)))
-        if all(np.abs(part - np.round(part)).max() <= tolerance for part in scaled):
-            return float(10.0**-digits)
-    return 0.0
-
-
-def _largest(stamps: FloatArray) -> float:
-    """Largest size of any stamp."""
-    return float(max(stamps.max(), -stamps.min()))
-
-
-def make_run(rows: IndexArray, stamps: FloatArray, resolution: float, factor: float) -> Run:
-    """Turn increasing stamps into a run, snapped to a grid when they lie on one.
-
-    ``stamps`` and their print ``resolution`` are in the unit of the column, which is ``factor``
-    seconds; ``rows`` are indices, of shape ``(n,)`` as the stamps.
-    """
-    if stamps.size < 2:
-        return Run(rows, stamps * factor, 0.0, False)
-    grid = _fit_grid(stamps, resolution)
-    if grid is None:
-        step = float(np.median(np.diff(stamps)))
-        if resolution:
-            step = round(step, 2 - round(float(np.log10(resolution))))
-        return Run(rows, _in_seconds(stamps, factor), float(_in_seconds(step, factor)), False)
-    first, step = grid
-    first, step = float(_in_seconds(first, factor)), float(_in_seconds(step, factor))
-    return Run(rows, evenly(first, step, stamps.size), step, True)
-
-
-def _in_seconds(value: FloatArray | float, factor: float) -> FloatArray:
-    """Scale stamps; dividing keeps 10 ms at exactly 0.01 s where multiplying does not."""
-    divisor = round(1 / factor) if 1e-30 < factor < 1 else 0
-    if divisor and abs(divisor * factor - 1) < 1e-12:
-        return np.asarray(value / divisor, dtype=np.float64)
-    return np.asarray(value * factor, dtype=np.float64)
-
-
-def _fit_grid(stamps: FloatArray, resolution: float) -> tuple[float, float] | None:
-    """Return first instant and step of the grid the stamps lie on, ``None`` without one.
-
-    Printed stamps are rounded (or truncated): deviations from the grid may span one unit
-    of the last printed digit.
-    """
-    noise = 8 * np.finfo(float).eps * _largest(stamps)
-    for step in _guess_steps(stamps, resolution):
-        if step <= 0:
-            continue
-        low, high = _deviations(stamps, step)
-        tolerance = _UNIFORM * step + noise
-        if max(high, -low) <= tolerance:
-            return float(stamps[0]), step
-        # With two samples per printed digit a grid looks the same as jitter.
-        if resolution and resolution <= 0.5 * step and high - low <= 1.001 * resolution + tolerance:
-            half = 0.5 * resolution + tolerance
-            shift = 0.0 if max(high, -low) <= half else 0.5 * (low + high)
-            return float(stamps[0]) + shift, step
-    return None
-
-
-def _deviations(stamps: FloatArray, step: float) -> tuple[float, float]:
-    """How far stamps lie before and behind a grid that begins with the first one."""
-    ends = []
-    for at in blocks(stamps.size):
-        off = stamps[at] - (stamps[0] + np.arange(at.start, at.stop) * step)
-        ends.append((float(off.min()), float(off.max())))
-    lows, highs = zip(*ends)
-    return min(lows), max(highs)
-
-
-def _guess_steps(stamps: FloatArray, resolution: float) -> Iterator[float]:
-    """Yield steps that a grid may have; the last one is slow to find, and seldom needed.
-
-    Of many stamps that were printed the first tell the same decimal number as all of them, or none
-    that any grid of theirs has.
-    """
-    if resolution and stamps.size > _MANY:
-        yield next(_guess_steps(stamps[:_MANY], resolution))
-    median = float(np.median(np.diff(stamps)))
-    if resolution:
-        median = round(median / resolution) * resolution or median
-        median = round(median, 1 + round(-float(np.log10(resolution))))
-    yield median
-    mean = float(stamps[-1] - stamps[0]) / (stamps.size - 1)
-    yield mean
-    if resolution:
-        yield _narrowest_step(stamps, mean, resolution)
-
-
-def _narrowest_step(stamps: FloatArray, mean: float, resolution: float) -> float:
-    """Return the step of the grid that the stamps deviate least from.
-
-    The span of the deviations is convex in the step, so a ternary search finds its least.
-    It is spared where even least squares leaves deviations no rounding can explain.
-    """
-    count = np.arange(stamps.size, dtype=np.float64)
-    centred = count - count.mean()
-    squares = float(centred @ (stamps - stamps.mean()) / (centred @ centred))
-    if float(np.ptp(stamps - count * squares)) > 2 * resolution:
-        return mean
-    low, high = (squares + side * 3 * resolution / stamps.size for side in (-1, 1))
-    for _ in range(45):
-        third = (high - low) / 3
-        left, right = (float(np.ptp(stamps - count * h)) for h in (low + third, high - third))
-        low, high = (low, high - third) if left <= right else (low + third, high)
-    return 0.5 * (low + high)
 
 
 @dataclass(frozen=True)
@@ -207,8 +67,8 @@ class _Part:
 class _Repair:
     """Repairs of the stamps of one log, and the notices of what was done."""
 
-    def __init__(self, log: Log) -> None:
-        self.log = log
+    def __init__(self, log: Log, column: Column) -> None:
+        self.log, self.column = log, column
         self.notices: list[Notice] = []
 
     def name_lines(self, rows: IndexArray) -> str:
@@ -269,6 +129,34 @@ class _Repair:
         )
         return _Part(part.rows, unwrapped)
 
+    def go_on(self, part: _Part, resolution: float, clock: bool) -> _Part:
+        """Let any other counter go on that certainly overflowed, from its first stamp on."""
+        if clock or _in_order(part.stamps, np.greater_equal):
+            return part
+        self.refuse_fraction(part)
+        turn = find_overflow(part.stamps, resolution)
+        if turn is None:
+            return part
+        falls = np.diff(part.stamps) < 0
+        self.notice(
+            "time-wrapped",
+            f", {self.name_lines(part.rows[1:][falls])}: the time counter overflowed "
+            f"({_power(turn)}) and was continued.",
+        )
+        return _Part(part.rows, part.stamps + turn * np.concatenate(([0], np.cumsum(falls))))
+
+    def refuse_digits(self, part: _Part) -> None:
+        """Refuse times of day whose digits were read as one number."""
+        at = digits_of_clock(part.stamps)
+        if at is not None:
+            before, after = (f"{part.stamps[k]:.10g}" for k in (at, at + 1))
+            raise self.refusal(
+                f"time goes from {before} to {after}, as the digits of a clock (HHMMSS) do.",
+                part.rows[at + 1],
+                "Expected time in a unit.",
+                "Export it in seconds or as HH:MM:SS, or give --sample-time SECONDS.",
+            )
+
     def cut_at_restarts(self, part: _Part) -> list[_Part]:
         """Cut where time starts again; small backward steps are another matter."""
         if _in_order(part.stamps, np.greater_equal):
@@ -287,6 +175,20 @@ class _Repair:
         if glitches:
             self.judge_glitches(part.rows[glitches], len(starts))
         return [part[rows] for rows in np.split(kept, np.searchsorted(kept, starts[1:]))]
+
+    def refuse_fraction(self, part: _Part) -> None:
+        """Refuse a time that starts again wherever another column counts one more of it."""
+        upper = counts_for(self.log, self.column)
+        if upper is not None:
+            row = part.rows[1:][np.diff(part.stamps) < 0][0]
+            raise self.refusal(
+                f"column '{self.column.label}' starts again wherever column '{upper.label}' goes "
+                "up by one: it holds only part of the time.",
+                row,
+                "Expected all of the time in one column, or columns that are called secs and nsecs "
+                "(or tv_sec and tv_usec).",
+                "Put both into one column, or give --sample-time SECONDS.",
+            )
 
     def judge_glitches(self, rows: IndexArray, runs: int) -> None:
         """Leave out lines printed out of order in terminal logs; refuse them elsewhere."""
@@ -363,6 +265,15 @@ class _Repair:
                 ": time has no unit and was taken as seconds, but its whole numbers "
                 f"step by {usual:g}. If they are {name}, give --unit time={unit}.",
             )
+
+
+def _power(number: float) -> str:
+    """A power of two or ten as one writes it."""
+    for base in (2, 10):
+        exponent = round(math.log(number, base))
+        if base**exponent == number:
+            return f"{base}^{exponent}"
+    return f"{number:.10g}"
 
 
 def _in_order(stamps: FloatArray, behind: np.ufunc) -> bool:
