@@ -106,7 +106,8 @@ def read_clocks(
     for k, column in found.items():
         if column.doubt:
             text = f"{name}: column #{k + 1} was not read: {column.doubt}"
-            notices.append(Notice(column.code, f"{text} {column.remedy}"))
+            code = "dates-doubtful" if column.dates else "clock-doubtful"
+            notices.append(Notice(code, f"{text} {column.remedy}"))
         if column.days:
             notices.append(
                 Notice(
@@ -132,15 +133,14 @@ def read_clocks(
 
 
 class _Instants(NamedTuple):
-    """Instants of a column [ns], ``None`` where a cell is none; why none was read, and what to do.
-
-    A clock that is ``hourless`` starts again with every hour.
+    """Instants of a column [ns], ``None`` where a cell is none; why none was read, and what to do;
+    whether the ``dates`` are why. A clock that is ``hourless`` starts again with every hour.
     """
 
     instants: list[int | None]
     doubt: str = ""
     remedy: str = ""
-    code: str = "clock-doubtful"
+    dates: bool = False
     days: bool = False
     hourless: bool = False
 
@@ -166,7 +166,7 @@ def _read_column(columns: Mapping[int, Sequence[str]], clock: int, dates: int | 
     if day_first is None:
         doubt = "may be day and month or month and day, and no row tells which"
         found = _unread(cells, doubt, "Export the dates as 2024-05-31.")
-        return found._replace(code="dates-doubtful")
+        return found._replace(dates=True)
     instants = [None if s is None else _instant(s, day_first) for s in stamps]
     return _Instants(instants, days=days, hourless=any(s.hourless for s in known))
 
