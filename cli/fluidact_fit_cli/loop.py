@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -38,12 +39,12 @@ def simulate_closed_loop(
     if params["plot"] is not None:
         contents[params["plot"]] = _picture(found, params["plot"])
     write_all(contents, force)
-    if found.margins is not None and found.margins.warning:
-        tell(f"warning: {found.margins.warning}")
+    for words in found.warnings:
+        tell(f"warning: {words}")
     if params["as_json"]:
         echo_json(found.to_dict())
     elif not params["quiet"]:
-        _show(found, list(contents))
+        _show(found, list(contents), params["verbose"])
 
 
 def _check(params: Mapping[str, Any]) -> str:
@@ -73,8 +74,8 @@ def _picture(found: ClosedLoop, path: str) -> bytes:
     return render(figure, Path(path).suffix.lower().removeprefix("."))
 
 
-def _show(found: ClosedLoop, written: Sequence[str]) -> None:
-    """Metrics, margins and what the draws say, as a table."""
+def _show(found: ClosedLoop, written: Sequence[str], verbose: bool) -> None:
+    """Metrics, margins and what the draws say, as a table, and the controller."""
     unit = found.plant.controlled.unit
     echo(f"{found.plant.controlled}: {found.nominal.time.size} samples in closed loop\n")
     units = {"rise_time": "s", "settling_time": "s", "settling_time_final": "s", "peak_time": "s",
@@ -91,9 +92,21 @@ def _show(found: ClosedLoop, written: Sequence[str]) -> None:
         for name, value, of in (("gain margin", m.gain, ""), ("phase margin", m.phase, "degrees")):
             low, high = spread.get(name.replace(" ", "_"), (None, None))
             edges = "" if low is None else f"{low:.4g} .. {high:.4g}"
-            rows.append([name, f"{value:.4g}", of, edges])
+            rows.append([name, _finite(value, m.stable), of, edges])
+        rows.append(["spectral radius", f"{m.spectral_radius:.4g}", "", ""])
     echo_table(rows, right=(1,))
+    echo("")
+    controller = [["controller", "value", "unit", ""]]
+    for e in found.numbers:
+        number = e.value if isinstance(e.value, str) else f"{e.value:.6g}"
+        controller.append([e.key.replace("_", " "), number, e.unit, e.about if verbose else ""])
+    echo_table(controller, right=(1,))
     if found.failed:
         echo(f"\n{found.failed} of {found.failed + len(found.drawn)} drawn machines run away")
     for path in written:
         echo(f"written to {path}")
+
+
+def _finite(margin: float, stable: bool) -> str:
+    """A margin; where nothing limits it, whether that is good."""
+    return f"{margin:.4g}" if isfinite(margin) or stable else "none"

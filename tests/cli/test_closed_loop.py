@@ -62,7 +62,7 @@ def save(folder: Path, name: str, deviation: float = 0.0) -> str:
         "options": plant.options.given(),
         "model": family.model(plant, 0.01, "zoh"),
         "validity": {
-            r.name: {"low": -1.0, "high": 2.0, "unit": r.unit}
+            r.name: {"low": -1.0, "high": 8e5 if name == "valve" else 2.0, "unit": r.unit}
             for r in variant.roles if r.name != "time"
         },
         "fit": {
@@ -263,6 +263,56 @@ def test_a_loop_that_only_friction_holds_is_warned_of(
     assert done.status == 0, done.err
     (header,) = out.glob("*.h")
     assert ("UNSTABLE" in header.read_text()) == warns
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("bandwidth: 1.0, damping_ratio: 0.8", "damping_ratio 0.8 cannot be reached"),
+        ("bandwidth: 60.0, derivative: 1.0", "60 Hz cannot be reached in steps of 0.01 s"),
+        ("bandwidth: 12.0, damping_ratio: 0.8", "velocity filter cuts off at 10 Hz"),
+        ("bandwidth: 4.0, damping_ratio: 0.8", None),
+    ],
+)
+def test_gains_that_were_chosen_are_shown_and_what_they_miss(
+    keys: str, words: str | None, here: Here, tmp_path: Path
+) -> None:
+    head = PD.partition("controller:")[0]
+    file = controller(tmp_path, f"{head}controller: {{{keys}}}\n")
+    line = save(tmp_path, "hydrostatic")
+    command = ["simulate", line, "--controller", file, "--reference", "step", "--duration", "1"]
+    done = here(*command)
+    assert done.status == 0, done.err
+    assert (words in done.err) if words else ("cannot" not in done.err)
+    found = json.loads(here(*command, "--json").out)
+    assert found["controller"]["proportional"]["unit"] == "N/m"
+    for name in ("proportional", "derivative", "natural_frequency", "damping_ratio"):
+        shown = f"{found['controller'][name]['value']:.6g}"
+        (row,) = (r for r in done.out.splitlines() if r.startswith(name.replace("_", " ")))
+        assert shown in row.split()
+    assert "proportional gain" in here(*command, "-v").out
+    if words:
+        assert any(words in w for w in found["warnings"])
+
+
+def test_an_impedance_that_is_unstable_is_named(here: Here, tmp_path: Path) -> None:
+    files = [save(tmp_path, "cylinder-friction"), save(tmp_path, "valve")]
+    text = """
+format: fluidact-controller
+format_version: 1
+kind: impedance
+sample_time: 0.01
+controller: {stiffness: %s, damping_ratio: 1.0, sum_of_pressures: 8.0e+5, cutoff: 40.0}
+machine: {mass: 0.14, area_1: 3.0e-4, area_2: 2.5e-4}
+"""
+    for stiffness, stable in (("100.0", True), ("1.0e+7", False)):
+        file = controller(tmp_path, text % stiffness)
+        done = here("simulate", *files, "--controller", file, "--reference", "step",
+                    "--duration", "0.2", "--json")  # fmt: skip
+        assert done.status == 0, done.err
+        found = json.loads(done.out)
+        assert found["margins"]["stable"] == stable
+        assert ("the loop is unstable" in done.err) != stable
 
 
 def test_files_given_in_the_place_of_others_are_told_apart(

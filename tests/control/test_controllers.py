@@ -175,6 +175,49 @@ def test_margins_of_a_loop_that_is_known() -> None:
     assert margins.phase == pytest.approx(expected, abs=0.2)
 
 
+@pytest.mark.parametrize("dead_time", [0.0, 0.004, 0.01, 0.0537])
+@pytest.mark.parametrize("bandwidth", [3.0, 40.0, 300.0])
+def test_the_largest_pole_is_how_fast_a_loop_grows_or_fades(
+    bandwidth: float, dead_time: float
+) -> None:
+    """Also where |L| > 1 at every frequency, so that there is no phase margin to say so."""
+    step = 0.01
+    plant = DrivePlant(
+        Drive(MASS, FrictionLaw(0.0, 0.0), damping=DAMPING, dead_time=dead_time),
+        Port("force", "N"), Port("position", "m"), step,
+    )  # fmt: skip
+    gains = Gains.for_bandwidth(MASS, DAMPING, 1.0, bandwidth=bandwidth, damping_ratio=0.9)
+    loop = PDController(gains, "position", step)
+    margins = loop_margins(plant, loop)
+    plant.reset(1e-3)
+    loop.reset()
+    sizes = []
+    for _ in range(400):
+        measured = plant.measure()
+        (command,) = loop.step(measured, 0.0)
+        plant.advance([command])
+        sizes.append(float(np.hypot(*plant.body.state[:2])))
+        if not 1e-12 < sizes[-1] < 1e30:
+            break
+    logs = np.log(np.array(sizes[len(sizes) // 3 :]))
+    growth = float(np.polyfit(np.arange(logs.size), logs, 1)[0])
+    radius = margins.spectral_radius
+    assert margins.stable == (radius < 1.0) == (growth < 0.0) == (not margins.warning)
+    assert growth == pytest.approx(np.log(radius), rel=0.12, abs=0.02)
+    if bandwidth == 300.0 and dead_time == 0.0:
+        assert radius == pytest.approx(159.0, rel=0.02)
+        assert margins.phase == np.inf
+
+
+def test_gains_say_what_they_come_to() -> None:
+    gains = Gains.for_bandwidth(MASS, DAMPING, 1.0, bandwidth=1.0, damping_ratio=0.8)
+    assert gains.derivative == 0.0
+    assert gains.natural_frequency == pytest.approx(1.0)
+    assert gains.damping_ratio == pytest.approx(DAMPING / (2.0 * MASS * 2.0 * pi))
+    with pytest.raises(UsageError, match="no viscous friction"):
+        Gains.for_ramp(MASS, 0.0, 1.0, slope=0.005, error=1e-4, damping_ratio=0.8)
+
+
 def test_pressures_have_the_set_sum_and_give_the_force() -> None:
     one, two = allocate(12.0, 4.0e-4, 3.4e-4, 8e5, 101325.0)
     assert one + two == pytest.approx(8e5)

@@ -22,6 +22,7 @@ from ..parameters.document import ParameterDocument
 from ..specification import Variant
 from ..units import conversion_factor
 from .controller_file import ControllerFile, ReferenceKeys
+from .controller_numbers import Entry, numbers_of
 from .controllers import Controller
 from .loading import make_block
 from .loop import Course, Response, run_loop
@@ -73,6 +74,25 @@ class ClosedLoop:
     margins: Margins | None
     drawn_margins: tuple[Margins, ...] = ()
 
+    @property
+    def numbers(self) -> tuple[Entry, ...]:
+        """Gains and whatever else the controller was made from."""
+        command = self.plant.commands[0].unit
+        return tuple(numbers_of(self.controller, self.plant.controlled.unit, command))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is to be said of the loop."""
+        found = list(self.controller.unreached)
+        if self.margins is not None and self.margins.warning:
+            found.append(self.margins.warning)
+        elif unstable := sum(not m.stable for m in self.drawn_margins):
+            found.append(
+                f"the loop is unstable with {unstable} of {len(self.drawn_margins)} drawn "
+                "machines. Choose smaller gains, or fit more logs."
+            )
+        return tuple(found)
+
     def band(self, share: float = 0.9) -> tuple[FloatArray, FloatArray]:
         """Lower and upper edge ``(n,)`` of the middle share of the drawn outputs, pointwise."""
         outputs = np.array([r.output for r in self.drawn])
@@ -101,14 +121,14 @@ class ClosedLoop:
             "samples": self.nominal.time.size,
             "step": self.step.to_dict() if self.step else None,
             "tracking": self.tracking.to_dict(),
+            "controller": {e.key: {"value": e.value, "unit": e.unit} for e in self.numbers},
             "margins": None,
-            "warnings": [],
+            "warnings": list(self.warnings),
         }
         if self.margins is not None:
             out["margins"] = {
                 n: v if np.isfinite(v) else None for n, v in vars(self.margins).items()
-            }
-            out["warnings"] = [self.margins.warning] if self.margins.warning else []
+            } | {"stable": self.margins.stable}
         if self.drawn:
             out["draws"] = {
                 "share": 0.9, "responses": len(self.drawn), "failed": self.failed,

@@ -18,9 +18,36 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import pi, sqrt, tan
 
+import numpy as np
+
 from ..errors import UsageError
+from ..experiment import FloatArray
+
+
+@dataclass(frozen=True)
+class System:
+    """``x[k+1] = a x[k] + b e[k]``, ``y[k] = c x[k] + d e[k]``.
+
+    Shapes ``(n, n)``, ``(n,)``, ``(m, n)`` and ``(m,)``.
+    """
+
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    d: FloatArray
+
+    def scaled(self, gains: FloatArray, direct: FloatArray) -> System:
+        """Outputs ``gains`` times the only one, and ``direct`` times the input; ``(m,)`` each."""
+        return System(self.a, self.b, np.outer(gains, self.c[0]), gains * self.d[0] + direct)
+
+    def response(self, z: complex) -> FloatArray:
+        """Return the transfer functions at ``z``, ``(m,)``, complex."""
+        return np.asarray(
+            self.c @ np.linalg.solve(z * np.eye(self.b.size) - self.a, self.b) + self.d
+        )
 
 
 class Butterworth:
@@ -91,6 +118,15 @@ class Differentiator:
         self._last = value
         return self._filter.step((value - last) / self._sample_time)
 
-    def response(self, z: complex) -> complex:
-        """Return the transfer function at ``z`` [1/s]."""
-        return (1.0 - 1.0 / z) / self._sample_time * self._filter.response(z)
+    def system(self) -> System:
+        """Return the filter as a state space: the last sample, then the states of the filter."""
+        b, a = self._filter.numerator, self._filter.denominator
+        difference = np.array([-1.0, 0.0, 0.0]) / self._sample_time
+        output = b[0] * difference + np.array([0.0, 1.0, 0.0])
+        matrix = np.zeros((3, 3))
+        matrix[1] = b[1] * difference - a[1] * output + np.array([0.0, 0.0, 1.0])
+        matrix[2] = b[2] * difference - a[2] * output
+        direct = b[0] / self._sample_time
+        inputs = [1.0, b[1] / self._sample_time - a[1] * direct,
+                  b[2] / self._sample_time - a[2] * direct]  # fmt: skip
+        return System(matrix, np.array(inputs), output[None, :], np.array([direct]))

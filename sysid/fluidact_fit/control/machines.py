@@ -6,7 +6,7 @@ not asked.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import inf
 from typing import Any
 
@@ -39,6 +39,8 @@ from .plants.hydraulic import HydraulicCylinder, HydraulicPlant
 from .plants.linear import Chain, make_chain
 from .plants.pneumatic import Chamber, Cylinder, PneumaticPlant
 from .plants.tissue import Tissue
+
+_SAME = 1e-9  # of a damping ratio: what differs by less is rounding
 
 
 def make_plant(file: ControllerFile, blocks: Sequence[Block]) -> Plant:
@@ -143,6 +145,7 @@ def hydraulic_cylinder(block: Any) -> HydraulicCylinder:
         (one, two), (volume_1, volume_2), mass, values["bulk_modulus"], supply,
         float(given.get("tank-pressure") or 0.0), law,
         lambda chamber, u, p: float(block.flow(chamber, u, p)),
+        (values["dead_zone_negative"], values["dead_zone_positive"]),
     )  # fmt: skip
 
 
@@ -210,10 +213,36 @@ def _pd(
     friction = StaticFriction()
     if keys.friction == "static" and drive is not None:
         friction = StaticFriction(*drive.static, keys.velocity_tolerance)
-    return PDController(
+    controller = PDController(
         gains, plant.controlled.role, file.sample_time, friction,
         cutoff=keys.cutoff, limits=limits,
     )  # fmt: skip
+    controller.unreached = tuple(_unreached(keys, gains, file.sample_time))
+    return controller
+
+
+def _unreached(keys: PDKeys, gains: Gains, sample_time: float) -> Iterator[str]:
+    """What the file asks for and the gains do not do."""
+    ratio, wanted = gains.damping_ratio, keys.damping_ratio
+    if wanted is not None and not ratio <= wanted * (1.0 + _SAME):
+        yield (
+            f"damping_ratio {wanted:g} cannot be reached: the viscous friction of the machine "
+            f"alone gives {ratio:.3g}, so that K_d is 0. Choose a larger bandwidth or "
+            "proportional gain, or expect that damping."
+        )
+    half, frequency = 0.5 / sample_time, gains.natural_frequency
+    if frequency >= half:
+        yield (
+            f"a natural frequency of {frequency:.4g} Hz cannot be reached in steps of "
+            f"{sample_time:g} s: it is not below half the sampling frequency, {half:g} Hz. Choose "
+            "smaller gains or a shorter sample time."
+        )
+    elif gains.derivative > 0.0 and frequency >= keys.cutoff:
+        yield (
+            f"the damping of K_d is not reached at the natural frequency of {frequency:.4g} Hz: "
+            f"the velocity filter cuts off at {keys.cutoff:g} Hz. Choose smaller gains or a larger "
+            "cutoff."
+        )
 
 
 def _gains(keys: PDKeys, drive: Drive) -> Gains:
@@ -229,7 +258,9 @@ def _gains(keys: PDKeys, drive: Drive) -> Gains:
     else:
         assert keys.proportional is not None
         found = Gains.with_damping(*plant, proportional=keys.proportional, damping_ratio=ratio)
-    return found if keys.derivative is None else Gains(found.proportional, keys.derivative)
+    if keys.derivative is None:
+        return found
+    return Gains.of(*plant, found.proportional, keys.derivative)
 
 
 def _impedance(

@@ -1,75 +1,107 @@
-"""Gain and phase margin of the sampled loop, with hold, filter and dead time in it.
+"""Stability of the sampled loop, with hold, filter and dead time in it, and its margins.
 
-``L(z) = C(z) P(z)`` on ``z = exp(j w T)``, dry friction left aside. The gain margin is the least
-factor by which the loop gain can grow until ``L = -1``, ``1 / |L|`` at a phase of -180 degrees; the
-phase margin is the least of ``180 degrees + arg L`` where ``|L| = 1``.
+Dry friction, dead zones and limits are left aside. Whether the loop is stable is said by its poles:
+the eigenvalues of plant, controller and everything that is on its way through a dead time. Margins
+say how far from that it is: with ``L(z) = C(z) P(z)`` on ``z = exp(j w T)`` the gain margin is the
+least factor by which the loop gain can grow until ``L = -1``, ``1 / |L|`` at a phase of -180
+degrees; the phase margin is the least of ``180 degrees + arg L`` where ``|L| = 1``.
 """
 
 from __future__ import annotations
 
 from cmath import exp, phase
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import degrees, inf, pi
+from math import degrees, inf, nan, pi
 
 import numpy as np
 
+from ..estimation.sampled import Sampled
+from ..experiment import FloatArray
 from .controllers.base import Controller
+from .filters import System
 from .plants.base import Plant
 
 _POINTS = 4000  # over five decades up to half the sampling frequency
+_STATES = 1500  # of a loop whose poles are looked for
+_ROUNDING = 1e-6  # of a pole: what is no farther beyond 1 is not called unstable
 
 
 @dataclass(frozen=True)
 class Margins:
     """Gain margin as a factor, phase margin [degrees]; infinite where there is no crossing.
 
-    Each with the frequency at which it is [Hz], NaN without one.
+    Each with the frequency at which it is [Hz], NaN without one. ``spectral_radius`` is the
+    magnitude of the largest pole of the closed loop, per sample; NaN where the dead time spans too
+    many samples to look for it.
     """
 
     gain: float
     gain_frequency: float
     phase: float
     phase_frequency: float
+    spectral_radius: float
+
+    @property
+    def stable(self) -> bool:
+        """Whether what disturbs the loop fades; by the margins where no poles are known."""
+        if np.isnan(self.spectral_radius):
+            return self.gain >= 1.0 and self.phase >= 0.0
+        return self.spectral_radius <= 1.0 + _ROUNDING
 
     @property
     def warning(self) -> str:
-        """What both margins say of a loop that is not stable without its friction, or nothing."""
-        if self.gain >= 1.0 or self.phase >= 0.0:
+        """What is to be said of a loop that is not stable without its friction, or nothing."""
+        if self.stable:
             return ""
+        radius = self.spectral_radius
+        known = "" if np.isnan(radius) else f"spectral radius {radius:.4g} (stable below 1), "
         return (
-            f"the loop is not stable by its margins (gain {self.gain:.3g}, phase {self.phase:.3g} "
-            "degrees): only dry friction and limits could hold it. Choose smaller gains."
+            f"the loop is unstable: {known}gain margin {self.gain:.3g}. It is not stable without "
+            "its dry friction, dead zone or limits, which alone could hold it. Choose smaller "
+            "gains."
         )
 
 
 def loop_margins(plant: Plant, controller: Controller) -> Margins:
-    """Margins of the loop of a plant and a controller.
+    """Margins of the loop of a plant and a controller, the worst about any point of the plant.
 
     Raises
     ------
     NotImplementedError
         When the plant is not linear or the controller feeds nothing back.
     """
-    step = controller.sample_time
+    law = controller.linear()
+    found = [_margins(point, law, controller.sample_time) for point in plant.linear()]
+    (gain, phase_margin), radii = _worst(found), [spectral_radius(p, law) for p in plant.linear()]
+    return Margins(*gain, *phase_margin, max(radii))
 
+
+_Crossing = tuple[float, float]  # margin and frequency [Hz]
+
+
+def _worst(found: Sequence[tuple[_Crossing, _Crossing]]) -> tuple[_Crossing, _Crossing]:
+    return min(gain for gain, _ in found), min(phase_margin for _, phase_margin in found)
+
+
+def _margins(point: Sequence[Sampled], law: System, step: float) -> tuple[_Crossing, _Crossing]:
     def loop(w: float) -> complex:
         z = exp(1j * w * step)
-        return complex(np.dot(controller.response(z), plant.response(z)))
+        return complex(np.dot(law.response(z), [one.response(z) for one in point]))
 
     top = pi / step
     grid = np.geomspace(1e-5 * top, (1.0 - 1e-9) * top, _POINTS).tolist()
     values = [loop(w) for w in grid]
-    gain, phases = (inf, float("nan")), (inf, float("nan"))
+    gain, phases = (inf, nan), (inf, nan)
     for a, b, x, y in zip(grid, grid[1:], values, values[1:]):
         if x.imag * y.imag < 0.0 and min(x.real, y.real) < 0.0 and abs(x - y) < abs(x) + abs(y):
             w = _root(lambda v: loop(v).imag, a, b)
             if loop(w).real < 0.0:
-                gain = min(gain, (1.0 / abs(loop(w)), w))
+                gain = min(gain, (1.0 / abs(loop(w)), w / (2.0 * pi)))
         if (abs(x) - 1.0) * (abs(y) - 1.0) < 0.0:
             w = _root(lambda v: abs(loop(v)) - 1.0, a, b)
-            phases = min(phases, (degrees(phase(-loop(w))), w))
-    return Margins(gain[0], gain[1] / (2.0 * pi), phases[0], phases[1] / (2.0 * pi))
+            phases = min(phases, (degrees(phase(-loop(w))), w / (2.0 * pi)))
+    return gain, phases
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
@@ -79,3 +111,33 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
         beyond = (function(middle) > 0.0) == rising
         low, high = (low, middle) if beyond else (middle, high)
     return high
+
+
+def spectral_radius(point: Sequence[Sampled], law: System) -> float:
+    """Magnitude of the largest pole of a closed loop; NaN for one of too many states."""
+    longest = [one.whole + 1 for one in point]
+    if point[0].new.size + law.b.size + sum(longest) > _STATES:
+        return nan
+    return float(np.abs(np.linalg.eigvals(_closed(point, law))).max())
+
+
+def _closed(point: Sequence[Sampled], law: System) -> FloatArray:
+    """Matrix of the loop: states of the plant, of the controller, and commands on their way."""
+    n, m = point[0].new.size, law.b.size
+    size = n + m + sum(one.whole + 1 for one in point)
+    matrix = np.zeros((size, size))
+    falls_short = np.zeros(size)
+    falls_short[:n] = -point[0].output
+    matrix[:n, :n] = point[0].phi
+    matrix[n : n + m, n : n + m] = law.a
+    matrix[n : n + m] += np.outer(law.b, falls_short)
+    sent = n + m  # the command of the last sample, and those before it
+    for i, one in enumerate(point):
+        command = law.d[i] * falls_short
+        command[n : n + m] += law.c[i]
+        line = [command, *np.eye(size)[sent : sent + one.whole + 1]]
+        matrix[:n] += np.outer(one.new, line[one.whole]) + np.outer(one.old, line[one.whole + 1])
+        for k in range(one.whole + 1):
+            matrix[sent + k] = line[k]
+        sent += one.whole + 1
+    return matrix

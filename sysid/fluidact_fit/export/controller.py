@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..block import Block, Port
 from ..control.controller_file import ControllerFile, read_controller_file
+from ..control.controller_numbers import numbers_of
 from ..control.controllers import (
     Controller,
     FeedforwardForceController,
@@ -22,8 +23,7 @@ from ..control.parts import sort_parts
 from ..control.plants.base import Plant
 from ..errors import UsageError
 from ..routines import Routine
-from .controller_numbers import numbers_of
-from .target import Arithmetic, Code, file_stem, plain_text, remarks_of, safe_name
+from .target import Arithmetic, Code, Entry, file_stem, plain_text, remarks_of, safe_name
 
 
 def controller_code(
@@ -51,10 +51,11 @@ def controller_code(
         routines = routines_of(controller, travel, command)
     name, families = Path(path).name, plain_text(", ".join(b.family for b in blocks))
     remarks = [r for b in blocks for r in remarks_of(b)] + _stability(plant, controller)
+    remarks += controller.unreached
     return Code(
         safe_name(name), file_stem(name), f"{file.kind} controller of {families}", routines,
         arithmetic, tuple(map(plain_text, remarks)),
-        tuple(numbers_of(controller, travel.unit, command)),
+        tuple(Entry(*number) for number in numbers_of(controller, travel.unit, command)),
     )  # fmt: skip
 
 

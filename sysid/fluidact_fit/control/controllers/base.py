@@ -6,6 +6,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from math import inf
 
+from ..filters import System
+
 
 class Controller(ABC):
     """A controller that runs once per sample.
@@ -16,7 +18,11 @@ class Controller(ABC):
         [s]
     limits
         Lowest and highest command [its unit]; what is beyond is cut off.
+    unreached
+        What its file asks for and it cannot do, in words.
     """
+
+    unreached: tuple[str, ...] = ()
 
     def __init__(self, sample_time: float, limits: tuple[float, float] = (-inf, inf)) -> None:
         self.sample_time, self.limits = sample_time, limits
@@ -37,8 +43,8 @@ class Controller(ABC):
             Where the output is wanted at this sample [SI].
         """
 
-    def response(self, z: complex) -> tuple[complex, ...]:
-        """Response of each command in ``z`` to the output falling short, compensation apart.
+    def linear(self) -> System:
+        """From the output falling short to the commands, compensation and limits apart.
 
         Raises
         ------

@@ -23,7 +23,9 @@ from dataclasses import dataclass
 from math import inf, sqrt
 from typing import Self
 
-from ..filters import Differentiator
+import numpy as np
+
+from ..filters import Differentiator, System
 from .base import Controller
 
 
@@ -128,11 +130,9 @@ class ImpedanceController(Controller):
         """Return the commands of both valves; see :meth:`.Controller.step`."""
         return self.pressures.commands(self.force(measured["position"], reference))
 
-    def response(self, z: complex) -> tuple[complex, ...]:
-        """Response of both commands to the position falling short."""
-        rate = self._speed.response(z)
-        force = self.impedance.stiffness + (self.impedance.damping - self.friction.viscous) * rate
-        one, two = self.pressures.area
-        per = force / (one + two)
-        gain = self.pressures.gain
-        return per / gain[0], -per / gain[1]
+    def linear(self) -> System:
+        """From the position falling short to both commands; see :meth:`.Controller.linear`."""
+        z, p = self.impedance, self.pressures
+        per = np.array([1.0, -1.0]) / np.array(p.gain) / sum(p.area)
+        rate = Differentiator(self.cutoff, self.sample_time).system()
+        return rate.scaled((z.damping - self.friction.viscous) * per, z.stiffness * per)

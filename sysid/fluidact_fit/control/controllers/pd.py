@@ -28,19 +28,42 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, pi, sqrt
+from math import inf, nan, pi, sqrt
 from typing import Self
 
-from ..filters import Differentiator
+import numpy as np
+
+from ...errors import UsageError
+from ..filters import Differentiator, System
 from .base import Controller
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Proportional [command per m or rad] and derivative gain [command s per m or rad]."""
+    """Proportional [command per m or rad] and derivative gain [command s per m or rad].
+
+    Attributes
+    ----------
+    proportional, derivative
+    natural_frequency
+        Of equation 12 [Hz]; NaN where the mass is not known, as is the next.
+    damping_ratio
+        Of equation 16.
+    """
 
     proportional: float
     derivative: float
+    natural_frequency: float = nan
+    damping_ratio: float = nan
+
+    @classmethod
+    def of(
+        cls, mass: float, damping: float, leverage: float, proportional: float, derivative: float
+    ) -> Self:
+        """Gains with what they come to on a plant of that mass, damping and force per command."""
+        stiffness = proportional * leverage
+        ratio = 0.5 * (damping + derivative * leverage) / sqrt(mass * stiffness)
+        return cls(proportional, derivative, sqrt(stiffness / mass) / (2.0 * pi), ratio)
 
     @classmethod
     def for_ramp(
@@ -50,7 +73,18 @@ class Gains:
         """Gains that leave ``error`` [m] behind a ramp of ``slope`` [m/s] (equation 15).
 
         ``mass`` and ``damping`` are those of the plant, ``leverage`` its force per command.
+
+        Raises
+        ------
+        UsageError
+            When the plant has no damping: then any gain leaves less.
         """
+        if damping <= 0.0:
+            raise UsageError(
+                "controller.ramp_error gives no gain: the machine has no viscous friction, and "
+                "leaves no error behind a ramp",
+                remedy="Give controller.proportional or controller.bandwidth.",
+            )
         return cls._damped(mass, damping, leverage, slope * damping / error, damping_ratio)
 
     @classmethod
@@ -75,7 +109,7 @@ class Gains:
         cls, mass: float, damping: float, leverage: float, stiffness: float, ratio: float
     ) -> Self:
         derivative = max(2.0 * ratio * sqrt(mass * stiffness) - damping, 0.0)
-        return cls(stiffness / leverage, derivative / leverage)
+        return cls.of(mass, damping, leverage, stiffness / leverage, derivative / leverage)
 
 
 @dataclass(frozen=True)
@@ -135,7 +169,8 @@ class PDController(Controller):
         command = self.gains.proportional * error + self.gains.derivative * rate
         return (self.limit(command + self.friction.compensate(error, speed)),)
 
-    def response(self, z: complex) -> tuple[complex, ...]:
-        """Response of the command to the error."""
-        rate = self._error_rate.response(z)
-        return (self.gains.proportional + self.gains.derivative * rate,)
+    def linear(self) -> System:
+        """From the error to the command; see :meth:`.Controller.linear`."""
+        gains = self.gains
+        rate = Differentiator(self.cutoff, self.sample_time).system()
+        return rate.scaled(np.array([gains.derivative]), np.array([gains.proportional]))

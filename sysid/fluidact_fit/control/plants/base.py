@@ -8,7 +8,7 @@ from math import inf
 from types import MappingProxyType
 
 from ...block import Port
-from ...experiment import FloatArray
+from ...estimation.sampled import Sampled
 
 Limits = tuple[float, float]
 """Lowest and highest command that is taken [its unit]."""
@@ -55,12 +55,15 @@ class Plant(ABC):
     def _advance(self, command: Sequence[float]) -> None:
         """Hold commands that are within their limits for one sample."""
 
-    def response(self, z: complex) -> FloatArray:
-        """Response of the output to each command in ``z``, dry friction apart, ``(commands,)``.
+    def linear(self) -> tuple[tuple[Sampled, ...], ...]:
+        """Output to each command, dry friction and dead zones apart; one state for all commands.
+
+        Once for each point about which the plant is linear but for those: one is enough where it
+        is so everywhere.
 
         Raises
         ------
         NotImplementedError
-            When the plant is not linear but for its friction.
+            When the plant has no such point.
         """
         raise NotImplementedError(f"{type(self).__name__} has no linear response")

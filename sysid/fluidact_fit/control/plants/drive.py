@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -30,7 +29,6 @@ from ...block import Port
 from ...errors import UsageError
 from ...estimation.friction_law import FrictionLaw
 from ...estimation.sampled import Sampled, sample
-from ...experiment import FloatArray
 from .base import UNLIMITED, Limits, Plant
 from .body import Body, Dynamics
 from .delay import HeldCommands
@@ -169,14 +167,9 @@ class DrivePlant(Plant):
             self.body.state[2] = value
             self.body.advance(span)
 
-    @cached_property
-    def _linear(self) -> Sampled:
+    def linear(self) -> tuple[tuple[Sampled, ...], ...]:
         """The drive without its dry friction and its dead zone."""
         d = self.drive
         a = np.array([[0.0, 1.0], [-d.stiffness / d.mass, -d.viscous / d.mass]])
         b, c = np.array([0.0, d.leverage / d.mass]), np.array([1.0, 0.0])
-        return sample(a, b, c, d.dead_time, self.sample_time)
-
-    def response(self, z: complex) -> FloatArray:
-        """Response of the position to the command; dry friction apart."""
-        return np.array([self._linear.response(z)])
+        return ((sample(a, b, c, d.dead_time, self.sample_time),),)

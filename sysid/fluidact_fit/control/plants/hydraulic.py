@@ -19,18 +19,22 @@ import numpy as np
 from ...block import Port
 from ...errors import UsageError
 from ...estimation.friction_law import FrictionLaw
+from ...estimation.sampled import Sampled, sample
 from .base import UNLIMITED, Limits, Plant
 
 _State = tuple[float, float, float, float]  # p1, p2, y, v
 _EVENTS = 8  # within a step; a piston that rattles faster rests for what is left of it
 _BISECTIONS = 50
+_OPENING = 1e-3  # of the valve beyond its dead zone, where the cylinder is taken for linear [V]
+_NUDGE = 1e-4  # of the supply pressure, to find how a flow changes with a pressure
 
 
 @dataclass(frozen=True)
 class HydraulicCylinder:
     """Areas [m2], volumes at position 0 [m3], mass [kg], bulk modulus and pressures [Pa].
 
-    ``flow(chamber, command, pressure)`` is the flow into chamber 1 or out of chamber 2 [m3/s].
+    ``flow(chamber, command, pressure)`` is the flow into chamber 1 or out of chamber 2 [m3/s], and
+    ``edges`` the commands at which the valve begins to open, backward and forward.
     """
 
     area: tuple[float, float]
@@ -41,6 +45,7 @@ class HydraulicCylinder:
     tank: float
     friction: FrictionLaw
     flow: Callable[[int, float, float], float]
+    edges: tuple[float, float] = (0.0, 0.0)
 
     def rest(self) -> tuple[float, float]:
         """Pressures of a piston at rest, as close to half-way from tank to supply as can be."""
@@ -162,3 +167,23 @@ class HydraulicPlant(Plant):
         return np.array(
             [c.bulk_modulus * in_1 / first, c.bulk_modulus * in_2 / second, v, force / c.mass]
         )
+
+    def linear(self) -> tuple[tuple[Sampled, ...], ...]:
+        """About a slow motion each way, the valve just open and the piston at position 0."""
+        return tuple((self._about(way),) for way in (-1, 1))
+
+    def _about(self, way: int) -> Sampled:
+        c, law = self.cylinder, self.cylinder.friction
+        pressures, command = c.rest(), c.edges[way > 0] + way * _OPENING
+        viscous = law.viscous_positive if way > 0 else law.viscous_negative
+        a, b = np.zeros((4, 4)), np.zeros(4)
+        for i, (p, sign) in enumerate(zip(pressures, (1.0, -1.0))):
+            rate, step = sign * c.bulk_modulus / c.volume[i], _NUDGE * c.supply
+            ends = [c.flow(i + 1, command, p + side * step) for side in (1.0, -1.0)]
+            opened = c.flow(i + 1, command, p) - c.flow(i + 1, c.edges[way > 0], p)
+            a[i, i] = rate * (ends[0] - ends[1]) / (2.0 * step)
+            a[i, 3] = -rate * c.area[i]
+            b[i] = rate * opened / (way * _OPENING)
+            a[3, i] = sign * c.area[i] / c.mass
+        a[2, 3], a[3, 3] = 1.0, -viscous / c.mass
+        return sample(a, b, np.eye(4)[2], 0.0, self.sample_time)

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -144,8 +143,7 @@ class PneumaticPlant(Plant):
             self.body.state[self._inputs] = values
             self.body.advance(span)
 
-    @cached_property
-    def _linear(self) -> tuple[Sampled, ...]:
+    def linear(self) -> tuple[tuple[Sampled, ...], ...]:
         """The cylinder behind each valve, without its dry friction."""
         law, mass = self.cylinder.friction, self.cylinder.mass
         n = self._inputs.start
@@ -153,11 +151,9 @@ class PneumaticPlant(Plant):
         a[0, 1], a[1] = 1.0, self._drive() / mass
         a[1, 1] -= 0.5 * (law.viscous_positive + law.viscous_negative) / mass
         c = np.eye(n)[0]
-        return tuple(
-            sample(a[:n, :n], a[:n, n + i], c, chamber.supply.dead_time, self.sample_time)
-            for i, chamber in enumerate(self.cylinder.chambers)
+        return (
+            tuple(
+                sample(a[:n, :n], a[:n, n + i], c, chamber.supply.dead_time, self.sample_time)
+                for i, chamber in enumerate(self.cylinder.chambers)
+            ),
         )
-
-    def response(self, z: complex) -> FloatArray:
-        """Response of the position to the command of each valve; dry friction apart."""
-        return np.array([one.response(z) for one in self._linear])

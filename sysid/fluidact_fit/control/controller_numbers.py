@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import isfinite
+from typing import NamedTuple
 
-from ..control.controllers import (
+from .controllers import (
     Controller,
     FeedforwardForceController,
     ImpedanceController,
     PDController,
 )
-from .target import Entry
+
+
+class Entry(NamedTuple):
+    """A number or word by its key, with its unit (SI) and what it is."""
+
+    key: str
+    value: float | int | str
+    unit: str
+    about: str
 
 
 def numbers_of(controller: Controller, output: str, command: str) -> Iterator[Entry]:
@@ -35,6 +44,11 @@ def _pd(c: PDController, output: str, command: str) -> Iterator[Entry]:
     gains, friction = c.gains, c.friction
     yield Entry("proportional", gains.proportional, f"{command}/{output}", "proportional gain")
     yield Entry("derivative", gains.derivative, f"{command} s/{output}", "derivative gain")
+    if isfinite(gains.damping_ratio):
+        frequency, ratio = gains.natural_frequency, gains.damping_ratio
+        about = "both gains on the machine, hold and filter apart"
+        yield Entry("natural_frequency", frequency, "Hz", f"natural frequency of {about}")
+        yield Entry("damping_ratio", ratio, "1", f"damping ratio of {about}")
     for name in ("positive", "negative"):
         about = f"static friction added at rest, {name} direction"
         yield Entry(f"friction_{name}", float(getattr(friction, name)), command, about)
