@@ -16,7 +16,7 @@ from ..units import conversion_factor, same_dimension
 from .carry import find_carry
 from .layout import BLANKS, GROUPED
 from .log import Column, Log, exclude_lines, name_lines
-from .stamps import PAIR
+from .stamps import PAIR, names_time
 
 TIME = Role("time", "s", "instants of the samples")
 # Time is the one role with a symbol that is in general use as a header.
@@ -26,7 +26,6 @@ _REMARK = re.compile(r"[(\[{<][^()\[\]{}<>]+[)\]}>]\s*$")
 _EPOCH = 9.5e8, 4.2e9  # s since 1970: the years 2000 to 2103
 _SPREADSHEET = 30_000.0, 65_000.0  # days since 1900: the years 1982 to 2077
 _DAYS_STEP = 2e-5  # below it numbers of that size are hardly seconds: 50,000 rows a second
-_TIME_NAME = re.compile("time|zeit|temps|tiempo|stamp|clock|elapsed|seconds|millis|micros", re.I)
 _UPPER_NAME = re.compile("time|zeit|stamp|clock|epoch|sec|min|hour|stunde", re.I)
 _PARTS = 60, 10**3, 10**6, 10**9  # of a minute, an hour or a second
 
@@ -137,6 +136,7 @@ def matching(log: Log, wanted: str) -> list[Column]:
         or [c for c in named if _fold(c.header) == folded]
         or [c for c in named if c.name == text]
         or [c for c in named if _fold(c.name) == folded]
+        or [c for c in named if folded in map(_fold, c.also)]
     )
 
 
@@ -169,6 +169,9 @@ def default_column(log: Log, role: str) -> Column | None:
             raise _ambiguous(log, role, name, matches)
         if matches:
             return matches[0]
+        parts = [c for c in log.columns if c.also and _fold(name) in map(_fold, c.also)]
+        if len(parts) == 1:
+            return parts[0]
     clocks = [c for c in log.columns if c.clock] if role == "time" else []
     return clocks[0] if len(clocks) == 1 else None
 
@@ -290,7 +293,7 @@ def _grows_as_time(column: Column) -> bool:
     if steps.size < 3 or float(np.mean(steps > 0)) <= 0.7:
         return False
     if column.header:
-        return _TIME_NAME.search(column.header) is not None
+        return names_time(column.header)
     steps = steps[steps > 0]
     usual = float(np.median(steps))
     even = float(np.mean(np.abs(steps - usual) <= 0.1 * usual)) > 0.5

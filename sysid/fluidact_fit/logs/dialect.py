@@ -22,12 +22,12 @@ from .layout import (
     BLANKS,
     GROUPED,
     LONG_CELL,
-    NO_VALUE,
     NUMBER,
     Cut,
     Hints,
     Layout,
     Written,
+    says_nothing,
     split_cells,
 )
 from .log import count_of, name_lines
@@ -35,6 +35,7 @@ from .source import Source
 from .stamps import is_stamp
 from .start import Start, find_start, holds_numbers, looks_like_row
 from .stray import find_stray, holds_digits, is_damaged_row
+from .width import fit_header, refuse_other_names
 
 MAX_COLUMNS = 4096
 
@@ -271,9 +272,7 @@ def _rate_cut(
     width -= lead
     pattern = NUMBER["."] if decimal == "." else _NUMBER_COMMA_STRICT
     cut = Cut(delimiter, decimal, width, trailing=trailing, thousands=thousands, lead=lead)
-    cells = [
-        cell for row in usual for cell in row[lead:][:width] if cell.casefold() not in NO_VALUE
-    ]
+    cells = [cell for row in usual for cell in row[lead:][:width] if not says_nothing(cell)]
     if not cells:
         return None
     plain = [cut.without_thousands(cell) for cell in cells]
@@ -347,6 +346,9 @@ def _lay_out(
     clocks = find_clocks([row for line in body if len(row := cut.split(line)) >= cut.width])
     start, stray, named = found.first, set(found.stray), written.header_row
     as_written = lines
+    optional = 0
+    if named is None and not hints.names:
+        cut, optional = fit_header(join_quoted(lines, start, cut), start, body, cut)
     lines = _without_entries(join_quoted(lines, start, cut), found, named)
     header = find_header(lines, start, cut, hints, named)
     if named is None and header.row is not None and is_damaged_row(lines[header.row], cut):
@@ -362,6 +364,8 @@ def _lay_out(
     if header.row is None and cut.width % 2 == 0:
         half = find_header(lines, start, replace(cut, width=cut.width // 2), hints, named)
         refuse_commas_for_both(half.names, body, cut, name)
+    if header.row is None and named is None and not (hints.names or hints.serial):
+        refuse_other_names(lines, start, cut, name)
     if hints.serial and header.row is None:
         # What stands above the first whole line is a part of one, and is to be named.
         start = next((i for i in range(start) if lines[i].strip()), start)
@@ -373,6 +377,7 @@ def _lay_out(
         stray |= {i for i in range(top, start) if i in damaged or holds_digits(lines[i])}
     else:
         start = min(damaged, default=start)
+    stray |= set(header.no_units)
     if named is None:
         stray = find_stray(lines[:start], cut, header, stray)
     names, units = header.names, header.units
@@ -380,6 +385,7 @@ def _lay_out(
         units[k] = "s"
         if not names[k] or is_stamp(names[k]):
             names[k] = "clock" if any(map(_is_time, names)) else "time"
+    of_header = {i for i in (header.row, header.units_row, *header.levels) if i is not None}
     return Layout(
         **vars(cut),
         first_row=start,
@@ -388,9 +394,11 @@ def _lay_out(
         units_row=header.units_row,
         headers=names,
         units=units,
-        again=frozenset(as_written[i] for i in (header.row, header.units_row) if i is not None),
+        again=frozenset(as_written[i] for i in of_header),
         clocks=clocks,
-        stray=tuple(i for i in sorted(stray - {header.units_row}) if i < start),
+        stray=tuple(i for i in sorted(stray - (of_header - {header.row})) if i < start),
+        parts=header.parts,
+        optional=optional,
     )
 
 
@@ -426,7 +434,10 @@ def _damaged(lines: Sequence[str], start: int, cut: Cut, header: Header) -> list
         if not lines[index].strip():
             continue
         words = _WORD.match(lines[index]) and not holds_digits(lines[index])
-        if holds_numbers(lines[index], cut) and not words and index not in header[:2]:
+        cells = cut.split(lines[index])
+        empty = len(cells) == cut.width and "" not in cells and all(map(says_nothing, cells))
+        empty = empty and cells[0][0] != "-"  # neither a rule, nor units of what has none
+        if (holds_numbers(lines[index], cut) or empty) and not words and index not in header[:2]:
             found.append(index)
         elif header.row is None and others < _GAP:
             others += 1

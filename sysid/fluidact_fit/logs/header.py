@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from types import MappingProxyType
 from typing import NamedTuple
 
-from ..units import looks_like_unit
-from .layout import Cut, Hints
+from ..units import is_unit, looks_like_unit, parse_unit_from_header, same_dimension
+from .layout import NUMBER, Cut, Hints, says_nothing
+from .levels import groups, is_wordy, join_levels
+from .stamps import names_time
 from .start import holds_numbers, is_entry
 
 _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
@@ -18,17 +21,27 @@ _CLOCK_FORM = re.compile(r"[hmsdy]{1,4}([:./ -][hmsdyf0]{1,4})+", re.IGNORECASE)
 _SAYS_UNIT = re.compile(r"units?\s*[:=]\s*", re.IGNORECASE)
 _RULING = re.compile(r"[\s|+:=_-]*[=_-]{3}[\s|+:=_-]*")  # between names and rows of a printed table
 _NO_UNIT = {"", "-", "1", "none"}
+_UNIT_ITSELF = {"unit", "units", "einheit", "einheiten", "unité", "unidad", "unità"}
 _BROKEN = 40  # lines that a header with line breaks in its names may take
 _ABOVE = 4  # lines with text in which names and units are looked for
+_ROWS = 100  # of which the second cells are looked at
 
 
 class Header(NamedTuple):
-    """Indices of the lines of names and units, ``None`` when absent, and one text per column."""
+    """Indices of the lines of names and units, ``None`` when absent, and one text per column.
+
+    ``levels`` are the indices of the other lines that have parts of the names, and ``parts`` these
+    parts by column, from top to bottom, where a name has several. ``no_units`` are the indices of
+    lines below the names that cannot be their units although each cell is one.
+    """
 
     row: int | None
     units_row: int | None
     names: list[str]
     units: list[str]
+    levels: tuple[int, ...] = ()
+    parts: Mapping[int, tuple[str, ...]] = MappingProxyType({})
+    no_units: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -60,19 +73,28 @@ def find_header(
 
     Units stand below the names, or above them. A row is one of units where all its cells are, or
     where at least half are and another row has the names: the other cells are then units, too.
+    Names may stand in several rows, those of groups of columns above those of the columns.
     """
     if hints.names:
         return Header(None, None, ["", *hints.names][-cut.width :], [""] * cut.width)
     nothing = Header(None, None, [""] * cut.width, [""] * cut.width)
     filled = [i for i in range(start - 1, -1, -1) if lines[i].strip()]
     above = [i for i in filled if not _RULING.fullmatch(lines[i])][:_ABOVE]
+    rows: list[_Row] = []
+    no_units: list[_Row] = []
+    index_row = None
     if named is not None:
         found = _said_rows(lines, above, cut, named)
     elif hints.data_from is not None or not above:
         found = None
     else:
-        rows = [_look_at(i, lines[i], cut) for i in above]
-        found = _pair(rows, cut) or _names_alone(rows, cut)
+        counting = _counts_from_one(lines[start:], cut)
+        rows = [_look_at(i, lines[i], cut, counting) for i in above]
+        no_units = [r for r, names in pairwise(rows) if r.are_units and _contradict(r, names)]
+        rows = [row for row in rows if row not in no_units]
+        if _is_index_row(rows):
+            index_row, *rows = rows
+        found = _pair(rows, cut) or _beside_names(rows) or _names_alone(rows, cut)
     if found is None:
         return nothing
     names, units = found
@@ -81,9 +103,111 @@ def find_header(
         said = [hints.first_header, *said[1:]]
     if units is None:
         alone = _are_units(said, 1.0)  # a header of units and nothing else has them
-        units_alone = [_clean_unit(cell) if alone else "" for cell in said]
-        return Header(names.index, None, said, units_alone)
-    return Header(names.index, units.index, said, [_clean_unit(cell) for cell in units.cells])
+        unit_cells = [_clean_unit(cell) if alone else "" for cell in said]
+        below: list[str] = []
+    else:
+        below = [cell if _is_name_beside(cell, units) else "" for cell in units.cells]
+        unit_cells = [
+            "" if b else _clean_unit(cell) for b, cell in zip(below, units.cells, strict=True)
+        ]
+    levels = _levels(names, rows)
+    own = [said, below] if any(below) else [said]
+    parts = join_levels([row.cells for row in levels], own)
+    if index_row is not None:
+        parts[0] = (index_row.cells[0],)
+    whole = {k: " ".join(found) for k, found in parts.items()}
+    return Header(
+        row=names.index,
+        units_row=None if units is None else units.index,
+        names=[whole.get(k, cell) for k, cell in enumerate(said)],
+        units=unit_cells,
+        levels=tuple(r.index for r in (*levels, *([index_row] if index_row else []))),
+        parts={k: found for k, found in parts.items() if len(found) > 1},
+        no_units=tuple(row.index for row in no_units),
+    )
+
+
+def _is_name_beside(cell: str, row: _Row) -> bool:
+    """Whether a cell of a row with units is a part of a name.
+
+    In a row of units that is a long word, several, or one without the brackets of the others.
+    """
+    if _clean_unit(cell).casefold() in _NO_UNIT or _is_unit(cell):
+        return False
+    bracketed = sum(map(bool, map(_BRACKETED.fullmatch, row.cells)))
+    return not row.are_units or 2 * bracketed >= row.filled or is_wordy(cell)
+
+
+def _counts_from_one(rows: Sequence[str], cut: Cut) -> bool:
+    """Whether the first cells of the rows go on with what began with a 1 above them."""
+    firsts = [cells[0] for line in rows[:_ABOVE] if (cells := cut.split(line))]
+    numbers = [float(c.replace(",", ".")) for c in firsts if NUMBER[cut.decimal].match(c)][:2]
+    if len(numbers) < 2:
+        return False
+    step = numbers[1] - numbers[0]
+    return step > 0.0 and abs(numbers[0] - 1.0 - step) < 1e-6 * step
+
+
+def _contradict(units: _Row, names: _Row) -> bool:
+    """Whether cells that are units cannot be those of the names above.
+
+    A name says another unit itself, or is a time and the cells are one and the same other unit:
+    words for what was not measured, as ``A``, are units as well.
+    """
+    said = [(parse_unit_from_header(n), _clean_unit(u)) for n, u in zip(names.cells, units.cells)]
+    if not names.is_header:
+        return False
+    own = any(
+        unit
+        and name
+        and u.casefold() not in _NO_UNIT
+        and is_unit(u)
+        and not same_dimension(unit, u)
+        for (name, unit), u in said
+    )
+    timed = any(
+        (names_time(name) or name.casefold() == "t") and is_unit(u) and not same_dimension(u, "s")
+        for (name, _), u in said
+        if u
+    )
+    return own or (timed and units.filled > 1 and units.distinct == 1)
+
+
+def _is_index_row(rows: Sequence[_Row]) -> bool:
+    """Whether the lowest row names the first column alone, as pandas does below other names."""
+    if len(rows) < 2 or len(rows[0].cells) < 2 or not rows[1].is_header:
+        return False
+    first, *rest = rows[0].cells
+    return bool(first) and not any(rest) and not rows[0].are_units and all(rows[1].cells[1:])
+
+
+def _levels(names: _Row, rows: Sequence[_Row]) -> list[_Row]:
+    """Rows above the names that name groups of columns, from top to bottom.
+
+    They repeat a name in the next column, or leave it empty where the names below are not
+    distinct without it.
+    """
+    out: list[_Row] = []
+    for row in reversed([r for r in rows if r.index < names.index]):
+        out = [row, *out] if row.is_header and not row.is_mixed else []
+    out = [r for r in out if not r.are_units]
+    while out and not groups(out[0].cells, [r.cells for r in (*out[1:], names)]):
+        out = out[1:]
+    return out
+
+
+def _beside_names(rows: Sequence[_Row]) -> tuple[_Row, _Row] | None:
+    """Rows of names of which the lower one has units for some columns: ``ms`` below ``Time``."""
+    if len(rows) < 2 or any(not row.is_header or row.is_mixed for row in rows[:2]):
+        return None
+    lower, upper = rows[:2]
+    for name, cell in zip(upper.cells, lower.cells):
+        unit = _clean_unit(cell)
+        timed = (names_time(name) or name.casefold() in ("t", "x", "x-axis")) and is_unit(unit)
+        bracketed = bool(name) and _BRACKETED.fullmatch(cell) and looks_like_unit(unit)
+        if bracketed or (timed and looks_like_unit(cell) and same_dimension(unit, "s")):
+            return upper, lower
+    return None
 
 
 def join_quoted(lines: Sequence[str], start: int, cut: Cut) -> Sequence[str]:
@@ -111,7 +235,20 @@ def name_rows(lines: Sequence[str], start: int, cut: Cut, named: int | None) -> 
     found = find_header(lines, start, rest, Hints(""), named)
     if found.row is None or found.units_row is not None:
         return None
+    seconds = [
+        cells[1] for line in lines[start : start + _ROWS] if len(cells := cut.split(line)) > 1
+    ]
+    name, _ = parse_unit_from_header(found.names[0])
+    if (names_time(name) or name.casefold() == "t") and not _increase(seconds, cut):
+        return None  # the first column is the time, and the last one has no name
     return Header(found.row, None, ["", *found.names], ["", *found.units])
+
+
+def _increase(cells: Sequence[str], cut: Cut) -> bool:
+    if not all(map(cut.is_number, cells)):
+        return True
+    numbers = [float(cut.without_thousands(cell).replace(",", ".")) for cell in cells]
+    return all(a < b for a, b in pairwise(numbers))
 
 
 def _said_rows(
@@ -154,11 +291,15 @@ def _most_distinct(nearest: _Row, others: Sequence[_Row]) -> _Row:
     return max([nearest, *others], key=lambda row: row.distinct)
 
 
-def _look_at(index: int, line: str, cut: Cut) -> _Row:
+def _look_at(index: int, line: str, cut: Cut, counting: bool = False) -> _Row:
     named, mixed = header_cells(line, cut), holds_numbers(line, cut)
+    if named is not None and all(map(says_nothing, filter(None, named))):
+        return _Row(index, named, False, False, True)
     if named is not None:
         # No column is called by a number, but the unit of the first may be 1.
-        return _Row(index, named, not cut.is_number(named[0]), _are_units(named, 0.5), mixed)
+        numbered = cut.is_value(named[0])
+        units = _are_units(named, 0.5) and (not numbered or (named[0] == "1" and not counting))
+        return _Row(index, named, not cut.is_number(named[0]), units, mixed)
     cells: list[str] = []
     for text in (line, _COMMENT.sub("", line)):
         cells = cut.split(text)
@@ -180,12 +321,19 @@ def _pair(rows: Sequence[_Row], cut: Cut) -> tuple[_Row, _Row] | None:
             # Oscilloscopes number their channels ("x-axis,1,2"): only units tell that from a row.
             numbered = names is rows[k + 1] and bool(names.cells) and _is_word(names.cells[0], cut)
             # The column of time may have a unit and no name.
-            fits = names.filled + 1 >= units.filled and not names.are_units
+            fits = names.filled + 1 >= units.filled and _less_units(names, units)
             if fits and (names.is_header or numbered):
                 return names, units
         if k == 1 and rows[0].is_header and not rows[0].are_units and _are_units(units.cells, 1.0):
             return rows[0], units
     return None
+
+
+def _less_units(names: _Row, units: _Row) -> bool:
+    """Whether the cells of names are not units as well, where ``in`` and ``min`` are no names."""
+    return not names.are_units or (
+        _are_units(units.cells, 1.0) and not _are_units(names.cells, 1.0)
+    )
 
 
 def _is_word(cell: str, cut: Cut) -> bool:
@@ -239,4 +387,5 @@ def _is_unit(cell: str) -> bool:
 def _clean_unit(cell: str) -> str:
     text = cell.strip().strip("[]()").strip()
     said = _SAYS_UNIT.match(text)
-    return text[said.end() :] if said else text
+    text = text[said.end() :] if said else text
+    return "" if text.casefold() in _UNIT_ITSELF else text

@@ -30,10 +30,18 @@ BLANKS = re.compile(r"[+-]?[1-9]\d{0,2}([ \u00a0\u202f]\d{3})+$")  # between tho
 _QUOTED = re.compile(r'"([^"]*)"|([^\s"]+)')
 LONG_CELL = 200  # characters, beyond which a search in it could take long
 # what is written where there is no number; a truth value is none, and no name of a column
-NO_VALUE = {
-    "", "nan", "inf", "-inf", "+inf", "na", "n/a", "null", "none", "-", "true", "false", "?", "??",
+_NO_VALUE = {
+    "", "nan", "inf", "-inf", "+inf", "na", "n/a", "null", "none", "true", "false",
+    "n.a.", "n. a.", "k.a.", "k. a.", "n.d.", "n.v.", "s/d",
     "#value!", "#n/a", "#div/0!", "#ref!", "#name?", "#num!", "#null!",
+    "#wert!", "#nv", "#bezug!", "#zahl!", "#valeur!", "#nombre!", "#nom?",
 }  # fmt: skip
+_SIGNS = re.compile(r"[*?~]+|#{2,}|-{1,4}")
+
+
+def says_nothing(cell: str) -> bool:
+    """Whether a cell is empty, or says that there is no number: ``n/a``, ``#REF!``, ``***``."""
+    return cell.casefold() in _NO_VALUE or _SIGNS.fullmatch(cell) is not None
 
 
 @dataclass(frozen=True)
@@ -126,7 +134,7 @@ class Cut:
             return False
         if not self.thousands and all(map(NUMBER[self.decimal].match, fields)):
             return True  # as most lines are
-        values = [f for f in fields if f.casefold() not in NO_VALUE]
+        values = [f for f in fields if not says_nothing(f)]
         return sum(map(self.is_value, values)) >= max(1, needed * len(values))
 
 
@@ -158,9 +166,11 @@ class Layout(Cut):
     the reason, and ``notices`` what was noticed. ``stray`` are the indices of lines above the table
     that look like rows.
 
-    ``clocks`` are the indices of the columns of clock times, each with that of the column of its
-    dates. With ``groups`` the columns have time bases of their own: headers and units are then
-    those of one time and of the columns of all groups, and a group may end before the others.
+    As many as ``optional`` cells may be missing at the end of a row. ``parts`` are those of names
+    that have several, by column. ``clocks`` are the indices of the columns of clock times, each
+    with that of the column of its dates. With ``groups`` the columns have time bases of their own:
+    headers and units are then those of one time and of the columns of all groups, and a group may
+    end before the others.
     """
 
     first_row: int
@@ -175,6 +185,8 @@ class Layout(Cut):
     skipped: Mapping[int, str] = field(default_factory=dict)
     notices: tuple[Notice, ...] = ()
     stray: tuple[int, ...] = ()
+    optional: int = 0
+    parts: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def needed(self) -> int:

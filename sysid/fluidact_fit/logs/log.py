@@ -46,7 +46,8 @@ class Column:
     not sampled in every row: its NaN are no samples. A ``clock`` held dates or times of day, and
     holds seconds since the first sample; of one that could not be read ``doubt`` says why, and
     below what to do. One that holds but the fraction of a second is ``part_of`` the column of that
-    number, with which it was joined.
+    number, with which it was joined. ``also`` are the parts of a header that stood in several
+    rows.
     """
 
     index: int
@@ -60,6 +61,7 @@ class Column:
     clock: bool = False
     doubt: str = ""
     part_of: int = 0
+    also: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:

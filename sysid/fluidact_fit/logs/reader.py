@@ -233,15 +233,29 @@ def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:
     rasters = sparse_columns(table.values, table.bad)
     parts = zip(layout.headers, layout.units, table.values, table.bad)
     for index, (header, unit_in_row, values, bad) in enumerate(parts, start=1):
-        name, unit = parse_unit_from_header(header)
-        doubtful = not unit_in_row and is_doubtful_suffix(header)
+        texts = layout.parts.get(index - 1, (header,))
+        named = [parse_unit_from_header(text) for text in texts]
+        name = " ".join(text for text, _ in named)
+        unit = next((unit for _, unit in reversed(named) if unit), None)
+        doubtful = not unit_in_row and is_doubtful_suffix(texts[-1])
         clock = index - 1 in layout.clocks
         empty = layout.hints.sparse and bool(bad) and not any(bad.values())
         sparse = empty or (index - 1 in rasters and not clock)
-        doubt = table.doubts.get(index - 1, "")
-        unit = unit_in_row or unit
+        also = [*texts, *(text for text, _ in named)] if len(texts) > 1 else []
         columns.append(
-            Column(index, header, name, unit, doubtful, values, bad, sparse, clock, doubt)
+            Column(
+                index,
+                header,
+                name,
+                unit_in_row or unit,
+                doubtful,
+                values,
+                bad,
+                sparse,
+                clock,
+                doubt=table.doubts.get(index - 1, ""),
+                also=tuple(also),
+            )
         )
     return tuple(columns)
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ..errors import LogError
 from ..units import looks_like_unit, parse_unit_from_header
-from .layout import NO_VALUE, Cut, Layout
+from .layout import Cut, Layout, says_nothing
 from .log import count_of
 
 _SAME = "Expected the same columns from the first to the last row."
@@ -86,7 +86,7 @@ def _are_words(cells: Sequence[str], cut: Cut) -> bool:
     """Whether every cell with text is a word, and there are some."""
     texts = [cell.strip() for cell in cells if cell.strip()]
     return bool(texts) and all(
-        any(map(str.isalpha, text)) and text.casefold() not in NO_VALUE and not cut.is_value(text)
+        any(map(str.isalpha, text)) and not says_nothing(text) and not cut.is_value(text)
         for text in texts
     )
 

@@ -40,6 +40,8 @@ _MONTHS = {
 _DURATION = re.compile(r"(?P<size>\d+(?:\.\d*)?) (?P<unit>ms|s|sec|min|hr)", re.ASCII)
 _SIZES = {"ms": SECOND // 1000, "s": SECOND, "sec": SECOND, "min": 60 * SECOND, "hr": 3600 * SECOND}
 
+_TIME_NAME = re.compile("time|zeit|temps|tiempo|stamp|clock|elapsed|seconds|millis|micros", re.I)
+
 
 class Stamp(NamedTuple):
     """Days since the year 1 (``None`` without a date) and time of day [ns].
@@ -56,6 +58,11 @@ class Stamp(NamedTuple):
     zone: str = ""
     hourless: bool = False
     fourth: tuple[str, ...] | None = None
+
+
+def names_time(header: str) -> bool:
+    """Return whether a column is called as columns of time are."""
+    return _TIME_NAME.search(header) is not None
 
 
 def is_stamp(text: str) -> bool:

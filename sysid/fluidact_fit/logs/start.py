@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from .layout import NO_VALUE, Cut
+from .layout import Cut, says_nothing
 
 # Numbers and signs that separate them, whichever: a row that lost its separators.
 _NUMBERS = re.compile(r"(?=.*\d)[\d\s.,;|+\-eE]+")
@@ -147,7 +147,7 @@ def _words(line: str, cut: Cut) -> set[int]:
         for column, cell in enumerate(cut.split(line))
         if cell[:1].isalpha()
         and 2 * sum(map(str.isalpha, cell)) > sum(map(str.isalnum, cell))
-        and cell.casefold() not in NO_VALUE
+        and not says_nothing(cell)
     }
 
 

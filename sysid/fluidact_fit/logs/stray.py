@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection, Sequence
 
 from .header import Header
-from .layout import GROUPED, LONG_CELL, NO_VALUE, NUMBER, Cut
+from .layout import GROUPED, LONG_CELL, NUMBER, Cut, says_nothing
 from .stamps import is_stamp
 from .start import is_entry, looks_like_row
 
@@ -111,7 +111,7 @@ def _begins_a_list(cells: Sequence[str], line: str) -> bool:
 
 def _is_all_numbers(cells: Sequence[str], cut: Cut) -> bool:
     """Whether as many cells as a row has say a number, or that there is none, and no other."""
-    values = [c for c in cells if c.casefold() not in NO_VALUE]
+    values = [c for c in cells if not says_nothing(c)]
     gaps = sum(map(bool, cells)) - len(values)  # a cell that says that it has no number
     numbers = sum(map(_is_any_number, values))
     return 0 < numbers == len(values) and numbers + gaps >= cut.width
@@ -137,7 +137,7 @@ def _is_list(line: str, cut: Cut) -> bool:
     cells = cut.split(line)
     if not holds_digits(line) or is_entry(cells) or any(map(is_stamp, [line.strip(), *cells])):
         return False
-    values = [c for c in cells if c.casefold() not in NO_VALUE]
+    values = [c for c in cells if not says_nothing(c)]
     if any(c[0].isalpha() for c in values):
         return False  # "b1 = 2.0 1.5" says what they are
     numbers = [c for c in values if _is_any_number(c)]
@@ -152,7 +152,7 @@ def _was_row(line: str) -> bool:
 
 def _is_gap(line: str) -> bool:
     """Whether a line says that it has no number, and nothing else."""
-    return bool(line.strip()) and line.strip().casefold() in NO_VALUE
+    return bool(line.strip()) and says_nothing(line.strip())
 
 
 def _is_garbled(line: str) -> bool:

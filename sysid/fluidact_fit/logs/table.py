@@ -390,6 +390,8 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
             fields.pop()  # a separator too many at the end of the line
         if width == 1 and _SEPARATED.search(line) and not layout.is_value(fields[0]):
             fields = _SEPARATED.split(line)  # no separator of one column is known
+        if 0 < width - len(fields) <= layout.optional:
+            fields = fields + [""] * (width - len(fields))
         filled = complete(fields, layout) if layout.groups else fields
         if filled is not None and len(filled) == width:
             rows.append(filled)
@@ -487,7 +489,7 @@ def _is_cut(line: str, before: Sequence[str], layout: Layout, ends_open: bool) -
         return complete(fields, layout) is None and len(fields) < layout.width
     if layout.trailing and len(fields) > layout.width:
         return False
-    if 0 < len(fields) < layout.width:
+    if 0 < len(fields) < layout.width - layout.optional:
         return True
     if not ends_open or layout.trailing or len(fields) != layout.width:
         return False

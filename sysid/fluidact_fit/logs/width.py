@@ -1,0 +1,100 @@
+"""How many columns a table has, where its header names another number than its rows hold.
+
+The last columns may be empty in every row, as one for comments is: they are named, and their cells
+may not even be written. Otherwise names that do not fit the cells are refused: nobody knows which
+name is whose.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..errors import LogError
+from ..units import looks_like_unit, parse_unit_from_header
+from .layout import Cut, says_nothing
+from .log import count_of
+
+_COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
+_ABOVE = 3  # lines with text in which the names are looked for
+_TIME = {"t", "time", "zeit", "temps", "tiempo", "tempo"}
+
+
+def fit_header(lines: Sequence[str], start: int, body: Sequence[str], cut: Cut) -> tuple[Cut, int]:
+    """The cut with as many columns as the header names, and how many of the last may be missing.
+
+    Parameters
+    ----------
+    lines, start
+        All lines, and the index of the first row.
+    body
+        Rows of the table.
+    cut
+        How they are cut.
+    """
+    if cut.delimiter == " " or cut.tidy is not None or cut.lead:
+        return cut, 0
+    cells = cut.width + cut.trailing
+    rows = [row for row in map(cut.split, body) if len(row) >= cut.width]
+    filled = max((_filled(row) for row in rows), default=cells)
+    for index in _above(lines, start):
+        names = _names(lines[index], cut)
+        count = len(names)
+        if names and all(map(looks_like_unit, filter(None, names))):
+            continue  # where the last has no unit, the row of units is shorter than that of names
+        if count == cut.width:
+            return cut, 0
+        longer = cut.width < count and any(len(row) == count for row in rows)
+        if (names and filled <= count <= cells) or (names and longer):
+            usual = min(filled, cut.width)
+            trailing = cells > count
+            return replace(cut, width=count, trailing=trailing), max(count - usual, 0)
+    return cut, 0
+
+
+def refuse_other_names(lines: Sequence[str], start: int, cut: Cut, name: str) -> None:
+    """Refuse a header right above the table whose names are more or fewer than the columns."""
+    if cut.delimiter == " " or cut.tidy is not None:
+        return
+    index = next(iter(_above(lines, start)), None)
+    names = [] if index is None else _names(lines[index], cut)
+    if index is None or len(names) < 2 or len(names) == cut.width:
+        return
+    parsed = [parse_unit_from_header(cell) for cell in names]
+    units = sum(unit is not None for _, unit in parsed)
+    timed = any(text.casefold() in _TIME for text, _ in parsed)
+    if not (timed or 2 * units >= len(names)):
+        return
+    raise LogError(
+        f"{count_of(len(names), 'name')} above rows of {count_of(cut.width, 'cell')}: "
+        f"{', '.join(names)[:120]}.",
+        where=f"{name}, line {index + 1}",
+        expected="Expected one name for every column.",
+        remedy="Correct the header (a separator within a name stands between quotes), or give "
+        f"--skip-rows {index + 1} and name the columns by their numbers, --column ROLE=#N.",
+    )
+
+
+def _above(lines: Sequence[str], start: int) -> list[int]:
+    """Indices of the nearest lines with text above the table."""
+    return [i for i in range(start - 1, -1, -1) if lines[i].strip()][:_ABOVE]
+
+
+def _names(line: str, cut: Cut) -> list[str]:
+    """The cells of a line of names without empty ones at its end; empty for other lines."""
+    cells = cut.split(_COMMENT.sub("", line))
+    cells = cells[: _filled(cells)]
+    words = [cell for cell in cells if cell]
+    if len(words) < 2 or not all(_is_name(cell, cut) for cell in words):
+        return []
+    return cells
+
+
+def _is_name(cell: str, cut: Cut) -> bool:
+    return any(map(str.isalpha, cell)) and not says_nothing(cell) and not cut.is_value(cell)
+
+
+def _filled(cells: Sequence[str]) -> int:
+    """Number of cells without the empty ones at the end."""
+    return max((k for k, cell in enumerate(cells, start=1) if cell), default=0)

@@ -1,0 +1,95 @@
+"""Headers with more or fewer names than the rows have cells."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fluidact_fit.errors import LogError
+from fluidact_fit.logs import Log, read_log
+from fluidact_fit.logs import table as table_module
+
+ROWS = [f"{k},{k}.5,{k}.25" for k in range(40)]
+NAMES = "t (ms),p (bar),q (bar)"
+
+
+def read(folder: Path, lines: list[str], **options: object) -> Log:
+    path = folder / "log.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return read_log(path, **options)
+
+
+@pytest.mark.parametrize("fast", [False, True])
+@pytest.mark.parametrize("sign", [",", ";", "\t"])
+@pytest.mark.parametrize(
+    ("head", "tail"),
+    [
+        ([f"{NAMES},comment"], ","),
+        ([f"{NAMES},comment,"], ",,"),
+        ([f"{NAMES},comment,remark"], ",,"),
+        ([f"# {NAMES},comment"], ","),
+        (['"t (ms)","p (bar)","q (bar)","comment"'], ",\"\""),
+        (["t,p,q,comment", "ms,bar,bar,"], ","),
+        (["t,p,q,comment", "ms,bar,bar"], ","),
+        (["Rig 3,,,", f"{NAMES},comment"], ","),
+        ([NAMES], ","),
+        ([NAMES], ",,"),
+        ([f"{NAMES},,"], ",,"),
+        ([f"{NAMES},"], ""),
+    ],
+)  # fmt: skip
+def test_empty_columns_at_the_end(
+    tmp_path: Path,
+    head: list[str],
+    tail: str,
+    sign: str,
+    fast: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(table_module, "FAST_FROM_BYTES", 0 if fast else 10**9)
+    lines = [*head, *(row + tail for row in ROWS)]
+    log = read(tmp_path, [line.replace(",", sign) for line in lines])
+    assert [c.name for c in log.columns][:3] == ["t", "p", "q"]
+    assert [c.unit for c in log.columns][:3] == ["ms", "bar", "bar"]
+    assert [c.name for c in log.columns][3:] in ([], ["comment"], ["comment", "remark"])
+    assert log.columns[2].values[-1] == 39.25
+    assert all(np.isnan(c.values).all() for c in log.columns[3:])
+    assert (log.rows, log.account.left_out) == (40, ())
+
+
+@pytest.mark.parametrize("places", [(7,), (3, 30), (39,)])
+def test_a_column_of_few_comments(tmp_path: Path, places: tuple[int, ...]) -> None:
+    rows = [f"{row},{'start' if k in places else ''}" for k, row in enumerate(ROWS)]
+    log = read(tmp_path, [f"{NAMES},comment", *rows])
+    assert (log.rows, log.account.left_out) == (40, ())
+    assert [log.columns[3].bad[k] for k in places] == ["start"] * len(places)
+
+
+@pytest.mark.parametrize("column", [0, 1, 2])
+def test_an_empty_column_elsewhere(tmp_path: Path, column: int) -> None:
+    names, cells = NAMES.split(","), [row.split(",") for row in ROWS]
+    names.insert(column, "spare")
+    for row in cells:
+        row.insert(column, "")
+    log = read(tmp_path, [",".join(names), *map(",".join, cells)])
+    assert [c.header for c in log.columns] == names
+    assert np.isnan(log.columns[column].values).all()
+
+
+@pytest.mark.parametrize(
+    "head", [f"{NAMES},comment", "t (ms),p (bar)", "t (ms),p, valve (bar),q (bar)"]
+)
+def test_names_that_do_not_fit_the_cells_are_refused(tmp_path: Path, head: str) -> None:
+    rows = [f"{k}.5,{k % 3}.5,{k}.25" for k in range(40)]
+    with pytest.raises(LogError, match=r"line 1: \d names above rows of 3 cells"):
+        read(tmp_path, [head, *rows])
+    log = read(tmp_path, [head, *rows], skip_rows=1)
+    assert [c.header for c in log.columns] == [""] * 3
+
+
+def test_names_of_the_columns_beside_those_of_the_rows(tmp_path: Path) -> None:
+    """R writes no name above the names of its rows."""
+    log = read(tmp_path, ['"t (ms)","p (bar)"', *(f'"{k + 1}",{k}.5,{k % 3}' for k in range(40))])
+    assert [c.name for c in log.columns] == ["", "t", "p"]
