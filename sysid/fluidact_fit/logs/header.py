@@ -157,14 +157,9 @@ def _contradict(units: _Row, names: _Row) -> bool:
     said = [(parse_unit_from_header(n), _clean_unit(u)) for n, u in zip(names.cells, units.cells)]
     if not names.is_header:
         return False
-    own = any(
-        unit
-        and name
-        and u.casefold() not in _NO_UNIT
-        and is_unit(u)
-        and not same_dimension(unit, u)
-        for (name, unit), u in said
-    )
+    both = [(unit, u) for (name, unit), u in said if unit and name != unit]  # "in" may be a name
+    both = [(unit, u) for unit, u in both if u.casefold() not in _NO_UNIT]
+    own = any(is_unit(u) and not same_dimension(str(unit), u) for unit, u in both)
     timed = any(
         (names_time(name) or name.casefold() == "t") and is_unit(u) and not same_dimension(u, "s")
         for (name, _), u in said
