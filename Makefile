@@ -30,7 +30,8 @@ help:
 	@echo "make schema       write the shipped JSON Schema only"
 	@echo "make lock         write uv.lock anew: the tools of developers are installed as it says"
 	@echo "make acceptance   every headline figure again, against docs/acceptance.md"
-	@echo "make house        count lines, long functions, long signatures and uses of Any"
+	@echo "make house        count lines, long functions, long signatures and uses of Any;"
+	@echo "                  HOUSE=--packages counts lines and tuning constants by package"
 	@echo "make study        efficiency, coverage and designs by repetition, written to docs/"
 	@echo "make red-team     attack the numbers with other simulators, written to docs/red-team.md"
 	@echo "make soak         attack reader, files and processes, written to docs/soak.md"
@@ -97,7 +98,7 @@ lock: $(INSTALLED_DEV)
 	$(BIN)/uv lock --upgrade --no-config --default-index https://pypi.org/simple
 
 house:
-	@$(PYTHON) tools/house.py
+	@$(PYTHON) tools/house.py $(HOUSE)
 
 # Some ten minutes on two cores; ACCEPTANCE='--only readme' runs a part, ACCEPTANCE=--write writes
 # the table anew.

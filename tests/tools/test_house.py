@@ -44,3 +44,13 @@ def test_text_names_places_within_the_root(root: Path) -> None:
     assert str(root) not in text
     assert "1 functions (0 with more than 7)" in text
     assert "2 lines, sysid/room.py:8 wide" in text
+
+
+def test_tuning_constants_are_counted_by_package(root: Path) -> None:
+    (root / "sysid" / "fluidact_fit").mkdir()
+    source = "A, B = 1.0, -2e-3\nC = (1, 2 * 3)\nD = True\nE = 'x'\nF = f(1)\ndef g():\n    H = 1\n"
+    (root / "sysid" / "fluidact_fit" / "hall.py").write_text(source, encoding="utf-8")
+    hall = house.measure(root / "sysid" / "fluidact_fit" / "hall.py")
+    assert hall.constants == ("A", "B", "C")
+    text = house.describe_packages(house.survey(root), root).splitlines()
+    assert text[-1].split() == ["all", "19", "3"]
