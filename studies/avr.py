@@ -179,7 +179,7 @@ def called(file: str, block: Any, arithmetic: Arithmetic) -> Iterator[Called]:
         one = np.ones(len(r.arguments))
         if arithmetic == "float32":
             f = Function.of(r, name)
-            rows = golden(f.routine, rounded=single).arguments.tolist()
+            rows = golden(f.routine, lambda *_, f=f: f.error.rounding, single).arguments.tolist()
             yield Called(file, name, f.routine, arithmetic, f.writer.name, rows, one, 1.0, f.bound)
             continue
         q = fixed(r, name)
@@ -232,7 +232,11 @@ def on_chip(c: Called, folder: Path, size: str) -> tuple[int, int, int]:
         stack.append(int(words[2], 16))
     flash = _flash("main.elf", folder) - _flash("empty.elf", folder)
     kept = sum(4 for _ in c.routine.states)
-    kept += sum(4 * (len(f.output) + f.delay + 1) + 2 for f in c.routine.filters)
+    kept += sum(4 * len(f.output) for f in c.routine.filters)
+    kept += sum(
+        4 * (f.delay + 1) * (f.delay > 0 or any(f.late)) + 2 * (f.delay > 0)
+        for f in c.routine.filters
+    )
     return cycles[0] - cycles[1], flash, stack[0] - stack[1] + kept
 
 

@@ -14,7 +14,7 @@ from st_interpreter import Instance
 from st_parser import Parser, StructuredTextError, tokens
 
 import fluidact_fit as ff
-from fluidact_fit.export.golden import golden
+from fluidact_fit.export.excitation import run, sequences, uniform
 from fluidact_fit.export.structured_text import write
 from fluidact_fit.export.structured_text.blocks import FunctionBlock
 from fluidact_fit.export.structured_text.words import Names, comment, literal
@@ -44,16 +44,23 @@ def texts() -> Mapping[str, str]:
 
 
 def compare(instance: Instance, routine: Routine, inputs: tuple[str, ...], count: int) -> None:
-    """Run both over golden vectors; the interpreter knows the text only."""
-    vectors = golden(routine, count)
+    """Run both over arguments of all kinds; the interpreter knows the text only."""
+    rng = np.random.default_rng(count)
+    rows = uniform(routine, count, rng)
+    if routine.keeps:
+        rows = sequences(routine, count, 1, rng, rows)[:, 0]
+    far = np.array([3.0 * (a.high - a.low) for a in routine.arguments])
+    rows[rng.integers(count, size=4)] += far
+    rows[rng.integers(count, size=4)] -= far
+    outputs, outside = (x[:, 0] for x in run(routine, rows[:, None]))
     found = []
-    for k, row in enumerate(vectors.arguments.tolist()):
+    for k, row in enumerate(rows.tolist()):
         reset = {"reset": k == 0} if routine.keeps else {}
         out = instance(**dict(zip(inputs, row)), **reset)
         found.append(out["value"])
-        assert out["outside"] == vectors.outside[k]
-    spread = 1e-12 * np.ptp(vectors.outputs)
-    np.testing.assert_allclose(found, vectors.outputs, rtol=0.0, atol=spread)
+        assert out["outside"] == outside[k]
+    spread = 1e-12 * np.ptp(outputs)
+    np.testing.assert_allclose(found, outputs, rtol=0.0, atol=spread)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -29,8 +29,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
-from ..routines import Expression, by_sign, choose, exp
-from ..routines.expression import Operand, wrap
+from ..routines import Expression, by_sign, choose, constant, exp
+from ..routines.expression import Operand
 
 
 def stribeck_share(velocity: FloatArray, speed: float, exponent: float = 2.0) -> FloatArray:
@@ -151,7 +151,10 @@ class FrictionLaw:
         nothing to rest.
         """
         forward, backward = self._level(velocity, 1.0), self._level(velocity, -1.0)
-        up, down = self.viscous_positive * velocity, self.viscous_negative * velocity
+        up = constant("viscous_positive", self.viscous_positive) * velocity
+        down = constant("viscous_negative", self.viscous_negative) * velocity
+        if self.viscous_positive == self.viscous_negative:
+            up = down = constant("viscous", self.viscous_positive) * velocity
         if direction is not None:
             viscous = choose(velocity, ">", 0.0, up, down)
             return by_sign(direction, forward, backward) + viscous
@@ -159,9 +162,10 @@ class FrictionLaw:
 
     def _level(self, velocity: Expression, sign: float) -> Expression:
         """Dry friction of one direction, with its sign."""
-        level = sign * (self.coulomb_positive if sign > 0.0 else self.coulomb_negative)
+        side = "positive" if sign > 0.0 else "negative"
+        level = constant(f"coulomb_{side}", sign * getattr(self, f"coulomb_{side}"))
         rise = self.rise(sign)
         if rise <= 0.0:
-            return wrap(level)
-        share = velocity * (1.0 / self.stribeck_speed)
-        return level + sign * rise * exp(-(share * share))
+            return level
+        share = velocity * constant("per_stribeck_speed", 1.0 / self.stribeck_speed)
+        return level + constant(f"rise_{side}", sign * rise) * exp(-(share * share))

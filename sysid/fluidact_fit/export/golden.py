@@ -1,24 +1,42 @@
-"""Golden vectors: arguments, with what the Python model gives for them in double precision."""
+"""Golden vectors: arguments, with what the Python model gives for them in double precision.
+
+They are chosen among many so that every constant of the routine shows: with any of them changed
+by one per cent the output is off by more than the self-test allows, or the flag is another.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
-from ..routines import Argument, Machine, Routine
+from ..routines import Routine
+from .excitation import Rounded, edges, run, sequences, uniform
+from .mutants import mutants_of
+from .rounding import robust
 
-_BEYOND = 0.2  # of a range: how far arguments go over its ends
+Tolerance = Callable[[Routine, FloatArray], float]
+
 _SEED = 20_260
-_RESTS = 4  # calls for which what is held stays as it is
+_POOL = 1500  # arguments to choose from
+_SEQUENCES = 64  # or sequences
+_CALLS = 24  # of a sequence, beside what a dead time takes
+_LONGEST = 240
+_PLAIN = 6  # vectors of a static routine that are drawn whatever they show
+_CLEAR = 2.5  # times the tolerance: how far a changed constant has to move the output
+_MOST = 80  # vectors, or
+_MOST_SEQUENCES = 10
+_BESIDE = 2.0**-22  # of an end: what lies beyond it and is told from it
+_FAR = 0.2  # of a range
 
 
 @dataclass(frozen=True)
 class Golden:
-    """Calls in order, the first after a reset.
+    """Calls in order.
 
     Attributes
     ----------
@@ -27,54 +45,91 @@ class Golden:
     outputs, outside : (n,)
         Output [its unit], and whether the flag is set. Where it is set by more than the
         clamping of an argument the output is not defined by the model.
+    length
+        Calls from one reset to the next; the first is one.
+    tolerance
+        What outputs may differ by [unit of the output].
     """
 
     arguments: FloatArray
     outputs: FloatArray
     outside: npt.NDArray[np.bool_]
+    length: int
+    tolerance: float
 
 
-def golden(
-    routine: Routine,
-    count: int = 24,
-    rounded: Callable[[FloatArray], FloatArray] = np.asarray,
-) -> Golden:
-    """Return golden vectors: both ends of every range, zero, a step beyond, and the middle.
+def golden(routine: Routine, tolerance: Tolerance, rounded: Rounded = np.asarray) -> Golden:
+    """Choose golden vectors.
 
     Parameters
     ----------
     routine
-        What is called; its states go on from call to call.
-    count
-        Number of calls.
+        What is called.
+    tolerance
+        Gives what an output may differ by, for arguments ``(calls, count, k)``.
     rounded
-        Turns values ``(n,)`` into what the target's arithmetic holds, so that both get the
-        same arguments.
+        Turns values into what the target's arithmetic holds, so that both get the same arguments.
     """
     rng = np.random.default_rng(_SEED)
-    columns = [rounded(_column(a, count, rng)) for a in routine.arguments]
-    arguments = np.column_stack(columns)
-    machine = Machine(routine)
-    names = [a.name for a in routine.arguments]
-    calls = [machine(**dict(zip(names, row))) for row in arguments]
-    return Golden(
-        arguments,
-        np.array([float(y) for y, _ in calls]),
-        np.array([bool(out) for _, out in calls]),
-    )
+    pool, count = _pool(routine, rng, rounded)
+    fine = robust(routine, pool)
+    outputs, outside = run(routine, pool)
+    fine &= np.isfinite(outputs).all(axis=0)
+    if not fine.any():
+        fine[:] = True
+    wanted = int(fine[:count].sum())
+    pool, outputs, outside = pool[:, fine], outputs[:, fine], outside[:, fine]
+    allowed = tolerance(routine, pool)
+    chosen = _chosen(routine, pool, (outputs, outside), allowed, wanted)
+    in_order = (x[:, chosen].swapaxes(0, 1) for x in (pool, outputs, outside))
+    arguments, values, flags = (x.reshape(-1, *x.shape[2:]) for x in in_order)
+    return Golden(arguments, values, flags.astype(bool), len(pool), allowed)
 
 
-def _column(a: Argument, count: int, rng: np.random.Generator) -> FloatArray:
-    """Values of an argument, ``(count,)``."""
-    if a.held:
-        values = _column(replace(a, held=False), -(-count // _RESTS), rng)
-        return np.repeat(values, _RESTS)[:count]
-    span = a.high - a.low
-    values = a.low + span * rng.uniform(0.0, 1.0, count)
-    if a.name == "direction":
-        return rng.choice([-1.0, 1.0], count)
-    ends = [a.low, a.high, np.clip(0.0, a.low, a.high)]
-    far = [a.low - _BEYOND * span, a.high + _BEYOND * span]
-    place = rng.permutation(count)[:5]
-    values[place] = [*ends, *far][: len(place)]
-    return values
+def _pool(routine: Routine, rng: np.random.Generator, rounded: Rounded) -> tuple[FloatArray, int]:
+    """What is chosen from, ``(calls, count, k)``, and how many of the first are taken anyway."""
+    plain = uniform(routine, _POOL, rng)
+    near, ends = edges(routine, plain[:400]), _ends(routine, rng)
+    if not routine.keeps:
+        rows = np.concatenate([ends, plain[:_PLAIN], near, plain[_PLAIN:]])
+        return rounded(rows)[None], len(ends) + _PLAIN
+    late = max((f.delay for f in routine.filters), default=0)
+    calls = max(min(_CALLS + late + late // 2, _LONGEST), len(ends) + late + 4)
+    found = sequences(routine, calls, _SEQUENCES, rng, near)
+    found[1 : 1 + len(ends), 0] = ends
+    return rounded(found), 1
+
+
+def _ends(routine: Routine, rng: np.random.Generator) -> FloatArray:
+    """Both ends of every range and what lies just beyond them, and all far beyond."""
+    rows = []
+    low, high = (np.array([getattr(a, e) for a in routine.arguments]) for e in ("low", "high"))
+    for j, a in enumerate(routine.arguments):
+        for end, way in ((a.low, -1.0), (a.high, 1.0)):
+            least = max(abs(end) * _BESIDE, (a.high - a.low) * _BESIDE * 1e-3)
+            for value in (end, end + way * least):
+                row = low + (high - low) * rng.uniform(0.1, 0.9, low.size)
+                row[j] = value
+                rows.append(row)
+    span = high - low
+    return np.array([*rows, low - _FAR * span, high + _FAR * span])
+
+
+def _chosen(
+    routine: Routine, pool: FloatArray, model: tuple[FloatArray, Any], allowed: float, wanted: int
+) -> list[int]:
+    """Places in the pool that together tell every mutant from the routine, if any can."""
+    outputs, outside = model
+    shows = []
+    for mutant in mutants_of(routine):
+        other, flags = run(mutant.routine, pool)
+        off = ~(np.abs(other - outputs) <= _CLEAR * allowed) | (flags != outside)
+        shows.append(off.any(axis=0))
+    chosen = list(range(wanted))
+    left = np.array([s for s in shows if s.any() and not s[:wanted].any()], dtype=bool)
+    most = _MOST_SEQUENCES if len(pool) > 1 else _MOST + wanted
+    while len(left) and len(chosen) < most:
+        best = int(left.sum(axis=0).argmax())
+        chosen.append(best)
+        left = left[~left[:, best]]
+    return chosen

@@ -134,6 +134,7 @@ class Code:
     remarks: tuple[str, ...] = ()
     numbers: tuple[Entry, ...] = ()
     about: str = ""
+    origin: tuple[str, ...] = ()
 
 
 Target = Callable[[Job], Mapping[str, bytes]]  # name of a file to its content

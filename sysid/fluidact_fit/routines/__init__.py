@@ -7,6 +7,7 @@ from .expression import (
     Operand,
     by_sign,
     choose,
+    constant,
     exp,
     log,
     maximum,
@@ -18,5 +19,5 @@ from .routine import Argument, Draft, Filter, Routine, Solve
 
 __all__ = [
     "Argument", "Draft", "Expression", "Filter", "Machine", "Name", "Operand", "Routine", "Solve",
-    "by_sign", "choose", "exp", "log", "maximum", "minimum", "polynomial", "sqrt",
+    "by_sign", "choose", "constant", "exp", "log", "maximum", "minimum", "polynomial", "sqrt",
 ]  # fmt: skip

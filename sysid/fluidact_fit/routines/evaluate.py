@@ -1,13 +1,16 @@
-"""Routines run in double precision: what every export is compared with."""
+"""Routines run: in double precision, what every export is compared with, or in single precision.
+
+Every operation is done in the order in which the exports do it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..experiment import FloatArray
 from .expression import Binary, Choose, Expression, Item, Name, Number, Unary
 from .routine import Filter, Flag, Layer, Let, Put, Routine, Solve, Statement
 
@@ -22,96 +25,179 @@ RELATIONS: Mapping[str, Callable[[Any, Any], Any]] = {
     "<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal,
 }  # fmt: skip
 _ACTIVATION: Mapping[str, Callable[[Any], Any]] = {
-    "relu": lambda z: np.maximum(z, 0.0), "tanh": np.tanh, "linear": lambda z: z,
+    "relu": lambda z: np.maximum(z, z.dtype.type(0.0)), "tanh": np.tanh, "linear": lambda z: z,
 }  # fmt: skip
 
 
-class Machine:
-    """A routine with its states, as it runs in a controller."""
+@dataclass(frozen=True)
+class Arithmetic:
+    """The type of all numbers, and who is asked at a comparison.
 
-    def __init__(self, routine: Routine) -> None:
-        self.routine = routine
+    Attributes
+    ----------
+    real
+        Type of every number and of every intermediate result.
+    decide
+        Told of every :class:`.Choose` with both sides of its comparison and what that gives;
+        returns what is taken.
+    watch
+        Told of both sides of every comparison, those of minima, maxima and flags included.
+    halvings
+        Largest number of halvings that the type can tell apart.
+    """
+
+    real: Any = np.float64
+    decide: Callable[[Choose, Any, Any, Any], Any] | None = None
+    watch: Callable[[Any, Any], None] | None = None
+    halvings: int = 1000
+
+
+DOUBLE = Arithmetic()
+SINGLE_HALVINGS = 24
+SINGLE = Arithmetic(np.float32, halvings=SINGLE_HALVINGS)
+
+
+class Machine:
+    """A routine with its states, as it runs in a controller.
+
+    Parameters
+    ----------
+    routine
+        What is called.
+    arithmetic
+        Double precision, if none is given.
+    """
+
+    def __init__(self, routine: Routine, arithmetic: Arithmetic = DOUBLE) -> None:
+        self.routine, self.arithmetic = routine, arithmetic
         self.reset()
 
     def reset(self) -> None:
         """Return to the state before the first call."""
-        self.states: dict[str, Any] = {s.name: s.initial for s in self.routine.states}
-        self.memory = {
-            f.name: (np.zeros(len(f.output)), [0.0] * (f.delay + 1)) for f in self.routine.filters
+        real = self.arithmetic.real
+        self.states: dict[str, Any] = {s.name: real(s.initial) for s in self.routine.states}
+        self.memory: dict[str, tuple[list[Any], list[Any]]] = {
+            f.name: ([real(0.0)] * len(f.output), [real(0.0)] * (f.delay + 1))
+            for f in self.routine.filters
         }
 
     def __call__(self, **values: Any) -> tuple[Any, Any]:
         """Return the output and whether any argument lay beyond its range.
 
-        Arrays go through at once where nothing is kept between calls.
+        Arrays go through at once: calls of one moment, each with its own states.
         """
+        real = self.arithmetic.real
         names: dict[str, Any] = dict(self.states)
         outside: Any = False
         for a in self.routine.arguments:
-            given = np.asarray(values[a.name], dtype=float)
-            inside = (given >= a.low) & (given <= a.high)
+            given = np.asarray(values[a.name], dtype=real)
+            low, high = real(a.low), real(a.high)
+            inside = (given >= low) & (given <= high)
             outside = outside | ~inside
-            names[a.name] = np.where(given > a.high, a.high, np.where(inside, given, a.low))
+            names[a.name] = np.where(given > high, high, np.where(inside, given, low))
         for s in self.routine.body:
             if isinstance(s, Flag):
-                outside = outside | (value_of(s.a, names) < value_of(s.b, names))
+                a, b = self._value(s.a, names), self._value(s.b, names)
+                if self.arithmetic.watch is not None:
+                    self.arithmetic.watch(a, b)
+                outside = outside | (a < b)
             else:
                 self._run(s, names)
-        return value_of(self.routine.value, names), outside
+        return self._value(self.routine.value, names), outside
+
+    def _value(self, e: Expression, names: Mapping[str, Any]) -> Any:
+        return value_of(e, names, self.arithmetic)
 
     def _run(self, s: Statement, names: dict[str, Any]) -> None:
         match s:
             case Let():
-                names[s.name] = value_of(s.value, names)
+                names[s.name] = self._value(s.value, names)
             case Put():
-                names[s.state] = self.states[s.state] = value_of(s.value, names)
+                names[s.state] = self.states[s.state] = self._value(s.value, names)
             case Layer():
-                x = np.broadcast_arrays(*(value_of(e, names) for e in s.inputs))
-                z = np.tensordot(np.array(s.weights), np.stack(x), 1)
-                z = z + np.reshape(s.biases, (-1, *[1] * (z.ndim - 1)))
-                names[s.name] = _ACTIVATION[s.activation](z)
+                names[s.name] = self._layer(s, names)
             case Solve():
-                names[s.name] = _solve(s, names)
+                names[s.name] = self._solve(s, names)
             case Filter():
-                names[s.name] = self._step(s, float(value_of(s.drive, names)))
+                names[s.name] = self._step(s, self._value(s.drive, names))
 
-    def _step(self, f: Filter, drive: float) -> float:
+    def _layer(self, s: Layer, names: Mapping[str, Any]) -> Any:
+        real = self.arithmetic.real
+        inputs = np.broadcast_arrays(*(self._value(e, names) for e in s.inputs))
+        sums = []
+        for row, bias in zip(s.weights, s.biases):
+            z = np.full(inputs[0].shape, bias, dtype=real)
+            for w, x in zip(row, inputs):
+                z = z + real(w) * x
+            sums.append(z)
+        return _ACTIVATION[s.activation](np.stack(sums))
+
+    def _solve(self, s: Solve, names: Mapping[str, Any]) -> Any:
+        real = self.arithmetic.real
+        target = np.asarray(self._value(s.target, names), dtype=real)
+        low, high = np.full(target.shape, s.low, real), np.full(target.shape, s.high, real)
+        half = real(0.5)
+        for _ in range(min(s.halvings, self.arithmetic.halvings)):
+            middle = half * (low + high)
+            here = {**names, s.name: middle}
+            for let in s.body:
+                here[let.name] = self._value(let.value, here)
+            value = self._value(s.value, here)
+            below = value < target if s.rising else value > target
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        return half * (low + high)
+
+    def _step(self, f: Filter, drive: Any) -> Any:
         x, line = self.memory[f.name]
         line.append(drive)
-        y = float(np.array(f.output) @ x) + f.direct * drive
+        y = self._sum([*zip(f.output, x), (f.direct, drive)])
         late, soon = line.pop(0), line[0]
-        x += np.array(f.change) @ x + np.array(f.late) * late + np.array(f.soon) * soon
+        moves = [
+            self._sum([*zip(row, x), (f.late[k], late), (f.soon[k], soon)])
+            for k, row in enumerate(f.change)
+        ]
+        x[:] = [value + move for value, move in zip(x, moves)]
         return y
 
+    def _sum(self, terms: Sequence[tuple[float, Any]]) -> Any:
+        """Sum of products, those with zero left out, from the left to the right."""
+        real = self.arithmetic.real
+        products = [real(c) * x for c, x in terms if c != 0.0]
+        total = products[0] if products else real(0.0)
+        for product in products[1:]:
+            total = total + product
+        return total
 
-def value_of(e: Expression, names: Mapping[str, Any]) -> Any:
+
+def value_of(e: Expression, names: Mapping[str, Any], arithmetic: Arithmetic = DOUBLE) -> Any:
     """Value of an expression where the names have these values."""
+
+    def value(part: Expression) -> Any:
+        return value_of(part, names, arithmetic)
+
     match e:
         case Number():
-            return e.value
+            return arithmetic.real(e.value)
         case Name():
             return names[e.name]
         case Item():
             return names[e.name][e.index]
         case Unary():
-            return _UNARY[e.function](value_of(e.x, names))
+            x = value(e.x)
+            if e.function == "abs" and arithmetic.watch is not None:
+                arithmetic.watch(x, 0.0)
+            return _UNARY[e.function](x)
         case Binary():
-            return _BINARY[e.function](value_of(e.a, names), value_of(e.b, names))
+            a, b = value(e.a), value(e.b)
+            if e.function in ("min", "max") and arithmetic.watch is not None:
+                arithmetic.watch(a, b)
+            return _BINARY[e.function](a, b)
         case Choose():
-            holds = RELATIONS[e.relation](value_of(e.a, names), value_of(e.b, names))
-            return np.where(holds, value_of(e.yes, names), value_of(e.no, names))
+            a, b = value(e.a), value(e.b)
+            if arithmetic.watch is not None:
+                arithmetic.watch(a, b)
+            holds = RELATIONS[e.relation](a, b)
+            if arithmetic.decide is not None:
+                holds = arithmetic.decide(e, a, b, holds)
+            return np.where(holds, value(e.yes), value(e.no))
     raise TypeError(e)
-
-
-def _solve(s: Solve, names: Mapping[str, Any]) -> FloatArray:
-    target = np.asarray(value_of(s.target, names), dtype=float)
-    low, high = np.full(target.shape, s.low), np.full(target.shape, s.high)
-    for _ in range(s.halvings):
-        middle = 0.5 * (low + high)
-        here = {**names, s.name: middle}
-        for let in s.body:
-            here[let.name] = value_of(let.value, here)
-        value = value_of(s.value, here)
-        below = value < target if s.rising else value > target
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return np.asarray(0.5 * (low + high))

@@ -6,7 +6,8 @@ is no ``tanh`` and no ``expm1``: IEC 61131-3 has neither, and small C libraries 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
 Function1 = Literal["neg", "abs", "sqrt", "exp", "log"]
@@ -61,9 +62,10 @@ class Expression:
 
 @dataclass(frozen=True)
 class Number(Expression):
-    """A constant."""
+    """A constant; ``name`` is what code calls it, and no part of what it is."""
 
     value: float
+    name: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True)
@@ -114,9 +116,39 @@ class Choose(Expression):
     jumps: bool = False
 
 
+def parts_of(e: Expression) -> tuple[Expression, ...]:
+    """What an expression is made of."""
+    match e:
+        case Unary():
+            return (e.x,)
+        case Binary():
+            return e.a, e.b
+        case Choose():
+            return e.a, e.b, e.yes, e.no
+    return ()
+
+
+def with_parts(e: Expression, change: Callable[[Expression], Expression]) -> Expression:
+    """Return an expression whose parts are changed."""
+    match e:
+        case Unary():
+            return replace(e, x=change(e.x))
+        case Binary():
+            return replace(e, a=change(e.a), b=change(e.b))
+        case Choose():
+            a, b, yes, no = map(change, parts_of(e))
+            return replace(e, a=a, b=b, yes=yes, no=no)
+    return e
+
+
 def wrap(value: Operand) -> Expression:
     """Return a constant as an expression."""
     return value if isinstance(value, Expression) else Number(float(value))
+
+
+def constant(name: str, value: float) -> Number:
+    """Return a constant that code calls by a name, in small letters."""
+    return Number(float(value), name)
 
 
 def minimum(a: Operand, b: Operand) -> Expression:
@@ -159,10 +191,11 @@ def by_sign(
     return choose(x, ">", 0.0, positive, other, jumps=jumps)
 
 
-def polynomial(coefficients: list[float], x: Expression) -> Expression:
-    """Sum of ``coefficients[k] x^k``, by the scheme of Horner."""
-    *rest, last = coefficients
-    value: Expression = Number(last)
+def polynomial(coefficients: Sequence[float], x: Expression, name: str = "") -> Expression:
+    """Sum of ``coefficients[k] x^k``, by the scheme of Horner; they are called ``name_k``."""
+    terms = [Number(c, name and f"{name}_{k}") for k, c in enumerate(coefficients)]
+    *rest, last = terms
+    value: Expression = last
     for c in reversed(rest):
         value = value * x + c
     return value

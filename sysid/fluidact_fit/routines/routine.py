@@ -229,11 +229,14 @@ class Draft:
         self.body.append(Flag(wrap(a), wrap(b)))
 
     def returns(self, value: Operand) -> Routine:
-        """Finish."""
-        return Routine(
+        """Finish; what changes nothing is left out."""
+        from .simplify import rewritten, simplify  # it reads what stands here
+
+        routine = Routine(
             self.name, self.about, self.unit, tuple(self.arguments), tuple(self.body),
             wrap(value), tuple(self.states), self.sample_time,
         )  # fmt: skip
+        return rewritten(routine, simplify)
 
 
 def as_matrix(values: npt.ArrayLike) -> Matrix:

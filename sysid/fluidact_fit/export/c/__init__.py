@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from ..flat import code_of
 from ..target import Code, Job
 from . import fixed_files
+from .constants import macros_of
 from .files import Function, header, self_test, source
 
 
@@ -25,10 +26,11 @@ def write_code(code: Code) -> Mapping[str, bytes]:
     """
     if code.arithmetic == "q15":
         return fixed_files.write(code)
-    functions = [Function.of(r, code.name) for r in code.routines]
+    macros = macros_of(code)
+    functions = [Function.of(r, code.name, macros) for r in code.routines]
     files = {
-        f"{code.file}.h": header(code, functions),
+        f"{code.file}.h": header(code, functions, macros),
         f"{code.file}.c": source(code, functions),
-        f"{code.file}_selftest.c": self_test(code, functions),
+        f"{code.file}_selftest.c": self_test(code, functions, macros),
     }
     return {name: text.encode("ascii") for name, text in files.items()}

@@ -3,42 +3,62 @@
 from __future__ import annotations
 
 import textwrap
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..target import Code, Entry, plain_text
 
-_WIDTH = 96
+_WIDTH = 94
 
 
-def macros_of(code: Code) -> list[str]:
+@dataclass(frozen=True)
+class Macro:
+    """A number, or a list of them, under a name; ``lines`` define it, with its unit behind."""
+
+    name: str
+    value: float | int | list[float]
+    lines: tuple[str, ...]
+
+    @property
+    def single(self) -> bool:
+        """Whether single precision holds it."""
+        return _reaches(self.value)
+
+
+def macros_of(code: Code) -> list[Macro]:
     """``#define NAME_PARAMETER value`` for every number, with its unit behind it.
 
     A number keeps all digits and becomes a ``float``; a matrix is a list by rows, its shape
     beside it. Words are left out.
     """
-    about = "What the functions were made from and hold already, for code of your own."
-    lines = [f"/* {about} */"]
+    found = []
     for entry in code.numbers:
         if not isinstance(entry.value, str):
-            lines += _macro(f"{code.name}_{entry.key}".upper(), entry)
-    return lines
+            name = f"{code.name}_{entry.key}".upper()
+            found.append(Macro(name, entry.value, tuple(_lines(name, entry))))
+    return found
 
 
-def _macro(name: str, entry: Entry) -> list[str]:
-    unit = f"[{plain_text(entry.unit)}] " if entry.unit else ""
-    about = plain_text(f"{entry.description}{f', {entry.how}' if entry.how else ''}")
-    note = f"/* {unit}{about} */"
+def _lines(name: str, entry: Entry) -> list[str]:
+    how = f", {entry.how}" if entry.how else ""
+    about = textwrap.wrap(plain_text(f"{entry.description}{how}"), _WIDTH)
+    lines = [f"{'   ' if k else '/* '}{line}" for k, line in enumerate(about)]
+    lines[-1] += " */"
+    unit = f" /* [{plain_text(entry.unit)}] */" if entry.unit else ""
     if isinstance(entry.value, list):
         numbers = textwrap.wrap(", ".join(map(_literal, entry.value)), _WIDTH)
         rows = [f"#define {name} {{", *(f"    {row}" for row in numbers)]
-        return [*(f"{row} \\" for row in rows), f"}} {note}"]
+        return [*lines, *(f"{row} \\" for row in rows), f"}}{unit}"]
     text = _literal(entry.value) if isinstance(entry.value, float) else f"{entry.value:d}"
-    return [f"#define {name} {f'({text})' if text.startswith('-') else text} {note}"]
+    return [*lines, f"#define {name} {f'({text})' if text.startswith('-') else text}{unit}"]
 
 
 def _literal(value: float) -> str:
     """A constant with all digits; a ``float`` where single precision reaches."""
+    return f"{value + 0.0!r}{'f' if _reaches(value) else ''}"
+
+
+def _reaches(value: float | list[float]) -> bool:
     with np.errstate(over="ignore"):
-        reaches = bool(np.isfinite(np.float32(value)))
-    return f"{value!r}{'f' if reaches else ''}"
+        return bool(np.all(np.isfinite(np.asarray(value, dtype=np.float32))))

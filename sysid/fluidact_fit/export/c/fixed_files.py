@@ -8,15 +8,14 @@ from math import floor
 import numpy as np
 
 from ...errors import UsageError
-from ...routines import Machine
+from ...experiment import FloatArray
 from ...routines.routine import Argument
 from ..golden import golden
 from ..target import Code
 from .constants import macros_of
-from .files import at_most, comment, macros
+from .files import at_most, comment, table_macros
 from .fixed import Fixed, Omitted, fixed
 
-_CALLS = 24  # golden vectors of a routine
 _READERS = {"READ": "(int16_t)pgm_read_word", "READ_LONG": "(int32_t)pgm_read_dword"}
 _TABLE_LINE = 12
 
@@ -66,7 +65,7 @@ def _header(code: Code, functions: Sequence[Fixed], omitted: Sequence[Omitted]) 
         *(f"Left out: {o.name}, because {o.why}." for o in omitted),
     ]
     lines = [*comment(words), f"#ifndef {guard}", f"#define {guard}", "", "#include <stdint.h>"]
-    lines += ["", *macros_of(code)] if code.numbers else []
+    lines += ["", *(line for m in macros_of(code) for line in m.lines)] if code.numbers else []
     for f in functions:
         base = f"{code.name}_{f.routine.name}".upper()
         lines += ["", *comment(_describe(f))]
@@ -112,7 +111,7 @@ def _source(code: Code, functions: Sequence[Fixed]) -> list[str]:
         "#if (-3 >> 1) != -2",
         "#error a shift of a negative number to the right has to keep its sign",
         "#endif", "",
-        *macros(code, _READERS),
+        *table_macros(code, _READERS),
     ]  # fmt: skip
     written = [(f, _function(f)) for f in functions]
     text = "\n".join(line for _, function in written for line in function)
@@ -182,7 +181,7 @@ def _self_test(code: Code, functions: Sequence[Fixed]) -> list[str]:
     lines = [
         *comment([f"{code.name}: golden vectors of the Python model. main returns 0 when all hold,",
                   "otherwise the number of the function that failed."]),
-        f'#include "{code.file}.h"', "", *macros(code, _READERS),
+        f'#include "{code.file}.h"', "", *table_macros(code, _READERS),
     ]  # fmt: skip
     for number, f in enumerate(functions, start=1):
         lines += _test_of(code, f, number)
@@ -191,13 +190,16 @@ def _self_test(code: Code, functions: Sequence[Fixed]) -> list[str]:
     return [*lines, "    return 0;", "}"]
 
 
-def vectors_of(f: Fixed, count: int = _CALLS) -> list[list[int]]:
+def vectors_of(f: Fixed) -> list[list[int]]:
     """Golden vectors in mantissas: arguments, output and flag."""
     units = 2.0 ** np.array(f.units)
-    given = np.clip(np.round(golden(f.routine, count).arguments / units), -32768, 32767)
-    names = [a.name for a in f.routine.arguments]
-    found, outside = Machine(f.routine)(**dict(zip(names, (given * units).T)))
-    outputs = np.round(np.asarray(found) / f.output.unit)
+
+    def rounded(values: FloatArray) -> FloatArray:
+        return np.asarray(np.clip(np.round(values / units), -32768, 32767) * units)
+
+    vectors = golden(f.routine, lambda of, given: f.bound, rounded)
+    given, outside = np.round(vectors.arguments / units), vectors.outside
+    outputs = np.round(vectors.outputs / f.output.unit)
     rows = np.column_stack([given, np.clip(outputs, -32768, 32767), outside]).astype(int)
     return [list(map(int, row)) for row in rows]
 

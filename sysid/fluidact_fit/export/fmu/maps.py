@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...routines import Routine
-from ..c.language import DOUBLE, Writer, uses
+from ..c.language import DOUBLE, helpers
+from ..c.writer import Writer
 from .model import Model, Result
 
 
@@ -30,16 +31,7 @@ def add_maps(model: Model, routines: Sequence[Routine], name: str) -> None:
 
 def _helpers(routines: Sequence[Routine], name: str) -> list[str]:
     lines = [f"#define {name.upper()}_READ(entry) (entry)", f"#define {name.upper()}_TABLE", ""]
-    for function, relation in (("min", "<"), ("max", ">")):
-        if any(uses(r, function) for r in routines):
-            lines += [
-                f"static double {name}_{function}(double a, double b)",
-                "{",
-                f"    return a {relation} b ? a : b;",
-                "}",
-                "",
-            ]
-    return lines
+    return lines + helpers(routines, name, DOUBLE)
 
 
 def _add(model: Model, writer: Writer) -> str:

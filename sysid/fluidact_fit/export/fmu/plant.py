@@ -9,7 +9,8 @@ from ...control.machines import hydraulic_cylinder
 from ...control.plants.hydraulic import HydraulicCylinder
 from ...errors import UsageError
 from ...routines import Argument
-from ..c.language import DOUBLE, Writer
+from ..c.language import DOUBLE
+from ..c.writer import Writer
 from .model import Model, Result, Setting, number, table
 
 _CHANGES = 16384  # of the input that can be on their way through a dead time

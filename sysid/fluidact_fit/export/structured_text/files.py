@@ -6,6 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...experiment import FloatArray
+from ...routines import Routine
+from ..excitation import run
 from ..golden import Golden, golden
 from ..target import Code, Entry
 from .blocks import FunctionBlock, described
@@ -14,7 +17,6 @@ from .words import INDENT, Names, array, block_comment, comment, literal, sectio
 # Of the largest output: far above what libraries of controllers differ by, and the resolution
 # of a search by halving.
 _TOLERANCE = 1e-8
-_CALLS = 12  # golden vectors of a routine, and one for each sample of a delay
 
 
 def text_of(code: Code) -> str:
@@ -74,8 +76,7 @@ def _self_test(name: str, blocks: Sequence[FunctionBlock]) -> list[str]:
     for own in ("passed", "failures", "k"):
         names.new(own)
     for b in blocks:
-        late = max((f.delay for f in b.routine.filters), default=0)
-        vectors = golden(b.routine, _CALLS + late)
+        vectors = golden(b.routine, _tolerance)
         block = names.new(f"{b.routine.name}_block")
         kept = [names.new(f"{b.routine.name}_{w}") for w in (*b.inputs, "value", "outside")]
         instances.append(f"{INDENT}{block} : {b.name};")
@@ -96,6 +97,10 @@ def _self_test(name: str, blocks: Sequence[FunctionBlock]) -> list[str]:
     ]
 
 
+def _tolerance(routine: Routine, arguments: FloatArray) -> float:
+    return float(_TOLERANCE * np.abs(run(routine, arguments)[0]).max())
+
+
 def _tables(kept: Sequence[str], vectors: Golden) -> list[str]:
     """One table for each argument, one for the outputs and one for the flags."""
     count, lines = [len(vectors.outputs)], list[str]()
@@ -108,8 +113,8 @@ def _tables(kept: Sequence[str], vectors: Golden) -> list[str]:
 def _calls(b: FunctionBlock, block: str, kept: Sequence[str], vectors: Golden) -> list[str]:
     given = [f"{name} := {table}[k]" for name, table in zip(b.inputs, kept)]
     if b.routine.keeps:
-        given.append("reset := (k = 0)")
-    allowed = literal(_TOLERANCE * np.abs(vectors.outputs).max())
+        given.append(f"reset := ((k MOD {vectors.length}) = 0)")
+    allowed = literal(vectors.tolerance)
     wanted, beyond = kept[-2:]
     test = f"NOT (ABS({block}.value - {wanted}[k]) <= {allowed}) OR {block}.outside <> {beyond}[k]"
     return [

@@ -7,7 +7,7 @@ from math import sqrt
 
 from ...block import Port
 from ...estimation.friction_law import FrictionLaw
-from ...routines import Argument, Draft, Routine, by_sign, maximum, minimum
+from ...routines import Argument, Draft, Routine, by_sign, constant, maximum, minimum
 
 
 def reach_of(
@@ -46,13 +46,18 @@ def routines_of(
         drive.unit,
     )  # fmt: skip
     v, a = ahead.argument(velocity), ahead.argument(acceleration)
-    rises = [float(moving.moving(0.0, way)) for way in (1.0, -1.0)]
-    starting = by_sign(a, *rises)
+    forward, backward = (float(moving.moving(0.0, way)) for way in (1.0, -1.0))
+    starting = by_sign(
+        a, constant("starting_positive", forward), constant("starting_negative", backward)
+    )
     friction = Draft(
         "friction", "Friction against the motion; at rest what it balances.", drive.unit
     )
     speed, load = friction.argument(velocity), friction.argument(drive)
-    at_rest = minimum(maximum(load, -law.breakaway_negative), law.breakaway_positive)
+    at_rest = minimum(
+        maximum(load, constant("breakaway_negative", -law.breakaway_negative)),
+        constant("breakaway_positive", law.breakaway_positive),
+    )
     return (
         ahead.returns(moving.routine_value(v, starting) + inertia * a),
         friction.returns(law.routine_value(speed, at_rest)),

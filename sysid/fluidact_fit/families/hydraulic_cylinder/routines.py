@@ -19,6 +19,7 @@ from ...routines import (
     Routine,
     by_sign,
     choose,
+    constant,
     maximum,
     minimum,
     sqrt,
@@ -63,9 +64,10 @@ class CylinderRoutines:
         v, m = self.values[chamber], self.machine
         edge = v["dead_zone_positive"] if extending else -v["dead_zone_negative"]
         k = maximum((u if extending else -u) - edge, 0.0) * v[f"valve_gain_{chamber}"]
-        h = k * (0.5 * v[LOSSES[chamber][0 if extending else 1]])
+        loss = LOSSES[chamber][0 if extending else 1]
+        h = k * constant(f"half_{loss}", 0.5 * v[loss])
         fed = (chamber == 1) == extending
-        drop = m.supply - p if fed else p - m.tank
+        drop = constant("supply", m.supply) - p if fed else p - constant("tank", m.tank)
         reach = self.known[f"pressure_{chamber}"]
         turns = m.supply < reach.high if fed else reach.low < m.tank
         flow = sqrt(h * h + maximum(drop, 0.0)) - h
@@ -103,7 +105,7 @@ class CylinderRoutines:
         for extending in (True, False):
             i = self._feeding(chambers, extending)
             flow = self._one_way(i, u, p[i], extending)
-            ways.append(flow * (1.0 / self.machine.area(i)))
+            ways.append(flow * constant(f"per_area_{i}", 1.0 / self.machine.area(i)))
         return draft.returns(ways[0] - ways[1])
 
     def _fastest(self, chamber: int, extending: bool) -> float:
@@ -127,14 +129,21 @@ class CylinderRoutines:
         for way, i in feeding.items():
             v, sign, m = self.values[i], 1.0 if way else -1.0, self.machine
             name = "forward" if way else "backward"
-            flow = draft.let(f"flow_{name}", maximum(speed * sign, 0.0) * m.area(i))
-            drop = m.supply - p[i] if (i == 1) == way else p[i] - m.tank
+            area = constant(f"area_{i}", m.area(i))
+            flow = draft.let(f"flow_{name}", maximum(speed * sign, 0.0) * area)
+            supply = constant("supply", m.supply)
+            drop = supply - p[i] if (i == 1) == way else p[i] - constant("tank", m.tank)
             rest = draft.let(f"rest_{name}", drop - v[LOSSES[i][0 if way else 1]] * flow)
-            draft.flag(choose(flow, ">", 0.0, rest, m.supply), _LEAST * m.supply)
-            beyond = flow * (1.0 / v[f"valve_gain_{i}"]) / sqrt(maximum(rest, _LEAST * m.supply))
+            least = constant("least_drop", _LEAST * m.supply)
+            draft.flag(choose(flow, ">", 0.0, rest, supply), least)
+            per_gain = constant(f"per_valve_gain_{i}", 1.0 / v[f"valve_gain_{i}"])
+            beyond = flow * per_gain / sqrt(maximum(rest, least))
             edge = v["dead_zone_positive" if way else "dead_zone_negative"]
             found[way] = edge + sign * beyond
-        ends = minimum(found[True], u.high), maximum(found[False], u.low)
+        ends = (
+            minimum(found[True], constant("highest", u.high)),
+            maximum(found[False], constant("lowest", u.low)),
+        )
         return draft.returns(by_sign(speed, *ends))
 
     def _friction(self) -> Routine:

@@ -15,6 +15,7 @@ from ...routines import (
     Routine,
     Solve,
     choose,
+    constant,
     maximum,
     minimum,
     polynomial,
@@ -23,20 +24,28 @@ from .calibration import Calibration
 from .rational_bezier import power_coefficients
 
 _HALVINGS = 30
+_BRANCHES = ("curve", "falling")
 
 
-def _curve(t: Expression, points: FloatArray, weights: FloatArray) -> Expression:
+def _curve(t: Expression, points: FloatArray, weights: FloatArray, name: str) -> Expression:
     """Position at the place ``t``: one rational Bezier curve by ascending powers."""
     w = weights / weights.max()
     above = power_coefficients(w * (points - points[0])).tolist()
-    return polynomial(above, t) / polynomial(power_coefficients(w).tolist(), t) + float(points[0])
+    below = power_coefficients(w).tolist()
+    ratio = polynomial(above, t, f"{name}_above") / polynomial(below, t, f"{name}_below")
+    return ratio + constant(f"{name}_first", points[0])
 
 
 def _value(c: Calibration, t: Expression, share: Expression | None) -> Expression:
-    found = [_curve(t, p, w) for p, w in c.curves]
+    found = [_curve(t, p, w, name) for (p, w), name in zip(c.curves, _BRANCHES)]
     if share is None:
         return found[0]
     return found[1] + share * (found[0] - found[1])
+
+
+def _place(c: Calibration, reading: Expression) -> Expression:
+    """Place of a reading in its range."""
+    return (reading - constant("first", c.low)) * constant("per_span", 1.0 / (c.high - c.low))
 
 
 def _inverse(c: Calibration, unit: str, directions: Argument | None) -> Routine:
@@ -51,7 +60,7 @@ def _inverse(c: Calibration, unit: str, directions: Argument | None) -> Routine:
         Solve("place", 0.0, 1.0, (), value, wanted,
               bool(ends[0, 1] >= ends[0, 0]), _HALVINGS)
     )  # fmt: skip
-    return draft.returns(place * (c.high - c.low) + c.low)
+    return draft.returns(place * constant("span", c.high - c.low) + constant("first", c.low))
 
 
 def routines_of(c: Calibration, unit: str) -> Sequence[Routine]:
@@ -61,7 +70,7 @@ def routines_of(c: Calibration, unit: str) -> Sequence[Routine]:
     if len(c.curves) > 1:
         directions = Argument("direction", "1", "1 rising, -1 falling, 0 between", -1.0, 1.0)
     draft = Draft("position", "Position of a reading.", "m")
-    t = draft.let("place", (draft.argument(reading) - c.low) * (1.0 / (c.high - c.low)))
+    t = draft.let("place", _place(c, draft.argument(reading)))
     share = None
     if directions is not None:
         share = draft.let("share", 0.5 + 0.5 * draft.argument(directions))
@@ -78,10 +87,10 @@ def _tracking(c: Calibration, reading: Argument) -> Routine:
     draft = Draft("step", "Position of the next reading; the direction is kept.", "m")
     x = draft.argument(reading)
     last, state, begun = draft.state("last"), draft.state("state"), draft.state("begun")
-    moved = draft.let("moved", choose(begun, ">", 0.5, x - last, 0.0))
-    change = moved * (2.0 / max(c.dead_band, 1e-300))
+    moved = draft.let("moved", choose(begun, ">", 0.0, x - last, 0.0))
+    change = moved * constant("per_half_dead_band", 2.0 / max(c.dead_band, 1e-300))
     draft.put(state, minimum(maximum(state + change, -1.0), 1.0))
     draft.put(last, x)
     draft.put(begun, 1.0)
-    t = draft.let("place", (x - c.low) * (1.0 / (c.high - c.low)))
+    t = draft.let("place", _place(c, x))
     return draft.returns(_value(c, t, draft.let("share", 0.5 + 0.5 * state)))

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ...block import Block
 from ...experiment import Experiment, FloatArray
-from ...routines import Argument, Draft, Routine
+from ...routines import Argument, Draft, Routine, constant
 from .data import prepare
 from .equation import SpringLaw
 from .options import SpringOptions
@@ -57,8 +57,8 @@ class SpringCylinderBlock(Block):
         wanted = command.argument(self.argument("force", "wanted force of the rod"))
         lost = law.routine_lost(*map(command.argument, (position, direction, velocity)))
         return (
-            force.returns(law.gain * u - law.routine_lost(x, s, v)),
-            command.returns((wanted + lost) * (1.0 / law.gain)),
+            force.returns(constant("gain", law.gain) * u - law.routine_lost(x, s, v)),
+            command.returns((wanted + lost) * constant("per_gain", 1.0 / law.gain)),
         )
 
     def predict(self, experiment: Experiment) -> FloatArray:

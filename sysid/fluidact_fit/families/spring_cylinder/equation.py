@@ -36,7 +36,7 @@ import numpy.typing as npt
 from ...estimation.friction_law import FrictionLaw
 from ...estimation.stribeck import STRIBECK
 from ...experiment import FloatArray
-from ...routines import Expression
+from ...routines import Expression, constant
 
 _Array = npt.ArrayLike
 LEVELS = ("coulomb_loading", "coulomb_unloading")
@@ -72,7 +72,8 @@ class SpringLaw:
         self, position: Expression, direction: Expression, velocity: Expression
     ) -> Expression:
         """Force of the spring and of friction as an expression, see :meth:`force`."""
-        spring = self.stiffness * position + self.preload
+        stiffness = constant("stiffness", self.stiffness)
+        spring = stiffness * position + constant("preload", self.preload)
         return spring + self.friction.routine_value(velocity, direction=direction)
 
     def force(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...routines import Argument, Draft, Filter, Routine, maximum, minimum
+from ...routines import Argument, Draft, Expression, Filter, Routine, constant, maximum, minimum
 
 Edges = tuple[float, float] | None
 
@@ -16,9 +16,15 @@ def step_routine(
     name, unit, offset = output
     draft = Draft("step", f"Take the input of this sample, return the {name}.", unit, period)
     u = draft.argument(argument)
-    drive = u if edges is None else maximum(u - edges[1], 0.0) + minimum(u - edges[0], 0.0)
+    drive: Expression = u
+    if edges is not None:
+        low, high = (
+            constant("dead_zone_negative", edges[0]),
+            constant("dead_zone_positive", edges[1]),
+        )
+        drive = maximum(u - high, 0.0) + minimum(u - low, 0.0)
     draft.let("drive", drive)
-    return draft.returns(draft.filter(law) + offset)
+    return draft.returns(draft.filter(law) + constant("offset", offset))
 
 
 def dead_zone_routine(role: str, unit: str, reach: tuple[float, float], edges: Edges) -> Routine:
@@ -37,8 +43,8 @@ def dead_zone_routine(role: str, unit: str, reach: tuple[float, float], edges: E
                  "which the jump from edge to edge is a straight line",
                  0.0, 1000.0 / largest, recorded=False)
     )  # fmt: skip
-    rise = minimum(maximum(wanted, 0.0) * steep, 1.0) * high
-    fall = minimum(maximum(-wanted, 0.0) * steep, 1.0) * low
+    rise = minimum(maximum(wanted, 0.0) * steep, 1.0) * constant("dead_zone_positive", high)
+    fall = minimum(maximum(-wanted, 0.0) * steep, 1.0) * constant("dead_zone_negative", low)
     return draft.returns(wanted + rise + fall)
 
 

@@ -1,0 +1,150 @@
+"""Arguments that make a routine do all it can: ends of ranges, edges from both sides, sequences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..experiment import FloatArray
+from ..routines import Machine, Routine
+from ..routines.evaluate import DOUBLE, Arithmetic
+
+Rounded = Callable[[FloatArray], FloatArray]
+_PAIRS = 6  # of rows on both sides, for each comparison
+_BISECTIONS = 60
+_NEAR = (0.0, 1e-6, 1e-4, 1e-2)  # of the way from an edge to where the search for it began
+
+
+def uniform(routine: Routine, count: int, rng: np.random.Generator) -> FloatArray:
+    """Arguments drawn over their ranges, one in eight at an end, at zero or close to one.
+
+    Returns
+    -------
+    (count, k)
+    """
+    columns = []
+    for a in routine.arguments:
+        span = a.high - a.low
+        values = a.low + span * rng.uniform(0.0, 1.0, count)
+        marks = np.array([a.low, a.high, np.clip(0.0, a.low, a.high)])
+        off = span * 10.0 ** rng.uniform(-8.0, -1.0, count) * rng.choice([-1.0, 0.0, 1.0], count)
+        special = np.clip(rng.choice(marks, count) + off, a.low, a.high)
+        columns.append(np.where(rng.uniform(0.0, 1.0, count) < 0.125, special, values))
+    return np.column_stack(columns) if columns else np.zeros((count, 0))
+
+
+def edges(routine: Routine, rows: FloatArray) -> FloatArray:
+    """Arguments at which a comparison of a first call turns out the other way, from both sides.
+
+    Found by bisection between rows on either side, for every comparison that the rows tell apart.
+    """
+    found = []
+    sides = _sides(routine, rows)
+    for number in range(sides.shape[0]):
+        yes, no = np.flatnonzero(sides[number]), np.flatnonzero(~sides[number])
+        if not (yes.size and no.size):
+            continue
+        pick = np.arange(_PAIRS)
+        a, b = rows[yes[pick % yes.size]], rows[no[(7 * pick) % no.size]]
+        start, stop = a.copy(), b.copy()
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (a + b)
+            here = _sides(routine, middle)[number][:, None]
+            a, b = np.where(here, middle, a), np.where(here, b, middle)
+        for share in _NEAR:
+            found += [a + share * (start - a), b + share * (stop - b)]
+    return np.concatenate(found) if found else rows[:0]
+
+
+def _sides(routine: Routine, rows: FloatArray) -> Any:
+    """Which side of every comparison is the smaller one; shape ``(comparisons, rows)``."""
+    seen: list[Any] = []
+
+    def watch(a: Any, b: Any) -> None:
+        seen.append(np.broadcast_to(np.less(a, b), (len(rows),)))
+        seen.append(np.broadcast_to(np.greater(a, b), (len(rows),)))
+
+    run(routine, rows[None], replace(DOUBLE, watch=watch))
+    return np.array(seen, dtype=bool).reshape(-1, len(rows))
+
+
+def sequences(
+    routine: Routine, calls: int, count: int, rng: np.random.Generator, marks: FloatArray
+) -> FloatArray:
+    """Arguments of ``count`` sequences of calls: steps, walks, cycles, noise, and a follower.
+
+    Returns
+    -------
+    (calls, count, k)
+        ``marks`` are rows that steps go to as well.
+    """
+    found = np.empty((calls, count, len(routine.arguments)))
+    for s in range(count):
+        for j, a in enumerate(routine.arguments):
+            levels = marks[:, j] if len(marks) and rng.uniform() < 0.3 else None
+            values = _course(a.low, a.high, calls, rng, levels, held=a.held)
+            alike = [i for i, b in enumerate(routine.arguments[:j]) if b.unit == a.unit]
+            if alike and rng.uniform() < 0.5:  # what is measured follows what is wanted
+                off = 10.0 ** rng.uniform(-5.0, -1.0) * (a.high - a.low)
+                other = found[:, s, alike[-1]]
+                if rng.uniform() < 0.5:
+                    other = np.full(calls, other[rng.integers(calls)])
+                values = np.clip(other + off * rng.choice([-1.0, 1.0]), a.low, a.high)
+            found[:, s, j] = values
+    return found
+
+
+def _course(
+    low: float, high: float, calls: int, rng: np.random.Generator, levels: FloatArray | None,
+    held: bool,
+) -> FloatArray:  # fmt: skip
+    span = high - low
+
+    def level(n: int) -> FloatArray:
+        return rng.choice(levels, n) if levels is not None else low + span * rng.uniform(0, 1, n)
+
+    style = rng.choice(["steps", "walk", "cycle", "noise", "rest", "ends"])
+    if held and style in ("walk", "cycle", "noise"):
+        style = "steps"
+    if style == "noise":
+        return level(calls)
+    if style in ("steps", "ends"):
+        mean = rng.choice([2, 5, 20, 100])
+        places = level(calls) if style == "steps" else rng.choice([low, high], calls)
+        return np.asarray(places[np.cumsum(rng.uniform(0.0, 1.0, calls) < 1.0 / mean)
+                                 .clip(0, calls - 1)])  # fmt: skip
+    if style == "rest":
+        return np.full(calls, level(1)[0])
+    size = span * 10.0 ** rng.uniform(-4.0, -0.3)
+    if style == "walk":
+        return np.clip(level(1)[0] + np.cumsum(rng.uniform(-size, size, calls)), low, high)
+    period = rng.uniform(4.0, 60.0)
+    wave = np.sin(2.0 * np.pi * (np.arange(calls) / period + rng.uniform()))
+    return np.clip(level(1)[0] + size * wave, low, high)
+
+
+def run(
+    routine: Routine, arguments: FloatArray, arithmetic: Arithmetic = DOUBLE
+) -> tuple[FloatArray, Any]:
+    """Outputs and flags of sequences of calls, each after a reset.
+
+    Parameters
+    ----------
+    routine, arithmetic
+        What is called, and in which arithmetic.
+    arguments : (calls, count, k)
+
+    Returns
+    -------
+    (calls, count), (calls, count)
+    """
+    machine, names = Machine(routine, arithmetic), [a.name for a in routine.arguments]
+    shape = arguments.shape[:2]
+    outputs, flags = np.empty(shape), np.empty(shape, dtype=bool)
+    with np.errstate(all="ignore"):
+        for k, row in enumerate(arguments):
+            outputs[k], flags[k] = machine(**dict(zip(names, row.T)))
+    return outputs, flags
