@@ -102,26 +102,8 @@ class MotorBlock(LinearBlock):
         self._on_their_way = deque([steady] * (self._lag.whole + 1))
         return steady if output is None else float(output) - self.offset
 
-    def step(self, value: float) -> float:
-        """Take the command of this sample and return the speed at the same instant.
-
-        The command acts until the next call, one ``sample_time`` later.
-
-        Parameters
-        ----------
-        value
-            [unit of the command]
-
-        Returns
-        -------
-        float
-            [unit of the speed, offset included]
-
-        Raises
-        ------
-        UsageError
-            When the file holds no discrete model.
-        """
+    def _step(self, value: float) -> float:
+        """Play and curve act on the command, then dead time and lag."""
         now = self._start() if self._speed is None else self._speed
         half, lag = 0.5 * self.numbers()["hysteresis"], self._lag
         self._spool = min(max(self._spool, value - half), value + half)
