@@ -106,8 +106,8 @@ def read_clocks(
     for k, column in found.items():
         if column.doubt:
             text = f"{name}: column #{k + 1} was not read: {column.doubt}"
-            code = "dates-doubtful" if column.dates else "clock-doubtful"
-            notices.append(Notice(code, f"{text} {column.remedy}"))
+            text = f"{text} {column.remedy}"
+            notices.append(Notice("dates-doubtful" if column.dates else "clock-doubtful", text))
         if column.days:
             notices.append(
                 Notice(
