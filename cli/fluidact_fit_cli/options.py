@@ -23,6 +23,7 @@ from .parse import (
     parse_sign,
     parse_step,
     parse_text,
+    parse_turn,
     parse_window,
     split_rows,
     split_runs,
@@ -37,6 +38,7 @@ _ROLE_OPTIONS = {
     "scale": "scales",
     "step": "steps",
     "hold": "holds",
+    "unwrap": "unwrap",
 }
 
 
@@ -131,6 +133,9 @@ READING: list[click.Parameter] = [
                "How an input behaves between its samples: zoh is held, foh follows straight "
                "lines, smooth a smooth curve through the samples; auto chooses foh or smooth "
                "(zoh for a signal of two levels), and the file says which.", _READING),
+    assignment("--unwrap", "ROLE=TURN|none", "angle=360", parse_turn,
+               "What the column of an angle or a position begins again after, in its own numbers, "
+               "or none. Default: found where it is certain.", _READING),
     Option(["--exclude"], metavar="[LOG:]PART", multiple=True, group=_READING,
            help="Leave out runs (2 or 2,5), time=3:3.5 (seconds) or lines=120:130 of the file, of "
            "all logs or of those whose name matches LOG (* stands for anything). Repeatable."),

@@ -39,6 +39,11 @@ def parse_positive(text: str) -> float:
     return value
 
 
+def parse_turn(text: str) -> float:
+    """Return a number above zero, or zero for ``none``."""
+    return 0.0 if text.strip() == "none" else parse_positive(text)
+
+
 def parse_count(text: str) -> int:
     """Return a whole number above zero."""
     if not re.fullmatch("[0-9]{1,9}", text.strip()) or not int(text):

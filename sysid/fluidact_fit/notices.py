@@ -44,6 +44,14 @@ _READING = {
         "atmosphere.",
         "Subtract the pressure of the air on that day, or use a gauge sensor.",
     ),
+    "angle-doubtful": _warning(
+        "An angle seems to begin again, but not certainly after a full turn.",
+        "Give `--unit` if its unit is another, or `--unwrap ROLE=TURN` or `--unwrap ROLE=none`.",
+    ),
+    "angle-wraps": _information(
+        "An angle begins again after every full turn (or a counter overflows); it was continued.",
+        "Nothing; give `--unwrap ROLE=none` if it jumps there.",
+    ),
     "clock-doubtful": _warning(
         "Clock times may be read in several ways, and the column does not tell which; it was not "
         "read.",

@@ -64,6 +64,7 @@ def check_roles(log: Log, roles: Iterable[Role]) -> None:
         "--scale": log.scales,
         "--step": log.steps,
         "--hold": log.holds,
+        "--unwrap": log.turns,
     }
     for option, given in options.items():
         for name in given:

@@ -10,10 +10,13 @@ import numpy as np
 from ..errors import LogError, Notice
 from ..experiment import Experiment
 from ..family import Role
+from ..units import conversion_factor, same_dimension
 from .checks import check_placeholders, check_sampling, smallest_step
-from .columns import TIME, bind_role, time_candidate
+from .columns import TIME, Binding, bind_role, time_candidate
+from .grid import untimed_run
 from .log import Column, Log
 from .timebase import split_runs
+from .turns import settle_turns
 
 
 def describe(log: Log) -> dict[str, Any]:
@@ -30,6 +33,7 @@ def describe(log: Log) -> dict[str, Any]:
     """
     notices = [*log.notices, *(n for c in log.columns for n in check_placeholders(log, c))]
     time = _describe_time(log, notices)
+    notices += _turns(log)
     dialect = log.dialect
     return {
         "file": log.name,
@@ -80,6 +84,7 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
     columns: dict[str, Any] = {}
     if experiments and experiments[0].time.size and log.sample_time is None:
         columns |= _column_entry(log, TIME)
+    turns = experiments[0].attributes.get("turns", {}) if experiments else {}
     for role, signal in experiments[0].signals.items() if experiments else ():
         if role in log.steps:
             step = log.steps[role]
@@ -91,6 +96,8 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
                 columns[role]["from_name"] = log.from_name[role]
         else:
             columns |= _column_entry(log, Role(role, signal.unit, ""))
+        if role in turns:
+            columns[role]["turn"] = turns[role]
         if signal.hold is not None:
             columns[role]["hold"] = signal.hold
     entry["columns"] = columns
@@ -123,6 +130,22 @@ def _describe_column(column: Column) -> dict[str, Any]:
         "invalid_cells": 0 if column.sparse else int(column.values.size - finite.size),
         "samples": int(finite.size),
     }
+
+
+def _turns(log: Log) -> list[Notice]:
+    """Which columns of angles begin again, or seem to."""
+    notices = []
+    for column in log.columns:
+        if column.unit and same_dimension(column.unit, "rad"):
+            to_si = conversion_factor(column.unit, "rad")
+            role = Role("angle", "rad", "")
+            binding = Binding(role, column, column.unit, 1.0, to_si, assumed=False)
+            try:
+                _, found = settle_turns(log, {role.name: binding}, [untimed_run(log.rows)])
+            except LogError as error:
+                found = [Notice("angle-doubtful", error.text.replace("\n", " "))]
+            notices += found
+    return notices
 
 
 def _describe_time(log: Log, notices: list[Notice]) -> dict[str, Any] | None:

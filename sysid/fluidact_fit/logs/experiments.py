@@ -31,6 +31,7 @@ from .repeats import check_repeats
 from .spikes import replace_spikes
 from .surgery import exclude_runs
 from .timebase import MIN_RUN, split_runs
+from .turns import continued, settle_turns
 
 _LARGEST = 1e30  # of any quantity in SI; products of a few must not overflow
 SHORTEST, LONGEST = 1e-12, 1e9  # step of time [s]
@@ -87,7 +88,9 @@ def experiments(
     runs = exclude_runs(log, _apply_window(log, runs))
     suspects = find_suspects(log, bindings)
     whole, runs = runs, [_sampled_run(log, variant, bindings, run) for run in runs]
-    found = _make_experiments(log, variant, bindings, list(zip(runs, whole)), index)
+    turns, said = settle_turns(log, bindings, whole)
+    notices += said
+    found = _make_experiments(log, variant, bindings, list(zip(runs, whole)), turns, index)
     cleaned = [replace_spikes(e, variant) for e in found]
     found = [e for e, _ in cleaned]
     notices += [n for _, said in cleaned for n in said]
@@ -204,6 +207,7 @@ def _make_experiments(
     variant: Variant,
     bindings: Mapping[str, Binding],
     runs: Sequence[tuple[Run, Run]],
+    turns: Mapping[str, float],
     index: int,
 ) -> list[Experiment]:
     measured = {role: b for role, b in bindings.items() if role != "time"}
@@ -214,7 +218,9 @@ def _make_experiments(
     found = []
     for number, (run, whole) in enumerate(runs, start=1):
         signals = {
-            role: _measured_signal(log, binding, run, whole, resolutions[role], role in spent)
+            role: _measured_signal(
+                log, binding, run, whole, resolutions[role], turns.get(role, 0.0), role in spent
+            )
             for role, binding in measured.items()
         }
         for role in variant.roles:
@@ -232,7 +238,7 @@ def _make_experiments(
                 signals=signals,
                 sample_time=run.sample_time,
                 uniform=run.uniform,
-                attributes={"lines": (first, last)},
+                attributes={"lines": (first, last), "turns": turns},
             )
         )
     return found
@@ -263,14 +269,21 @@ def _sampled_run(log: Log, variant: Variant, bindings: Mapping[str, Binding], ru
 
 
 def _measured_signal(
-    log: Log, binding: Binding, run: Run, whole: Run, resolution: float, spent: bool
+    log: Log,
+    binding: Binding,
+    run: Run,
+    whole: Run,
+    resolution: float,
+    turn: float,
+    spent: bool,
 ) -> Signal:
     """Return a column over one run, in SI.
 
     What drives the machine keeps the instants at which it was sampled; all else is read off
     straight lines where the output was sampled at other ones. ``whole`` is the run with every
     row. Refused are values whose squares overflow or vanish: nothing can be computed with them.
-    A column that is ``spent`` gives its memory away.
+    A column that begins again after a ``turn`` is continued, and one that is ``spent`` gives its
+    memory away.
     """
     rows, time = run.rows, run.time
     if binding.column.sparse and whole.time.size:
@@ -278,7 +291,7 @@ def _measured_signal(
         if kept.any() and not np.array_equal(whole.rows[kept], rows):
             rows, time = whole.rows[kept], whole.time[kept]
     require_numbers(log, binding, rows)
-    role, raw = binding.role, at_rows(binding.column.values, rows)
+    role, raw = binding.role, continued(at_rows(binding.column.values, rows), turn)
     size = max(float(raw.max()), -float(raw.min())) * abs(binding.to_si)
     if size != 0.0 and not 1.0 / _LARGEST <= size <= _LARGEST:
         worst, extreme = int(np.argmax(np.abs(raw))), "large" if size > _LARGEST else "small"

@@ -143,8 +143,9 @@ class Log:
         What every line of the file was taken for.
     notices
         What was noticed while reading.
-    bindings, units, scales, steps, holds
-        Role to header, unit, factor, step and hold, as given by the user.
+    bindings, units, scales, steps, holds, turns
+        Role to header, unit, factor, step, hold and what the column begins again after (as written,
+        0 for never), as given by the user.
     elsewhere
         Roles of ``bindings`` whose column another log of the set holds and this one does not:
         where such a role is optional, it was not recorded here (see ``share_columns``).
@@ -174,6 +175,7 @@ class Log:
     scales: Mapping[str, float] = field(default_factory=dict)
     steps: Mapping[str, StepInput] = field(default_factory=dict)
     holds: Mapping[str, str] = field(default_factory=dict)
+    turns: Mapping[str, float] = field(default_factory=dict)
     sample_time: float | None = None
     window: tuple[float | None, float | None] | None = None
     exclude: tuple[Exclusion, ...] = ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -34,6 +35,7 @@ def read_log(
     window: tuple[float | None, float | None] | None = None,
     steps: Mapping[str, StepInput] | None = None,
     holds: Mapping[str, str] | None = None,
+    unwrap: Mapping[str, float | str] | None = None,
     constants: Mapping[str, str] | None = None,
     from_name: Mapping[str, str] | None = None,
     exclude: Sequence[str] = (),
@@ -69,6 +71,9 @@ def read_log(
         Role to `StepInput` for inputs that were not recorded.
     holds
         Role to ``"zoh"``, ``"foh"``, ``"smooth"`` or ``"auto"``.
+    unwrap
+        Role to what its column begins again after, in its own numbers (360 for degrees), or
+        ``"none"``; what is not given is found where it is certain.
     constants
         Role to what it was all the time: ``"25 %"``, or ``"0.3"`` in SI.
     from_name
@@ -104,6 +109,7 @@ def read_log(
         scales={role: float(factor) for role, factor in (scales or {}).items()},
         steps=dict(steps or {}),
         holds=dict(holds or {}),
+        turns={role: _turn(role, given) for role, given in (unwrap or {}).items()},
         sample_time=None if sample_time is None else float(sample_time),
         window=window,
     )
@@ -140,6 +146,19 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
         dialect=_describe_dialect(source, layout, table),
         account=_account(source, layout, table),
         notices=table.notices,
+    )
+
+
+def _turn(role: str, given: float | str | None) -> float:
+    """What a column begins again after, 0 for never."""
+    with contextlib.suppress(TypeError, ValueError):
+        turn = 0.0 if given is None or given == "none" else float(given)
+        if math.isfinite(turn) and turn >= 0.0:
+            return turn
+    raise UsageError(
+        f"--unwrap {role}={given} is not possible.",
+        expected="Expected what the column begins again after, in its own numbers, or none.",
+        remedy=f"Give for example --unwrap {role}=360.",
     )
 
 

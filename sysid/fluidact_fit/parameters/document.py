@@ -309,7 +309,8 @@ class Column(Part):
     """Where a role came from, and what was made of it on the way to SI.
 
     ``assumed`` says that neither the log nor the user named the unit; ``hold`` is the hold
-    with which the fit took the signal. ``from_name`` says where a constant stood in the name of
+    with which the fit took the signal. ``turn`` is what the column begins again after, as written,
+    0 for never. ``from_name`` says where a constant stood in the name of
     the log: ``kinked{%}``.
     """
 
@@ -319,6 +320,7 @@ class Column(Part):
     unit: str
     scale: Number | None = None
     assumed: bool | None = None
+    turn: Annotated[Number, Field(ge=0.0)] | None = None
     hold: Literal["zoh", "foh", "smooth"] | None = None
 
 
