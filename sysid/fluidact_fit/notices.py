@@ -115,6 +115,10 @@ _READING = {
         "A channel that moves repeats its last reading in some rows: it is slower than its log.",
         "Record at the rate of the slowest channel, or each channel with its own time.",
     ),
+    "recording-cut": _warning(
+        "The file ends before the recording that it states; what stands before the cut was read.",
+        "Copy the file again, or check how the recording ended and what is missing.",
+    ),
     "rows-above-table": _warning(
         "Lines above the table, or above its header, hold numbers and little else; they were left "
         "out.",
@@ -183,8 +187,8 @@ _READING = {
         "Leave `--unit` out if the header is right; correct the header if it is not.",
     ),
     "variables-left-out": _information(
-        "Variables of another length than the columns of the log were left out.",
-        "Nothing, unless one that you need is among them: save it with the others' time.",
+        "Elements of a recording that are no vectors of numbers of one length were left out.",
+        "Nothing, unless one that you need is among them: `inspect` says why it was left out.",
     ),
 }
 

@@ -10,6 +10,7 @@ import resource
 import subprocess
 import sys
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +53,6 @@ def read(folder: Path, content: bytes, name: str = "log.csv.packed"):
         gzip.compress(PLAIN[:9000]) + gzip.compress(PLAIN[9000:]) + bytes(700),
         bz2.compress(PLAIN[:9000]) + bz2.compress(PLAIN[9000:]),
         lzma.compress(PLAIN[:9000]) + lzma.compress(PLAIN[9000:]) + bytes(8),
-        gzip.compress(bz2.compress(PLAIN)),
     ],
 )
 def test_packed_logs_are_read(tmp_path: Path, packed: bytes) -> None:
@@ -75,8 +75,7 @@ def bomb(pack, times: int = 100) -> bytes:
     [
         lambda: bomb(bz2.compress),
         lambda: bomb(lzma.compress),
-        lambda: gzip.compress(bomb(gzip.compress)),
-        lambda: lzma.compress(bomb(bz2.compress)),
+        lambda: bomb(gzip.compress),
         lambda: zstd(ROWS * 50),
     ],
 )
@@ -134,7 +133,7 @@ def locked() -> bytes:
         (gzip.compress(PLAIN)[:-20], "damaged"),
         (gzip.compress(PLAIN)[:-8] + bytes(8), "damaged"),
         (gzip.compress(PLAIN) + b"garbage", "damaged"),
-        (gzip.compress(gzip.compress(gzip.compress(gzip.compress(PLAIN)))), "more than 3 archives"),
+        (gzip.compress(bz2.compress(PLAIN)), "archive within an archive"),
         (b"\xfd7zXZ\0" + bytes(50), "damaged"),
         (b"BZh9" + b"x" * 50, "damaged"),
     ],
@@ -151,9 +150,13 @@ def test_many_empty_members_take_little_time(tmp_path: Path) -> None:
 
 
 def test_a_dictionary_that_is_too_large_is_refused(tmp_path: Path) -> None:
-    filters = [{"id": lzma.FILTER_LZMA2, "dict_size": 1 << 30}]
+    """The head of the first block states 4 GB, with the right checksum."""
+    content = bytearray(lzma.compress(PLAIN))
+    end = 12 + 4 * (content[12] + 1) - 4
+    content[16] = 40
+    content[end : end + 4] = zlib.crc32(content[12:end]).to_bytes(4, "little")
     with pytest.raises(LogError, match="damaged"):
-        read(tmp_path, lzma.compress(PLAIN, filters=filters))
+        read(tmp_path, bytes(content))
 
 
 def member_of(content: bytes) -> bytes:

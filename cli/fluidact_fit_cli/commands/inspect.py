@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -83,7 +84,10 @@ def _show(found: Mapping[str, Any], roles: Mapping[int, str]) -> None:
         f"dialect {dialect['name']}, {dialect['encoding']}, separator {separator}, decimal "
         f"'{dialect['decimal']}', data from line {dialect['first_data_line']}"
     )
-    _show_lines(found["lines"], found["rows"])
+    if found["elements"]:
+        _show_elements(found["elements"])
+    else:
+        _show_lines(found["lines"], found["rows"])
     _show_time(found["time"])
     if "family" in found:
         runs = found["family"]["runs"]
@@ -105,6 +109,17 @@ def _show_lines(lines: Mapping[str, Any], rows: int) -> None:
         echo(f"  line {entry['line']} left out: {entry['reason']}")
     if len(left_out) > _LISTED:
         echo(f"  and {len(left_out) - _LISTED} more (--json lists them all)")
+
+
+def _show_elements(elements: Sequence[Mapping[str, str]]) -> None:
+    """Say what became of every element of a recording."""
+    count = Counter(element["fate"] for element in elements)
+    echo(", ".join(f"{n} {fate}" for fate, n in count.items()))
+    told = [element for element in elements if element["fate"] != "read"]
+    for element in told[:_LISTED]:
+        echo(f"  {element['name']} {element['fate']}: {element['how']}")
+    if len(told) > _LISTED:
+        echo(f"  and {len(told) - _LISTED} more (--json lists them all)")
 
 
 def _show_time(time: Mapping[str, Any] | None) -> None:

@@ -28,7 +28,6 @@ _RATIO = 200  # beyond them, so many for each byte of the archive: logs reach so
 _LARGEST = 1 << 32
 _SECONDS = 8.0  # of processor time that any archive may take
 _SPEED = 1e6  # beyond them, bytes of an archive that take a second: bzip2 manages 4e6
-_DEEPEST = 3  # archives within one another
 _MOST_MEMBERS = 10_000
 _DICTIONARY = 1 << 28  # bytes that an xz decoder may ask for; its highest preset needs 65 MB
 _IN, _OUT = 1 << 13, 1 << 20  # bytes of a block
@@ -37,7 +36,7 @@ _DAMAGED = (OSError, EOFError, ValueError, RuntimeError, zlib.error, lzma.LZMAEr
 
 
 class Budget:
-    """What may still come out of an archive, of all its members and the archives within it.
+    """What may still come out of an archive, of all its members.
 
     Parameters
     ----------
@@ -78,29 +77,29 @@ def is_packed(raw: bytes) -> bool:
 
 
 def unpack(raw: bytes, name: str) -> bytes:
-    """What an archive holds, and an archive within it; bytes that are none as they are.
+    """What an archive holds; bytes that are none as they are.
 
     Raises
     ------
     LogError
-        When it is damaged, holds too much, or takes too long.
+        When it is damaged, holds too much or another archive, or takes too long.
     """
-    budget = Budget(len(raw), name)
-    for _ in range(_DEEPEST):
-        kind = next((k for magic, k in _PACKED.items() if raw.startswith(magic)), None)
-        if kind is None:
-            return raw
-        raw = _unpacked(raw, kind, budget)
-    if is_packed(raw):
-        raise _refusal(f"there are more than {_DEEPEST} archives within one another.", name)
-    return raw
-
-
-def _unpacked(raw: bytes, kind: str, budget: Budget) -> bytes:
+    kind = next((k for magic, k in _PACKED.items() if raw.startswith(magic)), None)
+    if kind is None:
+        return raw
+    blocks = _zstd(raw) if kind == "zstd" else _members(raw, _DECODERS[kind])
     try:
-        return gathered(_zstd(raw) if kind == "zstd" else _members(raw, _DECODERS[kind]), budget)
+        unpacked = gathered(blocks, Budget(len(raw), name))
     except _DAMAGED as error:
-        raise _damaged(error, budget.name) from None
+        raise _damaged(error, name) from None
+    if is_packed(unpacked):
+        raise LogError(
+            "this is a binary file: an archive within an archive.",
+            where=name,
+            expected="Expected a log, packed once at most.",
+            remedy="Unpack it, and give what it holds.",
+        )
+    return unpacked
 
 
 def gathered(blocks: Iterator[bytes], budget: Budget) -> bytes:

@@ -18,7 +18,7 @@ from ..rows import counted
 from ..units import is_doubtful_suffix, parse_unit_from_header
 from .clock import Clocks, find_clocks, read_clocks
 from .groups import united
-from .log import Account, Column, Dialect, Log, count_of
+from .log import Account, Column, Dialect, Element, Log, count_of
 
 _MOST_COLUMNS = 4096
 _PROBED = 200  # cells that show whether a column holds instants
@@ -30,7 +30,8 @@ class Named:
     """A column by its header; ``unit`` where it does not stand in the header.
 
     ``values`` of shape ``(n,)``: numbers, text, instants or durations. Of a ``sparse`` one NaN
-    are no samples. Of one that is ``own`` nobody else holds the values.
+    are no samples. Of one that is ``own`` nobody else holds the values. ``bad`` has the text of
+    cells that were no number, a ``clock`` held instants.
     """
 
     header: str
@@ -38,6 +39,8 @@ class Named:
     unit: str | None = None
     sparse: bool = False
     own: bool = False
+    bad: Mapping[int, str] | None = None
+    clock: bool = False
 
 
 def log_of(data: Any, name: str = "data", *, path: str | Path | None = None) -> Log:
@@ -92,6 +95,7 @@ def make_log(
     path: Path,
     sha256: str = "",
     notices: Sequence[Notice] = (),
+    elements: Sequence[Element] = (),
 ) -> Log:
     """Return a log of columns; ``LogError`` when they are no table."""
     if not named or len(named) > _MOST_COLUMNS:
@@ -120,7 +124,7 @@ def make_log(
         columns=columns,
         lines=counted(1, rows + 1),
         dialect=Dialect(dialect, "binary", "", ".", 0, None, None, 1),
-        account=Account(int(rows), 0, int(rows), 0),
+        account=Account(int(rows), 0, int(rows), 0, elements=tuple(elements)),
         notices=tuple(said),
     )
 
@@ -128,7 +132,7 @@ def make_log(
 def _column(index: int, given: Named, name: str, notices: list[Notice]) -> Column:
     """A column as a file would have it."""
     values, unit = _numbers(given, name)
-    header, clock, doubt = given.header.strip(), False, ""
+    header, clock, doubt = given.header.strip(), given.clock, ""
     if unit is None and not np.isfinite(values).any():
         clocks = _clocks(given, index, name)
         clock, doubt = bool(clocks.seconds), clocks.doubts.get(index - 1, "")
@@ -139,9 +143,10 @@ def _column(index: int, given: Named, name: str, notices: list[Notice]) -> Colum
     finite = where_finite(values)
     bad: dict[int, str] = {}
     if not finite.all():
-        raw = np.asarray(given.values, dtype=object).ravel()
         where = np.flatnonzero(~finite)[:_KEPT]
-        bad = {int(k): _text(raw[k])[:60] for k in where}
+        raw = np.asarray(given.values).ravel()[where].tolist()
+        bad = {int(k): _text(cell)[:60] for k, cell in zip(where, raw)}
+        bad |= given.bad or {}
         values = np.where(finite, values, np.nan)
     doubtful = given.unit is None and is_doubtful_suffix(header)
     return Column(index, header, written, unit, doubtful, values, bad, given.sparse, clock, doubt)
@@ -154,7 +159,10 @@ def _text(cell: Any) -> str:
 
 def _clocks(given: Named, index: int, name: str) -> Clocks:
     """Instants of a column of text or of objects, where it holds such."""
-    cells = [_text(cell) for cell in np.asarray(given.values, dtype=object).ravel()]
+    raw = np.asarray(given.values)
+    if raw.dtype.kind not in "OSU":
+        return Clocks({})
+    cells = [_text(cell) for cell in raw.astype(object).ravel()]
     if not find_clocks([[cell] for cell in cells if cell][:_PROBED]):
         return Clocks({})
     lines = np.arange(1, len(cells) + 1)

@@ -1,30 +1,83 @@
-"""Recordings that are no text: MATLAB, HDF5, Parquet, TDMS and MDF files.
+"""Recordings that are no text: MATLAB, HDF5, netCDF, Parquet, TDMS and MDF files.
 
-Which it is shows in the first bytes. What reads them is a library; those that not everybody has
-are optional, and a message says which to install.
+Which it is shows in the first bytes. A library reads it in a process of its own; here its vectors
+become the columns of one table.
 """
 
 from __future__ import annotations
 
-import io
-import logging
-import re
+import struct
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from importlib import import_module
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import LogError, Notice
+from ..units import conversion_factor, parse_unit_from_header, same_dimension
 from .arrays import Named, joined
-from .log import count_of
-from .source import begins_with, name_of
+from .log import Element, count_of
+from .native import Recording, Vector, read_apart
+from .source import name_of
 
 _BATCH = 1 << 16  # rows that are decoded at once
-Found = tuple[str, list[Named], list[Notice]]  # dialect, columns, what was noticed
+_TIMES = {"time", "t", "zeit", "temps", "tiempo", "tempo", "timestamp", "timestamps",
+          "time stamp", "zeitstempel", "elapsed time"}  # fmt: skip
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_MAGIC = {
+    b"MATLAB 5.0": "matlab",
+    b"MATLAB 7.3": "hdf5",
+    _HDF5[:4]: "hdf5",
+    b"PAR1": "parquet",
+    b"TDSm": "tdms",
+    b"MDF  ": "mdf",
+    b"CDF\x01": "netcdf",
+    b"CDF\x02": "netcdf",
+}
+_UNFIT = {
+    b"UnFinMF": ("an MDF file that was never finished", "Finish it with the tool that recorded it"),
+    b"TDSh": ("the index of a TDMS file", "Give the .tdms file itself"),
+    b"CDF\x05": ("a netCDF file with 64-bit data", "Convert it: nccopy -k nc4 LOG COPY"),
+    b"PARE": ("an encrypted Parquet file", "Write it again without encryption"),
+}
+_SHOWN = 8
+
+
+@dataclass(frozen=True)
+class Found:
+    """Columns of a recording, how it is written, and what became of each of its elements."""
+
+    dialect: str
+    columns: list[Named]
+    notices: list[Notice]
+    elements: tuple[Element, ...]
+    sha256: str
+
+
+def read_stored(path: Path) -> Found | None:
+    """Columns of the binary recording in a file; ``None`` where it is none.
+
+    Raises
+    ------
+    LogError
+        As :func:`read_binary`.
+    """
+    try:
+        if not path.is_file():
+            return None
+        size = path.stat().st_size
+        with path.open("rb") as file:
+
+            def look(place: int, count: int) -> bytes:
+                file.seek(place)
+                return file.read(count)
+
+            reader = _reader_of(look, size, name_of(path))
+    except (OSError, ValueError):  # who reads it all says what is wrong
+        return None
+    return None if reader is None else _read(reader, path, name_of(path))
 
 
 def read_binary(raw: bytes, name: str) -> Found | None:
@@ -35,218 +88,237 @@ def read_binary(raw: bytes, name: str) -> Found | None:
     LogError
         When it cannot be read, holds no table, or needs a library that is not installed.
     """
-    reader = next((r for magic, r in _READERS.items() if raw.startswith(magic)), None)
-    if reader is None:
+    reader = _reader_of(lambda at, count: raw[at : at + count], len(raw), name)
+    return None if reader is None else _read(reader, raw, name)
+
+
+def _reader_of(look: Callable[[int, int], bytes], size: int, name: str) -> str | None:
+    """What reads a file, by its first bytes."""
+    head = look(0, 128)
+    for magic, (what, remedy) in _UNFIT.items():
+        if head.startswith(magic):
+            raise LogError(f"this is {what}.", where=name, remedy=f"{remedy}, or export it as CSV.")
+    found = next((r for magic, r in _MAGIC.items() if head.startswith(magic)), None)
+    if found is None and head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
+        found = "matlab"
+    if found is None and _is_matlab_4(head, size):
+        found = "matlab"
+    if found is None and head[:1] and not head[:64].isascii():
         return None
-    with _blaming_the_file(name):
-        return reader(raw, name)
+    if found is None and any(look(512 << k, 8) == _HDF5 for k in range(4)):
+        found = "hdf5"  # behind what another program wrote
+    return found
 
 
-@contextmanager
-def _blaming_the_file(name: str) -> Iterator[None]:
-    """Where a library meets a damaged file, that is said."""
-    try:
-        yield
-    except LogError:
-        raise
-    except Exception as error:
-        raise LogError(
-            f"the file cannot be read ({type(error).__name__}: {str(error)[:200]}).",
-            where=name,
-            remedy="Export the recording again, or as CSV.",
-        ) from error
+def _is_matlab_4(head: bytes, size: int) -> bool:
+    """Whether a file begins with the header of a matrix of MATLAB 4 that fits into it."""
+    for order in "<>":
+        if len(head) < 22:
+            return False
+        kind, rows, columns, imaginary, length = struct.unpack(f"{order}5i", head[:20])
+        machine, zero, precision, form = kind // 1000, kind // 100 % 10, kind // 10 % 10, kind % 10
+        if not (0 <= kind < 5000 and machine <= 4 and zero == 0 and precision <= 5 and form <= 2):
+            continue
+        if not (imaginary in (0, 1) and 2 <= length <= 64 and rows >= 0 and columns >= 0):
+            continue
+        width = (8, 4, 4, 2, 2, 1)[precision] * (1 + imaginary)
+        label = head[20 : 20 + length]
+        named = label[-1:] == b"\0" and label[:-1].replace(b"_", b"a").isalnum()
+        if named and 20 + length + rows * columns * width <= size:
+            return True
+    return False
 
 
-def read_stored(path: Path) -> Found | None:
-    """Columns of a binary recording that can be read without its bytes at hand; else ``None``.
-
-    Raises
-    ------
-    LogError
-        As :func:`read_binary`.
-    """
-    if not begins_with(path, b"PAR1"):
-        return None
-    with _blaming_the_file(name_of(path)):
-        return _of_parquet(path)
+def _read(reader: str, source: Path | bytes, name: str) -> Found:
+    how = {"batch": _BATCH} if reader == "parquet" else {}
+    recording = read_apart(reader, source, name, **how)
+    return _Assembly(recording, name).found()
 
 
-def _optional(module: str, extra: str, name: str) -> Any:
-    """A library that not everybody has."""
-    try:
-        # what a library has to say of a damaged file is said in the message
-        logging.getLogger(module.partition(".")[0]).setLevel(logging.CRITICAL)
-        return import_module(module)
-    except ImportError:
-        raise LogError(
-            f"reading it needs the Python package {module}, which is not installed.",
-            where=name,
-            remedy=f"Run: pip install 'fluidact-fit[{extra}]', or export the recording as CSV.",
-        ) from None
+class _Assembly:
+    """One table of the vectors of a recording."""
 
+    def __init__(self, recording: Recording, name: str) -> None:
+        self.recording, self.name = recording, name
+        self.vectors = recording.vectors
+        self.channels = [k for k, v in enumerate(self.vectors) if v.role != "instants"]
+        self.left_out = [Element(n, "left out", why) for n, why, _ in recording.left_out]
+        self.missed = [f"{n} ({why})" for n, why, signal in recording.left_out if signal]
+        self.headers = self._headers()
 
-def _read_matlab(raw: bytes, name: str) -> Found:
-    from scipy.io import loadmat
+    def found(self) -> Found:
+        """The columns, and an account of all elements."""
+        if not self.channels:
+            raise self._no_table()
+        columns = self._columns()
+        notices = [Notice(code, f"{self.name}: {text}.") for code, text in self.recording.notices]
+        if self.missed:
+            notices.append(Notice("variables-left-out", f"{self.name}: {self._missed()}."))
+        how = dict(self.recording.converted)
+        read = [Element(c.header, "read", "") for c in columns]
+        converted = [Element(n, "converted", text) for n, text in how.items()]
+        elements = (*read, *converted, *self.left_out)
+        return Found(self.recording.dialect, columns, notices, elements, self.recording.sha256)
 
-    variables = loadmat(
-        io.BytesIO(raw), squeeze_me=True, struct_as_record=False, chars_as_strings=True
-    )
-    return _of_variables({k: v for k, v in variables.items() if not k.startswith("__")}, name)
+    def _missed(self) -> str:
+        """What may have been a signal and is not among the columns."""
+        text = "; ".join(self.missed[:_SHOWN])
+        more = f" and {len(self.missed) - _SHOWN} more" if len(self.missed) > _SHOWN else ""
+        return f"{count_of(len(self.missed), 'element')} left out: {text}{more}"
 
-
-def _read_hdf5(raw: bytes, name: str) -> Found:
-    h5py = _optional("h5py", "hdf5", name)
-    found: dict[str, Any] = {}
-
-    def visit(path: str, node: Any) -> None:
-        if isinstance(node, h5py.Dataset) and not path.startswith("#") and node.dtype.kind in "fiu":
-            found[path.replace("/", ".")] = np.squeeze(node[()])
-
-    with h5py.File(io.BytesIO(raw), "r") as file:
-        file.visititems(visit)
-    return _of_variables(found, name)
-
-
-def _read_parquet(raw: bytes, name: str) -> Found:
-    return _of_parquet(io.BytesIO(raw))
-
-
-def _of_parquet(source: Path | io.BytesIO) -> Found:
-    """Columns of a Parquet file; numbers part by part, so that none is there twice."""
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    file = parquet.ParquetFile(source, pre_buffer=False)  # or it keeps all that it has read
-    schema, rows = file.schema_arrow, file.metadata.num_rows
-    kept = [n for n in schema.names if not n.startswith("__index_level_")]
-    number = pa.types.is_floating, pa.types.is_integer
-    numbers = [n for n in kept if any(is_one(schema.field(n).type) for is_one in number)]
-    found = {n: np.empty(rows) for n in numbers}
-    begin = 0
-    for batch in file.iter_batches(_BATCH, columns=numbers) if numbers else ():
-        for name, column in zip(batch.schema.names, batch.columns):
-            found[name][begin : begin + len(column)] = column.to_numpy(zero_copy_only=False)
-        begin += len(batch)
-    others = file.read([n for n in kept if n not in found])
-    values = {**found, **{n: others[n].to_numpy() for n in others.column_names}}
-    return "Parquet", [Named(n, values[n], own=n in found) for n in kept], []
-
-
-def _read_tdms(raw: bytes, name: str) -> Found:
-    nptdms = _optional("nptdms", "tdms", name)
-    parts = []
-    for group in nptdms.TdmsFile.read(io.BytesIO(raw)).groups():
-        for channel in group.channels():
-            if channel.data.dtype.kind not in "fiu" or not len(channel):
-                continue
-            try:
-                time = channel.time_track()
-            except KeyError:
-                time = None
-            unit = channel.properties.get("unit_string") or None
-            parts.append((time, Named(channel.name, channel[:], unit, sparse=True)))
-    return _of_channels("TDMS", parts, name)
-
-
-def _read_mdf(raw: bytes, name: str) -> Found:
-    asammdf = _optional("asammdf", "mdf", name)
-    with asammdf.MDF(io.BytesIO(raw)) as file:
-        parts = [
-            (s.timestamps, Named(s.name, s.samples, s.unit or None, sparse=True))
-            for s in file.iter_channels()
-            if s.samples.dtype.kind in "fiu" and s.samples.ndim == 1
-        ]
-    return _of_channels("MDF", parts, name)
-
-
-def _of_channels(dialect: str, parts: list[tuple[Any, Named]], name: str) -> Found:
-    """Columns of channels with their instants, or of channels without any."""
-    if not parts:
-        raise LogError("it holds no channel of numbers.", where=name, remedy="Export it as CSV.")
-    if any(time is None for time, _ in parts):
-        return dialect, [column for _, column in parts], []
-    return dialect, joined([[Named("time", t, "s"), c] for t, c in parts], name), []
-
-
-def _of_variables(variables: Mapping[str, Any], name: str) -> Found:
-    """Columns of the variables of a workspace.
-
-    A recording of dSPACE is a structure with ``X`` and ``Y``; of others the numbers of equal
-    length belong together, structures taken apart, and what is longer or shorter is left out.
-    """
-    for variable in variables.values():
-        if hasattr(variable, "X") and hasattr(variable, "Y"):
-            return "dSPACE MATLAB", _of_dspace(variable, name), []
-    columns = [c for key, value in variables.items() for c in _take_apart(key, value)]
-    sizes = Counter(c.values.size for c in columns if c.values.size > 2)
-    if not sizes:
-        listed = ", ".join(list(variables)[:12]) or "nothing"
-        raise LogError(
-            f"it holds no vectors of numbers ({listed}).",
-            where=name,
+    def _no_table(self) -> LogError:
+        listed = "; ".join(self.missed[:_SHOWN]) or ", ".join(
+            f"{e.name} ({e.how})" for e in self.left_out[:_SHOWN]
+        )
+        return LogError(
+            f"it holds no vectors of numbers ({listed or 'nothing'}), or no channel of them.",
+            where=self.name,
             expected="Expected vectors of equal length, one per column, or a table of numbers.",
             remedy="Save arrays (table2struct for a table), or export it as CSV.",
         )
-    longest = max(sizes, key=lambda n: (sizes[n], n))
-    kept = [c for c in columns if c.values.size == longest]
-    other = [c.header for c in columns if c.values.size != longest]
-    notices = []
-    if other:
-        text = f"{name}: {count_of(len(other), 'variable')} of another length than {longest} left "
-        notices.append(Notice("variables-left-out", f"{text}out: {', '.join(other[:8])}."))
-    return "MATLAB", kept, notices
 
-
-def _take_apart(key: str, value: Any) -> Iterator[Named]:
-    """Vectors in a variable: itself, its columns, its fields."""
-    if hasattr(value, "_fieldnames"):
-        for field in value._fieldnames:
-            yield from _take_apart(field, getattr(value, field))
-        return
-    array = np.asarray(value)
-    if array.dtype.kind not in "fiu" or array.ndim not in (1, 2):
-        return
-    if array.ndim == 1:
-        yield Named(key, array)
-        return
-    table = array if array.shape[0] >= array.shape[1] else array.T
-    for k in range(min(table.shape[1], 1000)):
-        yield Named(f"{key}{k + 1}", table[:, k])
-
-
-def _of_dspace(variable: Any, name: str) -> list[Named]:
-    """Signals ``Y`` over the instants ``X`` of their raster."""
-    axes = [np.ravel(x.Data) for x in np.atleast_1d(variable.X)]
-    parts: list[list[Named]] = [[Named("time", axis, "s")] for axis in axes]
-    names = [str(y.Name) for y in np.atleast_1d(variable.Y)]
-    counts = Counter(map(_last_part, names))
-    for full, y in zip(names, np.atleast_1d(variable.Y)):
-        values = np.ravel(y.Data)
-        place = int(getattr(y, "XIndex", 1)) - 1
-        fits = [k for k in (place, *range(len(axes))) if 0 <= k < len(axes)]
-        axis = next((k for k in fits if axes[k].size == values.size), None)
-        if axis is None:
-            raise LogError(
-                f"signal '{full}' has {values.size} samples, and no time has as many.",
-                where=name,
-                remedy="Export the recording again.",
+    def _headers(self) -> dict[int, str]:
+        """What the columns are called: groups distinguish names that repeat."""
+        dotted = self.recording.dialect == "HDF5"
+        names = Counter(self.vectors[k].name for k in self.channels)
+        found = {}
+        for k in self.channels:
+            v = self.vectors[k]
+            found[k] = (
+                f"{v.group}.{v.name}" if v.group and (dotted or names[v.name] > 1) else v.name
             )
-        short = _last_part(full)
-        unit = str(getattr(y, "Unit", "") or "") or None
-        parts[axis].append(Named(short if counts[short] == 1 else full, values, unit, True))
-    return joined([p for p in parts if len(p) > 1], name)
+        return found
+
+    def _leave(self, k: int, why: str) -> None:
+        self.left_out.append(Element(self.headers[k], "left out", why))
+        self.missed.append(f"{self.headers[k]} ({why})")
+
+    def _columns(self) -> list[Named]:
+        base_of = self._bases()
+        bases = list(dict.fromkeys(b for b in base_of.values() if b is not None))
+        bases = self._distinct(bases, base_of)
+        if len(bases) > 1:
+            return self._joined(bases, base_of)
+        return self._table(bases[0] if bases else None)
+
+    def _bases(self) -> dict[int, int | None]:
+        """The vector of instants of every channel: stated, or the time beside it."""
+        times: dict[tuple[str, int], int] = {}
+        for k in self.channels:
+            v = self.vectors[k]
+            if v.instants is None and v.values.size > 1 and _is_time(v):
+                times.setdefault((v.group, v.values.size), k)
+        found = {}
+        for k in self.channels:
+            v = self.vectors[k]
+            above = v.group.split(".")
+            places = [".".join(above[:n]) for n in range(len(above), -1, -1)]
+            keys = ((place, v.values.size) for place in dict.fromkeys(places))
+            beside = next((times[key] for key in keys if key in times), None)
+            found[k] = v.instants if v.instants is not None else beside
+        return found
+
+    def _distinct(self, bases: list[int], base_of: dict[int, int | None]) -> list[int]:
+        """Bases that are not the same instants; channels of one that is are moved to the first."""
+        kept: list[int] = []
+        for base in bases:
+            same = next((b for b in kept if self._same(b, base)), None)
+            if same is None:
+                kept.append(base)
+                continue
+            for k, b in base_of.items():
+                if b == base:
+                    base_of[k] = same
+            if base in self.channels:
+                self.channels.remove(base)
+                header = self.headers[base]
+                self.left_out.append(
+                    Element(header, "left out", f"the same as {self._label(same)}")
+                )
+        return kept
+
+    def _label(self, base: int) -> str:
+        return self.headers.get(base, "the time")
+
+    def _same(self, a: int, b: int) -> bool:
+        x, y = self.vectors[a], self.vectors[b]
+        alike = (x.unit, x.since, x.values.size) == (y.unit, y.since, y.values.size)
+        return alike and bool(np.array_equal(x.values, y.values))
+
+    def _table(self, base: int | None) -> list[Named]:
+        """Columns of one length: that of the time, or the one that most have."""
+        sizes = Counter(self.vectors[k].values.size for k in self.channels)
+        rows = max(sizes, key=lambda n: (sizes[n], n))
+        if base is not None:
+            rows = self.vectors[base].values.size
+        columns = []
+        if base is not None and base not in self.channels:
+            columns.append(self._named(base, "time"))
+        for k in list(self.channels):
+            size = self.vectors[k].values.size
+            if size != rows:
+                self._leave(k, f"{size} values where the others have {rows}")
+            else:
+                columns.append(self._named(k, self.headers[k]))
+        return columns
+
+    def _named(self, k: int, header: str, sparse: bool = False) -> Named:
+        v = self.vectors[k]
+        return Named(header, v.values, v.unit, sparse, own=True, bad=v.bad, clock=v.clock)
+
+    def _joined(self, bases: Sequence[int], base_of: dict[int, int | None]) -> list[Named]:
+        """Columns of several time bases, each at its own instants."""
+        units = {self._unit_of(b) for b in bases}
+        unit = next(iter(units)) if len(units) == 1 else "s"
+        first = min(self.vectors[b].since for b in bases)
+        parts = []
+        for base in bases:
+            v = self.vectors[base]
+            own = self._unit_of(base)
+            times: Any = np.asarray(v.values, dtype=np.float64)
+            if own != unit and own is not None:
+                times = times * conversion_factor(own, "s")
+            if v.since != first:
+                times = times + (v.since - first) / 1e9
+            if not np.isfinite(times).all():
+                raise LogError(
+                    f"'{self._label(base)}' holds values that are no instants.",
+                    where=self.name,
+                    expected="Expected instants in order, as there are several time bases.",
+                    remedy="Export every time base to a file of its own.",
+                )
+            held = [k for k in self.channels if base_of[k] == base and k != base]
+            named = [self._named(k, self.headers[k], sparse=True) for k in held]
+            parts.append([Named(self._label(base), times, unit), *named])
+        for k in self.channels:
+            if base_of[k] is None:
+                self._leave(k, "no time beside it")
+        self._count_invalid(bases, base_of)
+        columns = joined([p for p in parts if len(p) > 1] or parts, self.name)
+        return [Named("time", columns[0].values, unit, own=True), *columns[1:]]
+
+    def _count_invalid(self, bases: Sequence[int], base_of: dict[int, int | None]) -> None:
+        """Name samples that are none, where holes mean that nothing was sampled."""
+        for k in self.channels:
+            values = self.vectors[k].values
+            if base_of[k] is None or k in bases or values.dtype.kind != "f":
+                continue
+            none = int(values.size - np.isfinite(values).sum())
+            if none:
+                self.missed.append(f"{self.headers[k]} ({none} samples that are no numbers)")
+
+    def _unit_of(self, base: int) -> str | None:
+        """Unit of a vector of instants: its own, or that of its header."""
+        v = self.vectors[base]
+        return v.unit or parse_unit_from_header(v.name)[1]
 
 
-def _last_part(path: str) -> str:
-    r"""The name of a signal: the end of ``"Model Root"/"sub"/"Out1"`` or ``Model Root/..\Out1``."""
-    return re.split(r"[/\\]", path)[-1].strip('" ') or path
-
-
-_READERS: Mapping[bytes, Callable[[bytes, str], Found]] = {
-    b"MATLAB 5.0": _read_matlab,
-    b"MATLAB 7.3": _read_hdf5,
-    b"\x89HDF": _read_hdf5,
-    b"PAR1": _read_parquet,
-    b"TDSm": _read_tdms,
-    b"MDF  ": _read_mdf,
-}
+def _is_time(vector: Vector) -> bool:
+    """Whether a vector is called as instants are, and has no other unit."""
+    if vector.clock:
+        return True
+    name, unit = parse_unit_from_header(vector.name)
+    unit = vector.unit or unit
+    return name.strip().casefold().replace("_", " ") in _TIMES and (
+        unit is None or same_dimension(unit, "s")
+    )

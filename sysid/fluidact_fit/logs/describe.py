@@ -28,8 +28,8 @@ def describe(log: Log) -> dict[str, Any]:
     -------
     dict
         Plain numbers and text with the keys ``file``, ``sha256``, ``rows``, ``lines`` (what every
-        one was taken for), ``dialect``, ``columns`` (raw units), ``time`` (``None`` without a time
-        column) and ``notices``.
+        one was taken for), ``elements`` (what became of each of a binary recording), ``dialect``,
+        ``columns`` (raw units), ``time`` (``None`` without a time column) and ``notices``.
     """
     notices = [*log.notices, *(n for c in log.columns for n in check_placeholders(log, c))]
     time = _describe_time(log, notices)
@@ -45,6 +45,7 @@ def describe(log: Log) -> dict[str, Any]:
             "blank": log.account.blank_lines,
             "left_out": [{"line": n, "reason": why} for n, why in log.account.left_out],
         },
+        "elements": [vars(element) for element in log.account.elements],
         "dialect": {
             "name": dialect.name,
             "encoding": dialect.encoding,

@@ -110,12 +110,25 @@ class Exclusion:
 
 
 @dataclass(frozen=True)
+class Element:
+    """What became of a channel, dataset or variable of a binary recording.
+
+    ``fate`` is ``read``, ``converted`` or ``left out``; ``how`` says by what, or why.
+    """
+
+    name: str
+    fate: str
+    how: str
+
+
+@dataclass(frozen=True)
 class Account:
-    """What every line of a file was taken for.
+    """What every line of a file was taken for, or every element of a binary recording.
 
     ``header_lines`` stand above the data: preamble, header, units and empty ones;
     ``blank_lines`` are the empty ones below. ``left_out`` has line and reason of every line with
-    text that is neither. The four and ``data_rows`` make up ``total_lines``.
+    text that is neither. The four and ``data_rows`` make up ``total_lines``. ``elements`` are those
+    of a recording that is no text.
     """
 
     total_lines: int
@@ -123,6 +136,7 @@ class Account:
     data_rows: int
     blank_lines: int
     left_out: tuple[tuple[int, str], ...] = ()
+    elements: tuple[Element, ...] = ()
 
 
 @dataclass(frozen=True)

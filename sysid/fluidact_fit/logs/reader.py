@@ -19,7 +19,7 @@ from .groups import sparse_columns
 from .layout import Layout, Written
 from .log import Account, Column, Dialect, Log, StepInput, check_hold
 from .merging import merged
-from .source import Source, checksum, files_of, make_source, name_of, read_bytes
+from .source import Source, files_of, make_source, name_of, read_bytes
 from .split_time import with_joined_time
 from .surgery import parse_exclusion, with_constants, without
 from .table import Table, read_table
@@ -129,10 +129,14 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
         raw, sha256 = read_bytes(place)
         found = read_binary(raw, name_of(place))
     if found is not None:
-        dialect, columns, notices = found
-        sha256 = sha256 or checksum(place)
         return make_log(
-            columns, name_of(place), dialect, path=place, sha256=sha256, notices=notices
+            found.columns,
+            name_of(place),
+            found.dialect,
+            path=place,
+            sha256=found.sha256 or sha256,
+            notices=found.notices,
+            elements=found.elements,
         )
     source = make_source(place, raw, sha256)
     layout = find_layout(source, written)

@@ -86,23 +86,6 @@ def read_bytes(path: Path) -> tuple[bytes, str]:
     return unpack(raw, name_of(path)), hashlib.sha256(raw).hexdigest()
 
 
-def begins_with(path: Path, magic: bytes) -> bool:
-    """Whether a path is that of a regular file with a certain beginning."""
-    try:
-        if not path.is_file():
-            return False
-        with path.open("rb") as file:
-            return file.read(len(magic)) == magic
-    except (OSError, ValueError):  # who reads it all says what is wrong
-        return False
-
-
-def checksum(path: Path) -> str:
-    """SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def _read_raw(path: Path) -> bytes:
     try:
         if str(path) == "-":
