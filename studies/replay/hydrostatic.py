@@ -8,7 +8,7 @@ from math import pi
 import numpy as np
 
 from fluidact_fit.block import Port
-from fluidact_fit.control.controllers import Gains, PDController
+from fluidact_fit.control.controllers import Gains, PDController, Travel
 from fluidact_fit.control.controllers.pd import StaticFriction
 from fluidact_fit.control.loop import Response, run_loop
 from fluidact_fit.control.margins import loop_margins
@@ -46,7 +46,7 @@ def pd(compensation: float = 1.0, tolerance: float = TOLERANCE) -> PDController:
     )
     positive, negative = SCREW["breakaway_positive"], SCREW["breakaway_negative"]
     friction = StaticFriction(compensation * positive, compensation * negative, tolerance)
-    return PDController(gains, "position", STEP, friction)
+    return PDController(gains, Travel("position"), STEP, friction)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from fluidact_fit.control.controllers import (
     MotionState,
     PDController,
     Smoothing,
+    Travel,
     allocate,
 )
 from fluidact_fit.control.controllers.impedance import Impedance, KnownFriction, Pressures
@@ -90,7 +91,7 @@ def test_a_derivative_gain_is_not_negative() -> None:
 def test_loop_without_friction_is_the_second_order_response() -> None:
     """Equation 12 with K_d = 0, sampled so fast that the hold is of no account."""
     step, k_p = 1e-4, 6e4
-    loop = PDController(Gains(k_p, 0.0), "position", step)
+    loop = PDController(Gains(k_p, 0.0), Travel("position"), step)
     found = run_loop(line_plant(step), loop, Reference("step", size=1e-3), 0.4, 0.0)
     w, zeta = sqrt(k_p / MASS), DAMPING / (2.0 * sqrt(MASS * k_p))
     damped = w * sqrt(1.0 - zeta**2)
@@ -108,7 +109,7 @@ def test_loop_without_friction_is_the_second_order_response() -> None:
 def test_derivative_on_the_error_damps_as_equation_16_says() -> None:
     """With a filter far above the loop, the response has the zero and the damping of (12)."""
     step, k_p, k_d = 1e-4, 6e4, 900.0
-    loop = PDController(Gains(k_p, k_d), "position", step, cutoff=1500.0)
+    loop = PDController(Gains(k_p, k_d), Travel("position"), step, cutoff=1500.0)
     found = run_loop(line_plant(step), loop, Reference("step", size=1e-3, at=step), 0.3, 0.0)
     from scipy.signal import lti
     from scipy.signal import step as response
@@ -120,7 +121,7 @@ def test_derivative_on_the_error_damps_as_equation_16_says() -> None:
 
 def test_ramp_leaves_the_error_of_equation_15() -> None:
     step, k_p = 0.01, 2e4
-    loop = PDController(Gains(k_p, 0.0), "position", step)
+    loop = PDController(Gains(k_p, 0.0), Travel("position"), step)
     ramp = Reference("ramp-insertion", size=1.0, speed=0.005)
     found = run_loop(line_plant(step), loop, ramp, 4.0, 0.0)
     assert found.error[-1] == pytest.approx(0.005 * DAMPING / k_p, rel=1e-6)
@@ -128,7 +129,7 @@ def test_ramp_leaves_the_error_of_equation_15() -> None:
 
 def test_coulomb_friction_adds_its_level_to_the_ramp_error() -> None:
     step, k_p, level = 0.01, 2e4, 12.0
-    loop = PDController(Gains(k_p, 0.0), "position", step)
+    loop = PDController(Gains(k_p, 0.0), Travel("position"), step)
     ramp = Reference("ramp-insertion", size=1.0, speed=0.005)
     found = run_loop(line_plant(step, level), loop, ramp, 6.0, 0.0)
     assert found.error[-1] == pytest.approx((0.005 * DAMPING + level) / k_p, rel=1e-6)
@@ -140,7 +141,7 @@ def test_static_friction_stops_short_and_compensation_goes_on() -> None:
     size = 0.5 * level / k_p
     friction = StaticFriction(level * 1.001, level * 1.001, 1e-4)
     for compensation, moves in ((StaticFriction(), False), (friction, True)):
-        loop = PDController(Gains(k_p, 0.0), "position", step, compensation)
+        loop = PDController(Gains(k_p, 0.0), Travel("position"), step, compensation)
         plant = line_plant(step, 0.6 * level, level)
         found = run_loop(plant, loop, Reference("step", size=size), 1.0, 0.0)
         assert bool(found.output[-1] > 0.2 * size) is moves
@@ -157,12 +158,14 @@ def test_compensation_is_equations_17_and_18(error: float, speed: float, expecte
 def test_margins_of_a_loop_that_is_known() -> None:
     """Raised by its gain margin, the loop keeps oscillating; at half that it settles."""
     step, k_p = 0.01, 2e4
-    margins = loop_margins(line_plant(step), PDController(Gains(k_p, 0.0), "position", step))
+    margins = loop_margins(
+        line_plant(step), PDController(Gains(k_p, 0.0), Travel("position"), step)
+    )
     assert margins.gain > 1.0
     rates = {}
     for factor in (0.9, 1.0, 1.1):
         gains = Gains(k_p * margins.gain * factor, 0.0)
-        loop = PDController(gains, "position", step)
+        loop = PDController(gains, Travel("position"), step)
         found = run_loop(line_plant(step), loop, Reference("step", size=1e-3), 6.0, 0.0)
         size = np.abs(found.error)
         rates[factor] = size[-100:].max() / size[200:300].max()
@@ -187,7 +190,7 @@ def test_the_largest_pole_is_how_fast_a_loop_grows_or_fades(
         Port("force", "N"), Port("position", "m"), step,
     )  # fmt: skip
     gains = Gains.for_bandwidth(MASS, DAMPING, 1.0, bandwidth=bandwidth, damping_ratio=0.9)
-    loop = PDController(gains, "position", step)
+    loop = PDController(gains, Travel("position"), step)
     margins = loop_margins(plant, loop)
     plant.reset(1e-3)
     loop.reset()
@@ -355,6 +358,6 @@ def test_references_go_where_they_say() -> None:
 
 def test_a_loop_that_runs_away_is_ended() -> None:
     step = 0.01
-    loop = PDController(Gains(1e12, 0.0), "position", step)
+    loop = PDController(Gains(1e12, 0.0), Travel("position"), step)
     with pytest.raises(UsageError, match="runs away"):
         run_loop(line_plant(step), loop, Reference("step", size=1.0), 100.0, 0.0)

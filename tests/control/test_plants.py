@@ -13,7 +13,7 @@ from scipy.signal import cont2discrete, dlsim
 import fluidact_fit as ff
 from fluidact_fit.block import Port
 from fluidact_fit.control.closed_loop import ClosedLoop
-from fluidact_fit.control.controllers.pd import Gains, PDController
+from fluidact_fit.control.controllers import Gains, PDController, Travel
 from fluidact_fit.control.loop import Response
 from fluidact_fit.control.metrics import tracking_metrics
 from fluidact_fit.control.plants.drive import (
@@ -105,6 +105,7 @@ def test_free_drive_equals_the_block_of_the_family(write: Callable[..., Path]) -
     np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-9 * np.abs(theirs).max())
 
 
+@pytest.mark.filterwarnings("ignore::fluidact_fit.errors.ExtrapolationWarning")
 @pytest.mark.parametrize("stiffness", [None, 800.0])
 def test_a_line_equals_the_block_of_the_family(
     stiffness: float | None, write: Callable[..., Path]
@@ -359,7 +360,7 @@ def test_the_drive_of_a_force_has_its_unit() -> None:
     one = np.zeros(2)
     measured = {"force": one, "position": one, "drive": one}
     response = Response(np.arange(2) * 0.01, one, one, one[:, None], measured)
-    controller = PDController(Gains(1.0, 0.0), "force", 0.01)
+    controller = PDController(Gains(1.0, 0.0), Travel("force"), 0.01)
     loop = ClosedLoop(
         plant, controller, response, (), 0, None, tracking_metrics(one, one), None
     )  # fmt: skip

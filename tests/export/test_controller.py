@@ -71,13 +71,14 @@ class Exported(Controller):
     """A controller that calls what was exported of it, in the order that the page says."""
 
     def __init__(self, kind: str, call: Call, like: Controller, role: str) -> None:
-        super().__init__(like.sample_time)
+        super().__init__(like.sample_time, like.travel, begins=like.begins)
         self.kind, self.call, self.role, self.first = kind, call, role, True
 
     def reset(self) -> None:
+        super().reset()
         self.first = True
 
-    def step(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
+    def _step(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
         kept, self.first = {"reset": self.first}, False
         if self.kind == "pd":
             return (self.call("step", reference, measured[self.role], **kept),)

@@ -208,9 +208,8 @@ def simulate_loop(
 
     blocks = build(documents)
     plant = make_plant(file, blocks)
-    controller = make_controller(file, blocks, plant)
-    unit = plant.controlled.unit
-    course, start, length = make_reference(kind, file.reference, unit)
+    course, start, length = make_reference(kind, file.reference, plant.controlled.unit)
+    controller = make_controller(file, blocks, plant, start)
     span = length if duration is None else duration
     nominal = run_loop(plant, controller, course, span, start)
     rng, drawn, failed = np.random.default_rng(seed), [], 0

@@ -112,6 +112,10 @@ class Differentiator:
         self._last: float | None = None
         self._filter.reset()
 
+    def interrupt(self) -> None:
+        """Take the next sample for the first one: what lies between it and the last is unknown."""
+        self._last = None
+
     def step(self, value: float) -> float:
         """Take a sample and return the rate at it [per second]."""
         last = value if self._last is None else self._last

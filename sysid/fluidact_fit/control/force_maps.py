@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 from ..block import Port
@@ -38,16 +39,28 @@ class ForceMaps:
         """
         return (self.gain, self.offset) if self.inverse is self.forward else (1.0, 0.0)
 
+    @cached_property
+    def _inverse(self) -> tuple[Machine, Argument]:
+        """What gives the drive or command of a force, with its range."""
+        routine, target = self.inverse_routine()
+        return Machine(routine), target
+
     def command_for(self, force: float, place: float, state: float) -> float:
-        """Command for a force [N] at a position [m] in a motion state."""
+        """Command for a force [N] at a position [m] in a motion state, as exports compute it."""
+        machine, target = self._inverse
+        known = {"force": force, "position": place, "direction": state}
+        given = {a.name: known.get(a.name, 0.0) for a in machine.routine.arguments}
         gain, offset = self.to_command
-        if self.inverse is self.forward:
-            return (float(self.inverse.inverse(force, place, state)) - offset) / gain
-        return call_network(self.inverse, force=force, position=place, direction=state)
+        drive = min(max(float(machine(**given)[0]), target.low), target.high)
+        return (drive - offset) / gain
 
     def force_of(self, command: float, place: float, state: float) -> float:
         """Force [N] of a command that has been applied for long."""
-        return forward_of(self.forward)(self.gain * command + self.offset, place, state)
+        return self._forward(self.gain * command + self.offset, place, state)
+
+    @cached_property
+    def _forward(self) -> ForceMap:
+        return forward_of(self.forward)
 
     def inverse_routine(self) -> tuple[Routine, Argument]:
         """What a controller calls for the drive or command of a force, and what that gives.
@@ -110,8 +123,3 @@ def forward_of(block: Any) -> ForceMap:
         return float(machine(**{name: known.get(name, 0.0) for name in names})[0])
 
     return force
-
-
-def call_network(block: Any, **values: float) -> float:
-    """Output of a network for those of its inputs that are known; the rest are zero."""
-    return float(block(**{name: values.get(name, 0.0) for name in block.inputs}))

@@ -96,8 +96,8 @@ def run_loop(
     time = controller.sample_time * np.arange(samples, dtype=np.float64)
     wanted = reference(time)
     far = _FAR * float(np.abs(wanted - start).max())
-    plant.reset(start)
     controller.reset()
+    plant.reset(start, controller.begins)
     rows: list[dict[str, float]] = []
     commands: list[tuple[float, ...]] = []
     for r in wanted.tolist():

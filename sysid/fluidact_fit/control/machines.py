@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from math import inf
 from typing import Any
 
-from ..block import Block
+from ..block import Block, Port
 from ..errors import UsageError
 from ..estimation.friction_law import FrictionLaw
 from .controller_file import (
@@ -27,7 +27,9 @@ from .controllers import (
     ImpedanceController,
     PDController,
     Smoothing,
+    Travel,
 )
+from .controllers.force import Start
 from .controllers.impedance import Impedance, KnownFriction, Pressures
 from .controllers.pd import StaticFriction
 from .force_maps import force_block, force_maps, forward_of
@@ -58,22 +60,41 @@ def make_plant(file: ControllerFile, blocks: Sequence[Block]) -> Plant:
     return maker(file, parts)
 
 
-def make_controller(file: ControllerFile, blocks: Sequence[Block], plant: Plant) -> Controller:
+def make_controller(
+    file: ControllerFile, blocks: Sequence[Block], plant: Plant, start: float | None = None
+) -> Controller:
     """The controller of the file, its gains and compensation from the blocks it knows.
 
-    ``plant`` is the machine as the blocks describe it (`make_plant`).
+    Parameters
+    ----------
+    file, blocks
+    plant
+        The machine as the blocks describe it (`make_plant`).
+    start
+        Output at which it begins [its unit]; that of the file where it is not given, else 0.
     """
+    begin = (file.reference.start or 0.0) if start is None else start
+    travel = _travel(file, blocks, plant.controlled)
     limits = (
         -inf if file.limits.low is None else file.limits.low,
         inf if file.limits.high is None else file.limits.high,
     )
     keys = file.controller
     if isinstance(keys, PDKeys):
-        return _pd(file, keys, plant, limits)
+        return _pd(file, keys, plant, travel, limits, begin)
     if isinstance(keys, ImpedanceKeys):
         assert isinstance(plant, PneumaticPlant)
-        return _impedance(file, keys, plant.cylinder, limits)
-    return _force(file, keys, sort_parts(file.kind, blocks), limits)
+        return _impedance(file, keys, plant.cylinder, travel, limits)
+    return _force(file, keys, sort_parts(file.kind, blocks), travel, limits, begin)
+
+
+def _travel(file: ControllerFile, blocks: Sequence[Block], controlled: Port) -> Travel:
+    """Range of what is controlled: that of the controller file, or of the logs; else anything."""
+    role, unit = controlled
+    if file.machine.travel_from is not None and file.machine.travel_to is not None:
+        return Travel(role, unit, file.machine.travel_from, file.machine.travel_to)
+    known = next((b.validity[role] for b in blocks if role in b.validity), None)
+    return Travel(role, unit) if known is None else Travel(role, unit, known.low, known.high)
 
 
 def _need(file: ControllerFile, section: str, *names: str) -> list[float]:
@@ -200,8 +221,9 @@ def _force_plant(file: ControllerFile, parts: Parts) -> Plant:
 
 
 def _pd(
-    file: ControllerFile, keys: PDKeys, plant: Plant, limits: tuple[float, float]
-) -> Controller:
+    file: ControllerFile, keys: PDKeys, plant: Plant, travel: Travel,
+    limits: tuple[float, float], start: float,
+) -> Controller:  # fmt: skip
     drive = plant.drive if isinstance(plant, DrivePlant) else None
     if drive is None and (keys.damping_ratio is not None or keys.friction != "none"):
         raise UsageError(
@@ -214,8 +236,8 @@ def _pd(
     if keys.friction == "static" and drive is not None:
         friction = StaticFriction(*drive.static, keys.velocity_tolerance)
     controller = PDController(
-        gains, plant.controlled.role, file.sample_time, friction,
-        cutoff=keys.cutoff, limits=limits,
+        gains, travel, file.sample_time, friction, cutoff=keys.cutoff, limits=limits,
+        holding=drive.holding(start) if drive else 0.0,
     )  # fmt: skip
     controller.unreached = tuple(_unreached(keys, gains, file.sample_time))
     return controller
@@ -264,8 +286,9 @@ def _gains(keys: PDKeys, drive: Drive) -> Gains:
 
 
 def _impedance(
-    file: ControllerFile, keys: ImpedanceKeys, cylinder: Cylinder, limits: tuple[float, float]
-) -> Controller:
+    file: ControllerFile, keys: ImpedanceKeys, cylinder: Cylinder, travel: Travel,
+    limits: tuple[float, float],
+) -> Controller:  # fmt: skip
     assert keys.stiffness is not None
     if keys.damping is not None:
         wanted = Impedance(keys.stiffness, keys.damping)
@@ -288,15 +311,20 @@ def _impedance(
         (keys.lowest_pressure, high),
     )  # fmt: skip
     return ImpedanceController(
-        wanted, pressures, file.sample_time, known, cutoff=keys.cutoff, limits=limits
-    )
+        wanted, pressures, file.sample_time, known, travel=travel, cutoff=keys.cutoff,
+        limits=limits,
+    )  # fmt: skip
 
 
 def _force(
-    file: ControllerFile, keys: ForceKeys, parts: Parts, limits: tuple[float, float]
-) -> Controller:
+    file: ControllerFile, keys: ForceKeys, parts: Parts, travel: Travel,
+    limits: tuple[float, float], start: float,
+) -> Controller:  # fmt: skip
     maps = force_maps(parts)
+    command = maps.command_for(start, file.machine.position, 1.0)
+    begins = Start(start, min(max(command, limits[0]), limits[1]))
     smoothing = Smoothing(keys.smoothing_steps, "held" if keys.smoothing == "held" else "recursive")
     return FeedforwardForceController(
-        maps.command_for, file.sample_time, smoothing, maps.force_of, limits=limits
-    )
+        maps.command_for, file.sample_time, smoothing, maps.force_of, travel=travel,
+        limits=limits, start=begins,
+    )  # fmt: skip

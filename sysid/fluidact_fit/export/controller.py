@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 
-from ..block import Block, Port
-from ..control.controller_file import ControllerFile, read_controller_file
+from ..block import Block
+from ..control.controller_file import read_controller_file
 from ..control.controller_numbers import numbers_of
 from ..control.controllers import (
     Controller,
@@ -15,7 +16,7 @@ from ..control.controllers import (
     ImpedanceController,
     PDController,
 )
-from ..control.controllers.routines import Travel, force_routines, routines_of
+from ..control.controllers.routines import force_routines, routines_of
 from ..control.force_maps import force_maps
 from ..control.machines import make_controller, make_plant
 from ..control.margins import loop_margins
@@ -39,16 +40,21 @@ def controller_code(
     file = read_controller_file(path)
     plant = make_plant(file, blocks)
     controller = make_controller(file, blocks, plant)
-    travel, command = _travel(file, blocks, plant.controlled), plant.commands[0].unit
+    travel, command = controller.travel, plant.commands[0].unit
+    if not isfinite(travel.high):
+        raise UsageError(
+            f"no parameter file holds a range of {travel.role!r}, which the controller measures",
+            remedy="Give machine.travel_from and machine.travel_to in the controller file.",
+        )
     if isinstance(controller, FeedforwardForceController):
         maps = force_maps(sort_parts(file.kind, blocks))
         found, target = maps.inverse_routine()
         routines: tuple[Routine, ...] = force_routines(
-            controller, travel, found, target, maps.to_command, command
+            controller, found, target, maps.to_command, command
         )
     else:
         assert isinstance(controller, PDController | ImpedanceController)
-        routines = routines_of(controller, travel, command)
+        routines = routines_of(controller, command)
     name, families = Path(path).name, plain_text(", ".join(b.family for b in blocks))
     remarks = [r for b in blocks for r in remarks_of(b)] + _stability(plant, controller)
     remarks += controller.unreached
@@ -66,17 +72,3 @@ def _stability(plant: Plant, controller: Controller) -> list[str]:
     except NotImplementedError:
         return []
     return [f"UNSTABLE: {warning}"] if warning else []
-
-
-def _travel(file: ControllerFile, blocks: Sequence[Block], controlled: Port) -> Travel:
-    """Range of what is controlled: that of the controller file, or of the logs."""
-    role, unit = controlled
-    if file.machine.travel_from is not None and file.machine.travel_to is not None:
-        return Travel(role, unit, file.machine.travel_from, file.machine.travel_to)
-    for block in blocks:
-        if role in block.validity:
-            return Travel(role, unit, block.validity[role].low, block.validity[role].high)
-    raise UsageError(
-        f"no parameter file holds a range of {role!r}, which the controller measures",
-        remedy="Give machine.travel_from and machine.travel_to in the controller file.",
-    )

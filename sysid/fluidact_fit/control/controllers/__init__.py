@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import Controller
+from .base import Controller, Travel
 from .force import FeedforwardForceController, MotionState, Smoothing
 from .impedance import ImpedanceController, allocate
 from .pd import Gains, PDController
@@ -15,5 +15,6 @@ __all__ = [
     "MotionState",
     "PDController",
     "Smoothing",
+    "Travel",
     "allocate",
 ]

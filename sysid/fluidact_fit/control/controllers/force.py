@@ -25,10 +25,11 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from math import inf
+from dataclasses import dataclass
+from math import inf, isnan
 from typing import Literal
 
-from .base import Controller
+from .base import Controller, Travel
 
 Reading = Literal["held", "recursive"]
 CommandMap = Callable[[float, float, float], float]
@@ -38,21 +39,23 @@ ForceMap = Callable[[float, float, float], float]
 
 
 class MotionState:
-    """Sign of the latest change of a signal: 1 loading, -1 unloading; 1 before any change."""
+    """Sign of the latest change of a signal: 1 loading, -1 unloading; 1 before any change.
 
-    def __init__(self) -> None:
+    ``start`` is where the signal has been before the first sample.
+    """
+
+    def __init__(self, start: float = 0.0) -> None:
+        self._start = start
         self.reset()
 
     def reset(self) -> None:
         """Forget the signal."""
-        self._last: float | None = None
-        self.state = 1
+        self._last, self.state = self._start, 1
 
     def step(self, value: float) -> int:
-        """Take a sample and return the state; the first value is a change from 0."""
-        last = 0.0 if self._last is None else self._last
-        if value != last:
-            self.state = 1 if value > last else -1
+        """Take a sample and return the state."""
+        if value != self._last:
+            self.state = 1 if value > self._last else -1
         self._last = value
         return self.state
 
@@ -81,6 +84,17 @@ class Smoothing:
         return self._now
 
 
+ANY_FORCE = Travel("force")
+
+
+@dataclass(frozen=True)
+class Start:
+    """What a force loop comes from: the force [N] that was wanted, and the command for it."""
+
+    force: float = 0.0
+    command: float = 0.0
+
+
 class FeedforwardForceController(Controller):
     """The controller of the paper.
 
@@ -92,34 +106,43 @@ class FeedforwardForceController(Controller):
 
     def __init__(
         self, command_for: CommandMap, sample_time: float, smoothing: Smoothing,
-        observer: ForceMap | None = None, *, limits: tuple[float, float] = (-inf, inf),
+        observer: ForceMap | None = None, *, travel: Travel = ANY_FORCE,
+        limits: tuple[float, float] = (-inf, inf), start: Start = Start(),
     ) -> None:  # fmt: skip
-        super().__init__(sample_time, limits)
-        self.smoothing = smoothing
+        super().__init__(sample_time, travel, limits, (start.command,))
+        self.smoothing, self.start = smoothing, start
         self._command_for, self._observer = command_for, observer
-        self._wanted, self._applied = MotionState(), MotionState()
+        self._wanted, self._applied = MotionState(start.force), MotionState(start.command)
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was wanted and applied; the command rests at 0."""
-        self.smoothing.reset()
+        """Forget what was wanted and applied since the start."""
+        super().reset()
+        self.smoothing.reset(self.start.command)
         self._wanted.reset()
         self._applied.reset()
-        self._reference: float | None = None
+        self._reference = self.start.force
         self.observed = float("nan")
 
-    def step(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
-        """Return the command for this sample; see :meth:`.Controller.step`.
+    def _readable(self, measured: Mapping[str, float]) -> bool:
+        return not isnan(measured["position"])  # beyond its range the map takes the end of it
+
+    def _interrupt(self, wanted: float) -> None:
+        if not isnan(wanted):
+            self._wanted.step(wanted)
+
+    def _step(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
+        """Command for readings that can be true.
 
         The way over ``n_s`` samples begins anew when the reference changes. The target itself
         may move on the way, with the position.
         """
         place = measured["position"]
-        state = self._wanted.step(reference)
-        if reference != self._reference:
+        state = self._wanted.step(wanted)
+        if wanted != self._reference:
             self.smoothing.begin()
-            self._reference = reference
-        target = self.limit(self._command_for(reference, place, state))
+            self._reference = wanted
+        target = self.limit(self._command_for(wanted, place, state))
         command = self.smoothing.step(target)
         if self._observer is not None:
             self.observed = self._observer(command, place, self._applied.step(command))

@@ -26,7 +26,9 @@ from typing import Self
 import numpy as np
 
 from ..filters import Differentiator, System
-from .base import Controller
+from .base import Controller, Travel
+
+ANY_POSITION = Travel("position")
 
 
 def allocate(
@@ -105,10 +107,11 @@ class ImpedanceController(Controller):
 
     def __init__(
         self, impedance: Impedance, pressures: Pressures, sample_time: float,
-        friction: KnownFriction = KnownFriction(), *,
+        friction: KnownFriction = KnownFriction(), *, travel: Travel = ANY_POSITION,
         cutoff: float = 10.0, limits: tuple[float, float] = (-inf, inf),
     ) -> None:  # fmt: skip
-        super().__init__(sample_time, limits)
+        still = pressures.commands(min(max(0.0, limits[0]), limits[1]))
+        super().__init__(sample_time, travel, limits, still)
         self.impedance, self.pressures, self.friction = impedance, pressures, friction
         self.cutoff = cutoff
         self._speed = Differentiator(cutoff, sample_time)
@@ -116,19 +119,23 @@ class ImpedanceController(Controller):
 
     def reset(self) -> None:
         """Forget what was measured."""
+        super().reset()
         self._speed.reset()
         self._wanted.reset()
 
+    def _interrupt(self, wanted: float) -> None:
+        self._speed.interrupt()
+        self._wanted.interrupt()
+
     def force(self, position: float, reference: float) -> float:
-        """Force that is wanted at this sample [N]; the filters take a step."""
+        """Force that is wanted at this sample [N]; filters go on."""
         speed, wanted = self._speed.step(position), self._wanted.step(reference)
         z = self.impedance
         force = z.stiffness * (reference - position) + z.damping * (wanted - speed)
         return self.limit(force + self.friction.compensate(speed))
 
-    def step(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
-        """Return the commands of both valves; see :meth:`.Controller.step`."""
-        return self.pressures.commands(self.force(measured["position"], reference))
+    def _step(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
+        return self.pressures.commands(self.force(measured["position"], wanted))
 
     def linear(self) -> System:
         """From the position falling short to both commands; see :meth:`.Controller.linear`."""

@@ -35,7 +35,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ..filters import Differentiator, System
-from .base import Controller
+from .base import Controller, Travel
 
 
 @dataclass(frozen=True)
@@ -133,8 +133,8 @@ class PDController(Controller):
     Parameters
     ----------
     gains
-    output
-        Role that is measured and controlled.
+    travel
+        Of what is measured and controlled.
     sample_time
         [s]
     friction
@@ -143,30 +143,36 @@ class PDController(Controller):
         Of the velocity filter [Hz].
     limits
         Of the command.
+    holding
+        Command that keeps the machine where it starts; it is part of every command.
     """
 
     def __init__(
-        self, gains: Gains, output: str, sample_time: float,
+        self, gains: Gains, travel: Travel, sample_time: float,
         friction: StaticFriction = StaticFriction(), *,
-        cutoff: float = 10.0, limits: tuple[float, float] = (-inf, inf),
+        cutoff: float = 10.0, limits: tuple[float, float] = (-inf, inf), holding: float = 0.0,
     ) -> None:  # fmt: skip
-        super().__init__(sample_time, limits)
-        self.gains, self.output, self.friction = gains, output, friction
-        self.cutoff = cutoff
+        super().__init__(sample_time, travel, limits, (min(max(holding, limits[0]), limits[1]),))
+        self.gains, self.friction = gains, friction
+        self.cutoff, self.holding = cutoff, holding
         self._error_rate = Differentiator(cutoff, sample_time)
         self._speed = Differentiator(cutoff, sample_time)
 
     def reset(self) -> None:
         """Forget what was measured."""
+        super().reset()
         self._error_rate.reset()
         self._speed.reset()
 
-    def step(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
-        """Return the torque or force for this sample; see :meth:`.Controller.step`."""
-        place = measured[self.output]
-        error = reference - place
+    def _interrupt(self, wanted: float) -> None:
+        self._error_rate.interrupt()
+        self._speed.interrupt()
+
+    def _step(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
+        place = measured[self.travel.role]
+        error = wanted - place
         rate, speed = self._error_rate.step(error), self._speed.step(place)
-        command = self.gains.proportional * error + self.gains.derivative * rate
+        command = self.gains.proportional * error + self.gains.derivative * rate + self.holding
         return (self.limit(command + self.friction.compensate(error, speed)),)
 
     def linear(self) -> System:

@@ -5,7 +5,7 @@ The same arithmetic as ``step`` of the classes beside, sample by sample.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isfinite
 
 import numpy as np
@@ -25,54 +25,40 @@ from ...routines import (
 )
 from ...routines.routine import as_matrix
 from ..filters import Butterworth
-from .force import FeedforwardForceController
+from .base import Travel
+from .force import FeedforwardForceController, Start
 from .impedance import ImpedanceController
 from .pd import PDController
 
-_FAR = 10.0  # strokes beyond what the logs covered: nothing that is measured lies there
+
+def _arguments(travel: Travel) -> tuple[Argument, Argument]:
+    """What is wanted and what is measured; the ranges only tell what cannot be true."""
+    (low, high), role, unit = travel.reach, travel.role, travel.unit
+    return (
+        Argument("wanted", unit, f"wanted {role}", low, high, recorded=False),
+        Argument(role, unit, f"measured {role}", low, high, recorded=False),
+    )
 
 
-@dataclass(frozen=True)
-class Travel:
-    """Role, unit and range of what is measured and controlled, as the logs covered it."""
-
-    role: str
-    unit: str
-    low: float
-    high: float
-
-    def arguments(self) -> tuple[Argument, Argument]:
-        """What is wanted and what is measured; the ranges only tell what cannot be true."""
-        far = _FAR * (self.high - self.low)
-        low, high = self.low - far, self.high + far
-        return (
-            Argument("wanted", self.unit, f"wanted {self.role}", low, high, recorded=False),
-            Argument(self.role, self.unit, f"measured {self.role}", low, high, recorded=False),
-        )
-
-
-def routines_of(
-    controller: PDController | ImpedanceController, travel: Travel, unit: str
-) -> tuple[Routine, ...]:
+def routines_of(controller: PDController | ImpedanceController, unit: str) -> tuple[Routine, ...]:
     """Return what has to be called, in order; ``unit`` is that of the commands.
 
     A force controller needs its maps as well: :func:`force_routines`.
     """
     if isinstance(controller, PDController):
-        return (_pd(controller, travel, unit),)
-    return (_force(controller, travel), *_commands(controller, unit))
+        return (_pd(controller, unit),)
+    return (_force(controller), *_commands(controller, unit))
 
 
 def force_routines(
-    controller: FeedforwardForceController, travel: Travel, drive_for: Routine, target: Argument,
+    controller: FeedforwardForceController, drive_for: Routine, target: Argument,
     supply: tuple[float, float], unit: str,
 ) -> tuple[Routine, Routine, Routine]:  # fmt: skip
     """Return what a force controller calls, in order: motion state, map and smoothing.
 
     Parameters
     ----------
-    controller, travel
-        ``travel`` is the range of the wanted force.
+    controller
     drive_for, target
         The map from the force, and what it gives as an argument of the last routine.
     supply
@@ -80,9 +66,9 @@ def force_routines(
     unit
         Of the command.
     """
-    reference = replace(travel.arguments()[0], held=True)
+    reference = replace(_arguments(controller.travel)[0], held=True)
     return (
-        _direction(reference),
+        _direction(reference, controller.start),
         drive_for,
         _smoothed(controller, reference, target, supply, unit),
     )
@@ -112,13 +98,15 @@ def _limited(value: Expression, limits: tuple[float, float]) -> Expression:
     return minimum(value, high) if isfinite(high) else value
 
 
-def _pd(c: PDController, travel: Travel, unit: str) -> Routine:
+def _pd(c: PDController, unit: str) -> Routine:
     draft = Draft("step", "Command of this sample.", unit, c.sample_time)
-    reference, measured = map(draft.argument, travel.arguments())
+    reference, measured = map(draft.argument, _arguments(c.travel))
     error = draft.let("error", reference - measured)
     low_pass = Butterworth(c.cutoff, c.sample_time)
     rate = _rate(draft, "error_rate", error, low_pass, c.sample_time)
     command = c.gains.proportional * error + c.gains.derivative * rate
+    if c.holding:
+        command = command + c.holding
     f = c.friction
     if f.tolerance > 0.0 and (f.positive or f.negative):
         speed = _rate(draft, "speed", measured, low_pass, c.sample_time)
@@ -127,9 +115,9 @@ def _pd(c: PDController, travel: Travel, unit: str) -> Routine:
     return draft.returns(_limited(command, c.limits))
 
 
-def _force(c: ImpedanceController, travel: Travel) -> Routine:
+def _force(c: ImpedanceController) -> Routine:
     draft = Draft("force", "Force that is wanted at this sample.", "N", c.sample_time)
-    reference, measured = map(draft.argument, travel.arguments())
+    reference, measured = map(draft.argument, _arguments(c.travel))
     low_pass = Butterworth(c.cutoff, c.sample_time)
     speed = _rate(draft, "speed", measured, low_pass, c.sample_time)
     wanted = _rate(draft, "wanted_speed", reference, low_pass, c.sample_time)
@@ -164,12 +152,12 @@ def _commands(c: ImpedanceController, unit: str) -> tuple[Routine, Routine]:
     return found[0], found[1]
 
 
-def _direction(reference: Argument) -> Routine:
-    """Motion state of what is wanted; the first value is a change from zero."""
+def _direction(reference: Argument, start: Start) -> Routine:
+    """Motion state of what is wanted; the first value is a change from that of the start."""
     about = "Motion state of the wanted force: 1 loading, -1 unloading."
     draft = Draft("direction", about, "1")
     wanted = draft.argument(reference)
-    last, state = draft.state("last"), draft.state("moved", 1.0)
+    last, state = draft.state("last", start.force), draft.state("moved", 1.0)
     draft.put(state, _by_change(wanted, last, -1.0, 1.0, state))
     draft.put(last, wanted)
     return draft.returns(state)
@@ -194,21 +182,22 @@ def _smoothed(
     wanted, drive = draft.argument(reference), draft.argument(target)
     gain, offset = supply
     steps, held = float(c.smoothing.steps), c.smoothing.reading == "held"
-    last, begun, count = draft.state("last"), draft.state("begun"), draft.state("count", steps)
-    now = draft.state("now")
+    start = c.start
+    last, count = draft.state("last", start.force), draft.state("count", steps)
+    now = draft.state("now", start.command)
     goal = drive if supply == (1.0, 0.0) else (drive - offset) * (1.0 / gain)
     goal = draft.let("goal", _limited(goal, c.limits))
-    changed = draft.let("changed", choose(begun, "<", 0.5, 1.0, _by_change(wanted, last, 1, 1, 0)))
-    draft.put(begun, 1.0)
+    changed = draft.let("changed", _by_change(wanted, last, 1, 1, 0))
     draft.put(last, wanted)
     draft.put(count, choose(changed, ">", 0.5, 1.0, minimum(count + 1.0, steps)))
     base: Expression = now
     if held:
-        base = draft.state("start")
+        base = draft.state("start", start.command)
         draft.put(base, choose(changed, ">", 0.5, now, base))
     share = draft.let("share", count * (1.0 / steps))
     mean = base * (1.0 - share) + goal * share
     ends = sorted((x - offset) / gain for x in (target.low, target.high))
     low, high = (min(max(x, c.limits[0]), c.limits[1]) for x in ends)
-    draft.put(now, minimum(maximum(mean, min(low, 0.0)), max(high, 0.0)))
+    begins = start.command
+    draft.put(now, minimum(maximum(mean, min(low, begins)), max(high, begins)))
     return draft.returns(now)

@@ -40,8 +40,12 @@ class Plant(ABC):
     units: Mapping[str, str] = MappingProxyType({})
 
     @abstractmethod
-    def reset(self, output: float = 0.0) -> None:
-        """Be at rest with the controlled output there [its unit]."""
+    def reset(self, output: float = 0.0, commands: Sequence[float] = ()) -> None:
+        """Be at rest with the controlled output there [its unit].
+
+        ``commands`` are those that have been held until now. A machine whose output follows from
+        them is at rest where they lead.
+        """
 
     @abstractmethod
     def measure(self) -> Mapping[str, float]:
@@ -49,7 +53,11 @@ class Plant(ABC):
 
     def advance(self, command: Sequence[float]) -> None:
         """Hold these commands, each within its limits, for one sample."""
-        self._advance([min(max(u, low), high) for u, (low, high) in zip(command, self.limits)])
+        self._advance(self.within(command))
+
+    def within(self, command: Sequence[float]) -> list[float]:
+        """Commands, each within its limits."""
+        return [min(max(u, low), high) for u, (low, high) in zip(command, self.limits)]
 
     @abstractmethod
     def _advance(self, command: Sequence[float]) -> None:

@@ -82,6 +82,12 @@ class Drive:
             (law.breakaway_negative - low) / self.leverage,
         )
 
+    def holding(self, output: float) -> float:
+        """Command that keeps it at rest against its spring."""
+        load, (low, high) = self.stiffness * output, self.edges or (0.0, 0.0)
+        edge = high if load > 0.0 else low if load < 0.0 else 0.0
+        return (load + edge) / self.leverage
+
 
 def rigid_line(values: Mapping[str, float]) -> Drive:
     """Take the parameters of a hydrostatic line."""
@@ -149,10 +155,11 @@ class DrivePlant(Plant):
         )  # fmt: skip
         self._held = HeldCommands([drive.dead_time], sample_time)
 
-    def reset(self, output: float = 0.0) -> None:
-        """Be at rest there, without a command."""
-        self.body.reset(np.array([output, 0.0, 0.0, 1.0]))
-        self._held.reset([0.0])
+    def reset(self, output: float = 0.0, commands: Sequence[float] = (0.0,)) -> None:
+        """Be at rest there, under a command."""
+        held = self.within(commands)
+        self.body.reset(np.array([output, 0.0, *held, 1.0]))
+        self._held.reset(held)
 
     def measure(self) -> Mapping[str, float]:
         """Position or angle, its velocity, and the force of the tissue."""

@@ -71,19 +71,19 @@ class ForcePlant(Plant):
     def _drive(self) -> float:
         return float(self._row @ self._state) + self._offset
 
-    def reset(self, output: float = 0.0) -> None:
-        """Be at rest without a command; with a force, at the end of a slow loading to it.
+    def reset(self, output: float = 0.0, commands: Sequence[float] = ()) -> None:
+        """Be at rest at the end of a slow loading: by a command, or to a force.
 
-        The drive is found by halving, between none and what a force of 1e9 N would need.
+        The drive for a force is found by halving, between none and what 1e9 N would need.
         """
-        command = self._command_for(output)
+        (command,) = self.within(commands) if commands else (self._command_for(output),)
         state = np.array([command])
         if self._supply.b.size:
             state = np.append(self._supply.rest(command), command)
         self._state, self._way = state, 1
         self._held.reset([command])
         low, high = self._branches(self._drive)
-        self.force = min(max(output, low), high)
+        self.force = low if commands else min(max(output, low), high)
 
     def _command_for(self, force: float) -> float:
         """Smallest command with this force on the branch of loading; 0 where none is needed."""

@@ -81,7 +81,7 @@ class HydraulicPlant(Plant):
         self._step = cylinder.step(sample_time)
         self.reset()
 
-    def reset(self, output: float = 0.0) -> None:
+    def reset(self, output: float = 0.0, commands: Sequence[float] = ()) -> None:
         """Be at rest there with the valve closed."""
         self._state: _State = (*self.cylinder.rest(), output, 0.0)
         self._way = 0

@@ -116,7 +116,7 @@ class PneumaticPlant(Plant):
                 matrix[states, 1] -= pressed * chamber.supply.c
         return matrix
 
-    def reset(self, output: float = 0.0) -> None:
+    def reset(self, output: float = 0.0, commands: Sequence[float] = ()) -> None:
         """Be at rest there, with both chambers at the pressures that push neither way."""
         state = np.zeros(self._size)
         state[0], state[-1] = output, 1.0
