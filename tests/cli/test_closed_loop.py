@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+import fluidact_fit as ff
+from fluidact_fit.export.controller import controller_code
 from fluidact_fit.families import get_family
 from fluidact_fit.family import Plant
 from fluidact_fit.parameters import make_document, save_document
+from fluidact_fit.routines import Machine
 
 Here = Callable[..., Any]
 VALUES: dict[str, tuple[str | None, dict[str, float]]] = {
@@ -46,13 +49,26 @@ machine: {lever: 5.6e-5, transmission: 27646.0}
 """
 
 
-def save(folder: Path, name: str, deviation: float = 0.0) -> str:
+HEAD_OF_LINE = """
+format: fluidact-controller
+format_version: 1
+kind: pd
+sample_time: 0.01
+controller: {bandwidth: 4.0, damping_ratio: 0.9}
+"""
+
+
+def save(
+    folder: Path, name: str, deviation: float = 0.0, *, values: dict[str, float] | None = None,
+    **options: str,
+) -> str:  # fmt: skip
     """A parameter file with given values; ``deviation`` is the share they are uncertain by."""
-    variant_name, values = VALUES[name]
+    variant_name, usual = VALUES[name]
+    values = usual if values is None else values
     family = get_family(name)
     variant = family.variant(variant_name)
     specs = {s.name: s for s in variant.parameters}
-    plant = Plant(variant, values, family.options_type())
+    plant = Plant(variant, values, family.options_type(**options))
     data: dict[str, Any] = {
         "format": "fluidact-parameters", "format_version": 1, "family": name,
         "variant": variant_name,
@@ -231,6 +247,57 @@ def test_a_wrong_command_is_refused(
     done = here("simulate", *screw, *(file if o == "C" else o for o in options))
     assert done.status == 2
     assert words in done.err
+
+
+FORCE = """
+format: fluidact-controller
+format_version: 1
+kind: feedforward-force
+sample_time: 0.01
+controller: {smoothing_steps: 10, smoothing: %s}
+machine: {position: 0.012}
+reference: {start: 22.0, size: 20.0, at: 0.2}
+"""
+GOLDEN = Path(__file__).parents[1] / "golden" / "0.1.0"
+
+
+@pytest.mark.parametrize("smoothing", ["held", "recursive"])
+@pytest.mark.parametrize("names", [["spring-cylinder"], ["spring-cylinder", "valve"]])
+def test_a_force_loop_begins_where_its_reference_does(
+    names: list[str], smoothing: str, here: Here, tmp_path: Path
+) -> None:
+    """Nothing moves before the reference does, and the export begins with the same command."""
+    files, out = [str(GOLDEN / f"{n}.yaml") for n in names], tmp_path / "out.csv"
+    file = controller(tmp_path, FORCE % smoothing)
+    done = here("simulate", *files, "--controller", file, "--reference", "step", "--duration", "1",
+                "-o", str(out))  # fmt: skip
+    assert done.status == 0, done.err
+    rows = np.genfromtxt(out, delimiter=",", names=True, deletechars="")
+    before = rows["time_[s]"] < 0.195
+    np.testing.assert_allclose(rows["force_[N]"][before], 22.0, rtol=1e-9)
+    command = rows["command_[V]"][before]
+    assert np.ptp(command) < 1e-9 * command[0]
+    blocks = [ff.load(f) for f in files]
+    machine = Machine(controller_code(file, blocks).routines[-1])
+    assert machine.states["now"] == pytest.approx(command[0], rel=1e-9)
+    assert machine.states["last"] == 22.0
+
+
+def test_a_line_on_a_spring_begins_where_its_reference_does(here: Here, tmp_path: Path) -> None:
+    """The command that holds it there is part of every command, in the export as well."""
+    values = VALUES["hydrostatic"][1] | {"stiffness": 100.0, "dead_zone_positive": 1.0}
+    path = save(tmp_path, "hydrostatic", values=values, stiffness="estimate")
+    text = HEAD_OF_LINE + "reference: {start: 0.005, size: 0.002, at: 0.2}\n"
+    out = tmp_path / "out.csv"
+    done = here("simulate", path, "--controller", controller(tmp_path, text), "--reference", "step",
+                "--duration", "0.5", "-o", str(out))  # fmt: skip
+    assert done.status == 0, done.err
+    rows = np.genfromtxt(out, delimiter=",", names=True, deletechars="")
+    before = rows["time_[s]"] < 0.195
+    np.testing.assert_allclose(rows["position_[m]"][before], 0.005, rtol=1e-9)
+    np.testing.assert_allclose(rows["force_[N]"][before], 100.0 * 0.005 + 1.0, rtol=1e-9)
+    machine = Machine(controller_code(tmp_path / "controller.yaml", [ff.load(path)]).routines[0])
+    assert float(machine(wanted=0.005, position=0.005)[0]) == pytest.approx(1.5)
 
 
 def test_files_that_make_no_machine_are_refused(here: Here, tmp_path: Path) -> None:

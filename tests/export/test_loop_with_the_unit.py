@@ -43,6 +43,15 @@ LOOPS: dict[str, tuple[str, dict[str, Any], Reference, float]] = {
     "hydraulic-cylinder, beyond its command": (
         "pd", {"proportional": 900.0, "derivative": 0.0}, Reference("step", 0.05, 2e-2, 0.1), 0.05,
     ),
+    "spring-cylinder": (
+        "feedforward-force", {}, Reference("sine", 30.0, 10.0, 0.1, 1.0, 0.5), 30.0,
+    ),
+    "spring-cylinder, smoothed": (
+        "feedforward-force", {"smoothing_steps": 7}, Reference("step", 30.0, 20.0, 0.1), 30.0,
+    ),
+    "spring-cylinder, beyond its force": (
+        "feedforward-force", {}, Reference("step", 30.0, 100.0, 0.1), 30.0,
+    ),
 }  # fmt: skip
 
 
@@ -93,12 +102,12 @@ def test_the_unit_in_the_loop_is_the_machine_of_the_loop(name: str, tmp_path: Pa
     file = read_controller_file(path)
     block = ff.load(GOLDEN / f"{family}.yaml", accept_not_identified=True)
     plant = make_plant(file, [block])
-    controller = make_controller(file, [block], plant)
+    controller = make_controller(file, [block], plant, start)
     (unit,) = write(Job("unit", block)).values()
     there = UnitPlant(plant, Host(tmp_path / "unit", unit), start)
     ours = run_loop(plant, controller, reference, 2.0, start)
     theirs = run_loop(there, controller, reference, 2.0, start)
-    beyond = "beyond" in name and kind == "pd"
+    beyond = "beyond" in name
     low, high = plant.limits[0]
     assert bool((ours.commands > high).any() or (ours.commands < low).any()) == beyond
     assert np.ptp(ours.output) > 0.3 * abs(reference.size)
