@@ -138,6 +138,10 @@ _READING = {
         "replaced by what lies between these.",
         "Check cable, converter and logger; look at the samples that are named.",
     ),
+    "statistics-rows": _information(
+        "Rows with the mean, deviation, lowest or highest value of the others were left out.",
+        "Nothing; look at the lines that are named if they were samples after all.",
+    ),
     "time-bases": _information(
         "Columns were sampled at different instants.",
         "Nothing: each is used at its own instants.",

@@ -78,3 +78,56 @@ def test_lines_above_the_data_are_not_counted_twice(tmp_path: Path) -> None:
     account = log.account
     assert (account.header_lines, account.data_rows) == (1, len(rows))
     assert not account.left_out
+
+
+LONG = [f"{k},{k}.5,{k}.25" for k in range(400)]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "told"),
+    [
+        (["t,p,q"], ["", "zeit,druck,weg"], "a second header"),
+        (["t,p,q"], ["", "f,amplitude,phase"], "a second header"),
+        (["t,p,q"], ["Zeit,a,b"], "a second header"),
+        ([], ["t,p,q"], "names of the columns below the first rows"),
+        (["Channel 1", "t,p,q"], ["Channel 2", "t,p,q"], "a second block"),
+        (["Channel: far", "t,p,q"], ["Channel: near", "t,p,q"], "a second block"),
+        (["Name,far,", "t,p,q"], ["", "Name,near,", "t,p,q"], "a second block"),
+        (["# sensor: far", "t,p,q"], ["# sensor: near", "t,p,q"], "a second block"),
+        (["0.Variable; far", "t,p,q"], ["1.Variable; near", "t,p,q"], "a second block"),
+        (["Messstelle = far", "t,p,q"], ["Messstelle = near", "t,p,q"], "a second block"),
+        (["t,p,q"], ["Kanal 2", "t,p,q"], "a second block"),
+    ],
+)
+def test_a_block_that_does_not_go_on_is_refused(
+    tmp_path: Path, first: list[str], second: list[str], told: str
+) -> None:
+    lines = [*first, *LONG, *second, *LONG]
+    with pytest.raises(LogError) as caught:
+        read(tmp_path, lines)
+    assert told in caught.value.text
+    assert f"line {len(first) + 401 + (not second[0])}" in caught.value.text
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (["Run 1", "t,p,q"], ["Run 2", "t,p,q"]),
+        (["Run: 1", "t,p,q"], ["", "Run: 2", "t,p,q"]),
+        (["Start: Mon 3 Feb 2020", "t,p,q"], ["Start: Tue 4 Mar 2020", "t,p,q"]),
+        (["Logger ABC", "t,p,q"], ["Logger ABC", "t,p,q"]),
+        (["Recording started", "t,p,q"], ["Recording stopped"]),
+        (["t,p,q"], ["", "", "t,p,q"]),
+        (["t,p,q"], ["# cable of the sensor changed"]),
+    ],
+)
+def test_another_run_goes_on(tmp_path: Path, first: list[str], second: list[str]) -> None:
+    log = read(tmp_path, [*first, *LONG, *second, *LONG])
+    assert log.rows == 800
+
+
+@pytest.mark.parametrize("head", [["f,amplitude"], []])
+def test_a_small_table_of_another_width_below_is_refused(tmp_path: Path, head: list[str]) -> None:
+    lines = ["t,p,q", *LONG, "", *head, "1,2", "2,3", "3,4", "4,5"]
+    with pytest.raises(LogError, match="line 403: the columns change: 2 columns from here on"):
+        read(tmp_path, lines)

@@ -21,10 +21,11 @@ from ..experiment import FloatArray, is_finite
 from ..rows import counted
 from .clock import Clocks, read_clocks
 from .groups import complete, merge
-from .layout import NUMBER, Layout
+from .layout import NUMBER, Layout, says_nothing
 from .log import IntArray, count_of, name_lines
-from .restart import refuse_other_header, refuse_other_width, refuse_rows_above
+from .restart import refuse_other_blocks, refuse_other_header, refuse_other_width, refuse_rows_above
 from .source import Source
+from .statistics import begins_with_statistic, find_statistics
 
 FAST_FROM_BYTES = 6_000_000
 MAX_BAD_KEPT = 5000
@@ -115,7 +116,15 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
     lines = counted(layout.first_row + 1, layout.first_row + 1 + rows)
     if bad is None or set(_cut_otherwise(bad, rows)):
         return None
+    if any(_holds_few_words(texts, rows) for texts in bad):
+        return None  # they may stand beside statistics
     return Table(tuple(columns), bad, lines, (), layout.notices, rows)
+
+
+def _holds_few_words(texts: Mapping[int, str], rows: int) -> bool:
+    """Whether a column holds words in some rows, not in most."""
+    words = sum(text[:1].isalpha() and not says_nothing(text) for text in texts.values())
+    return 0 < 2 * words < rows
 
 
 def _has_all_cells(data: bytes, offset: int, end: int, layout: Layout, rows: int) -> bool:
@@ -269,7 +278,11 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
                 "The recording probably stopped while it was written.",
             )
         )
-    first = text.split("\n")[ragged[0][0] - layout.first_row - 1] if ragged else ""
+    worded = [(n, len(row)) for n, row in zip(lines, rows) if row[0][:1].isalpha()]
+    whole = source.lines() if ragged or worded else []
+    others = sorted({*ragged, *worded})
+    refuse_other_blocks(whole, others, max(lines, default=0), layout, source.name)
+    first = whole[ragged[0][0] - 1] if ragged else ""
     notices += _judge_ragged(source.name, layout, split, first)
     if not rows:
         raise LogError(
@@ -278,6 +291,8 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
             expected=f"Expected rows of {count_of(layout.width, 'column')}.",
             remedy="Record the log again.",
         )
+    if split.statistics:
+        notices.append(_statistics_notice(source.name, split.statistics))
     if split.again:
         notices.append(
             Notice(
@@ -293,8 +308,19 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
     left_out += [(n, "header again") for n in split.again]
     left_out += [(n, "written by the logger itself") for n in split.sessions]
     left_out += [(cut, "cut short")] if cut else []
+    left_out += [(n, "statistics") for n in split.statistics]
     left_out += [(n, layout.skipped[n]) for n in split.skipped]
     return _with_numbers(source.name, layout, split, left_out, [*layout.notices, *notices])
+
+
+def _statistics_notice(name: str, found: Mapping[int, str]) -> Notice:
+    words = list(dict.fromkeys(found.values()))
+    more = ", ..." if len(words) > 6 else ""
+    return Notice(
+        "statistics-rows",
+        f"{name}: {count_of(len(found), 'row')} with statistics of the others left out "
+        f"({name_lines(list(found))}: {', '.join(word[:20] for word in words[:6])}{more}).",
+    )
 
 
 def _with_numbers(
@@ -323,7 +349,9 @@ def _with_numbers(
         for k, texts in enumerate(columns):
             values[k][other], bad[k][other] = np.nan, texts[other].strip()
     for row in np.flatnonzero(np.logical_and.reduce([np.isnan(v) for v in values])):
-        refuse_other_header(split.rows[row], layout, int(lines[row]), name)
+        line = int(lines[row])
+        apart = line > lines[0] and line - 1 not in split.taken
+        refuse_other_header(split.rows[row], layout, line, name, apart=apart)
     data_lines = int(lines.size)
     if layout.groups:
         merged = merge(values, bad, lines, layout, name)
@@ -349,7 +377,7 @@ def _cut_otherwise(bad: Sequence[Mapping[int, str]], rows: int) -> Iterator[int]
 class _Lines:
     """Lines of a table: cells and line of every row, line and number of fields where that is
     wrong, which of these are remarks in words, lines that repeat the header, those of the logger
-    itself and those of segments."""
+    itself, of segments, and of statistics with the words for them."""
 
     rows: list[list[str]]
     lines: list[int]
@@ -358,17 +386,24 @@ class _Lines:
     again: list[int]
     sessions: list[int]
     skipped: list[int]
+    statistics: dict[int, str]
+
+    @property
+    def taken(self) -> set[int]:
+        """The lines with text."""
+        named = (self.again, self.sessions, self.skipped, self.statistics)
+        return {*self.lines, *(n for n, _ in self.ragged), *(n for part in named for n in part)}
 
     @property
     def ends_with_data(self) -> bool:
         """Whether the last line is a row, whole or not, and there are others."""
-        others = [*self.again[-1:], *self.sessions[-1:], *self.skipped[-1:]]
+        others = [*self.again[-1:], *self.sessions[-1:], *self.skipped[-1:], *self.statistics]
         return bool(self.rows) and max(others, default=0) < self.lines[-1]
 
 
 def _split_rows(text: str, layout: Layout) -> _Lines:
     """Sort the lines of a table."""
-    out = _Lines([], [], [], set(), [], [], [])
+    out = _Lines([], [], [], set(), [], [], [], {})
     rows, lines, ragged = out.rows, out.lines, out.ragged
     short: dict[int, int] = {}  # rows of groups that have ended, and their number of cells
     width, delimiter, needed = layout.width, layout.delimiter, layout.needed
@@ -404,6 +439,12 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
             short[number] = len(fields)
     if short:
         _leave_out_broken(out, short, layout)
+    if rows and not layout.groups and not layout.hints.serial:
+        found = find_statistics(rows, text, layout)
+        out.statistics.update((lines[k], word) for k, word in sorted(found.items()))
+        kept = [k for k in range(len(rows)) if k not in found]
+        if found:
+            rows[:], lines[:] = [rows[k] for k in kept], [lines[k] for k in kept]
     return out
 
 
@@ -509,7 +550,8 @@ def _is_remark(line: str, layout: Layout) -> bool:
         return False
     letters, digits = sum(map(str.isalpha, line)), sum(map(str.isdigit, line))
     words = letters > max(digits, 2) and not any(map(layout.is_value, layout.split(line)))
-    return words or bool(_REMARK.match(line))
+    rule = not letters and not digits
+    return words or rule or bool(_REMARK.match(line)) or begins_with_statistic(line)
 
 
 def _judge_ragged(name: str, layout: Layout, split: _Lines, first: str) -> list[Notice]:
