@@ -283,6 +283,49 @@ def test_a_force_loop_begins_where_its_reference_does(
     assert machine.states["last"] == 22.0
 
 
+@pytest.mark.parametrize(
+    ("start", "size", "place", "words"),
+    [
+        (30.0, 5.0, 0.012, None),
+        (2.0, 3.0, 0.0232, "the force goes from 2 to 10.18 N"),
+        (30.0, 60.0, 0.012, "the force goes from 30 to 90 N"),
+        (30.0, 5.0, 0.5, "the position goes from 0.5 to 0.5 m"),
+    ],
+)
+def test_a_force_loop_that_leaves_the_logs_is_warned_of(
+    start: float, size: float, place: float, words: str | None, here: Here, tmp_path: Path
+) -> None:
+    """What is wanted beyond them is taken at the end of the range, as by the export."""
+    text = (FORCE % "held").replace("22.0, size: 20.0", f"{start}, size: {size}")
+    file = controller(tmp_path, text.replace("position: 0.012", f"position: {place}"))
+    done = here("simulate", str(GOLDEN / "spring-cylinder.yaml"), "--controller", file,
+                "--reference", "step", "--duration", "1", "--json")  # fmt: skip
+    found = json.loads(done.out)
+    assert done.status == 0, done.err
+    if words is None:
+        assert not found["warnings"]
+        return
+    assert words in done.err
+    assert any(words in w for w in found["warnings"])
+    if start == 2.0:
+        assert found["step"]["initial"] == found["step"]["final"] == pytest.approx(10.18)
+
+
+def test_a_line_that_leaves_the_logs_is_warned_of(here: Here, tmp_path: Path) -> None:
+    """Of a line that is the same everywhere it counts how far it moves, not where."""
+    path = str(GOLDEN / "hydrostatic.yaml")
+    text = HEAD_OF_LINE + "reference: {size: %s}\nlimits: {low: -11.0, high: 11.0}\n"
+    for size, far in ((5e-3, False), (0.2, True)):
+        file = controller(tmp_path, text % size)
+        done = here("simulate", path, "--controller", file, "--reference", "step")
+        assert done.status == 0, done.err
+        assert ("the position moves over" in done.err) == far
+        assert "the force that is asked for" not in done.err
+    file = controller(tmp_path, HEAD_OF_LINE + "reference: {size: 5.0e-3}\n")
+    done = here("simulate", path, "--controller", file, "--reference", "step")
+    assert "beyond the -11.71 to 12.01 N in the logs of hydrostatic" in done.err
+
+
 def test_a_line_on_a_spring_begins_where_its_reference_does(here: Here, tmp_path: Path) -> None:
     """The command that holds it there is part of every command, in the export as well."""
     values = VALUES["hydrostatic"][1] | {"stiffness": 100.0, "dead_zone_positive": 1.0}

@@ -24,6 +24,7 @@ from ..units import conversion_factor
 from .controller_file import ControllerFile, ReferenceKeys
 from .controller_numbers import Entry, numbers_of
 from .controllers import Controller
+from .extrapolation import extrapolations
 from .loading import make_block
 from .loop import Course, Response, run_loop
 from .machines import make_controller, make_plant
@@ -62,6 +63,8 @@ class ClosedLoop:
         ``None`` where the loop is not linear but for its friction.
     drawn_margins
         Those of the drawn machines with the same controller, as far as there are any.
+    extrapolated
+        Where the nominal response leaves what the logs covered.
     """
 
     plant: Plant
@@ -73,6 +76,7 @@ class ClosedLoop:
     tracking: TrackingMetrics
     margins: Margins | None
     drawn_margins: tuple[Margins, ...] = ()
+    extrapolated: tuple[str, ...] = ()
 
     @property
     def numbers(self) -> tuple[Entry, ...]:
@@ -91,7 +95,7 @@ class ClosedLoop:
                 f"the loop is unstable with {unstable} of {len(self.drawn_margins)} drawn "
                 "machines. Choose smaller gains, or fit more logs."
             )
-        return tuple(found)
+        return (*found, *self.extrapolated)
 
     def band(self, share: float = 0.9) -> tuple[FloatArray, FloatArray]:
         """Lower and upper edge ``(n,)`` of the middle share of the drawn outputs, pointwise."""
@@ -235,7 +239,7 @@ def simulate_loop(
     return ClosedLoop(
         plant, controller, nominal, tuple(drawn), failed, metrics,
         tracking_metrics(nominal.reference, nominal.output), _margins(plant, controller),
-        tuple(margins),
+        tuple(margins), tuple(extrapolations(blocks, plant, nominal)),
     )  # fmt: skip
 
 

@@ -29,6 +29,8 @@ class Plant(ABC):
     limits
         Of each command: those of the logs where the machine is that of a file. What is beyond is
         taken at the end of it, as by every export of the file.
+    anywhere
+        Whether the machine is the same at every place of the controlled output.
     units
         Of what only this machine measures, by role.
     """
@@ -37,6 +39,7 @@ class Plant(ABC):
     controlled: Port
     sample_time: float
     limits: tuple[Limits, ...]
+    anywhere: bool = False
     units: Mapping[str, str] = MappingProxyType({})
 
     @abstractmethod

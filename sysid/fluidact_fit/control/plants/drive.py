@@ -146,6 +146,7 @@ class DrivePlant(Plant):
     ) -> None:  # fmt: skip
         self.drive, self.sample_time = drive, sample_time
         self.commands, self.controlled, self.limits = (command,), controlled, (limits,)
+        self.anywhere = drive.stiffness == 0.0
         row = np.array([0.0, 0.0, drive.leverage, 0.0])  # x, v, command, 1
         self.body = Body(
             Dynamics(

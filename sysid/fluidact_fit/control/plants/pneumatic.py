@@ -75,6 +75,8 @@ class Cylinder:
 class PneumaticPlant(Plant):
     """Position of a :class:`Cylinder`; commands are those of the two valves."""
 
+    anywhere = True
+
     def __init__(
         self, cylinder: Cylinder, command: Port, sample_time: float,
         tissue: Tissue | None = None, *, limits: tuple[Limits, Limits] = (UNLIMITED, UNLIMITED),
