@@ -55,7 +55,7 @@ def test_the_self_test_passes_on_an_avr(family: str, arithmetic: str, as_c: Any)
             1.01,
         ),
         ("force-map", "q15", r"(?<=\* )\d{4,5}", 1.1),
-        ("potentiometer", "q15", r"(?<=TABLE = \{\n    )\d+", 1.5),
+        ("potentiometer", "q15", r"(?<=TABLE = \{\n        )\d+", 1.5),
         ("spring-cylinder", "q15", r"(?<=INT32_C\()\d{5,}", 1.01),
     ],
 )

@@ -6,7 +6,7 @@ by one per cent the output is off by more than the self-test allows, or the flag
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,9 +125,16 @@ def _chosen(
         other, flags = run(mutant.routine, pool)
         off = ~(np.abs(other - outputs) <= _CLEAR * allowed) | (flags != outside)
         shows.append(off.any(axis=0))
+    return cover(shows, wanted, _MOST_SEQUENCES if len(pool) > 1 else _MOST + wanted)
+
+
+def cover(shows: Sequence[Any], wanted: int, most: int) -> list[int]:
+    """Choose the first ``wanted`` places and those that show what these do not.
+
+    ``shows`` holds for each thing to be seen the places at which it is, ``(n,)``.
+    """
     chosen = list(range(wanted))
     left = np.array([s for s in shows if s.any() and not s[:wanted].any()], dtype=bool)
-    most = _MOST_SEQUENCES if len(pool) > 1 else _MOST + wanted
     while len(left) and len(chosen) < most:
         best = int(left.sum(axis=0).argmax())
         chosen.append(best)

@@ -6,7 +6,7 @@ is no ``tanh`` and no ``expm1``: IEC 61131-3 has neither, and small C libraries 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
@@ -139,6 +139,37 @@ def with_parts(e: Expression, change: Callable[[Expression], Expression]) -> Exp
             a, b, yes, no = map(change, parts_of(e))
             return replace(e, a=a, b=b, yes=yes, no=no)
     return e
+
+
+def as_text(e: Expression, known: Mapping[Expression, str] | None = None) -> str:
+    """Return an expression as a reader writes it; parts that are ``known`` by their names."""
+
+    def part(x: Expression, enclose: bool = True) -> str:
+        if known and x in known:
+            return known[x]
+        text = as_text(x, known)
+        plain = not isinstance(x, Binary | Choose) or (
+            isinstance(x, Binary) and x.function in ("min", "max")
+        )
+        return text if plain or not enclose else f"({text})"
+
+    match e:
+        case Number():
+            return e.name or f"{e.value:.6g}"
+        case Name():
+            return e.name
+        case Item():
+            return f"{e.name}[{e.index}]"
+        case Unary():
+            return f"-{part(e.x)}" if e.function == "neg" else f"{e.function}({part(e.x, False)})"
+        case Binary() if e.function in ("min", "max"):
+            return f"{e.function}({part(e.a, False)}, {part(e.b, False)})"
+        case Binary():
+            return f"{part(e.a)} {e.function} {part(e.b)}"
+        case Choose():
+            condition = f"{part(e.a, False)} {e.relation} {part(e.b, False)}"
+            return f"{part(e.yes)} where {condition}, else {part(e.no)}"
+    raise TypeError(e)
 
 
 def wrap(value: Operand) -> Expression:

@@ -143,6 +143,15 @@ def table_macros(code: Code, readers: Mapping[str, str]) -> list[str]:
     ]
 
 
+def read_macro(code: Code, macro: str, reader: str) -> list[str]:
+    """How one more type of tables is read."""
+    name = f"{code.name.upper()}_{macro}(entry)"
+    return [
+        "#if defined(__AVR__)", f"#define {name} {reader}(&(entry))", "#else",
+        f"#define {name} (entry)", "#endif", "",
+    ]  # fmt: skip
+
+
 def source(code: Code, functions: Sequence[Function]) -> str:
     """``NAME.c``: the functions and their tables."""
     lines = [
@@ -226,7 +235,7 @@ def _test_of(code: Code, f: Function, number: int) -> list[str]:
     ]
 
 
-def macros_test(code: Code, macros: Sequence[Macro], count: int) -> list[str]:
+def macros_test(code: Code, macros: Sequence[Macro], count: int, read: str = "READ") -> list[str]:
     """Hold the macros of the header against their numbers: the test behind ``count`` others."""
     known = [m for m in macros if m.single]
     if not known:
@@ -235,8 +244,8 @@ def macros_test(code: Code, macros: Sequence[Macro], count: int) -> list[str]:
     lines = [
         "static int same(const float *given, const float *due, int count)", "{",
         "    int held = 1;", "    int k;", "", "    for (k = 0; k < count; k++) {",
-        f"        if ({name}_READ(given[k]) != {name}_READ(due[k])) {{", "            held = 0;",
-        "        }", "    }", "    return held;", "}", "",
+        f"        if ({name}_{read}(given[k]) != {name}_{read}(due[k])) {{",
+        "            held = 0;", "        }", "    }", "    return held;", "}", "",
     ]  # fmt: skip
     scalars = [m for m in known if not isinstance(m.value, list)]
     groups = [(m.name.lower(), m.name, m.value) for m in known if isinstance(m.value, list)]

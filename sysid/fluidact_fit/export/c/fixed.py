@@ -61,6 +61,14 @@ class Fixed:
         return not self.code.done
 
     @property
+    def ends(self) -> tuple[tuple[int, int], ...]:
+        """Ends of the ranges of the arguments, in units of their exponents."""
+        return tuple(
+            (round(a.low / 2.0**e), round(a.high / 2.0**e))
+            for a, e in zip(self.routine.arguments, self.units)
+        )
+
+    @property
     def units(self) -> tuple[int, ...]:
         """Exponents of the arguments."""
         return tuple(exponent_of(a) for a in self.routine.arguments)
@@ -118,16 +126,16 @@ def _attempts(routine: Routine, prefix: str) -> Iterator[_Attempt]:
 def _as_table(routine: Routine, prefix: str) -> tuple[Code, Value, tuple[str, ...]]:
     """The whole routine of one argument as a table, its error found by going through all."""
     code = Code(routine, prefix, _NARROW)
-    (x,) = code.arguments.values()
+    ((argument, x),) = code.arguments.items()
     machine = Machine(routine)
 
     def curve(v: FloatArray) -> FloatArray:
-        return np.asarray(machine(**{x.text: v})[0])
+        return np.asarray(machine(**{argument: v})[0])
 
     def corners(v: FloatArray) -> set[int]:
         if any(isinstance(s, Layer | Solve) for s in routine.body):
             return set()
-        names: dict[str, FloatArray] = {x.text: v}
+        names: dict[str, FloatArray] = {argument: v}
         expressions: list[Expression] = [routine.value]
         for s in routine.body:
             if isinstance(s, Let):

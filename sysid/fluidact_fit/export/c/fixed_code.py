@@ -27,6 +27,7 @@ from ...routines.expression import (
     Unary,
 )
 from ...routines.routine import Layer, Let
+from ...routines.sharing import word_of
 from ..ranges import Range, boxes, choose, extreme, minus, over, plus, times, unary
 from .fixed_layer import write_layer
 from .fixed_sheet import Sheet, Value, exponent_of
@@ -56,7 +57,6 @@ class _Known(dict[str, FloatArray]):
 class Code(Sheet):
     """One routine, its expressions written down once each."""
 
-    done: dict[Expression, Value] = field(default_factory=dict)
     layers: dict[str, list[Value]] = field(default_factory=dict)
 
     @cached_property
@@ -69,13 +69,19 @@ class Code(Sheet):
         """The arguments, clamped."""
         of = boxes(self.routine)
         return {
-            a.name: Value(a.name, exponent_of(a), of[a.name], 15) for a in self.routine.arguments
+            a.name: Value(f"{a.name}_used", exponent_of(a), of[a.name], 15)
+            for a in self.routine.arguments
         }
 
     def value(self, e: Expression) -> Value:
         """Write an expression down, once."""
         if e not in self.done:
+            before = self.word, self.subject
+            named = (name for name, value in self.lets.items() if value == e)
+            self.word = next(named, "") or word_of(e)
+            self.subject = e
             self.done[e] = self._value(e)
+            self.word, self.subject = before
         return self.done[e]
 
     def _value(self, e: Expression) -> Value:
@@ -134,7 +140,7 @@ class Code(Sheet):
         if e.function in ("+", "-"):
             return self.new(f"{left} {e.function} {right}", exponent, rule(x, y))
         sign = "<" if e.function == "min" else ">"
-        return self.new(f"{left} {sign} {right} ? {left} : {right}", exponent, rule(x, y))
+        return self.new(f"({left} {sign} {right}) ? {left} : {right}", exponent, rule(x, y))
 
     def _product(self, a: Value, b: Value, square: bool) -> Value:
         if a.constant is not None:
@@ -189,7 +195,7 @@ class Code(Sheet):
             case "neg":
                 return self.new(f"-{long}{x.text}", x.exponent, unary("neg", x.range))
             case "abs":
-                text = f"{x.text} < 0 ? -{long}{x.text} : {long}{x.text}"
+                text = f"({x.text} < 0) ? -{long}{x.text} : {long}{x.text}"
                 return self.new(text, x.exponent, unary("abs", x.range))
             case "sqrt":
                 return self._root(x)
@@ -209,7 +215,7 @@ class Code(Sheet):
         found = extreme(x.range, level.range, "max")
         exponent = self.common([x, level], found.reach)
         (left, a), (right, b) = self.long(x, exponent), self.long(level, exponent)
-        return self.new(f"{left} > {right} ? {left} : {right}", exponent, extreme(a, b, "max"))
+        return self.new(f"({left} > {right}) ? {left} : {right}", exponent, extreme(a, b, "max"))
 
     def _root(self, x: Value) -> Value:
         exponent = exponent_for(x.range.reach, 2 * self.width.bits)
@@ -226,10 +232,10 @@ class Code(Sheet):
     ) -> tuple[str, Range, Range]:
         """Text and both sides of a comparison; that of an argument with a number is exact."""
         left, right = self.value(a), self.value(b)
-        if left.constant is not None and right.text in self.arguments:
+        if left.constant is not None and right in self.arguments.values():
             text, second, first = self.condition(b, _MIRRORED[relation], a)
             return text, first, second
-        if right.constant is not None and left.text in self.arguments:
+        if right.constant is not None and left in self.arguments.values():
             ratio = min(max(right.constant / left.unit, -1e5), 1e5)
             edge = ceil(ratio) if relation in ("<", ">=") else floor(ratio)
             text = f"{left.text} {relation} {self.width.literal(edge)}"
@@ -252,7 +258,7 @@ class Code(Sheet):
             exponent = self.common([yes, no], both.reach)
         (left, x), (right, y) = self.long(yes, exponent), self.long(no, exponent)
         found = choose(e, (sides[0], sides[1]), x, y)
-        return self.new(f"{text} ? {left} : {right}", exponent, found)
+        return self.new(f"({text}) ? {left} : {right}", exponent, found)
 
     # --------------------------------------------------------------------------- curves
 

@@ -2,22 +2,42 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
-from math import floor
 
 import numpy as np
 
 from ...errors import UsageError
-from ...experiment import FloatArray
-from ...routines.routine import Argument
-from ..golden import golden
-from ..target import Code
-from .constants import macros_of
-from .files import at_most, comment, table_macros
+from ..excitation import edges, run, uniform
+from ..golden import cover
+from ..target import Code, plain_text
+from .constants import Macro, macros_of
+from .files import (
+    at_most,
+    comment,
+    guarded,
+    macros_test,
+    main_of,
+    preamble,
+    read_macro,
+    table,
+    table_macros,
+)
 from .fixed import Fixed, Omitted, fixed
+from .fixed_run import Program
+from .fixed_table import Integers
+from .language import WIDTH, wrapped
 
+_PLAIN = 6  # golden vectors that are drawn whatever they show
+_MOST = 240
+_POOL = 2500  # arguments to choose from
+_SEED = 20_262
+_ABOUT_TEST = (
+    "golden vectors. main returns 0 when all hold to the last bit, otherwise the number of the "
+    "function that failed; the last number stands for the macros of the header. Each lies within "
+    "the bound of the header of what the Python model gives in double precision."
+)
 _READERS = {"READ": "(int16_t)pgm_read_word", "READ_LONG": "(int32_t)pgm_read_dword"}
-_TABLE_LINE = 12
 
 
 def write(code: Code) -> Mapping[str, bytes]:
@@ -38,10 +58,11 @@ def write(code: Code) -> Mapping[str, bytes]:
             expected="A static map within one per cent of full scale was expected.",
             remedy="Export it with --arithmetic float32.",
         )
+    numbers = macros_of(code)
     files = {
-        f"{code.file}.h": _header(code, functions, omitted),
+        f"{code.file}.h": _header(code, functions, omitted, numbers),
         f"{code.file}.c": _source(code, functions),
-        f"{code.file}_selftest.c": _self_test(code, functions),
+        f"{code.file}_selftest.c": _self_test(code, functions, numbers),
     }
     return {name: "\n".join([*lines, ""]).encode("ascii") for name, lines in files.items()}
 
@@ -52,36 +73,43 @@ def signature(f: Fixed) -> str:
     return f"int16_t {f.name}({arguments}int *outside)"
 
 
-def _header(code: Code, functions: Sequence[Fixed], omitted: Sequence[Omitted]) -> list[str]:
-    guard = f"{code.name.upper()}_H"
+def _header(
+    code: Code, functions: Sequence[Fixed], omitted: Sequence[Omitted], numbers: Sequence[Macro]
+) -> list[str]:
+    left = (f"Left out: {o.name}, because {o.why}." for o in omitted)
     words = [
         f"{code.name}: {code.title}, in fixed point",
-        "",
-        *code.remarks,
-        *([""] if code.remarks else []),
+        *preamble(code),
         "All quantities are SI. Each is an int16_t times a power of two whose exponent is given",
         "below. An argument beyond its range is clamped and sets *outside to 1, which may be a",
         "null pointer. No memory is allocated and no function is recursive.",
-        *(f"Left out: {o.name}, because {o.why}." for o in omitted),
+        *(line for text in left for line in textwrap.wrap(text, 94)),
     ]
-    lines = [*comment(words), f"#ifndef {guard}", f"#define {guard}", "", "#include <stdint.h>"]
-    lines += ["", *(line for m in macros_of(code) for line in m.lines)] if code.numbers else []
+    lines = ["#include <stdint.h>", "", *(line for m in numbers for line in m.lines)]
     for f in functions:
-        base = f"{code.name}_{f.routine.name}".upper()
-        lines += ["", *comment(_describe(f))]
-        lines += [f"#define {base}_{a.name.upper()}_EXPONENT ({e})"
-                  for a, e in zip(f.routine.arguments, f.units)]  # fmt: skip
-        lines += [f"#define {base}_EXPONENT ({f.output.exponent})", f"{signature(f)};"]
-    return [*lines, "", "#endif"]
+        lines += ["", *comment(_describe(f)), *(line for m in exponents(f) for line in m.lines)]
+        lines += wrapped(f"{signature(f)};", "")
+    return guarded(code, comment(words), [*lines, ""])
+
+
+def exponents(f: Fixed) -> list[Macro]:
+    """Exponents of the arguments and of the output as macros."""
+    base = f"{f.code.prefix}_{f.routine.name}".upper()
+    names = [f"{base}_{a.name.upper()}_EXPONENT" for a in f.routine.arguments]
+    values = [*f.units, f.output.exponent]
+    return [
+        Macro(n, v, (f"#define {n} ({v})",)) for n, v in zip([*names, f"{base}_EXPONENT"], values)
+    ]
 
 
 def _describe(f: Fixed) -> list[str]:
     r = f.routine
-    lines = [r.about, ""]
-    for a, e in zip(r.arguments, f.units):
+    lines = [*textwrap.wrap(r.about, 94), ""]
+    for a, e, ends in zip(r.arguments, f.units, f.ends):
         kind = "range of the logs" if a.recorded else "not recorded, derived"
-        lines.append(f"{a.name} [{a.unit}]: {a.about}; {a.low:.9g} to {a.high:.9g} ({kind}),")
-        low, high = _ends(a, e)
+        text = f"{a.name} [{a.unit}]: {a.about}; {a.low + 0.0:.9g} to {a.high:.9g} ({kind}),"
+        lines += textwrap.wrap(text, 94, subsequent_indent="    ")
+        low, high = ends
         lines.append(f"    given as the integer nearest to {a.name} * 2^{-e}: {low} to {high}")
     share = at_most(100.0 * f.bound / f.scale)
     proof = "interval bounds over the ranges above"
@@ -101,43 +129,51 @@ def _describe(f: Fixed) -> list[str]:
     return lines
 
 
-def _ends(a: Argument, exponent: int) -> tuple[int, int]:
-    return round(a.low / 2.0**exponent), round(a.high / 2.0**exponent)
-
-
 def _source(code: Code, functions: Sequence[Fixed]) -> list[str]:
     lines = [
-        f'#include "{code.file}.h"', "",
+        *comment([f"{code.name}: {code.title}, in fixed point", *preamble(code)[:-1]]),
+        f'#include "{code.file}.h"', "", "#include <stddef.h>", "",
         "#if (-3 >> 1) != -2",
         "#error a shift of a negative number to the right has to keep its sign",
         "#endif", "",
-        *table_macros(code, _READERS),
     ]  # fmt: skip
-    written = [(f, _function(f)) for f in functions]
-    text = "\n".join(line for _, function in written for line in function)
+    body = [line for f in functions for line in _function(f)]
+    text = "\n".join(body)
+    readers = {k: v for k, v in _READERS.items() if f"{code.name.upper()}_{k}(" in text}
+    lines += table_macros(code, readers) if readers else []
+    lines += _within(code.name)
     for bits in (15, 31):
         if f"{code.name}_sqrt{bits}(" in text:
             lines += _square_root(code.name, bits)
-    for f, function in written:
-        for number, entries in enumerate(f.code.tables):
-            name = f"{code.name}_{f.routine.name}_table_{number}"
-            if f"{name}[" in text:
-                lines += _table(code, name, entries)
-        for layer, rows in f.code.biases.items():
-            name = f"{code.name}_{f.routine.name}_{layer}_biases"
-            text_of = ["{" + ", ".join(map(str, row)) + "}" for row in rows]
-            inside = ",\n    ".join(text_of)
-            head = f"static const int32_t {name}[{len(rows)}][{len(rows[0])}]"
-            lines += [f"{head} {code.name.upper()}_TABLE = {{\n    {inside}}};", ""]
-        lines += function
+    return [*lines, *body]
+
+
+def _tables(f: Fixed, text: str) -> list[str]:
+    """The tables that the text of a function reads."""
+    lines, place = list[str](), f"{f.code.prefix.upper()}_TABLE"
+    for number, entries in enumerate(f.code.tables):
+        name = f"table_{number}"
+        if f"{name}[" in text:
+            rows = [", ".join(map(str, entries))]
+            lines += table(f"static const int16_t {name}[{len(entries)}] {place}", rows)[:-1]
+    for layer, rows_of in f.code.biases.items():
+        name = f"{layer}_biases"
+        rows = ["{" + ", ".join(map(str, row)) + "}" for row in rows_of]
+        shape = f"[{len(rows)}][{len(rows_of[0])}]"
+        lines += table(f"static const int32_t {name}{shape} {place}", rows)[:-1]
     return lines
 
 
-def _table(code: Code, name: str, entries: Sequence[int]) -> list[str]:
-    rows = [entries[k : k + _TABLE_LINE] for k in range(0, len(entries), _TABLE_LINE)]
-    inside = ",\n    ".join(", ".join(map(str, row)) for row in rows)
-    head = f"static const int16_t {name}[{len(entries)}] {code.name.upper()}_TABLE"
-    return [f"{head} = {{\n    {inside}}};", ""]
+def _within(name: str) -> list[str]:
+    return [
+        f"static int16_t {name}_within(int16_t given, int16_t low, int16_t high, int *beyond)",
+        "{",
+        "    int16_t found = given;", "",
+        "    if (given < low) {", "        found = low;", "        *beyond = 1;",
+        "    } else if (given > high) {", "        found = high;", "        *beyond = 1;",
+        "    } else {", "        /* it is within the range */", "    }",
+        "    return found;", "}", "",
+    ]  # fmt: skip
 
 
 def _square_root(name: str, bits: int) -> list[str]:
@@ -147,17 +183,21 @@ def _square_root(name: str, bits: int) -> list[str]:
     return [
         f"static int{short}_t {name}_sqrt{bits}(int{long}_t radicand)",
         "{",
-        f"    {kind} rest = radicand > 0 ? ({kind})radicand : 0;",
-        f"    {kind} root = 0, bit = UINT{long}_C(1) << {2 * bits - 2};",
+        f"    {kind} rest = 0u;",
+        f"    {kind} root = 0u;",
+        f"    {kind} bit = UINT{long}_C(1) << {2 * bits - 2}u;",
         "",
-        "    while (bit) {",
-        "        if (rest >= root + bit) {",
+        "    if (radicand > 0) {",
+        f"        rest = ({kind})radicand;",
+        "    }",
+        "    while (bit > 0u) {",
+        "        if (rest >= (root + bit)) {",
         "            rest -= root + bit;",
-        "            root = (root >> 1) + bit;",
+        "            root = (root >> 1u) + bit;",
         "        } else {",
-        "            root >>= 1;",
+        "            root >>= 1u;",
         "        }",
-        "        bit >>= 2;",
+        "        bit >>= 2u;",
         "    }",
         f"    return (int{short}_t)root;",
         "}",
@@ -166,65 +206,102 @@ def _square_root(name: str, bits: int) -> list[str]:
 
 
 def _function(f: Fixed) -> list[str]:
-    lines = ["int beyond = 0;"]
-    for a, e in zip(f.routine.arguments, f.units):
-        low, high = _ends(a, e)
-        lines.append(f"if ({a.name} < {low}) {{ {a.name} = {low}; beyond = 1; }}")
-        lines.append(f"if ({a.name} > {high}) {{ {a.name} = {high}; beyond = 1; }}")
+    base = f"{f.code.prefix}_{f.routine.name}".upper()
+    macros, lines = list[str](), list[str]()
+    for a, e, ends in zip(f.routine.arguments, f.units, f.ends):
+        names = [f"{base}_{a.name}_{end}".upper() for end in ("low", "high")]
+        macros += [f"#define {n} ({v})" for n, v in zip(names, ends)]
+        call = f"{f.code.prefix}_within({a.name}, {', '.join(names)}, &beyond)"
+        lines += [f"/* [{plain_text(a.unit)}] * 2^{-e} */"]
+        lines += wrapped(f"const int16_t {a.name}_used = {call};", "", None, WIDTH - 4)
     lines += f.code.lines(" ".join([f.output.text, *f.flags]))
-    lines += [f"if ({condition}) beyond = 1;" for condition in f.flags]
-    lines += ["if (outside) *outside = beyond;", f"return {f.output.text};"]
-    return [signature(f), "{", *(f"    {line}" for line in lines), "}", ""]
+    for condition in f.flags:
+        lines += [f"if ({condition}) {{", "    beyond = 1;", "}"]
+    lines += ["if (outside != NULL) {", "    *outside = beyond;", "}", f"return {f.output.text};"]
+    inside = [*_tables(f, "\n".join(lines)), "int beyond = 0;", *lines]
+    return [*macros, "", *wrapped(signature(f), ""), "{", *(f"    {i}" for i in inside), "}", ""]
 
 
-def _self_test(code: Code, functions: Sequence[Fixed]) -> list[str]:
+def _self_test(code: Code, functions: Sequence[Fixed], numbers: Sequence[Macro]) -> list[str]:
     lines = [
-        *comment([f"{code.name}: golden vectors of the Python model. main returns 0 when all hold,",
-                  "otherwise the number of the function that failed."]),
-        f'#include "{code.file}.h"', "", *table_macros(code, _READERS),
+        *comment([*textwrap.wrap(f"{code.name}: {_ABOUT_TEST}", 94), *preamble(code)[:-1]]),
+        f'#include "{code.file}.h"', "", *table_macros(code, {"READ": _READERS["READ"]}),
     ]  # fmt: skip
     for number, f in enumerate(functions, start=1):
         lines += _test_of(code, f, number)
-    lines += ["int main(void)", "{"]
-    lines += [f"    if (!test_{n}()) return {n};" for n in range(1, len(functions) + 1)]
-    return [*lines, "    return 0;", "}"]
+    macros = [*numbers, *(m for f in functions for m in exponents(f))]
+    test = macros_test(code, macros, len(functions), "READ_FLOAT")
+    if test:
+        lines += read_macro(code, "READ_FLOAT", "pgm_read_float")
+    return [*lines, *test, *main_of(len(functions) + bool(test))]
 
 
 def vectors_of(f: Fixed) -> list[list[int]]:
-    """Golden vectors in mantissas: arguments, output and flag."""
+    """Golden vectors in mantissas: arguments, output and flag, as the integers of the code are.
+
+    Raises
+    ------
+    AssertionError
+        If one of them is farther from the model than the header says.
+    """
+    program, given = Program.of(f), _pool(f)
+    outputs, outside = program(given)
     units = 2.0 ** np.array(f.units)
-
-    def rounded(values: FloatArray) -> FloatArray:
-        return np.asarray(np.clip(np.round(values / units), -32768, 32767) * units)
-
-    vectors = golden(f.routine, lambda of, given: f.bound, rounded)
-    given, outside = np.round(vectors.arguments / units), vectors.outside
-    outputs = np.round(vectors.outputs / f.output.unit)
-    rows = np.column_stack([given, np.clip(outputs, -32768, 32767), outside]).astype(int)
+    model, _ = run(f.routine, (given * units)[None])
+    off = np.abs(outputs * f.output.unit - model[0])[~outside]
+    assert off.max(initial=0.0) <= f.bound + f.output.unit, "fixed point beyond its bound"
+    shows = []
+    for mutant in program.mutants():
+        other, flags = mutant(given)
+        shows.append((other != outputs) | (flags != outside))
+    chosen = cover(shows, _PLAIN + 6 * len(units), _MOST)
+    rows = np.column_stack([given, outputs, outside]).astype(int)[chosen]
     return [list(map(int, row)) for row in rows]
+
+
+def _pool(f: Fixed) -> Integers:
+    """Arguments in mantissas: both ends of every range, what lies beyond, and many within."""
+    rng, units = np.random.default_rng(_SEED), 2.0 ** np.array(f.units)
+    low, high = np.array(f.ends).T
+    ends = []
+    for j in range(low.size):
+        for value in (low[j], low[j] - 1, high[j], high[j] + 1, low[j] - 999, high[j] + 999):
+            row = rng.integers(low, high + 1)
+            row[j] = value
+            ends.append(row)
+    within = uniform(f.routine, _POOL, rng)
+    near = edges(f.routine, within[:400])
+    many = np.round(np.concatenate([within, near]) / units).astype(int)
+    around = many[_POOL:] + rng.integers(-1, 2, many[_POOL:].shape)
+    return np.clip(np.concatenate([ends, many, around]), -32768, 32767)
 
 
 def _test_of(code: Code, f: Fixed, number: int) -> list[str]:
     rows = vectors_of(f)
-    width = len(rows[0])
-    allowed = floor(f.bound / f.output.unit + 0.5)
-    text = ",\n    ".join("{" + ", ".join(map(str, row)) + "}" for row in rows)
-    read = [f"{code.name.upper()}_READ(vectors_{number}[k][{j}])" for j in range(width)]
-    table = f"{code.name.upper()}_TABLE"
+    width, name = len(rows[0]), code.name.upper()
+    text = ["{" + ", ".join(map(str, row)) + "}" for row in rows]
+    read = [f"{name}_READ(vectors_{number}[k][{j}])" for j in range(width)]
+    vectors = table(
+        f"static const int16_t vectors_{number}[{len(rows)}][{width}] {name}_TABLE", text
+    )
     return [
-        f"static const int16_t vectors_{number}[{len(rows)}][{width}] {table} = {{\n    {text}}};",
-        "",
         f"static int test_{number}(void)",
         "{",
-        "    int k, outside;",
+        *(f"    {line}" for line in vectors[:-1]),
+        "    int held = 1;",
+        "    int k;",
+        "    int outside;",
         "",
         f"    for (k = 0; k < {len(rows)}; k++) {{",
-        f"        const int32_t found = {f.name}({', '.join(read[:-2])}, &outside);",
-        f"        const int32_t off = found - {read[-2]};",
+        *wrapped(f"const int16_t found = {f.name}({', '.join(read[:-2])}, &outside);", "        "),
+        f"        const int16_t due = {read[-2]};",
+        f"        const int16_t beyond = {read[-1]};",
         "",
-        f"        if (off > {allowed} || off < -{allowed} || outside != {read[-1]}) return 0;",
+        "        if ((found != due) || (outside != beyond)) {",
+        "            held = 0;",
+        "        }",
         "    }",
-        "    return 1;",
+        "    return held;",
         "}",
         "",
     ]

@@ -14,6 +14,7 @@ from math import ceil
 import numpy as np
 
 from ...experiment import FloatArray
+from ...routines.expression import Item
 from ...routines.routine import Layer, as_matrix
 from ..ranges import Range, extreme
 from .fixed_sheet import Sheet, Value
@@ -67,7 +68,7 @@ def write_layer(
     rows = [_row(folded, k, inputs, exponents[k]) for k in range(count)]
     side = ""
     if condition:
-        side = sheet.name(f"const int {{}} = {condition} ? 0 : 1;")
+        side = sheet.name("int8_t", f"({condition}) ? 0 : 1", "which biases")
         sheet.biases[layer.name] = tuple(zip(*(row.biases for row in rows)))
     hulls = [row.sum.hull() for row in rows]
     whole = Range(
@@ -75,12 +76,15 @@ def write_layer(
         np.max([h.error for h in hulls], axis=0),
     )  # fmt: skip
     found = []
+    before = sheet.word, sheet.subject
     for k, row in enumerate(rows):
+        sheet.word, sheet.subject = layer.name, Item(layer.name, k)
         bias = sheet.width.literal(row.biases[0])
         if side:
-            table = f"{sheet.prefix}_{sheet.routine.name}_{layer.name}_biases"
+            table = f"{layer.name}_biases"
             bias = f"{sheet.prefix.upper()}_READ_LONG({table}[{side}][{k}])"
         found.append(_finish(sheet, layer, _write_sum(sheet, row, inputs, bias), row, whole))
+    sheet.word, sheet.subject = before
     return found
 
 
@@ -92,7 +96,8 @@ def _from_zero(sheet: Sheet, x: Value) -> Value:
     off = first * x.unit
     found = Range(x.range.low - off, x.range.high - off, x.range.error)
     text = f"(uint16_t)({x.text} - {sheet.width.literal(first)})"
-    return replace(x, text=sheet.name(f"const uint16_t {{}} = {text};"), range=found, bits=16)
+    name = sheet.name("uint16_t", text, f"{x.text} from the lower end of its range")
+    return replace(x, text=name, range=found, bits=16)
 
 
 def _exponent(folded: Folded, k: int, inputs: list[Value], bits: int) -> int:
@@ -144,7 +149,8 @@ def _finish(sheet: Sheet, layer: Layer, total: str, row: _Row, whole: Range) -> 
     near = f"({total} + INT32_C({_HALF})) >> 16"
     if layer.activation == "relu":
         found = extreme(row.sum, Range(np.zeros(1), np.zeros(1), np.zeros(1)), "max")
-        name = sheet.name(f"const uint16_t {{}} = (uint16_t)({total} > 0 ? {near} : 0);")
+        text = f"(uint16_t)(({total} > 0) ? ({near}) : 0)"
+        name = sheet.name("uint16_t", text, f"{total} * 2^-16 where it is positive")
         return Value(name, upper, found.wider(_HALF * unit), 15)
     x = sheet.new(f"(int16_t)({near})", upper, row.sum.wider(_HALF * unit), 15)
     half = replace(x, range=whole.wider(_HALF * unit))

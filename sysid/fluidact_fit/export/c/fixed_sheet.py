@@ -16,11 +16,14 @@ import numpy as np
 
 from ...experiment import FloatArray
 from ...routines import Routine
+from ...routines.expression import Expression, as_text
 from ...routines.routine import Argument
 from ..ranges import Range
 from .fixed_table import WANTED, NotFixed, Piece, Table, exponent_for, range_of, tabulate
+from .language import WIDTH, Names, wrapped
 
 _WORDS = re.compile(r"\w+")
+_OF_TABLES = ("place", "cell", "part", "low", "rise", "more")
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,25 @@ def inward(routine: Routine) -> Routine:
     return replace(routine, arguments=tuple(found))
 
 
+@dataclass(frozen=True)
+class Lookup:
+    """A curve at a place: the name of a short value, and the table with its number."""
+
+    place: str
+    table: Table
+    number: int
+
+
+@dataclass(frozen=True)
+class Line:
+    """A step: the type and name of a value, what gives it, and what it is."""
+
+    kind: str
+    name: str
+    value: str | Lookup
+    about: str
+
+
 @dataclass
 class Sheet:
     """The statements of one function and its tables, while they are written.
@@ -86,33 +108,64 @@ class Sheet:
     routine: Routine
     prefix: str
     width: Width
-    written: list[tuple[str, list[str]]] = field(default_factory=list)
+    written: list[Line] = field(default_factory=list)
+    word: str = "result"  # for what is written now
+    subject: Expression | None = None
+    done: dict[Expression, Value] = field(default_factory=dict)
+    names: Names = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Keep the names that are given already."""
+        own = [a.name for a in self.routine.arguments]
+        self.names = Names([*own, *(f"{name}_used" for name in own), *_OF_TABLES])
+
     tables: list[tuple[int, ...]] = field(default_factory=list)
     biases: dict[str, tuple[tuple[int, ...], ...]] = field(default_factory=dict)
 
-    def new(self, text: str, exponent: int, found: Range, bits: int = 0) -> Value:
+    def new(self, text: str, exponent: int, found: Range, bits: int = 0, about: str = "") -> Value:
         """Write a value down; a short one if it says its bits."""
         if not np.isfinite(found.reach):
             raise NotFixed("a value in it has no bound over the ranges of the arguments")
         kind = f"int{bits + 1}_t" if bits else self.width.long
-        name = self.name(f"const {kind} {{}} = {text};")
+        name = self.name(kind, text, f"{about or self.about}, times 2^{-exponent}")
         return Value(name, exponent, found, bits or 2 * self.width.bits)
 
-    def name(self, *lines: str) -> str:
-        """Write statements down; ``{}`` in the first one is the name that they define."""
-        name = f"v{len(self.written)}"
-        self.written.append((name, [lines[0].replace("{}", name), *lines[1:]]))
-        return name
+    @property
+    def about(self) -> str:
+        """What is written now, in the names of what stands before."""
+        if self.subject is None:
+            return "the result"
+        known = {e: v.text for e, v in self.done.items() if v.text.isidentifier()}
+        return as_text(self.subject, known)
+
+    def name(self, kind: str, value: str | Lookup, about: str) -> str:
+        """Write a step down; returns the name of what it gives."""
+        line = Line(kind, self.names.new(self.word), value, about)
+        self.written.append(line)
+        return line.name
+
+    def needed(self, used: str) -> list[Line]:
+        """The steps that a text needs, in order."""
+        wanted = set(_WORDS.findall(used))
+        found = []
+        for line in reversed(self.written):
+            if line.name in wanted:
+                found.append(line)
+                value = line.value
+                wanted.update(_WORDS.findall(value if isinstance(value, str) else value.place))
+        return found[::-1]
 
     def lines(self, used: str) -> list[str]:
-        """The statements that a text needs, in order."""
-        wanted = set(_WORDS.findall(used))
-        found: list[list[str]] = []
-        for name, lines in reversed(self.written):
-            if name in wanted:
-                found.append(lines)
-                wanted.update(_WORDS.findall(" ".join(lines)))
-        return [line for lines in reversed(found) for line in lines]
+        """The statements that a text needs, in order, each with what it computes."""
+        found = []
+        for line in self.needed(used):
+            found += wrapped(f"/* {line.about} */", "", "   ", WIDTH - 4)
+            if isinstance(line.value, Lookup):
+                found += [f"{line.kind} {line.name};", *self._read_table(line.name, line.value)]
+            else:
+                found += wrapped(f"const {line.kind} {line.name} = {line.value};", "", None,
+                                 WIDTH - 4)  # fmt: skip
+        return found
 
     def constant(self, value: float) -> Value:
         """A number that takes the exponent of what it meets."""
@@ -145,7 +198,8 @@ class Sheet:
             return v
         exponent = max(exponent_for(v.range.reach, bits), v.exponent)
         text, found = self.long(v, exponent)
-        return self.new(f"(int{bits + 1}_t){text}", exponent, found, bits)
+        about = f"{v.text if v.text.isidentifier() else self.about} in {bits + 1} bits"
+        return self.new(f"(int{bits + 1}_t){text}", exponent, found, bits, about)
 
     def _at(self, v: Value, exponent: int) -> tuple[str, int, Range]:
         text, found = self.long(v, exponent)
@@ -179,19 +233,24 @@ class Sheet:
         if table.entries not in self.tables:
             self.tables.append(table.entries)
         number = self.tables.index(table.entries)
-        result = self.name("int16_t {};")
-        lines = self.written[-1][1]
-        for k, piece in enumerate(table.pieces):
-            head = "else " if k else ""
-            if k < len(table.pieces) - 1:
-                head += f"if ({x.text} <= {self.width.literal(piece.last)}) "
-            inside = self._piece(x, piece, number, result)
-            lines += [head + "{", *(f"    {line}" for line in inside), "}"]
+        about = f"{self.about} by a table, times 2^{-table.exponent}"
+        result = self.name("int16_t", Lookup(x.text, table, number), about)
         return Value(result, table.exponent, range_of(table, x.range, x.unit), 15)
 
-    def _piece(self, x: Value, piece: Piece, number: int, result: str) -> list[str]:
+    def _read_table(self, result: str, lookup: Lookup) -> list[str]:
+        """The pieces of a table; the only one of a table stands in braces of its own."""
+        lines, pieces = list[str](), lookup.table.pieces
+        for k, piece in enumerate(pieces):
+            last = k == len(pieces) - 1
+            condition = f"if ({lookup.place} <= {self.width.literal(piece.last)}) "
+            head = ("} else " if k else "") + ("" if last else condition) + "{"
+            inside = self._piece(lookup.place, piece, lookup.number, result)
+            lines += [head, *(f"    {line}" for line in inside)]
+        return [*lines, "}"]
+
+    def _piece(self, place: str, piece: Piece, number: int, result: str) -> list[str]:
         """Two neighbours in the table and the straight line between them."""
-        name = f"{self.prefix}_{self.routine.name}_table_{number}"
+        name = f"table_{number}"
 
         def read(index: str) -> str:
             return f"{self.prefix.upper()}_READ({name}[{index}])"
@@ -200,9 +259,10 @@ class Sheet:
             return [f"{result} = {read(str(piece.start))};"]
         start = str(piece.start)
         first = self.width.literal(piece.first)
-        lines = [f"const uint16_t place = (uint16_t)({x.text} - {first});"]
+        lines = [f"const uint16_t place = (uint16_t)({place} - {first});"]
         if piece.cells > 1:
-            lines.append(f"const uint16_t cell = (uint16_t)({start} + (place >> {piece.shift}));")
+            ahead = f"{start} + " if piece.start else ""
+            lines.append(f"const uint16_t cell = (uint16_t)({ahead}(place >> {piece.shift}));")
             start = "cell"
         power = 16 - piece.shift
         part = f"(uint16_t)(place * {2**power}u)" if power else "place"
@@ -212,6 +272,6 @@ class Sheet:
             f"const uint16_t part = {part};",
             f"const int16_t low = {read(start)};",
             f"const int16_t rise = (int16_t)({read(following)} - low);",
-            "const int32_t more = (int32_t)rise * part + INT32_C(0x8000);",
+            "const int32_t more = ((int32_t)rise * (int32_t)part) + INT32_C(0x8000);",
             f"{result} = (int16_t)(low + (int16_t)(more >> 16));",
         ]
