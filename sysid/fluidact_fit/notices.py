@@ -70,6 +70,10 @@ _READING = {
         "twelve hours; it was continued.",
         "Nothing, if the recording went on; record in UTC to avoid it.",
     ),
+    "comments-left-out": _information(
+        "Comments that stand beside samples were left out.",
+        "Nothing; they are no part of what was measured.",
+    ),
     "constant-signal": _warning(
         "A signal has one and the same value in the whole log.",
         "Check that the right column was taken and that the sensor was connected.",

@@ -151,3 +151,45 @@ def test_a_cut_line_is_named(tmp_path: Path) -> None:
     lines = [*head("One", "Tab", "."), *block("One", "\t", "."), *rows("One", "\t", ".", 300)]
     lines[100] = lines[100].rpartition("\t")[0]
     assert [n for n, _ in read(tmp_path, lines).account.left_out] == [101]
+
+
+@pytest.mark.parametrize(
+    "units",
+    [("V", "bar", "mbar"), ("V", "", "mbar"), ("", "bar", ""), ("", "", "mbar"), ("V", "", "")],
+)
+@pytest.mark.parametrize("columns", ["No", "One", "Multi"])
+@pytest.mark.parametrize("spread", [True, False])
+@pytest.mark.parametrize("sign", ["\t", ","])
+def test_units_and_starts_stand_above_their_channels(
+    tmp_path: Path, units: tuple[str, ...], columns: str, spread: bool, sign: str
+) -> None:
+    """With a column of X for every channel, the block has an empty cell for each of them."""
+    between = sign * (2 if columns == "Multi" and spread else 1)
+
+    def row(key: str, *cells: str) -> str:
+        return key + sign + between.join(cells) + sign
+
+    names = ["u", "p", "q"]
+    heads = (
+        [h for n in names for h in ("X_Value", n)] if columns == "Multi" else ["X_Value", *names]
+    )
+    lines = [
+        *head(columns, "Tab" if sign == "\t" else "Comma", "."),
+        row("Channels", "3"),
+        row("Samples", *["20"] * 3),
+        row("Y_Unit_Label", *units).rstrip(sign),
+        row("X_Dimension", *["Time"] * 3),
+        row("X0", *["0.5"] * 3),
+        row("Delta_X", *["0.01"] * 3),
+        "***End_of_Header***",
+        sign.join([*heads, "Comment"]),
+    ]
+    for k in range(20):
+        x = "" if columns == "No" else f"{0.5 + 0.01 * k:.4f}"
+        cells = [f"{k}.25", f"{k}.5", f"{k}.75"]
+        whole = [c for v in cells for c in (x, v)] if columns == "Multi" else [x, *cells]
+        lines.append(sign.join(whole))
+    log = read(tmp_path, lines)
+    assert [c.header for c in log.columns] == ["time", *names]
+    assert [c.unit or "" for c in log.columns] == ["s", *units]
+    assert log.columns[0].values[[0, 19]].tolist() == pytest.approx([0.5, 0.69])

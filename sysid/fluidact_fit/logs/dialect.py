@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from ..errors import LogError, Notice
 from ..units import parse_unit_from_header, same_dimension
-from . import controldesk, labview, rigol, serial, tektronix, twincat
+from . import controldesk, labchart, labview, rigol, serial, tektronix, twincat
 from .clock import find_clocks, join_fraction
 from .decimals import find_thousands, refuse_ambiguous, refuse_commas_for_both
 from .header import Header, find_header, join_quoted, name_rows
@@ -119,6 +119,7 @@ def _known_layout(source: Source, written: Written) -> Layout | None:
         controldesk.lay_out(source)
         or twincat.lay_out(source, written)
         or labview.lay_out(source, written)
+        or labchart.lay_out(source, written)
         or rigol.lay_out(source)
         or tektronix.lay_out(source)
     )

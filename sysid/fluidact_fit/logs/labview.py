@@ -10,7 +10,7 @@ an empty one: the samples are then ``Delta_X`` apart. A column of comments may e
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..errors import LogError
@@ -99,22 +99,39 @@ def _segment(lines: Sequence[str], top: int, delimiter: str) -> _Segment:
         names.pop()
     commented = names[-1] == "Comment"
     names = names[: len(names) - commented]
-    count = sum(name != "X_Value" for name in names)
+    channels = [k - 1 for k, name in enumerate(names) if name != "X_Value"]  # behind the key
+    cells = _by_channel(block, channels)
     return _Segment(
         begin=begin if block else top,
         top=top,
         names=tuple(names),
         commented=commented,
-        starts=_numbers(block.get("X0", ()), count, 0.0),
-        steps=_numbers(block.get("Delta_X", ()), count, 0.0),
-        units=tuple([*block.get("Y_Unit_Label", ()), *[""] * count][:count]),
+        starts=_numbers(cells.get("X0", ()), len(channels)),
+        steps=_numbers(cells.get("Delta_X", ()), len(channels)),
+        units=tuple(cells.get("Y_Unit_Label", [""] * len(channels))),
         dimension=next(iter(block.get("X_Dimension", ())), "Time"),
     )
 
 
-def _numbers(cells: Sequence[str], count: int, default: float) -> tuple[float, ...]:
-    found = [float(c.replace(",", ".")) for c in cells if _NUMBER.fullmatch(c)]
-    return tuple([*found, *[default] * count][:count])
+def _by_channel(
+    block: Mapping[str, Sequence[str]], channels: Sequence[int]
+) -> dict[str, list[str]]:
+    """The cells of every line of a block, one per channel.
+
+    They stand above the ``channels``, which have columns of X between them, or one after the other:
+    as in a line where every channel has one.
+    """
+    in_a_row = range(len(channels))
+    filled = [{k for k, cell in enumerate(cells) if cell} for cells in block.values()]
+    places = in_a_row if any(set(in_a_row) <= found for found in filled) else channels
+    return {
+        key: [cells[k] if k < len(cells) else "" for k in places] for key, cells in block.items()
+    }
+
+
+def _numbers(cells: Sequence[str], count: int) -> tuple[float, ...]:
+    found = [float(c.replace(",", ".")) if _NUMBER.fullmatch(c) else 0.0 for c in cells]
+    return tuple(found or [0.0] * count)
 
 
 def _build(

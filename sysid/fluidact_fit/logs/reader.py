@@ -14,6 +14,7 @@ from ..errors import LogError, UsageError
 from ..units import is_doubtful_suffix, parse_unit_from_header
 from .arrays import log_of, make_log
 from .binary import read_binary, read_stored
+from .codesys import read_trace
 from .dialect import find_layout
 from .groups import sparse_columns
 from .layout import Layout, Written
@@ -139,8 +140,7 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
             elements=found.elements,
         )
     source = make_source(place, raw, sha256)
-    layout = find_layout(source, written)
-    table = read_table(source, layout)
+    layout, table = read_trace(source, written) or _read_lines(source, written)
     return Log(
         path=place,
         name=source.name,
@@ -164,6 +164,12 @@ def _turn(role: str, given: float | str | None) -> float:
         expected="Expected what the column begins again after, in its own numbers, or none.",
         remedy=f"Give for example --unwrap {role}=360.",
     )
+
+
+def _read_lines(source: Source, written: Written) -> tuple[Layout, Table]:
+    """The table of a text whose lines are its rows."""
+    layout = find_layout(source, written)
+    return layout, read_table(source, layout)
 
 
 def _check_arguments(

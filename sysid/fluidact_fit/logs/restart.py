@@ -87,7 +87,7 @@ def refuse_other_blocks(
     if layout.hints.serial or layout.groups:
         return
     _refuse_other_rows(lines, [r for r in ragged if r[0] > last], layout, name)
-    labels = {}
+    labels: dict[str, str] = {}
     for index, line in enumerate(lines[: layout.first_row]):
         if index in (layout.header_row, layout.units_row):
             continue
