@@ -66,6 +66,14 @@ def _changed(old: str, new: str) -> str:
     return f"{FIT_LINE}; sed -i -E {shlex.quote(f's~{old}~{new}~')} line.yaml; {CHECK_LINE}"
 
 
+def _unit_of_pressure(header: str, before: str, status: int, says: str) -> Case:
+    """A line whose first pressure has another header."""
+    text = shlex.quote(f"1s~p_valve (bar)~{header}~")
+    command = f"sed {text} datasets/line/trial1.csv > u.csv; fluidact-fit line u.csv"
+    columns = "--column time=#1 --column inlet=#2 --column outlet=#3 -o u.yaml"
+    return Case(f"header `{header}`", before, f"{command} {columns}", status, says)
+
+
 ROWS = [
     Case(
         "no header, one damaged line", "fits 955 of 1000 rows, PASS, no warning",
@@ -124,6 +132,33 @@ ROWS = [
     ),
 ]  # fmt: skip
 UNITS = [
+    *(_unit_of_pressure(*case) for case in (
+        ("p_valve (mpa)", "SI, 10⁶ times wrong", 3, r"'mpa' is not known in this case: 'MPa'"),
+        ("p_valve_mpa", "SI", 3, r"'mpa' is not known in this case: 'MPa'"),
+        ("p_valve (psf)", "SI, 48 times wrong", 0, "written to"),
+        ("p_valve (kgf/cm2)", "read", 0, "written to"),
+        ("p_valve (bar(g))", "SI, 10⁵ times wrong", 0, "written to"),
+        ("p_valve bar(a)", "SI, or a mass", 0, "written to"),
+        ("p_valve [bar] (psi)", "SI", 3, "'bar or psi'"),
+        ("p_valve [bar] filtered", "SI, 10⁵ times wrong", 0, "written to"),
+        ("p_valve in 1/100 bar", "bar, 100 times wrong", 0, "written to"),
+        ("p_valve / 0.01bar", "SI", 0, "written to"),
+        ("p_valve (400 bar)", "SI, 10⁵ times wrong", 3, "steps of 400 bar, or in bar where 400 is a range"),
+        ("p_valve (0-10 V)", "SI", 3, "not written as a unit"),
+        ("p_valve（兆帕）", "SI, 10⁶ times wrong", 0, "written to"),
+        ("p_valve (lb)", "SI", 3, "'lb' is a mass"),
+        ("p_valve (valve side)", "SI assumed, and it is said", 0, r"'\(valve side\)' is no unit"),
+    )),
+    Case(
+        "an angle in `[Grad]`, German for degrees and a gon", "10⁹ rad, PASS",
+        "sed '1s/deg/Grad/' datasets/ball-screw/trial1.csv > g.csv; fluidact-fit ball-screw g.csv -o g.yaml",
+        3, r"degrees \('deg'\) or gon",
+    ),
+    Case(
+        "a position in `(millimeter)`", "m, PASS, 1000 times wrong",
+        "sed '1s/mm/millimeter/' datasets/potentiometer/trial1.csv > g.csv; fluidact-fit potentiometer g.csv --column reading=#1 --column reference=#2 -o g.yaml -v",
+        0, r"PASS",
+    ),
     Case(
         "unit `9^9^9` in a header", "hangs",
         "sed '1s/(bar)/(9^9^9)/' datasets/line/trial1.csv > u.csv; fluidact-fit line u.csv --column 'inlet=p_valve (9^9^9)' --column outlet=#3 -o u.yaml",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
 
@@ -10,15 +11,18 @@ import pytest
 
 from fluidact_fit import units
 from fluidact_fit.errors import UnitError
+from fluidact_fit.units import headers, reading
+from fluidact_fit.units.table import ALIASES, AMBIGUOUS, ATOMS, TABLE, UNREAD
+from fluidact_fit.units.words import WORDS
 
 
-@pytest.mark.parametrize("unit", sorted(units.TABLE))
+@pytest.mark.parametrize("unit", sorted(TABLE))
 def test_table_agrees_with_pint(unit: str) -> None:
-    factor, signature = units.TABLE[unit]
-    asked = units._ask_pint(unit)
-    assert asked is not None
-    assert asked[0] == pytest.approx(factor, rel=1e-12)
-    assert asked[1] == signature
+    factor, signature = TABLE[unit]
+    registry, names = reading.pint_registry()
+    asked = (1.0 * registry.parse_units({"1": ""}.get(unit, unit))).to_base_units()
+    assert asked.magnitude == pytest.approx(factor, rel=1e-12)
+    assert names[reading._dimension(asked)] == signature
 
 
 @pytest.mark.parametrize(
@@ -62,7 +66,7 @@ def test_table_agrees_with_pint(unit: str) -> None:
         ("in-lb", "N m", 0.1129848290276167),
         ("mil", "m", 2.54e-5),
         ("thou", "m", 2.54e-5),
-        ("grad", "rad", math.pi / 200),
+        ("gon", "rad", math.pi / 200),
         ("turns", "rad", 2 * math.pi),
         ("1/min", "rad/s", math.pi / 30),
         ("% of 9.84 mN m", "N m", 9.84e-5),
@@ -244,7 +248,7 @@ def test_pint_is_not_asked_to_compute(text: str, monkeypatch: pytest.MonkeyPatch
     def refuse() -> None:
         raise AssertionError(text)
 
-    monkeypatch.setattr(units, "_registry", refuse)
+    monkeypatch.setattr(reading, "pint_registry", refuse)
     assert not units.is_known_unit(text)
 
 
@@ -287,3 +291,223 @@ def test_base_units(unit: str, factor: float, powers: dict[str, int]) -> None:
 @pytest.mark.parametrize("unit", ["degC", "m3/(s V Pa^0.5)", "no unit", "x" * 1000, "__import__"])
 def test_what_has_no_whole_powers_of_base_units(unit: str) -> None:
     assert units.base_units(unit) is None
+
+
+# ------------------------------------------------- what is written is read, or refused, never SI
+
+
+@pytest.mark.parametrize(
+    ("unit", "si", "factor"),
+    [
+        ("daN", "N", 10.0),
+        ("kip", "N", 4448.2216152605),
+        ("KIPS", "N", 4448.2216152605),
+        ("psf", "Pa", 47.88025898033584),
+        ("metre", "m", 1.0),
+        ("millimeter", "m", 1e-3),
+        ("Millimeter", "m", 1e-3),
+        ("millimètres", "m", 1e-3),
+        ("milímetros", "m", 1e-3),
+        ("millimetri", "m", 1e-3),
+        ("毫米", "m", 1e-3),
+        ("㎜", "m", 1e-3),
+        ("Mikrometer", "m", 1e-6),
+        ("pulgadas", "m", 0.0254),
+        ("Sekunden", "s", 1.0),
+        ("secondes", "s", 1.0),
+        ("segundos", "s", 1.0),
+        ("secondi", "s", 1.0),
+        ("Millisekunden", "s", 1e-3),
+        ("秒", "s", 1.0),
+        ("Std", "s", None),
+        ("Umdrehungen pro Minute", "rad/s", math.pi / 30),
+        ("U/min", "rad/s", math.pi / 30),
+        ("tr/min", "rad/s", math.pi / 30),
+        ("giri/min", "rad/s", math.pi / 30),
+        ("r.p.m.", "rad/s", math.pi / 30),
+        ("转/分", "rad/s", math.pi / 30),
+        ("min⁻¹", "rad/s", math.pi / 30),
+        ("grados", "rad", math.pi / 180),
+        ("º", "rad", math.pi / 180),
+        ("Newtonmeter", "N m", 1.0),
+        ("Newton-metre", "N m", 1.0),
+        ("N·m/rad", "N m/rad", 1.0),
+        ("rad/Nm", "rad/(N m)", 1.0),
+        ("牛", "N", 1.0),
+        ("兆帕", "Pa", 1e6),
+        ("巴", "Pa", 1e5),
+        ("伏", "V", 1.0),
+        ("m s-1", "m/s", 1.0),
+        ("metres per second", "m/s", 1.0),
+        ("daN/cm²", "Pa", 1e5),
+        ("升/分", "m^3/s", 1e-3 / 60),
+        ("imp gal/min", "m^3/s", 4.54609e-3 / 60),
+        ("UK gpm", "m^3/s", 4.54609e-3 / 60),
+        ("US gal/min", "m^3/s", 3.785411784e-3 / 60),
+        ("1/100 bar", "Pa", 1e3),
+        ("0,01 mm", "m", 1e-5),
+        ("10^-3 mm", "m", 1e-6),
+        ("10⁻³ mm", "m", 1e-6),
+        ("1/10°", "rad", math.pi / 1800),
+        ("1/4096 rev", "rad", 2 * math.pi / 4096),
+        ("10 ms", "s", 1e-2),
+        ("100ns", "s", 1e-7),
+        ("%FS", "1", 0.01),
+        ("1/10 %", "1", 1e-3),
+    ],
+)  # fmt: skip
+def test_units_of_the_field(unit: str, si: str, factor: float | None) -> None:
+    if factor is None:
+        with pytest.raises(UnitError, match="not known"):
+            units.conversion_factor(unit, si)
+    else:
+        assert units.conversion_factor(unit, si) == pytest.approx(factor, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("unit", "si", "words"),
+    [
+        ("Grad", "rad", "deg.*gon"),
+        ("grad", "rad", "deg.*gon"),
+        ("Grad/s", "rad/s", "deg.*gon"),
+        ("kn", "N", "'kN' or a knot"),
+        ("mpa", "Pa", "'MPa'"),
+        ("mPa", "Pa", "slip"),
+        ("MM", "m", "'mm'"),
+        ("nN", "N", "slip"),
+        ("lb", "N", "is a mass"),
+        ("lbs", "N", "is a mass"),
+        ("kg", "N", "is a mass"),
+        ("lb", "N m", "is a mass"),
+        ("tons", "N", "not clear"),
+        ("hp", "W", "not clear"),
+        ("400 bar", "Pa", "range"),
+        ("100 bar", "Pa", "range"),
+        ("2 mm", "m", "range"),
+        ("1.000 mm", "m", "range"),
+        ("mm*10", "m", "not written as a unit"),
+        ("attocarat", "kg", "not known"),
+        ("furlong", "m", "not read"),
+        ("0-10 V", "V", "not written as a unit"),
+    ],
+)
+def test_what_is_doubtful_is_refused(unit: str, si: str, words: str) -> None:
+    with pytest.raises(UnitError, match=words) as error:
+        units.conversion_factor(unit, si, "a.csv, column 'x'")
+    assert "--unit ROLE=" in f"{error.value}\n{error.value.remedy}"
+
+
+def test_the_force_that_the_name_of_a_mass_may_mean() -> None:
+    with pytest.raises(UnitError) as error:
+        units.conversion_factor("lbs", "N")
+    assert error.value.remedy == "If the force is in 'lbf', give --unit ROLE=lbf."
+
+
+SHAPES = ("x [{}]", "x ({})", "x {{{}}}", "x<{}>", "x （{}）", "x【{}】", "[{}] x",
+          "x [{}] filtered", "x ({}) (left)", "x / {}", "x, {}", "x in {}", "x: {}", "x {}",
+          "x_{}")  # fmt: skip
+# Without brackets a word may be a part of the name, and is then no unit, or one for its role only.
+_NAMES = headers._PARTS | headers._DOUBTFUL_HEADERS | headers._NO_SUFFIXES | {"imperial_gallon"}
+
+
+def _may_be_a_name(text: str) -> bool:
+    plain = reading.read_unit(text).what == "a plain number"
+    short = len(text) < 3 and text.isascii()
+    return plain or short or text in _NAMES or text.startswith("in ")
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_header_takes_what_the_option_takes_and_the_reverse(shape: str) -> None:
+    """One text has one meaning, wherever it stands; what is refused here is refused there."""
+    texts = {*TABLE, *ALIASES, *ATOMS, *WORDS, *AMBIGUOUS, *UNREAD} - {"", "1", "none", "-", "t"}
+    texts |= {f"{a}/{b}" for a in ("mm", "kN", "Newton", "lb") for b in ("s", "min", "mm", "m^2")}
+    texts |= {f"{n} {u}" for n in ("1/100", "0,01", "1e-3", "10") for u in ("bar", "ms", "N m")}
+    if not re.search(r"[\[(<（【]|\{\{", shape):
+        texts = {text for text in texts if not _may_be_a_name(text)}
+    for text in sorted(texts):
+        said = reading.read_unit(text)
+        unit = units.parse_unit_from_header(shape.format(text))[1]
+        assert unit is not None, text
+        found = reading.read_unit(unit)
+        alike = found.what == said.what and found.factor == pytest.approx(said.factor, nan_ok=True)
+        assert alike or (said.fault and found.fault), text
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "unit"),
+    [
+        ("F (lb)", "F", "lb"),
+        ("F (kn)", "F", "kn"),
+        ("F (zzz)", "F", "zzz"),
+        ("F/kn", "F", "kn"),
+        ("F/lb", "F", "lb"),
+        ("force_kn", "force", "kn"),
+        ("force_lb", "force", "lb"),
+        ("force kip", "force", "kip"),
+        ("v_mm/s", "v", "mm/s"),
+        ("n 1/min", "n", "1/min"),
+        ("n_1/min", "n", "1/min"),
+        ("q in l / min", "q", "l / min"),
+        ("v / (m/s)", "v", "m/s"),
+        ("p (bar(g))", "p", "bar(g)"),
+        ("p bar(g)", "p", "bar(g)"),
+        ("p [bar] (abs)", "p", "bar(abs)"),
+        ("p [bar] filtered", "p filtered", "bar"),
+        ("p [bar] (psi)", "p [bar]", "bar or psi"),
+        ("F [N] [kN]", "F [N]", "N or kN"),
+        ("(mm) pos", "pos", "mm"),
+        ("chamber (A) [bar]", "chamber (A)", "bar"),
+        ("p (in bar)", "p", "bar"),
+        ("p (unit: bar)", "p", "bar"),
+        ("p in 1/100 bar", "p", "1/100 bar"),
+        ("t / 10 ms", "t", "10 ms"),
+        ("t_10ms", "t", "10ms"),
+        ("x_0.01mm", "x", "0.01mm"),
+        ("Weg / 1/100 mm", "Weg", "1/100 mm"),
+        ("Weg/0.01mm", "Weg", "0.01mm"),
+        ("x 0,1 bar", "x", "0,1 bar"),
+        ("p 1/100 [bar]", "p", "1/100 bar"),
+        ("p x10 [bar]", "p x10", "x10 bar"),
+        ("q imp gal/min", "q", "imp gal/min"),
+        ("p (400 bar)", "p", "400 bar"),
+        ("p (0-10 V)", "p", "0-10 V"),
+        ("p (bar, filtered)", "p", "bar, filtered"),
+        ("x (milimeter)", "x", "milimeter"),
+        ("x (millimiter)", "x", "millimiter"),
+        ("x (\ufffdm)", "x", "\ufffdm"),
+        ("angle (Inkremente)", "angle", "Inkremente"),
+        ("time_min", "time", "min"),
+        ("Zeit h", "Zeit", "h"),
+        ("pos_in", "pos", "in"),
+        ("Grad", "Grad", "Grad"),
+        ("pressure (valve side)", "pressure (valve side)", None),
+        ("F (measured)", "F (measured)", None),
+        ("speed (filtered)", "speed (filtered)", None),
+        ("position (encoder 1)", "position (encoder 1)", None),
+        ("p (rod)", "p (rod)", None),
+        ("p (B)", "p (B)", None),
+        ("F (ist)", "F (ist)", None),
+        ("F (AI0)", "F (AI0)", None),
+        ("x(t)", "x(t)", None),
+        ("V(out)", "V(out)", None),
+        ("position[0]", "position[0]", None),
+        ("压力（阀侧）", "压力(阀侧)", None),
+        ("pressure, filtered", "pressure, filtered", None),
+        ("pressure in chamber", "pressure in chamber", None),
+        ("pump HP", "pump HP", None),
+        ("u_kp", "u_kp", None),
+        ("p_A/B", "p_A/B", None),
+        ("Input 2 PSI", "Input 2", "PSI"),
+    ],
+)
+def test_what_is_written_as_a_unit_and_what_is_a_remark(
+    header: str, name: str, unit: str | None
+) -> None:
+    assert units.parse_unit_from_header(header) == (name, unit)
+
+
+@pytest.mark.parametrize("header", ["(a" * 40_000, "(a)" * 30_000, "a, " * 30_000, "a_" * 50_000,
+                                    "x [" + "a" * 90_000 + "]", "1" * 90_000 + " bar"])  # fmt: skip
+def test_a_long_header_is_looked_at_once(header: str) -> None:
+    unit = units.parse_unit_from_header(header)[1]
+    assert unit is None or reading.read_unit(unit).fault or len(unit) < 60

@@ -13,8 +13,7 @@ from typing import Any, Literal
 from ..block import Block
 from ..export.flat import flatten
 from ..export.target import Entry, safe_name
-from ..unit_table import SUFFIXES
-from ..units import conversion_factor, is_known_unit, normalise_unit, same_dimension
+from ..units import SUFFIXES, conversion_factor, is_known_unit, normalise_unit, same_dimension
 from .read import Key
 
 # Words behind a name that say a unit, the longest first: a macro has no small letters.

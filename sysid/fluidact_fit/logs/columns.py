@@ -225,7 +225,7 @@ def bind_role(log: Log, role: Role) -> Binding | None:
         column=column,
         unit=unit or role.unit,
         scale=scale,
-        to_si=scale * (conversion_factor(unit, role.unit, where) if unit else 1.0),
+        to_si=scale * (conversion_factor(unit, role.unit, where, role.name) if unit else 1.0),
         assumed=assumed,
     )
 

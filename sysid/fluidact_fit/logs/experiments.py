@@ -322,7 +322,7 @@ def step_signal(
     role: Role, step: StepInput, where: str, unit: str | None, scale: float = 1.0
 ) -> Signal:
     """Return the signal of a role that was not recorded but is known to have stepped."""
-    factor = conversion_factor(unit, role.unit, where) if unit else 1.0
+    factor = conversion_factor(unit, role.unit, where, role.name) if unit else 1.0
     factor *= scale
     for value in (step.start * factor, step.end * factor):
         try:

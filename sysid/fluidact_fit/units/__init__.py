@@ -1,0 +1,31 @@
+"""Units in and out: everything inside the package is SI, and converted here."""
+
+from .conversion import base_units, conversion_factor, dimension_name, same_dimension
+from .headers import SUFFIXES, is_doubtful_suffix, looks_like_unit, parse_unit_from_header
+from .reading import (
+    after_number,
+    as_share,
+    is_known_unit,
+    is_share,
+    is_unit,
+    pressure_reference,
+)
+from .spelling import normalise_unit
+
+__all__ = [
+    "SUFFIXES",
+    "after_number",
+    "as_share",
+    "base_units",
+    "conversion_factor",
+    "dimension_name",
+    "is_doubtful_suffix",
+    "is_known_unit",
+    "is_share",
+    "is_unit",
+    "looks_like_unit",
+    "normalise_unit",
+    "parse_unit_from_header",
+    "pressure_reference",
+    "same_dimension",
+]
