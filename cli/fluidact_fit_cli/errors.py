@@ -22,9 +22,13 @@ PIPE_CLOSED = 141  # 128 + SIGPIPE
 
 @dataclass(frozen=True)
 class Invocation:
-    """The command line as typed, for provenance and for ``--debug``, and what came of it."""
+    """The command line as typed, for provenance and for ``--debug``, and what came of it.
+
+    ``read`` are files that nothing may be written to, ``written`` those that were.
+    """
 
     args: tuple[str, ...]
+    read: list[str] = field(default_factory=list)
     written: list[str] = field(default_factory=list)
 
     @property

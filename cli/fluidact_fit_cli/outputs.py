@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from fluidact_fit.errors import OutputError, UsageError
+from fluidact_fit.files import refuse_outputs
 from fluidact_fit.parameters.atomic import names_directory, write_together
 
 from .errors import Invocation
@@ -22,23 +23,21 @@ def check_targets(targets: Mapping[str, str], inputs: Iterable[str], force: bool
     ``targets`` maps options to paths; ``inputs`` are files that are read. ``UsageError`` when a
     name is unsuitable, taken or given twice, ``OutputError`` when its directory is not writable.
     """
-    read = {os.path.realpath(path) for path in inputs}
-    seen: dict[str, str] = {}
+    read = [part for path in inputs for part in _parts(path)]
     for option, path in targets.items():
         _check_name(option, path)
-        real = os.path.realpath(path)
-        if real in read:
-            raise UsageError(
-                f"{option} {path} is one of the files read and would be overwritten.",
-                remedy="Give another name.",
-            )
-        if real in seen:
-            raise UsageError(
-                f"{seen[real]} and {option} both name {path}.",
-                remedy="Give two different files.",
-            )
-        seen[real] = option
+    refuse_outputs(targets.items(), read)
+    for option, path in targets.items():
         _check_place(option, path, force)
+    if (invocation := _invocation()) is not None:
+        invocation.read.extend(read)
+
+
+def _parts(path: str) -> list[str]:
+    """The files of a log: itself, or those that are merged in it."""
+    from fluidact_fit.logs.source import files_of
+
+    return [str(part) for part in files_of(Path(path))] if "+" in path else [path]
 
 
 def _check_name(option: str, path: str) -> None:
@@ -83,13 +82,23 @@ def _check_place(option: str, path: str, force: bool) -> None:
 
 
 def write_all(contents: Mapping[str, bytes | str], force: bool) -> None:
-    """Write files, each whole; when one fails, all are as they were before."""
-    write_together(contents, overwrite=force)
+    """Write files, each whole; when one fails, all are as they were before.
+
+    Files that :func:`check_targets` knows as read are never replaced, whatever they have become
+    since: a link may lead elsewhere than before the fit.
+    """
+    invocation = _invocation()
+    inputs = invocation.read if invocation is not None else ()
+    write_together(contents, overwrite=force, inputs=inputs)
     note_written(contents)
 
 
 def note_written(paths: Iterable[str]) -> None:
     """Remember files that were written, for the message of an error that comes later."""
-    invocation = click.get_current_context().find_object(Invocation)
+    invocation = _invocation()
     if invocation is not None:
         invocation.written.extend(paths)
+
+
+def _invocation() -> Invocation | None:
+    return click.get_current_context().find_object(Invocation)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -29,6 +30,7 @@ from .logs import (
 )
 from .logs import experiments as experiments_of
 from .logs.experiments import LONGEST, SHORTEST
+from .logs.source import files_of
 from .options import plausible
 from .outcome import Simulation
 from .result import FitResult
@@ -157,13 +159,14 @@ def fit(
         )
         view = chosen.static_view(found.plant, found.experiments, found.simulated)
         return FitResult(
-            family, variant, found.estimate, found.fitted, validation, document, said, view
-        )
+            family, variant, found.estimate, found.fitted, validation, document, said, view,
+            given.inputs,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Opened:
-    """What is fitted, the logs that it is judged by, and what the file says of its logs."""
+    """What is fitted, the logs that it is judged by, their files, and what is said of them."""
 
     variant: Variant
     experiments: list[Experiment]
@@ -171,6 +174,7 @@ class _Opened:
     sources: list[dict[str, Any]]
     declared: frozenset[str]
     judged: list[Log]
+    inputs: list[str]
 
 
 def _open(
@@ -192,7 +196,8 @@ def _open(
         provenance(log, [e for e in experiments if e.log == i]) for i, log in enumerate(opened)
     ]
     declared = frozenset(role for log in opened for role in log.holds)
-    return _Opened(variant, experiments, notices, sources, declared, judged)
+    inputs = [os.path.abspath(p) for log in together if log.sha256 for p in files_of(log.path)]
+    return _Opened(variant, experiments, notices, sources, declared, judged, inputs)
 
 
 def _numbers(option: str, given: Mapping[str, float] | None) -> dict[str, float]:

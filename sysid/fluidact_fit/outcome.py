@@ -179,6 +179,8 @@ class Outcome:
         All warnings, those of the reader included.
     static_view
         What a picture of a static map shows; ``None`` for a dynamic model.
+    inputs
+        Files of the logs; what is saved never replaces one of them.
     """
 
     family: str
@@ -189,6 +191,7 @@ class Outcome:
     document: ParameterDocument
     notices: Sequence[Notice]
     static_view: StaticView | None
+    inputs: Sequence[str] = ()
 
     @property
     def parameters(self) -> Mapping[str, Quantity]:

@@ -87,12 +87,13 @@ class FitResult(Outcome):
         Raises
         ------
         OutputError
-            When the file exists and ``overwrite`` is false, or cannot be written.
+            When the file exists and ``overwrite`` is false, is one of the logs, or cannot be
+            written.
         StrictError
             When the verdict is FAIL and that was not accepted.
         """
         document = self.document_to_write(accept_failed)
-        return save_document(document, path, overwrite=overwrite)
+        return save_document(document, path, overwrite=overwrite, inputs=self.inputs)
 
     def document_to_write(self, accept_failed: bool = False) -> ParameterDocument:
         """Return the document, marked where it is written against the verdict.

@@ -9,6 +9,7 @@ from pathlib import PurePath
 from typing import Any, NamedTuple
 
 from ..errors import ConsumerError, ParameterFileError
+from ..files import open_regular
 from ..parameters.yaml_io import parse_yaml
 from .c_header import BRACKETS, names_in
 
@@ -71,7 +72,7 @@ def read_consumer(path: str | os.PathLike[str]) -> list[Key]:
 
 def _text(where: str) -> str:
     try:
-        with open(where, "rb") as file:
+        with open_regular(where) as file:
             content = file.read(_MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 
 from ..control import read_document
 from ..parameters import ParameterDocument
@@ -75,10 +76,12 @@ def design(
     NotIdentifiedError
         When no excitation within the limits determines the parameters.
     """
+    inputs: tuple[str, ...] = ()
     if not isinstance(document, ParameterDocument):
+        inputs = (os.path.abspath(document),)
         document = read_document(document)
     given = Limits(amplitude or (0.0, 0.0), rate, stroke, duration or 0.0, sample_time or 0.0)
     task = Task(document, given, criterion, seed, progress or (lambda message: None))
     task.check()
     kinds = {"command": design_command, "strokes": design_strokes, "points": design_points}
-    return kinds[task.excitation.kind](task)
+    return replace(kinds[task.excitation.kind](task), inputs=inputs)

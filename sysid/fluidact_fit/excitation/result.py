@@ -95,6 +95,8 @@ class Design:
         What a person should know.
     candidates
         The best of each shape, best first.
+    inputs
+        The parameter file, where one was read; what is saved never replaces it.
     """
 
     family: str
@@ -108,6 +110,7 @@ class Design:
     binding: tuple[str, ...]
     notes: tuple[str, ...]
     candidates: tuple[Candidate, ...] = ()
+    inputs: tuple[str, ...] = ()
 
     @property
     def predicted(self) -> dict[str, float | None]:
@@ -151,4 +154,4 @@ class Design:
         OutputError
             When the file exists and ``overwrite`` is false, or cannot be written.
         """
-        return write_atomically(path, self.to_csv(), overwrite=overwrite)
+        return write_atomically(path, self.to_csv(), overwrite=overwrite, inputs=self.inputs)

@@ -9,11 +9,10 @@ from pathlib import Path
 from ..block import Block
 from ..control import load
 from ..errors import NotIdentifiedError, OutputError, StrictError, UsageError
+from ..files import PathLike, refuse_outputs
 from ..parameters.atomic import write_together
 from .registry import TARGETS, get_controller_target, get_target
 from .target import Arithmetic, Job, make_job
-
-PathLike = str | os.PathLike[str]
 
 
 def export(
@@ -96,7 +95,9 @@ def export(
     made = [{str(Path(folder, n)): data for n, data in c.items()} for c in contents]
     _check_places(made, files, force)
     _make_folder(folder)
-    return [path for contents in made for path in write_together(contents, overwrite=force)]
+    return [
+        path for c in made for path in write_together(c, overwrite=force, inputs=files)
+    ]
 
 
 def _controller(
@@ -154,13 +155,9 @@ def _refuse_same_names(files: Sequence[str], jobs: Sequence[Job]) -> None:
 
 def _check_places(made: Iterable[Mapping[str, bytes]], files: Iterable[str], force: bool) -> None:
     """Refuse before anything is written what would replace a file without leave."""
-    read = {os.path.realpath(path) for path in files}
-    for path in (path for contents in made for path in contents):
-        if os.path.realpath(path) in read:
-            raise UsageError(
-                f"{path} is one of the files read and would be overwritten.",
-                remedy="Give another folder with -o.",
-            )
+    paths = [path for contents in made for path in contents]
+    refuse_outputs([("", path) for path in paths], files)
+    for path in paths:
         if os.path.lexists(path) and not force:
             raise OutputError(
                 "exists already and was kept.",

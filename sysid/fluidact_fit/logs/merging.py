@@ -56,7 +56,8 @@ def merged(logs: Sequence[Log]) -> Log:
         )
     checksum = hashlib.sha256("".join(log.sha256 for log in logs).encode()).hexdigest()
     found = joined(parts, name)
-    return make_log(found, name, "merged", path=Path(name), sha256=checksum, notices=notices)
+    path = Path("+".join(str(log.path) for log in logs))
+    return make_log(found, name, "merged", path=path, sha256=checksum, notices=notices)
 
 
 def _named(column: Column, log: Log, rows: np.ndarray, taken: set[str]) -> Named:

@@ -122,6 +122,8 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
     if not isinstance(path, str | os.PathLike):
         return log_of(path)
     place = Path(path)
+    if str(place) == "-" != os.fspath(path):
+        place = place.absolute()  # "./-" is a file, and "-" standard input
     if len(files := files_of(place)) > 1:
         return merged([with_joined_time(_read(file, written)) for file in files])
     raw, sha256 = b"", ""

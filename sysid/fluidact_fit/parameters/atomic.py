@@ -8,12 +8,13 @@ import re
 import secrets
 import stat
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import IO
 
 from ..errors import OutputError
+from ..files import IRREGULAR, PathLike, is_irregular, refuse_input
 
 try:
     import fcntl
@@ -25,14 +26,15 @@ _DAY = 86400.0  # seconds; a write takes far less
 
 
 def write_atomically(
-    path: str | os.PathLike[str], text: str | bytes, *, overwrite: bool = False
+    path: PathLike, text: str | bytes, *, overwrite: bool = False, inputs: Iterable[PathLike] = ()
 ) -> Path:
     """Write a file so that a crash or a full disk leaves the old one whole.
 
     The content goes to a new file beside it, which then takes its place; of two programs that
     write the same new file at once, one does and the other is refused. What an earlier write
     left behind when it was killed is removed from that directory. A symbolic link
-    stays one: the file it points to is replaced. A device or pipe is written to directly.
+    stays one: the file it points to is replaced. The null device is written to; other devices,
+    pipes and sockets are refused.
 
     Parameters
     ----------
@@ -42,11 +44,13 @@ def write_atomically(
         What to write; text is written as UTF-8 with plain newlines.
     overwrite
         Whether an existing file may be replaced.
+    inputs
+        What the content was made from; none of these files is ever replaced.
 
     Raises
     ------
     OutputError
-        When the file exists and may not be replaced, or cannot be written.
+        When the file exists and may not be replaced, is an input, or cannot be written.
     """
     where = os.fspath(path)
     try:
@@ -55,6 +59,9 @@ def write_atomically(
         mode = os.stat(target).st_mode if os.path.exists(target) else None
         if names_directory(where) or (mode is not None and stat.S_ISDIR(mode)):
             raise OutputError("is a directory.", where=where, remedy="Give a file name inside it.")
+        if is_irregular(where):
+            raise OutputError(f"is {IRREGULAR}.", where=where, remedy="Give the name of a file.")
+        refuse_input(where, inputs)
         if mode is not None and not stat.S_ISREG(mode):
             with open(where, "wb") as file:
                 file.write(content)
@@ -73,7 +80,9 @@ def write_atomically(
     return Path(path)
 
 
-def write_together(contents: Mapping[str, str | bytes], *, overwrite: bool = False) -> list[Path]:
+def write_together(
+    contents: Mapping[str, str | bytes], *, overwrite: bool = False, inputs: Iterable[PathLike] = ()
+) -> list[Path]:
     """Write several files, each whole; when one cannot be, all are as they were before.
 
     Parameters
@@ -82,6 +91,8 @@ def write_together(contents: Mapping[str, str | bytes], *, overwrite: bool = Fal
         Where to write what, as in :func:`write_atomically`.
     overwrite
         Whether existing files may be replaced.
+    inputs
+        What the contents were made from; none of these files is ever replaced.
 
     Returns
     -------
@@ -94,10 +105,11 @@ def write_together(contents: Mapping[str, str | bytes], *, overwrite: bool = Fal
         When a file exists and may not be replaced, or cannot be written.
     """
     written: list[tuple[str, bool, bytes | None]] = []
+    inputs = tuple(inputs)
     try:
         for path in map(os.fspath, contents):
             existed, before = os.path.lexists(path), _present(path)
-            write_atomically(path, contents[path], overwrite=overwrite)
+            write_atomically(path, contents[path], overwrite=overwrite, inputs=inputs)
             written.append((path, existed, before))
     except BaseException:
         for path, existed, before in reversed(written):

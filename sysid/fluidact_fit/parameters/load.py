@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeGuard, get_args
 
@@ -73,16 +73,20 @@ def dump_document(document: ParameterDocument) -> str:
 
 
 def save_document(
-    document: ParameterDocument, path: str | os.PathLike[str], overwrite: bool = False
+    document: ParameterDocument,
+    path: str | os.PathLike[str],
+    overwrite: bool = False,
+    inputs: Iterable[str | os.PathLike[str]] = (),
 ) -> Path:
-    """Write a parameter file, whole or not at all.
+    """Write a parameter file, whole or not at all, and never over one of its ``inputs``.
 
     Raises
     ------
     OutputError
         When the file exists and may not be replaced, or cannot be written.
     """
-    return write_atomically(path, dump_document(document), overwrite=overwrite)
+    text = dump_document(document)
+    return write_atomically(path, text, overwrite=overwrite, inputs=inputs)
 
 
 def _read(text: YamlText, lookup: Lookup, where: str) -> ParameterDocument:

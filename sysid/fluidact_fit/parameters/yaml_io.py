@@ -24,6 +24,7 @@ from yaml.constructor import SafeConstructor
 from yaml.resolver import BaseResolver
 
 from ..errors import ParameterFileError, visible
+from ..files import open_regular
 from .problems import Location, Problems
 
 MAX_BYTES = 10_000_000
@@ -53,7 +54,7 @@ def read_yaml(path: str | os.PathLike[str]) -> YamlText:
     if os.path.isdir(where):
         raise _refusal(where, "is a directory", "Give the parameter file inside it.")
     try:
-        with open(where, "rb") as file:
+        with open_regular(where) as file:
             content = file.read(MAX_BYTES + 1)
     except FileNotFoundError:
         raise _refusal(where, "does not exist", "Check the name of the file.") from None

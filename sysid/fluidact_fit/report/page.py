@@ -43,7 +43,8 @@ def write_html(result: Outcome, path: str | os.PathLike[str], *, overwrite: bool
         When the file exists and may not be replaced, or cannot be written.
     """
     _check_suffix(path)
-    return write_atomically(path, result_page(result), overwrite=overwrite)
+    page = result_page(result)
+    return write_atomically(path, page, overwrite=overwrite, inputs=result.inputs)
 
 
 def write_document_html(

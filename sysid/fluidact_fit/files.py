@@ -1,0 +1,147 @@
+"""Files that are read and written: regular ones only, and nothing that is read is replaced."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+import unicodedata
+from collections.abc import Hashable, Iterable, Iterator
+from functools import lru_cache
+from typing import BinaryIO
+
+from .errors import OutputError, UsageError
+
+PathLike = str | os.PathLike[str]
+IRREGULAR = "not a regular file"
+
+
+def open_regular(path: PathLike) -> BinaryIO:
+    """Open a regular file to read its bytes.
+
+    Raises
+    ------
+    OSError
+        When it cannot be opened, or is a device, a pipe or a socket: to read one may wait for
+        ever, and has no end.
+    """
+    _refuse_irregular(os.stat(path).st_mode)  # to open a device may already do something
+
+    def opener(name: str, flags: int) -> int:
+        return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
+
+    file = open(path, "rb", opener=opener)  # noqa: SIM115 (the caller closes it)
+    try:
+        _refuse_irregular(os.fstat(file.fileno()).st_mode)
+    except OSError:
+        file.close()
+        raise
+    return file
+
+
+def _refuse_irregular(mode: int) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, IRREGULAR)
+
+
+class FileSet:
+    """Files by what they are, not by what they are called.
+
+    Two names are the same file when they lead to one (links of either kind), or differ in
+    nothing but case and the composition of characters, which some systems do not tell apart.
+    """
+
+    def __init__(self, paths: Iterable[PathLike] = ()) -> None:
+        self._known: dict[Hashable, str] = {}
+        for path in paths:
+            self.add(path)
+
+    def add(self, path: PathLike, about: str = "") -> None:
+        """Add a file; ``about`` is what :meth:`find` says of it, its path if empty."""
+        for identity in _identities(path):
+            self._known.setdefault(identity, about or os.fspath(path))
+
+    def find(self, path: PathLike) -> str | None:
+        """What was said of the same file when it was added; ``None`` when it was not."""
+        return next((self._known[i] for i in _identities(path) if i in self._known), None)
+
+
+def _identities(path: PathLike) -> Iterator[Hashable]:
+    name = os.path.abspath(os.fspath(path))
+    try:
+        if os.path.islink(name):
+            name = os.path.realpath(name)
+        real = os.path.join(_real_folder(os.path.dirname(name)), os.path.basename(name))
+        yield unicodedata.normalize("NFC", real).casefold()
+        found = os.stat(name)
+        yield found.st_dev, found.st_ino
+    except (OSError, ValueError):  # there is none, or cannot be
+        return
+
+
+@lru_cache(maxsize=4096)  # a batch asks for the same folders ten thousand times
+def _real_folder(folder: str) -> str:
+    return os.path.realpath(folder)
+
+
+def refuse_outputs(outputs: Iterable[tuple[str, str]], inputs: Iterable[PathLike]) -> None:
+    """Refuse files to write that are read, named twice, or could not be regular files.
+
+    Parameters
+    ----------
+    outputs
+        What asks for a file, an option for example, and its path.
+    inputs
+        Files that are read.
+
+    Raises
+    ------
+    UsageError
+        Naming both.
+    """
+    read, seen = FileSet(inputs), FileSet()
+    for asked, path in outputs:
+        named = f"{asked} {path}".strip()
+        if is_irregular(path):
+            raise UsageError(f"{named} is {IRREGULAR}.", remedy="Give the name of a file.")
+        if (other := read.find(path)) is not None:
+            same = "" if other == path else f", {other},"
+            raise UsageError(
+                f"{named} is one of the files read{same} and would be overwritten.",
+                remedy="Give another name.",
+            )
+        if (other := seen.find(path)) is not None:
+            raise UsageError(
+                f"{other} and {asked or path} both name {path}.",
+                remedy="Give two different files.",
+            )
+        seen.add(path, asked)
+
+
+def is_irregular(path: PathLike) -> bool:
+    """Whether a path leads to what cannot be replaced: a device, a pipe, a loop of links.
+
+    The null device may be written to, and a directory is somebody else's to refuse.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except OSError as error:
+        return error.errno == errno.ELOOP
+    except ValueError:
+        return False
+    regular = stat.S_ISREG(mode) or stat.S_ISDIR(mode)
+    return not (regular or os.path.realpath(path) == os.path.realpath(os.devnull))
+
+
+def refuse_input(path: PathLike, inputs: Iterable[PathLike]) -> None:
+    """Refuse to write a file that is one of ``inputs`` (``OutputError``)."""
+    other = FileSet(inputs).find(path)
+    if other is not None:
+        same = "" if other == os.fspath(path) else f", {other},"
+        raise OutputError(
+            f"is one of the files read{same} and would be overwritten.",
+            where=os.fspath(path),
+            remedy="Give another name.",
+        )

@@ -1,0 +1,195 @@
+"""Nothing that a command writes touches what it reads, and only regular files are either."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import fluidact_fit as ff
+from fluidact_fit.errors import OutputError
+from fluidact_fit.files import FileSet
+
+Log = Callable[..., Path]
+Run = Callable[..., Any]
+posix = pytest.mark.skipif(os.name != "posix", reason="POSIX links, devices and pipes")
+
+
+@pytest.fixture(autouse=True)
+def patience() -> Iterator[None]:
+    """End a test that waits for ever."""
+    if os.name != "posix":
+        yield
+        return
+
+    def end(*_: Any) -> None:
+        raise TimeoutError("it hangs")
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@contextmanager
+def kept(folder: Path) -> Iterator[None]:
+    """Every file of a folder is as it was before, and there is no other."""
+
+    def content() -> dict[str, bytes]:
+        return {str(p): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+    before = content()
+    yield
+    assert content() == before
+
+
+@pytest.fixture
+def line_log() -> Callable[[Path, int], Path]:
+    """Write a log with a clock, an inlet and an outlet."""
+
+    def write(path: Path, seed: int = 0) -> Path:
+        rng = np.random.default_rng(seed)
+        u, y = np.repeat(rng.choice([1.0, 2.0, 4.0], 30), 10), [1.0]
+        for value in u[:-1]:
+            y.append(y[-1] + (value - y[-1]) * 0.1)
+        rows = zip(0.01 * np.arange(u.size), u, np.array(y) + 0.001 * rng.normal(size=u.size))
+        text = "time [s],inlet [Pa],outlet [Pa]\n"
+        path.write_text(text + "".join(f"{t:.4f},{a},{b}\n" for t, a, b in rows))
+        return path
+
+    return write
+
+
+@pytest.fixture
+def files(inside: Path, line_log: Log, here: Run) -> Path:
+    """A folder with logs, two halves of a log, a parameter file, a controller and links."""
+    line_log(inside / "a.csv")
+    rows = [row.split(",") for row in (inside / "a.csv").read_text().splitlines()]
+    for name, columns in (("p.csv", (0, 1)), ("q.csv", (0, 2))):
+        (inside / name).write_text("".join(",".join(r[k] for k in columns) + "\n" for r in rows))
+    done = here("line", "a.csv", "-o", "line.yaml", "-q")
+    assert done.status == 0, done.err
+    os.link("a.csv", "hard.csv")
+    os.symlink("a.csv", "soft.csv")
+    os.mkdir("sub")
+    os.symlink("..", "sub/up")
+    return inside
+
+
+@posix
+@pytest.mark.parametrize("words", [
+    "line a.csv -o a.csv",
+    "line a.csv -o hard.csv",
+    "line a.csv -o soft.csv",
+    "line a.csv -o sub/../a.csv",
+    "line a.csv -o sub/up/a.csv",
+    "line a.csv -o A.CSV",
+    "line soft.csv -o a.csv",
+    "line p.csv+q.csv -o q.csv",
+    "line ./p.csv+sub/up/q.csv -o p.csv",
+    "line p.csv --validate q.csv -o q.csv",
+    "line p.csv --validate a.csv+q.csv -o a.csv",
+    "simulate line.yaml a.csv -o line.yaml",
+    "simulate line.yaml a.csv -o hard.csv",
+    "simulate line.yaml p.csv+q.csv -o p.csv",
+    "design line --from line.yaml -o line.yaml",
+    "export line.yaml --to json -o . --accept-not-identified all",
+    "line a.csv -o fit.yaml --report FIT.html --plot fit.svg --report fit.html",
+])  # fmt: skip
+def test_no_output_touches_an_input(words: str, files: Path, here: Run) -> None:
+    if "export" in words:
+        os.symlink("line.yaml", "line.json")
+    if "--report" in words:
+        os.symlink("fit.svg", "fit.html")
+    with kept(files):
+        done = here(*words.split(), "-f")
+    assert done.status == 2, done.err
+    assert "read" in done.err or "both name" in done.err
+
+
+@posix
+@pytest.mark.parametrize("kind", ["pipe", "socket", "loop", "device"])
+@pytest.mark.parametrize("words", [
+    "line a.csv -o X",
+    "line a.csv -o v.yaml --plot X.svg",
+    "simulate line.yaml a.csv -o X",
+    "design line --from line.yaml -o X",
+    "report line.yaml -o X.html",
+    "line X", "line a.csv --validate X", "line X+a.csv", "inspect X", "compare a.csv X",
+    "check X a.csv", "check line.yaml X", "simulate X a.csv", "report X", "export X --to c",
+    "check-consumer line.yaml X", "check-consumer X line.yaml", "design line --from X",
+    "compare line.yaml X.yaml", "batch X -o out", "batch X.yaml -o out",
+    "simulate line.yaml --controller X --reference step",
+])  # fmt: skip
+def test_only_regular_files_are_read_and_written(
+    words: str, kind: str, files: Path, here: Run
+) -> None:
+    places = [word for word in words.replace("+", " ").split() if word.startswith("X")]
+    for place in places:
+        if kind == "pipe":
+            os.mkfifo(place)
+        elif kind == "socket":
+            with socket.socket(socket.AF_UNIX) as made:
+                made.bind(place)
+        else:
+            os.symlink(place if kind == "loop" else "/dev/zero", place)
+    with kept(files):
+        done = here(*words.split(), *(["-f"] if words.startswith("line") or " -o" in words else []))
+    assert done.status in (2, 3), done.err
+    assert "Traceback" not in done.err
+    assert any(place in done.err for place in places)
+
+
+def test_a_link_that_turns_during_a_fit_is_seen(
+    files: Path, here: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from fluidact_fit_cli.commands import fit
+
+    os.symlink("new.yaml", "out.yaml")
+    real = fit._render
+
+    def render(*args: Any) -> Any:
+        os.unlink("out.yaml")
+        os.symlink("a.csv", "out.yaml")
+        return real(*args)
+
+    monkeypatch.setattr(fit, "_render", render)
+    before = (files / "a.csv").read_bytes()
+    done = here("line", "a.csv", "-o", "out.yaml", "-f")
+    assert done.status == 3
+    assert "would be overwritten" in done.err
+    assert (files / "a.csv").read_bytes() == before
+
+
+def test_a_result_knows_its_logs(files: Path) -> None:
+    result = ff.fit("line", ["p.csv+q.csv"], validate=["a.csv"])
+    with kept(files):
+        for name in ("p.csv", "q.csv", "a.csv", str(files / "a.csv"), "soft.csv"):
+            with pytest.raises(OutputError, match="would be overwritten"):
+                result.save(name, overwrite=True)
+
+
+def test_files_of_one_name_and_names_of_one_file(tmp_path: Path) -> None:
+    (tmp_path / "a").touch()
+    known = FileSet([tmp_path / "a", tmp_path / "Später.csv"])
+    known.add("b", "the other")
+    assert known.find(tmp_path / "x" / ".." / "a") == str(tmp_path / "a")
+    assert known.find(tmp_path / "SPÄTER.csv")
+    assert known.find(tmp_path / "Spa\u0308ter.csv")
+    assert known.find(Path.cwd() / "b") == "the other"
+    assert known.find(tmp_path / "b") is None
+
+
+def test_a_file_called_like_standard_input(files: Path, here: Run) -> None:
+    os.rename("p.csv", "-")
+    done = here("inspect", "./-")
+    assert done.status == 0, done.err
+    assert done.out.startswith("-: 300 rows")
