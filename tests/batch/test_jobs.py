@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import os
+from glob import glob
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fluidact_fit.batch import Job, group_logs, read_jobs
+from fluidact_fit.batch.patterns import expand
 from fluidact_fit.errors import JobsFileError, UsageError
 
 
@@ -92,12 +95,24 @@ def test_what_is_wrong_is_said_with_its_place(text: str, found: str, tmp_path: P
         ("- {job: a, family: line, logs: !!python/name:os.system x}", "is not YAML"),
         ("[" * 5000, "is not YAML"),
         ("- {job: true, family: line, logs: b}", "'job' is no text"),
-        ("&a [*a]", "is not a mapping"),
+        ("&a [*a]", "is not YAML.*has an alias"),
+        ("- {job: a, job: b, family: line, logs: b}", "duplicate key"),
+        ("- {job: a, family: line, logs: b}\n---\n[]", "second document"),
     ],
 )
 def test_hostile_yaml(text: str, found: str, tmp_path: Path) -> None:
     with pytest.raises(JobsFileError, match=found):
         read_jobs(_file(tmp_path, text, "jobs.yaml"))
+
+
+def test_yaml_keeps_every_word_as_it_is_written(tmp_path: Path) -> None:
+    words = ["0017", "1.50", "1e3", "0x1F", "1_000", "2026-01-02", "yes", "no", "on", "0o17", "+7"]
+    more = ["12:30", "2026-01-02T03:04:05Z", ".5", "1.", "9" * 5000]  # none of them can be a file's
+    rows = [f"- {{job: {w}, family: {w}, logs: [{w}], options: [--x, {w}]}}" for w in words]
+    rows += [f"- job: j{k}\n  family: line\n  logs: {w}\n" for k, w in enumerate(more)]
+    jobs = read_jobs(_file(tmp_path, "\n".join(rows), "jobs.yaml"))
+    assert jobs[: len(words)] == [Job(w, w, (w,), ("--x", w)) for w in words]
+    assert [job.logs for job in jobs[len(words) :]] == [(w,) for w in more]
 
 
 @given(text=st.text(max_size=200))
@@ -122,6 +137,45 @@ def test_patterns_find_logs_in_order_and_once(tmp_path: Path) -> None:
     assert job.found_logs(tmp_path) == (
         "u/a.csv", "u/b.csv", "u/deep/c.csv", "log[1].csv", "none*.csv",
     )  # fmt: skip
+
+
+def test_names_that_look_like_options_stay_names(tmp_path: Path) -> None:
+    _logs(tmp_path, "--scale=outlet=-3", "-", "-o.csv", "u/-x.csv")
+    job = Job("j", "line", ("*", "--strict", "u/-*"))
+    assert job.found_logs(tmp_path) == (
+        "./-", "./--scale=outlet=-3", "./-o.csv", "u", "./--strict", "u/-x.csv",
+    )  # fmt: skip
+    jobs = group_logs("line", ["-*.csv"], "file", "", tmp_path)
+    assert [(job.name, job.logs) for job in jobs] == [("-o", ("./-o.csv",))]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links")
+def test_links_in_circles_are_followed_once(tmp_path: Path) -> None:
+    _logs(tmp_path, "a/1.csv", "b/2.csv", "b/c/3.csv")
+    for at, to in (("a/up", ".."), ("a/self", "."), ("a/other", "../b"), ("b/other", "../a"),
+                   ("b/c/top", "../.."), ("b/loop", "loop")):  # fmt: skip
+        (tmp_path / at).symlink_to(to)
+    every = Job("j", "line", ("**/*.csv",)).found_logs(tmp_path)
+    assert every == ("a/1.csv", "b/2.csv", "b/c/3.csv")
+    deep = "/".join(["*"] * 40 + ["*.csv"])
+    assert len(Job("j", "line", (deep,)).found_logs(tmp_path)) == 3
+    assert Job("j", "line", ("a/**/*.csv",)).found_logs(tmp_path) == (
+        "a/1.csv", "a/other/2.csv", "a/other/c/3.csv",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("pattern", [
+    "*.csv", "**", "**/*.csv", "u*/*", "./u1/../*/[ab].csv", "u?/**/a*", "*", ".*/*.csv", "u1/a.csv",
+    "u1/*/", "/**/none*/x.csv", "**/deep/*", "[", "u1/**/", "*/*/*",
+])  # fmt: skip
+def test_patterns_find_what_glob_finds(pattern: str, tmp_path: Path) -> None:
+    _logs(tmp_path, "a.csv", "u1/a.csv", "u1/b.csv", "u1/deep/a.csv", "u2/c.csv", ".hidden/d.csv",
+          "u2/.e.csv", "u2/deep/er/f.csv")  # fmt: skip
+    if pattern.startswith("/"):
+        pattern = str(tmp_path) + pattern
+    found = glob(pattern, root_dir=tmp_path, recursive=True)
+    folders = {p for p in found if (tmp_path / p).is_dir()} if pattern.endswith("**") else set()
+    assert expand(pattern, tmp_path) == sorted({*found} - folders)
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,15 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from glob import glob, has_magic
+from glob import has_magic
 from pathlib import Path
 from typing import Any
 
-from ..errors import JobsFileError, UsageError
+from ..errors import JobsFileError, ParameterFileError, UsageError, shortened
+from ..files import open_regular
+from ..parameters.problems import format_path
+from ..parameters.yaml_io import parse_yaml_table
+from .patterns import expand
 
 _KEYS = ("job", "family", "logs", "options")
 _NEEDED = _KEYS[:3]
@@ -41,15 +45,14 @@ class Job:
     def found_logs(self, folder: Path) -> tuple[str, ...]:
         """Paths of the logs, patterns replaced by the files that match, in order of their names.
 
-        A pattern that no file matches stays: the reader says that there is no such file.
+        A pattern that no file matches stays: the reader says that there is no such file. A name
+        that a command line would take for an option, or for standard input, begins with ``./``.
         """
         paths: list[str] = []
         for text in self.logs:
-            named = not has_magic(text) or (folder / text).exists()
-            paths += (
-                [text] if named else sorted(glob(text, root_dir=folder, recursive=True)) or [text]
-            )
-        return tuple(dict.fromkeys(paths))
+            named = not has_magic(text) or os.path.lexists(folder / text)
+            paths += [text] if named else expand(text, folder) or [text]
+        return tuple(dict.fromkeys(f"./{p}" if p.startswith("-") else p for p in paths))
 
 
 def read_jobs(path: str | os.PathLike[str]) -> list[Job]:
@@ -128,9 +131,9 @@ def group_logs(
 
 
 def _group(path: str, group_by: str) -> str:
-    folder, name = os.path.split(path)
+    folder, name = os.path.split(path.removeprefix("./"))
     if group_by == "file":
-        return re.sub(r"[\\/]+", "_", os.path.splitext(path)[0])
+        return re.sub(r"[\\/]+", "_", os.path.splitext(os.path.join(folder, name))[0])
     if group_by == "folder":
         return re.sub(r"[\\/]+", "_", folder) or "here"
     ahead, found, after = group_by.partition("{job}")
@@ -152,11 +155,12 @@ def _group(path: str, group_by: str) -> str:
 
 def _read_text(where: str) -> str:
     try:
-        size = os.path.getsize(where)
-        if size > _LARGEST:
+        with open_regular(where) as file:
+            content = file.read(_LARGEST + 1)
+        if len(content) > _LARGEST:
             raise JobsFileError(f"is larger than {_LARGEST // 1_000_000} MB.", where=where,
                                 remedy="Split it into several batches.")  # fmt: skip
-        return Path(where).read_text(encoding="utf-8-sig")
+        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except OSError as error:
         raise JobsFileError(
             f"cannot be read: {error.strerror}.", where=where, remedy="Check the name of the file."
@@ -192,15 +196,14 @@ def _from_csv(text: str, where: str) -> Iterable[tuple[str, Mapping[str, Any]]]:
 
 
 def _from_yaml(text: str, where: str) -> Iterable[tuple[str, Mapping[str, Any]]]:
-    import yaml
-
-    loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        data = yaml.load(text, loader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise JobsFileError(f"is not YAML: {reason}.", where=where, expected=_FORM,
-                            remedy="Correct the file.") from None  # fmt: skip
+        found = parse_yaml_table(text, where)
+    except ParameterFileError as error:
+        reason = "; ".join(words for _, words in error.problems).removeprefix("is not YAML: ")
+        raise _not_yaml(reason, error.where) from None
+    data = found.data
+    for place, words in found.problems.found.items():
+        raise _not_yaml(f"{format_path(place)} {words}", f"{where}, line {found.lines[place]}")
     if isinstance(data, dict) and list(data) == ["jobs"]:
         data = data["jobs"]
     if not isinstance(data, list):
@@ -213,6 +216,11 @@ def _from_yaml(text: str, where: str) -> Iterable[tuple[str, Mapping[str, Any]]]
                                 remedy="Give its keys and values.")  # fmt: skip
         _check_keys([str(key) for key in row], place)
         yield place, row
+
+
+def _not_yaml(reason: str, where: str) -> JobsFileError:
+    what = f"is not YAML of plain lists, mappings and text: {shortened(reason)}."
+    return JobsFileError(what, where=where, expected=_FORM, remedy="Correct the file.")
 
 
 def _check_keys(names: Sequence[str], where: str) -> None:

@@ -95,9 +95,7 @@ def export(
     made = [{str(Path(folder, n)): data for n, data in c.items()} for c in contents]
     _check_places(made, files, force)
     _make_folder(folder)
-    return [
-        path for c in made for path in write_together(c, overwrite=force, inputs=files)
-    ]
+    return [path for c in made for path in write_together(c, overwrite=force, inputs=files)]
 
 
 def _controller(

@@ -15,7 +15,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import yaml
@@ -38,12 +38,12 @@ _TAG = "tag:yaml.org,2002:"
 
 @dataclass(frozen=True)
 class YamlText:
-    """What a YAML text holds: its mapping, and the line of every entry, counted from 1.
+    """What a YAML text holds: its data, and the line of every entry, counted from 1.
 
     ``problems`` is what strict reading objects to: duplicate keys, tags, anchors.
     """
 
-    data: dict[str, Any]
+    data: Any
     problems: Problems
     lines: Mapping[Location, int]
 
@@ -80,8 +80,23 @@ def parse_yaml(text: str, where: str) -> YamlText:
     Refused are more than one document, aliases, nesting deeper than ``MAX_DEPTH``, more than
     ``MAX_NODES`` keys and values, and anything but a mapping at the top.
     """
+    found = _parse(_Loader, text, where)
+    if not isinstance(found.data, dict):
+        raise _refusal(where, "is not a mapping of keys to values")
+    return found
+
+
+def parse_yaml_table(text: str, where: str) -> YamlText:
+    """Parse YAML as strictly, of any shape and size, with every number as the text it is.
+
+    In a table of names ``0017`` and ``1.50`` are words: no number of digits may be lost.
+    """
+    return _parse(_TableLoader, text, where)
+
+
+def _parse(kind: type[_Loader], text: str, where: str) -> YamlText:
     try:
-        loader: Any = _Loader(text, where)
+        loader: Any = kind(text, where)
         if not loader.check_data():
             raise _refusal(where, "is empty")
         data = loader.get_data()
@@ -96,8 +111,6 @@ def parse_yaml(text: str, where: str) -> YamlText:
         raise _refusal(f"{where}{line}", reason) from None
     except yaml.YAMLError as error:
         raise _refusal(where, f"is not YAML: {str(error).splitlines()[0]}") from None
-    if not isinstance(data, dict):
-        raise _refusal(where, "is not a mapping of keys to values")
     return YamlText(data, loader.problems, loader.lines)
 
 
@@ -112,6 +125,8 @@ class _Loader(Composer, SafeConstructor, BaseResolver):
     It watches the nodes being composed, where places and lines are still known. What is
     only a flaw is noted as a problem, and the entry taken as if it were not there.
     """
+
+    most = MAX_NODES
 
     def __init__(self, text: str, where: str) -> None:
         # libyaml is ten times faster, but not every PyYAML is built with it.
@@ -138,8 +153,8 @@ class _Loader(Composer, SafeConstructor, BaseResolver):
             part = event.value if key else index.value if isinstance(index, yaml.Node) else index
             self.place = (*above, part)
         self.nodes += 1
-        if self.nodes > MAX_NODES:
-            raise self._fatal(event, f"goes beyond {MAX_NODES} keys and values, too many for one")
+        if self.nodes > self.most:
+            raise self._fatal(event, f"goes beyond {self.most} keys and values, too many for one")
         if len(self.place) > MAX_DEPTH:
             raise self._fatal(event, f"is nested deeper than {MAX_DEPTH} levels")
         self._note(event, key)
@@ -193,6 +208,17 @@ for _kind, _form, _first in (
     ),
 ):
     _Loader.add_implicit_resolver(f"{_TAG}{_kind}", re.compile(_form), list(_first))
+
+
+class _TableLoader(_Loader):
+    """The same without numbers."""
+
+    most = 50 * MAX_NODES
+    yaml_implicit_resolvers: ClassVar = {
+        first: [(tag, form) for tag, form in known if tag not in (f"{_TAG}int", f"{_TAG}float")]
+        for first, known in _Loader.yaml_implicit_resolvers.items()
+    }
+
 
 # ---------------------------------------------------------------------------- writing
 
