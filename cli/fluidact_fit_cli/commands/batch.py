@@ -81,7 +81,7 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
     """
     from fluidact_fit.batch import run_batch, write_summary
 
-    from .batch_job import execute
+    from .batch_job import asked_by, execute
 
     jobs, base = _jobs(jobs_file, params)
     target = Path(folder)
@@ -90,6 +90,7 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
         note_written([folder])  # an interrupted batch keeps what it has, and goes on from there
         outcomes = run_batch(
             jobs, base, target, execute, pool, again=params["force"], progress=progress,
+            source=Path(jobs_file) if jobs_file else None, asked_by=asked_by,
             warn=lambda text: tell(f"warning: {text}"),
         )  # fmt: skip
     written = [str(path) for path in write_summary(jobs, outcomes, target)]
@@ -129,11 +130,11 @@ def _jobs(jobs_file: str | None, params: Any) -> tuple[list[Job], Path]:
 def _check_folder(folder: Path, force: bool) -> None:
     """Refuse a folder whose files would be replaced and are of no earlier batch."""
     from fluidact_fit.batch.journal import NAME
-    from fluidact_fit.batch.summary import FILES
+    from fluidact_fit.batch.targets import SUMMARY
 
     if force or (folder / NAME).exists():
         return
-    for name in FILES:
+    for name in SUMMARY:
         if (folder / name).exists():
             raise UsageError(
                 f"{folder / name} exists already and is of no batch here; it was kept.",

@@ -5,24 +5,43 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import re
 import shlex
 import threading
 import time
 from collections.abc import Sequence
-from pathlib import Path
+from functools import lru_cache
 from typing import Any
 
-from fluidact_fit.batch.outcome import Outcome, Task
+from fluidact_fit.batch.jobs import Job
+from fluidact_fit.batch.outcome import Outcome, Task, write_record
+from fluidact_fit.batch.targets import Asked
 from fluidact_fit.errors import FluidactError, OutputError, UsageError
 from fluidact_fit.families import family_names
 
 from ..errors import Invocation, explain, silenced
 from ..show import echo_parameters
-from .fit import make_command
+from .fit import make_command, targets_of
 
 # A thread of a worker with several waits: folder and standard streams are those of a process.
 _ALONE = threading.Lock()
-_OURS = ("-o", "--output", "--json", "-h", "--help")
+_OURS = ("--output", "--json", "--help", "--")
+_SHORT = re.compile("-[fqv]*[oh]")  # -o or -h, behind others as in -qo as well
+
+
+def asked_by(job: Job) -> Asked:
+    """What the options of a job say of files; nothing where they cannot be read."""
+    return _asked(job.family, job.options)
+
+
+@lru_cache(maxsize=1024)  # most jobs of a batch have the same
+def _asked(family: str, words: tuple[str, ...]) -> Asked:
+    try:
+        _check(family, words)
+        context = make_command(family).make_context(family, ["log", *words])
+    except (Exception, SystemExit):  # the job itself will say what is wrong
+        return Asked()
+    return Asked(targets_of(family, {**context.params, "as_json": True}), context.params["force"])
 
 
 def execute(task: Task) -> Outcome:
@@ -56,10 +75,18 @@ def _run(task: Task) -> BaseException | None:
     words += ["--json", *(["--force"] if task.replace else [])]
     try:
         _check(family, task.words)
-        with contextlib.chdir(task.folder), silenced(invocation):
-            make_command(family).main(
-                words, prog_name=f"fluidact-fit {family}", standalone_mode=False, obj=invocation
-            )
+        command, name = make_command(family), f"fluidact-fit {family}"
+        with (
+            contextlib.chdir(task.folder),
+            silenced(invocation),
+            command.make_context(name, words, obj=invocation) as context,
+        ):
+            if context.params["output"] != task.output:
+                raise UsageError(
+                    f"the last of the options, {task.words[-1]}, lacks its value.",
+                    remedy="Complete the options of the job.",
+                )
+            command.invoke(context)
     except (Exception, SystemExit) as error:
         return error
     return None
@@ -71,9 +98,11 @@ def _check(family: str, words: Sequence[str]) -> None:
                          expected=f"Families: {', '.join(family_names())}.",
                          remedy="Correct the name in the list of jobs.")  # fmt: skip
     for word in words:
-        if word.partition("=")[0] in _OURS or word.startswith("-o"):
-            raise UsageError(f"{word} has no place among the options of a job.",
-                             remedy="Leave it out: the batch names the files.")  # fmt: skip
+        if word.partition("=")[0] in _OURS or _SHORT.match(word):
+            raise UsageError(
+                f"{word} has no place among the options of a job.",
+                remedy="Leave it out: the batch names logs and files.",
+            )
 
 
 def _number(entry: dict[str, Any]) -> dict[str, Any]:
@@ -93,12 +122,9 @@ def _table(document: dict[str, Any]) -> str:
 
 def _keep(task: Task, outcome: Outcome, said: str) -> Outcome:
     """Write the record of a job; what cannot be written is told in the outcome."""
-    command = shlex.join(["fluidact-fit", *task.words])
-    parts = [f"$ {command}", said.strip(), outcome.message, f"exit status {outcome.exit}, "
-             f"{outcome.status}"]  # fmt: skip
     try:
-        Path(task.record).write_text("\n".join(p for p in parts if p) + "\n", encoding="utf-8")
-    except OSError as error:
+        write_record(task, shlex.join(["fluidact-fit", *task.words]), said, outcome)
+    except (OutputError, OSError) as error:
         message, status = explain(error)
         return Outcome(task.job, task.key, status, message=message, reason=message, lasting=False)
     return outcome

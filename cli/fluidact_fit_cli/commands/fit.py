@@ -120,7 +120,7 @@ def run_fit(
     family: Family[FamilyOptions], params: Mapping[str, Any], invocation: Invocation
 ) -> None:
     """Check what was asked, fit, judge, write, show: in this order."""
-    targets = _targets(family.name, params)
+    targets = targets_of(family.name, params)
     _check_arguments(family, params, targets)
     with closing(Progress(params["quiet"], params["verbose"])) as progress:
         result = _judge(_fit(family, params, invocation, progress), params)
@@ -135,8 +135,8 @@ def run_fit(
         echo("written to " + ", ".join(targets.values()))
 
 
-def _targets(name: str, params: Mapping[str, Any]) -> dict[str, str]:
-    """Files to write, by option; the parameter file is the last."""
+def targets_of(name: str, params: Mapping[str, Any]) -> dict[str, str]:
+    """Return the files to write, by option; the parameter file is the last."""
     output = params["output"]
     if output is None and not params["as_json"]:
         output = f"{name}.yaml"

@@ -1,25 +1,32 @@
 """The journal of a batch: one line a finished job, appended, so that a kill loses none of them.
 
-It is the only memory of a batch. A line that a kill cut short is none; the job is run again. Before
-any job runs, those whose parameter files are the batch's own are named: a file that was written
-just before a kill is then known, and one of somebody else is never replaced.
+It is the only memory of a batch. Every line ends with a checksum, and one that a kill cut short or
+that was changed is none; the job is run again. Before any job runs, the files that are the batch's
+own are named: one that was written just before a kill is then known, and one of somebody else is
+never replaced.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import cache
 from io import FileIO
 from pathlib import Path
 from typing import Any
 
-from ..errors import OutputError
+from ..errors import OutputError, UsageError
+from ..files import IRREGULAR, is_irregular
 from ..parameters.atomic import locked
 from .outcome import Outcome
 
 NAME = "journal.jsonl"
+_OURS = (b'{"claimed": ', b'{"job": ')
+_CHECK = b', "check": "'
+_DIGITS = 16
 
 
 class Journal:
@@ -42,15 +49,20 @@ class Journal:
                 self.damaged += 1
             elif isinstance(found, Outcome):
                 self.outcomes[found.job] = found
-                self.claimed |= {found.job} if found.exit == 0 else set()
+                self.claimed |= found.files.keys()
             else:
                 self.claimed |= found
+        if lines and self.damaged == self.lines and not content.startswith(_OURS):
+            raise UsageError(
+                f"{where} is not the journal of a batch; it was kept.",
+                remedy="Give another folder with -o, or move it away.",
+            )
         # The next line must not continue one that was cut short.
         self._ahead = b"" if not content or content.endswith(b"\n") else b"\n"
 
-    def claim(self, jobs: Iterable[str]) -> None:
-        """Name jobs whose parameter files this batch may write and replace."""
-        more = sorted(set(jobs) - self.claimed)
+    def claim(self, files: Iterable[str]) -> None:
+        """Name files that this batch may write and replace, as seen from its folder."""
+        more = sorted(set(files) - self.claimed)
         if more:
             self._append({"claimed": more})
         self.claimed.update(more)
@@ -61,7 +73,7 @@ class Journal:
         self.outcomes[outcome.job] = outcome
 
     def _append(self, entry: Mapping[str, Any]) -> None:
-        left = self._ahead + json.dumps(entry, allow_nan=False).encode() + b"\n"
+        left = self._ahead + _line(entry) + b"\n"
         try:
             while left:  # a disk that fills up takes a part first, and refuses the rest
                 left = left[self._file.write(left) :]
@@ -84,6 +96,8 @@ def open_journal(folder: Path) -> Iterator[Journal]:
         When it cannot be opened, or another batch is running there.
     """
     where = str(folder / NAME)
+    if is_irregular(where):
+        raise UsageError(f"{where} is {IRREGULAR}.", remedy="Give another folder with -o.")
     try:
         file = open(where, "a+b", buffering=0)  # noqa: SIM115 (closed below)
     except OSError as error:
@@ -101,13 +115,32 @@ def open_journal(folder: Path) -> Iterator[Journal]:
             os.fsync(file.fileno())
 
 
+def _line(entry: Mapping[str, Any]) -> bytes:
+    body = json.dumps(entry, allow_nan=False).encode()[:-1]
+    return body + _CHECK + _check(body).encode() + b'"}'
+
+
+def _check(body: bytes) -> str:
+    return hashlib.sha256(body).hexdigest()[:_DIGITS]
+
+
 def _entry(line: bytes) -> Outcome | set[str] | None:
-    """What a line says; ``None`` for one that is damaged."""
-    try:
-        data: Any = json.loads(line)
-        if "claimed" in data:
-            return {str(name) for name in data["claimed"]}
-        found = Outcome(**data)
-    except (ValueError, TypeError, RecursionError):
+    """What a line says; ``None`` for one that is damaged, or not of the types it should be."""
+    body, found, check = line.rpartition(_CHECK)
+    if not found or check != _check(body).encode() + b'"}':
         return None
-    return found if isinstance(found.job, str) and isinstance(found.exit, int) else None
+    try:
+        data: Any = json.loads(body + b"}")
+        claimed, outcome = _types()
+        if isinstance(data, dict) and "claimed" in data:
+            return set(claimed.validate_python(data["claimed"]))
+        return outcome.validate_json(body + b"}")
+    except (ValueError, RecursionError):
+        return None
+
+
+@cache  # the import takes longer than the journal of a small batch
+def _types() -> tuple[Any, Any]:
+    from pydantic import ConfigDict, TypeAdapter
+
+    return TypeAdapter(list[str], config=ConfigDict(strict=True)), TypeAdapter(Outcome)

@@ -4,12 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, ClassVar, NotRequired
+
+from typing_extensions import TypedDict
+
+from ..parameters.atomic import write_atomically
 
 STATUS = {
     0: "done", 1: "bug", 2: "wrong usage", 3: "unusable", 4: "refused",
 }  # fmt: skip
 DIED = 1  # exit status of a job whose process was ended by the system
+USAGE = 2
+Numbers = float | list[float] | list[list[float]]
+
+
+class Number(TypedDict):
+    """A parameter as a summary shows it."""
+
+    value: Numbers
+    std_error: NotRequired[Numbers]
+    unit: str
+    status: str
 
 
 @dataclass(frozen=True)
@@ -29,7 +44,7 @@ class Task:
     output, record
         Absolute paths of the parameter file and of the text that keeps what was said.
     replace
-        Whether ``output`` may be replaced: it is of this batch.
+        Whether files that are there may be replaced: they are of this batch.
     """
 
     job: str
@@ -50,6 +65,7 @@ class Outcome:
     ``seconds`` are of the processor.
     ``lasting`` is false where another try may end otherwise: a full disk, a process that died, a
     file in the way.
+    ``files`` are those that it wrote, as seen from the folder of the batch, with their checksums.
     """
 
     job: str
@@ -59,9 +75,13 @@ class Outcome:
     message: str = ""
     reason: str = ""
     warnings: Sequence[str] = ()
-    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    parameters: Mapping[str, Number] = field(default_factory=dict)
     seconds: float = 0.0
     lasting: bool = True
+    files: Mapping[str, str] = field(default_factory=dict)
+
+    # what is read from a journal is of these types or damaged
+    __pydantic_config__: ClassVar = {"strict": True, "extra": "forbid", "allow_inf_nan": False}
 
     @property
     def status(self) -> str:
@@ -81,3 +101,23 @@ def died(task: Task, why: str) -> Outcome:
     )
     reason = "the process of the job died"
     return Outcome(task.job, task.key, DIED, message=message, reason=reason, lasting=False)
+
+
+def refused(task: Task, why: str, remedy: str) -> Outcome:
+    """The outcome of a job that may not run: it would write where it must not."""
+    message = f"{why}\n{remedy}"
+    return Outcome(task.job, task.key, USAGE, message=message, reason=why, lasting=False)
+
+
+def write_record(task: Task, command: str, said: str, outcome: Outcome) -> None:
+    """Write the text that keeps what a job said.
+
+    Raises
+    ------
+    OutputError
+        When it cannot be written.
+    """
+    parts = (f"$ {command}", said.strip(), outcome.message,
+             f"exit status {outcome.exit}, {outcome.status}")  # fmt: skip
+    text = "\n".join(part for part in parts if part) + "\n"
+    write_atomically(task.record, text.encode("utf-8", "backslashreplace"), overwrite=True)

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import shlex
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from ..errors import OutputError
+from ..files import open_regular
 from ..version import __version__
 from .jobs import Job
 from .journal import NAME, Journal, open_journal
-from .outcome import Outcome, Task
+from .outcome import Outcome, Task, refused, write_record
 from .pools import Execute, Pool
-
-RECORDS = "logs"  # folder of what every job said
-
+from .targets import RECORDS, Asked, AskedBy, Targets, find_targets, named_files
 
 _DAMAGED = (
     "{number} of {lines} lines of {path} cannot be read and {were} left out: jobs that only they "
     "knew run again. A parameter file that no other line names is taken for somebody else's and "
-    "kept: move it away if it is not."
+    "kept: move it away if it is not, or give --force."
 )
+_CHANGED = "{files} not what this batch wrote (first {first}): {jobs} again."
 
 
 def run_batch(
@@ -32,6 +34,8 @@ def run_batch(
     execute: Execute,
     pool: Pool,
     *,
+    source: Path | None = None,
+    asked_by: AskedBy = lambda job: Asked(),
     again: bool = False,
     progress: Callable[[str], None] = lambda text: None,
     warn: Callable[[str], None] = lambda text: None,
@@ -39,7 +43,7 @@ def run_batch(
     """Run the jobs that are not finished, and return the outcomes of all, in their order.
 
     A finished job whose logs, options and version of the program are the same as before is not
-    run again, unless its parameter file is gone.
+    run again, unless a file of it is gone or is not the one that it wrote.
 
     Parameters
     ----------
@@ -53,70 +57,159 @@ def run_batch(
         Runs one command line.
     pool
         Where.
+    source
+        The list of jobs, where it is a file.
+    asked_by
+        What the options of a job say of files.
     again
-        Run finished jobs too.
+        Run finished jobs too, and replace files that no earlier run wrote.
+    progress
+        Told how far it is.
     warn
-        Told in words when lines of the journal cannot be read.
+        Told in words when lines of the journal cannot be read, or files have changed.
 
     Raises
     ------
+    UsageError
+        When a file that the batch writes is read by one of its jobs.
     OutputError
         When the folder cannot be written, or another batch is running there.
     """
     base, folder = base.resolve(), folder.resolve()
-    try:
-        (folder / RECORDS).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot be made: {error.strerror}.", where=str(folder),
-                          remedy="Give another folder with -o.") from error  # fmt: skip
+    progress("looking at what is done")
+    logs = [job.found_logs(base) for job in jobs]
+    targets = find_targets(jobs, logs, base, folder, source, asked_by)
+    _make_folder(folder)
     with open_journal(folder) as journal:
         if journal.damaged:
             were = "was" if journal.damaged == 1 else "were"
             warn(_DAMAGED.format(
                 number=journal.damaged, lines=journal.lines, path=folder / NAME, were=were,
             ))  # fmt: skip
-        progress("looking at what is done")
-        tasks = [_task(job, base, folder) for job in jobs]
-        left = [t for t in tasks if again or not _finished(t, journal)]
-        journal.claim(t.job for t in left if again or not Path(t.output).exists())
-        left = [replace(t, replace=t.job in journal.claimed) for t in left]
+        tasks = [
+            _task(job, paths, t, base, asked_by(job)) for job, paths, t in zip(jobs, logs, targets)
+        ]
+        work = _Work(folder, journal, {t.job: of for t, of in zip(tasks, targets)}, again)
+        left = [t for t in tasks if again or not work.is_finished(t)]
+        if work.changed:
+            warn(_CHANGED.format(
+                files=f"{len(work.changed)} files are" if len(work.changed) > 1 else "1 file is",
+                first=work.changed[0], jobs="their jobs run" if len(work.changed) > 1 else
+                "its job runs",
+            ))  # fmt: skip
+        left = work.claim(left)
         clock = _Clock(len(left), len(jobs) - len(left))
         for outcome in pool.run(execute, left):
-            journal.add(outcome)
+            work.add(outcome)
             progress(clock.after(outcome))
         return [journal.outcomes[task.job] for task in tasks]
 
 
-def _task(job: Job, base: Path, folder: Path) -> Task:
-    logs = job.found_logs(base)
-    output = folder / f"{job.name}.yaml"
+class _Work:
+    """The files of a batch and its journal, which know of each other."""
+
+    def __init__(
+        self, folder: Path, journal: Journal, targets: Mapping[str, Targets], again: bool
+    ) -> None:
+        self.folder, self.journal, self.targets, self.again = folder, journal, targets, again
+        self.changed: list[str] = []
+
+    def is_finished(self, task: Task) -> bool:
+        """Whether a job has ended for good, and its files are those that it wrote."""
+        before = self.journal.outcomes.get(task.job)
+        if before is None or before.key != task.key or not before.lasting:
+            return False
+        if before.exit:
+            return True
+        now = self._checksums(task.job)
+        wrote = {name: before.files.get(name) for name in now}
+        changed = [name for name, checksum in now.items() if checksum and checksum != wrote[name]]
+        self.changed += changed
+        return now == wrote
+
+    def claim(self, left: Sequence[Task]) -> list[Task]:
+        """Name the files of jobs as the batch's own; jobs that may not run have an outcome.
+
+        A job whose parameter file is somebody else's runs, and its command refuses to replace it.
+        """
+        allowed: list[Task] = []
+        files: list[Path] = []
+        for task in left:
+            of = self.targets[task.job]
+            why, remedy = of.refusal, "Correct the options of the job."
+            taken = [] if self.again or of.replace else self._taken(of)
+            if not why and taken and taken != [of.output]:
+                why = f"{taken[-1]} exists already and was kept."
+                remedy = "Give batch --force to replace it, or move it away."
+            if why:
+                self._refuse(task, refused(task, why, remedy))
+            else:
+                # where no file is there, one that appears from here on is somebody else's
+                present = any(map(os.path.lexists, of.every))
+                allowed.append(replace(task, replace=present and not taken))
+                files += (path for path in of.every if path not in taken)
+        self.journal.claim(map(self._name, files))
+        return allowed
+
+    def add(self, outcome: Outcome) -> None:
+        """Note what came of a job, and what it wrote."""
+        found = self._checksums(outcome.job) if outcome.exit == 0 else {}
+        files = {name: checksum for name, checksum in found.items() if checksum}
+        self.journal.add(replace(outcome, files=files))
+
+    def _taken(self, of: Targets) -> list[Path]:
+        """Files that are there and are not the batch's own."""
+        there = (path for path in of.every if os.path.lexists(path))
+        return [path for path in there if self._name(path) not in self.journal.claimed]
+
+    def _refuse(self, task: Task, outcome: Outcome) -> None:
+        if not os.path.lexists(task.record) or self._name(Path(task.record)) in (
+            self.journal.claimed
+        ):
+            self.journal.claim([self._name(Path(task.record))])
+            write_record(task, shlex.join(["fluidact-fit", *task.words]), "", outcome)
+        self.journal.add(outcome)
+
+    def _checksums(self, job: str) -> dict[str, str]:
+        """Checksums of the files of a job that was fitted, empty for one that is not there."""
+        of = self.targets[job]
+        return {self._name(p): _content(p).hex() for p in (of.output, *of.pictures)}
+
+    def _name(self, path: Path) -> str:
+        return os.path.relpath(path, self.folder).replace(os.sep, "/")
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        (folder / RECORDS).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot be made: {error.strerror}.", where=str(folder),
+                          remedy="Give another folder with -o.") from error  # fmt: skip
+
+
+def _task(job: Job, logs: Sequence[str], of: Targets, base: Path, asked: Asked) -> Task:
     return Task(
-        job.name, _fingerprint(job, logs, base), (job.family, *logs, *job.options), str(base),
-        str(output), str(folder / RECORDS / f"{job.name}.txt"),
+        job.name, _fingerprint(job, logs, base, asked), (job.family, *logs, *job.options),
+        str(base), str(of.output), str(of.record),
     )  # fmt: skip
 
 
-def _finished(task: Task, journal: Journal) -> bool:
-    before = journal.outcomes.get(task.job)
-    if before is None or before.key != task.key or not before.lasting:
-        return False
-    return before.exit != 0 or Path(task.output).is_file()
-
-
-def _fingerprint(job: Job, logs: Sequence[str], base: Path) -> str:
-    """Hash of all that decides the outcome: version, words, and the content of every file named."""
+def _fingerprint(job: Job, logs: Sequence[str], base: Path, asked: Asked) -> str:
+    """Hash of all that decides the outcome: version, words, and the content of every file read."""
     whole = hashlib.sha256(__version__.encode())
     for word in (job.family, *logs, *job.options):
         whole.update(b"\0" + word.encode("utf-8", "surrogateescape"))
-        # a log may be two that are merged; an option may name a file, or be NAME=FILE
-        for name in dict.fromkeys((word, *word.split("+"), word.rpartition("=")[2])):
+    for path in logs:
+        for name in dict.fromkeys((path, *path.split("+"))):
             whole.update(_content(base / name))
+    for name in named_files(job.options, asked, base):
+        whole.update(_content(base / name))
     return whole.hexdigest()[:32]
 
 
 def _content(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return hashlib.file_digest(file, "sha256").digest()
     except (OSError, ValueError):
         return b""

@@ -15,12 +15,11 @@ from ..parameters.atomic import write_together
 from ..report.fleet import FleetQuantity, Reason, fleet_page
 from .jobs import Job
 from .outcome import STATUS, Outcome
-from .run import RECORDS
+from .targets import RECORDS, SUMMARY
 
 if TYPE_CHECKING:
     import pandas as pd
 
-FILES = ("summary.csv", "summary.parquet", "index.html")
 _VARYING = re.compile(r"'[^']*'|\"[^\"]*\"|[-+]?\d[\d.,]*(?:e[-+]?\d+)?|\S*/\S*")
 
 
@@ -42,7 +41,7 @@ def write_summary(jobs: Sequence[Job], outcomes: Sequence[Outcome], folder: Path
     table = summary_table(jobs, outcomes)
     packed: bytes = table.to_parquet(None, index=False)
     contents: tuple[str | bytes, ...] = (table.to_csv(index=False), packed, _page(jobs, outcomes))
-    named = {str(folder / name): content for name, content in zip(FILES, contents)}
+    named = {str(folder / name): content for name, content in zip(SUMMARY, contents)}
     return write_together(named, overwrite=True)
 
 
