@@ -158,8 +158,8 @@ def test_a_picture_is_made_again_and_costs_no_run(inside: Path, valve: Log, apar
 
 def test_names_of_logs_are_no_options(inside: Path, valve: Log, apart: Run) -> None:
     valve("u.csv")
-    valve("--scale=outlet=-3")
-    valve("-o")
+    valve("--scale=outlet=-3", seed=2)
+    valve("-o", seed=3)
     _jobs(inside, ("all", "*u.csv;-*", ""), ("list", "--strict", ""), ("end", "u.csv", "-- x"),
           ("lacks", "u.csv", "--validate"), ("hidden", "u.csv", "-qo elsewhere.yaml"))  # fmt: skip
     before = _content(inside)

@@ -20,11 +20,16 @@ from .targets import RECORDS, SUMMARY
 if TYPE_CHECKING:
     import pandas as pd
 
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
+# What begins a formula, at the beginning of a cell or of what another locale takes for one.
+_FORMULA = re.compile(r"(^|;)([\s\x00-\x20]*[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20\u2212])")
 _VARYING = re.compile(r"'[^']*'|\"[^\"]*\"|[-+]?\d[\d.,]*(?:e[-+]?\d+)?|\S*/\S*")
 
 
 def write_summary(jobs: Sequence[Job], outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
     """Write ``summary.csv``, ``summary.parquet`` and ``index.html``, all or none.
+
+    Text that a spreadsheet would run as a formula stands behind an apostrophe in the CSV.
 
     Parameters
     ----------
@@ -40,9 +45,17 @@ def write_summary(jobs: Sequence[Job], outcomes: Sequence[Outcome], folder: Path
     """
     table = summary_table(jobs, outcomes)
     packed: bytes = table.to_parquet(None, index=False)
-    contents: tuple[str | bytes, ...] = (table.to_csv(index=False), packed, _page(jobs, outcomes))
+    text = table.apply(lambda column: column if column.dtype.kind in "iuf" else column.map(_inert))
+    contents: tuple[str | bytes, ...] = (text.to_csv(index=False), packed, _page(jobs, outcomes))
     named = {str(folder / name): content for name, content in zip(SUMMARY, contents)}
     return write_together(named, overwrite=True)
+
+
+def _inert(cell: Any) -> Any:
+    """A cell that no spreadsheet runs; a name that is a number stays one."""
+    if not isinstance(cell, str) or _NUMBER.fullmatch(cell):
+        return cell
+    return _FORMULA.sub(r"\1'\2", cell.replace("\r", " "))
 
 
 def summary_table(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> pd.DataFrame:

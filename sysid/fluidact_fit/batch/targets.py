@@ -83,9 +83,7 @@ def find_targets(
     for name in (NAME, *SUMMARY):
         _refuse(folder / name, read)
         own.add(folder / name, "this batch")
-    places = [
-        (folder / f"{job.name}.yaml", folder / RECORDS / f"{job.name}.txt") for job in jobs
-    ]
+    places = [(folder / f"{job.name}.yaml", folder / RECORDS / f"{job.name}.txt") for job in jobs]
     for job, both in zip(jobs, places):
         for path in both:
             _refuse(path, read)
