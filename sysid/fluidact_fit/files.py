@@ -8,7 +8,7 @@ import stat
 import unicodedata
 from collections.abc import Hashable, Iterable, Iterator
 from functools import lru_cache
-from typing import BinaryIO
+from io import BufferedReader
 
 from .errors import OutputError, UsageError
 
@@ -16,7 +16,7 @@ PathLike = str | os.PathLike[str]
 IRREGULAR = "not a regular file"
 
 
-def open_regular(path: PathLike) -> BinaryIO:
+def open_regular(path: PathLike) -> BufferedReader:
     """Open a regular file to read its bytes.
 
     Raises

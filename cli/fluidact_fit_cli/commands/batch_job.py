@@ -11,10 +11,10 @@ import threading
 import time
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, cast
 
 from fluidact_fit.batch.jobs import Job
-from fluidact_fit.batch.outcome import Outcome, Task, write_record
+from fluidact_fit.batch.outcome import Number, Outcome, Task, write_record
 from fluidact_fit.batch.targets import Asked
 from fluidact_fit.errors import FluidactError, OutputError, UsageError
 from fluidact_fit.families import family_names
@@ -105,9 +105,9 @@ def _check(family: str, words: Sequence[str]) -> None:
             )
 
 
-def _number(entry: dict[str, Any]) -> dict[str, Any]:
+def _number(entry: dict[str, Any]) -> Number:
     kept = ("value", "std_error", "unit", "status")
-    return {key: entry[key] for key in kept if key in entry}
+    return cast("Number", {key: entry[key] for key in kept if key in entry})
 
 
 def _table(document: dict[str, Any]) -> str:

@@ -202,8 +202,8 @@ def _from_yaml(text: str, where: str) -> Iterable[tuple[str, Mapping[str, Any]]]
         reason = "; ".join(words for _, words in error.problems).removeprefix("is not YAML: ")
         raise _not_yaml(reason, error.where) from None
     data = found.data
-    for place, words in found.problems.found.items():
-        raise _not_yaml(f"{format_path(place)} {words}", f"{where}, line {found.lines[place]}")
+    for at, words in found.problems.found.items():
+        raise _not_yaml(f"{format_path(at)} {words}", f"{where}, line {found.lines[at]}")
     if isinstance(data, dict) and list(data) == ["jobs"]:
         data = data["jobs"]
     if not isinstance(data, list):

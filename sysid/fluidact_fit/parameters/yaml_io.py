@@ -15,7 +15,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import yaml
@@ -214,7 +214,7 @@ class _TableLoader(_Loader):
     """The same without numbers."""
 
     most = 50 * MAX_NODES
-    yaml_implicit_resolvers: ClassVar = {
+    yaml_implicit_resolvers = {  # noqa: RUF012 (as the class above has them)
         first: [(tag, form) for tag, form in known if tag not in (f"{_TAG}int", f"{_TAG}float")]
         for first, known in _Loader.yaml_implicit_resolvers.items()
     }
