@@ -17,6 +17,7 @@ from ..experiment import FloatArray, where_finite
 from ..rows import counted
 from ..units import is_doubtful_suffix, parse_unit_from_header
 from .clock import Clocks, find_clocks, read_clocks
+from .exact import Exact, of_integers, of_objects
 from .groups import united
 from .log import Account, Column, Dialect, Element, Log, count_of
 
@@ -149,7 +150,18 @@ def _column(index: int, given: Named, name: str, notices: list[Notice]) -> Colum
         bad |= given.bad or {}
         values = np.where(finite, values, np.nan)
     doubtful = given.unit is None and is_doubtful_suffix(header)
-    return Column(index, header, written, unit, doubtful, values, bad, given.sparse, clock, doubt)
+    whole = None if clock else _exact(given)
+    return Column(
+        index, header, written, unit, doubtful, values, bad, given.sparse, clock, doubt, exact=whole
+    )
+
+
+def _exact(given: Named) -> Exact | None:
+    """Differences of whole numbers that doubles do not hold."""
+    values = np.asarray(given.values).ravel()
+    if values.dtype.kind in "iuf":
+        return of_integers(values) if values.dtype.itemsize == 8 else None
+    return of_objects(values.tolist()) if values.dtype.kind == "O" else None
 
 
 def _text(cell: Any) -> str:

@@ -265,7 +265,7 @@ def time_candidate(log: Log) -> Binding | None:
 
 def _grows(column: Column) -> bool:
     """Whether a column of numbers mostly grows."""
-    steps = np.diff(column.values)
+    steps = np.diff(column.stamps)
     whole = is_finite(column.values) and steps.size > 0
     return whole and not column.part_of and float(np.mean(steps > 0)) > 0.5
 

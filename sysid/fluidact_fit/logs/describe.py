@@ -127,7 +127,7 @@ def _describe_column(column: Column) -> dict[str, Any]:
         "unit": column.unit,
         "low": float(finite.min()) if finite.size else None,
         "high": float(finite.max()) if finite.size else None,
-        "resolution": smallest_step(finite),
+        "resolution": smallest_step(column.stamps[np.isfinite(column.stamps)]),
         "invalid_cells": 0 if column.sparse else int(column.values.size - finite.size),
         "samples": int(finite.size),
     }

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ..errors import Notice, UsageError
 from ..experiment import FloatArray, Hold
+from .exact import Exact
 
 IntArray = npt.NDArray[np.integer[Any]]
 
@@ -47,7 +48,7 @@ class Column:
     holds seconds since the first sample; of one that could not be read ``doubt`` says why, and
     below what to do. One that holds but the fraction of a second is ``part_of`` the column of that
     number, with which it was joined. ``also`` are the parts of a header that stood in several
-    rows.
+    rows. ``exact`` has the differences of stamps with more digits than the values hold.
     """
 
     index: int
@@ -62,6 +63,12 @@ class Column:
     doubt: str = ""
     part_of: int = 0
     also: tuple[str, ...] = ()
+    exact: Exact | None = None
+
+    @property
+    def stamps(self) -> FloatArray:
+        """What its differences are taken of: the values, or those to the first, shape ``(n,)``."""
+        return self.values if self.exact is None else self.exact.since
 
     @property
     def label(self) -> str:

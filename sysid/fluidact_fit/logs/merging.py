@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +26,10 @@ def merged(logs: Sequence[Log]) -> Log:
     """
     parts, ends, notices = [], [], []
     taken: set[str] = set()
-    for log in logs:
-        time = time_candidate(log)
+    times = [time_candidate(log) for log in logs]
+    firsts = [t.column.exact.first for t in times if t is not None and t.column.exact is not None]
+    origin = min(firsts) if len(firsts) == len(logs) else Decimal(0)
+    for log, time in zip(logs, times):
         if time is None:
             raise LogError(
                 "there is no time column, so it cannot be merged.",
@@ -41,11 +44,16 @@ def merged(logs: Sequence[Log]) -> Log:
                 remedy="Cut the file into its runs.",
             )
         (run,) = runs
+        exact = time.column.exact
+        instants = run.time
+        if exact is not None:  # counted from the first of the file: from that of them all
+            late = float(exact.first - origin) * abs(time.to_si)
+            instants = np.round(instants + late, 12)
         notices += [*log.notices, *said]
-        ends.append((float(run.time[0]), float(run.time[-1])))
+        ends.append((float(instants[0]), float(instants[-1])))
         columns = [c for c in log.columns if c.index != time.column.index]
         named = [_named(c, log, run.rows, taken) for c in columns]
-        parts.append([Named("time", run.time, "s"), *named])
+        parts.append([Named("time", instants, "s"), *named])
     name = "+".join(log.name for log in logs)
     if max(low for low, _ in ends) >= min(high for _, high in ends):
         raise LogError(

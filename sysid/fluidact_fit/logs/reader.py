@@ -286,6 +286,7 @@ def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:
                 clock,
                 doubt=table.doubts.get(index - 1, ""),
                 also=tuple(also),
+                exact=table.exact.get(index - 1),
             )
         )
     return tuple(columns)

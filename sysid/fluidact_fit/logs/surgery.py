@@ -126,7 +126,8 @@ def without(log: Log, exclusions: Sequence[Exclusion]) -> Log:
 def _rows(column: Column, kept: BoolArray) -> Column:
     places = np.cumsum(kept) - 1
     bad = {int(places[row]): text for row, text in column.bad.items() if kept[row]}
-    return replace(column, values=column.values[kept], bad=bad)
+    exact = column.exact and column.exact._replace(since=column.exact.since[kept])
+    return replace(column, values=column.values[kept], bad=bad, exact=exact)
 
 
 def exclude_runs(log: Log, runs: Sequence[Run]) -> list[Run]:

@@ -20,6 +20,7 @@ from ..errors import LogError, Notice
 from ..experiment import FloatArray, is_finite
 from ..rows import counted
 from .clock import Clocks, read_clocks
+from .exact import Exact, loses, of_cells, of_column
 from .groups import complete, merge
 from .layout import NUMBER, Layout, says_nothing
 from .log import IntArray, count_of, name_lines
@@ -48,7 +49,8 @@ class Table:
     number; ``bad`` has the text of these cells by row. ``lines`` is the 1-based source line of
     every row, ``left_out`` those that are no rows with the reason, ``notices`` says so in words.
     ``data_lines`` lines hold the rows: several in a line where columns have their own times.
-    ``doubts`` say why columns of clock times were not read, by index.
+    ``doubts`` say why columns of clock times were not read, and ``exact`` has the differences of
+    stamps with more digits than the values hold, by index.
     """
 
     values: tuple[FloatArray, ...]
@@ -58,6 +60,7 @@ class Table:
     notices: tuple[Notice, ...]
     data_lines: int
     doubts: Mapping[int, str] = field(default_factory=dict)
+    exact: Mapping[int, Exact] = field(default_factory=dict)
 
 
 def read_table(source: Source, layout: Layout) -> Table:
@@ -118,7 +121,17 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
         return None
     if any(_holds_few_words(texts, rows) for texts in bad):
         return None  # they may stand beside statistics
-    return Table(tuple(columns), bad, lines, (), layout.notices, rows)
+    exact = {}
+    top = [layout.split(line) for line in data[offset:][:4096].decode(errors="replace").split("\n")]
+    for k, column in enumerate(columns):
+        cells = [row[k] for row in top[:-1] if len(row) > k]
+        digits = loses(cells, column[: len(cells)], layout.decimal)
+        if digits is not None:
+            found = of_column(text, offset, layout, k, digits)
+            if found is None:
+                return None  # line by line nothing is lost
+            exact[k] = found
+    return Table(tuple(columns), bad, lines, (), layout.notices, rows, exact=exact)
 
 
 def _holds_few_words(texts: Mapping[int, str], rows: int) -> bool:
@@ -358,9 +371,13 @@ def _with_numbers(
         left_out += [(int(n), "empty cells") for n in lines[merged.empty]]
         data_lines -= merged.empty.size
         values, bad, lines = merged.values, merged.bad, merged.lines
-    return Table(
-        values, bad, lines, tuple(sorted(left_out)), tuple(notices), data_lines, clocks.doubts
-    )
+    exact = {}
+    if not layout.groups:
+        cells = enumerate(zip(columns, values))
+        found = {k: of_cells(c, v, layout) for k, (c, v) in cells if k not in layout.clocks}
+        exact = {k: differences for k, differences in found.items() if differences}
+    out = tuple(sorted(left_out))
+    return Table(values, bad, lines, out, tuple(notices), data_lines, clocks.doubts, exact)
 
 
 def _cut_otherwise(bad: Sequence[Mapping[int, str]], rows: int) -> Iterator[int]:

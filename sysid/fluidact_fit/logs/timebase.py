@@ -37,7 +37,7 @@ def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
     rows = counted(0, log.rows)
     require_numbers(log, binding, rows)
     repair = _Repair(log, binding.column)
-    stamps = binding.column.values
+    stamps = binding.column.stamps
     part = repair.drop_impossible(_Part(rows, stamps if binding.to_si > 0.0 else -stamps))
     part = repair.unwrap(part)
     resolution = print_resolution(part.stamps)
