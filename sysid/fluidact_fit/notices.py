@@ -133,6 +133,11 @@ _READING = {
         "Runs with too few samples to be fitted were left out.",
         "Nothing, unless a run that you need is among them.",
     ),
+    "samples-invalid": _information(
+        "Samples of a channel with instants of its own are marked invalid, or are no numbers; they "
+        "are not used.",
+        "Nothing, if they are few; else find out why the recorder marked them.",
+    ),
     "saturated": _warning(
         "A measured signal stays at its highest or lowest value for many samples in a row.",
         "Check whether the sensor or its converter was clipped; cut that part with `--window`.",

@@ -6,13 +6,14 @@ datasets put together of others are refused.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ..errors import LogError
-from .sink import Sink, full, library
+from .sink import Array, Sink, full, library
 from .tables import add_array, add_packed
 
 _MOST_OBJECTS = 20_000
@@ -26,7 +27,7 @@ def read(path: str, sink: Sink) -> None:
     h5py = library("h5py", "hdf5")
     with h5py.File(path, "r") as file:
         reader = _Reader(h5py, file, sink)
-        sink.dialect = "MATLAB" if reader.of_matlab else "HDF5"
+        sink.dialect = "MATLAB 7.3" if reader.of_matlab else "HDF5"
         reader.walk(file, "", 0)
 
 
@@ -50,9 +51,16 @@ class _Reader:
         for name in names:
             if depth == 0 and name.startswith("#"):
                 continue  # where MATLAB keeps what others refer to
-            self._refuse_link(group.get(name, getlink=True), full(path, name))
-            node = group.get(name)
-            if node is None or not self._is_new(node):
+            link = group.get(name, getlink=True)
+            if isinstance(link, self.h5py.SoftLink):
+                # what it leads to has a name of its own, unless it leads out of the file
+                self.sink.leave(name, f"a link to {link.path[:60]}", group=path, signal=False)
+                continue
+            if not isinstance(link, self.h5py.HardLink):
+                raise _elsewhere(full(path, name), "stands in another file")
+            node = group[name]
+            if not self._is_new(node):
+                self.sink.leave(name, "another name of what was read", group=path, signal=False)
                 continue
             if isinstance(node, self.h5py.Group):
                 self._take_group(node, name, path, depth)
@@ -72,10 +80,6 @@ class _Reader:
                 remedy="Export the channels that are needed.",
             )
         return True
-
-    def _refuse_link(self, link: Any, name: str) -> None:
-        if isinstance(link, self.h5py.ExternalLink):
-            raise _elsewhere(name, "stands in another file")
 
     def _lengths(self, group: Any, names: list[str]) -> list[int]:
         """Lengths of the vectors in a group, one of which tables beside them have."""
@@ -121,9 +125,10 @@ class _Reader:
                 add_array(self.sink, field, part, group=full(path, name), samples=[len(values)])
             return
         values = np.asarray(values)
+        blank = _never_written(node)
         if self.of_matlab:
-            values = values.T
-        add_packed(self.sink, name, values, attributes, group=path, samples=lengths)
+            values, blank = values.T, None if blank is None else blank.T
+        add_packed(self.sink, name, values, attributes, group=path, samples=lengths, blank=blank)
 
     def _why_not(self, node: Any, attributes: Mapping[str, Any]) -> str:
         """Why a dataset holds no signal; empty where it may."""
@@ -160,6 +165,21 @@ class _Reader:
                 self._take_group(target, f"{name}{k}", path, depth)
             elif isinstance(target, self.h5py.Dataset):
                 self._take(target, f"{name}{k}", path, lengths, depth + 1)
+
+
+def _never_written(node: Any) -> Array | None:
+    """Cells of chunks that were never written, which read as zeros; ``None`` without any."""
+    if node.chunks is None:
+        return None
+    expected = math.prod(-(-n // c) for n, c in zip(node.shape, node.chunks))
+    count = node.id.get_num_chunks()
+    if count >= expected:
+        return None
+    blank = np.ones(node.shape, dtype=np.bool_)
+    for k in range(count):
+        corner = node.id.get_chunk_info(k).chunk_offset
+        blank[tuple(slice(at, at + n) for at, n in zip(corner, node.chunks))] = False
+    return blank
 
 
 def _is_matlab(file: Any) -> bool:

@@ -82,13 +82,18 @@ def _take_structure(sink: Sink, name: str, value: Any, group: str, depth: int) -
             if key != "signals":
                 _take(sink, key, field, inside, lengths, depth + 1)
         for k, signal in enumerate(signals, start=1):
-            label = str(getattr(signal, "label", "") or "").strip()
+            label = _text(getattr(signal, "label", ""))
             _take(sink, label or f"signal{k}", signal.values, inside, lengths, depth + 2)
         return
     for key, field in fields.items():
         _take(sink, key, field, inside, lengths, depth + 1)
     if not fields:
         sink.leave(name, "empty", group=group, signal=False)
+
+
+def _text(value: Any) -> str:
+    """A text of MATLAB; one that is empty is an empty array."""
+    return value.strip() if isinstance(value, str) else ""
 
 
 def _take_sparse(sink: Sink, name: str, value: Any, group: str, lengths: list[int]) -> None:
@@ -135,7 +140,7 @@ def _read_dspace(variable: Any, sink: Sink) -> None:
             times: Array = np.asarray(axes[axis], dtype=np.float64)
             instants[axis] = sink.add("time", times, unit="s", role="instants")
         short = _last_part(name)
-        unit = str(getattr(y, "Unit", "") or "") or None
+        unit = _text(getattr(y, "Unit", "")) or None
         label = short if counts[short] == 1 else name
         if values.dtype.kind not in "fiub":
             sink.leave(label, f"values of type {values.dtype}")

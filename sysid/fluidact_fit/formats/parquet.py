@@ -19,9 +19,7 @@ def read(path: str, sink: Sink, *, batch: int) -> None:
     file = parquet.ParquetFile(path, pre_buffer=False)  # or it keeps all that it has read
     sink.dialect = "Parquet"
     rows = file.metadata.num_rows
-    held = sum(file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups))
-    if held != rows:
-        raise _forged(rows, held)
+    _check(file, rows)
     columns = _columns(file.schema_arrow, rows, sink)
     taken = [(place, column) for place, column in enumerate(columns) if column is not None]
     if not taken:
@@ -42,6 +40,19 @@ def read(path: str, sink: Sink, *, batch: int) -> None:
         raise _forged(rows, begin)
     for _, column in taken:
         column.finish(sink)
+
+
+def _check(file: Any, rows: int) -> None:
+    """Refuse a footer whose numbers of rows contradict one another."""
+    metadata, schema = file.metadata, file.schema
+    flat = [k for k in range(metadata.num_columns) if schema.column(k).max_repetition_level == 0]
+    parts = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
+    if sum(part.num_rows for part in parts) != rows:
+        raise _forged(rows, sum(part.num_rows for part in parts))
+    for part in parts:
+        for k in flat:
+            if part.column(k).num_values != part.num_rows:
+                raise _forged(part.num_rows, part.column(k).num_values)
 
 
 def _forged(stated: int, held: int) -> LogError:

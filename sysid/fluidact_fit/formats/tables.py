@@ -157,12 +157,20 @@ def add_packed(
     *,
     group: str = "",
     samples: Sequence[int] = (),
+    blank: Array | None = None,
 ) -> None:
-    """Hand over an array of a file whose attributes say its unit, and how it is packed."""
+    """Hand over an array of a file whose attributes say its unit, and how it is packed.
+
+    Cells that are ``blank`` were never written.
+    """
     unit = unit_of(attributes)
     if values.dtype.kind in "fiu":
-        flat = np.squeeze(values)
-        values, how, bad = decoded(full(group, name), flat, attributes)
+        values, how, bad = decoded(full(group, name), np.squeeze(values), attributes)
+        if blank is not None:
+            values = values.astype(np.float64)
+            values[np.squeeze(blank)] = np.nan
+            how = ", ".join(filter(None, (how, f"{int(blank.sum())} cells never written")))
+            bad |= {int(k): "" for k in np.flatnonzero(blank)[:5000]} if values.ndim == 1 else {}
     else:
         how, bad = "", {}
     before = len(sink.vectors)

@@ -15,6 +15,7 @@ from .sink import Array, Sink, library, seconds_of
 
 _OPEN = (1 << 64) - 1  # how long a segment is whose writing was never ended
 _UNSET = np.datetime64("1904-01-02")  # clocks that were not set begin with 1904
+_TO_1970 = 2_082_844_800  # s from 1904
 _LEAD = struct.Struct("<4sIIQQ")
 
 
@@ -25,8 +26,9 @@ def read(path: str, sink: Sink) -> None:
     cut = _cut(path)
     with open(path, "rb") as raw, nptdms.TdmsFile.open(raw, raw_timestamps=True) as file:
         channels = [(g.name, c) for g in file.groups() for c in g.channels()]
-        starts = {id(c): _start(nptdms, c) for _, c in channels}
+        starts = {id(c): _start(c) for _, c in channels}
         first = _first(starts.values())
+        several = len({s for s in starts.values() if s is not None}) > 1
         short = []
         bases: dict[tuple[float, float, int], int] = {}
         for group, channel in channels:
@@ -34,6 +36,10 @@ def read(path: str, sink: Sink) -> None:
             if cut and isinstance(stated, int) and 0 <= len(channel) < stated:
                 short.append(f"'{channel.name}' {len(channel)} of {stated} samples")
             after = _after(first, starts[id(channel)], channel)
+            if after is not None and several and starts[id(channel)] is None:
+                why = "it does not say when it began, and others began at different instants"
+                sink.leave(str(channel.name), why, group=group)
+                continue
             since = 0 if first is None else int(first.astype(np.int64))
             _take(sink, group, channel, bases, after, since)
     if cut:
@@ -53,7 +59,7 @@ def _take(
     name, size = str(channel.name), len(channel)
     unit = str(channel.properties.get("unit_string") or "").strip() or None
     if size == 0:
-        sink.leave(name, "no samples", group=group)
+        sink.leave(name, "no samples", group=group, signal=False)
         return
     if size * 8 > sink.left:
         raise sink.too_large(name, size)
@@ -64,7 +70,7 @@ def _take(
             remedy="Export the recording again.",
         )
     if hasattr(values, "as_datetime64"):
-        seconds, since, bad = seconds_of(values.as_datetime64("ns"))
+        seconds, since, bad = seconds_of(_instants(values["seconds"], values["second_fractions"]))
         how = "instants to seconds since the first"
         sink.add(name, seconds, group=group, unit="s", bad=bad, clock=True, since=since, how=how)
         return
@@ -93,13 +99,20 @@ def evenly(first: float, step: float, size: int) -> Array:
     return np.round(times, min(12, 14 - math.ceil(math.log10(largest))))
 
 
-def _start(nptdms: Any, channel: Any) -> Any:
+def _instants(seconds: Any, fractions: Any) -> Array:
+    """Instants of seconds since 1904 and 2^-64 of one, shape ``(n,)``, to the nearest ns."""
+    parts = np.rint(np.asarray(fractions, dtype=np.float64) * (1e9 / 2.0**64)).astype(np.int64)
+    whole = (np.asarray(seconds, dtype=np.int64) - _TO_1970) * 1_000_000_000 + parts
+    return np.asarray(whole.view("M8[ns]"))
+
+
+def _start(channel: Any) -> Any:
     """The instant at which a channel begins; ``None`` where that was not recorded."""
     start = channel.properties.get("wf_start_time")
     if start is None:
         return None
-    if hasattr(start, "as_datetime64"):
-        start = start.as_datetime64("ns")
+    if hasattr(start, "second_fractions"):
+        start = _instants(np.array([start.seconds]), np.array([start.second_fractions]))[0]
     start = np.datetime64(start, "ns")
     return None if np.isnat(start) or start < _UNSET else start
 

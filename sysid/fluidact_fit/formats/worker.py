@@ -71,7 +71,8 @@ def _answer(task: Mapping[str, Any]) -> dict[str, Any]:
     except Exception as error:
         if "ENOMEM" in str(error) or "memory allocation" in str(error) or "alloc" in str(error):
             return {"error": _too_much(task)}
-        what = f"the file cannot be read ({type(error).__name__}: {str(error)[:200]})."
+        said = str(error).replace(task["source"], "it")[:200]
+        what = f"the file cannot be read ({type(error).__name__}: {said})."
         return {"error": [what, "", "Export the recording again, or as CSV."]}
     return described
 

@@ -144,6 +144,7 @@ class _Assembly:
         self.channels = [k for k, v in enumerate(self.vectors) if v.role != "instants"]
         self.left_out = [Element(n, "left out", why) for n, why, _ in recording.left_out]
         self.missed = [f"{n} ({why})" for n, why, signal in recording.left_out if signal]
+        self.invalid: list[str] = []
         self.headers = self._headers()
 
     def found(self) -> Found:
@@ -154,6 +155,10 @@ class _Assembly:
         notices = [Notice(code, f"{self.name}: {text}.") for code, text in self.recording.notices]
         if self.missed:
             notices.append(Notice("variables-left-out", f"{self.name}: {self._missed()}."))
+        if self.invalid:
+            text = "; ".join(self.invalid[:_SHOWN])
+            text = f"{self.name}: samples that are no numbers are not used: {text}."
+            notices.append(Notice("samples-invalid", text))
         how = dict(self.recording.converted)
         read = [Element(c.header, "read", "") for c in columns]
         converted = [Element(n, "converted", text) for n, text in how.items()]
@@ -170,6 +175,7 @@ class _Assembly:
         listed = "; ".join(self.missed[:_SHOWN]) or ", ".join(
             f"{e.name} ({e.how})" for e in self.left_out[:_SHOWN]
         )
+        listed = "; ".join([text for _, text in self.recording.notices]) or listed
         return LogError(
             f"it holds no vectors of numbers ({listed or 'nothing'}), or no channel of them.",
             where=self.name,
@@ -179,7 +185,7 @@ class _Assembly:
 
     def _headers(self) -> dict[int, str]:
         """What the columns are called: groups distinguish names that repeat."""
-        dotted = self.recording.dialect == "HDF5"
+        dotted = self.recording.dialect in ("HDF5", "MATLAB 7.3")
         names = Counter(self.vectors[k].name for k in self.channels)
         found = {}
         for k in self.channels:
@@ -232,9 +238,9 @@ class _Assembly:
             if base in self.channels:
                 self.channels.remove(base)
                 header = self.headers[base]
-                self.left_out.append(
-                    Element(header, "left out", f"the same as {self._label(same)}")
-                )
+                first = self._label(same)
+                self.left_out.append(Element(header, "left out", f"the same as {first}"))
+        self.headers |= self._headers()
         return kept
 
     def _label(self, base: int) -> str:
@@ -305,7 +311,7 @@ class _Assembly:
                 continue
             none = int(values.size - np.isfinite(values).sum())
             if none:
-                self.missed.append(f"{self.headers[k]} ({none} samples that are no numbers)")
+                self.invalid.append(f"{none} of '{self.headers[k]}'")
 
     def _unit_of(self, base: int) -> str | None:
         """Unit of a vector of instants: its own, or that of its header."""

@@ -106,13 +106,15 @@ def read_apart(reader: str, source: Path | bytes, name: str, **how: Any) -> Reco
         given = stack.enter_context(_given(source, private))
         numbers = stack.enter_context(_blank("numbers", private))
         answer = stack.enter_context(_blank("answer", private))
-        size = os.fstat(given.file.fileno()).st_size
+        before = os.fstat(given.file.fileno())
+        size = before.st_size
         task = {"reader": reader, "how": how, **_limits(size)}
         task |= {"source": given.path, "numbers": numbers.path, "answer": answer.path}
-        ended = _run(task, (given, numbers, answer), name)
-        sha256 = "" if isinstance(source, bytes) else _unchanged(given, source, name)
+        ended, sha256 = _run(task, (given, numbers, answer), name)
+        if isinstance(source, Path):
+            _require_unchanged(given, source, before, name)
         described = _description(answer.file, ended, task, name)
-        return _recording(described, numbers.file, sha256)
+        return _recording(described, numbers.file, sha256 if isinstance(source, Path) else "")
 
 
 def _limits(size: int) -> dict[str, int]:
@@ -176,8 +178,8 @@ def _blank(name: str, private: Any) -> Iterator[_Shared]:
         yield _Shared(file, path)
 
 
-def _run(task: Mapping[str, Any], shared: tuple[_Shared, ...], name: str) -> int:
-    """Run the process to its end; returns its status."""
+def _run(task: Mapping[str, Any], shared: tuple[_Shared, ...], name: str) -> tuple[int, str]:
+    """Run the process to its end; returns its status, and the checksum of the first file."""
     words = [sys.executable, "-I", "-c", _START, json.dumps(_paths()), json.dumps(task)]
     few = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     environment = {**os.environ, **few, "MALLOC_ARENA_MAX": "2"}
@@ -196,7 +198,9 @@ def _run(task: Mapping[str, Any], shared: tuple[_Shared, ...], name: str) -> int
         ) from None
     most = _WAIT + 4 * task["seconds"]
     try:
-        return process.wait(timeout=most)
+        shared[0].file.seek(0)
+        sha256 = hashlib.file_digest(shared[0].file, "sha256").hexdigest()
+        return process.wait(timeout=most), sha256
     except subprocess.TimeoutExpired:
         raise _too_slow(f"{most:.0f} s", name) from None
     finally:
@@ -222,13 +226,9 @@ def _too_slow(taken: str, name: str) -> LogError:
     )
 
 
-def _unchanged(given: _Shared, source: Path, name: str) -> str:
-    """Checksum of what was read, once it is sure that it was the same all the time."""
-    before = os.fstat(given.file.fileno())
-    given.file.seek(0)
-    sha256 = hashlib.file_digest(given.file, "sha256").hexdigest()
-    after = os.fstat(given.file.fileno())
-    seen = [before, after]
+def _require_unchanged(given: _Shared, source: Path, before: os.stat_result, name: str) -> None:
+    """Refuse a file that was not the same all the time."""
+    seen = [before, os.fstat(given.file.fileno())]
     if not given.inherited:  # the other process opened it by its name
         seen.append(os.stat(source))
     if len({(s.st_size, s.st_mtime_ns) for s in seen}) > 1:
@@ -237,7 +237,6 @@ def _unchanged(given: _Shared, source: Path, name: str) -> str:
             where=name,
             remedy="Record to the end first, or copy the file, and read that.",
         )
-    return sha256
 
 
 def _description(answer: BinaryIO, ended: int, task: Mapping[str, Any], name: str) -> Any:
