@@ -34,3 +34,32 @@ def test_an_error_speaks_python_and_keeps_the_words_of_the_command_line() -> Non
     error = UsageError("--mass was given", where="a.csv", remedy="Leave --mass out.")
     assert str(error) == "a.csv: mass was given\nLeave mass out."
     assert error.text == "a.csv: --mass was given\nLeave --mass out."
+
+
+@pytest.mark.parametrize(
+    ("told", "python"),
+    [
+        ("--exclude lines=7.", "exclude='lines=7'."),
+        ("--exclude lines=7 --exclude lines=9:12 and", "exclude=['lines=7', 'lines=9:12'] and"),
+        ("--exclude 'trial1.csv:run=2'.", "exclude='run=2'."),
+        ("--set 'a.csv:position=25 %'.", "constants={'position': '25 %'}."),
+        ("--from-name 'position=kinked{%}'.", "from_name={'position': 'kinked{%}'}."),
+        ("--thousands ' '.", "thousands=' '."),
+        ("--invalid=drop", "invalid='drop'"),
+        ("--unwrap angle=TURN (or", "unwrap={'angle': TURN} (or"),
+        ("--step inlet=0:1@2", "steps={'inlet': '0:1@2'}"),
+    ],
+)
+def test_advice_is_one_that_python_takes(told: str, python: str) -> None:
+    assert in_python(told) == python
+
+
+def test_a_fit_takes_what_a_message_advises() -> None:
+    """`exclude=` was advised by a fit, which did not take it."""
+    import inspect
+
+    from fluidact_fit.logs import read_log
+    from fluidact_fit.simulation import READING
+
+    named = {"path", "columns", "units", "scales", "sample_time", "window", "holds"}
+    assert {*READING} == {*inspect.signature(read_log).parameters} - named

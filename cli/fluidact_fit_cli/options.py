@@ -142,6 +142,9 @@ READING: list[click.Parameter] = [
     Option(["--exclude-rows"], metavar="[LOG:]ROWS", multiple=True, group=_READING,
            help="Leave out rows of the data, counted from 1: 7, or 120:130, or both with a comma. "
            "Repeatable."),
+    Option(["--invalid"], type=click.Choice(["drop", "refuse"]), group=_READING,
+           help="What becomes of rows with a missing or non-numeric cell in a column that is used: "
+           "drop leaves them out, each a gap in time. Default: refuse."),
     Option(["--set"], metavar="[LOG:]ROLE=VALUE", multiple=True, group=_READING,
            help="A role that was constant, with its unit: --set 'a*.csv:position=25 %'. "
            "Repeatable."),
@@ -167,9 +170,9 @@ def read_logs(paths: Iterable[str], params: Mapping[str, Any]) -> list[Log]:
     """Read logs with the options of the command line."""
     from fluidact_fit.logs import StepInput, read_log
 
-    by_role = {keyword: params[option] for option, keyword in _ROLE_OPTIONS.items()}
+    by_role = {keyword: params.get(option) or {} for option, keyword in _ROLE_OPTIONS.items()}
     by_role["steps"] = {role: StepInput(*step) for role, step in params["step"].items()}
-    given = {name: params[name] for name in ("sample_time", "window")}
+    given: dict[str, Any] = {n: params.get(n) for n in ("sample_time", "window", "invalid")}
     given |= {name: params[name] for name in _WRITING if params[name] is not None}
     given |= {"from_name": params["from_name"], **by_role}
     paths = list(paths)

@@ -19,11 +19,18 @@ _KEYWORDS = {
 }  # fmt: skip
 _MAPPINGS = {
     "fix", "start", "bounds", "noise", "column", "unit", "scale", "step", "hold", "input", "set",
+    "from-name", "unwrap",
 }  # fmt: skip
+# Given once for every part on the command line; in Python one keyword holds them all.
+_REPEATED = re.compile(r"exclude=('[^']*')(?: exclude='[^']*')+")
+_PART = re.compile(r"exclude=('[^']*')")
+_PLAIN = re.compile(r"[-+0-9.e]+|nan|inf|(?=.*[A-Z])[A-Z0-9:_@]+|[\"'\[].*|\.\.\.|True|False|None")
 _VALUE = r"\"[^\"]*\"|'[^']*'|\[[^\]]*\]|\.\.\.|[^\s,;()]*[^\s,;().:]"
 _OPTION = re.compile(
     rf"--(?P<name>[a-z][a-z0-9]*(?:-[a-z0-9]+)*)"
-    rf"(?:[ =]\"(?P<quoted>[A-Za-z_][A-Za-z0-9_]*)=(?P<text>[^\"]*)\""
+    rf"(?: '(?:(?P<log>[^'=]*):)?(?P<role>[A-Za-z_][A-Za-z0-9_]*)=(?P<given>[^']*)'"
+    rf"| (?P<sign>'[^']*')"
+    rf"|[ =]\"(?P<quoted>[A-Za-z_][A-Za-z0-9_]*)=(?P<text>[^\"]*)\""
     rf"|[ =](?P<key>[A-Za-z_][A-Za-z0-9_]*)=(?P<item>{_VALUE})"
     rf"|=(?P<value>{_VALUE})| (?P<number>-?[0-9][0-9.e+-]*[0-9]|-?[0-9]|[A-Z][A-Z0-9:_]*)\b)?"
 )
@@ -82,22 +89,32 @@ def in_python(text: str) -> str:
     def keyword(found: re.Match[str]) -> str:
         name = found["name"]
         word = _KEYWORDS.get(name, name.replace("-", "_"))
+        if found["sign"] is not None:
+            return f"{word}={found['sign']}"
+        if found["role"] is not None:
+            return _entry(name in _MAPPINGS, word, found["role"], found["given"])
         if found["quoted"] is not None:
             return f"{word}={{{found['quoted']!r}: {found['text']!r}}}"
         if found["key"] is None:
             value = found["value"] or found["number"] or ""
             return f"{word}={_quoted(value)}" if value else word
-        if name in _MAPPINGS:
-            return f"{word}={{{found['key']!r}: {_quoted(found['item'])}}}"
-        return f"{word}={_quoted(found['key'] + '=' + found['item'])}"
+        return _entry(name in _MAPPINGS, word, found["key"], found["item"])
 
-    return _OPTION.sub(keyword, text)
+    return _REPEATED.sub(_listed, _OPTION.sub(keyword, text))
+
+
+def _entry(mapping: bool, word: str, key: str, value: str) -> str:
+    """A keyword with one entry of a mapping, or with text of both."""
+    return f"{word}={{{key!r}: {_quoted(value)}}}" if mapping else f"{word}={key + '=' + value!r}"
+
+
+def _listed(found: re.Match[str]) -> str:
+    return f"exclude=[{', '.join(_PART.findall(found[0]))}]"
 
 
 def _quoted(value: str) -> str:
     """Text as Python writes it; numbers, placeholders and what is quoted stay as they are."""
-    plain = re.fullmatch(r"[-+0-9.e]+|nan|inf|[A-Z0-9:_@]+|[\"'\[].*|\.\.\.|True|False|None", value)
-    return value if plain else repr(value)
+    return value if _PLAIN.fullmatch(value) else repr(value)
 
 
 class ExtrapolationWarning(UserWarning):

@@ -34,7 +34,7 @@ from .logs.source import files_of
 from .options import plausible
 from .outcome import Simulation
 from .result import FitResult
-from .simulation import LogLike, open_logs
+from .simulation import READING, LogLike, open_logs
 
 _FEWEST = 8  # samples of a log that is fitted or judged
 _ROUNDS = 3  # fits without outliers: one may have hidden the next
@@ -88,7 +88,7 @@ def fit(
         ones.
     columns, units, scales, sample_time
         How they and those of ``validate`` are read, where their columns are not named like the
-        roles; see :func:`read_log`, which can do more.
+        roles; see :func:`read_log`.
     window
         Part of the logs to fit [s], ``None`` for an open side.
     hold
@@ -109,7 +109,8 @@ def fit(
     progress
         Called with progress messages.
     **options
-        The family's own options, with underscores for hyphens.
+        The family's own options, with underscores for hyphens; and whatever else :func:`read_log`
+        takes (``exclude``, ``invalid``, ``constants``, ...).
 
     Returns
     -------
@@ -121,6 +122,7 @@ def fit(
         With what was found, where, and what to do.
     """
     chosen = get_family(family)
+    how = {name: options.pop(name) for name in READING if name in options}
     request = Request(
         options=chosen.options_type.read(options),
         fixed=_numbers("--fix", fixed),
@@ -132,7 +134,7 @@ def fit(
     )
     if controller_sample_time is not None:
         _check_period(controller_sample_time)
-    how = {"columns": columns, "units": units, "scales": scales, "sample_time": sample_time}
+    how |= {"columns": columns, "units": units, "scales": scales, "sample_time": sample_time}
     given = _open(  # the logs themselves are not kept
         chosen, request, open_logs(logs, once=True, **how, window=window),
         open_logs(validate, once=True, **how), hold or {},

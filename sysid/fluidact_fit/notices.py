@@ -129,6 +129,10 @@ _READING = {
         "Look at the lines that are named: rows in another form are to be corrected, and "
         "`--header-row` says that they are none.",
     ),
+    "rows-dropped": _information(
+        "Rows with a missing or non-numeric cell were left out, as `--invalid drop` asks for.",
+        "Nothing, if they are few; otherwise look at the columns that the message names.",
+    ),
     "run-too-short": _information(
         "Runs with too few samples to be fitted were left out.",
         "Nothing, unless a run that you need is among them.",

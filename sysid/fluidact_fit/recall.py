@@ -37,6 +37,8 @@ def recall_columns(document: ParameterDocument, log: Log) -> Log:
         for role, entry in source.columns.items()
         if entry.from_name is not None and role not in {*log.steps, *log.bindings}
     }
+    if log.invalid is None and any((s.details or {}).get("invalid") == "drop" for s in sources):
+        log = replace(log, invalid="drop")
     same = next((s for s in sources if s.sha256 == log.sha256), None)
     own = same.columns if same is not None else {}
     if same is not None:
@@ -50,6 +52,7 @@ def recall_columns(document: ParameterDocument, log: Log) -> Log:
     ]
     best = max(range(len(candidates)), key=lambda i: len(fitting[i]))
     known = _apply(log, fitting[best])
+    known = replace(known, turns={**_turns(log, candidates[best].columns), **log.turns})
     # a column that the user names is still drawn between its samples as the fit settled it
     held = {r: c.hold for s in sources for r, c in s.columns.items() if c.hold and c.step is None}
     followed = {r: h for r, h in held.items() if r in {*fitting[best], *log.bindings}}
@@ -58,6 +61,17 @@ def recall_columns(document: ParameterDocument, log: Log) -> Log:
     if not timed and log.sample_time is None and candidates[best].sample_time:
         known = replace(known, sample_time=candidates[best].sample_time)
     return known
+
+
+def _turns(log: Log, columns: Mapping[str, Column]) -> dict[str, float]:
+    """What the columns of a log begin again after where they are those of the file."""
+    out = {}
+    for role, entry in columns.items():
+        named = log.bindings.get(role, entry.header or "")
+        alike = [c for c in matching(log, named) if c.label == entry.header]
+        if entry.turn is not None and alike:
+            out[role] = entry.turn
+    return out
 
 
 def _told_apart(log: Log, sources: Sequence[LogSource]) -> set[str]:

@@ -26,6 +26,11 @@ from .recall import recall_logs
 from .units import pressure_reference
 
 LogLike = Log | str | PathLike[str] | Any  # and the data themselves: see `read_log`
+# What a fit hands to `read_log` beside the columns, their units and the window.
+READING = (
+    "steps", "unwrap", "constants", "from_name", "exclude", "invalid", "decimal", "thousands",
+    "delimiter", "skip_rows", "header_row",
+)  # fmt: skip
 _MOST_SAMPLES = 5_000_000
 
 

@@ -395,7 +395,7 @@ def test_a_number_with_both_signs_says_which_option_reads_it(tmp_path: Path) -> 
     path = tmp_path / "log.csv"
     rows = [f"{k},00;1.0{k:02d},50;3,6;0{'.' if k == 3 else ','}5" for k in range(30)]
     path.write_text("\n".join(["time;command;outlet;other", *rows]) + "\n", encoding="utf-8")
-    with pytest.raises(LogError, match=r"give thousands '\.'"):
+    with pytest.raises(LogError, match=r"give thousands='\.'"):
         ff.fit("valve", path)
 
 

@@ -10,13 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import LogError, Notice, UsageError
-from ..experiment import IndexArray, at_rows, is_finite
+from ..experiment import is_finite
 from ..family import Role
 from ..units import conversion_factor, same_dimension
 from .carry import find_carry
-from .layout import BLANKS, GROUPED
-from .log import Column, Log, exclude_lines, name_lines
-from .stamps import PAIR, names_time
+from .log import Column, Log
+from .stamps import names_time
 
 TIME = Role("time", "s", "instants of the samples")
 # Time is the one role with a symbol that is in general use as a header.
@@ -367,53 +366,6 @@ def _why(binding: Binding) -> str:
         return f"{label}, by the size of its numbers"
     remark = _REMARK.search(binding.column.header)
     return f"{label}, in which '{remark[0]}' is no unit that is known" if remark else label
-
-
-def require_numbers(log: Log, binding: Binding, rows: IndexArray) -> None:
-    """Refuse cells of a used column that are no finite number; the error names the first."""
-    role, values = binding.role.name, at_rows(binding.column.values, rows)
-    if is_finite(values):
-        return
-    wrong = rows[~np.isfinite(values)]
-    text = binding.column.bad.get(int(wrong[0]))
-    if text is None:
-        found = "holds something that is not a number."
-    elif not text:
-        found = "is empty."
-    else:
-        found = f"holds '{text[:60]}', which is not a{' finite' if _is_nan(text) else ''} number."
-    if wrong.size > 1:
-        found += f" {wrong.size - 1} more such cells ({name_lines(log.lines[wrong[1:]])})."
-    remedy = f"Give --column {role}=... if this is not the {role}, or remove the line."
-    if 2 * wrong.size > rows.size:
-        remedy = f"Give --column {role}=... with a column of numbers."
-    elif wrong.size > 1:
-        options = exclude_lines(log.lines[wrong])
-        remedy = f"Give --column {role}=... if this is not the {role}, or leave out with {options}."
-    if text and any(form.match(text) for form in (*GROUPED.values(), BLANKS)):
-        sign = next(c for c in text if not c.isdigit() and c not in "+-")
-        remedy = f"If '{sign}' stands between thousands, give --thousands '{sign}'."
-    elif text and PAIR.fullmatch(text):
-        remedy = (
-            "It may be hours and minutes or minutes and seconds: export it with both, as 00:12:30, "
-            "or give --sample-time SECONDS."
-        )
-    elif text and role == TIME.name:
-        remedy = "Export the time in seconds, or give --sample-time SECONDS."
-    if binding.column.doubt:
-        found, remedy = binding.column.doubt.split("\n")
-        found = f"was not read: {found}"
-    raise LogError(
-        f"column '{binding.column.label}' {found}", where=log.where(wrong[0]), remedy=remedy
-    )
-
-
-def _is_nan(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _fold(text: str) -> str:

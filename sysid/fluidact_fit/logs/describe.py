@@ -78,6 +78,10 @@ def provenance(log: Log, experiments: Sequence[Experiment]) -> dict[str, Any]:
         details["window"] = log.window_text
     if log.exclude:
         details["exclude"] = [x.text for x in log.exclude]
+    if log.invalid is not None:
+        details["invalid"] = log.invalid
+    if dropped := max((e.attributes.get("dropped", 0) for e in experiments), default=0):
+        details["rows_dropped"] = dropped
     if log.account.left_out:
         details["lines_left_out"] = len(log.account.left_out)
     if details:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,15 +23,15 @@ from .columns import (
     check_roles,
     in_unit,
     missing_roles,
-    require_numbers,
     require_roles,
 )
 from .grid import Run, counted_run, make_run, print_resolution, untimed_run
-from .log import Log, StepInput, check_hold
+from .invalid import require_numbers, without_invalid
+from .log import MIN_RUN, Log, StepInput, check_hold
 from .repeats import check_repeats
 from .spikes import replace_spikes
 from .surgery import exclude_runs
-from .timebase import MIN_RUN, split_runs
+from .timebase import split_runs
 from .turns import continued, settle_turns
 
 _LARGEST = 1e30  # of any quantity in SI; products of a few must not overflow
@@ -86,13 +87,16 @@ def experiments(
     notices += overridden_notice(log, bindings)
     notices += absolute_notice(log, bindings.values())
     runs = exclude_runs(log, _apply_window(log, runs))
+    kept = without_invalid(log, bindings, runs)
+    bindings, whole = kept.bindings, [run for _, run in kept.runs]
+    notices += kept.notices
     suspects = find_suspects(log, bindings)
-    whole, runs = runs, [_sampled_run(log, variant, bindings, run) for run in runs]
+    runs = [_sampled_run(log, variant, bindings, run) for run, _ in kept.runs]
     turns, said = settle_turns(log, bindings, whole)
     notices += said
     found = _make_experiments(log, variant, bindings, list(zip(runs, whole)), turns, index)
     cleaned = [replace_spikes(e, variant) for e in found]
-    found = [e for e, _ in cleaned]
+    found = [replace(e, attributes={**e.attributes, "dropped": kept.dropped}) for e, _ in cleaned]
     notices += [n for _, said in cleaned for n in said]
     notices += _time_bases(log, found)
     notices += check_sampling(log, runs)
@@ -135,7 +139,7 @@ def _find_runs(
                     f"--sample-time {log.sample_time:g} replaces it.",
                 )
             )
-        return [counted_run(log.rows, log.sample_time)]
+        return [counted_run(log.rows, log.sample_time, log.places)]
     binding = bindings.get("time")
     if timed is None or binding is None:
         return [untimed_run(log.rows)]

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..experiment import FloatArray, IndexArray
 from ..rows import blocks, counted, evenly
+from .log import IntArray
 
 _UNIFORM = 1e-6
 _MANY = 200_000  # stamps, of which the first show how far apart they were printed
@@ -34,9 +35,15 @@ def untimed_run(rows: int) -> Run:
     return Run(counted(0, rows), np.empty(0), 0.0, False)
 
 
-def counted_run(rows: int, sample_time: float) -> Run:
-    """Return all rows as one run on a grid that the user named [s]."""
-    return Run(counted(0, rows), evenly(0.0, sample_time, rows), sample_time, True)
+def counted_run(rows: int, sample_time: float, places: IntArray | None = None) -> Run:
+    """Return all rows as one run on a grid that the user named [s].
+
+    ``places`` are those of the rows, where others were left out.
+    """
+    if places is None or places[-1] == rows - 1:
+        return Run(counted(0, rows), evenly(0.0, sample_time, rows), sample_time, True)
+    even = bool(places[-1] - places[0] == rows - 1)
+    return Run(counted(0, rows), places.astype(np.float64) * sample_time, sample_time, even)
 
 
 def print_resolution(stamps: FloatArray) -> float:

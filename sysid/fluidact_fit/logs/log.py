@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,11 @@ from ..errors import Notice, UsageError
 from ..experiment import FloatArray, Hold
 from .exact import Exact
 
+MIN_RUN = 3  # samples
 IntArray = npt.NDArray[np.integer[Any]]
+
+
+Invalid = Literal["drop", "refuse"]
 
 
 @dataclass(frozen=True)
@@ -178,6 +182,11 @@ class Log:
         Runs, seconds and lines that are left out.
     from_name
         Role to where its constant, one of the ``steps``, stood in the name of the file.
+    invalid
+        What becomes of rows with a missing or non-numeric cell: ``"drop"`` or ``"refuse"``, as
+        given by the user.
+    places
+        Of rows some of which were left out: where they stood, from 0, shape ``(n_rows,)``.
     disposable
         Whether nobody reads the columns once experiments were made of them, which then may take
         their memory.
@@ -202,6 +211,8 @@ class Log:
     exclude: tuple[Exclusion, ...] = ()
     from_name: Mapping[str, str] = field(default_factory=dict)
     elsewhere: frozenset[str] = frozenset()
+    invalid: Invalid | None = None
+    places: IntArray | None = None
     disposable: bool = False
 
     @property

@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from ..errors import LogError, UsageError
 from ..units import is_doubtful_suffix, parse_unit_from_header
@@ -18,7 +18,7 @@ from .codesys import read_trace
 from .dialect import find_layout
 from .groups import sparse_columns
 from .layout import Layout, Written
-from .log import Account, Column, Dialect, Log, StepInput, check_hold
+from .log import Account, Column, Dialect, Invalid, Log, StepInput, check_hold
 from .merging import merged
 from .source import Source, files_of, make_source, name_of, read_bytes
 from .split_time import with_joined_time
@@ -39,7 +39,8 @@ def read_log(
     unwrap: Mapping[str, float | str] | None = None,
     constants: Mapping[str, str] | None = None,
     from_name: Mapping[str, str] | None = None,
-    exclude: Sequence[str] = (),
+    exclude: Sequence[str] | str = (),
+    invalid: Invalid | None = None,
     decimal: str | None = None,
     thousands: str | None = None,
     delimiter: str | None = None,
@@ -80,7 +81,10 @@ def read_log(
     from_name
         Role to where its constant stands in the name of the file: ``"kinked{%}"``.
     exclude
-        What is left out: ``"run=2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``.
+        What is left out: ``"run=2"``, ``"time=3:3.5"`` [s], ``"lines=120:130"``, or several.
+    invalid
+        What becomes of rows with a missing or non-numeric cell in a column that is used: by
+        default such a log is refused, ``"drop"`` leaves the rows out.
     decimal, thousands, delimiter
         Signs, where they are not to be found out.
     skip_rows
@@ -102,7 +106,9 @@ def read_log(
     """
     _check_arguments(scales or {}, sample_time, window, steps or {}, holds or {})
     written = _checked_writing(Written(decimal, thousands, delimiter, skip_rows, header_row))
-    given = [parse_exclusion(text) for text in exclude]
+    given = [parse_exclusion(t) for t in ([exclude] if isinstance(exclude, str) else exclude)]
+    if invalid not in (None, *get_args(Invalid)):
+        raise UsageError(f"--invalid {invalid} is not possible.", remedy="Give drop or refuse.")
     log = replace(
         with_joined_time(_read(path, written)),
         bindings=dict(columns or {}),
@@ -113,6 +119,7 @@ def read_log(
         turns={role: _turn(role, given) for role, given in (unwrap or {}).items()},
         sample_time=None if sample_time is None else float(sample_time),
         window=window,
+        invalid=invalid,
     )
     return without(with_constants(log, constants or {}, from_name or {}), given)
 

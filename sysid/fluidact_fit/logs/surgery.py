@@ -17,8 +17,7 @@ import numpy as np
 from ..errors import UsageError
 from ..experiment import BoolArray
 from .grid import Run
-from .log import Column, Exclusion, Log, StepInput
-from .timebase import MIN_RUN
+from .log import MIN_RUN, Column, Exclusion, Log, StepInput
 
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
 _FORMS = "run=2, time=3:3.5 (seconds, either end may be empty), rows=7:9 or lines=120:130"
@@ -119,6 +118,7 @@ def without(log: Log, exclusions: Sequence[Exclusion]) -> Log:
         log,
         columns=tuple(_rows(column, kept) for column in log.columns),
         lines=log.lines[kept],
+        places=(np.arange(log.rows) if log.places is None else log.places)[kept],
         account=replace(account, data_rows=int(kept.sum()), left_out=left_out),
     )
 

@@ -15,15 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import LogError, Notice
-from ..experiment import BoolArray, FloatArray, IndexArray
+from ..experiment import BoolArray, FloatArray, IndexArray, at_rows
 from ..rows import blocks, counted
-from .columns import Binding, counts_for, require_numbers
+from .columns import Binding, counts_for
 from .counters import digits_of_clock, find_overflow
 from .grid import Run, make_run, print_resolution
-from .log import Column, Log, count_of, name_lines
+from .invalid import usable_rows
+from .log import MIN_RUN, Column, Log, count_of, name_lines
 
 WRAP = 2.0**32
-MIN_RUN = 3
 # Steps of whole numbers from which on they are likely to be such a part of a second.
 _SMALLER = ((1e5, "nanoseconds", "ns"), (1e3, "microseconds", "us"), (1.0, "milliseconds", "ms"))
 
@@ -34,10 +34,9 @@ def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
     Returns the runs in order, and what was repaired or left out. ``LogError`` when stamps are
     missing, step back or repeat without an explanation.
     """
-    rows = counted(0, log.rows)
-    require_numbers(log, binding, rows)
+    rows = usable_rows(log, binding, counted(0, log.rows))
     repair = _Repair(log, binding.column)
-    stamps = binding.column.stamps
+    stamps = at_rows(binding.column.stamps, rows)
     part = repair.drop_impossible(_Part(rows, stamps if binding.to_si > 0.0 else -stamps))
     part = repair.unwrap(part)
     resolution = print_resolution(part.stamps)

@@ -331,6 +331,7 @@ class _KnownLogDetails(BaseModel):
 
     exclude: list[Annotated[str, Field(pattern=_EXCLUDED, max_length=100)]] = []
     window: Annotated[str, Field(pattern=_WINDOW, max_length=100)] | None = None
+    invalid: Literal["drop", "refuse"] | None = None
 
     @field_validator("window")
     @classmethod
