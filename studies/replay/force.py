@@ -36,7 +36,7 @@ def force_step(size: float, steps: int, reading: Reading = "held") -> Response:
         supply, Port("command", "V"), STEP, position=place,
     )  # fmt: skip
     controller = FeedforwardForceController(
-        lambda f, x, s: (f + spring * x + preload + level * s) / gain,
+        lambda f, x, s: ((f + spring * x + preload + level * s) / gain, False),
         STEP, Smoothing(steps, reading),
     )  # fmt: skip
     return run_loop(plant, controller, Reference("step", size=size, at=AT), 1.0, 0.0)

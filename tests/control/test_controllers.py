@@ -282,7 +282,7 @@ def test_motion_state_is_held() -> None:
 
 def test_force_controller_asks_the_branch_of_its_motion_state() -> None:
     controller = FeedforwardForceController(
-        lambda f, x, s: (f + 2.0 * s + 100.0 * x) / 10.0, 0.01, Smoothing(2),
+        lambda f, x, s: ((f + 2.0 * s + 100.0 * x) / 10.0, False), 0.01, Smoothing(2),
         lambda u, x, s: 10.0 * u - 2.0 * s - 100.0 * x,
     )  # fmt: skip
     at = {"position": 0.1}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import shutil
 import subprocess
 from collections.abc import Callable, Mapping
@@ -78,7 +79,11 @@ class Exported(Controller):
         super().reset()
         self.first = True
 
-    def _step(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
+    def _step(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
+        return self.called(measured, wanted)
+
+    def called(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
+        """What is returned, whatever was measured."""
         kept, self.first = {"reset": self.first}, False
         if self.kind == "pd":
             return (self.call("step", reference, measured[self.role], **kept),)
@@ -90,8 +95,8 @@ class Exported(Controller):
         return (self.call("step", reference, target, **kept),)
 
 
-def compiled(library: ctypes.CDLL) -> Call:
-    """Functions of a library, float by float."""
+def compiled(library: ctypes.CDLL, flags: list[bool] | None = None) -> Call:
+    """Functions of a library, float by float; ``flags`` takes those that are set."""
     states: dict[str, Any] = {}
 
     def call(name: str, *values: float, reset: bool | None = None) -> float:
@@ -102,14 +107,16 @@ def compiled(library: ctypes.CDLL) -> Call:
             getattr(library, f"loop_{name}_reset")(states[name])
         first = [] if reset is None else [states[name]]
         found = float(function(*first, *map(ctypes.c_float, values), ctypes.byref(outside)))
-        assert outside.value == 0
+        assert flags is not None or outside.value == 0
+        if flags is not None:
+            flags.append(bool(outside.value))
         return found
 
     return call
 
 
-def interpreted(text: str) -> Call:
-    """Function blocks of a text, called with their inputs in order."""
+def interpreted(text: str, flags: list[bool] | None = None) -> Call:
+    """Function blocks of a text, called with their inputs in order; ``flags`` as above."""
     parser = Parser(text)
     blocks = {name: Instance(parser, name) for name in parser.blocks if "SELFTEST" not in name}
 
@@ -118,7 +125,9 @@ def interpreted(text: str) -> Call:
         inputs = [k for k, d in instance.block.variables.items() if d.section == "VAR_INPUT"]
         kept = {} if reset is None else {"reset": reset}
         out = instance(**dict(zip(inputs, values)), **kept)
-        assert not out["outside"]
+        assert flags is not None or not out["outside"]
+        if flags is not None:
+            flags.append(bool(out["outside"]))
         return float(out["value"])
 
     return call
@@ -212,6 +221,74 @@ def test_self_test_of_a_controller_passes(kind: str, tmp_path: Path) -> None:
     assert subprocess.run([tmp_path / "run"], check=False).returncode == 0
 
 
+NAN, INF = float("nan"), float("inf")
+OUTAGES = {  # sample: what is read, and what is wanted where that is none
+    "nan": {100: (NAN, None)},
+    "infinite": {100: (INF, None), 150: (-INF, None)},
+    "absurd": {100: (1e6, None), 160: (-1e6, None)},
+    "long": dict.fromkeys(range(100, 160), (NAN, None)),
+    "from the first": dict.fromkeys(range(5), (NAN, None)),
+    "wanted": {100: (None, NAN), 140: (None, NAN), 141: (NAN, NAN)},
+}
+
+
+@pytest.fixture(scope="module", params=LOOPS)
+def both(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[str, Path, Path, str]:
+    """A kind of loop with its file, its library and its Structured Text."""
+    folder = tmp_path_factory.mktemp("both")
+    source, shared = exported(folder, request.param)[1], folder / "loop.so"
+    subprocess.run(["gcc", "-shared", "-fPIC", str(source), "-lm", "-o", str(shared)], check=True)
+    text = exported(folder, request.param, "st")[0].read_text(encoding="ascii")
+    return request.param, folder / "loop.yaml", shared, text
+
+
+@needs_gcc
+@pytest.mark.parametrize("outage", OUTAGES)
+def test_without_a_reading_the_last_command_stands(
+    outage: str, both: tuple[str, Path, Path, str]
+) -> None:
+    """Flagged, and without a jump afterwards: in Python, in C and in Structured Text alike."""
+    kind, path, shared, text = both
+    file, blocks = read_controller_file(path), blocks_of(LOOPS[kind][1])
+    plant = make_plant(file, blocks)
+    course, _ = COURSES[kind]
+    controller = make_controller(file, blocks, plant, file.reference.start or 0.0)
+    role, flags = plant.controlled.role, {"c": list[bool](), "st": list[bool]()}
+    calls = {"c": compiled(ctypes.CDLL(str(shared)), flags["c"]),
+             "st": interpreted(text, flags["st"])}  # fmt: skip
+    others = {to: Exported(kind, call, controller, role) for to, call in calls.items()}
+    time = 0.01 * np.arange(260)
+    wanted = course(time)
+    at = np.full(260, 0.012) if "force" in kind or kind == "recursive" else wanted - 4e-5 * time
+    given, untouched = [], []
+    twin = make_controller(file, blocks, plant, file.reference.start or 0.0)
+    for k, (r, x) in enumerate(zip(wanted.tolist(), at.tolist())):
+        untouched.append(twin.step({role: x, "position": x}, r))
+        read, asked = OUTAGES[outage].get(k, (None, None))
+        measured = dict.fromkeys((role, "position"), x if read is None else read)
+        reference = r if asked is None else asked
+        command = controller.step(measured, reference)
+        given.append(command)
+        size = np.abs(untouched).max()
+        for to, other in others.items():
+            flags[to].clear()
+            found = other.called(measured, reference)
+            np.testing.assert_allclose(found, command, atol=(1e-5 if to == "c" else 1e-9) * size)
+            assert any(flags[to]) == controller.outside
+        held = np.isnan(reference) or (
+            np.isnan(measured["position"]) if role != "position"
+            else not abs(measured["position"]) < 1.0
+        )  # fmt: skip
+        assert controller.outside or not held
+        if held:
+            assert command == (given[-2] if k else controller.begins)
+    jumps, usual = np.abs(np.diff(given, axis=0)).max(), np.abs(np.diff(untouched, axis=0)).max()
+    lasts = max(len(OUTAGES[outage]) - 5, 0) + 2 if outage == "long" else 2
+    assert jumps <= lasts * usual * 1.5
+
+
 def test_a_target_without_controllers_says_so(tmp_path: Path) -> None:
     (tmp_path / "loop.yaml").write_text(PD, encoding="utf-8")
     with pytest.raises(UsageError, match="does not know controllers"):
@@ -261,3 +338,23 @@ def test_force_controller_calls_a_network(target: str, tmp_path: Path) -> None:
     due: Any = network(**values) if target == "command" else spring.inverse(30.0, 0.012, 1.0)
     given = {a.name: values.get(a.name, 0.0) for a in code.routines[1].arguments}
     assert float(found(**given)[0]) == pytest.approx(float(due), rel=1e-9)
+
+
+@needs_gcc
+@pytest.mark.parametrize("kind", ["pd", "impedance", "force"])
+def test_the_self_test_finds_a_controller_that_computes_from_no_reading(
+    kind: str, tmp_path: Path
+) -> None:
+    """Also one that forgets to begin anew after it."""
+    _, source, test = exported(tmp_path, kind)
+    text = source.read_text(encoding="ascii")
+    branch = re.compile(r"if \(!\(\([^{]*\) \{\n        /\* nothing")
+    again = re.compile(r"        state->(error_rate|speed)_begun = 0\.0f;\n")
+    changes = [branch.sub("if (0) {\n        /* nothing", text)]
+    changes += [again.sub("", text)] if again.search(text) else []
+    for changed in changes:
+        assert changed != text
+        source.write_text(changed, encoding="ascii")
+        command = ["gcc", str(source), str(test), "-lm", "-o", str(tmp_path / "run")]
+        subprocess.run(command, check=True)
+        assert subprocess.run([tmp_path / "run"], check=False).returncode != 0

@@ -45,14 +45,18 @@ class ForceMaps:
         routine, target = self.inverse_routine()
         return Machine(routine), target
 
-    def command_for(self, force: float, place: float, state: float) -> float:
-        """Command for a force [N] at a position [m] in a motion state, as exports compute it."""
+    def command_for(self, force: float, place: float, state: float) -> tuple[float, bool]:
+        """Command for a force [N] at a position [m] in a motion state, as exports compute it.
+
+        Beside it stands whether anything was clamped.
+        """
         machine, target = self._inverse
         known = {"force": force, "position": place, "direction": state}
         given = {a.name: known.get(a.name, 0.0) for a in machine.routine.arguments}
         gain, offset = self.to_command
-        drive = min(max(float(machine(**given)[0]), target.low), target.high)
-        return (drive - offset) / gain
+        found, outside = machine(**given)
+        drive = min(max(float(found), target.low), target.high)
+        return (drive - offset) / gain, bool(outside) or drive != float(found)
 
     def force_of(self, command: float, place: float, state: float) -> float:
         """Force [N] of a command that has been applied for long."""

@@ -321,7 +321,7 @@ def _force(
     limits: tuple[float, float], start: float,
 ) -> Controller:  # fmt: skip
     maps = force_maps(parts)
-    command = maps.command_for(start, file.machine.position, 1.0)
+    command, _ = maps.command_for(start, file.machine.position, 1.0)
     begins = Start(start, min(max(command, limits[0]), limits[1]))
     smoothing = Smoothing(keys.smoothing_steps, "held" if keys.smoothing == "held" else "recursive")
     return FeedforwardForceController(

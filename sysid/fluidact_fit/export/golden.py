@@ -58,7 +58,9 @@ class Golden:
     tolerance: float
 
 
-def golden(routine: Routine, tolerance: Tolerance, rounded: Rounded = np.asarray) -> Golden:
+def golden(
+    routine: Routine, tolerance: Tolerance, rounded: Rounded = np.asarray, *, nan: bool = False
+) -> Golden:
     """Choose golden vectors.
 
     Parameters
@@ -69,9 +71,11 @@ def golden(routine: Routine, tolerance: Tolerance, rounded: Rounded = np.asarray
         Gives what an output may differ by, for arguments ``(calls, count, k)``.
     rounded
         Turns values into what the target's arithmetic holds, so that both get the same arguments.
+    nan
+        Whether the target can write what is not a number. A careful routine gets it as well.
     """
     rng = np.random.default_rng(_SEED)
-    pool, count = _pool(routine, rng, rounded)
+    pool, count = _pool(routine, rng, rounded, nan)
     fine = robust(routine, pool)
     outputs, outside = run(routine, pool)
     fine &= np.isfinite(outputs).all(axis=0)
@@ -86,18 +90,29 @@ def golden(routine: Routine, tolerance: Tolerance, rounded: Rounded = np.asarray
     return Golden(arguments, values, flags.astype(bool), len(pool), allowed)
 
 
-def _pool(routine: Routine, rng: np.random.Generator, rounded: Rounded) -> tuple[FloatArray, int]:
+def _pool(
+    routine: Routine, rng: np.random.Generator, rounded: Rounded, nan: bool
+) -> tuple[FloatArray, int]:
     """What is chosen from, ``(calls, count, k)``, and how many of the first are taken anyway."""
     plain = uniform(routine, _POOL, rng)
     near, ends = edges(routine, plain[:400]), _ends(routine, rng)
     if not routine.keeps:
         rows = np.concatenate([ends, plain[:_PLAIN], near, plain[_PLAIN:]])
         return rounded(rows)[None], len(ends) + _PLAIN
+    if routine.careful and nan:
+        ends = _with_nan(ends, rng)
     late = max((f.delay for f in routine.filters), default=0)
     calls = max(min(_CALLS + late + late // 2, _LONGEST), len(ends) + late + 4)
     found = sequences(routine, calls, _SEQUENCES, rng, near)
     found[1 : 1 + len(ends), 0] = ends
     return rounded(found), 1
+
+
+def _with_nan(rows: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """The rows, and one more for each argument, which is no number there."""
+    more = rows[rng.choice(len(rows), rows.shape[1])]
+    np.fill_diagonal(more, np.nan)
+    return np.concatenate([rows, more])
 
 
 def _ends(routine: Routine, rng: np.random.Generator) -> FloatArray:

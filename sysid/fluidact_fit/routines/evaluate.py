@@ -89,12 +89,22 @@ class Machine:
         real = self.arithmetic.real
         names: dict[str, Any] = dict(self.states)
         outside: Any = False
+        unreadable: Any = False
         for a in self.routine.arguments:
             given = np.asarray(values[a.name], dtype=real)
             low, high = real(a.low), real(a.high)
             inside = (given >= low) & (given <= high)
             outside = outside | ~inside
+            unreadable = unreadable | (~inside if a.measured else np.isnan(given))
             names[a.name] = np.where(given > high, high, np.where(inside, given, low))
+        if not (self.routine.careful and np.any(unreadable)):
+            return self._computed(names, outside)
+        before = dict(self.states)
+        lines = {name: (list(x), list(line)) for name, (x, line) in self.memory.items()}
+        value, outside = self._computed(names, outside)
+        return self._interrupt(unreadable, (before, lines), value), outside
+
+    def _computed(self, names: dict[str, Any], outside: Any) -> tuple[Any, Any]:
         for s in self.routine.body:
             if isinstance(s, Flag):
                 a, b = self._value(s.a, names), self._value(s.b, names)
@@ -104,6 +114,18 @@ class Machine:
             else:
                 self._run(s, names)
         return self._value(self.routine.value, names), outside
+
+    def _interrupt(self, unreadable: Any, before: tuple[Any, Any], value: Any) -> Any:
+        """Return to what was kept before, where there was nothing to compute from."""
+        states, lines = before
+        kept = states | {s.state: self._value(s.value, states) for s in self.routine.interrupted}
+        for name, now in self.states.items():
+            self.states[name] = np.where(unreadable, kept[name], now)
+        for name, parts in self.memory.items():
+            for now, old in zip(parts, lines[name]):
+                now[:] = [np.where(unreadable, b, a) for a, b in zip(now, old)]
+        held = self._value(self.routine.value, states) if self.routine.keeps else np.nan
+        return np.where(unreadable, self.arithmetic.real(held), value)
 
     def _value(self, e: Expression, names: Mapping[str, Any]) -> Any:
         return value_of(e, names, self.arithmetic)

@@ -33,6 +33,8 @@ class Argument:
         Whether the range is what the logs covered; otherwise it follows from other numbers.
     held
         Whether it rests for several calls in a row, as what is wanted does.
+    measured
+        Whether it is a reading, which beyond its range cannot be true; see :class:`Routine`.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Argument:
     high: float
     recorded: bool = True
     held: bool = False
+    measured: bool = False
 
 
 @dataclass(frozen=True)
@@ -149,6 +152,13 @@ class Routine:
         What is kept between calls.
     sample_time
         Period of the calls [s] of a routine with a :class:`Filter`; 0 where it does not matter.
+    careful
+        Whether nothing is computed from an argument that is no number, or from a reading beyond its
+        range. Such a call sets the flag, of what is kept it changes only what ``interrupted`` says,
+        and it returns the value, a state, as it stands. A routine that keeps nothing returns no
+        number either.
+    interrupted
+        What changes then.
     """
 
     name: str
@@ -159,6 +169,8 @@ class Routine:
     value: Expression
     states: tuple[State, ...] = ()
     sample_time: float = 0.0
+    careful: bool = False
+    interrupted: tuple[Put, ...] = ()
 
     @property
     def filters(self) -> tuple[Filter, ...]:
@@ -175,7 +187,7 @@ class Routine:
 class Draft:
     """A routine while it is written.
 
-    ``name``, ``about`` and ``unit`` are those of the routine.
+    ``name``, ``about``, ``unit`` and ``careful`` are those of the routine.
     """
 
     name: str
@@ -185,6 +197,8 @@ class Draft:
     arguments: list[Argument] = field(default_factory=list)
     states: list[State] = field(default_factory=list)
     body: list[Statement] = field(default_factory=list)
+    careful: bool = False
+    interrupted: list[Put] = field(default_factory=list)
 
     def argument(self, argument: Argument) -> Name:
         """Take an argument."""
@@ -204,6 +218,10 @@ class Draft:
     def put(self, state: Name, value: Operand) -> None:
         """Change what is kept."""
         self.body.append(Put(state.name, wrap(value)))
+
+    def interrupt(self, state: Name, value: Operand) -> None:
+        """Change what is kept where there is nothing to compute from."""
+        self.interrupted.append(Put(state.name, wrap(value)))
 
     def layer(
         self, name: str, weights: npt.ArrayLike, biases: npt.ArrayLike,
@@ -234,7 +252,8 @@ class Draft:
 
         routine = Routine(
             self.name, self.about, self.unit, tuple(self.arguments), tuple(self.body),
-            wrap(value), tuple(self.states), self.sample_time,
+            wrap(value), tuple(self.states), self.sample_time, self.careful,
+            tuple(self.interrupted),
         )  # fmt: skip
         return rewritten(routine, simplify)
 

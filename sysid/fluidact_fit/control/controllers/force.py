@@ -32,8 +32,8 @@ from typing import Literal
 from .base import Controller, Travel
 
 Reading = Literal["held", "recursive"]
-CommandMap = Callable[[float, float, float], float]
-"""Command for a force [N] at a position [m] in a motion state."""
+CommandMap = Callable[[float, float, float], tuple[float, bool]]
+"""Command for a force [N] at a position [m] in a motion state; whether any of them was clamped."""
 ForceMap = Callable[[float, float, float], float]
 """Force [N] of a command at a position [m] in a motion state."""
 
@@ -142,8 +142,9 @@ class FeedforwardForceController(Controller):
         if wanted != self._reference:
             self.smoothing.begin()
             self._reference = wanted
-        target = self.limit(self._command_for(wanted, place, state))
-        command = self.smoothing.step(target)
+        target, clamped = self._command_for(wanted, place, state)
+        self.outside |= clamped
+        command = self.smoothing.step(self.limit(target))
         if self._observer is not None:
             self.observed = self._observer(command, place, self._applied.step(command))
         return (command,)

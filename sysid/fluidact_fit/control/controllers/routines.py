@@ -36,7 +36,7 @@ def _arguments(travel: Travel) -> tuple[Argument, Argument]:
     (low, high), role, unit = travel.reach, travel.role, travel.unit
     return (
         Argument("wanted", unit, f"wanted {role}", low, high, recorded=False),
-        Argument(role, unit, f"measured {role}", low, high, recorded=False),
+        Argument(role, unit, f"measured {role}", low, high, recorded=False, measured=True),
     )
 
 
@@ -69,7 +69,7 @@ def force_routines(
     reference = replace(_arguments(controller.travel)[0], held=True)
     return (
         _direction(reference, controller.start),
-        drive_for,
+        replace(drive_for, careful=True),
         _smoothed(controller, reference, target, supply, unit),
     )
 
@@ -82,6 +82,7 @@ def _rate(draft: Draft, name: str, value: Expression, low_pass: Butterworth, per
     change = (now - before) * (1.0 / period)
     draft.put(last, now)
     draft.put(begun, 1.0)
+    draft.interrupt(begun, 0.0)  # the next reading is a first one again
     b, a = np.array(low_pass.numerator), np.array(low_pass.denominator)
     matrix = np.array([[-a[1], 1.0], [-a[2], 0.0]])  # the transposed direct form
     return draft.filter(
@@ -92,6 +93,13 @@ def _rate(draft: Draft, name: str, value: Expression, low_pass: Butterworth, per
     )  # fmt: skip
 
 
+def _returned(draft: Draft, value: Expression, begins: float) -> Routine:
+    """Keep what is returned, for calls that have nothing to compute from."""
+    given = draft.state("given", begins)
+    draft.put(given, value)
+    return draft.returns(given)
+
+
 def _limited(value: Expression, limits: tuple[float, float]) -> Expression:
     low, high = limits
     value = maximum(value, low) if isfinite(low) else value
@@ -99,7 +107,7 @@ def _limited(value: Expression, limits: tuple[float, float]) -> Expression:
 
 
 def _pd(c: PDController, unit: str) -> Routine:
-    draft = Draft("step", "Command of this sample.", unit, c.sample_time)
+    draft = Draft("step", "Command of this sample.", unit, c.sample_time, careful=True)
     reference, measured = map(draft.argument, _arguments(c.travel))
     error = draft.let("error", reference - measured)
     low_pass = Butterworth(c.cutoff, c.sample_time)
@@ -112,11 +120,12 @@ def _pd(c: PDController, unit: str) -> Routine:
         speed = _rate(draft, "speed", measured, low_pass, c.sample_time)
         push = by_sign(error, f.positive, -f.negative, jumps=True)
         command = command + choose(abs(speed), "<", f.tolerance, push, 0.0, jumps=True)
-    return draft.returns(_limited(command, c.limits))
+    return _returned(draft, _limited(command, c.limits), c.begins[0])
 
 
 def _force(c: ImpedanceController) -> Routine:
-    draft = Draft("force", "Force that is wanted at this sample.", "N", c.sample_time)
+    about = "Force that is wanted at this sample."
+    draft = Draft("force", about, "N", c.sample_time, careful=True)
     reference, measured = map(draft.argument, _arguments(c.travel))
     low_pass = Butterworth(c.cutoff, c.sample_time)
     speed = _rate(draft, "speed", measured, low_pass, c.sample_time)
@@ -128,7 +137,7 @@ def _force(c: ImpedanceController) -> Routine:
         sign = choose(speed, "<", -f.tolerance, -f.coulomb_negative, 0.0, jumps=True)
         sign = choose(speed, ">", f.tolerance, f.coulomb_positive, sign, jumps=True)
         force = force + sign
-    return draft.returns(_limited(force, c.limits))
+    return _returned(draft, _limited(force, c.limits), c.limit(0.0))
 
 
 def _commands(c: ImpedanceController, unit: str) -> tuple[Routine, Routine]:
@@ -155,7 +164,7 @@ def _commands(c: ImpedanceController, unit: str) -> tuple[Routine, Routine]:
 def _direction(reference: Argument, start: Start) -> Routine:
     """Motion state of what is wanted; the first value is a change from that of the start."""
     about = "Motion state of the wanted force: 1 loading, -1 unloading."
-    draft = Draft("direction", about, "1")
+    draft = Draft("direction", about, "1", careful=True)
     wanted = draft.argument(reference)
     last, state = draft.state("last", start.force), draft.state("moved", 1.0)
     draft.put(state, _by_change(wanted, last, -1.0, 1.0, state))
@@ -178,7 +187,7 @@ def _smoothed(
     A mean never leaves what both lie in: the last step says so to those who bound its errors, and
     changes nothing.
     """
-    draft = Draft("step", "Command of this sample.", unit, c.sample_time)
+    draft = Draft("step", "Command of this sample.", unit, c.sample_time, careful=True)
     wanted, drive = draft.argument(reference), draft.argument(target)
     gain, offset = supply
     steps, held = float(c.smoothing.steps), c.smoothing.reading == "held"

@@ -197,7 +197,7 @@ def table(head: str, rows: Sequence[str]) -> list[str]:
 
 def _test_of(code: Code, f: Function, number: int) -> list[str]:
     r, place = f.routine, f"{code.name.upper()}_TABLE"
-    vectors = golden(r, lambda of, given: float(at_most(difference(of, given))), single)
+    vectors = golden(r, lambda of, given: float(at_most(difference(of, given))), single, nan=True)
     columns = np.column_stack((vectors.arguments, vectors.outputs, vectors.outside))
     rows = ["{" + ", ".join(map(SINGLE.literal, row)) + "}" for row in columns]
     count, width = columns.shape

@@ -35,6 +35,8 @@ class Precision:
     def literal(self, value: float) -> str:
         """A constant, to the last digit that the type holds."""
         value = value + 0.0  # no zero has a sign
+        if np.isnan(value):
+            return "NAN"
         text = f"{np.float32(value):.9g}" if self.suffix else f"{value:.17g}"
         if not any(c in text for c in ".e"):
             text += ".0"

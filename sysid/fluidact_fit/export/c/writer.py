@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
-from ...routines import Routine
+from ...routines import Argument, Routine
 from ...routines.evaluate import SINGLE_HALVINGS
 from ...routines.expression import (
     Binary,
@@ -63,10 +63,19 @@ class Writer:
         self._depth, self._whole = 1, False
         self._context = ""
         self._clamp_all()
+        interrupts = self.routine.careful and self.routine.keeps
+        if interrupts:
+            self._interrupt()
+            self._depth = 2
         for s in self.routine.body:
             self._run(s)
+        self._depth = 1
+        if interrupts:
+            self._say("}")
         self._context = "value"
         self._result = self._text_of(self.routine.value)
+        if self.routine.careful and not self.routine.keeps:
+            self._result = self._numbers_only(self._result)
 
     @property
     def name(self) -> str:
@@ -203,6 +212,31 @@ class Writer:
             call = f"{self.prefix}_within({a.name}, {low}, {high}, &beyond)"
             self._say(f"const {self.precision.type} {used} = {call};")
         self._body.append("")
+
+    def _unreadable(self, a: Argument) -> str:
+        """Condition under which nothing is computed from an argument."""
+        low, high = (self._limit(v, f"{a.name}_{w}") for v, w in ((a.low, "low"), (a.high, "high")))
+        if a.measured:
+            return f"!(({a.name} >= {low}) && ({a.name} <= {high}))"
+        return f"!(({a.name} >= {low}) || ({a.name} < {low}))"  # what is not a number
+
+    def _interrupt(self) -> None:
+        """The branch that computes nothing; the body stands in the other one."""
+        conditions = [self._unreadable(a) for a in self.routine.arguments]
+        self._say(f"if ({' || '.join(conditions)}) {{")
+        self._depth = 2
+        self._say("/* nothing to compute from: the last output stands */", "beyond = 1;")
+        for s in self.routine.interrupted:
+            self._assign(f"state->{s.state}", s.value)
+        self._depth = 1
+        self._say("} else {")
+
+    def _numbers_only(self, result: str) -> str:
+        """The result, but no number where an argument is none."""
+        self._say(f"{self.precision.type} result = {result};")
+        for a in self.routine.arguments:
+            self._say(f"if ({self._unreadable(a)}) {{", f"    result = {a.name};", "}")
+        return "result"
 
     def _run(self, s: Statement) -> None:
         self._context = s.state if isinstance(s, Put) else getattr(s, "name", "limit")

@@ -34,6 +34,7 @@ class FunctionBlock:
         self._known: dict[str, str] = {}  # name in the routine: identifier that holds it now
         self._states: dict[str, str] = {}
         self._counters: dict[str, str] = {}
+        self._ends: dict[str, tuple[str, str]] = {}
         self._held: list[str] = []
         self._tables: list[str] = []
         self._scratch: list[str] = []
@@ -45,9 +46,17 @@ class FunctionBlock:
         self.inputs = tuple(self._names.new(a.name) for a in routine.arguments)
         self._keep_states()
         self._clamp_all()
+        interrupts = routine.careful and routine.keeps
+        if interrupts:
+            self._interrupt()
         for s in routine.body:
             self._run(s)
+        if interrupts:
+            self._depth = 0
+            self._say("END_IF")
         self._assign("value", routine.value)
+        if routine.careful and not routine.keeps:
+            self._numbers_only()
 
     def lines(self) -> list[str]:
         """The function block, with a comment that says what it does."""
@@ -116,6 +125,7 @@ class FunctionBlock:
         for a, given in zip(self.routine.arguments, self.inputs):
             low, high = self._names.new(f"{given}_low"), self._names.new(f"{given}_high")
             self._tables += [*number(low, a.low, f"[{a.unit}]"), *number(high, a.high)]
+            self._ends[a.name] = low, high
             used = self._known[a.name] = self._temporary(f"{given}_used")
             self._say(
                 f"{used} := {given};",
@@ -126,6 +136,32 @@ class FunctionBlock:
                 f"{INDENT}{used} := {low};",
                 f"{INDENT}outside := TRUE;",
                 "END_IF",
+            )
+
+    def _unreadable(self, a: Argument, given: str) -> str:
+        """Condition under which nothing is computed from an argument."""
+        low, high = self._ends[a.name]
+        if a.measured:
+            return f"NOT ({given} >= {low} AND {given} <= {high})"
+        return f"NOT ({given} >= {low} OR {given} < {low})"  # what is not a number
+
+    def _interrupt(self) -> None:
+        """The branch that computes nothing; the body stands in the other one."""
+        conditions = map(self._unreadable, self.routine.arguments, self.inputs)
+        self._say(f"IF {' OR '.join(conditions)} THEN")
+        self._depth = 1
+        self._say("outside := TRUE;")
+        for s in self.routine.interrupted:
+            self._assign(self._states[s.state], s.value)
+        self._depth = 0
+        self._say("ELSE")
+        self._depth = 1
+
+    def _numbers_only(self) -> None:
+        """No number where an argument is none."""
+        for a, given in zip(self.routine.arguments, self.inputs):
+            self._say(
+                f"IF {self._unreadable(a, given)} THEN", f"{INDENT}value := {given};", "END_IF"
             )
 
     # --------------------------------------------------------------------------- expressions
