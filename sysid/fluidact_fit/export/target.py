@@ -188,6 +188,14 @@ def safe_name(file: str) -> str:
     return f"{name}_p" if taken else name
 
 
+def without_reading(routine: Routine) -> str:
+    """Say what a careful routine does where there is nothing to compute from."""
+    readings = " or ".join(a.name for a in routine.arguments if a.measured)
+    beyond = f", or {readings} lies beyond its range" if readings else ""
+    then = "the last output stands" if routine.keeps else "the output is none either"
+    return f"Where an argument is no number{beyond}, outside is set and {then}."
+
+
 def plain_text(text: str) -> str:
     """Return a text as one line that is harmless in comments and quotes of any language.
 

@@ -13,7 +13,7 @@ from ...errors import UsageError
 from ...routines import Routine
 from ..golden import golden
 from ..rounding import CALLS, Error, difference, error_of, inward, single
-from ..target import Code
+from ..target import Code, without_reading
 from .constants import Macro
 from .language import SINGLE, helpers, wrapped
 from .writer import Writer
@@ -111,6 +111,8 @@ def _describe(f: Function) -> list[str]:
         text = f"{a.name} [{a.unit}]: {a.about}; {a.low + 0.0:.9g} to {a.high:.9g} ({kind})"
         lines += textwrap.wrap(text, 94, subsequent_indent="    ")
     lines += ["", f"Returns [{r.unit}]."]
+    if r.careful:
+        lines += textwrap.wrap(without_reading(r), 94)
     if r.sample_time:
         lines.append(f"Call it every {r.sample_time:.9g} s.")
     within = f" in the first {CALLS} calls after a reset" if r.keeps else ""

@@ -10,7 +10,7 @@ from ...experiment import FloatArray
 from ...routines import Routine
 from ..excitation import run
 from ..golden import Golden, golden
-from ..target import Code, Entry
+from ..target import Code, Entry, without_reading
 from .blocks import FunctionBlock, described
 from .words import INDENT, Names, array, block_comment, comment, literal, section, wrapped
 
@@ -48,6 +48,7 @@ def _header(code: Code, blocks: Sequence[FunctionBlock], test: str) -> list[str]
     for b in blocks:
         lines += ["", f"{b.name} [{b.routine.unit}]: {b.routine.about}"]
         lines += [f"- {name} {described(a)}" for name, a in zip(b.inputs, b.routine.arguments)]
+        lines += [without_reading(b.routine)] if b.routine.careful else []
     return lines
 
 
