@@ -17,6 +17,7 @@ from .binary import read_binary, read_stored
 from .codesys import read_trace
 from .dialect import find_layout
 from .groups import sparse_columns
+from .json_table import read_json
 from .layout import Layout, Written
 from .log import Account, Column, Dialect, Invalid, Log, StepInput, check_hold
 from .merging import merged
@@ -149,7 +150,11 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
             elements=found.elements,
         )
     source = make_source(place, raw, sha256)
-    layout, table = read_trace(source, written) or _read_lines(source, written)
+    source, layout = read_json(source, written) or (source, None)
+    if layout is not None:
+        table = read_table(source, layout)
+    else:
+        layout, table = read_trace(source, written) or _read_lines(source, written)
     return Log(
         path=place,
         name=source.name,
