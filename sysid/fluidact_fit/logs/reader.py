@@ -25,6 +25,7 @@ from .source import Source, files_of, make_source, name_of, read_bytes
 from .split_time import with_joined_time
 from .surgery import parse_exclusion, with_constants, without
 from .table import Table, read_table
+from .workbook import read_workbook
 
 
 def read_log(
@@ -149,12 +150,7 @@ def _read(path: str | os.PathLike[str] | Any, written: Written) -> Log:
             notices=found.notices,
             elements=found.elements,
         )
-    source = make_source(place, raw, sha256)
-    source, layout = read_json(source, written) or (source, None)
-    if layout is not None:
-        table = read_table(source, layout)
-    else:
-        layout, table = read_trace(source, written) or _read_lines(source, written)
+    source, layout, table = _read_text(place, raw, sha256, written)
     return Log(
         path=place,
         name=source.name,
@@ -180,10 +176,21 @@ def _turn(role: str, given: float | str | None) -> float:
     )
 
 
-def _read_lines(source: Source, written: Written) -> tuple[Layout, Table]:
-    """The table of a text whose lines are its rows."""
+def _read_text(
+    place: Path, raw: bytes, sha256: str, written: Written
+) -> tuple[Source, Layout, Table]:
+    """The table of a text, or of what is written again as text."""
+    book = read_workbook(raw, Source(place, b"", "utf-8", sha256), written, find_layout)
+    source = make_source(place, raw, sha256) if book is None else book[0]
+    found = book or read_json(source, written)
+    if found is not None:
+        source, layout = found
+        return source, layout, read_table(source, layout)
+    trace = read_trace(source, written)
+    if trace is not None:
+        return source, *trace
     layout = find_layout(source, written)
-    return layout, read_table(source, layout)
+    return source, layout, read_table(source, layout)
 
 
 def _check_arguments(

@@ -17,8 +17,12 @@ _PROBE = 1 << 16
 _CONTROL = bytes([*range(9), *range(14, 27), 28, 29, 30, 31])
 # Beginnings of files that people pass by mistake.
 _FOREIGN = (
-    (b"PK\x03\x04", "a zip archive or an Excel workbook", "Unpack it, or save it as CSV."),
-    (b"\xd0\xcf\x11\xe0", "an old Excel workbook", "Save it as CSV."),
+    (b"PK\x03\x04", "a zip archive", "Unpack it, and give the log in it."),
+    (
+        b"\xd0\xcf\x11\xe0",
+        "an old Excel workbook, or one with a password",
+        "Save it as XLSX or CSV.",
+    ),
     (b"%PDF", "a PDF document", "Give the CSV log itself."),
 )
 
