@@ -12,6 +12,8 @@ import numpy as np
 
 from ..experiment import FloatArray
 
+_REGULAR = 0.9  # of the steps; others are gaps, or where it starts again
+
 
 @dataclass(frozen=True)
 class Carry:
@@ -33,7 +35,7 @@ def find_carry(upper: FloatArray, lower: FloatArray) -> Carry | None:
     """
     up, steps = np.diff(upper), np.diff(lower)
     inside, across = steps[up == 0], steps[up == 1]
-    regular = np.isin(up, (0, 1)).all()
+    regular = inside.size + across.size >= _REGULAR * up.size
     if not (regular and inside.size and across.size) or inside.min() < 0 or across.max() >= 0:
         return None
     usual = float(np.median(inside))

@@ -22,10 +22,15 @@ TIME = Role("time", "s", "instants of the samples")
 _SYNONYMS = {"time": ("t",)}
 _NUMBER = re.compile("#[0-9]{1,9}")
 _REMARK = re.compile(r"[(\[{<][^()\[\]{}<>]+[)\]}>]\s*$")
-_EPOCH = 9.5e8, 4.2e9  # s since 1970: the years 2000 to 2103
-_SPREADSHEET = 30_000.0, 65_000.0  # days since 1900: the years 1982 to 2077
+# Counts of the years 2000 to 2103: since 1970, and in 100 ns since 1601 and since the year 1
+_SINCE = (
+    ("ms", 9.5e11, 4.2e12), ("us", 9.5e14, 4.2e15), ("ns", 9.5e17, 4.2e18),
+    ("100 ns", 1.259e17, 1.585e17), ("100 ns", 6.307e17, 6.634e17),
+)  # fmt: skip
+# Days since 1900, as spreadsheets count from 1982 to 2077, since the year 0 and of Julius Caesar
+_IN_DAYS = (30_000.0, 65_000.0), (725_000.0, 770_000.0), (2_440_000.0, 2_490_000.0)
 _DAYS_STEP = 2e-5  # below it numbers of that size are hardly seconds: 50,000 rows a second
-_UPPER_NAME = re.compile("time|zeit|stamp|clock|epoch|sec|min|hour|stunde", re.I)
+_UPPER_NAME = re.compile("time|zeit|stamp|clock|epoch|sec|min|hour|stunde|^(?:h|m|hh|mm)$", re.I)
 _PARTS = 60, 10**3, 10**6, 10**9  # of a minute, an hour or a second
 
 
@@ -209,6 +214,13 @@ def bind_role(log: Log, role: Role) -> Binding | None:
             remedy=f"Give --column time=#{column.part_of}.",
         )
     where = f"{log.name}, column '{column.label}' (role '{role.name}')"
+    if column.clock and role.name == TIME.name and log.units.get(TIME.name, "s") != "s":
+        raise LogError(
+            "it holds dates or times of day, which are read as seconds.",
+            where=where,
+            expected=f"--unit time={log.units[TIME.name]} does not apply.",
+            remedy="Leave it out.",
+        )
     unit = log.units.get(role.name) or column.unit
     believed = role.name in log.units or not column.doubtful
     if unit and not believed and not same_dimension(unit, role.unit):
@@ -230,19 +242,20 @@ def bind_role(log: Log, role: Role) -> Binding | None:
 
 
 def _unit_of_calendar(column: Column) -> str | None:
-    """Unit of stamps that count from 1970, or as spreadsheets do from 1900; else ``None``.
+    """Unit of stamps that count from 1970, or days as spreadsheets and MATLAB do; else ``None``.
 
     As seconds they would be centuries, or rows within a microsecond of each other.
     """
-    if column.values.size < 2 or not column.values[0] >= _SPREADSHEET[0]:
+    if column.values.size < 2 or not column.values[0] >= _IN_DAYS[0][0]:
         return None  # before anything is looked at whole: most stamps begin near zero
     known = column.values[np.isfinite(column.values)]
     low, high = float(known.min()), float(known.max())
-    for unit, size in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
-        if _EPOCH[0] * size <= low and high <= _EPOCH[1] * size:
+    for unit, first, last in _SINCE:
+        if first <= low and high <= last:
             return unit
     steps = np.diff(known)
-    if _SPREADSHEET[0] <= low and high <= _SPREADSHEET[1] and np.any(steps > 0.0):
+    in_days = any(first <= low and high <= last for first, last in _IN_DAYS)
+    if in_days and np.any(steps > 0.0):
         usual = float(np.median(steps[steps > 0.0]))
         return "d" if usual < _DAYS_STEP else None
     return None

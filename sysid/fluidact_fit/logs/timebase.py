@@ -130,10 +130,10 @@ class _Repair:
 
     def go_on(self, part: _Part, resolution: float, clock: bool) -> _Part:
         """Let any other counter go on that certainly overflowed, from its first stamp on."""
-        if clock or _in_order(part.stamps, np.greater_equal):
+        if _in_order(part.stamps, np.greater_equal):
             return part
         self.refuse_fraction(part)
-        turn = find_overflow(part.stamps, resolution)
+        turn = None if clock else find_overflow(part.stamps, resolution)
         if turn is None:
             return part
         falls = np.diff(part.stamps) < 0

@@ -34,8 +34,8 @@ def read_fourth(stamps: Sequence[Stamp | None]) -> Reading:
     fractions = any(n[4] for n in numbers)
     widths = {len(n[3]) for n in numbers}
     counted = np.array([[int(x or 0) for x in n[:4]] for n in numbers], dtype=np.float64).T
-    first, second, third, last = counted
-    carry = find_carry((first * 60 + second) * 60 + third, last)
+    second, third, last = counted[1:]
+    carry = find_carry(np.cumsum(np.mod(np.diff(third, prepend=third[0]), 60.0)), last)
     if len(widths) == 1 and not fractions and (min(widths) >= 3 or last.max() >= 60):
         return _each(stamps, _fraction)  # digits that are filled up stand behind a point
     dated = any(s is not None and (s.day is not None or s.slashed is not None) for s in stamps)
