@@ -334,7 +334,113 @@ ENDS = [
         f"for k in 1 2; do (fluidact-fit line datasets/line/trial$k.csv {LINE} -o same.yaml -q; echo status $?) & done; wait", 0, r"status [1-9]",
     ),
 ]  # fmt: skip
-CASES = [*ROWS, *UNITS, *SOURCES, *FILES, *ENDS]
+
+
+def _table(times: str, options: str = "", head: str = "time") -> str:
+    """A log of 200 rows whose instants awk prints, inspected; ``t`` is the row."""
+    return (
+        f"(echo '{head},p'; seq 0 199 | awk '{{t=$1; printf \"{times}; printf \",%d.5\\n\", t%7}}') "
+        f"> t.csv; fluidact-fit inspect t.csv {options}"
+    )
+
+
+_HMS = "%02d:%02d:%02d"
+_SPLIT = "seq 0 199 | awk '{n=873456789+$1*10000000; printf \"%d,%d,%d.5\\n\", 1717171717+int(n/1e9), n%1e9, 3*$1%7}'"
+_ANGLE = (
+    "(echo 'time [s],angle [deg],torque [N m]'; seq 0 2999 | awk '{k=int($1/500); v=(k%2?-1:1)*(170+170*int(k/2)); "
+    "if ($1%500<20) {v*=($1%500)/20}; a+=v/100; w=a-360*int(a/360); if (w<0) w+=360; "
+    'printf "%.2f,%.5f,%.6f\\n", $1/100, WHAT, (v>0)*0.05-(v<0)*0.05+2e-5*v+1e-4*(($1*7919)%13-6)}\') > a.csv'
+)
+_FRICTION = "fluidact-fit cylinder-friction a.csv --offset=none -o f.yaml"
+_HOLES = "awk -F, -v OFS=, 'NR>1 && NR%25==0 {$2=\"\"} 1' datasets/line/trial1.csv > n.csv"
+TIMES = [
+    Case(
+        "`0:00:58:21`, days before the hours", "hours, 1 s read as 10 ms",
+        _table(f'0:{_HMS}\", (3500+t)/3600, (3500+t)/60%60, (3500+t)%60'),
+        0, r"0 to 199 s, every 1 s",
+    ),
+    Case(
+        "IRIG `123:11:56:40`", "the same",
+        _table(f'123:{_HMS}\", 11, 56+t/60, t%60'), 0, r"0 to 199 s, every 1 s",
+    ),
+    Case(
+        "`0:00:07:00`, every minute, may be hours, minutes and seconds", "every 1 s",
+        _table(f'0:{_HMS}\", t/60, t%60, 0'), 0, r"may be days, hours, minutes and seconds, or",
+    ),
+    Case(
+        "frames of a video, 25 a second", "hundredths of a second",
+        _table(f'{_HMS}:%02d\", 1, 0, t/25, t%25'), 0, r"end with frames, 25 to a second",
+    ),
+    Case(
+        "`12:00:01:5` of `%d:%d:%d:%d`, in ms", "half a second",
+        _table('12:0:%d:%d\", t/20, t%20*50'), 0, r"0 to 9.95 s, every 0.05 s",
+    ),
+    Case(
+        "digits `115659` of a clock", "skips of 41 s",
+        _table('%02d%02d%02d\", 11, 56+t/60, t%60'), 0, r"as the digits of a clock \(HHMMSS\) do",
+    ),
+    Case(
+        "a clock in summer and in winter time by name", "not read",
+        _table(f'2024-10-27 {_HMS} %s\", 2, 50+t/60, t%60, t<99 ? \"CEST\" : \"CET\"'),
+        0, r"name several zones \(CEST, CET\)",
+    ),
+    Case(
+        "`header.stamp.secs` and `nsecs`", "advice `--column time=#2`, 9 runs",
+        f"(echo 'header.stamp.secs,header.stamp.nsecs,p'; {_SPLIT}) > t.csv; fluidact-fit inspect t.csv",
+        0, r"column #1, unit s: 1 run\(s\), 0 to 1.99 s, every 0.01 s, even",
+    ),
+    Case(
+        "the same without a header", "the same advice",
+        f"({_SPLIT}) > t.csv; fluidact-fit line t.csv --column inlet=#3 --column outlet=#3 --column time=#2 -o l.yaml",
+        3, r"column '#2' starts again wherever column '#1' goes up by one",
+    ),
+    Case(
+        "`inspect` of nanoseconds since 1970", "shown as seconds",
+        _table('1717171717%09d\", t*5000000', head="__time"), 0, r"unit ns \(assumed\).* every 0.005 s",
+    ),
+    Case(
+        "FILETIME, 100 ns since 1601", "seconds",
+        _table('1336164531712%05d\", t*100'), 0, r"unit 100 ns \(assumed\)",
+    ),
+    Case(
+        "a counter of 16 bits overflows", "two runs",
+        _table('%d\", (65000+t*10)%65536', head="time [ms]"), 0, r"overflowed \(2\^16\) and was continued",
+    ),
+    Case(
+        "`micros() / 1e6` overflows", "two runs",
+        _table('%.6f\", (4294.9+t/1000)%4294.967296', head="time [s]"),
+        0, r"overflowed \(4294.967296\) and was continued",
+    ),
+    Case(
+        "cycles of 100 rows start again", "runs, as they should be",
+        _table('%d\", t%100', head="time [ms]"), 0, r"2 run\(s\)",
+    ),
+    Case(
+        "an angle that begins again after 360 degrees", "half the samples vanish",
+        f"{_ANGLE.replace('WHAT', 'w')}; {_FRICTION}",
+        0, r"begins again after 360 deg in \d+ places .* and was continued",
+    ),
+    Case(
+        "the same by its unit of radians", "a friction of another machine",
+        f"{_ANGLE.replace('WHAT', 'w')}; sed -i '1s/deg/rad/' a.csv; {_FRICTION}",
+        3, r"seems to begin again after about 360 rad",
+    ),
+    Case(
+        "the same with `--unwrap angle=none`", "no such option",
+        f"{_ANGLE.replace('WHAT', 'a')}; {_FRICTION} --unwrap angle=none",
+        0, r"coulomb_positive +0\.0",
+    ),
+    Case(
+        "cells without a number in 40 rows", "wants 40 `--exclude`",
+        f"{_HOLES}; fluidact-fit line n.csv {LINE} -o n.yaml", 3, r"--invalid=drop to leave such rows out",
+    ),
+    Case(
+        "the same with `--invalid drop`", "no such option",
+        f"{_HOLES}; fluidact-fit line n.csv {LINE} -o n.yaml --invalid drop",
+        0, r"rows with a missing or non-numeric cell left out",
+    ),
+]  # fmt: skip
+CASES = [*ROWS, *UNITS, *SOURCES, *FILES, *ENDS, *TIMES]
 
 
 class Outcome(NamedTuple):

@@ -155,21 +155,32 @@ def test_durations_and_names_of_months(tmp_path: Path, cell: Callable[[float], s
 @pytest.mark.parametrize(
     ("first", "step", "unit"),
     [(1583323197, 0.125, "s"), (1583323197000, 125, "ms"), (1583323197000000, 125000, "us"),
-     (1583323197000000000, 125000000, "ns"), (43894.5, 0.125 / 86400, "d")],
+     (1583323197000000000, 125000000, "ns"), (43894.5, 0.125 / 86400, "d"),
+     (738000.5, 0.125 / 86400, "d"), (2460432.5, 0.125 / 86400, "d"),
+     (133616453171234567, 1250000, "100 ns"), (638500000000000000, 1250000, "100 ns")],
 )  # fmt: skip
 def test_stamps_of_a_calendar_need_no_unit(
     tmp_path: Path, first: float, step: float, unit: str
 ) -> None:
     """Nanoseconds since 1970 were taken for seconds: a time constant of 7.98e7 s."""
-    rows = [f"{first + k * step:.12f},{k}.5" if unit in "sd" else f"{first + k * step},{k}.5"
+    rows = [f"{first + k * step:.12f},{k}.5" if unit in ("s", "d") else f"{first + k * step},{k}.5"
             for k in range(40)]  # fmt: skip
     bound = read_log(read(tmp_path, "time,p", rows).path, columns={"outlet": "p"})
     (one,), notices = experiments(bound, Variant("any", ROLES, ()))
-    assert one.sample_time == pytest.approx(0.125, rel=1e-5)
+    assert one.sample_time == pytest.approx(0.125, rel=1e-4)
     assert any(f"time in {unit} ('time'" in n.message for n in notices)
     given = read_log(bound.path, columns={"outlet": "p"}, units={"time": "s"})
     (one,), _ = experiments(given, Variant("any", ROLES, ()))
-    assert one.sample_time == pytest.approx(step, rel=1e-5)  # what the user says is believed
+    assert one.sample_time == pytest.approx(step, rel=1e-4)  # what the user says is believed
+
+
+def test_a_unit_does_not_apply_to_a_clock(tmp_path: Path) -> None:
+    """It made seconds of it milliseconds."""
+    path = read(tmp_path, "time,p", stamps("{clock}.{ms},{k}.5")).path
+    with pytest.raises(LogError, match="does not apply"):
+        experiments(
+            read_log(path, columns={"outlet": "p"}, units={"time": "ms"}), Variant("any", ROLES, ())
+        )
 
 
 def test_seconds_of_a_fast_logger_are_not_days(tmp_path: Path) -> None:
@@ -208,6 +219,7 @@ def hms(seconds: float) -> str:
         (lambda k: f"{k // 86400}:{hms(86_000 + k)}", 1.0),
         (lambda k: f"001:{hms(43_000 + k // 2)}.{5 * (k % 2)}00", 0.5),  # IRIG
         (lambda k: f"123:{hms(43_000 + 10 * k)}", 10.0),
+        (lambda k: f"{(86_300 + k) // 86400}:{hms((86_300 + k) % 86400)}", 1.0),
         (lambda k: f"{hms(900 + k // 100)}:{k % 100:02}", 0.01),  # hundredths
         (lambda k: f"{hms(90 + k // 50)}:{20 * (k % 50)}", 0.02),  # %d of milliseconds
         (lambda k: f"0:0:{k // 50}:{20 * (k % 50)}", 0.02),

@@ -302,7 +302,7 @@ def _grows_as_time(column: Column) -> bool:
 
     A calibration grows as well, as evenly as it was loaded; its name tells, if it has one.
     """
-    steps = np.diff(column.values)
+    steps = np.diff(column.stamps)
     if steps.size < 3 or float(np.mean(steps > 0)) <= 0.7:
         return False
     if column.header:
