@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -168,3 +170,78 @@ def test_export_loads_nothing_that_it_does_not_need() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", ["math", "String", "stdint", "con", "assert"])
+def test_no_file_is_called_like_a_header_or_a_device(name: str, files: Path, here: Run) -> None:
+    shutil.copy(files / "ball-screw.yaml", files / f"{name}.yaml")
+    done = here("export", f"{name}.yaml", "--to", "c", "-o", "out")
+    assert done.status == 0
+    assert done.out.splitlines() == [f"out/{name}_p{e}" for e in (".h", ".c", "_selftest.c")]
+    assert f"note: {name}.yaml is exported as {name}_p" in done.err
+    assert f'#include "{name}_p.h"' in (files / f"out/{name}_p.c").read_text(encoding="ascii")
+
+
+def test_a_reserved_word_is_told(files: Path, here: Run) -> None:
+    shutil.copy(files / "line.yaml", files / "while.yaml")
+    done = here("export", "while.yaml", "--to", "st")
+    assert done.out == "while.st\n"
+    assert done.err == "note: while.yaml: while is a reserved word, identifiers are while_p.\n"
+
+
+def test_what_a_language_cannot_hold_does_not_keep_others_back(files: Path, here: Run) -> None:
+    names = ("valve.yaml", "ball-screw.yaml", "line.yaml", "potentiometer.yaml")
+    done = here("export", *names, "--to", "c", "--arithmetic", "q15", "-o", "out")
+    assert done.status == 2
+    due = [f"out/{n}{e}" for n in ("ball-screw", "potentiometer") for e in (".h", ".c")]
+    assert set(due) < set(done.out.splitlines())
+    assert sorted(f"out/{p.name}" for p in (files / "out").iterdir()) == sorted(
+        done.out.splitlines()
+    )
+    assert "2 files were not exported; the others were" in done.err
+    for name in ("valve.yaml", "line.yaml"):
+        assert f"{name}: nothing of" in done.err
+    alone = here("export", "valve.yaml", "line.yaml", "--to", "c", "--arithmetic", "q15", "-o", "b")
+    assert alone.status == 2
+    assert alone.out == ""
+    assert not (files / "b").exists()
+
+
+def test_two_files_that_would_write_one_are_refused(files: Path, here: Run) -> None:
+    shutil.copy(files / "line.yaml", files / "line_selftest.yaml")
+    done = here("export", "line.yaml", "line_selftest.yaml", "--to", "c", "-o", "out")
+    assert done.status == 2
+    assert "line_selftest.c" in done.err
+    assert not (files / "out").exists()
+
+
+@pytest.mark.parametrize("to", ["c", "st", "matlab", "ros2", "fmu"])
+def test_every_export_says_where_it_comes_from(to: str, files: Path, here: Run) -> None:
+    digest = hashlib.sha256((files / "line.yaml").read_bytes()).hexdigest()
+    if to == "fmu" and shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    assert here("export", "line.yaml", "--to", to, "-o", "out").status == 0
+    for path in (files / "out").iterdir():
+        content = path.read_bytes()
+        if path.suffix == ".fmu":
+            content = zipfile.ZipFile(path).read("sources/line.c")
+        for words in (digest, "fluidact-fit 0.1.0", "2026-11-22T01:08:24Z", "pass"):
+            assert words.encode() in content, (path, words)
+    first = {p.name: p.read_bytes() for p in (files / "out").iterdir()}
+    assert here("export", "line.yaml", "--to", to, "-o", "again").status == 0
+    assert {p.name: p.read_bytes() for p in (files / "again").iterdir()} == first
+
+
+@pytest.mark.parametrize("place", [0.0, 110350.0, 1e9])
+@pytest.mark.parametrize("to", ["c", "st"])
+def test_a_range_of_a_single_value_is_refused(
+    place: float, to: str, files: Path, here: Run
+) -> None:
+    import yaml
+
+    raw = yaml.safe_load((files / "line.yaml").read_text(encoding="utf-8"))
+    raw["validity"]["inlet"].update(low=place, high=place * (1.0 + 1e-12))
+    (files / "point.yaml").write_text(yaml.safe_dump(raw), encoding="utf-8")
+    done = here("export", "point.yaml", "--to", to)
+    assert done.status == 2
+    assert "inlet, whose range is the single value" in done.err

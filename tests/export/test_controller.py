@@ -23,7 +23,7 @@ from fluidact_fit.control.controllers import Controller
 from fluidact_fit.control.loop import Response, run_loop
 from fluidact_fit.control.machines import make_controller, make_plant
 from fluidact_fit.control.references import Reference
-from fluidact_fit.errors import UsageError
+from fluidact_fit.errors import ControllerFileError, UsageError
 from fluidact_fit.export import export
 from fluidact_fit.export.c.files import Function
 from fluidact_fit.export.controller import controller_code
@@ -358,3 +358,20 @@ def test_the_self_test_finds_a_controller_that_computes_from_no_reading(
         command = ["gcc", str(source), str(test), "-lm", "-o", str(tmp_path / "run")]
         subprocess.run(command, check=True)
         assert subprocess.run([tmp_path / "run"], check=False).returncode != 0
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        (("lowest_pressure: 1.0e+5", "lowest_pressure: 6.1e+5"), "controller.lowest_pressure"),
+        (("lowest_pressure: 1.0e+5", "lowest_pressure: 6.0e+5"), "controller.lowest_pressure"),
+        (("area_2: 2.6e-4", "area_2: 3.2e-4"), "machine.area_2"),
+    ],
+)
+def test_a_machine_that_cannot_be_is_refused(
+    change: tuple[str, str], place: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "loop.yaml"
+    path.write_text(IMPEDANCE.replace(*change), encoding="utf-8")
+    with pytest.raises(ControllerFileError, match=re.escape(place)):
+        read_controller_file(path)

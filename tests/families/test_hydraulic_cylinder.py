@@ -467,6 +467,8 @@ def test_nonsense_is_refused() -> None:
         ff.fit("hydraulic-cylinder", list(dataset()), **{**GIVEN, "mass": -1.0})
     with pytest.raises(UsageError, match="tank pressure"):
         ff.fit("hydraulic-cylinder", list(dataset()), tank_pressure=6e6, **GIVEN)
+    with pytest.raises(UsageError, match="exchange the chambers"):
+        ff.fit("hydraulic-cylinder", list(dataset()), **{**GIVEN, "area_2": 5e-4})
 
 
 def test_a_pressure_is_needed(tmp_path: Path) -> None:

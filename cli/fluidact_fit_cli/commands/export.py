@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import click
 
 from ..options import FORCE, VERBOSITY, Command, Option, flag
 from ..outputs import note_written
-from ..show import echo
+from ..show import echo, tell
 
 _ACCEPTED = "What the fit does not vouch for"
 
@@ -54,7 +56,8 @@ def command(
     NAME is the name of the parameter file; functions and variables are called by it as an
     identifier: ball-screw.yaml as ball_screw, and so are the files for MATLAB. The files of one
     parameter file are written all or none; their names go to standard
-    output, one a line.
+    output, one a line. Where a language cannot hold one of several files, the others are written
+    and the exit status is 2.
 
     \b
     Examples:
@@ -62,16 +65,26 @@ def command(
       fluidact-fit export *.yaml --to ros2 -o config -f
       fluidact-fit export line.yaml --controller pd.yaml --to c -o firmware
     """
-    from fluidact_fit.export import export
+    from fluidact_fit.export import NotExportedError, export, renamed
 
-    written = export(
-        params_files, to, folder,
-        force=params["force"], arithmetic=params["arithmetic"],
-        accept_failed=params["accept_failed"],
-        accept_not_identified=True if "all" in accepted else accepted,
-        controller=params["controller"],
-    )  # fmt: skip
+    controller = params["controller"]
+    try:
+        written: Sequence[Path] = export(
+            params_files, to, folder,
+            force=params["force"], arithmetic=params["arithmetic"],
+            accept_failed=params["accept_failed"],
+            accept_not_identified=True if "all" in accepted else accepted,
+            controller=controller,
+        )  # fmt: skip
+        failed = None
+    except NotExportedError as error:
+        written, failed = error.written, error
     note_written(map(str, written))
     if not params["quiet"]:
         for path in written:
             echo(str(path))
+        for file in [controller] if controller else params_files:
+            if note := renamed(file):
+                tell(note, before="note: ")
+    if failed is not None:
+        raise failed

@@ -232,10 +232,25 @@ def _read(data: Mapping[str, Any], problems: Problems) -> ControllerFile | None:
     if low is not None and high is not None and low >= high:
         problems.add(("limits",), f"low {low:g} is not below high {high:g}")
     _check_choices(found.controller, problems)
+    _check_order(found, problems)
     begin, end = found.machine.travel_from, found.machine.travel_to
     if (begin is None) != (end is None) or (begin is not None and end is not None and begin >= end):
         problems.add(("machine",), "travel_from and travel_to belong together, the lower one first")
     return found
+
+
+def _check_order(found: ControllerFile, problems: Problems) -> None:
+    """What is the lower, smaller or first of two has to be."""
+    keys, machine = found.controller, found.machine
+    if isinstance(keys, ImpedanceKeys) and keys.highest_pressure is not None:
+        low, high = keys.lowest_pressure, keys.highest_pressure
+        if low >= high:
+            what = f"{low:g} Pa is not below highest_pressure, {high:g} Pa"
+            problems.add(("controller", "lowest_pressure"), what)
+    one, two = machine.area_1, machine.area_2
+    if one is not None and two is not None and two > one:
+        what = f"{two:g} m2 is larger than area_1, {one:g} m2: the rod takes area off chamber 2"
+        problems.add(("machine", "area_2"), what)
 
 
 def _positive(value: Any, problems: Problems) -> float:

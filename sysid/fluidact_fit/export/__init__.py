@@ -5,7 +5,10 @@ accepted; it writes nothing itself.
 """
 
 from .registry import TARGETS, get_target
-from .run import export
-from .target import Arithmetic, Job, Target, make_job
+from .run import NotExportedError, export
+from .target import Arithmetic, Job, Target, make_job, renamed
 
-__all__ = ["TARGETS", "Arithmetic", "Job", "Target", "export", "get_target", "make_job"]
+__all__ = [
+    "TARGETS", "Arithmetic", "Job", "NotExportedError", "Target", "export", "get_target",
+    "make_job", "renamed",
+]  # fmt: skip

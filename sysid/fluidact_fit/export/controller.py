@@ -24,12 +24,13 @@ from ..control.parts import sort_parts
 from ..control.plants.base import Plant
 from ..errors import UsageError
 from ..routines import Routine
-from .target import Arithmetic, Code, Entry, file_stem, plain_text, remarks_of, safe_name
+from .target import Arithmetic, Code, Entry, Origin, file_stem, plain_text, remarks_of, safe_name
 
 
 def controller_code(
-    path: str | os.PathLike[str], blocks: Sequence[Block], arithmetic: Arithmetic = "float32"
-) -> Code:
+    path: str | os.PathLike[str], blocks: Sequence[Block], arithmetic: Arithmetic = "float32",
+    origins: Sequence[Origin] = (),
+) -> Code:  # fmt: skip
     """Return the routines of a controller file for the machine that the blocks describe.
 
     Raises
@@ -62,6 +63,7 @@ def controller_code(
         safe_name(name), file_stem(name), f"{file.kind} controller of {families}", routines,
         arithmetic, tuple(map(plain_text, remarks)),
         tuple(Entry(*number) for number in numbers_of(controller, travel.unit, command)),
+        origin=tuple(origins),
     )  # fmt: skip
 
 

@@ -49,6 +49,7 @@ def _content(job: Job) -> dict[str, Any]:
         "family": block.family,
         "verdict": block.verdict,
         "remarks": _texts(job.remarks),
+        **({"origin": job.origin.to_dict()} if job.origin else {}),
         "parameters": {name: _numbers(e.value) for name, e in entries.items()},
         "units": {name: plain_text(e.unit) for name, e in entries.items()},
         "status": {name: str(e.status) for name, e in entries.items()},
@@ -105,10 +106,14 @@ def _function(job: Job) -> Iterator[str]:
     yield f"function model = {name}()"
     yield f"% {name.upper()}  Model of the family {block.family}, written by fluidact-fit, in SI."
     yield f"%   Verdict of the fit: {block.verdict}."
+    if job.origin:
+        yield from (f"%   {line}" for line in job.origin.lines())
     yield from (f"%   {remark}" for remark in job.remarks)
     yield f"  model.family = {_quoted(block.family)};"
     yield f"  model.verdict = {_quoted(block.verdict)};"
     yield f"  model.remarks = {_cell(job.remarks)};"
+    for key, text in (job.origin.to_dict() if job.origin else {}).items():
+        yield f"  model.origin.{key} = {_quoted(text)};"
     yield from _quantities(job)
     for role, v in block.validity.items():
         yield f"  model.validity.{role} = {_matrix([v.low, v.high])};  % {plain_text(v.unit)}"

@@ -40,7 +40,9 @@ def _files(
         "declaration": {named.name: declared},
         "metadata": metadata,
     }
-    remarks = "".join(f"# {remark}\n" for remark in named.remarks)
+    origins = named.origin if isinstance(named, Code) else (named.origin,) if named.origin else ()
+    said = [line for origin in origins for line in origin.lines()]
+    remarks = "".join(f"# {line}\n" for line in (*said, *named.remarks))
     return {
         f"{named.file}.{part}.yaml": (remarks + dump_yaml(content)).encode()
         for part, content in contents.items()

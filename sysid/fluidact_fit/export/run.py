@@ -12,7 +12,7 @@ from ..errors import NotIdentifiedError, OutputError, StrictError, UsageError
 from ..files import PathLike, refuse_outputs
 from ..parameters.atomic import write_together
 from .registry import TARGETS, get_controller_target, get_target
-from .target import Arithmetic, Job, make_job
+from .target import Arithmetic, Job, Origin, make_job, origin_of, sha256_of
 
 
 def export(
@@ -29,7 +29,7 @@ def export(
     """Export parameter files for a controller, or the controller itself.
 
     Everything is read and made before anything is written, and the files of one parameter
-    file are written all or none.
+    file are written all or none. What the target cannot hold is left out and named at the end.
 
     Parameters
     ----------
@@ -67,8 +67,10 @@ def export(
     ControllerFileError
         When the controller file cannot be used.
     UsageError
-        When the target is not known, or knows no such arithmetic or no controllers, when two
-        exports would have one name, or when one would replace a file that is read.
+        When the target is not known, or knows no such arithmetic or no controllers, when it
+        cannot hold a file (:class:`NotExportedError` where there were several: what it can hold
+        is written), when two exports would have one name, or when one would replace a file that
+        is read.
     OutputError
         When a file exists and may not be replaced, or cannot be written.
     """
@@ -83,27 +85,65 @@ def export(
             expected=f"It knows: {', '.join(known) or 'none, every number is written in full'}.",
             remedy="Leave it out, or choose another target.",
         )
-    blocks = [load(path, accept_failed=True, accept_not_identified=True) for path in files]
+    loaded = [_load(path) for path in files]
+    blocks = [block for block, _ in loaded]
     _refuse_unaccepted(files, blocks, accept_failed, accept_not_identified)
+    failures: list[tuple[str, UsageError]] = []
     if controller is None:
-        jobs = [make_job(p, b, arithmetic or "float32") for p, b in zip(files, blocks)]
+        jobs = [make_job(p, b, arithmetic or "float32", s) for p, (b, s) in zip(files, loaded)]
         _refuse_same_names(files, jobs)
-        contents = [target(job) for job in jobs]
+        contents = []
+        for path, job in zip(files, jobs):
+            try:
+                contents.append(target(job))
+            except UsageError as error:
+                failures.append((path, error))
     else:
-        contents = [_controller(to, controller, blocks, arithmetic or "float32")]
+        origins = [origin_of(p, s, b) for p, (b, s) in zip(files, loaded)]
+        contents = [_controller(to, controller, blocks, arithmetic or "float32", origins)]
         files.append(os.fspath(controller))
+    if failures and not contents:
+        raise failures[0][1] if len(files) == 1 else NotExportedError(failures, [])
     made = [{str(Path(folder, n)): data for n, data in c.items()} for c in contents]
+    _refuse_same_files(made)
     _check_places(made, files, force)
     _make_folder(folder)
-    return [path for c in made for path in write_together(c, overwrite=force, inputs=files)]
+    written = [p for c in made for p in write_together(c, overwrite=force, inputs=files)]
+    if failures:
+        raise NotExportedError(failures, written)
+    return written
+
+
+class NotExportedError(UsageError):
+    """Some files cannot be had in the target; the others were written.
+
+    ``written`` names what was written.
+    """
+
+    def __init__(self, failures: Sequence[tuple[str, UsageError]], written: Sequence[Path]) -> None:
+        some = "file was" if len(failures) == 1 else "files were"
+        super().__init__(
+            f"{len(failures)} {some} not exported{'; the others were' if written else ''}.",
+            expected="\n".join(f"{path}: {error.what}" for path, error in failures),
+            remedy=failures[0][1].remedy,
+        )
+        self.written = tuple(written)
+
+
+def _load(path: str) -> tuple[Block, str]:
+    """A block, and the SHA-256 of the file it is in."""
+    block = load(path, accept_failed=True, accept_not_identified=True)
+    return block, sha256_of(path)
 
 
 def _controller(
-    to: str, path: PathLike, blocks: Sequence[Block], arithmetic: Arithmetic
-) -> Mapping[str, bytes]:
+    to: str, path: PathLike, blocks: Sequence[Block], arithmetic: Arithmetic,
+    origins: Sequence[Origin],
+) -> Mapping[str, bytes]:  # fmt: skip
     from .controller import controller_code
 
-    return get_controller_target(to)(controller_code(path, blocks, arithmetic))
+    own = origin_of(path, sha256_of(path))
+    return get_controller_target(to)(controller_code(path, blocks, arithmetic, [own, *origins]))
 
 
 def _refuse_unaccepted(
@@ -149,6 +189,18 @@ def _refuse_same_names(files: Sequence[str], jobs: Sequence[Job]) -> None:
                 f"{other} and {path} would both be exported as {job.name}.",
                 remedy="Rename one of them, or export them to different folders.",
             )
+
+
+def _refuse_same_files(made: Iterable[Mapping[str, bytes]]) -> None:
+    """Refuse two files of one name, as ``a.yaml`` and ``a_selftest.yaml`` would make them."""
+    seen: set[str] = set()
+    for path in (path for contents in made for path in contents):
+        if path.lower() in seen:  # some file systems ignore case
+            raise UsageError(
+                f"two of the parameter files would both be exported to {path}.",
+                remedy="Rename one of them, or export them to different folders.",
+            )
+        seen.add(path.lower())
 
 
 def _check_places(made: Iterable[Mapping[str, bytes]], files: Iterable[str], force: bool) -> None:

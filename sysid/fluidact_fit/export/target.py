@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import keyword
 import math
 import os
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from ..block import Block
+from ..errors import UsageError
 from ..routines import Routine
+from ..version import __version__
 
 Arithmetic = Literal["float32", "q15"]
 Plain = float | int | bool | str | list[float]
@@ -35,16 +40,62 @@ _MATLAB = """break case catch classdef continue else elseif end for function glo
     parfor persistent return spmd switch try while do until endfor endfunction endif endswitch
     endwhile end_try_catch end_unwind_protect unwind_protect unwind_protect_cleanup
     tf ss exist pkg model"""
+# Headers of C: a file of that name beside the others would be included in its place.
+_HEADERS = """assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal
+    stdalign stdarg stdatomic stdbit stdbool stdckdint stddef stdint stdio stdlib stdnoreturn
+    string tgmath threads time uchar wchar wctype unistd arduino"""
 _DEVICES = "con prn aux nul " + " ".join(f"com{i} lpt{i}" for i in range(1, 10))  # of Windows
 _TAKEN = {w.lower() for w in (*keyword.kwlist, *keyword.softkwlist)} | {
-    *_C.split(), *_ST.split(), *_MATLAB.split(), *_DEVICES.split(),
+    *_C.split(), *_ST.split(), *_MATLAB.split(), *_HEADERS.split(), *_DEVICES.split(),
 }  # fmt: skip
+_NO_FILES = {*_DEVICES.split(), *_HEADERS.split()}
 _END = re.compile(r"\.ya?ml$", re.IGNORECASE)
 _PLAIN_FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}")
+_VERSION = re.compile(r"[0-9][0-9A-Za-z.+-]{0,40}")
+_DATE = re.compile(r"\d{4}-\d\d-\d\d(T\d\d:\d\d:\d\d(\.\d{1,9})?(Z|[+-]\d\d:\d\d))?")
 _LONGEST_NAME = 48  # MATLAB takes 63, and targets append words to it
 _LONGEST_TEXT = 300
 # Neither quotes nor brackets of any comment, no escape, no format and nothing that expands.
 _UNSAFE = re.compile(r"[^A-Za-z0-9 .,:_+=()/^<>-]")
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where an export comes from: the same for the same file, whenever it is made.
+
+    Attributes
+    ----------
+    file
+        Name of the parameter or controller file.
+    sha256
+        Of its content.
+    tool
+        What wrote it; empty for a file that is written by hand.
+    created
+        When, as it says.
+    verdict
+        Of the fit; empty where there is none.
+    """
+
+    file: str
+    sha256: str
+    tool: str = ""
+    created: str = ""
+    verdict: str = ""
+
+    def to_dict(self) -> dict[str, str]:
+        """All that is known, with what exports it."""
+        found = {**asdict(self), "exported_by": f"fluidact-fit {__version__}"}
+        return {key: value for key, value in found.items() if value}
+
+    def lines(self) -> tuple[str, ...]:
+        """Say it in harmless lines."""
+        found = [f"Exported by fluidact-fit {__version__} from {self.file}."]
+        if self.tool:
+            found.append(
+                f"The file was written by {self.tool} at {self.created}, verdict {self.verdict}."
+            )
+        return (*found, f"SHA-256 of the file: {self.sha256}")
 
 
 @dataclass(frozen=True)
@@ -66,6 +117,8 @@ class Job:
     file
         What the files are called that need no identifier: the name of the parameter file
         where that is harmless, otherwise ``name``.
+    origin
+        Where it comes from.
     """
 
     name: str
@@ -73,6 +126,7 @@ class Job:
     arithmetic: Arithmetic = "float32"
     remarks: tuple[str, ...] = ()
     file: str = ""
+    origin: Origin | None = None
 
     def __post_init__(self) -> None:
         """Call the files by the identifier where no other name was given."""
@@ -134,18 +188,59 @@ class Code:
     remarks: tuple[str, ...] = ()
     numbers: tuple[Entry, ...] = ()
     about: str = ""
-    origin: tuple[str, ...] = ()
+    origin: tuple[Origin, ...] = ()
+
+    @property
+    def origin_lines(self) -> list[str]:
+        """Where it comes from, in harmless lines."""
+        return [line for origin in self.origin for line in origin.lines()]
 
 
 Target = Callable[[Job], Mapping[str, bytes]]  # name of a file to its content
 ControllerTarget = Callable[[Code], Mapping[str, bytes]]
 
 
-def make_job(path: str | os.PathLike[str], block: Block, arithmetic: Arithmetic = "float32") -> Job:
-    """Return the job of a block that was loaded from a file, everything in it accepted."""
+def make_job(
+    path: str | os.PathLike[str], block: Block, arithmetic: Arithmetic = "float32",
+    sha256: str = "",
+) -> Job:  # fmt: skip
+    """Return the job of a block that was loaded from a file, everything in it accepted.
+
+    ``sha256`` is that of the content of the file.
+    """
     file = Path(path).name
     remarks = tuple(map(plain_text, remarks_of(block)))
-    return Job(safe_name(file), block, arithmetic, remarks, file_stem(file))
+    origin = origin_of(path, sha256, block) if sha256 else None
+    return Job(safe_name(file), block, arithmetic, remarks, file_stem(file), origin)
+
+
+def origin_of(path: str | os.PathLike[str], sha256: str, block: Block | None = None) -> Origin:
+    """Where an export of a file comes from; ``block`` is what was loaded from it."""
+    file = plain_text(Path(path).name)
+    if block is None:
+        return Origin(file, sha256)
+    made = block.document.provenance
+    version = made.tool.version if _VERSION.fullmatch(made.tool.version) else "unknown"
+    created = made.created if _DATE.fullmatch(made.created) else "an unknown date"
+    return Origin(file, sha256, f"fluidact-fit {version}", created, block.verdict)
+
+
+def sha256_of(path: str | os.PathLike[str]) -> str:
+    """SHA-256 of a file that has been read."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def refuse_empty_ranges(name: str, routines: Iterable[Routine]) -> None:
+    """Refuse a function of an argument that has no range (``UsageError``)."""
+    for r in routines:
+        for a in r.arguments:
+            if not float(np.float32(a.low)) < float(np.float32(a.high)):
+                raise UsageError(
+                    f"{r.name} of {name} is a function of {a.name}, whose range is the single "
+                    f"value {a.low:.9g} {a.unit}.",
+                    remedy="Fit logs in which it varies, or export the numbers alone: --to json, "
+                    "ros2 or matlab.",
+                )
 
 
 def remarks_of(block: Block) -> Iterable[str]:
@@ -165,8 +260,19 @@ def file_stem(file: str) -> str:
     ('ball-screw', 'a_b', 'o')
     """
     stem = _END.sub("", file)
-    plain = _PLAIN_FILE.fullmatch(stem) and stem.lower() not in _DEVICES.split()
+    plain = _PLAIN_FILE.fullmatch(stem) and stem.lower() not in _NO_FILES
     return stem if plain else safe_name(file)
+
+
+def renamed(path: str | os.PathLike[str]) -> str:
+    """What to say of a name that could not stay as it is; empty where it could."""
+    stem = _END.sub("", Path(path).name)
+    if stem.lower() not in _TAKEN:
+        return ""
+    if stem.lower() in _NO_FILES:
+        why = "a header of C" if stem.lower() in _HEADERS.split() else "a device of Windows"
+        return f"{Path(path).name} is exported as {safe_name(stem)}: {stem} is {why}."
+    return f"{Path(path).name}: {stem} is a reserved word, identifiers are {safe_name(stem)}."
 
 
 def safe_name(file: str) -> str:

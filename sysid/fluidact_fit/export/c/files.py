@@ -88,7 +88,7 @@ def header(code: Code, functions: Sequence[Function], macros: Sequence[Macro]) -
 
 def preamble(code: Code) -> list[str]:
     """What every file says of where it comes from, and what was accepted."""
-    parts = [part for part in (code.origin, code.remarks) if part]
+    parts = [part for part in (code.origin_lines, code.remarks) if part]
     return [line for part in ([], *parts) for line in (*part, "")]
 
 

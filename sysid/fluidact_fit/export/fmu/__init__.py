@@ -62,7 +62,8 @@ def _unit(job: Job) -> Unit:
     add_maps(model, [r for r in routines if not r.sample_time], job.name)
     about = f"Model of the family {block.family}, verdict of the fit: {block.verdict}"
     period = block.sample_time if isinstance(block, SteppedBlock) else 0.0
-    return Unit(job.name, about, job.remarks, model, _constants(block), period)
+    said = (*(job.origin.lines() if job.origin else ()), *job.remarks)
+    return Unit(job.name, about, said, model, _constants(block), period)
 
 
 def _constants(block: Block) -> Sequence[Setting]:

@@ -35,6 +35,7 @@ def _header(code: Code, blocks: Sequence[FunctionBlock], test: str) -> list[str]
         f"{code.name}: {code.title}, in double precision (LREAL), for IEC 61131-3 Structured "
         "Text as TwinCAT 3 reads it.",
         *([code.about] if code.about else []),
+        *code.origin_lines,
         *code.remarks,
         "",
         "All quantities are SI. An argument beyond its range is clamped and sets the output "

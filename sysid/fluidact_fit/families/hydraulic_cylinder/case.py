@@ -205,6 +205,12 @@ def read_machine(options: HydraulicCylinderOptions, chambers: Sequence[int]) -> 
             f"{supply:g} Pa",
             remedy="Correct --tank-pressure or --supply-pressure (Pa).",
         )
+    if o.area_1 is not None and o.area_2 is not None and o.area_2 > o.area_1:
+        raise UsageError(
+            f"the area of chamber 2, {o.area_2:g} m2, is larger than that of chamber 1, "
+            f"{o.area_1:g} m2: the rod takes area off chamber 2",
+            remedy="Correct --area-1 or --area-2 (m2), or exchange the chambers.",
+        )
     return Machine(
         o.area_1, o.area_2, o.dead_volume_1, o.dead_volume_2, o.mass, supply, o.tank_pressure
     )
