@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fluidact_fit.errors import LogError
 from fluidact_fit.logs import Log, describe, read_log
 
 
@@ -112,3 +113,50 @@ def test_a_terminal_log_of_named_values(tmp_path: Path) -> None:
     assert (log.dialect.name, log.rows) == ("PuTTY log", 60)
     assert [c.header for c in log.columns] == ["t_ms", "p"]
     assert log.account.left_out == ((62, "written by the logger itself"),)
+
+
+PAIRS = {
+    "blanks": "t=0.{k} p={k}.5 u=1",
+    "semicolons": "t=0.{k};p={k}.5;u=1",
+    "tabs": "t=0.{k}\tp={k}.5\tu=1",
+    "commas": "t=0.{k}, p={k}.5, u=1",
+    "quotes": 't="0.{k}" p="{k}.5" u="1"',
+    "around": "t = 0.{k}; p = {k}.5; u = 1",
+    "colons": "t: 0.{k}, p: {k}.5, u: 1",
+}
+
+
+@pytest.mark.parametrize("form", PAIRS)
+def test_names_before_values(tmp_path: Path, form: str) -> None:
+    log = read(tmp_path, [PAIRS[form].format(k=k) for k in range(10, 90)])
+    assert [c.header for c in log.columns] == ["t", "p", "u"]
+    assert log.columns[1].values.tolist() == [k + 0.5 for k in range(10, 90)]
+    assert (log.rows, log.account.left_out) == (80, ())
+
+
+def test_names_in_another_order_or_missing(tmp_path: Path) -> None:
+    """A line is told by its names, not by their places: none of it is lost."""
+    parts = [["t=0.{k}", "p={k}.5", "u=1"], ["u=1", "t=0.{k}", "p={k}.5"], ["p={k}.5", "t=0.{k}"]]
+    lines = [" ".join(parts[k % 3]).format(k=k) for k in range(10, 90)]
+    log = read(tmp_path, lines)
+    columns = {c.header: c for c in log.columns}
+    assert log.rows == 80
+    assert columns["p"].values.tolist() == [k + 0.5 for k in range(10, 90)]
+    assert len(columns["u"].bad) == sum(k % 3 == 2 for k in range(10, 90))
+
+
+def test_words_and_a_time_before_the_names(tmp_path: Path) -> None:
+    lines = [
+        f'2024-05-01 10:00:{k} level=info state="running in" p={k}.5 e= x=[1]'
+        for k in range(10, 60)
+    ]
+    log = read(tmp_path, lines)
+    assert [c.header for c in log.columns] == ["time", "level", "state", "p", "e", "x"]
+    assert log.columns[0].values[-1] == 49.0
+    assert log.columns[2].bad[0] == "running in"
+    assert log.columns[3].values[0] == 10.5
+
+
+def test_a_name_that_stands_twice_is_no_table(tmp_path: Path) -> None:
+    with pytest.raises(LogError):
+        read(tmp_path, [f"t=0.{k} p={k}.5 p=1" for k in range(10, 60)])

@@ -97,6 +97,10 @@ def find_layout(source: Source, written: Written) -> Layout:
     if written.decimal is None and not cut.thousands:
         refuse_ambiguous(body, source.lines, cut, source.name)
     start = None if hints.data_from is None else Start(hints.data_from, ())
+    if start is None and capture is not None and capture.names:
+        whole = (i for i, line in enumerate(head[skipped:], start=skipped) if cut.split(line))
+        first = next(whole, None)  # its form tells a row, however many of its cells are words
+        start = None if first is None else Start(first, ())
     if start is None or start.first < skipped:
         start = find_start(_hidden(head, skipped), cut, complete)
         if start is None and not complete:

@@ -1,8 +1,9 @@
 """What microcontrollers print: captures of a serial line.
 
 The monitor of the Arduino IDE writes ``HH:MM:SS.mmm -> `` before every line, and sketches for its
-plotter ``name:value`` for every value. A capture begins in the middle of a line, and holds what the
-sketch says when it starts again.
+plotter ``name:value`` for every value; other programs write ``name=value``, in any order, and a
+time before them. A capture begins in the middle of a line, and holds what the sketch says when it
+starts again.
 """
 
 from __future__ import annotations
@@ -15,13 +16,20 @@ from functools import partial
 
 from .layout import Cut
 
-_ARROW = re.compile(r"^\s*(\d{1,2}:\d\d:\d\d(?:[.,]\d+)?)\s*->\s?")
-_NUMBER = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|ovf)"
+_ARROW = re.compile(
+    r"\s*\[?((?:\d{4}-\d\d-\d\d[T ])?\d{1,2}:\d\d:\d\d(?:[.,]\d+)?Z?)\]?\s*"
+    r"(?:->\s?|(?=[^\W\d]\w{0,40}=))"
+)
+_NUMBER = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|ovf)(?!\w)"
 _PAIR = re.compile(
     rf"\s*(?P<name>[^\W\d][^:=\t;,|]*?)\s*[:=]\s*(?P<value>{_NUMBER})"
     r"(?:\s?(?P<unit>[^\W\d][\w/²³]*|[%°µ][\w/²³]*))?\s*(?:[\t;,|]|(?<=\s)|$)",
     re.IGNORECASE,
 )
+_WORD = re.compile(
+    r"\s*(?P<name>[^\W\d][^:=\t;,|\s]*)=(?P<value>\"[^\"]*\"|[^\s;,|=\"]*)\s*(?:[;,|]|(?<=\s)|$)"
+)
+_USUAL = 0.05  # share of the lines, from which on other names are no damage
 
 
 @dataclass(frozen=True)
@@ -29,11 +37,13 @@ class Capture:
     """What a capture writes around its values.
 
     ``arrow`` says whether a clock stands before the lines; ``names`` are those before the values,
-    each with the unit behind it, empty without names.
+    each with the unit behind it, empty without names. A line has those of one of the ``usual``
+    sets, in any order.
     """
 
     arrow: bool
     names: tuple[str, ...]
+    usual: frozenset[frozenset[str]] = frozenset()
 
     def values(self, lines: Iterable[str]) -> list[str]:
         """The lines of this form without clock and names; values of names between tabs."""
@@ -63,20 +73,22 @@ class Capture:
         if not self.names:
             return clock, rest
         pairs = find_pairs(rest)
-        if tuple(name for name, _ in pairs) != self.names:
+        values = dict(pairs)
+        if len(values) < len(pairs) or frozenset(values) not in self.usual:
             return None
-        return clock, "\t".join(value for _, value in pairs)
+        return clock, "\t".join(values.get(name, "") for name in self.names)
 
 
 def find_pairs(line: str) -> list[tuple[str, str]]:
     """Names, with the units behind the values, and values; empty for a line of anything else."""
     out, at, end = [], 0, len(line.rstrip())
     while at < end:
-        found = _PAIR.match(line, at)
+        found = _PAIR.match(line, at) or _WORD.match(line, at)
         if found is None:
             return []
-        unit = found["unit"]
-        out.append((f"{found['name']} [{unit}]" if unit else found["name"], found["value"]))
+        unit = found["unit"] if found.re is _PAIR else None
+        value = found["value"].strip('"').replace("\t", " ")
+        out.append((f"{found['name']} [{unit}]" if unit else found["name"], value))
         at = found.end()
     return out
 
@@ -86,10 +98,18 @@ def recognise(lines: Sequence[str]) -> Capture | None:
     arrow = _most(sum(_ARROW.match(line) is not None for line in lines), lines)
     rest = [_ARROW.sub("", line) for line in lines] if arrow else lines
     counts = Counter(tuple(name for name, _ in find_pairs(line)) for line in rest)
-    names, share = counts.most_common(1)[0] if counts else ((), 0)
-    if not _most(share, lines) or len(set(names)) < len(names):
-        names = ()
-    return Capture(arrow, names) if arrow or names else None
+    sets: Counter[frozenset[str]] = Counter()
+    for names, count in counts.items():
+        if names and len(set(names)) == len(names):
+            sets[frozenset(names)] += count
+    least = max(2.0, _USUAL * len(lines))
+    best = max(sets.values(), default=0)
+    usual = frozenset(names for names, count in sets.items() if count >= min(least, best))
+    if not _most(sum(sets[names] for names in usual), lines):
+        return Capture(arrow, ()) if arrow else None
+    ordered = [names for names, _ in counts.most_common() if frozenset(names) in usual]
+    union = tuple(dict.fromkeys(name for names in ordered for name in names))
+    return Capture(arrow, union, usual)
 
 
 def _most(number: int, lines: Sequence[str]) -> bool:
