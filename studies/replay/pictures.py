@@ -72,10 +72,15 @@ def _step(runs: hydrostatic.Runs) -> Figure:
     axes.axhline(target + 0.3, **_LINE, label="peak in the thesis")
     axes.axhline(target + 0.1, **_LINE | {"linestyle": ":"}, label="rest in the thesis")
     axes.plot(runs.step.time, 1e3 * runs.step.reference, **_HELD, label="reference")
-    for r, tolerance, colour in ((runs.step, 1, SIMULATED), (runs.coarse, 10, INPUT)):
-        _course(axes, r, "output", colour, f"tolerance {tolerance} mm/s")
+    courses = (
+        (runs.step, SIMULATED, "tolerance 1 mm/s"),
+        (runs.coarse, INPUT, "tolerance 10 mm/s"),
+        (runs.limit[0], POINTS, "gains as the thesis found its own"),
+    )
+    for r, colour, label in courses:
+        _course(axes, r, "output", colour, label)
     axes.set_xlim(0.8, 2.5)
-    legend(axes, columns=5)
+    legend(axes, columns=3)
     return figure
 
 

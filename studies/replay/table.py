@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 STEP = 0.01  # [s], of the controllers
-HEAD = ["| what | source | here |", "|---|---|---|"]
+HEAD = ["| what | source | here | a test of the model? |", "|---|---|---|---|"]
 
 
-def row(what: str, source: str, ours: str) -> str:
-    """A row of a table."""
-    return f"| {what} | {source} | {ours} |"
+def row(what: str, source: str, ours: str, test: str) -> str:
+    """A row of a table; ``test`` says what the figure of the source had part in."""
+    return f"| {what} | {source} | {ours} | {test} |"
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from math import pi, sqrt, tan
 
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import UsageError
 from ..experiment import FloatArray
@@ -43,11 +44,11 @@ class System:
         """Outputs ``gains`` times the only one, and ``direct`` times the input; ``(m,)`` each."""
         return System(self.a, self.b, np.outer(gains, self.c[0]), gains * self.d[0] + direct)
 
-    def response(self, z: complex) -> FloatArray:
-        """Return the transfer functions at ``z``, ``(m,)``, complex."""
-        return np.asarray(
-            self.c @ np.linalg.solve(z * np.eye(self.b.size) - self.a, self.b) + self.d
-        )
+    def response(self, z: npt.ArrayLike) -> npt.NDArray[np.complex128]:
+        """Return the transfer functions at ``z`` of shape ``(...)``; shape ``(m, ...)``."""
+        at = np.asarray(z, dtype=complex)[..., None, None]
+        states = np.linalg.solve(at * np.eye(self.b.size) - self.a, self.b[:, None])
+        return np.asarray(np.moveaxis(states[..., 0] @ self.c.T + self.d, -1, 0))
 
 
 class Butterworth:

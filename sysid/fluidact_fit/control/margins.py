@@ -9,12 +9,14 @@ degrees; the phase margin is the least of ``180 degrees + arg L`` where ``|L| = 
 
 from __future__ import annotations
 
-from cmath import exp, phase
+from cmath import phase
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import degrees, inf, nan, pi
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..estimation.sampled import Sampled
 from ..experiment import FloatArray
@@ -85,19 +87,19 @@ def _worst(found: Sequence[tuple[_Crossing, _Crossing]]) -> tuple[_Crossing, _Cr
 
 
 def _margins(point: Sequence[Sampled], law: System, step: float) -> tuple[_Crossing, _Crossing]:
-    def loop(w: float) -> complex:
-        z = exp(1j * w * step)
-        return complex(np.dot(law.response(z), [one.response(z) for one in point]))
+    def loop(w: npt.ArrayLike) -> Any:
+        z = np.exp(1j * step * np.asarray(w))
+        return sum(c * one.response(z) for c, one in zip(law.response(z), point))
 
     top = pi / step
-    grid = np.geomspace(1e-5 * top, (1.0 - 1e-9) * top, _POINTS).tolist()
-    values = [loop(w) for w in grid]
+    frequencies = np.geomspace(1e-5 * top, (1.0 - 1e-9) * top, _POINTS)
+    grid, values = frequencies.tolist(), loop(frequencies).tolist()
     gain, phases = (inf, nan), (inf, nan)
     for a, b, x, y in zip(grid, grid[1:], values, values[1:]):
         if x.imag * y.imag < 0.0 and min(x.real, y.real) < 0.0 and abs(x - y) < abs(x) + abs(y):
             w = _root(lambda v: loop(v).imag, a, b)
             if loop(w).real < 0.0:
-                gain = min(gain, (1.0 / abs(loop(w)), w / (2.0 * pi)))
+                gain = min(gain, (float(1.0 / abs(loop(w))), w / (2.0 * pi)))
         if (abs(x) - 1.0) * (abs(y) - 1.0) < 0.0:
             w = _root(lambda v: abs(loop(v)) - 1.0, a, b)
             phases = min(phases, (degrees(phase(-loop(w))), w / (2.0 * pi)))

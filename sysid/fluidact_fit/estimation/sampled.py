@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from math import floor
 
 import numpy as np
+import numpy.typing as npt
 
 from ..experiment import FloatArray
 from ..routines import Filter, Name
@@ -23,10 +24,12 @@ class Sampled:
     output: FloatArray
     whole: int
 
-    def response(self, z: complex) -> complex:
-        """Response in ``z``, on the unit circle and no pole of the system."""
-        drive = z ** -float(self.whole) * (self.new + self.old / z)
-        return complex(self.output @ np.linalg.solve(z * np.eye(self.new.size) - self.phi, drive))
+    def response(self, z: npt.ArrayLike) -> npt.NDArray[np.complex128]:
+        """Response in ``z``, on the unit circle and no pole of the system; shape of ``z``."""
+        at = np.asarray(z, dtype=complex)[..., None]
+        drive = at ** -float(self.whole) * (self.new + self.old / at)
+        matrix = at[..., None] * np.eye(self.new.size) - self.phi
+        return np.asarray(np.linalg.solve(matrix, drive[..., None])[..., 0] @ self.output)
 
 
 def sample(
