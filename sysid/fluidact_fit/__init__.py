@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         NotIdentifiedError,
         OutputError,
         ParameterFileError,
+        SchedulerError,
         StrictError,
         UnitError,
         UsageError,
@@ -43,7 +44,7 @@ _NAMES = {
     "errors": (
         "ConsumerError", "ControllerFileError", "ExtrapolationWarning", "FluidactError",
         "JobsFileError", "LogError", "MismatchError", "NotIdentifiedError", "Notice", "OutputError",
-        "ParameterFileError", "StrictError", "UnitError", "UsageError",
+        "ParameterFileError", "SchedulerError", "StrictError", "UnitError", "UsageError",
     ),
     "families": ("family_names", "get_family"),
     "fitting": ("fit",),
@@ -55,8 +56,9 @@ _HOMES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
     "ConsumerError", "ControllerFileError", "ExtrapolationWarning", "FitResult", "FluidactError",
     "JobsFileError", "Log", "LogError", "MismatchError", "NotIdentifiedError", "Notice",
-    "OutputError", "ParameterFileError", "StepInput", "StrictError", "UnitError", "UsageError",
-    "__version__", "family_names", "fit", "get_family", "load", "read_document", "read_log",
+    "OutputError", "ParameterFileError", "SchedulerError", "StepInput", "StrictError", "UnitError",
+    "UsageError", "__version__", "family_names", "fit", "get_family", "load", "read_document",
+    "read_log",
 ]  # fmt: skip
 
 

@@ -217,6 +217,12 @@ class JobsFileError(FluidactError):
     exit_status = 3
 
 
+class SchedulerError(FluidactError):
+    """The scheduler of a batch, or all its workers, went away (exit status 3)."""
+
+    exit_status = 3
+
+
 class OutputError(FluidactError):
     """A result cannot be written where it was asked for (exit status 3)."""
 

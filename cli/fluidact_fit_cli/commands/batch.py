@@ -86,7 +86,10 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
     jobs, base = _jobs(jobs_file, params)
     target = Path(folder)
     _check_folder(target, params["force"])
-    with closing(Progress(params["quiet"], params["verbose"])) as progress, _pool(params) as pool:
+    with (
+        closing(Progress(params["quiet"], params["verbose"])) as progress,
+        _pool(params, progress) as pool,
+    ):
         note_written([folder])  # an interrupted batch keeps what it has, and goes on from there
         outcomes = run_batch(
             jobs, base, target, execute, pool, again=params["force"], progress=progress,
@@ -143,9 +146,10 @@ def _check_folder(folder: Path, force: bool) -> None:
 
 
 @contextmanager
-def _pool(params: Any) -> Iterator[Pool]:
+def _pool(params: Any, progress: Progress) -> Iterator[Pool]:
     """Where the jobs run."""
-    from fluidact_fit.batch.pools import LocalPool, dask_pool
+    from fluidact_fit.batch.cluster import dask_pool
+    from fluidact_fit.batch.pools import LocalPool
 
     scheduler, cluster = params["scheduler"], params["cluster"]
     if scheduler and (cluster or params["workers"]):
@@ -153,8 +157,8 @@ def _pool(params: Any) -> Iterator[Pool]:
         raise UsageError(f"--scheduler has workers of its own, and {other} is given.",
                          remedy="Give one of both.")  # fmt: skip
     workers = params["workers"] or os.cpu_count() or 1
-    if scheduler or cluster:
-        with dask_pool(scheduler, cluster, workers) as pool:
+    if scheduler is not None or cluster:
+        with dask_pool(scheduler, cluster, workers, progress) as pool:
             yield pool
     else:
         yield LocalPool(workers, _PRELOAD)
