@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import errno
 import os
+import shlex
 import stat
 import unicodedata
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from io import BufferedReader
 
@@ -145,3 +146,21 @@ def refuse_input(path: PathLike, inputs: Iterable[PathLike]) -> None:
             where=os.fspath(path),
             remedy="Give another name.",
         )
+
+
+def shell_command(words: Sequence[str]) -> str:
+    """Words as one line that a shell takes apart into the same words.
+
+    A name that is no text stands in the quotes of bash, byte by byte: no file of text holds it.
+    """
+    return " ".join(map(_quoted, words))
+
+
+def _quoted(word: str) -> str:
+    try:
+        word.encode()
+    except UnicodeEncodeError:
+        raw = os.fsencode(word)
+        plain = (chr(b) if 32 <= b < 127 and b not in b"\\'" else f"\\x{b:02x}" for b in raw)
+        return f"$'{''.join(plain)}'"
+    return shlex.quote(word)

@@ -172,11 +172,12 @@ def test_names_of_logs_are_no_options(inside: Path, valve: Log, apart: Run) -> N
 
 
 @posix
-@pytest.mark.parametrize("kind", ["pipe", "loop", "device"])
-@pytest.mark.parametrize(
-    "place",
-    ["v.csv", "out/u.yaml", "out/logs/u.txt", "out/summary.csv", "out/journal.jsonl", "u.png"],
-)
+@pytest.mark.parametrize(("place", "kind"), [
+    ("v.csv", "pipe"), ("v.csv", "loop"), ("v.csv", "device"), ("u.png", "pipe"),
+    ("out/u.yaml", "pipe"), ("out/u.yaml", "loop"), ("out/u.yaml", "device"),
+    ("out/logs/u.txt", "pipe"), ("out/summary.csv", "pipe"), ("out/journal.jsonl", "pipe"),
+    ("out/journal.jsonl", "device"), ("out/index.html", "loop"),
+])  # fmt: skip
 def test_only_regular_files(
     place: str, kind: str, inside: Path, valve: Log, here: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,7 +6,6 @@ import contextlib
 import io
 import json
 import re
-import shlex
 import threading
 import time
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from fluidact_fit.batch.outcome import Number, Outcome, Task, write_record
 from fluidact_fit.batch.targets import Asked
 from fluidact_fit.errors import FluidactError, OutputError, UsageError
 from fluidact_fit.families import family_names
+from fluidact_fit.files import shell_command
 
 from ..errors import Invocation, explain, silenced
 from ..show import echo_parameters
@@ -123,7 +123,7 @@ def _table(document: dict[str, Any]) -> str:
 def _keep(task: Task, outcome: Outcome, said: str) -> Outcome:
     """Write the record of a job; what cannot be written is told in the outcome."""
     try:
-        write_record(task, shlex.join(["fluidact-fit", *task.words]), said, outcome)
+        write_record(task, shell_command(["fluidact-fit", *task.words]), said, outcome)
     except (OutputError, OSError) as error:
         message, status = explain(error)
         return Outcome(task.job, task.key, status, message=message, reason=message, lasting=False)

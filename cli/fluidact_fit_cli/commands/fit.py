@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace
 from math import inf
@@ -34,6 +33,7 @@ from ..options import (
 from ..outputs import check_targets, write_all
 from ..parse import parse_number, parse_positive, parse_range, parse_window
 from ..progress import Progress
+from ..recorded import recorded_command
 from ..show import echo, echo_json, echo_parameters, echo_warnings
 
 if TYPE_CHECKING:
@@ -237,21 +237,6 @@ def _check_apart(fitted: Window | None, judged: Window) -> None:
             expected="Expected two parts of the log that do not overlap.",
             remedy=f"Give --window as well, for example --window :{c:g} --validate-window {c:g}:.",
         )
-
-
-def recorded_command(args: Sequence[str], params: Mapping[str, Any]) -> str:
-    """Return the command line for the file, quoted, absolute paths as base names.
-
-    A parameter file is passed on; the folders of the machine that wrote it are private and
-    would make equal runs differ.
-    """
-    given = (params["output"], params["plot"], params["report"])
-    paths = [p for p in (*params["logs"], *params["validate"], *given) if p and os.path.isabs(p)]
-    words = []
-    for arg in args:
-        path = next((p for p in sorted(paths, key=len, reverse=True) if arg.endswith(p)), None)
-        words.append(arg if path is None else arg.removesuffix(path) + os.path.basename(path))
-    return shlex.join(["fluidact-fit", *words])
 
 
 def _judge(result: FitResult, params: Mapping[str, Any]) -> FitResult:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shlex
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from ..errors import OutputError
-from ..files import open_regular
+from ..files import open_regular, shell_command
 from ..version import __version__
 from .jobs import Job
 from .journal import NAME, Journal, open_journal
@@ -167,7 +166,7 @@ class _Work:
             self.journal.claimed
         ):
             self.journal.claim([self._name(Path(task.record))])
-            write_record(task, shlex.join(["fluidact-fit", *task.words]), "", outcome)
+            write_record(task, shell_command(["fluidact-fit", *task.words]), "", outcome)
         self.journal.add(outcome)
 
     def _checksums(self, job: str) -> dict[str, str]:
