@@ -440,7 +440,111 @@ TIMES = [
         0, r"rows with a missing or non-numeric cell left out",
     ),
 ]  # fmt: skip
-CASES = [*ROWS, *UNITS, *SOURCES, *FILES, *ENDS, *TIMES]
+
+
+def _made(script: str, file: str, then: str = "") -> str:
+    """A recording that a few lines of Python make, and what is asked of it."""
+    head = "import numpy as np; t = 0.01 * np.arange(200); "
+    return f"python -c {shlex.quote(head + script)} && fluidact-fit {then or 'inspect'} {file}"
+
+
+_MDF = "import asammdf as a; f = a.MDF(); S = a.Signal; "
+_TDMS = "import nptdms as n; from nptdms import ChannelObject as C; w = {'wf_increment': 0.01}; at = lambda s: {**w, 'wf_start_time': np.datetime64('2024-05-31T12:00:00', 'us') + np.timedelta64(round(1e6 * s), 'us')}; "
+_TDMS_END = "; o = n.TdmsWriter('r.tdms'); o.open(); o.write_segment(c); o.close()"
+_HDF5 = "import h5py; f = h5py.File('r.h5', 'w'); f['t'] = t; "
+_MAT = "from scipy.io import savemat; from scipy import sparse; "
+RECORDINGS = [
+    Case(
+        "MDF samples that are marked invalid", "1e6 read as data",
+        _made(_MDF + "b = np.arange(200) < 10; f.append([S(np.where(b, 1e6, t), t, name='x', invalidation_bits=b)]); f.save('r.mf4')", "r.mf4"),
+        0, r"#2 +x +0.1 +1.99 +0.01 +10$",
+    ),
+    Case(
+        "an MDF file with one damaged bit", "the process is killed (139)",
+        _made(_MDF + "f.append([S(t, t, name='x')]); f.save('r.mf4'); b = bytearray(open('r.mf4', 'rb').read()); b[88] ^= 255; b[89] ^= 255; open('r.mf4', 'wb').write(b)", "r.mf4"),
+        3, r"cannot be read|damaged|no vectors",
+    ),
+    Case(
+        "an MDF file that is cut", "a traceback behind the message",
+        _made(_MDF + "f.append([S(t, t, name='x')]); f.save('r.mf4'); b = open('r.mf4', 'rb').read(); open('r.mf4', 'wb').write(b[:900])", "r.mf4"),
+        3, r"cannot be read",
+    ),
+    Case(
+        "TDMS channels that begin 5 s apart", "laid side by side",
+        _made(_TDMS + "c = [C('a', 'x', t, at(0)), C('b', 'y', t, at(5))]" + _TDMS_END, "r.tdms"),
+        0, r"400 rows",
+    ),
+    Case(
+        "TDMS instants in a channel", "dropped",
+        _made(_TDMS + "c = [C('a', 'Stamp', np.datetime64('2024-05-31T12:00:00', 'us') + (1e6 * t).astype('m8[us]')), C('a', 'y', t)]" + _TDMS_END, "r.tdms"),
+        0, r"time in column #1, unit s.* every 0.01 s",
+    ),
+    Case(
+        "a TDMS file that is cut", "half of it read without a word",
+        _made(_TDMS + "c = [C('a', 'x', t, at(0)), C('a', 'y', t, at(0))]" + _TDMS_END + "; b = open('r.tdms', 'rb').read(); open('r.tdms', 'wb').write(b[:-900])", "r.tdms"),
+        0, r"recording-cut",
+    ),
+    Case(
+        "`scale_factor`, `add_offset`, `_FillValue`, `units` in HDF5", "ignored",
+        _made(_HDF5 + "d = f.create_dataset('p', data=np.arange(-1, 199, dtype='i2')); d.attrs.update(scale_factor=0.01, add_offset=5.0, _FillValue=np.int16(-1), units='bar')", "r.h5"),
+        0, r"#1 +p +bar +5 +6.98 +0.01 +1$",
+    ),
+    Case(
+        "an HDF5 dataset in another file", "any file of the machine is read",
+        _made(_HDF5 + "f.create_dataset('x', (200,), 'u1', external=[('/etc/passwd', 0, 200)])", "r.h5"),
+        3, r"'x' lies in another file",
+    ),
+    Case(
+        "a virtual HDF5 dataset of itself", "never returns",
+        _made(_HDF5 + "v = h5py.VirtualLayout((200,), 'f8'); v[:] = h5py.VirtualSource('.', 'x', (200,))[:]; f.create_virtual_dataset('x', v)", "r.h5"),
+        3, r"'x' is put together of other datasets",
+    ),
+    Case(
+        "an HDF5 link to another file", "followed",
+        _made(_HDF5 + "f['x'] = h5py.ExternalLink('/etc/x.h5', 'x')", "r.h5"),
+        3, r"'x' stands in another file",
+    ),
+    Case(
+        "complex numbers, cells and objects in a `.mat` file", "dropped without a word",
+        _made(_MAT + "savemat('r.mat', {'t': t, 'z': t + 1j, 'cube': np.ones((200, 2, 3)), 'wide': np.ones((200, 5000))})", "r.mat"),
+        0, r"variables-left-out.*cube \(an array of 3 axes.*wide \(a table of 5000 columns.*|variables-left-out.*z \(complex",
+    ),
+    Case(
+        "a Simulink structure with two signals", "the time alone",
+        _made(_MAT + "savemat('r.mat', {'simout': {'time': t, 'signals': [{'values': t, 'label': 'Force'}, {'values': t, 'label': 'Pos'}]}})", "r.mat"),
+        0, r"#3 +Pos",
+    ),
+    Case(
+        "two structures with times of their own", "one table",
+        _made(_MAT + "savemat('r.mat', {'a': {'time': t, 'x': t}, 'b': {'time': t + 0.005, 'x': t}})", "r.mat"),
+        0, r"400 rows, 3 columns",
+    ),
+    Case(
+        "4 samples of 6 channels", "6 samples of 4 channels",
+        _made(_MAT + "savemat('r.mat', {'data': np.arange(24.0).reshape(4, 6)})", "r.mat"),
+        0, r"4 rows, 6 columns",
+    ),
+    Case(
+        "a MATLAB 4 file", '"a binary file"',
+        _made(_MAT + "savemat('r.mat', {'t': t, 'x': t**2}, format='4')", "r.mat"), 0, r"#2 +x",
+    ),
+    Case(
+        "a Parquet footer that states four times the rows", "memory is read as data",
+        _made("import pyarrow as pa; from pyarrow import parquet as p; p.write_table(pa.table({'x': np.random.rand(1000)}), 'r.parquet', write_statistics=False); b = open('r.parquet', 'rb').read(); n = 8 + int.from_bytes(b[-8:-4], 'little'); open('r.parquet', 'wb').write(b[:-n] + b[-n:].replace(bytes([208, 15]), bytes([192, 62])))", "r.parquet"),
+        3, r"says that it has 4000 rows",
+    ),
+    Case(
+        "29 kB of bzip2 that hold gigabytes", "6 GB and 93 s",
+        _made("import bz2; open('r.csv.bz2', 'wb').write(bz2.compress(b'0.5;0.25\\n' * 100_000) * 400)", "r.csv.bz2"),
+        3, r"the archive holds more than 67 MB",
+    ),
+    Case(
+        "a small `.gz` where memory is short", "4 GB asked for",
+        f"gzip -c datasets/line/trial1.csv > r.csv.gz; ulimit -v 1500000; fluidact-fit line r.csv.gz {LINE} -o r.yaml",
+        0, r"time_constant",
+    ),
+]  # fmt: skip
+CASES = [*ROWS, *UNITS, *SOURCES, *FILES, *ENDS, *TIMES, *RECORDINGS]
 
 
 class Outcome(NamedTuple):

@@ -9,7 +9,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from . import batches, logs, options, parameters, processes
+from . import batches, logs, options, parameters, processes, recordings
 from .case import SEED, Part, Result
 from .pool import run_case, run_part
 from .table import page, shown
@@ -17,6 +17,7 @@ from .table import page, shown
 PAGE = Path(__file__).parents[2] / "docs" / "soak.md"
 PARTS: tuple[Part, ...] = (
     *logs.PARTS, *parameters.PARTS, *options.PARTS, *processes.PARTS, *batches.PARTS,
+    *recordings.PARTS,
 )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ def read(path: str, sink: Sink) -> None:
     """Hand over the channels of an MDF file."""
     asammdf = library("asammdf", "mdf")
     sink.dialect = "MDF"
-    with open(path, "rb") as raw, asammdf.MDF(raw) as file:
+    with asammdf.MDF(path) as file:
         for index, group in enumerate(file.groups):
             _take_group(file, sink, index, group)
 
