@@ -146,7 +146,7 @@ def _turns(log: Log) -> list[Notice]:
             role = Role("angle", "rad", "")
             binding = Binding(role, column, column.unit, 1.0, to_si, assumed=False)
             try:
-                _, found = settle_turns(log, {role.name: binding}, [untimed_run(log.rows)])
+                found = settle_turns(log, {role.name: binding}, [untimed_run(log.rows)]).notices
             except LogError as error:
                 found = [Notice("angle-doubtful", error.text.replace("\n", " "))]
             notices += found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from .repeats import check_repeats
 from .spikes import replace_spikes
 from .surgery import exclude_runs
 from .timebase import split_runs
-from .turns import continued, settle_turns
+from .turns import settle_turns
 
 _LARGEST = 1e30  # of any quantity in SI; products of a few must not overflow
 SHORTEST, LONGEST = 1e-12, 1e9  # step of time [s]
@@ -86,17 +86,24 @@ def experiments(
     notices += assumed_notice(log, bindings.values())
     notices += overridden_notice(log, bindings)
     notices += absolute_notice(log, bindings.values())
+    written, turned = bindings, settle_turns(log, bindings, runs)
+    notices += turned.notices
     runs = exclude_runs(log, _apply_window(log, runs))
-    kept = without_invalid(log, bindings, runs)
+    kept = without_invalid(log, turned.bindings, runs)
     bindings, whole = kept.bindings, [run for _, run in kept.runs]
     notices += kept.notices
-    suspects = find_suspects(log, bindings)
+    suspects = find_suspects(log, written)
+    resolutions = {
+        role: smallest_step(b.column.values) * abs(b.to_si)
+        for role, b in written.items()
+        if role != "time"
+    }
     runs = [_sampled_run(log, variant, bindings, run) for run, _ in kept.runs]
-    turns, said = settle_turns(log, bindings, whole)
-    notices += said
-    found = _make_experiments(log, variant, bindings, list(zip(runs, whole)), turns, index)
+    pairs = list(zip(runs, whole))
+    attributes = {"turns": turned.turns, "dropped": kept.dropped}
+    found = _make_experiments(log, variant, bindings, pairs, resolutions, attributes, index)
     cleaned = [replace_spikes(e, variant) for e in found]
-    found = [replace(e, attributes={**e.attributes, "dropped": kept.dropped}) for e, _ in cleaned]
+    found = [e for e, _ in cleaned]
     notices += [n for _, said in cleaned for n in said]
     notices += _time_bases(log, found)
     notices += check_sampling(log, runs)
@@ -211,20 +218,16 @@ def _make_experiments(
     variant: Variant,
     bindings: Mapping[str, Binding],
     runs: Sequence[tuple[Run, Run]],
-    turns: Mapping[str, float],
+    resolutions: Mapping[str, float],
+    attributes: Mapping[str, Any],
     index: int,
 ) -> list[Experiment]:
     measured = {role: b for role, b in bindings.items() if role != "time"}
-    resolutions = {
-        role: smallest_step(b.column.values) * abs(b.to_si) for role, b in measured.items()
-    }
     spent = _spent(log, measured)
     found = []
     for number, (run, whole) in enumerate(runs, start=1):
         signals = {
-            role: _measured_signal(
-                log, binding, run, whole, resolutions[role], turns.get(role, 0.0), role in spent
-            )
+            role: _measured_signal(log, binding, run, whole, resolutions[role], role in spent)
             for role, binding in measured.items()
         }
         for role in variant.roles:
@@ -242,7 +245,7 @@ def _make_experiments(
                 signals=signals,
                 sample_time=run.sample_time,
                 uniform=run.uniform,
-                attributes={"lines": (first, last), "turns": turns},
+                attributes={"lines": (first, last), **attributes},
             )
         )
     return found
@@ -273,21 +276,14 @@ def _sampled_run(log: Log, variant: Variant, bindings: Mapping[str, Binding], ru
 
 
 def _measured_signal(
-    log: Log,
-    binding: Binding,
-    run: Run,
-    whole: Run,
-    resolution: float,
-    turn: float,
-    spent: bool,
+    log: Log, binding: Binding, run: Run, whole: Run, resolution: float, spent: bool
 ) -> Signal:
     """Return a column over one run, in SI.
 
     What drives the machine keeps the instants at which it was sampled; all else is read off
     straight lines where the output was sampled at other ones. ``whole`` is the run with every
     row. Refused are values whose squares overflow or vanish: nothing can be computed with them.
-    A column that begins again after a ``turn`` is continued, and one that is ``spent`` gives its
-    memory away.
+    A column that is ``spent`` gives its memory away.
     """
     rows, time = run.rows, run.time
     if binding.column.sparse and whole.time.size:
@@ -295,7 +291,7 @@ def _measured_signal(
         if kept.any() and not np.array_equal(whole.rows[kept], rows):
             rows, time = whole.rows[kept], whole.time[kept]
     require_numbers(log, binding, rows)
-    role, raw = binding.role, continued(at_rows(binding.column.values, rows), turn)
+    role, raw = binding.role, at_rows(binding.column.values, rows)
     size = max(float(raw.max()), -float(raw.min())) * abs(binding.to_si)
     if size != 0.0 and not 1.0 / _LARGEST <= size <= _LARGEST:
         worst, extreme = int(np.argmax(np.abs(raw))), "large" if size > _LARGEST else "small"

@@ -1,27 +1,30 @@
 """Angles that begin again after a full turn, and counters of encoders that overflow.
 
-They are continued where that is certain: all readings lie within one turn, and a step of nearly all
-of it, less a turn, is as the steps beside it are.
+They are continued where that is certain: all readings lie within one turn, the first step is short,
+and less the turns in them the steps change little from one to the next.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import LogError, Notice
-from ..experiment import FloatArray, IndexArray, at_rows
+from ..experiment import FloatArray, IndexArray, at_rows, is_finite
 from ..rows import blocks
 from ..units import after_number
 from .columns import Binding
 from .grid import Run
 from .log import Log, count_of, name_lines
 
-_SLOW = 0.25  # turns from one sample to the next, beyond which the direction is not certain
 _REGISTERS = range(8, 33)  # bits
+_SLOW = 0.25  # turns of the first step, beyond which its direction is not certain
+_SMOOTH = 0.2  # turns by which a step may differ from the one before
+_FEW = 10
+_HEAD = 1000
 _NEARLY = 0.9  # of the range
 _RARE = 0.05  # of the steps
 _WITHIN = 3  # samples over which a filter spreads a jump
@@ -35,56 +38,104 @@ class Turn:
     rows: IndexArray
 
 
-def settle_turns(
-    log: Log, bindings: Mapping[str, Binding], runs: Sequence[Run]
-) -> tuple[dict[str, float], list[Notice]]:
-    """Return after what the columns of angles and positions begin again, as written; and notices.
+@dataclass(frozen=True)
+class Turned:
+    """Columns of angles and positions that go on where they were begun again.
 
-    As the user or the file says, else as the column shows. 0 where it is not to be continued.
+    Attributes
+    ----------
+    bindings
+        All of them, by role.
+    turns
+        After what the columns begin again, as written, by role; 0 for never, where that was said.
+    notices
+        What was found.
+    """
+
+    bindings: dict[str, Binding]
+    turns: dict[str, float]
+    notices: list[Notice]
+
+
+def settle_turns(log: Log, bindings: Mapping[str, Binding], runs: Sequence[Run]) -> Turned:
+    """Let columns of angles and positions go on, as the user or the file says, else as they show.
 
     Raises
     ------
     LogError
         When an angle seems to begin again, but not certainly, or not after a full turn.
     """
-    turns, notices = {}, []
+    out = Turned(dict(bindings), {}, [])
     for role, binding in bindings.items():
-        rotary = binding.role.unit == "rad"
-        if not rotary and binding.role.unit != "m":
+        if binding.role.unit not in ("rad", "m"):
             continue
         given = log.turns.get(role)
+        if given is None and binding.role.unit == "m" and not _are_whole(binding.column.values):
+            continue  # no counter
         parts = list(_parts(binding, runs))
         found = _as_given(parts, given) if given is not None else _found(log, binding, parts)
         if given is not None or found is not None:
-            turns[role] = found.size if found is not None else 0.0
+            out.turns[role] = found.size if found is not None else 0.0
         if found is not None and found.rows.size:
-            notices.append(_notice(log, binding, found))
-    return turns, notices
+            values = binding.column.values.copy()
+            for rows, readings in parts:
+                values[rows] = continued(readings, found.size)
+            out.bindings[role] = replace(binding, column=replace(binding.column, values=values))
+            out.notices.append(_notice(log, binding, found))
+    return out
 
 
 def continued(values: FloatArray, turn: float) -> FloatArray:
     """Readings of shape ``(n,)`` from the first on without what a turn takes back."""
     if not turn or values.size < 2:
         return values
-    turned = np.cumsum(np.round(np.diff(values) / turn))
-    return values if not turned.any() else values - turn * np.concatenate(([0.0], turned))
+    steps = np.diff(values)
+    turns = np.round((steps - _followed(steps, turn)) / turn)
+    if not turns.any():
+        return values
+    return values - turn * np.concatenate(([0.0], np.cumsum(turns)))
+
+
+def _followed(steps: FloatArray, turn: float) -> FloatArray:
+    """Steps less the turns in them: the shortest ones, or such as go on from the ones before.
+
+    The latter where a fast shaft needs it, and its speed changes little from sample to sample.
+    """
+    short = steps - turn * np.round(steps / turn)
+    change = np.diff(short)
+    if np.abs(short).max() + np.abs(change).max(initial=0.0) < 0.5 * turn:
+        return short
+    change -= turn * np.round(change / turn)
+    if np.abs(change).max(initial=0.0) > _SMOOTH * turn:
+        return short
+    return short[0] + np.concatenate(([0.0], np.cumsum(change)))
 
 
 def _parts(binding: Binding, runs: Sequence[Run]) -> Iterator[tuple[IndexArray, FloatArray]]:
     """Rows and readings of every run, without those that hold none."""
     for run in runs:
         values = at_rows(binding.column.values, run.rows)
-        finite = np.isfinite(values)
-        if finite.all():
+        if is_finite(values):
             yield run.rows, values
         else:
+            finite = np.isfinite(values)
             yield np.asarray(run.rows)[finite], values[finite]
+
+
+def _are_whole(values: FloatArray) -> bool:
+    """Whether the first readings are whole numbers."""
+    head = values[:_HEAD]
+    head = head[np.isfinite(head)]
+    return bool(np.all(head == np.round(head)))
 
 
 def _as_given(parts: Sequence[tuple[IndexArray, FloatArray]], size: float) -> Turn | None:
     if not size:
         return None
-    rows = [np.asarray(r)[1:][np.abs(np.diff(v)) > size / 2] for r, v in parts]
+    rows = []
+    for at, values in parts:
+        back = np.abs(np.diff(values - continued(values, size))) > size / 2
+        rows.append(np.asarray(at)[1:][back])
     return Turn(size, np.concatenate(rows))
 
 
@@ -104,7 +155,7 @@ def _found(
     sizes = [turn] * rotary + [2.0**bits for bits in _REGISTERS if whole]
     for size in sizes:
         if steps.begin_again_at(size):
-            return Turn(size, steps.rows)
+            return _as_given(parts, size)
     if rotary and (seen := steps.seems_to_begin_again(turn)):
         raise _doubt(log, binding, turn, seen, steps.rows)
     return None
@@ -126,46 +177,48 @@ def _jumps(values: FloatArray, span: float) -> bool:
 
 
 class _Steps:
-    """Steps of the runs of a column: those over most of its range, and the speed beside them.
+    """Steps of the runs of a column, and which of them are over most of its range.
 
     ``span`` is that of all readings.
     """
 
     def __init__(self, parts: Sequence[tuple[IndexArray, FloatArray]], span: float) -> None:
         self.span = span
-        steps, beside, rows, usual, bends = [], [], [], [], []
-        self.spread = 0.0  # of what goes back within a few samples
-        for at, values in parts:
-            d = np.diff(values)
-            far = np.abs(d) > 0.5 * span
-            speed = np.where(far, np.nan, d)
-            near = np.pad(speed, 2, constant_values=np.nan)
-            around = np.stack([near[k : k + d.size] for k in (0, 1, 3, 4)])[:, far]
-            known = np.isfinite(around)
-            count = np.maximum(known.sum(axis=0), 1)
-            beside.append(np.where(known, around, 0.0).sum(axis=0) / count)
-            steps.append(d[far])
-            rows.append(np.asarray(at)[1:][far])
-            usual.append(d[~far])
-            bend = np.diff(speed)
-            bends.append(bend[np.isfinite(bend)])
-            if values.size > _WITHIN:
-                over = np.abs(values[_WITHIN:] - values[:-_WITHIN])
-                self.spread = max(self.spread, float(over.max()))
-        self.far, self.beside = np.concatenate(steps), np.concatenate(beside)
-        self.rows = np.concatenate(rows)
-        self.usual = np.abs(np.concatenate(usual))
-        bend = np.abs(np.concatenate(bends))
-        self.bend = 3.0 * float(np.quantile(bend, 0.98)) if bend.size else 0.0
+        self.runs = [np.diff(values) for _, values in parts]
+        far = [np.abs(d) > 0.5 * span for d in self.runs]
+        self.far = np.concatenate([d[x] for d, x in zip(self.runs, far)])
+        self.rows = np.concatenate([np.asarray(r)[1:][x] for (r, _), x in zip(parts, far)])
+        self.usual = np.abs(np.concatenate([d[~x] for d, x in zip(self.runs, far)]))
+        long = (v for _, v in parts if v.size > _WITHIN)
+        self.spread = max(
+            (float(np.abs(v[_WITHIN:] - v[:-_WITHIN]).max()) for v in long), default=0.0
+        )  # of what goes back within a few samples
 
     def begin_again_at(self, size: float) -> bool:
-        """Whether all steps over most of the range certainly are by a turn of a size."""
-        if not self.far.size or not self.usual.size or self.span > size * (1 + 1e-6):
+        """Whether the readings certainly begin again after a turn of a size.
+
+        Speed then changes little from sample to sample, as little where they begin again as
+        elsewhere, and the first step is short.
+        """
+        if self.span > size * (1 + 1e-6):
             return False
-        left = self.far - np.sign(self.far) * size
-        slow = max(float(self.usual.max()), float(np.abs(left).max())) <= _SLOW * size
-        aside = np.abs(left - self.beside)
-        return slow and bool(aside.max() <= max(self.bend, 0.02 * size))
+        turned, first, changes, at = 0, 0.0, [], []
+        for steps in self.runs:
+            if steps.size < 2:
+                continue
+            left = _followed(steps, size)
+            turns = np.round((steps - left) / size) != 0
+            turned += int(np.count_nonzero(turns))
+            first = max(first, abs(float(left[0])))
+            changes.append(np.abs(np.diff(left)))
+            at.append(turns[1:] | turns[:-1])
+        if not turned:
+            return False
+        change, here = np.concatenate(changes), np.concatenate(at)
+        most = _SMOOTH * size
+        if np.count_nonzero(~here) >= _FEW:
+            most = min(most, max(3.0 * float(change[~here].max()), 0.02 * size))
+        return first <= _SLOW * size and float(change[here].max()) <= most
 
     def seems_to_begin_again(self, turn: float) -> float:
         """After what the readings begin again as far as can be told; 0 where they do not."""
@@ -179,7 +232,7 @@ class _Steps:
         whole = _NEARLY * turn <= self.span <= turn * (1 + 1e-6)
         jumps = self.far.size and float(np.abs(self.far).min()) > _NEARLY * self.span - moves
         if jumps and (whole or (self.far.size > 1 and moves < 0.1 * self.span)):
-            return float(np.median(np.abs(self.far - self.beside)))
+            return float(np.median(np.abs(self.far)))
         resampled = whole and moves < 0.05 * self.span and self.spread > 0.75 * self.span
         return self.span if resampled else 0.0
 
@@ -209,10 +262,10 @@ def _doubt(log: Log, binding: Binding, turn: float, seen: float, rows: IndexArra
     return LogError(
         f"{_column(binding)} seems to begin again after about {seen_text}{places}, but "
         f"not certainly after a full turn, which would be {_written(binding, turn)}: the steps "
-        "beside are too large or too uneven, or it was filtered or resampled since.",
+        "between its samples are too large or too uneven, or it was filtered or resampled since.",
         where=log.name,
         expected="Expected an angle that goes on, or one that begins again after a turn and is "
-        "sampled four times a turn or more.",
+        "sampled often in every turn.",
         remedy=f"If its unit is another, give --unit {name}=...; if it begins again, --unwrap "
         f"{name}=TURN (in its own numbers), and if it does not, --unwrap {name}=none.",
     )
