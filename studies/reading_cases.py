@@ -544,7 +544,89 @@ RECORDINGS = [
         0, r"time_constant",
     ),
 ]  # fmt: skip
-CASES = [*ROWS, *UNITS, *SOURCES, *FILES, *ENDS, *TIMES, *RECORDINGS]
+STRUCTURE = [
+    Case(
+        "a last column that is empty in every row", "names and units gone, ms become s",
+        f"sed 's/$/,/; 1s/$/comment/' datasets/line/trial1.csv > e.csv; fluidact-fit line e.csv {LINE} -o e.yaml",
+        0, r"time_constant +0\.1\d+ .* s ",
+    ),
+    Case(
+        "a header with a name too many", "names and units gone",
+        "sed '1s/$/,comment/' datasets/line/trial1.csv > e.csv; fluidact-fit inspect e.csv",
+        3, r"4 names above rows of 3 cells",
+    ),
+    Case(
+        "units beside names below other names", "time 1000 times too slow",
+        "(echo 'Time,Analog 1,Analog 2'; echo 'ms,Feed pressure,Outlet pressure'; tail -n +2 datasets/line/trial1.csv) > m.csv; fluidact-fit line m.csv --column 'inlet=Feed pressure' --unit inlet=bar --column 'outlet=Analog 2' --unit outlet=bar -o m.yaml",
+        0, r"time_constant +0\.1\d+ .* s ",
+    ),
+    Case(
+        "rows of statistics below the table", "fitted as samples",
+        "(cat datasets/line/trial1.csv; echo 'Mean,459.9,30.002'; echo 'Std,275.7,18.054'; echo 'Min,42,-0.009'; echo 'Max,939,60.037') > s.csv; fluidact-fit inspect s.csv",
+        0, r"4 rows with statistics of the others left out",
+    ),
+    Case(
+        "the same in German, behind an empty line", "fitted as samples",
+        "(cat datasets/valve/trial1.csv; echo; echo 'Mittelwert;0,5;1,5'; echo 'Standardabweichung;0,1;0,2') > s.csv; fluidact-fit inspect s.csv",
+        0, r"line 100\d left out: statistics",
+    ),
+    Case(
+        "a first row of words for no value that are units", "taken for units, not named",
+        "sed '2s/.*/0,N,A/; 1s/ ([a-z]*)//g' datasets/line/trial1.csv > w.csv; fluidact-fit inspect w.csv",
+        0, r"1001 lines: 1 above the data, 1000 data",
+    ),
+    Case(
+        "`***` in the first row", "taken for the header",
+        "sed '2s/.*/***,***,***/' datasets/line/trial1.csv > w.csv; fluidact-fit inspect w.csv",
+        0, r"#2 +p_valve",
+    ),
+    Case(
+        "a CODESYS trace: one channel below the other", "one table of runs",
+        "(echo '[key]; [value]'; echo 'Name; Trace'; for k in 2 3; do echo \"$((k-2)).Variable; GVL.c$k\"; echo \"$((k-2)).Data; \"; tail -n +2 datasets/line/trial1.csv | cut -d, -f1,$k | sed 's/,/; /; s/^/; /'; done) > t.trace.csv; fluidact-fit line t.trace.csv --column inlet=GVL.c2 --unit inlet=bar --column outlet=GVL.c3 --unit outlet=bar -o t.yaml",
+        0, r"time_constant +0\.1\d+ .* s ",
+    ),
+    Case(
+        "`Channel 2` where `Channel 1` stood above the first block", "one table of runs",
+        "(echo 'Channel 1'; cat datasets/line/trial1.csv; echo 'Channel 2'; cat datasets/line/trial2.csv) > t.csv; fluidact-fit inspect t.csv",
+        3, r"a second block begins here: 'Channel 2'",
+    ),
+    Case(
+        "a small table of another width below the first", "left out as partly written lines",
+        "(cat datasets/line/trial1.csv; echo; echo f,amplitude; seq 1 9 | sed 's/$/,2/') > t.csv; fluidact-fit inspect t.csv",
+        3, r"the columns change: 2 columns from here on, 3 above",
+    ),
+    Case(
+        "LabChart text", "no names, no units",
+        "(printf 'Interval=\\t0.01 s\\nTimeFormat=\\tStartOfBlock\\nDateFormat=\\t\\nChannelTitle=\\tFeed\\tEnd\\nRange=\\t10.000 bar\\t10.000 bar\\n'; tail -n +2 datasets/line/trial1.csv | awk -F, '{print $1 / 1000 \"\\t\" $2 \"\\t\" $3}') > l.txt; fluidact-fit line l.txt --column inlet=Feed --column outlet=End -o l.yaml",
+        0, r"time_constant +0\.1\d+ .* s ",
+    ),
+    Case(
+        "nanoseconds since 1970, a microsecond apart", "every 768 or 1024 ns",
+        "(echo t,p; seq 0 400 | awk '{printf \"1700000000123%06d,%d\\n\", 1000 * $1, $1 % 7}') > n.csv; fluidact-fit inspect n.csv",
+        0, r"every 1e-06 s",
+    ),
+    Case(
+        "two levels of names, as pandas writes them", "the upper one lost",
+        "python -c 'import pandas as pd; d = pd.read_csv(\"datasets/line/trial1.csv\").set_index(\"t (ms)\"); d.columns = pd.MultiIndex.from_tuples([(\"valve\", \"p (bar)\"), (\"chamber\", \"p (bar)\")]); d.to_csv(\"m.csv\")'; fluidact-fit line m.csv --column 'inlet=valve p' --column 'outlet=chamber p' -o m.yaml",
+        0, r"time_constant +0\.1\d+ .* s ",
+    ),
+    Case(
+        "JSON, one record per line", "no table",
+        f"python -c 'import pandas as pd; pd.read_csv(\"datasets/line/trial1.csv\").to_json(\"j.json\", orient=\"records\", lines=True)'; fluidact-fit line j.json {LINE} -o j.yaml",
+        0, r"time_constant +0\.1\d+ .* s ",
+    ),
+    Case(
+        "an Excel workbook", "refused",
+        f"python -c 'import pandas as pd; pd.read_csv(\"datasets/line/trial1.csv\").to_excel(\"x.xlsx\", index=False)'; fluidact-fit line x.xlsx {LINE} -o x.yaml",
+        0, r"time_constant +0\.1\d+ .* s ",
+    ),
+    Case(
+        "`name=value` in another order in every other line", "half of the lines lost",
+        "tail -n +2 datasets/line/trial1.csv | awk -F, '{if (NR % 2) print \"t=\" $1 \"ms a=\" $2 \"bar b=\" $3 \"bar\"; else print \"b=\" $3 \"bar a=\" $2 \"bar t=\" $1 \"ms\"}' > k.log; fluidact-fit line k.log --column inlet=a --column outlet=b -o k.yaml",
+        0, r"time_constant +0\.1\d+ .* s ",
+    ),
+]  # fmt: skip
+CASES = [*ROWS, *STRUCTURE, *UNITS, *SOURCES, *FILES, *ENDS, *TIMES, *RECORDINGS]
 
 
 class Outcome(NamedTuple):

@@ -78,6 +78,15 @@ def test_columns_of_several_levels_as_pandas_writes_them(
     assert find_column(log, "position", "x").values[-1] == 119.0
 
 
+@pytest.mark.parametrize("index", [[], ["t (ms),,,"]])
+def test_the_same_names_in_every_group(tmp_path: Path, index: list[str]) -> None:
+    first = "" if index else "t (ms)"
+    log = read(tmp_path, [",valve,chamber,tank", f"{first},p (bar),p (bar),p (bar)", *index, *ROWS])
+    headers = ["t (ms)", "valve p (bar)", "chamber p (bar)", "tank p (bar)"]
+    assert [c.header for c in log.columns] == headers
+    assert [c.unit for c in log.columns] == ["ms", "bar", "bar", "bar"]
+
+
 def test_groups_that_are_named_once(tmp_path: Path) -> None:
     log = read(tmp_path, [",valve,,rod", "t (ms),p (bar),x,x", *ROWS])
     assert [c.header for c in log.columns] == ["t (ms)", "valve p (bar)", "valve x", "rod x"]

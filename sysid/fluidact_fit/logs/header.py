@@ -94,7 +94,11 @@ def find_header(
         rows = [row for row in rows if row not in no_units]
         if _is_index_row(rows):
             index_row, *rows = rows
-        found = _pair(rows, cut) or _beside_names(rows) or _names_alone(rows, cut)
+        found = (
+            _pair(rows, cut)
+            or _beside_names(rows)
+            or _names_alone(rows, cut, index_row is not None)
+        )
     if found is None:
         return nothing
     names, units = found
@@ -258,10 +262,11 @@ def _said_rows(
     return names, next((row for row in below if row.are_units), None)
 
 
-def _names_alone(rows: Sequence[_Row], cut: Cut) -> tuple[_Row, _Row | None] | None:
+def _names_alone(rows: Sequence[_Row], cut: Cut, indexed: bool) -> tuple[_Row, _Row | None] | None:
     """The row of names right above the table, or that above damaged rows or a remark.
 
-    One that repeats itself tells something else of the columns, if there is another above it.
+    One that repeats itself tells something else of the columns, if there is another above it, or
+    names them within its groups: where it has units, or the index is named below (``indexed``).
     """
     whole = next((row for row in rows if not row.is_mixed), rows[0])
     best = whole if whole.is_header else rows[0]
@@ -272,10 +277,18 @@ def _names_alone(rows: Sequence[_Row], cut: Cut) -> tuple[_Row, _Row | None] | N
     if not names.is_header:
         return None
     repeated = {cell for cell in best.cells if cell and best.cells.count(cell) > 1}
+    if names is not best and (indexed or any(_has_unit(cell) for cell in repeated)):
+        return best, None
     if names is best or not all(map(_is_unit, repeated)):
         return names, None
     units = [cell if _is_unit(cell) else "" for cell in best.cells]
     return names, replace(best, cells=units)
+
+
+def _has_unit(cell: str) -> bool:
+    """Whether a cell is a name with a unit."""
+    name, unit = parse_unit_from_header(cell)
+    return unit is not None and name != unit
 
 
 def _most_distinct(nearest: _Row, others: Sequence[_Row]) -> _Row:
@@ -376,6 +389,9 @@ def _are_units(cells: Iterable[str], needed: float) -> bool:
 
 def _is_unit(cell: str) -> bool:
     text = _SAYS_UNIT.sub("", cell.strip(), count=1)
+    inner = text.rpartition("(")[2].rstrip(") ")
+    if text.endswith(")") and text[0] != "(" and parse_unit_from_header(text)[1] == inner:
+        return False  # "t (ms)" is a name with its unit, and "bar (g)" a unit
     return bool(_BRACKETED.fullmatch(text) or looks_like_unit(text) or _CLOCK_FORM.fullmatch(text))
 
 

@@ -11,7 +11,7 @@ _LONG = 10  # letters of one word, of which no unit has as many
 def groups(upper: Sequence[str], below: Sequence[Sequence[str]]) -> bool:
     """Whether a row has the names of groups of the columns that the rows below it name.
 
-    It repeats a name for the next column, or leaves it empty where the names below need it.
+    It repeats a name for the next column, or the names below are distinct with its names only.
     """
     if len(set(filter(None, upper))) < 2:
         return False
@@ -19,7 +19,7 @@ def groups(upper: Sequence[str], below: Sequence[Sequence[str]]) -> bool:
         return True
     names = list(zip(*below, strict=True))
     whole = list(zip(_filled(upper), *below, strict=True))
-    return not all(upper[1:]) and len(set(names)) < len(names) == len(set(whole))
+    return len(set(names)) < len(names) == len(set(whole))
 
 
 def join_levels(

@@ -57,9 +57,9 @@ def find_statistics(rows: Sequence[Sequence[str]], text: str, cut: Cut) -> dict[
     if _ANYWHERE.search(text):
         labels: dict[int, dict[int, str]] = defaultdict(dict)
         for index, row in enumerate(rows):
-            for column, cell in enumerate(row):
-                if len(cell) < LONG_CELL and _STATISTIC.fullmatch(cell):
-                    labels[column][index] = cell.strip()
+            at = [k for k, c in enumerate(row) if len(c) < LONG_CELL and _STATISTIC.fullmatch(c)]
+            if len(at) == 1:  # one word says what the numbers beside it are
+                labels[at[0]][index] = row[at[0]].strip()
         for column, words in labels.items():
             found |= _of_column(rows, column, words, cut)
     return found | _below(rows, found, cut)
