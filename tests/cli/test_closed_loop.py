@@ -348,6 +348,20 @@ def test_files_that_make_no_machine_are_refused(here: Here, tmp_path: Path) -> N
                 "--reference", "step")  # fmt: skip
     assert done.status == 2
     assert "takes a ball-screw file" in done.err
+    motor = str(GOLDEN / "hydraulic-motor.yaml")
+    for files in ([motor], [str(GOLDEN / "spring-cylinder.yaml"), motor]):
+        file = controller(tmp_path, FORCE % "held")
+        done = here("simulate", *files, "--controller", file, "--reference", "step")
+        assert done.status == 2
+        assert "a file of hydraulic-motor has no place in a closed loop" in done.err
+
+
+def test_a_place_that_no_reading_can_be_of_is_warned_of(here: Here, tmp_path: Path) -> None:
+    text = HEAD_OF_LINE + "machine: {travel_from: 0.0, travel_to: 1.0e-3}\nreference: {size: 0.05}"
+    path = str(GOLDEN / "hydrostatic.yaml")
+    done = here("simulate", path, "--controller", controller(tmp_path, text), "--reference", "step")
+    assert done.status == 0, done.err
+    assert "believes no reading and holds its command" in done.err
 
 
 def test_example_of_the_page_runs(here: Here, tmp_path: Path, screw: list[str]) -> None:

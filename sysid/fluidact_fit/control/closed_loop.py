@@ -239,7 +239,7 @@ def simulate_loop(
     return ClosedLoop(
         plant, controller, nominal, tuple(drawn), failed, metrics,
         tracking_metrics(nominal.reference, nominal.output), _margins(plant, controller),
-        tuple(margins), tuple(extrapolations(blocks, plant, nominal)),
+        tuple(margins), tuple(extrapolations(blocks, plant, controller, nominal)),
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..block import Block, ValidRange
 from ..experiment import FloatArray
+from .controllers import Controller
 from .loop import Response
 from .plants.base import Plant
 
@@ -15,11 +16,21 @@ _SLACK = 1e-6  # of a range: what is no farther beyond it is rounding
 _SPEEDS = ("velocity", "angular_velocity")
 
 
-def extrapolations(blocks: Sequence[Block], plant: Plant, response: Response) -> Iterator[str]:
+def extrapolations(
+    blocks: Sequence[Block], plant: Plant, controller: Controller, response: Response
+) -> Iterator[str]:
     """Yield a line for every role that goes beyond the range of a file.
 
     Where the machine is the same at every place, not the place counts, but how far it moves.
     """
+    (low, high), (role, unit) = controller.travel.reach, plant.controlled
+    places = np.append(response.output, response.reference)
+    if (places < low).any() or (places > high).any():
+        yield (
+            f"the {role} goes from {places.min():.4g} to {places.max():.4g} {unit}: more than 10 "
+            "strokes beyond the logs, or beyond machine.travel_from and travel_to, where the "
+            "controller believes no reading and holds its command"
+        )
     driving = _commands(plant, response)
     for block in blocks:
         for role, known in block.validity.items():

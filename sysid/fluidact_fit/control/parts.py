@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
-from ..block import Block, LinearBlock, Port
+from ..block import Block, Port
 from ..errors import UsageError
 from .plants.linear import Chain, make_chain
 
@@ -29,6 +29,13 @@ _WANTED = {
     "feedforward-force": "a spring-cylinder file or force-map files (one of the force; one of the "
     "command for the controller), with a valve file and a line file where there are any",
 }
+
+
+@runtime_checkable
+class _Linear(Protocol):
+    """A block that is a transfer function and nothing else."""
+
+    def transfer_function(self) -> Any: ...
 
 
 @dataclass(frozen=True)
@@ -55,7 +62,7 @@ def sort_parts(kind: str, blocks: Sequence[Block]) -> Parts:
     for block in blocks:
         names = set(block.parameters)
         part = next((p for p, signs in _SIGNS if signs <= names), None)
-        if part == "supply" and not isinstance(block, LinearBlock):
+        if part == "supply" and not isinstance(block, _Linear):
             part = None  # a motor has a gain and a time constant as well
         if part is None:
             raise UsageError(
@@ -80,7 +87,7 @@ class Supply:
 
     chain: Chain
     offset: float
-    first: LinearBlock
+    first: Block
 
     @property
     def input(self) -> Port:
