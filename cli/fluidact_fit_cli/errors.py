@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from fluidact_fit.errors import FluidactError
+from fluidact_fit.errors import FluidactError, bounded
 
 from . import INTERRUPTED
 from .show import drop, tell
@@ -102,9 +102,9 @@ def _explain(error: BaseException, nothing: str) -> tuple[str, int]:
     if isinstance(error, (click.Abort, KeyboardInterrupt)):
         return f"Interrupted.{nothing}", INTERRUPTED
     if isinstance(error, click.UsageError):
-        return _explain_usage(error), 2
+        return bounded(_explain_usage(error)), 2
     if isinstance(error, click.ClickException):
-        return error.format_message(), 2
+        return bounded(error.format_message()), 2
     if isinstance(error, MemoryError):
         return (
             "There is not enough memory for this. Fit fewer or shorter logs (--window START:END), "

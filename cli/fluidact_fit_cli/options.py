@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from difflib import get_close_matches
 from fnmatch import filter as filter_names
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fluidact_fit.errors import UsageError
+from fluidact_fit.errors import UsageError, closest
 
 from .parse import (
     Parsed,
@@ -247,11 +246,11 @@ def check_names(option: str, noun: str, given: Iterable[str], known: Iterable[st
     for name in given:
         if name in names:
             continue
-        close = get_close_matches(name, names, 1)
+        close = closest(name, names)
         raise UsageError(
             f"{option} names the {noun} '{name}', which does not exist here.",
             expected=f"There {'is' if len(names) == 1 else 'are'}: {', '.join(names)}."
             if names
             else f"There is no such {noun}.",
-            remedy=f"Did you mean '{close[0]}'?" if close else f"Give {option} with one of them.",
+            remedy=f"Did you mean '{close}'?" if close else f"Give {option} with one of them.",
         )

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from difflib import get_close_matches
 from importlib import import_module
 
 import click
 
 from fluidact_fit import __version__
-from fluidact_fit.errors import UsageError
+from fluidact_fit.errors import UsageError, closest
 from fluidact_fit.families import family_names, family_title
 
 from .errors import Invocation, run_guarded
@@ -66,8 +65,8 @@ class Program(click.Group):
         name = args[0]
         if name in self.list_commands(ctx) or name.startswith("-"):
             return super().resolve_command(ctx, args)
-        close = get_close_matches(name, self.list_commands(ctx), 1)
-        hint = f" Did you mean {close[0]!r}?" if close else ""
+        close = closest(name, self.list_commands(ctx))
+        hint = f" Did you mean {close!r}?" if close else ""
         known = ", ".join(self.list_commands(ctx))
         raise click.UsageError(f"there is no command {name!r}.{hint}\nCommands: {known}.", ctx)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 # Options whose keyword in Python is not the same word.
@@ -25,7 +26,7 @@ _MAPPINGS = {
 _REPEATED = re.compile(r"exclude=('[^']*')(?: exclude='[^']*')+")
 _PART = re.compile(r"exclude=('[^']*')")
 _PLAIN = re.compile(r"[-+0-9.e]+|nan|inf|(?=.*[A-Z])[A-Z0-9:_@]+|[\"'\[].*|\.\.\.|True|False|None")
-_VALUE = r"\"[^\"]*\"|'[^']*'|\[[^\]]*\]|\.\.\.|[^\s,;()]*[^\s,;().:]"
+_VALUE = r"\"[^\"]*\"|'[^']*'|\[[^\]\n]{0,200}\]|\.\.\.|[^\s,;()]*[^\s,;().:]"
 _OPTION = re.compile(
     rf"--(?P<name>[a-z][a-z0-9]*(?:-[a-z0-9]+)*)"
     rf"(?: '(?:(?P<log>[^'=]*):)?(?P<role>[A-Za-z_][A-Za-z0-9_]*)=(?P<given>[^']*)'"
@@ -69,7 +70,7 @@ class Notice:
 
     def __post_init__(self) -> None:
         """Make the message fit to be seen."""
-        object.__setattr__(self, "message", visible(self.message))
+        object.__setattr__(self, "message", visible(bounded(self.message)))
 
 
 def shortened(text: str, most: int = 300) -> str:
@@ -78,6 +79,27 @@ def shortened(text: str, most: int = 300) -> str:
         return text
     ahead = most * 2 // 3
     return f"{text[:ahead]} ... {text[len(text) - (most - ahead - 5) :]}"
+
+
+_WIDEST, _MOST_LINES = 1000, 60  # of a message
+_WORD = 60  # characters of a name that another is compared with
+
+
+def bounded(text: str) -> str:
+    """Text for people with long lines and long lists shortened: it may quote what a file holds."""
+    lines = text.split("\n", _MOST_LINES)
+    if len(lines) > _MOST_LINES:
+        lines[-1] = f"... and {lines[-1].count(chr(10)) + 1} more lines"
+    return "\n".join(shortened(line, _WIDEST) for line in lines)
+
+
+def closest(word: str, known: Iterable[str]) -> str:
+    """Return the known word that is most like another one, empty without one."""
+    from difflib import get_close_matches  # slow to import, and of the square of the length
+
+    if len(word) > _WORD:
+        return ""
+    return next(iter(get_close_matches(word, [k for k in known if len(k) <= _WORD], 1)), "")
 
 
 def in_python(text: str) -> str:
@@ -139,7 +161,8 @@ class FluidactError(Exception):
     exit_status = 1
 
     def __init__(self, what: str, *, where: str = "", expected: str = "", remedy: str = "") -> None:
-        what, where, expected, remedy = map(visible, (what, where, expected, remedy))
+        parts = (what, where, expected, remedy)
+        what, where, expected, remedy = (visible(bounded(part)) for part in parts)
         self.what = what
         self.where = where
         self.expected = expected

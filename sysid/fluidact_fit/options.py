@@ -18,10 +18,9 @@ import math
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from difflib import get_close_matches
 from typing import Any, Literal, Self
 
-from .errors import UsageError
+from .errors import UsageError, closest
 
 Kind = Literal["choice", "float", "int", "flag", "text", "range"]
 _FORMS = {
@@ -230,12 +229,12 @@ class FamilyOptions:
         for name, value in given.items():
             key = name.replace("_", "-")
             if key not in known:
-                close = get_close_matches(key, known, 1)
+                close = closest(key, known)
                 options = ", ".join(f"--{n}" for n in known) or "none"
                 raise UsageError(
                     f"there is no option --{key}",
                     expected=f"The options are: {options}.",
-                    remedy=f"Did you mean --{close[0]}?" if close else "",
+                    remedy=f"Did you mean --{close}?" if close else "",
                 )
             try:
                 read = known[key].read(value)

@@ -38,11 +38,11 @@ def run_here(*args: str) -> Outcome:
     return Outcome(status, out.getvalue(), err.getvalue())
 
 
-def run_apart(*args: str, cwd: Path | None = None) -> Outcome:
+def run_apart(*args: str, cwd: Path | None = None, timeout: float = 180.0) -> Outcome:
     """Run the program in a process of its own."""
     done = subprocess.run(
         [sys.executable, "-m", "fluidact_fit_cli.main", *map(str, args)],
-        capture_output=True, text=True, cwd=cwd, timeout=180, check=False,
+        capture_output=True, text=True, cwd=cwd, timeout=timeout, check=False,
         env={**os.environ, "PYTHONIOENCODING": "utf-8"},
     )  # fmt: skip
     return Outcome(done.returncode, done.stdout, done.stderr)

@@ -9,12 +9,11 @@ import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from glob import has_magic
 from pathlib import Path
 from typing import Any
 
-from ..errors import JobsFileError, ParameterFileError, UsageError, shortened
+from ..errors import JobsFileError, ParameterFileError, UsageError, closest, shortened
 from ..files import open_regular
 from ..parameters.problems import format_path
 from ..parameters.yaml_io import parse_yaml_table
@@ -229,7 +228,7 @@ def _check_keys(names: Sequence[str], where: str) -> None:
     double = [name for name in _KEYS if names.count(name) > 1]
     if not (missing or unknown or double):
         return
-    close = get_close_matches(unknown[0], _KEYS, 1) if unknown else []
+    close = closest(unknown[0], _KEYS) if unknown else ""
     what = (
         f"has no {missing[0]!r}" if missing and not close
         else f"has an unknown {unknown[0]!r}" if unknown
@@ -237,7 +236,7 @@ def _check_keys(names: Sequence[str], where: str) -> None:
     )  # fmt: skip
     raise JobsFileError(
         f"{what}.", where=where, expected=_FORM,
-        remedy=f"Did you mean {close[0]!r}?" if close else "Correct the names.",
+        remedy=f"Did you mean {close!r}?" if close else "Correct the names.",
     )  # fmt: skip
 
 

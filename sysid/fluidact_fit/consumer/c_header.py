@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from ..units import is_unit, looks_like_unit
 
 BRACKETS = re.compile(r"\[([^\[\]]{0,60})\]")
-_LEXEMES = re.compile(
-    r"/\*(?P<block>.*?)(?:\*/|\Z)|//(?P<line>[^\n]*)"
-    r"|\"(?:[^\"\\\n]|\\.)*\"|'(?:[^'\\\n]|\\.)*'",
-    re.DOTALL,
-)
+_OPENING = re.compile(r"/\*|//|[\"']")
+_QUOTED = {sign: re.compile(rf"{sign}(?:[^{sign}\\\n]|\\.)*+", re.DOTALL) for sign in "\"'"}
+_ENDINGS = re.compile(r"[ \t;,})]*+")  # between a declaration and the comment behind it
 _ATTRIBUTE = re.compile(r"__attribute__\s*\(\([^()\n]{0,80}(?:\([^()\n]{0,80}\))?\s*\)\)")
 _DIRECTIVE = re.compile(r"^[ \t]*#[^\n]*", re.MULTILINE)
 _DEFINE = re.compile(
@@ -32,10 +30,11 @@ _DECLARED = re.compile(
     rf"(?P<behind>(?:[ \t]+{_QUALIFIERS})*)[ \t]+(?:PROGMEM[ \t]+)?(?=[A-Za-z_])"
 )
 _DECLARATOR = re.compile(
-    r"\s*(?P<name>[A-Za-z_]\w*)\s*(?:\[[^\]\n]{0,40}\]\s*)*(?:[A-Z]{2,}\s*)?(?P<value>[={].*)?",
+    r"\s*(?P<name>[A-Za-z_]\w*+)\s*+(?:\[[^\]\n]{0,40}\]\s*+)*+(?:[A-Z]{2,}+\s*+)?(?P<value>[={].*)?",
     re.DOTALL,
 )
 _MEMBER = re.compile(r"(?<=[{,\n])[ \t]*\.(?P<name>[A-Za-z_]\w*)[ \t]*=(?!=)[^,}\n]*")
+_NOT_LINE = re.compile(r"[^\n]")
 _WHOLE = re.compile(r"[-+( \t]*\d+[uUlL]*[ \t)]*")
 _SCALE = "_EXPONENT"  # of fixed point: says how a number is held, not what it is
 
@@ -87,26 +86,34 @@ class _Units:
     starts: list[int]
     ends: list[int]
     words: list[str]
+    known: dict[tuple[int, int], str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, text: str) -> _Units:
-        found = [m for m in _LEXEMES.finditer(text) if m[0][0] == "/"]
-        words = [m["line"] if m["block"] is None else m["block"] for m in found]
+        found = list(_lexemes(text))
+        comments = [x for x in found if text[x.start] == "/"]
+        words = [text[x.start + 2 : x.end].removesuffix("*/") for x in comments]
         lines = [-1, *(m.start() for m in re.finditer("\n", text)), len(text)]
-        places = [m.start() for m in found], [m.end() for m in found]
-        return cls(_LEXEMES.sub(_blank, text), lines, *places, words)
+        places = [x.start for x in comments], [x.end for x in comments]
+        return cls(_blanked(text, found), lines, *places, words)
 
     def behind(self, end: int) -> str:
         """Unit in the comment that follows a declaration on its line."""
         line, k = bisect_left(self.lines, end), bisect_left(self.starts, end)
         if k == len(self.starts) or self.starts[k] > self.lines[line]:
             return ""
-        between = self.code[end : self.starts[k]].strip(" \t;,})")
-        return "" if between else _unit_of(self.words[k])
+        between = _ENDINGS.match(self.code, end, self.starts[k])
+        whole = between is not None and between.end() == self.starts[k]
+        return _unit_of(self.words[k]) if whole else ""
 
     def above(self, start: int) -> str:
         """Unit in the comments that stand alone on the lines above."""
         line, k = bisect_left(self.lines, start) - 1, bisect_left(self.starts, start) - 1
+        if (line, k) not in self.known:
+            self.known[line, k] = self._above(line, k)
+        return self.known[line, k]
+
+    def _above(self, line: int, k: int) -> str:
         while k >= 0 and bisect_left(self.lines, self.ends[k]) == line:
             line = bisect_left(self.lines, self.starts[k]) - 1
             if self.code[self.lines[line] + 1 : self.starts[k]].strip():
@@ -118,6 +125,47 @@ class _Units:
         return ""
 
 
+class _Lexeme(NamedTuple):
+    """Where a comment or a text in quotes begins and ends."""
+
+    start: int
+    end: int
+
+
+def _lexemes(text: str) -> Iterator[_Lexeme]:
+    """Yield comments and texts in quotes, in a time proportional to the text.
+
+    A quote that nothing closes on its line belongs to the code, as in ``1'000``; no other of its
+    kind can be closed there.
+    """
+    at, open_until = 0, {'"': 0, "'": 0}
+    while found := _OPENING.search(text, at):
+        start, sign = found.span()[0], found[0]
+        at = start + 1
+        if sign in open_until:
+            if start < open_until[sign]:
+                continue
+            body = _QUOTED[sign].match(text, start)
+            end = at if body is None else body.end()
+            if text[end : end + 1] != sign:
+                open_until[sign] = end
+                continue
+            at = end + 1
+        else:
+            end = text.find("\n" if sign == "//" else "*/", start + 2)
+            at = len(text) if end < 0 else end + 2 * (sign == "/*")
+        yield _Lexeme(start, at)
+
+
+def _blanked(text: str, gone: Sequence[_Lexeme]) -> str:
+    """The text with blanks for these places."""
+    parts, at = list[str](), 0
+    for start, end in gone:
+        parts += [text[at:start], _NOT_LINE.sub(" ", text[start:end])]
+        at = end
+    return "".join([*parts, text[at:]])
+
+
 def _unit_of(comment: str) -> str:
     """Unit in a comment: the first one in square brackets, or all of it."""
     if found := [b.strip() for b in BRACKETS.findall(comment)]:
@@ -127,7 +175,7 @@ def _unit_of(comment: str) -> str:
 
 
 def _blank(found: re.Match[str]) -> str:
-    return re.sub(r"[^\n]", " ", found[0])
+    return _NOT_LINE.sub(" ", found[0])
 
 
 # ----------------------------------------------------------------------------------- code
@@ -191,6 +239,6 @@ def _without_bodies(code: str) -> str:
         else:
             depth -= 1
             if depth == body:
-                parts += [re.sub(r"[^\n]", " ", code[at : m.start()]), ";"]
+                parts += [_NOT_LINE.sub(" ", code[at : m.start()]), ";"]
                 at, body = m.end(), -1
     return "".join([*parts, code[at:]])

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from difflib import get_close_matches
 from itertools import takewhile
 from pathlib import PurePath
 from typing import Any, Literal
 
 from ..block import Block
+from ..errors import closest
 from ..export.flat import flatten
 from ..export.target import Entry, safe_name
 from ..units import SUFFIXES, conversion_factor, is_known_unit, normalise_unit, same_dimension
@@ -20,6 +20,8 @@ from .read import Key
 _SUFFIXES = {
     suffix.lower(): unit for suffix, unit in sorted(SUFFIXES.items(), key=lambda p: -len(p[0]))
 }
+
+_SUGGESTED = 20  # lacking keys that a similar one is sought for
 
 Finding = Literal["agrees", "ignored", "lacking", "other unit"]
 
@@ -90,14 +92,15 @@ def compare(block: Block, keys: Sequence[Key], path: str = "") -> Comparison:
     own = [block.family, *([safe_name(PurePath(path).name)] if path else [])]
     own_prefixes = tuple(f"{_plain(name)}_" for name in own)
     prefixes = (*own_prefixes, *_shared_prefixes(keys))
-    rows, read = [], set()
+    rows, read, lacking = list[Row](), set(), 0
     for key in keys:
         name, unit = _find(key, entries, prefixes)
         if name:
             read.add(name)
             rows.append(_compare_units(entries[name], key._replace(unit=unit)))
         elif key.surely or _plain(key.name).startswith(own_prefixes):
-            rows.append(_lacking(key, entries.values()))
+            lacking += 1
+            rows.append(_lacking(key, entries if lacking <= _SUGGESTED else ()))
     rows += [
         _ignored(entry)
         for name, entry in entries.items()
@@ -133,9 +136,9 @@ def _find(key: Key, known: Container[str], prefixes: Sequence[str]) -> tuple[str
     return "", key.unit
 
 
-def _lacking(key: Key, entries: Iterable[Entry]) -> Row:
-    close = get_close_matches(_plain(key.name), [_plain(e.key) for e in entries], 1)
-    hint = f" Is {close[0]} meant?" if close else ""
+def _lacking(key: Key, names: Iterable[str]) -> Row:
+    close = closest(_plain(key.name), names)
+    hint = f" Is {close} meant?" if close else ""
     message = f"{key.name}: the file holds no such key.{hint}"
     return Row("", key.name, "", key.unit, "lacking", message)
 

@@ -6,7 +6,7 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from ..errors import UsageError
+from ..errors import UsageError, closest
 
 if TYPE_CHECKING:
     from ..family import Family, FamilyOptions
@@ -70,10 +70,8 @@ def get_family(name: str) -> Family[FamilyOptions]:
         When there is none; the message lists those there are.
     """
     if name not in _REGISTRY:
-        from difflib import get_close_matches
-
-        close = get_close_matches(name, _REGISTRY, 1)
-        hint = f" Did you mean {close[0]!r}?" if close else ""
+        close = closest(name, _REGISTRY)
+        hint = f" Did you mean {close!r}?" if close else ""
         raise UsageError(
             f"there is no model family {name!r}.{hint}",
             expected="Families: " + ", ".join(_REGISTRY) + ".",

@@ -22,7 +22,7 @@ from .source import Source
 from .table import Table, read_table
 
 _HEAD = 1 << 16  # bytes in which the first channel has to begin
-_FIRST = re.compile(rb"^\s*\d+\.Variable\s*([;,\t])", re.MULTILINE)
+_FIRST = re.compile(rb"^[ \t]*\d+\.Variable\s*([;,\t])", re.MULTILINE)
 _KEY = re.compile(r" *(?:(\d+)\.)?([^\s;,\t][^;,\t]*)[;,\t]")
 _RESOLUTION = re.compile(r"time ?(stamp)? ?(unit|base|resolution)|resolution", re.IGNORECASE)
 _HINTS = Hints("CODESYS trace", sparse=True)

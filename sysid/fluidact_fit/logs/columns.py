@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import LogError, Notice, UsageError
+from ..errors import LogError, Notice, UsageError, closest
 from ..experiment import is_finite
 from ..family import Role
 from ..units import conversion_factor, same_dimension
@@ -75,7 +74,7 @@ def check_roles(log: Log, roles: Iterable[Role]) -> None:
             if name in known:
                 continue
             remedy = f"Give {option} with one of them."
-            for close in difflib.get_close_matches(name, known, n=1):
+            if close := closest(name, known):
                 remedy = f"Did you mean '{close}'?"
             raise UsageError(
                 f"{option} names the role '{name}', which this family does not have.",
@@ -396,8 +395,8 @@ def _ambiguous(log: Log, role: str, wanted: str, matches: Sequence[Column]) -> L
 
 def _no_column(log: Log, role: str, wanted: str) -> LogError:
     headers = {h.casefold(): h for c in log.columns for h in (c.name, c.header) if h}
-    close = difflib.get_close_matches(wanted.casefold(), headers, n=1)
-    guess = f"Did you mean '{headers[close[0]]}'? " if close else ""
+    close = closest(wanted.casefold(), headers)
+    guess = f"Did you mean '{headers[close]}'? " if close else ""
     return LogError(
         f"there is no column '{wanted}' for the role '{role}'.",
         where=log.name,

@@ -55,7 +55,6 @@ _LIST = re.compile(r".*\d\s*[\t;|]\s*[+-]?\.?\d")
 _COMMAS = re.compile(r".*\d,([^,]*\d[^,]*,|$)")
 _QUOTED_IN = re.compile(r'.*\d.*"|.*".*\d')  # quotes beside digits, which were around other cells
 _LIST_WRONG = 1.0
-_QUOTED_ROW = re.compile(r'\s*"[^"]*([\t;,|])[^"]*\1[^"]*"\s*')  # all of it in one pair of quotes
 _QUOTED_LINE = re.compile(r'\s*"([^"]*)"\s*')
 _WORD = re.compile(r"\s*[^\W\d_]{3}")
 _GAP = 3  # lines without numbers among damaged rows
@@ -86,7 +85,7 @@ def find_layout(source: Source, written: Written) -> Layout:
             names=capture.names,
         )
         cut = capture.around(_choose_cut(capture.values(body), hints, written, source.name))
-    elif 2 * sum(map(bool, map(_QUOTED_ROW.fullmatch, body))) > len(body):
+    elif 2 * sum(map(bool, map(_is_quoted_row, body))) > len(body):
         body = list(map(_unquoted, body))
         cut = _choose_cut(body, hints, written, source.name)
         cut = replace(join_fraction(body, cut), tidy=_unquoted)
@@ -242,6 +241,12 @@ def _candidates(delimiter: str | None) -> list[tuple[str, str]]:
     if delimiter is None:
         return _CANDIDATES
     return [(delimiter, sign) for sign in ".,"]
+
+
+def _is_quoted_row(line: str) -> bool:
+    """Whether all of a line stands in one pair of quotes, with a separator in it twice."""
+    found = _QUOTED_LINE.fullmatch(line)
+    return found is not None and any(found[1].count(sign) > 1 for sign in "\t;,|")
 
 
 def _unquoted(line: str) -> str:

@@ -19,7 +19,7 @@ _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 _BRACKETED = re.compile(r"\[.*\]|\(.*\)")
 _CLOCK_FORM = re.compile(r"[hmsdy]{1,4}([:./ -][hmsdyf0]{1,4})+", re.IGNORECASE)
 _SAYS_UNIT = re.compile(r"units?\s*[:=]\s*", re.IGNORECASE)
-_RULING = re.compile(r"[\s|+:=_-]*[=_-]{3}[\s|+:=_-]*")  # between names and rows of a printed table
+_RULING = re.compile(r"(?=.*[=_-]{3})[\s|+:=_-]+")  # between names and rows of a printed table
 _NO_UNIT = {"", "-", "1", "none"}
 _UNIT_ITSELF = {"unit", "units", "einheit", "einheiten", "unité", "unidad", "unità"}
 _BROKEN = 40  # lines that a header with line breaks in its names may take
@@ -377,7 +377,7 @@ def _merge_units(line: str, width: int) -> list[str]:
     by_gap = re.split(r"\s{2,}|\t", line.strip())
     if len(by_gap) == width:
         return by_gap
-    return re.findall(r'"[^"]*"|[^\s\[\(]+(?:\s*[\[\(][^\]\)]*[\]\)])?', line)
+    return re.findall(r'"[^"]*"|[^\s\[\(]+(?:\s*[\[\(][^\]\)]{0,99}[\]\)])?', line)
 
 
 def _are_units(cells: Iterable[str], needed: float) -> bool:

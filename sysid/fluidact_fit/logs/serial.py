@@ -22,7 +22,7 @@ _ARROW = re.compile(
 )
 _NUMBER = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|ovf)(?!\w)"
 _PAIR = re.compile(
-    rf"\s*(?P<name>[^\W\d][^:=\t;,|]*?)\s*[:=]\s*(?P<value>{_NUMBER})"
+    rf"\s*(?P<name>[^\W\d][^:=\t;,|]*+)\s*+[:=]\s*(?P<value>{_NUMBER})"
     r"(?:\s?(?P<unit>[^\W\d][\w/²³]*|[%°µ][\w/²³]*))?\s*(?:[\t;,|]|(?<=\s)|$)",
     re.IGNORECASE,
 )
@@ -86,9 +86,9 @@ def find_pairs(line: str) -> list[tuple[str, str]]:
         found = _PAIR.match(line, at) or _WORD.match(line, at)
         if found is None:
             return []
-        unit = found["unit"] if found.re is _PAIR else None
+        name, unit = found["name"].rstrip(), found["unit"] if found.re is _PAIR else None
         value = found["value"].strip('"').replace("\t", " ")
-        out.append((f"{found['name']} [{unit}]" if unit else found["name"], value))
+        out.append((f"{name} [{unit}]" if unit else name, value))
         at = found.end()
     return out
 

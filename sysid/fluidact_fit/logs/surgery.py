@@ -20,6 +20,7 @@ from .grid import Run
 from .log import MIN_RUN, Column, Exclusion, Log, StepInput
 
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
+_LONGEST_NAME = 4096  # characters of a file name
 _FORMS = "run=2, time=3:3.5 (seconds, either end may be empty), rows=7:9 or lines=120:130"
 
 
@@ -53,7 +54,7 @@ def _whole(text: str) -> float:
 
 def parse_constant(role: str, text: str) -> tuple[float, str | None]:
     """Read ``25 %`` or ``0.3``: number and unit, ``None`` without one."""
-    found = re.fullmatch(rf"\s*({_NUMBER})\s*(\S.*)?", str(text))
+    found = re.fullmatch(rf"\s*((?>{_NUMBER}))\s*(\S.*)?", str(text))
     if found is None or not math.isfinite(float(found[1])):
         raise UsageError(
             f"--set {role}={text} is no number.",
@@ -72,7 +73,9 @@ def find_in_name(role: str, template: str, name: str) -> tuple[float, str | None
             expected="Expected the text around it, and braces with the unit in its place.",
             remedy=f"Give for example --from-name '{role}=kinked{{%}}'.",
         )
-    number = re.search(rf"{re.escape(found[1])}({_NUMBER}){re.escape(found[3])}", name)
+    number = re.search(
+        rf"{re.escape(found[1])}({_NUMBER}){re.escape(found[3])}", name[:_LONGEST_NAME]
+    )
     return None if number is None else (float(number[1]), found[2].strip() or None)
 
 

@@ -34,7 +34,7 @@ RAGGED_SHARE = 0.01
 _ODD_BLANKS = tuple(
     chr(k).encode() for k in range(0x3001) if chr(k).isspace() and chr(k) not in "\t\n\r "
 )
-_REMARK = re.compile(r"\s*(#|%|//)\s*[^\W\d]|[\x00-\x1f]+\s*$")  # of words, or an end mark
+_REMARK = re.compile(r"\s*(#|%|//)\s*[^\W\d]|[\x00-\x1f]++\s*+$")  # of words, or an end mark
 _SEPARATED = re.compile(r"(?<=\S)[\s,;|]+(?=\S)")
 _LISTED = re.compile(r"\d\s*[;|\t]\s*[+-]?\.?\d")
 RAGGED_SHARE_SERIAL = 0.5

@@ -163,7 +163,8 @@ class Covariance(Part):
     @field_validator("order")
     @classmethod
     def _name_once(cls, order: list[str]) -> list[str]:
-        twice = [i for i, name in enumerate(order) if name in order[:i]]
+        first = {name: i for i, name in reversed(list(enumerate(order)))}
+        twice = [i for i, name in enumerate(order) if first[name] != i]
         refuse([((i,), f"{order[i]!r} is listed twice") for i in twice])
         return order
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from itertools import islice
 from typing import Any
 
-from ..errors import ParameterFileError
+from ..errors import ParameterFileError, closest
 
 Location = tuple[str | int, ...]
 
@@ -49,8 +48,8 @@ def find_entries(part: Any, *keys: str, place: Location = ()) -> Iterator[tuple[
 
 def suggest(word: str, known: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` when another known word is close, else an empty string."""
-    close = get_close_matches(word, [name for name in known if name != word], n=1)
-    return f"; did you mean {close[0]!r}?" if close else ""
+    close = closest(word, [name for name in known if name != word])
+    return f"; did you mean {close!r}?" if close else ""
 
 
 @dataclass

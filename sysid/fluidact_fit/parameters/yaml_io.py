@@ -32,6 +32,7 @@ MAX_DEPTH = 32
 MAX_NODES = 100_000  # keys and values; a fit of a thousand logs has fewer
 _MAX_KEY = 200  # YAML allows 1024, but a key of that size is a mistake
 _TAG = "tag:yaml.org,2002:"
+_DIRECTIVE = re.compile(r"^%([A-Za-z]*)", re.MULTILINE)
 
 # ---------------------------------------------------------------------------- reading
 
@@ -95,6 +96,7 @@ def parse_yaml_table(text: str, where: str) -> YamlText:
 
 
 def _parse(kind: type[_Loader], text: str, where: str) -> YamlText:
+    _refuse_directives(text, where)
     try:
         loader: Any = kind(text, where)
         if not loader.check_data():
@@ -112,6 +114,14 @@ def _parse(kind: type[_Loader], text: str, where: str) -> YamlText:
     except yaml.YAMLError as error:
         raise _refusal(where, f"is not YAML: {str(error).splitlines()[0]}") from None
     return YamlText(data, loader.problems, loader.lines)
+
+
+def _refuse_directives(text: str, where: str) -> None:
+    """Refuse directives other than the version: libyaml compares every tag with all before it."""
+    for found in _DIRECTIVE.finditer(text):
+        if found[1] != "YAML":
+            line = text.count("\n", 0, found.start()) + 1
+            raise _refusal(f"{where}, line {line}", "has a directive; remove the lines with %")
 
 
 def _refusal(where: str, what: str, remedy: str = "") -> ParameterFileError:
