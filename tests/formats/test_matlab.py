@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -117,6 +118,32 @@ def test_structures_with_other_times_are_no_one_table(tmp_path: Path) -> None:
 def test_nothing_but_text_is_refused_with_its_names(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"no vectors of numbers \(who \(text\)"):
         read(tmp_path, {"who": "me"})
+
+
+def element(kind: int, content: bytes) -> bytes:
+    return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def an_object(name: bytes, word: bytes) -> bytes:
+    """A variable as MATLAB writes an object: its name, its class, and where its content is."""
+    content = element(6, struct.pack("<II", 13, 0)) + element(5, struct.pack("<ii", 1, 6))
+    content += element(1, b"") + element(6, struct.pack("<6I", 0xDD000000, 2, 1, 1, 1, 1))
+    head = element(6, struct.pack("<II", 17, 0)) + element(1, name) + element(1, b"MCOS")
+    return element(14, head + element(1, word) + element(14, content))
+
+
+def test_every_object_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "log.mat"
+    savemat(path, {"t": T, "x": T})
+    objects = an_object(b"tt", b"timetable") + an_object(b"ts", b"timeseries")
+    path.write_bytes(path.read_bytes() + objects)
+    log = read_log(path)
+    assert log.rows == 200
+    assert fates(log) == {
+        "tt": "a MATLAB object (timetable)", "ts": "a MATLAB object (timeseries)",
+    }  # fmt: skip
+    (notice,) = log.notices
+    assert "tt (a MATLAB object (timetable)); ts (" in notice.message
 
 
 def read_73(folder: Path, fill: Callable[[h5py.File], object]) -> Log:

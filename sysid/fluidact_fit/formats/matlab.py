@@ -20,27 +20,48 @@ _FULL = 1 << 24  # numbers of a sparse matrix that is filled up
 
 def read(path: str, sink: Sink) -> None:
     """Hand over the variables of a MATLAB file."""
-    io = library("scipy.io")
-    with open(path, "rb") as file:
-        found = io.loadmat(
-            file, squeeze_me=True, struct_as_record=False, chars_as_strings=True, mat_dtype=False
-        )
-    variables = {k: v for k, v in found.items() if not re.fullmatch("__.*__", k)}
+    variables = list(_variables(path))
     sink.dialect = "MATLAB"
-    recording = next((v for v in variables.values() if hasattr(v, "X") and hasattr(v, "Y")), None)
-    for name in ("__function_workspace__",):
-        if name in found:
-            sink.leave(name, "a workspace of MATLAB objects", signal=False)
+    recording = next((v for _, v in variables if hasattr(v, "X") and hasattr(v, "Y")), None)
     if recording is not None:
         sink.dialect = "dSPACE MATLAB"
         _read_dspace(recording, sink)
-        others = [k for k, v in variables.items() if v is not recording]
-        for name in others:
-            sink.leave(name, "beside the recording")
+        for name, value in variables:
+            if value is not recording:
+                sink.leave(name, "beside the recording")
         return
-    lengths = _lengths(variables.values())
-    for name, value in variables.items():
+    lengths = _lengths(value for _, value in variables)
+    for name, value in variables:
         _take(sink, name, value, "", lengths, 0)
+
+
+def _variables(path: str) -> Iterator[tuple[str, Any]]:
+    """Variables one by one, as objects of MATLAB share a name in one mapping."""
+    io = library("scipy.io")
+    how = {"squeeze_me": True, "struct_as_record": False, "chars_as_strings": True}
+    with open(path, "rb") as file:
+        if 0 in file.read(4):  # MATLAB 4
+            file.seek(0)
+            parts = [io.loadmat(file, **how)]
+        else:
+            file.seek(0)
+            split = io.matlab.varmats_from_mat(file)
+            parts = [io.loadmat(part, **how) for _, part in split]
+    for part in parts:
+        for name, value in part.items():
+            if not re.fullmatch("__.*__", name):
+                yield _own_name(name, value), value
+
+
+def _own_name(name: str, value: Any) -> str:
+    """The name of a variable; an object keeps its own within itself."""
+    if type(value).__name__ == "MatlabOpaque" and name in ("None", ""):
+        try:
+            held = value[0]["s0"]
+        except (IndexError, KeyError, ValueError, TypeError):
+            return name
+        return held.decode("utf-8", "replace") if isinstance(held, bytes) else str(held)
+    return name
 
 
 def _take(sink: Sink, name: str, value: Any, group: str, lengths: list[int], depth: int) -> None:

@@ -142,6 +142,8 @@ def unit_of(attributes: Mapping[str, Any]) -> str | None:
     """The unit among the attributes of a dataset; of instants since a date, that of time."""
     for key, value in attributes.items():
         if key.casefold() in ("units", "unit"):
+            if isinstance(value, np.ndarray) and value.size == 1:
+                value = value.ravel()[0]
             text = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
             if isinstance(text, str) and text.strip():
                 since = _SINCE.fullmatch(text)
