@@ -190,6 +190,8 @@ def _departures(at: Optimum) -> Iterator[Term]:
         return  # the inputs are noisy, and what stands in for them is not known here
     for d in at.family.departures(at.plant):
         found = d.response(at.experiments, at.estimate.nearby or at.family.simulate)
+        if not any(found):
+            continue  # not known of these runs
         columns = [
             all_of(found[s.run][s.role], s.used) / s.scale
             if s.role in found[s.run]
