@@ -13,6 +13,7 @@ from .rows import Array as Array
 from .rows import BoolArray as BoolArray
 from .rows import FloatArray as FloatArray
 from .rows import blocks, is_even
+from .units import after_number
 
 IndexArray = npt.NDArray[np.integer[Any]]
 Hold = Literal["zoh", "foh", "smooth", "auto"]
@@ -85,6 +86,9 @@ class Signal:
     recorded
         What was recorded of the samples that were replaced because no machine can have given
         them, by their number [SI unit].
+    logged_in
+        The unit of the log, and the size of one of it [SI unit]: what messages speak in. The SI
+        unit where a log says none.
     """
 
     role: str
@@ -95,6 +99,12 @@ class Signal:
     before: float = 0.0
     resolution: float = 0.0
     recorded: Mapping[int, float] = field(default_factory=dict)
+    logged_in: tuple[str, float] | None = None
+
+    def text(self, value: float, form: str = ".3g") -> str:
+        """A value [SI unit] as a message says it, in the unit of the log: ``3.5 bar``."""
+        unit, size = self.logged_in or (self.unit, 1.0)
+        return f"{value / size:{form}}{after_number(unit)}"
 
     def beginning(self, values: int) -> Signal:
         """The signal without what comes after its first values."""

@@ -54,7 +54,7 @@ class Departure:
         Derivatives of the channels of every experiment by its size, shape ``(n,)`` [SI] each, of
         the experiments and what simulates them near the fit. A channel without stays as it is.
     unit
-        Of its size.
+        Of its size; where it is ``of`` a role, that of the role.
     positive
         Whether its size cannot be negative, as that of friction cannot.
     """
@@ -65,6 +65,7 @@ class Departure:
     response: Callable[[Sequence[Experiment], Simulate], Sequence[Mapping[str, FloatArray]]]
     unit: str = "1"
     positive: bool = False
+    of: str = ""
 
 
 @dataclass(frozen=True)

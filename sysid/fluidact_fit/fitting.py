@@ -139,7 +139,8 @@ def fit(
         chosen, request, open_logs(logs, once=True, **how, window=window),
         open_logs(validate, once=True, **how), hold or {},
     )  # fmt: skip
-    variant, experiments, notices = given.variant, given.experiments, list(given.notices)
+    experiments, notices = given.experiments, list(given.notices)
+    variant = given.variant.measured_in({r: u for e in experiments for r, u in e.units.items()})
     request.progress("fitting")
     with _naming_placeholders(notices):
         estimate = _estimate(chosen, variant, experiments, request)
@@ -153,7 +154,7 @@ def fit(
             request.progress("validating")
             # their inputs move as those of the fit were settled to
             holds = {r: x.hold for r, x in experiments[0].signals.items() if x.hold is not None}
-            others, more = _prepare(_hold(given.judged, holds), variant)
+            others, more = _prepare(_hold(given.judged, holds), given.variant)
             notices += more
             validation = found.validate(others)
         document, said = make_parameter_document(

@@ -7,7 +7,7 @@ without knowing each other.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -127,6 +127,12 @@ class Variant:
     def parameter(self, name: str) -> ParameterSpec:
         """Return the parameter of that name; raises ``KeyError`` when there is none."""
         return next(p for p in self.parameters if p.name == name)
+
+    def measured_in(self, units: Mapping[str, str]) -> Variant:
+        """The variant with the SI units that logs have its roles in, and parameters alike."""
+        roles = tuple(replace(r, unit=units.get(r.name, r.unit)) for r in self.roles)
+        specs = tuple(replace(p, unit=p.unit_for(units)) for p in self.parameters)
+        return replace(self, roles=roles, parameters=specs)
 
     @property
     def output(self) -> Role:

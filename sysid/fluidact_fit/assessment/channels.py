@@ -39,9 +39,9 @@ def judge_channels(
             continue
         table[role] = found
         if found["times_noise"] > _MISSED and found["p_value"] < _CHANCE:
-            unit = next(s.experiment.signals[role].unit for s in fitted if role in s.also)
+            signal = next(s.experiment.signals[role] for s in fitted if role in s.also)
             missed.append(
-                f"'{role}' by {found['rmse']:.3g} {unit} "
+                f"'{role}' by {signal.text(found['rmse'])} "
                 f"({found['times_noise']:.2g} times its noise)"
             )
     return table, [_notice(family, estimate, missed)] if missed else []

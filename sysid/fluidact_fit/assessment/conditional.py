@@ -22,7 +22,7 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.least_squares import scaled_least_squares
 from ..family import ParameterSpec
-from ..units import as_share
+from ..units import after_number, as_share
 from .optimum import Optimum
 
 _MATTERS = 5.0  # standard errors by which a parameter would move: far out of its interval
@@ -109,7 +109,8 @@ def _notice(at: Optimum, held: str, worst: Dependence) -> Notice:
         shift += as_share(worst.shift, value)
     return Notice(
         "conditional",
-        f"the intervals hold only if {held} is {at.number(held):.4g} {spec.unit}, which the data "
-        f"do not determine: with another one that they allow {worst.parameter} would be {shift}. "
+        f"the intervals hold only if {held} is {at.number(held):.4g}{after_number(spec.unit)}, "
+        "which the data do not determine: with another one that they allow "
+        f"{worst.parameter} would be {shift}. "
         f"Fix it if you know it (--fix {held}=VALUE), or record what determines it. {spec.remedy}",
     )

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..estimation.uncertainty import covariance
-from ..experiment import Experiment, FloatArray, all_of, is_finite, where_finite
+from ..experiment import Experiment, FloatArray, Signal, all_of, is_finite, where_finite
 from ..family import Estimate, Family, FamilyOptions, Plant, Simulated, Variant
 from ..outcome import Simulation
 from ..rows import BLOCK_ROWS, square_sum
@@ -113,6 +113,10 @@ class Optimum:
     def experiments(self) -> list[Experiment]:
         """The runs that were fitted."""
         return [s.experiment for s in self.fitted]
+
+    def signal(self, role: str) -> Signal:
+        """A role as the first log that has it records it: its units are those of the fit."""
+        return next(e.signals[role] for e in self.experiments if role in e)
 
     @cached_property
     def part(self) -> Optimum:

@@ -28,7 +28,6 @@ from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from ..logs.log import count_of
 from ..logs.spikes import where_inputs_move
-from ..units import after_number
 from .leverage import Effect, Influence
 from .optimum import Optimum
 
@@ -44,7 +43,8 @@ class Outlier:
     """A sample that was set aside.
 
     ``place`` says where it is, ``measured`` and ``replaced`` what was recorded and what it was
-    fitted with [``unit``]; ``run`` and ``sample`` count from 0.
+    fitted with [``unit``], ``text`` both in the unit of the log; ``run`` and ``sample`` count
+    from 0.
     """
 
     run: int
@@ -54,6 +54,7 @@ class Outlier:
     measured: float
     replaced: float
     unit: str
+    text: str = ""
 
     @property
     def entry(self) -> dict[str, Any]:
@@ -84,7 +85,8 @@ def find_outliers(at: Optimum | None) -> list[Outlier] | None:
         value = float(signal.values[k])
         left = value - float(more) * s.scale
         place = at.place(e.series, e.row)
-        out.append(Outlier(s.run, s.role, k, place, value, left, signal.unit))
+        text = f"{signal.text(value, '.4g')} instead of {signal.text(left, '.4g')}"
+        out.append(Outlier(s.run, s.role, k, place, value, left, signal.unit, text))
     return out
 
 
@@ -130,10 +132,7 @@ def set_aside(runs: Sequence[Experiment], outliers: Sequence[Outlier]) -> list[E
 def outlier_notice(outliers: Sequence[Outlier]) -> Notice:
     """A warning that names what was set aside."""
     n = len(outliers)
-    listed = "; ".join(
-        f"{o.place}: {o.measured:.4g}{after_number(o.unit)} instead of {o.replaced:.4g}"
-        for o in outliers[:_LISTED]
-    )
+    listed = "; ".join(f"{o.place}: {o.text}" for o in outliers[:_LISTED])
     more = f"; and {n - _LISTED} more, all in fit.details" if n > _LISTED else ""
     one = n == 1
     verb, was, which = ("lies", "was", "it lies") if one else ("lie", "were", "they lie")

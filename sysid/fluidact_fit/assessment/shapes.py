@@ -18,7 +18,7 @@ import numpy as np
 
 from ..estimation.noise import noise_floor
 from ..estimation.recursion import behind_play
-from ..experiment import FloatArray, all_of
+from ..experiment import FloatArray, Signal, all_of
 from .optimum import Optimum, root_mean_square
 from .score import Term, fit_together
 
@@ -48,7 +48,7 @@ def shape_terms(at: Optimum) -> Iterator[Term]:
         runs = [e.signals.get(role.name) for e in at.experiments]
         if role.name in at.roles or not all(s is not None and s.time.size > 1 for s in runs):
             continue
-        yield from _input_terms(at, role.name, role.unit)
+        yield from _input_terms(at, at.signal(role.name))
 
 
 def _output_play(at: Optimum, name: str) -> Iterator[Term]:
@@ -65,9 +65,9 @@ def _output_play(at: Optimum, name: str) -> Iterator[Term]:
             change[known] -= s.simulated[known]
             change /= width * s.scale
         columns.append(all_of(change, s.used))
-    unit = at.variant.role(name).unit
+    signal = at.signal(name)
     yield Term(
-        f"play of {name}", unit, partial(_played, name, unit), _PLAY, columns, least=_MATTERS
+        f"play of {name}", signal.unit, partial(_played, signal), _PLAY, columns, least=_MATTERS
     )
 
 
@@ -81,24 +81,26 @@ def _width(records: Sequence[FloatArray]) -> float | None:
     return width if 0.0 < width <= _PART * span else None
 
 
-def _input_terms(at: Optimum, role: str, unit: str) -> Iterator[Term]:
+def _input_terms(at: Optimum, signal: Signal) -> Iterator[Term]:
+    role = signal.role
     values = [e[role] for e in at.experiments]
     low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
     if low == high:
         return
-    yield from _characteristic(at, role, unit, (low, high))
+    yield from _characteristic(at, signal, (low, high))
     width = _width(values)
     if width is None:
         return
     change = _change(at, role, lambda x: behind_play(x, width), width)
     if change is not None:
         yield Term(
-            f"play of {role}", unit, partial(_played, role, unit), _PLAY, change, least=_MATTERS
+            f"play of {role}", signal.unit, partial(_played, signal), _PLAY, change, least=_MATTERS
         )
 
 
-def _characteristic(at: Optimum, role: str, unit: str, span: tuple[float, float]) -> Iterator[Term]:
+def _characteristic(at: Optimum, signal: Signal, span: tuple[float, float]) -> Iterator[Term]:
     """A bow, and any curve: straight lines between places over the range."""
+    role, unit = signal.role, signal.unit
     places, known = np.linspace(*span, _PLACES), list[int]()
     reach = _PART * (span[1] - span[0])
     columns = [np.zeros((r.size, _PLACES)) for r in at.residuals]
@@ -115,9 +117,9 @@ def _characteristic(at: Optimum, role: str, unit: str, span: tuple[float, float]
     place = np.asarray(places[known], dtype=float)
 
     def term(
-        name: str, per: str, words: Callable[[str, str, float], str], way: Sequence[FloatArray]
+        name: str, per: str, words: Callable[[Signal, float], str], way: Sequence[FloatArray]
     ) -> Term:
-        return Term(f"{name} {role}", per, partial(words, role, unit), _BOW, way, least=_MATTERS)
+        return Term(f"{name} {role}", per, partial(words, signal), _BOW, way, least=_MATTERS)
 
     bow = 1.0 - (2.0 * (place - span[0]) / (span[1] - span[0]) - 1.0) ** 2
     yield term("bow of", unit, _bowed, [c @ bow for c in columns])
@@ -152,25 +154,31 @@ def _change(
     return [c / size for c in found]
 
 
-def _played(role: str, unit: str, size: float) -> str:
-    return f"'{role}' shows {_more(-size, unit)} on the way up than on the way down"
+def _played(signal: Signal, size: float) -> str:
+    return f"'{signal.role}' shows {_more(signal, -size)} on the way up than on the way down"
 
 
-def _bowed(role: str, unit: str, size: float) -> str:
-    return f"'{role}' is a curve, {_more(size, unit)} amid its range than a straight line"
+def _bowed(signal: Signal, size: float) -> str:
+    return f"'{signal.role}' is a curve, {_more(signal, size)} amid its range than a straight line"
 
 
-def _aside(role: str, unit: str, size: float) -> str:
-    return f"'{role}' acts as {_more(size, unit)} than it shows where it is negative"
+def _aside(signal: Signal, size: float) -> str:
+    return f"'{signal.role}' acts as {_more(signal, size)} than it shows where it is negative"
 
 
-def _steeper(role: str, unit: str, size: float) -> str:
-    return f"'{role}' acts by {_more(100.0 * size, '%')} where it is negative than elsewhere"
+def _steeper(signal: Signal, size: float) -> str:
+    change = f"{abs(100.0 * size):.3g} % {_way(size)}"
+    return f"'{signal.role}' acts by {change} where it is negative than elsewhere"
 
 
-def _bent(sign: float, place: float, role: str, unit: str, size: float) -> str:
-    return f"'{role}' acts as {_more(sign * size, unit)} at {place:.3g} {unit} than it shows"
+def _bent(sign: float, place: float, signal: Signal, size: float) -> str:
+    change = _more(signal, sign * size)
+    return f"'{signal.role}' acts as {change} at {signal.text(place)} than it shows"
 
 
-def _more(size: float, unit: str) -> str:
-    return f"{abs(size):.3g} {unit} {'more' if size > 0.0 else 'less'}"
+def _more(signal: Signal, size: float) -> str:
+    return f"{signal.text(abs(size))} {_way(size)}"
+
+
+def _way(size: float) -> str:
+    return "more" if size > 0.0 else "less"

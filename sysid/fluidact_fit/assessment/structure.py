@@ -21,11 +21,11 @@ import numpy as np
 from ..errors import Notice
 from ..estimation.noise import noise_floor
 from ..estimation.recursion import run_recursion
-from ..experiment import FloatArray, all_of
-from ..family import Departure, ParameterSpec, Role
+from ..experiment import FloatArray, Signal, all_of
+from ..family import Departure, ParameterSpec
 from ..options import describe
 from ..rows import blocks, by_rows
-from ..units import as_share
+from ..units import after_number, as_share
 from .noisy_inputs import beside_copies
 from .optimum import Optimum, Series, delayed, root_mean_square, shifted
 from .score import Score, Term, judge_term
@@ -113,7 +113,7 @@ def _lags(at: Optimum, role: str, step: float) -> Iterator[Term]:
 
 def _drift(at: Optimum, role: str) -> Term:
     """A channel that drifts: with the time, or from the first row of a log to the last."""
-    unit = at.variant.role(role).unit
+    unit, said = at.signal(role).unit, at.signal(role).text
     of, it = ("", "the output") if len(at.roles) == 1 else (f" of {role}", f"'{role}'")
     timed = all(s.experiment.time.size for s in at.series)
     columns = []
@@ -124,7 +124,7 @@ def _drift(at: Optimum, role: str) -> Term:
     per = "a second" if timed else "from the first row of a log to the last"
     return Term(
         f"drift{of}", f"{unit}/s" if timed else unit,
-        lambda size: f"{it} drifts by {size:.3g} {unit} {per}",
+        lambda size: f"{it} drifts by {said(size)} {per}",
         "Let the sensor warm up, or cut the log with --window." if timed else
         "Go back to the first position at the end and compare. In sorted rows, or in a single "
         "sweep, a drift cannot be told from the curve or from play.", columns,
@@ -141,20 +141,21 @@ def _levels(at: Optimum) -> Iterator[Term]:
     logs = {s.experiment.log: s.experiment.name.split("#")[0] for s in at.series}
     if len(logs) < 2 or any(s.own_level for s in at.series):
         return
+    signal = at.signal(role.name)
     for log, name in logs.items():
         yield Term(
-            f"offset of log {log + 1}", role.unit,
-            partial(_beside, name, role), "Check the zero of the sensors, and whether this log is "
-            "of the same machine in the same state; fit it by itself.",
+            f"offset of log {log + 1}", signal.unit,
+            partial(_beside, name, signal), "Check the zero of the sensors, and whether this log "
+            "is of the same machine in the same state; fit it by itself.",
             [np.full(int(s.used.sum()), (s.role == role.name and s.experiment.log == log) / s.scale)
              for s in at.series],
         )  # fmt: skip
 
 
-def _beside(name: str, role: Role, size: float) -> str:
+def _beside(name: str, signal: Signal, size: float) -> str:
     """What an offset of one log would be."""
     way = "above" if size > 0.0 else "below"
-    return f"'{role.name}' of {name} lies {abs(size):.3g} {role.unit} {way} that of the other logs"
+    return f"'{signal.role}' of {name} lies {signal.text(abs(size))} {way} that of the other logs"
 
 
 def _offered(at: Optimum) -> Iterator[Term]:
@@ -198,7 +199,9 @@ def _departures(at: Optimum) -> Iterator[Term]:
             else np.zeros(int(s.used.sum()))
             for s in at.series
         ]
-        yield Term(d.name, d.unit, partial(_departed, d), d.remedy, columns, positive=d.positive)
+        unit = at.signal(d.of).unit if d.of else d.unit
+        words = partial(_departed, replace(d, unit=unit))
+        yield Term(d.name, unit, words, d.remedy, columns, positive=d.positive)
 
 
 def _departed(departure: Departure, size: float) -> str:
@@ -208,20 +211,22 @@ def _departed(departure: Departure, size: float) -> str:
 
 
 def _impossible(name: str, value: float, unit: str) -> str:
-    return f"{name} were {value:.3g} {unit}, which cannot be"
+    return f"{name} were {value:.3g}{after_number(unit)}, which cannot be"
 
 
 def _instead(spec: ParameterSpec, value: float, change: float) -> str:
     """What another value of a parameter would be."""
     if not spec.minimum <= value + change <= spec.maximum:
         return _impossible(spec.name, value + change, spec.unit)
-    return f"{spec.name} is about {value + change:.3g} {spec.unit} instead of {value:.3g}"
+    return (
+        f"{spec.name} is about {value + change:.3g}{after_number(spec.unit)} instead of {value:.3g}"
+    )
 
 
 def _apart(spec: ParameterSpec, change: float) -> str:
     """How far a parameter is from the one that stood for it, which moves too."""
     way = "above" if change > 0.0 else "below"
-    return f"{spec.name} is {abs(change):.3g} {spec.unit} {way} {spec.general}"
+    return f"{spec.name} is {abs(change):.3g}{after_number(spec.unit)} {way} {spec.general}"
 
 
 def _delay(at: Optimum, role: str, step: float) -> Term:

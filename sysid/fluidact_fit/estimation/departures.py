@@ -27,8 +27,8 @@ def soft_edges(plant: Plant[Any], role: str, edges: tuple[float, float]) -> Depa
         "Edges and slope beside them depend on the shape that is supposed: use them within the "
         "commands of the logs only, or fit commands far from the edges by themselves.",
         partial(_softened, plant, role, edges),
-        plant.variant.role(role).unit,
         positive=True,
+        of=role,
     )
 
 

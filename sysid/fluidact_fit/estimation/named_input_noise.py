@@ -82,9 +82,9 @@ def _notices(
 
     ``before`` is the estimate that took the input for exact.
     """
-    unit = noise.experiments[0].signals[noise.role].unit
+    signal = noise.experiments[0].signals[noise.role]
     errors = np.array([max(solved.std_error(n), 1e-300) for n in solved.names])
-    level = f"'{noise.role}' carries noise of about {noise.sigma:.2g} {unit} rms"
+    level = f"'{noise.role}' carries noise of about {signal.text(noise.sigma, '.2g')} rms"
     most, worst = _largest(found.bias / errors), _largest(found.left / errors)
     if found.weak or not found.converged:
         text = (

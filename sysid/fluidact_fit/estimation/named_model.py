@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import UsageError
 from ..experiment import Array, FloatArray
 from ..family import FamilyOptions, ParameterSpec, Request
+from ..units import after_number
 from .problem import Basis, Problem, Slopes, Solution, Unknown
 from .uncertainty import Uncertainty, covariance, score_covariance
 from .whitening import Whitening
@@ -224,6 +225,6 @@ def check_request(specs: Sequence[ParameterSpec], request: Request[FamilyOptions
             if not (spec.minimum <= pair[0] and pair[1] <= spec.maximum):
                 raise UsageError(
                     f"{option} {name}=...: {pair[0]:g} is outside the possible range",
-                    expected=f"{spec.minimum:g} to {spec.maximum:g} {spec.unit}",
+                    expected=f"{spec.minimum:g} to {spec.maximum:g}{after_number(spec.unit)}",
                     remedy="Give a value inside it (SI units).",
                 )

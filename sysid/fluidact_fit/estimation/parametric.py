@@ -17,7 +17,7 @@ from ..errors import Notice
 from ..experiment import Experiment, FloatArray
 from ..family import FamilyOptions, NoiseLevel, ParameterSpec, Request
 from ..rows import by_rows, square_sum
-from ..units import as_share
+from ..units import after_number, as_share
 from .agreement_of_logs import Drift, compare_logs
 from .blocks import condensed
 from .least_squares import explain
@@ -226,8 +226,8 @@ def at_end_of_search(name: str, value: float, unit: str) -> Refusal:
     """Refuse a parameter that ends where its search does."""
     return Refusal(
         name,
-        f"it ends at {value:.3g} {unit}, as far as the search goes. Should it lie beyond, give "
-        f"--bounds {name}=LOW:HIGH.",
+        f"it ends at {value:.3g}{after_number(unit)}, as far as the search goes. Should it lie "
+        f"beyond, give --bounds {name}=LOW:HIGH.",
     )
 
 

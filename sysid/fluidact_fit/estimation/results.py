@@ -59,13 +59,13 @@ def refuse(spec: ParameterSpec, reason: str, written: str = "") -> Notice:
     return Notice(
         "not-identified",
         f"{spec.name} cannot be determined from these data: {reason} "
-        f"It is written as {written or f'{spec.neutral:g} {spec.unit}'}, status not_identified. "
-        f"{spec.remedy}",
+        f"It is written as {written or f'{spec.neutral:g}{after_number(spec.unit)}'}, status "
+        f"not_identified. {spec.remedy}",
     )
 
 
 def _refusal_notice(refusal: Refusal, spec: ParameterSpec) -> Notice:
-    return refuse(spec, refusal.reason, f"{refusal.value(spec):.4g} {spec.unit}")
+    return refuse(spec, refusal.reason, f"{refusal.value(spec):.4g}{after_number(spec.unit)}")
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ import numpy as np
 from ..errors import Notice
 from ..experiment import BoolArray, Experiment, FloatArray, IndexArray, where_changed, where_finite
 from ..rows import blocks
-from ..units import after_number
 from .columns import Binding
 from .grid import Run
 from .log import Column, Log, count_of, exclude_lines, name_lines
@@ -147,20 +146,20 @@ def check_signals(
         low = min(float(part.min()) for part in parts)
         high = max(float(part.max()) for part in parts)
         column = f"{log.name}: {role} (column '{binding.column.label}')"
-        unit = after_number(binding.role.unit)
+        said = next(e for e in experiments if role in e).signals[role].text
         suspect = suspects.get(role)
         if suspect and any(bool(np.isin(part, suspect.value).any()) for part in parts):
             yield from suspect.notices
         if low == high:
             yield Notice(
                 "constant-signal",
-                f"{column} is always {low:g}{unit}. Check the column and the sensor.",
+                f"{column} is always {said(low, 'g')}. Check the column and the sensor.",
             )
         elif binding.role.hold != "zoh" and (samples := _clipped(parts, low, high)):
             yield Notice(
                 "saturated",
-                f"{column} stays at an end of its range, {low:g} to {high:g}"
-                f"{unit}, for {samples} samples in a row: the sensor or its "
+                f"{column} stays at an end of its range, {said(low, 'g')} to {said(high, 'g')}, "
+                f"for {samples} samples in a row: the sensor or its "
                 "converter may be clipped. Record within its range, or cut the log with --window.",
             )
 

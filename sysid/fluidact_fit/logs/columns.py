@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import LogError, Notice, UsageError, closest
 from ..experiment import is_finite
 from ..family import Role
-from ..units import conversion_factor, same_dimension
+from ..units import conversion_factor, same_dimension, without_size
 from .carry import find_carry
 from .log import Column, Log
 from .stamps import names_time
@@ -48,6 +48,13 @@ class Binding:
     scale: float
     to_si: float
     assumed: bool
+
+    @property
+    def logged_in(self) -> tuple[str, float]:
+        """The unit for messages, without a size before it, and what one of it is in SI."""
+        unit = without_size(self.unit)
+        size = self.to_si / self.scale
+        return unit, size if unit == self.unit else conversion_factor(unit, self.role.unit)
 
 
 def list_columns(log: Log, shown: int = 12) -> str:

@@ -315,6 +315,7 @@ def _measured_signal(
         hold=check_hold(role.name, log.holds.get(role.name)) or role.hold,
         before=float(values[0]),
         resolution=resolution,
+        logged_in=binding.logged_in,
     )
 
 

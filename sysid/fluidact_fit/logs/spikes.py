@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import Notice
-from ..experiment import BoolArray, Experiment, FloatArray, IndexArray
+from ..experiment import BoolArray, Experiment, FloatArray, IndexArray, Signal
 from ..family import Variant
 from ..rows import blocks, median_of
 from .log import count_of
@@ -61,7 +61,7 @@ def replace_spikes(experiment: Experiment, variant: Variant) -> tuple[Experiment
             before=float(values[0]),
             recorded=dict(zip(found.tolist(), signal.values[found].tolist())),
         )
-        notices.append(_notice(experiment, role.name, signal.unit, signal.values, found))
+        notices.append(_notice(experiment, signal, found))
     return replace(experiment, signals=signals), notices
 
 
@@ -162,12 +162,10 @@ def _changes(values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
         yield at.start, np.abs(np.diff(values[at.start : at.stop + 1]))
 
 
-def _notice(
-    experiment: Experiment, role: str, unit: str, values: FloatArray, found: IndexArray
-) -> Notice:
+def _notice(experiment: Experiment, signal: Signal, found: IndexArray) -> Notice:
     timed = experiment.time.size > 0
     listed = ", ".join(
-        f"{values[k]:.4g} {unit}".removesuffix(" 1")
+        signal.text(signal.values[k], ".4g")
         + (f" at t = {experiment.time[k]:.6g} s" if timed else f" in sample {k + 1}")
         for k in found[:_LISTED]
     )
@@ -175,7 +173,7 @@ def _notice(
     stand, was = ("stands", "was") if found.size == 1 else ("stand", "were")
     return Notice(
         "spikes",
-        f"{experiment.name}: {count_of(found.size, 'sample')} of '{role}' {stand} alone, far from "
-        f"the neighbours ({listed}{more}), and {was} replaced by what lies between them. Check the "
-        "cable, the converter and the logger.",
+        f"{experiment.name}: {count_of(found.size, 'sample')} of '{signal.role}' {stand} alone, "
+        f"far from the neighbours ({listed}{more}), and {was} replaced by what lies between them. "
+        "Check the cable, the converter and the logger.",
     )

@@ -9,6 +9,7 @@ from .reading import (
     is_share,
     is_unit,
     pressure_reference,
+    without_size,
 )
 from .spelling import normalise_unit
 
@@ -28,4 +29,5 @@ __all__ = [
     "parse_unit_from_header",
     "pressure_reference",
     "same_dimension",
+    "without_size",
 ]

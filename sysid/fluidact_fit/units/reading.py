@@ -194,6 +194,12 @@ def is_share(unit: str) -> bool:
     return normalise_unit(unit).startswith("%")
 
 
+def without_size(unit: str) -> str:
+    """A unit without the size of a step before it: ``bar`` of ``1/100 bar``."""
+    sized = sized_unit(unit)
+    return sized["unit"] if sized else unit
+
+
 def after_number(unit: str) -> str:
     """A unit as it follows a number in a text: behind a space, nothing for a plain number."""
     return "" if unit == "1" else f" {unit}"

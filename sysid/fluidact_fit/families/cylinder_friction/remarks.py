@@ -117,8 +117,8 @@ def _warn_of_spikes(fit: Fit) -> Iterator[Notice]:
     if count:
         yield Notice(
             "force-spikes",
-            f"{count} of {r.size} moving samples lie more than {limit:.3g} {fit.axis.force_unit} "
-            f"off the fit: spikes of the {fit.axis.sensor}, or contact at the end of the stroke. "
+            f"{count} of {r.size} moving samples lie more than {fit.data[0].say(limit)} off "
+            f"the fit: spikes of the {fit.axis.sensor}, or contact at the end of the stroke. "
             "Look at the picture (--plot) and leave them out with --window.",
         )
 
@@ -136,7 +136,7 @@ def _warn_of_disagreement(fit: Fit) -> Iterator[Notice]:
         yield Notice(
             "logs-disagree",
             f"the logs do not share one friction: in {log}, {side} direction, it is "
-            f"{off:.3g} {fit.axis.force_unit} off the common fit. "
+            f"{fit.data[0].say(off)} off the common fit. "
             + "Friction of seals rises with pressure: fit logs of different pressure separately."
             * (fit.axis is LINEAR)
             + "Fit logs of different load or temperature separately." * (fit.axis is not LINEAR),

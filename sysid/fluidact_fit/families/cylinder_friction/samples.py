@@ -51,6 +51,11 @@ class Data:
     driven: bool
     axis: Axis
 
+    def say(self, force: float, form: str = ".3g") -> str:
+        """A force or torque [SI] for a message, in the unit of the log where it has one."""
+        signal = self.experiment.signals.get(self.axis.drive)
+        return signal.text(force, form) if signal else f"{force:{form}} {self.axis.force_unit}"
+
     @property
     def speed(self) -> FloatArray:
         """Velocities of the kept samples [m/s]."""
@@ -359,7 +364,7 @@ def check_measured(data: Sequence[Data]) -> None:
         return
     axis = data[0].axis
     raise LogError(
-        f"the {axis.drive} is {force[0]:g} {axis.force_unit} in all {force.size} moving samples: "
+        f"the {axis.drive} is {data[0].say(force[0], 'g')} in all {force.size} moving samples: "
         "no sensor does that",
         where=", ".join(d.experiment.name for d in data),
         expected=f"A measured {axis.drive}, with strokes in both directions. Nothing was written.",
