@@ -11,6 +11,7 @@ import pytest
 
 from fluidact_fit import units
 from fluidact_fit.errors import UnitError
+from fluidact_fit.logs.header import _clean_unit
 from fluidact_fit.units import headers, reading
 from fluidact_fit.units.table import ALIASES, AMBIGUOUS, ATOMS, TABLE, UNREAD
 from fluidact_fit.units.words import WORDS
@@ -511,3 +512,25 @@ def test_what_is_written_as_a_unit_and_what_is_a_remark(
 def test_a_long_header_is_looked_at_once(header: str) -> None:
     unit = units.parse_unit_from_header(header)[1]
     assert unit is None or reading.read_unit(unit).fault or len(unit) < 60
+
+
+@pytest.mark.parametrize(
+    ("cell", "unit"),
+    [("[mm]", "mm"), ("bar(g)", "bar(g)"), ("(bar(g))", "bar(g)"), ("[(mm)]", "mm"), ("[]", ""),
+     ("Unit: mm", "mm"), ("N/(m/s)", "N/(m/s)"), ("(N/(m/s))", "N/(m/s)"), ("", "")],
+)  # fmt: skip
+def test_a_cell_of_a_row_of_units(cell: str, unit: str) -> None:
+    assert _clean_unit(cell) == unit
+
+
+def test_a_capital_prefix_is_no_milli() -> None:
+    assert units.conversion_factor("MBAR", "Pa") == 100.0
+    for slip in ("Mbar", "MBar"):
+        with pytest.raises(UnitError):
+            units.conversion_factor(slip, "Pa")
+
+
+def test_words_of_a_remark_are_not_multiplied() -> None:
+    """'t in Sekunden' was tonnes times inches times seconds."""
+    assert units.parse_unit_from_header("t in Sekunden") == ("t", "Sekunden")
+    assert units.parse_unit_from_header("p_1 in daN/cm2") == ("p_1", "daN/cm2")

@@ -93,3 +93,23 @@ def test_names_of_the_columns_beside_those_of_the_rows(tmp_path: Path) -> None:
     """R writes no name above the names of its rows."""
     log = read(tmp_path, ['"t (ms)","p (bar)"', *(f'"{k + 1}",{k}.5,{k % 3}' for k in range(40))])
     assert [c.name for c in log.columns] == ["", "t", "p"]
+
+
+@pytest.mark.parametrize("header", ["pos (mm)", "Kraft", '"F [N]"', "力\nNewton"])
+def test_one_name_above_decimal_commas_is_asked_about(tmp_path: Path, header: str) -> None:
+    """They were read as two columns: the whole parts and the decimals."""
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{k},{7 * k % 100:02d}\n" for k in range(30))
+    path.write_text(f"{header}\n{rows}", encoding="utf-8")
+    with pytest.raises(LogError, match="one column or two"):
+        read_log(path)
+    assert len(read_log(path, decimal=",").columns) == 1
+
+
+def test_units_that_are_fewer_than_blank_separated_columns_are_refused(tmp_path: Path) -> None:
+    """Names and units were left out, and what was in kN taken for N."""
+    path = tmp_path / "a.txt"
+    rows = "".join(f"08:00:{k / 10:06.3f} {0.1 * k:.2f} {k}.5\n" for k in range(30))
+    path.write_text(f"time force x\n  kN mm\n{rows}", encoding="utf-8")
+    with pytest.raises(LogError, match="kN, mm"):
+        read_log(path)

@@ -395,8 +395,20 @@ def _is_unit(cell: str) -> bool:
     return bool(_BRACKETED.fullmatch(text) or looks_like_unit(text) or _CLOCK_FORM.fullmatch(text))
 
 
+def _within(text: str) -> str:
+    """A text without the brackets around all of it: not ``bar(g)``."""
+    depth = 0
+    for i, c in enumerate(text):
+        depth += (c in "[(") - (c in "])")
+        if depth == 0:
+            return text[1:-1].strip() if 0 < i == len(text) - 1 else text
+    return text
+
+
 def _clean_unit(cell: str) -> str:
-    text = cell.strip().strip("[]()").strip()
+    text, inner = cell.strip(), _within(cell.strip())
+    while inner != text:
+        text, inner = inner, _within(inner)
     said = _SAYS_UNIT.match(text)
     text = text[said.end() :] if said else text
     return "" if text.casefold() in _UNIT_ITSELF else text

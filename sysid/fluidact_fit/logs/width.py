@@ -17,6 +17,8 @@ from .layout import Cut, says_nothing
 from .log import count_of
 
 _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
+_COMMAS = re.compile(r"\s*-?\d+,\d+\s*")
+_ROWS = 50  # that are looked at
 _ABOVE = 3  # lines with text in which the names are looked for
 _TIME = {"t", "time", "zeit", "temps", "tiempo", "tempo"}
 
@@ -55,16 +57,21 @@ def fit_header(lines: Sequence[str], start: int, body: Sequence[str], cut: Cut) 
 
 def refuse_other_names(lines: Sequence[str], start: int, cut: Cut, name: str) -> None:
     """Refuse a header right above the table whose names are more or fewer than the columns."""
-    if cut.delimiter == " " or cut.tidy is not None:
-        return
     index = next(iter(_above(lines, start)), None)
-    names = [] if index is None else _names(lines[index], cut)
-    if index is None or len(names) < 2 or len(names) == cut.width:
+    if cut.tidy is not None or index is None:
+        return
+    names, fewest = _names(lines[index], cut), 2
+    if cut.delimiter == " ":  # where words of a remark may be as many as they like, but units not
+        names, fewest = [cell for cell in cut.split(lines[index]) if cell], 1
+        if not all(map(looks_like_unit, names)):
+            return
+    _refuse_commas(lines, start, index, cut, name)
+    if len(names) < fewest or len(names) == cut.width:
         return
     parsed = [parse_unit_from_header(cell) for cell in names]
     units = sum(unit is not None for _, unit in parsed)
     timed = any(text.casefold() in _TIME for text, _ in parsed)
-    if not (timed or 2 * units >= len(names)):
+    if not (timed or 2 * units >= len(names) or cut.delimiter == " "):
         return
     raise LogError(
         f"{count_of(len(names), 'name')} above rows of {count_of(cut.width, 'cell')}: "
@@ -73,6 +80,22 @@ def refuse_other_names(lines: Sequence[str], start: int, cut: Cut, name: str) ->
         expected="Expected one name for every column.",
         remedy="Correct the header (a separator within a name stands between quotes), or give "
         f"--skip-rows {index + 1} and name the columns by their numbers, --column ROLE=#N.",
+    )
+
+
+def _refuse_commas(lines: Sequence[str], start: int, index: int, cut: Cut, name: str) -> None:
+    """Refuse rows of ``13638,95`` below a single name: a column of decimals, or two of numbers."""
+    names = [cell for cell in cut.split(lines[index]) if cell]
+    rows = [line for line in lines[start : start + _ROWS] if line.strip()]
+    named = len(names) == 1 and (_is_name(names[0], cut) or looks_like_unit(names[0]))
+    if not named or not all(map(_COMMAS.fullmatch, rows)):
+        return
+    raise LogError(
+        f"1 name above rows such as '{rows[0].strip()[:40]}', which may be one column or two.",
+        where=f"{name}, line {index + 1}",
+        expected="Expected one name for every column.",
+        remedy="If the comma stands before decimals, give --decimal ','; if it separates, correct "
+        f"the header, or give --skip-rows {index + 1}.",
     )
 
 

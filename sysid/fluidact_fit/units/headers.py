@@ -226,7 +226,7 @@ def looks_like_unit(text: str) -> bool:
     unit = normalise_unit(text)
     if unit in ("degC", "degF", "K") or is_common_unit(text) or _is_certain(text):
         return True
-    return bool(re.search(r"[/*^]", unit)) and "(" not in unit and is_unit(text)
+    return bool(re.search(r"[/*^]", unit)) and "(" not in unit and means_unit(text)
 
 
 def _of_words(text: str) -> tuple[str, str | None]:
@@ -273,13 +273,16 @@ def _suffix(text: str) -> tuple[str, str] | None:
     name, _, unit = text.rpartition("_")
     if not name.strip("_"):
         return None
-    quotient = "/" in unit and unit[0] != "/" and is_unit(unit) and not _is_of_counts(unit)
-    return (name, unit) if quotient or _is_certain(unit) or _fits(unit, name) else None
+    quotient = "/" in unit[1:] and " " not in unit and is_unit(unit) and not _is_of_counts(unit)
+    product = " " in unit and is_common_unit(unit)  # "M_N cm"
+    return (name, unit) if quotient or product or _is_certain(unit) or _fits(unit, name) else None
 
 
 def _is_certain(word: str) -> bool:
     """Whether one word cannot be anything but a unit, be it read or refused."""
-    if word in _DOUBTFUL_HEADERS | _PARTS | _NO_SUFFIXES or fold(word) in REMARKS or "/" in word:
+    if word in _DOUBTFUL_HEADERS | _PARTS | _NO_SUFFIXES or fold(word) in REMARKS:
+        return False
+    if re.search("[ /]", word):
         return False
     letters = word.lstrip("0123456789.,")
     if normalise_unit(letters) == "1":

@@ -44,10 +44,16 @@ def normalise_unit(unit: str) -> str:
     if text in TABLE or text in ALIASES or STANDARD_FLOW.fullmatch(text):
         return ALIASES.get(text, text)
     word = WORDS.get(fold(text))
-    if word is not None:
+    if word is not None and not _is_slip(text, word):
         return word
     text = re.sub(NAME, lambda m: _one_name(m[0], whole=m[0] == text), text)
     return ALIASES.get(text, text)
+
+
+def _is_slip(text: str, symbol: str) -> bool:
+    """Whether a capital M stands for milli: "Mbar", and not "MBAR" or "Millibar"."""
+    same = text.casefold() == symbol.casefold()
+    return same and text[0] == "M" and symbol[0] == "m" and not text.isupper()
 
 
 def _one_name(name: str, whole: bool) -> str:
@@ -55,6 +61,7 @@ def _one_name(name: str, whole: bool) -> str:
     if name in ATOMS:
         return name
     known = _IN_PRODUCTS.get(name) or WORDS.get(fold(name), name)
+    known = name if _is_slip(name, known) else known
     return known if whole or re.fullmatch(r"\w*", known) else f"({known})"
 
 
