@@ -290,7 +290,7 @@ def _is_certain(word: str) -> bool:
     if letters != word:
         return means_unit(word) and (letters in ("V", "N", "s") or len(letters) > 1)
     if len(word) < 3 and ord(max(word, default=" ")) < 0x2E80:
-        return word in ("kn", "MM") or (len(word) == 2 and is_common_unit(word))
+        return fold(word) in ("kn", "mm") or (len(word) == 2 and is_common_unit(word))
     return means_unit(word)
 
 

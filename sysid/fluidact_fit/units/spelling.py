@@ -12,7 +12,7 @@ _RAISED = dict(zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-"))
 _POWERS = re.compile(f"[{''.join(_RAISED)}]+")
 _LETTERS = str.maketrans(
     {"μ": "u", "µ": "u", "°": "deg", "Ω": "ohm", "·": " ", "⋅": " ", "∙": " ", "•": " "}
-    | dict.fromkeys("∕⁄÷", "/") | dict.fromkeys("−‐‑–", "-") | {"∗": "*", "º": "deg"}
+    | dict.fromkeys("−‐‑–", "-") | {"∗": "*", "º": "deg"}
 )  # fmt: skip
 _PER = re.compile(r" (?:per|pro|par|por|al|je|por cada) ", re.IGNORECASE)
 NAME = r"[^\W\d_]\w*"
@@ -26,7 +26,8 @@ _IN_PRODUCTS = {
 
 
 def plain_powers(text: str) -> str:
-    """A text with ``^2`` for ``²``."""
+    """A text with ``^2`` for ``²``, and one sign of division."""
+    text = re.sub("[∕⁄÷]", "/", text)
     return _POWERS.sub(lambda m: "^" + "".join(map(_RAISED.__getitem__, m[0])), text)
 
 
