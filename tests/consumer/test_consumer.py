@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import fluidact_fit as ff
-from fluidact_fit.consumer import Comparison, Key, compare, read_consumer
+from fluidact_fit.consumer import Comparison, Key, compare, hashes_in, read_consumer
+from fluidact_fit.consumer.values import literals_in
 from fluidact_fit.errors import ConsumerError
 from fluidact_fit.export import export
 from fluidact_fit.export.target import Arithmetic
@@ -243,3 +247,85 @@ def test_a_file_agrees_with_its_own_header(
     header.write_text(text.replace(first[1], "SOMETHING_ELSE"))
     found = compare(ff.load(path), read_consumer(header), str(path))
     assert {row.finding for row in found.rows if row.message} == {"ignored", "lacking"}
+
+
+# --------------------------------------------------------------------------------- values
+
+
+@pytest.mark.parametrize(
+    ("text", "due"),
+    [
+        ("0.98f", [(0.98, 0.005)]),
+        ("(-1.50e-3)", [(-1.5e-3, 5e-6)]),
+        ("{1.0f, -2.f, .5}", [(1.0, 0.05), (-2.0, 0.5), (0.5, 0.05)]),
+        ("3", [(3.0, 0.0)]),
+        ("- 4.25L", [(-4.25, 0.005)]),
+        ("2.0f * GAIN", None),
+        ("2.0f / 3.0f", None),
+        ("GAIN", None),
+        ("", None),
+    ],
+)
+def test_literals_say_how_far_their_digits_reach(text: str, due: Any) -> None:
+    found = literals_in(text)
+    assert (found is None) == (due is None)
+    if found is not None:
+        np.testing.assert_allclose(found, due, rtol=1e-12)
+
+
+GAIN = 0.9798702038323934  # of the golden line
+
+
+@pytest.mark.parametrize(
+    ("literal", "agrees"),
+    [
+        (f"{GAIN!r}f", True), ("0.98f", True), ("0.9799", True), ("0.97987f", True),
+        ("9.8e-1f", True), ("(0.980f)", True), ("0.979870200f", True),
+        ("0.97f", False), ("0.9798f", False), ("0.989669f", False), ("1", False), ("1.0f", False),
+        ("0.0f", False), ("-0.98f", False), ("9.8f", False), ("2.0f * 0.5f", True),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize(
+    "form",
+    ["#define LINE_GAIN {}\n", "static const float line_gain = {};\n",
+     "struct s x = {{\n    .gain = {},\n}};\n", "constexpr double kGain{{{}}};\n"],
+)  # fmt: skip
+def test_a_stale_number_is_found(literal: str, agrees: bool, form: str, tmp_path: Path) -> None:
+    path = tmp_path / "controller.h"
+    path.write_text(form.format(literal), encoding="ascii")
+    block = ff.load(GOLDEN / "line.yaml")
+    (row,) = (r for r in compare(block, read_consumer(path)).rows if r.parameter == "gain")
+    assert row.finding == ("agrees" if agrees else "other value")
+    assert ("0.97987" in row.message) == (not agrees)
+
+
+def test_every_number_of_an_export_is_compared(tmp_path: Path) -> None:
+    """Each macro of a header made one per cent larger, lists number by number."""
+    for family in ("line", "force-map", "potentiometer", "hydraulic-cylinder"):
+        source = GOLDEN / f"{family}.yaml"
+        path = export([source], "c", tmp_path / family, accept_not_identified=True)[0]
+        text = path.read_text(encoding="ascii")
+        block = ff.load(source, accept_not_identified=True)
+        assert compare(block, read_consumer(path), source.name).agrees
+        places = list(re.finditer(r"(?<![\w.])\d+\.\d+(?:e[-+]?\d+)?(?=f\b)", text))
+        assert len(places) >= 3
+        for m in places:
+            if float(m[0]) == 0.0:
+                continue
+            changed = f"{text[: m.start()]}{float(m[0]) * 1.01!r}{text[m.end() :]}"
+            path.write_text(changed, encoding="ascii")
+            found = compare(block, read_consumer(path), source.name)
+            assert [r.finding for r in found.rows if r.message] == ["other value"]
+
+
+def test_an_export_of_another_file_is_found(tmp_path: Path) -> None:
+    source = GOLDEN / "line.yaml"
+    (header, *_) = export([source], "c", tmp_path)
+    block, own = ff.load(source), hashlib.sha256(source.read_bytes()).hexdigest()
+    assert hashes_in(header) == {own}
+    keys = read_consumer(header)
+    assert compare(block, keys, sha256=own, exported_from=hashes_in(header)).agrees
+    other = compare(block, keys, sha256="0" * 64, exported_from=hashes_in(header))
+    assert not other.agrees
+    assert "exported from another file" in other.reasons[0]
+    assert compare(block, keys, sha256="0" * 64).agrees

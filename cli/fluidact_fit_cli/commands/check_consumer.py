@@ -38,14 +38,20 @@ def command(params_file: str, consumer: str, as_json: bool, quiet: bool, verbose
 
     Names are compared without regard to case, to the name of the file or family before them, and
     to a unit behind them, as in TIME_CONSTANT_MS.
-    Parameters that the controller ignores, keys that the file lacks and keys in another unit end
-    the command with exit status 5. -v also lists what agrees.
+    Numbers of the code are held against those of the file to the last digit that they are written
+    with. Parameters that the controller ignores, keys that the file lacks, other units, other
+    numbers and an export of another file end the command with exit status 5. -v also lists what
+    agrees.
     """
-    from fluidact_fit.consumer import compare, read_consumer
+    from fluidact_fit.consumer import compare, hashes_in, read_consumer
     from fluidact_fit.control import load
+    from fluidact_fit.export.target import sha256_of
 
     block = load(params_file, accept_failed=True, accept_not_identified=True)
-    found = compare(block, read_consumer(consumer), params_file)
+    found = compare(
+        block, read_consumer(consumer), params_file,
+        sha256=sha256_of(params_file), exported_from=hashes_in(consumer),
+    )  # fmt: skip
     if as_json:
         echo_json(found.to_dict())
     elif not quiet:
@@ -55,7 +61,7 @@ def command(params_file: str, consumer: str, as_json: bool, quiet: bool, verbose
             "the controller does not read what the file holds.",
             where=consumer,
             expected="\n".join(found.reasons),
-            remedy="Correct the list of the controller, or convert where it reads.",
+            remedy="Export again, correct the list of the controller, or convert where it reads.",
         )
 
 

@@ -49,6 +49,7 @@ class Named(NamedTuple):
     name: str
     unit: str
     surely: bool
+    value: str = ""
 
 
 class _Place(NamedTuple):
@@ -58,6 +59,7 @@ class _Place(NamedTuple):
     end: int
     name: str
     constant: bool
+    value: str
 
 
 def names_in(text: str) -> Iterator[Named]:
@@ -71,7 +73,7 @@ def names_in(text: str) -> Iterator[Named]:
     for place in sorted({*_macros(units.code), *_declared(units.code)}):
         if not place.name.endswith(_SCALE):
             unit = units.behind(place.end) or units.above(place.start)
-            yield Named(place.name, unit, place.constant or bool(unit))
+            yield Named(place.name, unit, place.constant or bool(unit), place.value)
 
 
 # ------------------------------------------------------------------------------- comments
@@ -185,18 +187,19 @@ def _macros(code: str) -> Iterator[_Place]:
     for m in _DEFINE.finditer(code):
         value = m["value"].rstrip()
         end = m.start("value") + len(value)
-        yield _Place(m.start("name"), end, m["name"], not _WHOLE.fullmatch(value))
+        yield _Place(m.start("name"), end, m["name"], not _WHOLE.fullmatch(value), value)
 
 
 def _declared(code: str) -> Iterator[_Place]:
     """Yield what statements declare, and members that are given a value by their name."""
     code = _without_bodies(_DIRECTIVE.sub(_blank, code))
     for m in _MEMBER.finditer(code):
-        yield _Place(m.start("name"), m.start() + len(m[0].rstrip()), m["name"], False)
+        value = m[0].partition("=")[2].strip()
+        yield _Place(m.start("name"), m.start() + len(m[0].rstrip()), m["name"], False, value)
     at = 0
     for statement in code.split(";"):
-        for start, end, name, constant in _declared_by(statement):
-            yield _Place(at + start, at + end, name, constant)
+        for start, end, name, constant, value in _declared_by(statement):
+            yield _Place(at + start, at + end, name, constant, value)
         at += len(statement) + 1
 
 
@@ -212,7 +215,7 @@ def _declared_by(statement: str) -> Iterator[_Place]:
             return
         value = (found["value"] or "").strip("={} \t\n")
         fraction = constant and value != "" and not _WHOLE.fullmatch(value)
-        yield _Place(found.start("name"), end, found["name"], fraction)
+        yield _Place(found.start("name"), end, found["name"], fraction, value)
 
 
 def _parts(statement: str, start: int) -> Iterator[tuple[int, int]]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Container, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from itertools import takewhile
 from pathlib import PurePath
 from typing import Any, Literal
+
+import numpy as np
 
 from ..block import Block
 from ..errors import closest
@@ -15,6 +17,7 @@ from ..export.flat import flatten
 from ..export.target import Entry, safe_name
 from ..units import SUFFIXES, conversion_factor, is_known_unit, normalise_unit, same_dimension
 from .read import Key
+from .values import differing, literals_in
 
 # Words behind a name that say a unit, the longest first: a macro has no small letters.
 _SUFFIXES = {
@@ -23,7 +26,7 @@ _SUFFIXES = {
 
 _SUGGESTED = 20  # lacking keys that a similar one is sought for
 
-Finding = Literal["agrees", "ignored", "lacking", "other unit"]
+Finding = Literal["agrees", "ignored", "lacking", "other unit", "other value"]
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,8 @@ class Row:
         Its unit there; empty where there is none or none is said.
     finding
         ``"ignored"`` is a parameter that the controller does not read, ``"lacking"`` a key that
-        the file does not hold.
+        the file does not hold. ``"other value"`` is a number that the controller's does not round
+        to.
     message
         What is wrong, a whole sentence; empty where nothing is.
     """
@@ -53,26 +57,35 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All keys of a file and a controller."""
+    """All keys of a file and a controller.
+
+    ``stale`` says that the controller was exported from another file; empty where it was not, or
+    does not say from which.
+    """
 
     rows: tuple[Row, ...]
+    stale: str = ""
 
     @property
     def agrees(self) -> bool:
-        """Whether the controller reads every parameter, nothing else, and in the same units."""
+        """Whether the controller reads every parameter, nothing else, in its unit and value."""
         return not self.reasons
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """What is wrong, one sentence for each key."""
-        return tuple(row.message for row in self.rows if row.message)
+        return tuple(filter(None, (self.stale, *(row.message for row in self.rows))))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the comparison as plain data."""
-        return {"agrees": self.agrees, "keys": [asdict(row) for row in self.rows]}
+        keys = [asdict(row) for row in self.rows]
+        return {"agrees": self.agrees, "stale": self.stale, "keys": keys}
 
 
-def compare(block: Block, keys: Sequence[Key], path: str = "") -> Comparison:
+def compare(
+    block: Block, keys: Sequence[Key], path: str = "", *, sha256: str = "",
+    exported_from: Collection[str] = (),
+) -> Comparison:  # fmt: skip
     """Compare the keys that a controller reads with a parameter file.
 
     A controller has to read every parameter. What the file says besides (model, options,
@@ -87,6 +100,8 @@ def compare(block: Block, keys: Sequence[Key], path: str = "") -> Comparison:
         What the controller reads.
     path
         Name of the parameter file.
+    sha256, exported_from
+        That of the file, and those that the controller names as where it comes from.
     """
     entries = {_plain(entry.key): entry for entry in flatten(block)}
     own = [block.family, *([safe_name(PurePath(path).name)] if path else [])]
@@ -97,7 +112,7 @@ def compare(block: Block, keys: Sequence[Key], path: str = "") -> Comparison:
         name, unit = _find(key, entries, prefixes)
         if name:
             read.add(name)
-            rows.append(_compare_units(entries[name], key._replace(unit=unit)))
+            rows.append(_compare_key(entries[name], replace(key, unit=unit)))
         elif key.surely or _plain(key.name).startswith(own_prefixes):
             lacking += 1
             rows.append(_lacking(key, entries if lacking <= _SUGGESTED else ()))
@@ -106,7 +121,10 @@ def compare(block: Block, keys: Sequence[Key], path: str = "") -> Comparison:
         for name, entry in entries.items()
         if entry.key == entry.parameter and name not in read
     ]
-    return Comparison(tuple(rows))
+    stale = ""
+    if exported_from and sha256 not in exported_from:
+        stale = "The controller was exported from another file, or this one has changed since."
+    return Comparison(tuple(rows), stale)
 
 
 def _plain(name: str) -> str:
@@ -146,6 +164,28 @@ def _lacking(key: Key, names: Iterable[str]) -> Row:
 def _ignored(entry: Entry) -> Row:
     message = f"{entry.key}: the controller does not read it."
     return Row(entry.key, "", entry.unit, "", "ignored", message)
+
+
+def _compare_key(entry: Entry, key: Key) -> Row:
+    """Compare units, and numbers where the controller has any."""
+    row, literals = _compare_units(entry, key), literals_in(key.value)
+    if row.finding != "agrees" or literals is None or isinstance(entry.value, bool | str):
+        return row
+    factor = conversion_factor(entry.unit or "1", key.unit) if key.unit else 1.0
+    numbers = np.atleast_1d(np.asarray(entry.value, dtype=float)) * factor
+    if numbers.size != len(literals):
+        why = f"the controller has {len(literals)} numbers, the file {numbers.size}"
+        return replace(row, finding="other value", message=f"{entry.key}: {why}.")
+    at = differing(numbers, literals)
+    if at is None:
+        return row
+    which = f" {at + 1}" if numbers.size > 1 else ""
+    unit = f" {key.unit or entry.unit}".removesuffix(" 1")
+    message = (
+        f"{entry.key}: number{which} of the controller is {literals[at].value:.9g}{unit}, that of "
+        f"the file {numbers[at]:.9g}{unit}."
+    )
+    return replace(row, finding="other value", message=message)
 
 
 def _compare_units(entry: Entry, key: Key) -> Row:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import PurePath
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..errors import ConsumerError, ParameterFileError
 from ..files import open_regular
@@ -17,21 +18,29 @@ _MAX_BYTES = 10_000_000
 _HEADERS = (".h", ".hpp", ".hh", ".hxx", ".c", ".cpp", ".cc", ".ino")
 _YAML = (".yaml", ".yml")
 
+_HASH = re.compile(r"SHA-256 of the file: ([0-9a-f]{64})\b")
 _LISTED = re.compile(
     r"(?P<name>[A-Za-z_][\w.-]*)\s*(?:\[(?P<unit>[^\]]*)\]|[,;\t](?P<cell>.*))?\s*"
 )
 
 
-class Key(NamedTuple):
+@dataclass(frozen=True)
+class Key:
     """A key that a controller reads; ``unit`` is empty where its list does not say.
 
     ``surely`` is false of what C code may hold for any purpose: a key only where the parameter
-    file has one of that name.
+    file has one of that name. ``value`` is what the code gives it, as it is written.
     """
 
     name: str
     unit: str = ""
     surely: bool = True
+    value: str = field(default="", compare=False)
+
+
+def hashes_in(path: str | os.PathLike[str]) -> frozenset[str]:
+    """SHA-256 of the files that a controller's file says it was exported from."""
+    return frozenset(_HASH.findall(_text(os.fspath(path))))
 
 
 def read_consumer(path: str | os.PathLike[str]) -> list[Key]:
@@ -67,7 +76,7 @@ def read_consumer(path: str | os.PathLike[str]) -> list[Key]:
         kind = "name [unit] on each line"
     if not keys:
         raise ConsumerError("holds no keys.", where=where, expected=f"Expected {kind}.")
-    return list(dict.fromkeys(keys))
+    return list({(key, key.value): key for key in keys}.values())
 
 
 def _text(where: str) -> str:
@@ -118,9 +127,18 @@ def _leaves(tree: Mapping[str, Any], above: str) -> Iterator[Key]:
             continue
         if isinstance(part.get("type"), str):
             units = BRACKETS.findall(str(part.get("description", "")))
-            yield Key(above + name, units[-1].strip() if units else "")
+            unit = units[-1].strip() if units else ""
+            yield Key(above + name, unit, value=_default(part.get("default_value")))
         else:
             yield from _leaves(part, f"{above}{name}.")
+
+
+def _default(value: Any) -> str:
+    """A default value of a declaration as code writes it; empty for what is no number."""
+    numbers = value if isinstance(value, list) else [value]
+    if any(isinstance(v, bool) or not isinstance(v, int | float) for v in numbers):
+        return ""
+    return ", ".join(map(repr, numbers))
 
 
 # ---------------------------------------------------------------------------- list

@@ -15,24 +15,26 @@ from ..routines.evaluate import DOUBLE, Arithmetic
 Rounded = Callable[[FloatArray], FloatArray]
 _PAIRS = 6  # of rows on both sides, for each comparison
 _BISECTIONS = 60
-_NEAR = (0.0, 1e-6, 1e-4, 1e-2)  # of the way from an edge to where the search for it began
+_NEAR = (0.0, 1e-6, 1e-4, 1e-3, 3e-3, 1e-2)  # of the way from an edge to where it began
 
 
 def uniform(routine: Routine, count: int, rng: np.random.Generator) -> FloatArray:
     """Arguments drawn over their ranges, one in eight at an end, at zero or close to one.
 
+    Of one row in eight all are: a product of arguments has to be small, too.
+
     Returns
     -------
     (count, k)
     """
-    columns = []
+    columns, whole = [], rng.uniform(0.0, 1.0, count) < 0.125
     for a in routine.arguments:
         span = a.high - a.low
         values = a.low + span * rng.uniform(0.0, 1.0, count)
         marks = np.array([a.low, a.high, np.clip(0.0, a.low, a.high)])
         off = span * 10.0 ** rng.uniform(-8.0, -1.0, count) * rng.choice([-1.0, 0.0, 1.0], count)
         special = np.clip(rng.choice(marks, count) + off, a.low, a.high)
-        columns.append(np.where(rng.uniform(0.0, 1.0, count) < 0.125, special, values))
+        columns.append(np.where(whole | (rng.uniform(0.0, 1.0, count) < 0.125), special, values))
     return np.column_stack(columns) if columns else np.zeros((count, 0))
 
 

@@ -22,7 +22,8 @@ from .rounding import robust
 Tolerance = Callable[[Routine, FloatArray], float]
 
 _SEED = 20_260
-_POOL = 1500  # arguments to choose from
+_TRIES = 8  # places at which ends of ranges are looked at
+_POOL = 2000  # arguments to choose from
 _SEQUENCES = 64  # or sequences
 _CALLS = 24  # of a sequence, beside what a dead time takes
 _LONGEST = 240
@@ -97,7 +98,8 @@ def _pool(
     plain = uniform(routine, _POOL, rng)
     near, ends = edges(routine, plain[:400]), _ends(routine, rng)
     if not routine.keeps:
-        rows = np.concatenate([ends, plain[:_PLAIN], near, plain[_PLAIN:]])
+        more = [_ends(routine, rng) for _ in range(_TRIES)]  # where no flag hides them
+        rows = np.concatenate([ends, plain[:_PLAIN], *more, near, plain[_PLAIN:]])
         return rounded(rows)[None], len(ends) + _PLAIN
     if routine.careful and nan:
         ends = _with_nan(ends, rng)

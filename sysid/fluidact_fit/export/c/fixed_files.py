@@ -30,7 +30,8 @@ from .language import WIDTH, wrapped
 
 _PLAIN = 6  # golden vectors that are drawn whatever they show
 _MOST = 240
-_POOL = 2500  # arguments to choose from
+_TRIES = 4  # places at which ends of ranges are looked at
+_POOL = 4000  # arguments to choose from
 _SEED = 20_262
 _ABOUT_TEST = (
     "golden vectors. main returns 0 when all hold to the last bit, otherwise the number of the "
@@ -264,7 +265,7 @@ def _pool(f: Fixed) -> Integers:
     rng, units = np.random.default_rng(_SEED), 2.0 ** np.array(f.units)
     low, high = np.array(f.ends).T
     ends = []
-    for j in range(low.size):
+    for j in [*range(low.size)] * _TRIES:
         for value in (low[j], low[j] - 1, high[j], high[j] + 1, low[j] - 999, high[j] + 999):
             row = rng.integers(low, high + 1)
             row[j] = value
