@@ -61,6 +61,17 @@ def edges(routine: Routine, rows: FloatArray) -> FloatArray:
     return np.concatenate(found) if found else rows[:0]
 
 
+def edges_at_rest(routine: Routine, rows: FloatArray) -> FloatArray:
+    """Edges among rows of which one argument after the other is zero: branches of rest."""
+    found = [rows[:0]]
+    for j, a in enumerate(routine.arguments):
+        if len(routine.arguments) > 1 and a.low <= 0.0 <= a.high:
+            still = rows.copy()
+            still[:, j] = 0.0
+            found.append(edges(routine, still))
+    return np.concatenate(found)
+
+
 def _sides(routine: Routine, rows: FloatArray) -> Any:
     """Which side of every comparison is the smaller one; shape ``(comparisons, rows)``."""
     seen: list[Any] = []

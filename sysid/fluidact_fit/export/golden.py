@@ -15,13 +15,14 @@ import numpy.typing as npt
 
 from ..experiment import FloatArray
 from ..routines import Routine
-from .excitation import Rounded, edges, run, sequences, uniform
+from .excitation import Rounded, edges, edges_at_rest, run, sequences, uniform
 from .mutants import mutants_of
 from .rounding import robust
 
 Tolerance = Callable[[Routine, FloatArray], float]
 
 _SEED = 20_260
+_PROBE = 400  # among which edges are looked for
 _TRIES = 8  # places at which ends of ranges are looked at
 _POOL = 2000  # arguments to choose from
 _SEQUENCES = 64  # or sequences
@@ -96,7 +97,8 @@ def _pool(
 ) -> tuple[FloatArray, int]:
     """What is chosen from, ``(calls, count, k)``, and how many of the first are taken anyway."""
     plain = uniform(routine, _POOL, rng)
-    near, ends = edges(routine, plain[:400]), _ends(routine, rng)
+    ends, some = _ends(routine, rng), plain[:_PROBE]
+    near = np.concatenate([edges(routine, some), edges_at_rest(routine, some)])
     if not routine.keeps:
         more = [_ends(routine, rng) for _ in range(_TRIES)]  # where no flag hides them
         rows = np.concatenate([ends, plain[:_PLAIN], *more, near, plain[_PLAIN:]])

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...errors import UsageError
-from ..excitation import edges, run, uniform
+from ..excitation import edges, edges_at_rest, run, uniform
 from ..golden import cover
 from ..target import Code, plain_text
 from .constants import Macro, macros_of
@@ -31,7 +31,8 @@ from .language import WIDTH, wrapped
 _PLAIN = 6  # golden vectors that are drawn whatever they show
 _MOST = 240
 _TRIES = 4  # places at which ends of ranges are looked at
-_POOL = 4000  # arguments to choose from
+_EACH = 3  # rows for every place of a table
+_POOL = 3000  # arguments to choose from
 _SEED = 20_262
 _ABOUT_TEST = (
     "golden vectors. main returns 0 when all hold to the last bit, otherwise the number of the "
@@ -245,7 +246,8 @@ def vectors_of(f: Fixed) -> list[list[int]]:
     AssertionError
         If one of them is farther from the model than the header says.
     """
-    program, given = Program.of(f), _pool(f)
+    program = Program.of(f)
+    given = _pool(f, program)
     outputs, outside = program(given)
     units = 2.0 ** np.array(f.units)
     model, _ = run(f.routine, (given * units)[None])
@@ -260,7 +262,7 @@ def vectors_of(f: Fixed) -> list[list[int]]:
     return [list(map(int, row)) for row in rows]
 
 
-def _pool(f: Fixed) -> Integers:
+def _pool(f: Fixed, program: Program) -> Integers:
     """Arguments in mantissas: both ends of every range, what lies beyond, and many within."""
     rng, units = np.random.default_rng(_SEED), 2.0 ** np.array(f.units)
     low, high = np.array(f.ends).T
@@ -271,10 +273,13 @@ def _pool(f: Fixed) -> Integers:
             row[j] = value
             ends.append(row)
     within = uniform(f.routine, _POOL, rng)
-    near = edges(f.routine, within[:400])
+    some = within[:400]
+    near = np.concatenate([edges(f.routine, some), edges_at_rest(f.routine, some)])
     many = np.round(np.concatenate([within, near]) / units).astype(int)
     around = many[_POOL:] + rng.integers(-1, 2, many[_POOL:].shape)
-    return np.clip(np.concatenate([ends, many, around]), -32768, 32767)
+    more = np.round(uniform(f.routine, 10 * _POOL, rng) / units).astype(int)
+    spread = program.spread(np.clip(more, low, high), _EACH, rng)
+    return np.clip(np.concatenate([ends, many, around, spread]), -32768, 32767)
 
 
 def _test_of(code: Code, f: Fixed, number: int) -> list[str]:

@@ -65,6 +65,14 @@ class Program:
 
     def __call__(self, rows: Integers) -> tuple[Integers, Any]:
         """Outputs and flags for arguments ``(n, k)``."""
+        names, outside = self._names(rows)
+        for condition in self.flags:
+            outside |= np.asarray(self._value(condition, names), dtype=bool)
+        found = np.broadcast_to(self._value(self.output, names), (len(rows),))
+        return found.astype(np.int64), outside
+
+    def _names(self, rows: Integers) -> tuple[dict[str, Any], Any]:
+        """What every step gives, and which arguments were clamped."""
         names: dict[str, Any] = {}
         outside = np.zeros(len(rows), dtype=bool)
         for (name, low, high), given in zip(self.arguments, rows.T.astype(np.int64)):
@@ -75,10 +83,19 @@ class Program:
                 names[line.name] = _looked_up(line.value, names[line.value.place])
             else:
                 names[line.name] = self._value(line.value, names)
-        for condition in self.flags:
-            outside |= np.asarray(self._value(condition, names), dtype=bool)
-        found = np.broadcast_to(self._value(self.output, names), (len(rows),))
-        return found.astype(np.int64), outside
+        return names, outside
+
+    def spread(self, rows: Integers, each: int, rng: np.random.Generator) -> Integers:
+        """Some of the rows: a few for each place of every table that is read with them."""
+        names = self._names(rows)[0]
+        wanted: set[int] = set()
+        for line in self.lines:
+            if isinstance(line.value, Lookup):
+                cells = np.broadcast_to(_cells(line.value, names[line.value.place]), len(rows))
+                for _ in range(each):
+                    order = rng.permutation(len(rows))
+                    wanted.update(order[np.unique(cells[order], return_index=True)[1]].tolist())
+        return rows[sorted(wanted)]
 
     def _value(self, text: str, names: Mapping[str, Any]) -> Any:
         return _Reader(text, names, self.biases).choice()
@@ -123,6 +140,16 @@ def _changed_line(line: Line) -> Iterable[str | Lookup]:
         if number & (number - 1):
             for other in _others(number):
                 yield f"{value[: found.start(1)]}{other}{value[found.end(1) :]}"
+
+
+def _cells(lookup: Lookup, place: Any) -> Integers:
+    """Which entry of a table stands before a place."""
+    found = np.zeros(np.shape(place), dtype=np.int64)
+    for piece in lookup.table.pieces:
+        here = np.asarray(place) >= piece.first
+        step = (np.asarray(place) - piece.first) >> max(piece.shift, 0)
+        found = np.where(here, piece.start + np.minimum(step, max(piece.cells - 1, 0)), found)
+    return found
 
 
 def _looked_up(lookup: Lookup, place: Any) -> Integers:
