@@ -211,9 +211,25 @@ def test_constants_are_the_numbers_of_the_controller(kind: str, tmp_path: Path) 
         assert parameters["smoothing"] == controller.smoothing.reading
 
 
+BARE = {
+    "pd": ("bandwidth: 6.0, damping_ratio: 0.9, friction: static,\n  velocity_tolerance: 2.0e-3",
+           "proportional: 900.0, derivative: 0.0"),
+    "impedance": ("damping_ratio: 1.0, sum_of_pressures: 6.0e+5, friction: all",
+                  "damping: 0.0, sum_of_pressures: 6.0e+5, friction: none"),
+}  # fmt: skip
+
+
 @needs_gcc
-@pytest.mark.parametrize("kind", LOOPS)
-def test_self_test_of_a_controller_passes(kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", [*LOOPS, *(f"bare {kind}" for kind in BARE)])
+def test_self_test_of_a_controller_passes(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where gains are zero, and nothing is kept for them."""
+    bare, kind = kind.startswith("bare"), kind.removeprefix("bare ")
+    if bare:
+        text = LOOPS[kind][0].replace(*BARE[kind])
+        assert text != LOOPS[kind][0]
+        monkeypatch.setitem(LOOPS, kind, (text, LOOPS[kind][1]))
     sources = [str(path) for path in exported(tmp_path, kind)[1:]]
     sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     command = ["gcc", "-O1", *STRICT, *sanitizers, *sources, "-lm", "-o", str(tmp_path / "run")]

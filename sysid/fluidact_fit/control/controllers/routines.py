@@ -111,8 +111,10 @@ def _pd(c: PDController, unit: str) -> Routine:
     reference, measured = map(draft.argument, _arguments(c.travel))
     error = draft.let("error", reference - measured)
     low_pass = Butterworth(c.cutoff, c.sample_time)
-    rate = _rate(draft, "error_rate", error, low_pass, c.sample_time)
-    command = c.gains.proportional * error + c.gains.derivative * rate
+    command = c.gains.proportional * error
+    if c.gains.derivative:
+        rate = _rate(draft, "error_rate", error, low_pass, c.sample_time)
+        command = command + c.gains.derivative * rate
     if c.holding:
         command = command + c.holding
     f = c.friction
@@ -128,12 +130,17 @@ def _force(c: ImpedanceController) -> Routine:
     draft = Draft("force", about, "N", c.sample_time, careful=True)
     reference, measured = map(draft.argument, _arguments(c.travel))
     low_pass = Butterworth(c.cutoff, c.sample_time)
-    speed = _rate(draft, "speed", measured, low_pass, c.sample_time)
-    wanted = _rate(draft, "wanted_speed", reference, low_pass, c.sample_time)
     z, f = c.impedance, c.friction
-    force = z.stiffness * (reference - measured) + z.damping * (wanted - speed)
-    force = force + f.viscous * speed
-    if f.coulomb_positive or f.coulomb_negative:
+    coulomb = f.coulomb_positive or f.coulomb_negative
+    force = z.stiffness * (reference - measured)
+    if z.damping or f.viscous or coulomb:
+        speed = _rate(draft, "speed", measured, low_pass, c.sample_time)
+    if z.damping:
+        wanted = _rate(draft, "wanted_speed", reference, low_pass, c.sample_time)
+        force = force + z.damping * (wanted - speed)
+    if f.viscous:
+        force = force + f.viscous * speed
+    if coulomb:
         sign = choose(speed, "<", -f.tolerance, -f.coulomb_negative, 0.0, jumps=True)
         sign = choose(speed, ">", f.tolerance, f.coulomb_positive, sign, jumps=True)
         force = force + sign
