@@ -48,7 +48,7 @@ class _Curve:
 
     def __init__(self, values: Mapping[str, float], command: Argument) -> None:
         self.gain, self.zone = values["gain"], values["dead_zone"]
-        self.k, self.width = values["curvature"] + 1e-12, values["hysteresis"]
+        self.k, self.width = max(values["curvature"], 1e-12), values["hysteresis"]
         reach = max(command.high, -command.low, self.zone) + 0.5 * self.width
         self.top = min(values.get("saturation_command", reach), reach)
         self.most = max(self.top - self.zone, 0.0)
