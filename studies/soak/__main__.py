@@ -9,14 +9,14 @@ import tempfile
 import time
 from pathlib import Path
 
-from . import batches, logs, options, parameters, processes, recordings
+from . import batches, hostile, logs, options, parameters, processes, recordings
 from .case import SEED, Part, Result
 from .pool import run_case, run_part
 from .table import page, shown
 
 PAGE = Path(__file__).parents[2] / "docs" / "soak.md"
 PARTS: tuple[Part, ...] = (
-    *logs.PARTS, *parameters.PARTS, *options.PARTS, *processes.PARTS, *batches.PARTS,
+    *logs.PARTS, *parameters.PARTS, *options.PARTS, *processes.PARTS, *batches.PARTS, *hostile.PARTS,
     *recordings.PARTS,
 )  # fmt: skip
 

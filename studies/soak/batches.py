@@ -158,7 +158,7 @@ def journal(case: Case) -> Result:
     subprocess.run([*words, str(out)], check=True, capture_output=True)
     path = out / NAME
     content = path.read_bytes()
-    how = case.rng.choice(("cut", "garbled", "line lost", "strange line"))
+    how = case.rng.choice(("cut", "garbled", "line lost", "strange line", "digit", "type"))
     case.tell(how)
     lines = content.splitlines(keepends=True)
     # but for the first, without which files are no longer known as the batch's own
@@ -170,6 +170,15 @@ def journal(case: Case) -> Result:
         content = content[:k] + case.rng.randbytes(4) + content[k + 4 :]
     elif how == "line lost":
         content = b"".join(lines[:at] + lines[at + 1 :])
+    elif how == "digit":
+        places = [k for k in range(first, len(content)) if content[k : k + 1].isdigit()]
+        k = case.rng.choice(places)
+        content = content[:k] + str((content[k] - 47) % 10).encode() + content[k + 1 :]
+    elif how == "type":
+        entry = json.loads(lines[at])
+        name = case.rng.choice(sorted(entry))
+        entry[name] = case.rng.choice((None, 1, "x", [], {}, [1], True, 1.5))
+        content = b"".join([*lines[:at], json.dumps(entry).encode() + b"\n", *lines[at + 1 :]])
     else:
         strange = (b"{}", b"null", b'{"job": []}', b"[" * 3000, b'{"job": "u1", "exit": "x"}')
         content += case.rng.choice(strange) + b"\n"
