@@ -16,8 +16,8 @@ from .table import page, shown
 
 PAGE = Path(__file__).parents[2] / "docs" / "soak.md"
 PARTS: tuple[Part, ...] = (
-    *logs.PARTS, *parameters.PARTS, *options.PARTS, *processes.PARTS, *batches.PARTS, *hostile.PARTS,
-    *recordings.PARTS,
+    *logs.PARTS, *parameters.PARTS, *options.PARTS, *processes.PARTS, *batches.PARTS,
+    *hostile.PARTS, *recordings.PARTS,
 )  # fmt: skip
 
 
