@@ -22,7 +22,7 @@ from fluidact_fit.errors import UsageError, in_python
         ("--sample-time S, or", "sample_time=S, or"),
         ("--area M2.", "area=M2."),
         ("Give --force to replace it", "Give overwrite=True to replace it"),
-        ("--input speed=FROM:TO, or", "inputs={'speed': FROM:TO}, or"),
+        ("--input speed=FROM:TO, or", "inputs={'speed': StepInput(FROM, TO)}, or"),
         ("well-known, 3--4, a -- b", "well-known, 3--4, a -- b"),
     ],
 )
@@ -47,7 +47,12 @@ def test_an_error_speaks_python_and_keeps_the_words_of_the_command_line() -> Non
         ("--thousands ' '.", "thousands=' '."),
         ("--invalid=drop", "invalid='drop'"),
         ("--unwrap angle=TURN (or", "unwrap={'angle': TURN} (or"),
-        ("--step inlet=0:1@2", "steps={'inlet': '0:1@2'}"),
+        ("--step inlet=0:1@2 (Pa)", "steps={'inlet': StepInput(0, 1, 2)} (Pa)"),
+        ("--step inlet=FROM:TO@T.", "steps={'inlet': StepInput(FROM, TO, T)}."),
+        ("--bounds gain=LOW:HIGH.", "bounds={'gain': (LOW, HIGH)}."),
+        ("--window 0.5:3,", "window=(0.5, 3),"),
+        ("--window START:END)", "window=(START, END))"),
+        ("--rails 3:1020 to", "rails=(3, 1020) to"),
     ],
 )
 def test_advice_is_one_that_python_takes(told: str, python: str) -> None:

@@ -25,6 +25,7 @@ _MAPPINGS = {
 # Given once for every part on the command line; in Python one keyword holds them all.
 _REPEATED = re.compile(r"exclude=('[^']*')(?: exclude='[^']*')+")
 _PART = re.compile(r"exclude=('[^']*')")
+_COLON = re.compile(r"([^:@]+):([^:@]+)(?:@([^:@]+))?")
 _PLAIN = re.compile(r"[-+0-9.e]+|nan|inf|(?=.*[A-Z])[A-Z0-9:_@]+|[\"'\[].*|\.\.\.|True|False|None")
 _VALUE = r"\"[^\"]*\"|'[^']*'|\[[^\]\n]{0,200}\]|\.\.\.|[^\s,;()]*[^\s,;().:]"
 _OPTION = re.compile(
@@ -33,7 +34,7 @@ _OPTION = re.compile(
     rf"| (?P<sign>'[^']*')"
     rf"|[ =]\"(?P<quoted>[A-Za-z_][A-Za-z0-9_]*)=(?P<text>[^\"]*)\""
     rf"|[ =](?P<key>[A-Za-z_][A-Za-z0-9_]*)=(?P<item>{_VALUE})"
-    rf"|=(?P<value>{_VALUE})| (?P<number>-?[0-9][0-9.e+-]*[0-9]|-?[0-9]|[A-Z][A-Z0-9:_]*)\b)?"
+    rf"|=(?P<value>{_VALUE})| (?P<number>-?[0-9][0-9.:e+-]*[0-9]|-?[0-9]|[A-Z][A-Z0-9:_]*)\b)?"
 )
 
 
@@ -119,7 +120,7 @@ def in_python(text: str) -> str:
             return f"{word}={{{found['quoted']!r}: {found['text']!r}}}"
         if found["key"] is None:
             value = found["value"] or found["number"] or ""
-            return f"{word}={_quoted(value)}" if value else word
+            return f"{word}={_value(word, value)}" if value else word
         return _entry(name in _MAPPINGS, word, found["key"], found["item"])
 
     return _REPEATED.sub(_listed, _OPTION.sub(keyword, text))
@@ -127,11 +128,23 @@ def in_python(text: str) -> str:
 
 def _entry(mapping: bool, word: str, key: str, value: str) -> str:
     """A keyword with one entry of a mapping, or with text of both."""
-    return f"{word}={{{key!r}: {_quoted(value)}}}" if mapping else f"{word}={key + '=' + value!r}"
+    if mapping:
+        return f"{word}={{{key!r}: {_value(word, value)}}}"
+    return f"{word}={key + '=' + value!r}"
 
 
 def _listed(found: re.Match[str]) -> str:
     return f"exclude=[{', '.join(_PART.findall(found[0]))}]"
+
+
+def _value(word: str, value: str) -> str:
+    """What a keyword takes: a pair or a step where the command line has a colon."""
+    found = _COLON.fullmatch(value)
+    if found and word in ("bounds", "window", "rails") and not found[3]:
+        return f"({found[1]}, {found[2]})"
+    if found and word in ("steps", "inputs"):
+        return f"StepInput({', '.join(filter(None, found.groups()))})"
+    return _quoted(value)
 
 
 def _quoted(value: str) -> str:

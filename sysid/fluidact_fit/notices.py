@@ -52,7 +52,7 @@ _READING = {
         "An angle begins again after every full turn (or a counter overflows); it was continued.",
         "Nothing; give `--unwrap ROLE=none` if it jumps there.",
     ),
-    "clock-doubtful": _warning(
+    "clock-doubtful": _information(
         "Clock times may be read in several ways, and the column does not tell which; it was not "
         "read.",
         "Export the times in seconds, or name another column of time.",
