@@ -19,6 +19,7 @@ from .log import count_of
 _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 _COMMAS = re.compile(r"\s*-?\d+,\d+\s*")
 _ROWS = 50  # that are looked at
+_BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)")
 _ABOVE = 3  # lines with text in which the names are looked for
 _TIME = {"t", "time", "zeit", "temps", "tiempo", "tempo"}
 
@@ -43,7 +44,7 @@ def fit_header(lines: Sequence[str], start: int, body: Sequence[str], cut: Cut) 
     for index in _above(lines, start):
         names = _names(lines[index], cut)
         count = len(names)
-        if names and all(map(looks_like_unit, filter(None, names))):
+        if any(map(_is_unit, names)) and _is_longer(lines, start, index, cut, cells):
             continue  # where the last has no unit, the row of units is shorter than that of names
         if count == cut.width:
             return cut, 0
@@ -53,6 +54,16 @@ def fit_header(lines: Sequence[str], start: int, body: Sequence[str], cut: Cut) 
             trailing = cells > count
             return replace(cut, width=count, trailing=trailing), max(count - usual, 0)
     return cut, 0
+
+
+def _is_unit(cell: str) -> bool:
+    return bool(_BRACKETED.fullmatch(cell)) or looks_like_unit(cell)
+
+
+def _is_longer(lines: Sequence[str], start: int, index: int, cut: Cut, cells: int) -> bool:
+    """Whether a row of names above another one, below which they are, has more of them."""
+    above = [i for i in _above(lines, start) if i < index]
+    return any(cut.width < len(_names(lines[i], cut)) <= cells for i in above[:1])
 
 
 def refuse_other_names(lines: Sequence[str], start: int, cut: Cut, name: str) -> None:
