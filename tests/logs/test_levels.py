@@ -35,6 +35,9 @@ def read(folder: Path, lines: list[str], **options: object) -> Log:
         (["No.,Time,Analog 1,Analog 2", ",ms,Servo speed,Servo torque"],
          ["No.", "Time", "Analog 1 Servo speed", "Analog 2 Servo torque"],
          [None, "ms", None, None]),
+        (["ms,Servo speed,Servo torque,", "Time,Analog 1,Analog 2,Analog 3"],
+         ["Time", "Servo speed Analog 1", "Servo torque Analog 2", "Analog 3"],
+         ["ms", None, None, None]),
         (["Kanal 1,Kanal 2,Kanal 3,Kanal 4", "t,u,y,z"], ["t", "u", "y", "z"], [None] * 4),
         (["time,in,out,min", "s,-,V,V"], ["time", "in", "out", "min"], ["s", "-", "V", "V"]),
     ],
@@ -44,7 +47,7 @@ def test_units_beside_names(
 ) -> None:
     log = read(tmp_path, [*head, *ROWS])
     assert [c.header for c in log.columns] == names
-    assert [c.unit for c in log.columns] == units
+    assert [c.unit or None for c in log.columns] == units
     assert (log.rows, log.account.header_lines) == (40, 2)
 
 

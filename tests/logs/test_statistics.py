@@ -91,6 +91,25 @@ def test_the_word_in_other_columns(tmp_path: Path, head: str, row: str, below: l
 
 
 @pytest.mark.parametrize(
+    "below",
+    [
+        [",Mean,Std", ",3.0,4.0"],
+        ["ADC,Mean,Std", ",3.0,4.0", ",5.0,6.0"],
+        ["Mean,,", "3.0,4.0,5.0"],
+        ["Mean,,", "3.0,4.0,5.0", "Std,,", "1.0,1.0,1.0"],
+        ["=AVERAGE(A2:A25),=AVERAGE(B2:B25),=AVERAGE(C2:C25)"],
+        ["# Mean,3,4"],
+        ["Statistics", "Mean,3,4"],
+        ["Statistik:,,", "Mittelwert:,3,4", "Stdabw.:,3,4"],
+    ],
+)
+def test_statistics_below_names_of_their_own(tmp_path: Path, below: list[str]) -> None:
+    log = read(tmp_path, [HEAD, *ROWS, *below])
+    assert log.rows == 24
+    assert left_out(log) == list(range(26, 26 + len(below)))
+
+
+@pytest.mark.parametrize(
     "rows",
     [
         [f"{k},{('min', 'run', 'max')[k % 3]},{k}.5" for k in range(24)],

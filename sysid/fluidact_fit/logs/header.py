@@ -116,6 +116,8 @@ def find_header(
         ]
     levels = _levels(names, rows)
     own = [said, below] if any(below) else [said]
+    if units is not None and units.index < names.index:
+        own.reverse()
     parts = join_levels([row.cells for row in levels], own)
     if index_row is not None:
         parts[0] = (index_row.cells[0],)
@@ -196,16 +198,16 @@ def _levels(names: _Row, rows: Sequence[_Row]) -> list[_Row]:
 
 
 def _beside_names(rows: Sequence[_Row]) -> tuple[_Row, _Row] | None:
-    """Rows of names of which the lower one has units for some columns: ``ms`` below ``Time``."""
+    """Rows of names of which one has units for some columns: ``ms`` below ``Time``, or above."""
     if len(rows) < 2 or any(not row.is_header or row.is_mixed for row in rows[:2]):
         return None
-    lower, upper = rows[:2]
-    for name, cell in zip(upper.cells, lower.cells):
-        unit = _clean_unit(cell)
-        timed = (names_time(name) or name.casefold() in ("t", "x", "x-axis")) and is_unit(unit)
-        bracketed = bool(name) and _BRACKETED.fullmatch(cell) and looks_like_unit(unit)
-        if bracketed or (timed and looks_like_unit(cell) and same_dimension(unit, "s")):
-            return upper, lower
+    for names, units in (rows[1::-1], rows[:2]):
+        for name, cell in zip(names.cells, units.cells):
+            unit = _clean_unit(cell)
+            timed = (names_time(name) or name.casefold() in ("t", "x", "x-axis")) and is_unit(unit)
+            bracketed = bool(name) and _BRACKETED.fullmatch(cell) and looks_like_unit(unit)
+            if bracketed or (timed and looks_like_unit(cell) and same_dimension(unit, "s")):
+                return names, units
     return None
 
 

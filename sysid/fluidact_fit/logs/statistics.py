@@ -33,7 +33,8 @@ _STATISTIC = re.compile(
 )
 _ANYWHERE = re.compile(rf"(?<![^\W\d_])({_WORDS})(?![^\W\d_]{{3}})", re.IGNORECASE)
 _LABELLED = re.compile(rf"[\s\"']*({_WORDS})(?![^\W_])", re.IGNORECASE)
-_WORD = re.compile(r"[^\W\d_][^\W\d_. -]{2,}[^\d]*")
+_WORD = re.compile(r"[^\W\d_][^\W\d_. -]{2,}[^\d]*|=.*")  # or a formula
+_MOST_APART = 20  # rows of statistics below names of their own
 
 
 def begins_with_statistic(line: str) -> bool:
@@ -60,8 +61,11 @@ def find_statistics(rows: Sequence[Sequence[str]], text: str, cut: Cut) -> dict[
             at = [k for k, c in enumerate(row) if len(c) < LONG_CELL and _STATISTIC.fullmatch(c)]
             if len(at) == 1:  # one word says what the numbers beside it are
                 labels[at[0]][index] = row[at[0]].strip()
+            elif at and len(rows) - index <= _MOST_APART and not any(map(cut.is_value, row)):
+                found |= dict.fromkeys(range(index, len(rows)), row[at[0]].strip())
         for column, words in labels.items():
             found |= _of_column(rows, column, words, cut)
+        found |= _without_label(rows, found, cut)
     return found | _below(rows, found, cut)
 
 
@@ -105,6 +109,15 @@ def _with_neighbours(
 def _is_text(cell: str, cut: Cut) -> bool:
     cell = cell.strip()
     return not says_nothing(cell) and not cut.is_value(cell)
+
+
+def _without_label(
+    rows: Sequence[Sequence[str]], known: Mapping[int, str], cut: Cut
+) -> dict[int, str]:
+    """Rows of numbers below a row with nothing but the word for them, in pairs to the last one."""
+    alone = [k for k in known if not any(cut.is_value(cell.strip()) for cell in rows[k])]
+    pairs = [k for k in alone if k + 1 < len(rows) and k + 1 not in known]
+    return {k + 1: known[k] for k in pairs if k + 2 == len(rows) or k + 2 in known}
 
 
 def _below(rows: Sequence[Sequence[str]], known: Mapping[int, str], cut: Cut) -> dict[int, str]:

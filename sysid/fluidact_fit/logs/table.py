@@ -136,7 +136,8 @@ def _read_fast(source: Source, layout: Layout, offset: int) -> Table | None:
 
 def _holds_few_words(texts: Mapping[int, str], rows: int) -> bool:
     """Whether a column holds words in some rows, not in most."""
-    words = sum(text[:1].isalpha() and not says_nothing(text) for text in texts.values())
+    filled = (text for text in texts.values() if text and not says_nothing(text))
+    words = sum(text[0].isalpha() or text[0] in "=#" for text in filled)
     return 0 < 2 * words < rows
 
 
