@@ -227,3 +227,28 @@ def test_classic_netcdf(tmp_path: Path, version: int) -> None:
     assert [(c.header, c.unit) for c in log.columns] == [("time", "seconds"), ("p", "bar")]
     np.testing.assert_allclose(log.columns[1].values[1:], 0.01 * np.arange(199))
     assert np.isnan(log.columns[1].values[0])
+
+
+def test_long_vectors_are_not_there_twice(tmp_path: Path) -> None:
+    values = np.sin(np.arange(float(1 << 20) + 7.0))
+
+    def fill(file: h5py.File) -> None:
+        file.create_dataset("rig/x", data=values, chunks=(1 << 15,), compression="lzf")
+        put(file, "rig/y", values, {"scale_factor": 2.0})
+
+    log = read_hdf5(tmp_path, fill)
+    np.testing.assert_array_equal(log.columns[0].values, values)
+    np.testing.assert_array_equal(log.columns[1].values, 2.0 * values)
+
+
+def test_a_file_that_is_still_open_for_writing(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file["t"] = T
+        file.flush()
+        np.testing.assert_array_equal(read_log(tmp_path / "log.h5").columns[0].values, T)
+
+
+@pytest.mark.parametrize("unit", ["bar", np.bytes_(b"bar"), ["bar"], np.array([b"bar"])])
+def test_units_however_they_are_written(tmp_path: Path, unit: Any) -> None:
+    log = read_hdf5(tmp_path, lambda f: put(f, "p", T, {"Unit": unit}))
+    assert log.columns[0].unit == "bar"

@@ -176,3 +176,13 @@ def test_nothing_waits_for_a_reader_that_is_interrupted(
         read_log(path)
     assert started[0].returncode == -9
     assert time.monotonic() - began < 50.0
+
+
+def test_no_room_is_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(*_: Any, **__: Any) -> Any:
+        raise OSError(12, "Cannot allocate memory")
+
+    path = write(tmp_path / "log.parquet")
+    monkeypatch.setattr(native, "_recording", none)
+    with pytest.raises(LogError, match="no room to read it"):
+        read_log(path)

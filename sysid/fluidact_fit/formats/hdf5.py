@@ -18,6 +18,7 @@ from .tables import add_array, add_packed
 
 _MOST_OBJECTS = 20_000
 _DEEPEST = 32
+_LONG = 1 << 20  # numbers, from which they are not there twice
 _CLASSES = {"double", "single", "logical", "int8", "int16", "int32", "int64", "uint8", "uint16",
             "uint32", "uint64"}  # fmt: skip
 
@@ -118,6 +119,10 @@ class _Reader:
             self._follow(node, name, path, lengths, depth)
             return
         self._bound(node, full(path, name))
+        long = node.dtype == np.float64 and node.ndim == 1 and node.size > _LONG
+        if long and not attributes and _never_written(node) is None:
+            node.read_direct(self.sink.room(name, node.size, group=path))
+            return
         values = node[()]
         if node.dtype.names:
             for field in node.dtype.names:

@@ -36,6 +36,16 @@ _BASE = 1 << 30  # of memory, with libraries and threads
 _SECONDS, _SPEED = 8.0, 5e5  # of processor time, and bytes of the file that take a second more
 _WAIT = 30.0  # s on the clock beyond four times that, for disks far away
 _LONGEST = 1 << 26  # bytes of a description
+_ENVIRONMENT = {
+    # threads take room of which there is a limit
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NUMEXPR_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",  # those of Arrow, too
+    "MALLOC_ARENA_MAX": "2",
+    "ARROW_DEFAULT_MEMORY_POOL": "system",  # its own one sets a GB aside
+    "HDF5_USE_FILE_LOCKING": "FALSE",  # on drives that know none; a change is seen all the same
+}
 
 
 @dataclass(frozen=True)
@@ -94,6 +104,18 @@ def read_apart(reader: str, source: Path | bytes, name: str, **how: Any) -> Reco
     LogError
         When it cannot be read, or not within the limits, or changes meanwhile.
     """
+    try:
+        return _read_apart(reader, source, name, how)
+    except (OSError, MemoryError) as error:
+        raise LogError(
+            f"there is no room to read it ({str(error) or type(error).__name__}).",
+            where=name,
+            expected="Expected memory for its numbers, and a folder for temporary files.",
+            remedy="Free memory, or export the recording in parts.",
+        ) from None
+
+
+def _read_apart(reader: str, source: Path | bytes, name: str, how: Mapping[str, Any]) -> Recording:
     with ExitStack() as stack:
         folder: list[str] = []
 
@@ -181,8 +203,7 @@ def _blank(name: str, private: Any) -> Iterator[_Shared]:
 def _run(task: Mapping[str, Any], shared: tuple[_Shared, ...], name: str) -> tuple[int, str]:
     """Run the process to its end; returns its status, and the checksum of the first file."""
     words = [sys.executable, "-I", "-c", _START, json.dumps(_paths()), json.dumps(task)]
-    few = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    environment = {**os.environ, **few, "MALLOC_ARENA_MAX": "2"}
+    environment = {**os.environ, **_ENVIRONMENT}
     descriptors = tuple(number for s in shared for number in s.inherited)
     nothing = subprocess.DEVNULL
     try:
