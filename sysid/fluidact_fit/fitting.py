@@ -194,6 +194,7 @@ def _open(
     opened, judged = together[: len(given)], together[len(given) :]
     variant = choose_variant(opened, family.variants_for(request.options))
     _check_noise(request.noise, family, variant)
+    require_agreement(together, variant)
     experiments, notices = _prepare(opened, variant)
     sources = [
         provenance(log, [e for e in experiments if e.log == i]) for i, log in enumerate(opened)

@@ -8,6 +8,7 @@ from studies.red_team.attacks import line
 
 import fluidact_fit as ff
 from attack_finder import find_attack
+from fluidact_fit.errors import UnitError
 from fluidact_fit.experiment import Signal
 from fluidact_fit.families import get_family
 from fluidact_fit.logs import experiments
@@ -60,6 +61,14 @@ def test_a_signal_that_does_not_change(unit: str, text: str) -> None:
 def _experiment_notices(log: ff.Log) -> list[str]:
     (variant,) = get_family("line").variants
     return [n.message for n in experiments(log, variant)[1]]
+
+
+def test_a_fit_in_volts_is_not_judged_by_a_log_in_pascals() -> None:
+    """The rmse of one in the unit of the other was 140,000 V, and the verdict PASS."""
+    u = np.repeat(np.random.default_rng(1).uniform(1.0, 5.0, 20), 100)
+    volts = {"time": T, "inlet [V]": u, "outlet [V]": u}
+    with pytest.raises(UnitError, match="a voltage, and .* a pressure"):
+        ff.fit("line", volts, validate=[{"time": T, "inlet [Pa]": u, "outlet [Pa]": u}])
 
 
 def test_the_units_of_a_fit_are_those_of_its_logs() -> None:

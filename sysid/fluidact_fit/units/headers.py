@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from functools import lru_cache
 from typing import NamedTuple
 
 from .reading import LONGEST, is_common_unit, is_unit, means_unit
@@ -207,9 +208,11 @@ def _holds_unit(text: str) -> bool:
     )
 
 
+@lru_cache(maxsize=4096)  # the words of a header are those of many
 def _is_nearly_unit(word: str) -> bool:
     """Whether a word is the misspelt name of a unit: ``milimeter``."""
-    return len(word) > 4 and bool(difflib.get_close_matches(fold(word), UNIT_NAMES, 1, 0.87))
+    names = [name for name in UNIT_NAMES if abs(len(name) - len(word)) < 3]
+    return len(word) > 4 and bool(difflib.get_close_matches(fold(word), names, 1, 0.87))
 
 
 def _is_plain(word: str) -> bool:
