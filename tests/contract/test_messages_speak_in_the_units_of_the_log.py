@@ -67,7 +67,7 @@ def test_a_fit_in_volts_is_not_judged_by_a_log_in_pascals() -> None:
     """The rmse of one in the unit of the other was 140,000 V, and the verdict PASS."""
     u = np.repeat(np.random.default_rng(1).uniform(1.0, 5.0, 20), 100)
     volts = {"time": T, "inlet [V]": u, "outlet [V]": u}
-    with pytest.raises(UnitError, match="a voltage, and .* a pressure"):
+    with pytest.raises(UnitError, match=r"a voltage, and .* a pressure"):
         ff.fit("line", volts, validate=[{"time": T, "inlet [Pa]": u, "outlet [Pa]": u}])
 
 
