@@ -216,7 +216,7 @@ def hms(seconds: float) -> str:
     ("cell", "step"),
     [
         (lambda k: f"0:{hms(3500 + k)}", 1.0),  # days, hours, minutes, seconds
-        (lambda k: f"{k // 86400}:{hms(86_000 + k)}", 1.0),
+        (lambda k: f"{(86_300 + k) // 86400:02}:{hms((86_300 + k) % 86400)}", 1.0),
         (lambda k: f"001:{hms(43_000 + k // 2)}.{5 * (k % 2)}00", 0.5),  # IRIG
         (lambda k: f"123:{hms(43_000 + 10 * k)}", 10.0),
         (lambda k: f"{(86_300 + k) // 86400}:{hms((86_300 + k) % 86400)}", 1.0),
@@ -249,6 +249,7 @@ def test_forms_of_clocks(tmp_path: Path, cell: Callable[[int], str], step: float
         (lambda k: f"{hms(3600 + k // 24)}:{k % 24:02}", "frames, 24 to a second"),
         (lambda k: f"{hms(3600 + k // 30)};{k % 30:02}", "frames, 30 to a second"),
         (lambda k: f"{hms(3600 + k // 30)}:{k % 30}", "frames, 30 to a second"),
+        (lambda k: f"{hms(60 + k // 60)}:{k % 60:02}", "may be days, hours, minutes and seconds"),
         (lambda k: f"0:{hms(60 * k)}", "may be days, hours, minutes and seconds, or"),
         (lambda k: f"{hms(3600)}:{k % 20:02}" if k < 20 else f"{hms(3600 + k)}:05", "may be days"),
         (lambda k: f"2024-05-01T{hms(k)}{'Z' * (k % 2)}", "name several zones (UTC, none)"),
@@ -278,10 +279,10 @@ def test_two_numbers_may_be_minutes_or_hours(tmp_path: Path, cell: Callable[[int
 
 
 @pytest.mark.parametrize("end", ["", ".25"])
-@pytest.mark.parametrize("start", [43_000, 3_590, 86_000])
-def test_digits_of_a_clock_are_no_count(tmp_path: Path, start: int, end: str) -> None:
+@pytest.mark.parametrize(("start", "step"), [(43_000, 1), (3_590, 1), (82_000, 20), (10, 60)])
+def test_digits_of_a_clock_are_no_count(tmp_path: Path, start: int, step: int, end: str) -> None:
     """They skip from 115659 to 115700: 41 s where one had passed."""
-    rows = [f"{hms(start + k).replace(':', '').lstrip('0')}{end},{k}.5" for k in range(200)]
+    rows = [f"{hms(start + step * k).replace(':', '').lstrip('0')}{end},{k}.5" for k in range(200)]
     bound = read_log(read(tmp_path, "time,p", rows).path, columns={"outlet": "p"})
     with pytest.raises(LogError, match="digits of a clock"):
         experiments(bound, Variant("any", ROLES, ()))

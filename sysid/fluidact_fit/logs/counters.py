@@ -62,12 +62,12 @@ def digits_of_clock(stamps: FloatArray) -> int | None:
     """Return the first row after which numbers skip as the digits of a clock do, at 59 seconds.
 
     ``None`` where they do not: no two digits of an even count stop at 59 before the next one goes
-    up. Looked at are whole seconds, with or without a fraction behind them, and milliseconds.
+    up. Looked at are seconds and minutes, with or without a fraction or milliseconds behind them.
     """
     if stamps.size < 3:
         return None
     low, high = float(stamps.min()), float(stamps.max())
-    for size in (1.0, 1_000.0):
+    for size in (1.0, 100.0, 1_000.0, 100_000.0):
         if high // (100 * size) == low // (100 * size):
             continue  # no skip can lie between
         if not all(_may_be_digits(np.floor(stamps[at] / size)) for at in blocks(stamps.size)):

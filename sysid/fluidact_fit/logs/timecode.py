@@ -34,14 +34,18 @@ def read_fourth(stamps: Sequence[Stamp | None]) -> Reading:
     fractions = any(n[4] for n in numbers)
     widths = {len(n[3]) for n in numbers}
     counted = np.array([[int(x or 0) for x in n[:4]] for n in numbers], dtype=np.float64).T
-    second, third, last = counted[1:]
+    first, second, third, last = counted
     carry = find_carry(np.cumsum(np.mod(np.diff(third, prepend=third[0]), 60.0)), last)
     if len(widths) == 1 and not fractions and (min(widths) >= 3 or last.max() >= 60):
         return _each(stamps, _fraction)  # digits that are filled up stand behind a point
     dated = any(s is not None and (s.day is not None or s.slashed is not None) for s in stamps)
     in_days = not dated and second.max() <= 23 and third.max() <= 59 and last.max() <= 59
     in_days = in_days and (carry is None or carry.is_at(60))
-    said = fractions or all(len(n[0]) == 3 for n in numbers) or carry is not None
+    # frames are counted up to 60 as well, but their hours have two digits
+    widths_of_first = {len(n[0]) for n in numbers}
+    rolled = (np.diff(first) == 1) & (second[:-1] == 23) & (second[1:] == 0)
+    said = fractions or widths_of_first == {3} or bool(rolled.any())
+    said = said or (carry is not None and 1 in widths_of_first)
     if in_days and said:
         return Reading(_each(stamps, _in_days).stamps, days=True)
     if fractions:
