@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -295,13 +295,12 @@ class _Mapping(mmap.mmap):
 
     owner: int | None = None
 
-    def __del__(self) -> None:
-        remove = getattr(mmap, "MADV_REMOVE", None)
-        if remove is not None and self.owner == os.getpid():  # a copy of this process shares them
-            try:
+    def __del__(
+        self, remove: int | None = getattr(mmap, "MADV_REMOVE", None), pid: Any = os.getpid
+    ) -> None:
+        if remove is not None and self.owner == pid():  # a copy of this process shares them
+            with suppress(OSError, ValueError):
                 self.madvise(remove)
-            except (OSError, ValueError):
-                return
 
 
 def _recording(described: Mapping[str, Any], numbers: BinaryIO, sha256: str) -> Recording:
