@@ -17,6 +17,7 @@ from fluidact_fit.family import Role, Variant
 from fluidact_fit.logs import experiments, read_log
 from fluidact_fit_cli.main import run
 
+ROOT = Path(__file__).parents[2]
 VARIANT = Variant(
     "any",
     (
@@ -188,3 +189,15 @@ def test_batch_takes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     )
     assert run(["batch", "jobs.csv", "-o", "out", "-q"]) == 0
     assert (tmp_path / "out/one.yaml").exists()
+
+
+def test_holes_of_a_machine_that_is_tried_for_losses(tmp_path: Path) -> None:
+    """Forces at instants of their own made the examination divide by nothing."""
+    lines = (ROOT / "datasets/hydrostatic/trial2.csv").read_text(encoding="utf-8").splitlines()
+    for at in range(60, 900, 70):
+        lines[at] = lines[at].rpartition(",")[0] + ","
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    columns = {"force": "F [N]", "position": "x [mm]"}
+    result = ff.fit("hydrostatic", path, columns=columns, invalid="drop")
+    assert result.parameters["mass"].value == pytest.approx(53.8, abs=3.0)

@@ -166,7 +166,9 @@ def test_inspect_says_so(tmp_path: Path) -> None:
     assert "angle-wraps" in {n["code"] for n in describe(read_log(path))["notices"]}
 
 
-def friction(folder: Path, name: str, *, wrapped: bool, speed: float = 1.0) -> Path:
+def friction(
+    folder: Path, name: str, *, wrapped: bool, speed: float = 1.0, turn: float = 360.0
+) -> Path:
     """Strokes of a shaft at several speeds, and its torque."""
     rng = np.random.default_rng(3)
     time = 0.01 * np.arange(3000)
@@ -175,7 +177,7 @@ def friction(folder: Path, name: str, *, wrapped: bool, speed: float = 1.0) -> P
         velocity[500 * k : 500 * (k + 1)] = speed * v * np.clip(np.arange(500) / 30, 0, 1)
     angle = 400.0 + np.degrees(np.cumsum(velocity) * 0.01)
     torque = 0.05 * np.sign(velocity) + 0.002 * velocity + 1e-4 * rng.normal(size=3000)
-    shown = angle % 360.0 if wrapped else angle
+    shown = angle % turn if wrapped else angle
     rows = [f"{t:.2f},{a:.5f},{q:.6f}" for t, a, q in zip(time, shown, torque)]
     path = folder / name
     path.write_text("\n".join(["time [s],angle [deg],torque [N m]", *rows]) + "\n", "utf-8")
@@ -215,3 +217,20 @@ def test_the_choice_of_the_user_is_used_again(
     log = read_log(friction(tmp_path, "wrapped.csv", wrapped=True), unwrap={"angle": None})
     found, _ = experiments(log, VARIANT)
     assert provenance(log, found)["columns"]["angle"]["turn"] == 0.0
+
+
+def test_a_turn_that_was_given_is_used_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An angle of the field, which turns twice with the shaft."""
+    monkeypatch.chdir(tmp_path)
+    friction(tmp_path, "a.csv", wrapped=True, turn=180.0)
+    friction(tmp_path, "b.csv", wrapped=True, turn=180.0, speed=0.9)
+    assert run(["cylinder-friction", "a.csv", "-q"]) == 3
+    assert run(["cylinder-friction", "a.csv", "--unwrap", "angle=180", "-q"]) == 0
+    fitted = ff.load("cylinder-friction.yaml").document
+    assert fitted.provenance.logs[0].columns["angle"].turn == 180.0
+    for log in ("a.csv", "b.csv"):
+        for columns in ([], ["--column", "angle=#2"]):
+            assert run(["check", "cylinder-friction.yaml", log, *columns, "-q"]) == 0
+        assert run(["simulate", "cylinder-friction.yaml", log, "-o", "s.csv", "-f", "-q"]) == 0
