@@ -94,9 +94,13 @@ LONG = [f"{k},{k}.5,{k}.25" for k in range(400)]
         (["Channel: far", "t,p,q"], ["Channel: near", "t,p,q"], "a second block"),
         (["Name,far,", "t,p,q"], ["", "Name,near,", "t,p,q"], "a second block"),
         (["# sensor: far", "t,p,q"], ["# sensor: near", "t,p,q"], "a second block"),
-        (["0.Variable; far", "t,p,q"], ["1.Variable; near", "t,p,q"], "a second block"),
         (["Messstelle = far", "t,p,q"], ["Messstelle = near", "t,p,q"], "a second block"),
         (["t,p,q"], ["Kanal 2", "t,p,q"], "a second block"),
+        (["[p_far]"], ["[p_near]"], "a second block"),
+        (["# GVL.p_far"], ["# GVL.p_near"], "a second block"),
+        (["p_far,,"], ["p_near,,"], "a second header"),
+        (["Unit: bar", "t,p,q"], ["Unit: mbar", "t,p,q"], "a second block"),
+        (["t,p,q"], ["", "x,y,z"], "a second header"),
     ],
 )
 def test_a_block_that_does_not_go_on_is_refused(
@@ -124,6 +128,12 @@ def test_a_block_that_does_not_go_on_is_refused(
 def test_another_run_goes_on(tmp_path: Path, first: list[str], second: list[str]) -> None:
     log = read(tmp_path, [*first, *LONG, *second, *LONG])
     assert log.rows == 800
+
+
+def test_names_of_fewer_columns_above_a_row_are_refused(tmp_path: Path) -> None:
+    lines = ["t,p,q", *LONG, "", "t,p", "1,2", "2,3", ""]
+    with pytest.raises(LogError, match="line 403: the columns change: 2 columns from here on"):
+        read(tmp_path, lines)
 
 
 @pytest.mark.parametrize("head", [["f,amplitude"], []])

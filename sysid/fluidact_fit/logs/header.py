@@ -313,7 +313,9 @@ def _look_at(index: int, line: str, cut: Cut, counting: bool = False) -> _Row:
     cells: list[str] = []
     for text in (line, _COMMENT.sub("", line)):
         cells = cut.split(text)
-        if cut.delimiter != " " and 0 < len(cells) < cut.width and _are_units(cells, 1.0):
+        said = len(cells) == 1 and _SAYS_UNIT.match(cells[0])  # of a block, not of its first column
+        short = 0 < len(cells) < cut.width and not said
+        if cut.delimiter != " " and short and _are_units(cells, 1.0):
             # Empty cells at the end were not written.
             return _Row(index, cells + [""] * (cut.width - len(cells)), False, True, mixed)
     while len(cells) > cut.width and not cells[-1]:

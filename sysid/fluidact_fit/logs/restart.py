@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 
 from ..errors import LogError
 from ..units import looks_like_unit, parse_unit_from_header
@@ -15,6 +16,7 @@ _ONE = r"(?:channel|kanal|canal|voie|variable|signal|sensor|trace|curve|kurve)"
 _CHANNEL = re.compile(rf"(?:\w+\.)?{_ONE}(?: ?name)?")
 _SEPARATOR = re.compile(r"(\s*[:;=,|\t]\s*)")
 _NAMED = re.compile(rf"{_ONE}(\s+)\S+$", re.IGNORECASE)
+_IDENTIFIER = re.compile(r"\[[^\]\s]+\]|(?=\D*[._])[^\W\d][\w.]*")  # [p_far], GVL.p
 _WORDS = re.compile(r"[^\W\d_]+")
 _OF_DATE = re.compile(
     r"(mon|tue|wed|thu|fri|sat|sun|mo|di|mi|do|fr|sa|so|jan|feb|mar|mär|apr|may|mai|jun|jul|aug|sep"
@@ -41,7 +43,7 @@ def refuse_other_header(
     distinct = all(texts) and len(set(texts)) == len(texts) > 1
     if layout.units_row is not None and all(map(looks_like_unit, texts)):
         known = list(layout.units)
-    elif not _names_columns(texts, known) and not (apart and distinct):
+    elif not (_names_columns(texts, known) or (apart and distinct) or _alike(texts, known)):
         return
     pairs = enumerate(zip(texts, known), start=1)
     other = [
@@ -63,6 +65,12 @@ def refuse_other_header(
         expected=_SAME,
         remedy=_remedy(line),
     )
+
+
+def _alike(texts: Sequence[str], known: Sequence[str]) -> bool:
+    """Whether names stand in the same places, and others are empty."""
+    places = [list(map(bool, row)) for row in (texts, known)]
+    return places[0] == places[1] and not all(places[0])
 
 
 def refuse_other_blocks(
@@ -87,6 +95,9 @@ def refuse_other_blocks(
     if layout.hints.serial or layout.groups:
         return
     _refuse_other_rows(lines, [r for r in ragged if r[0] > last], layout, name)
+    for (number, fields), below in pairwise(ragged):
+        if below == (number + 1, fields) and fields not in (1, layout.width):
+            _refuse_names_above_row(lines, number, layout, name)
     labels: dict[str, str] = {}
     for index, line in enumerate(lines[: layout.first_row]):
         if index in (layout.header_row, layout.units_row):
@@ -100,10 +111,10 @@ def refuse_other_blocks(
         if number > last or (before is None and not channel) or not key or before == value:
             continue
         if channel or _letters(value) != _letters(before or ""):
-            above = f"'{key}' is '{before[:40]}'" if before else "nothing like it stands"
+            above = f"it is '{before[:40]}'" if before else "nothing like it stands"
             raise LogError(
-                f"a second block begins here: '{lines[number - 1].strip()[:80]}', where above the "
-                f"first one {above}.",
+                f"a second block begins here: '{lines[number - 1].strip()[:80]}'; above the first "
+                f"one {above}.",
                 where=f"{name}, line {number}",
                 expected="Expected one table, whose columns stand side by side.",
                 remedy="Export the channels side by side, or cut the file in parts and give each "
@@ -127,11 +138,20 @@ def _refuse_other_rows(
             raise _change(fields, layout.width, first, name)
 
 
+def _refuse_names_above_row(lines: Sequence[str], number: int, layout: Layout, name: str) -> None:
+    """Refuse a line of names, some of them known, and a row below it with a cell for each."""
+    names, row = (layout.split(line) for line in lines[number - 1 : number + 1])
+    if _is_row(row, layout) and _are_words(names, layout) and _names_columns(names, layout.headers):
+        raise _change(len(names), layout.width, number, name)
+
+
 def _label(line: str) -> tuple[str, str]:
     """What a line names and what it says of it, both without separators: ``channel`` and ``2``."""
     words = line.strip().strip("#%;,|\t ")
     if len(words) > LONG_CELL:
         return "", ""
+    if _IDENTIFIER.fullmatch(words) and not _CHANNEL.match(words.casefold()):
+        return "a name", words  # of what is recorded below it
     found = _SEPARATOR.search(words) or _NAMED.match(words)
     digits = "".join(filter(str.isdigit, words))
     key, value = (words[: found.start(1)], words[found.end(1) :]) if found else (words, digits)
