@@ -127,6 +127,13 @@ def test_days_and_months_are_not_guessed(
         assert log.columns[0].bad[0] == rows[0].partition(",")[0]
 
 
+@pytest.mark.parametrize("dates", [("24-05-31", "24-06-01"), ("24-05-01", "24-05-02")])
+def test_years_of_two_digits_that_stand_first(tmp_path: Path, dates: tuple[str, str]) -> None:
+    rows = [f"{d} 12:00:{s:02},{s}" for d in dates for s in range(20)]
+    log = read(tmp_path, "time,p", rows)
+    assert [n.code for n in log.notices] == ["dates-doubtful"]
+
+
 @pytest.mark.parametrize("first", [True, False])
 def test_a_log_that_passes_midnight_tells_day_from_month(tmp_path: Path, first: bool) -> None:
     rows = stamps("{clock}.{ms},{k}", start=86_398.0)

@@ -180,6 +180,9 @@ def _day_first(slashed: set[tuple[int, int, int]]) -> bool | None:
     """Whether the day stands first in such dates, ``None`` where they do not tell."""
     if len(slashed) <= 1 and all(max(a, b) <= 12 for a, b, _ in slashed):
         return True  # any day is as good as another
+    years = {year for *_, year in slashed}
+    if max(years) - min(years) > 1 or len({(a, b) for a, b, _ in slashed}) < len(slashed):
+        return None  # of 24-05-31 and 24-06-01 the year stands first
     orders = {True: [(y, b, a) for a, b, y in slashed], False: [(y, a, b) for a, b, y in slashed]}
     found = {order: _days(dates) for order, dates in orders.items()}
     known = [order for order, days in found.items() if days]
