@@ -8,7 +8,6 @@ import shlex
 import stat
 import unicodedata
 from collections.abc import Hashable, Iterable, Iterator, Sequence
-from functools import lru_cache
 from io import BufferedReader
 
 from .errors import OutputError, UsageError
@@ -50,41 +49,55 @@ def _refuse_irregular(mode: int) -> None:
 class FileSet:
     """Files by what they are, not by what they are called.
 
-    Two names are the same file when they lead to one (links of either kind), or differ in
-    nothing but case and the composition of characters, which some systems do not tell apart.
+    Two names are the same file when they lead to one (links of either kind), or differ, in one
+    folder, in nothing but case and the composition of characters, which some systems do not tell
+    apart.
     """
 
     def __init__(self, paths: Iterable[PathLike] = ()) -> None:
         self._known: dict[Hashable, str] = {}
+        self._folders: dict[str, Hashable] = {}  # asked for ten thousand times by a batch
         for path in paths:
             self.add(path)
 
     def add(self, path: PathLike, about: str = "") -> None:
         """Add a file; ``about`` is what :meth:`find` says of it, its path if empty."""
-        for identity in _identities(path):
+        for identity in self._identities(path):
             self._known.setdefault(identity, about or os.fspath(path))
 
     def find(self, path: PathLike) -> str | None:
         """What was said of the same file when it was added; ``None`` when it was not."""
-        return next((self._known[i] for i in _identities(path) if i in self._known), None)
+        return next((self._known[i] for i in self._identities(path) if i in self._known), None)
+
+    def _identities(self, path: PathLike) -> Iterator[Hashable]:
+        try:
+            # a folder behind ".." of a link is another one than the text says
+            name = os.path.join(os.getcwd(), os.fspath(path))
+            if os.path.islink(name):
+                name = os.path.realpath(name)
+            folder, base = os.path.split(name)
+            if base in ("", os.curdir, os.pardir):
+                folder, base = os.path.split(os.path.realpath(name))
+            if folder not in self._folders:
+                self._folders[folder] = _folder(folder)
+            yield self._folders[folder], _folded(base)
+            found = os.stat(name)
+            yield found.st_dev, found.st_ino
+        except (OSError, ValueError):  # there is none, or cannot be
+            return
 
 
-def _identities(path: PathLike) -> Iterator[Hashable]:
-    name = os.path.abspath(os.fspath(path))
+def _folder(path: str) -> Hashable:
+    real = os.path.realpath(path)
     try:
-        if os.path.islink(name):
-            name = os.path.realpath(name)
-        real = os.path.join(_real_folder(os.path.dirname(name)), os.path.basename(name))
-        yield unicodedata.normalize("NFC", real).casefold()
-        found = os.stat(name)
-        yield found.st_dev, found.st_ino
-    except (OSError, ValueError):  # there is none, or cannot be
-        return
+        found = os.stat(real)
+    except OSError:
+        return _folded(real)
+    return found.st_dev, found.st_ino
 
 
-@lru_cache(maxsize=4096)  # a batch asks for the same folders ten thousand times
-def _real_folder(folder: str) -> str:
-    return os.path.realpath(folder)
+def _folded(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()
 
 
 def refuse_outputs(outputs: Iterable[tuple[str, str]], inputs: Iterable[PathLike]) -> None:

@@ -156,6 +156,21 @@ def test_a_picture_is_made_again_and_costs_no_run(inside: Path, valve: Log, apar
     assert (inside / "u.html").exists()
 
 
+def test_what_a_batch_wrote_is_no_log(inside: Path, valve: Log, apart: Run) -> None:
+    for k in range(2):
+        valve(f"u{k}.csv", seed=k)
+    words = ("batch", "--family", "valve", "--logs", "**/*", "-o", "out", "--workers", "1")
+    assert apart(*words, cwd=inside).status == 0
+    first = _summary(inside / "out")
+    valve("u2.csv", seed=5)
+    done = apart(*words, cwd=inside)
+    assert done.status == 0, done.err
+    assert {*_summary(inside / "out")} == {*first, "u2"}
+    (inside / "out" / "mine.csv").write_bytes((inside / "u0.csv").read_bytes())
+    assert apart(*words, cwd=inside).status == 0
+    assert "out_mine" in _summary(inside / "out")
+
+
 def test_names_of_logs_are_no_options(inside: Path, valve: Log, apart: Run) -> None:
     valve("u.csv")
     valve("--scale=outlet=-3", seed=2)

@@ -83,8 +83,8 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
 
     from .batch_job import asked_by, execute
 
-    jobs, base = _jobs(jobs_file, params)
     target = Path(folder)
+    jobs, base = _jobs(jobs_file, target, params)
     _check_folder(target, params["force"])
     with (
         closing(Progress(params["quiet"], params["verbose"])) as progress,
@@ -108,9 +108,10 @@ def command(jobs_file: str | None, folder: str, **params: Any) -> None:
         )
 
 
-def _jobs(jobs_file: str | None, params: Any) -> tuple[list[Job], Path]:
+def _jobs(jobs_file: str | None, folder: Path, params: Any) -> tuple[list[Job], Path]:
     """Jobs, and the folder from which their logs are seen."""
     from fluidact_fit.batch import group_logs, read_jobs
+    from fluidact_fit.batch.journal import own_files
 
     alike = [f"--{name.replace('_', '-')}" for name in ("family", "logs", "group_by", "options")
              if params[name]]  # fmt: skip
@@ -126,7 +127,7 @@ def _jobs(jobs_file: str | None, params: Any) -> tuple[list[Job], Path]:
         )  # fmt: skip
     here = Path()
     jobs = group_logs(params["family"], params["logs"], params["group_by"] or "file",
-                      params["options"] or "", here)  # fmt: skip
+                      params["options"] or "", here, own_files(folder))  # fmt: skip
     return jobs, here
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import JobsFileError, ParameterFileError, UsageError, closest, shortened
-from ..files import open_regular
+from ..files import FileSet, open_regular
 from ..parameters.problems import format_path
 from ..parameters.yaml_io import parse_yaml_table
 from .patterns import expand
@@ -41,16 +41,20 @@ class Job:
     logs: tuple[str, ...]
     options: tuple[str, ...] = ()
 
-    def found_logs(self, folder: Path) -> tuple[str, ...]:
+    def found_logs(self, folder: Path, besides: FileSet | None = None) -> tuple[str, ...]:
         """Paths of the logs, patterns replaced by the files that match, in order of their names.
 
-        A pattern that no file matches stays: the reader says that there is no such file. A name
-        that a command line would take for an option, or for standard input, begins with ``./``.
+        Patterns match none of ``besides``. One that no file matches stays: the reader says that
+        there is no such file. A name that a command line would take for an option, or for standard
+        input, begins with ``./``.
         """
         paths: list[str] = []
         for text in self.logs:
             named = not has_magic(text) or os.path.lexists(folder / text)
-            paths += [text] if named else expand(text, folder) or [text]
+            found = [text] if named else expand(text, folder) or [text]
+            if not named and besides is not None:
+                found = [path for path in found if besides.find(folder / path) is None]
+            paths += found
         return tuple(dict.fromkeys(f"./{p}" if p.startswith("-") else p for p in paths))
 
 
@@ -86,7 +90,12 @@ def read_jobs(path: str | os.PathLike[str]) -> list[Job]:
 
 
 def group_logs(
-    family: str, patterns: Sequence[str], group_by: str, options: str, folder: Path
+    family: str,
+    patterns: Sequence[str],
+    group_by: str,
+    options: str,
+    folder: Path,
+    besides: FileSet | None = None,
 ) -> list[Job]:
     """Make jobs from logs that are named alike.
 
@@ -101,13 +110,17 @@ def group_logs(
         names with ``{job}`` where the name of the job stands, and ``*`` for anything.
     options
         Words of the command line, the same for all.
+    folder
+        Where they are.
+    besides
+        Files that are no logs, though a pattern may match them.
 
     Raises
     ------
     UsageError
         When no log matches, the pattern is none, or one of the logs does not match it.
     """
-    every = Job("", family, tuple(patterns)).found_logs(folder)
+    every = Job("", family, tuple(patterns)).found_logs(folder, besides)
     paths = [p for p in every if (folder / p).is_file()]
     if not paths:
         raise UsageError(

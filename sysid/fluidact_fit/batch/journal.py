@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import OutputError, UsageError
-from ..files import IRREGULAR, is_irregular
+from ..files import IRREGULAR, FileSet, is_irregular, open_regular
 from ..parameters.atomic import locked
 from .outcome import Outcome
 
@@ -39,19 +39,14 @@ class Journal:
     def __init__(self, file: FileIO, where: str) -> None:
         self._file, self._where = file, where
         content = file.read()
-        self.outcomes: dict[str, Outcome] = {}
-        self.claimed: set[str] = set()
         lines = [line for line in content.split(b"\n") if line]
-        self.lines, self.damaged = len(lines), 0
-        for line in lines:
-            found = _entry(line)
-            if found is None:
-                self.damaged += 1
-            elif isinstance(found, Outcome):
+        entries = [_entry(line) for line in lines]
+        self.outcomes: dict[str, Outcome] = {}
+        self.claimed = _claimed(entries)
+        self.lines, self.damaged = len(lines), entries.count(None)
+        for found in entries:
+            if isinstance(found, Outcome):
                 self.outcomes[found.job] = found
-                self.claimed |= found.files.keys()
-            else:
-                self.claimed |= found
         if lines and self.damaged == self.lines and not content.startswith(_OURS):
             raise UsageError(
                 f"{where} is not the journal of a batch; it was kept.",
@@ -113,6 +108,24 @@ def open_journal(folder: Path) -> Iterator[Journal]:
         yield Journal(file, where)
         with suppress(OSError):
             os.fsync(file.fileno())
+
+
+def own_files(folder: Path) -> FileSet:
+    """Files that earlier runs of a batch wrote in its folder: no logs, whatever matches them."""
+    try:
+        with open_regular(folder / NAME) as file:
+            entries = [_entry(line) for line in file.read().split(b"\n") if line]
+    except (OSError, ValueError):
+        return FileSet()
+    names = {NAME, *_claimed(entries)} if any(entries) else set()
+    return FileSet(folder / name for name in names)
+
+
+def _claimed(entries: Iterable[Outcome | set[str] | None]) -> set[str]:
+    claimed: set[str] = set()
+    for found in entries:
+        claimed |= found.files.keys() if isinstance(found, Outcome) else found or set()
+    return claimed
 
 
 def _line(entry: Mapping[str, Any]) -> bytes:

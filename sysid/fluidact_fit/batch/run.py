@@ -13,10 +13,10 @@ from ..errors import OutputError
 from ..files import open_regular, shell_command
 from ..version import __version__
 from .jobs import Job
-from .journal import NAME, Journal, open_journal
+from .journal import NAME, Journal, open_journal, own_files
 from .outcome import Outcome, Task, refused, write_record
 from .pools import Execute, Pool
-from .targets import RECORDS, Asked, AskedBy, Targets, find_targets, named_files
+from .targets import RECORDS, SUMMARY, Asked, AskedBy, Targets, find_targets, named_files
 
 _DAMAGED = (
     "{number} of {lines} lines of {path} cannot be read and {were} left out: jobs that only they "
@@ -76,7 +76,8 @@ def run_batch(
     """
     base, folder = base.resolve(), folder.resolve()
     progress("looking at what is done")
-    logs = [job.found_logs(base) for job in jobs]
+    own = own_files(folder)
+    logs = [job.found_logs(base, own) for job in jobs]
     targets = find_targets(jobs, logs, base, folder, source, asked_by)
     _make_folder(folder)
     with open_journal(folder) as journal:
@@ -132,7 +133,7 @@ class _Work:
         A job whose parameter file is somebody else's runs, and its command refuses to replace it.
         """
         allowed: list[Task] = []
-        files: list[Path] = []
+        files = [self.folder / name for name in SUMMARY] if left else []
         for task in left:
             of = self.targets[task.job]
             why, remedy = of.refusal, "Correct the options of the job."
@@ -175,7 +176,10 @@ class _Work:
         return {self._name(p): _content(p).hex() for p in (of.output, *of.pictures)}
 
     def _name(self, path: Path) -> str:
-        return os.path.relpath(path, self.folder).replace(os.sep, "/")
+        try:
+            return os.path.relpath(path, self.folder).replace(os.sep, "/")
+        except ValueError:  # on another drive
+            return str(path)
 
 
 def _make_folder(folder: Path) -> None:
