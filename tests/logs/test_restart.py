@@ -141,3 +141,8 @@ def test_a_small_table_of_another_width_below_is_refused(tmp_path: Path, head: l
     lines = ["t,p,q", *LONG, "", *head, "1,2", "2,3", "3,4", "4,5"]
     with pytest.raises(LogError, match="line 403: the columns change: 2 columns from here on"):
         read(tmp_path, lines)
+
+
+def test_words_in_the_first_column_begin_no_block(tmp_path: Path) -> None:
+    rows = [f"{('sensor1', 'sensor2')[k % 2]},{k},{k}.5" for k in range(40)]
+    assert read(tmp_path, ["name,t,p", *rows]).rows == 40

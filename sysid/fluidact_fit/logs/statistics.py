@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 from .layout import LONG_CELL, Cut, says_nothing
 
@@ -31,7 +32,7 @@ _STATISTIC = re.compile(
     rf"\W*({_WORDS})[ ._-]?(value|val|wert|valeur|valor|valore)?\s*([(\[].*|of\b.*)?[\s:=.]*",
     re.IGNORECASE,
 )
-_ANYWHERE = re.compile(rf"(?<![^\W\d_])({_WORDS})(?![^\W\d_]{{3}})", re.IGNORECASE)
+_NO_WORDS = b"0123456789+-.,;|eE \t\n\"'"  # what rows of numbers consist of
 _LABELLED = re.compile(rf"[\s\"']*({_WORDS})(?![^\W_])", re.IGNORECASE)
 _WORD = re.compile(r"[^\W\d_][^\W\d_. -]{2,}[^\d]*|=.*")  # or a formula
 _MOST_APART = 20  # rows of statistics below names of their own
@@ -50,15 +51,15 @@ def find_statistics(rows: Sequence[Sequence[str]], text: str, cut: Cut) -> dict[
     rows
         Cells of every row of the table.
     text
-        All of it: nothing is looked at twice where no such word stands.
+        All of it: the rows are not looked at where it holds nothing but numbers.
     cut
         How it is cut.
     """
     found: dict[int, str] = {}
-    if _ANYWHERE.search(text):
+    if text.encode(errors="replace").translate(None, _NO_WORDS):
         labels: dict[int, dict[int, str]] = defaultdict(dict)
         for index, row in enumerate(rows):
-            at = [k for k, c in enumerate(row) if len(c) < LONG_CELL and _STATISTIC.fullmatch(c)]
+            at = [k for k, c in enumerate(row) if not c[-1:].isdigit() and _is_statistic(c)]
             if len(at) == 1:  # one word says what the numbers beside it are
                 labels[at[0]][index] = row[at[0]].strip()
             elif at and len(rows) - index <= _MOST_APART and not any(map(cut.is_value, row)):
@@ -67,6 +68,11 @@ def find_statistics(rows: Sequence[Sequence[str]], text: str, cut: Cut) -> dict[
             found |= _of_column(rows, column, words, cut)
         found |= _without_label(rows, found, cut)
     return found | _below(rows, found, cut)
+
+
+@lru_cache(maxsize=1 << 14)
+def _is_statistic(cell: str) -> bool:
+    return len(cell) < LONG_CELL and _STATISTIC.fullmatch(cell) is not None
 
 
 def _of_column(

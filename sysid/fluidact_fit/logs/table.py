@@ -292,7 +292,11 @@ def _read_careful(source: Source, layout: Layout, offset: int) -> Table:
                 "The recording probably stopped while it was written.",
             )
         )
-    worded = [(n, len(row)) for n, row in zip(lines, rows) if row[0][:1].isalpha()]
+    worded = [
+        (n, len(row))
+        for n, row in zip(lines, rows)
+        if row[0][:1].isalpha() and not any(layout.is_value(cell.strip()) for cell in row)
+    ]
     whole = source.lines() if ragged or worded else []
     others = sorted({*ragged, *worded})
     refuse_other_blocks(whole, others, max(lines, default=0), layout, source.name)
