@@ -20,6 +20,7 @@ from ...routines import (
     Routine,
     by_sign,
     choose,
+    constant,
     maximum,
     minimum,
 )
@@ -78,8 +79,8 @@ def _rate(draft: Draft, name: str, value: Expression, low_pass: Butterworth, per
     """Rate of change of a value: difference, then the filter in the form of a state space."""
     last, begun = draft.state(f"{name}_last"), draft.state(f"{name}_begun")
     now = draft.let(f"{name}_of", value)
-    before = draft.let(f"{name}_before", choose(begun, ">", 0.5, last, now))
-    change = (now - before) * (1.0 / period)
+    before = draft.let(f"{name}_before", choose(begun, ">", 0.0, last, now))
+    change = (now - before) * constant("per_sample_time", 1.0 / period)
     draft.put(last, now)
     draft.put(begun, 1.0)
     draft.interrupt(begun, 0.0)  # the next reading is a first one again
@@ -102,8 +103,8 @@ def _returned(draft: Draft, value: Expression, begins: float) -> Routine:
 
 def _limited(value: Expression, limits: tuple[float, float]) -> Expression:
     low, high = limits
-    value = maximum(value, low) if isfinite(low) else value
-    return minimum(value, high) if isfinite(high) else value
+    value = maximum(value, constant("lowest", low)) if isfinite(low) else value
+    return minimum(value, constant("highest", high)) if isfinite(high) else value
 
 
 def _pd(c: PDController, unit: str) -> Routine:
@@ -116,12 +117,17 @@ def _pd(c: PDController, unit: str) -> Routine:
         rate = _rate(draft, "error_rate", error, low_pass, c.sample_time)
         command = command + c.gains.derivative * rate
     if c.holding:
-        command = command + c.holding
+        command = command + constant("holding", c.holding)
     f = c.friction
     if f.tolerance > 0.0 and (f.positive or f.negative):
         speed = _rate(draft, "speed", measured, low_pass, c.sample_time)
-        push = by_sign(error, f.positive, -f.negative, jumps=True)
-        command = command + choose(abs(speed), "<", f.tolerance, push, 0.0, jumps=True)
+        up, down = (
+            constant("friction_positive", f.positive),
+            constant("friction_negative", -f.negative),
+        )
+        push = by_sign(error, up, down, jumps=True)
+        slow = constant("velocity_tolerance", f.tolerance)
+        command = command + choose(abs(speed), "<", slow, push, 0.0, jumps=True)
     return _returned(draft, _limited(command, c.limits), c.begins[0])
 
 
@@ -159,12 +165,16 @@ def _commands(c: ImpedanceController, unit: str) -> tuple[Routine, Routine]:
         force = draft.argument(
             Argument("force", "N", "wanted force", -most, most, recorded=False)
         )  # fmt: skip
-        pressure = draft.let("pressure", (force + bias) * (1.0 / (one + two)))
+        pressure = draft.let(
+            "pressure", (force + constant("bias", bias)) * constant("per_area", 1.0 / (one + two))
+        )
         if chamber == 2:
-            pressure = draft.let("other", p.total - pressure)
+            pressure = draft.let("other", constant("sum_of_pressures", p.total) - pressure)
         limited = _limited(pressure, p.range)
         gain, offset = p.gain[chamber - 1], p.offset[chamber - 1]
-        found.append(draft.returns((limited - offset) * (1.0 / gain)))
+        found.append(
+            draft.returns((limited - constant("offset", offset)) * constant("per_gain", 1.0 / gain))
+        )
     return found[0], found[1]
 
 
@@ -189,11 +199,7 @@ def _smoothed(
     c: FeedforwardForceController, reference: Argument, target: Argument,
     supply: tuple[float, float], unit: str,
 ) -> Routine:  # fmt: skip
-    """Equation 8, written as a mean of two values, so that what was rounded before fades.
-
-    A mean never leaves what both lie in: the last step says so to those who bound its errors, and
-    changes nothing.
-    """
+    """Equation 8, written as a mean of two values, so that what was rounded before fades."""
     draft = Draft("step", "Command of this sample.", unit, c.sample_time, careful=True)
     wanted, drive = draft.argument(reference), draft.argument(target)
     gain, offset = supply
@@ -201,19 +207,17 @@ def _smoothed(
     start = c.start
     last, count = draft.state("last", start.force), draft.state("count", steps)
     now = draft.state("now", start.command)
-    goal = drive if supply == (1.0, 0.0) else (drive - offset) * (1.0 / gain)
+    goal: Expression = drive
+    if supply != (1.0, 0.0):
+        goal = (drive - constant("offset", offset)) * constant("per_gain", 1.0 / gain)
     goal = draft.let("goal", _limited(goal, c.limits))
     changed = draft.let("changed", _by_change(wanted, last, 1, 1, 0))
     draft.put(last, wanted)
-    draft.put(count, choose(changed, ">", 0.5, 1.0, minimum(count + 1.0, steps)))
+    draft.put(count, choose(changed, ">", 0.0, 1.0, minimum(count + 1.0, constant("steps", steps))))
     base: Expression = now
     if held:
         base = draft.state("start", start.command)
-        draft.put(base, choose(changed, ">", 0.5, now, base))
-    share = draft.let("share", count * (1.0 / steps))
-    mean = base * (1.0 - share) + goal * share
-    ends = sorted((x - offset) / gain for x in (target.low, target.high))
-    low, high = (min(max(x, c.limits[0]), c.limits[1]) for x in ends)
-    begins = start.command
-    draft.put(now, minimum(maximum(mean, min(low, begins)), max(high, begins)))
+        draft.put(base, choose(changed, ">", 0.0, now, base))
+    share = draft.let("share", count * constant("per_steps", 1.0 / steps))
+    draft.put(now, base * (1.0 - share) + goal * share)
     return draft.returns(now)

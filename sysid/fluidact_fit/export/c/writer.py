@@ -21,7 +21,7 @@ from ...routines.expression import (
     Unary,
     parts_of,
 )
-from ...routines.routine import Filter, Flag, Layer, Let, Matrix, Put, Solve, Statement
+from ...routines.routine import Filter, Flag, Layer, Let, Matrix, Put, Solve, State, Statement
 from ...routines.sharing import shared, word_of
 from .language import WIDTH, Folded, Names, Precision, fold, wrapped
 
@@ -62,6 +62,7 @@ class Writer:
         self._body: list[str] = []
         self._depth, self._whole = 1, False
         self._context = ""
+        self._starts = {s.name: self._start_of(s) for s in routine.states}
         self._clamp_all()
         interrupts = self.routine.careful and self.routine.keeps
         if interrupts:
@@ -104,6 +105,11 @@ class Writer:
             macro = f"{wanted}_{number}"
         self._constants[macro] = value
         return macro
+
+    def _start_of(self, s: State) -> str:
+        """What a state is after a reset, by its name where it belongs to the machine."""
+        plain = abs(s.initial) in _PLAIN
+        return self._number(s.initial, "" if plain else f"{s.name}_start")
 
     def _limit(self, value: float, name: str) -> str:
         """A number that has a name even where it is a plain one, such as the end of a range."""
@@ -453,7 +459,7 @@ class Writer:
             return []
         literal, lines, loops = self.precision.literal, list[str](), list[tuple[str, int]]()
         for s in self.routine.states:
-            lines.append(f"    state->{s.name} = {literal(s.initial)};")
+            lines.append(f"    state->{s.name} = {self._starts[s.name]};")
         for f in self.routine.filters:
             loops.append((f.name, len(f.output)))
             loops += [(f"{f.name}_line", f.delay + 1)] if _keeps_line(f) else []

@@ -35,6 +35,7 @@ class FunctionBlock:
         self._states: dict[str, str] = {}
         self._counters: dict[str, str] = {}
         self._ends: dict[str, tuple[str, str]] = {}
+        self._constants: dict[tuple[str, float], str] = {}
         self._held: list[str] = []
         self._tables: list[str] = []
         self._scratch: list[str] = []
@@ -166,6 +167,15 @@ class FunctionBlock:
 
     # --------------------------------------------------------------------------- expressions
 
+    def _number(self, e: Number) -> str:
+        """A number by its name where it has one."""
+        if not e.name or e.value == 0.0:
+            return literal(e.value)
+        if (e.name, e.value) not in self._constants:
+            self._constants[e.name, e.value] = name = self._names.new(e.name)
+            self._tables += number(name, e.value)
+        return self._constants[e.name, e.value]
+
     def _say(self, *lines: str) -> None:
         for line in lines:
             within = (len(line) - len(line.lstrip())) // len(INDENT)
@@ -178,7 +188,7 @@ class FunctionBlock:
         """
         match e:
             case Number():
-                text = literal(e.value)
+                text = self._number(e)
                 own = _ALONE if text.startswith("-") else _ATOM
             case Name():
                 text, own = self._known[e.name], _ATOM
