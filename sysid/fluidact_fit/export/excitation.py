@@ -15,6 +15,7 @@ from ..routines.evaluate import DOUBLE, Arithmetic
 Rounded = Callable[[FloatArray], FloatArray]
 _PAIRS = 6  # of rows on both sides, for each comparison
 _BISECTIONS = 60
+_LATE, _LATE_BISECTIONS = 4, 30  # calls of a comparison in a sequence
 _NEAR = (0.0, 1e-6, 1e-4, 1e-3, 3e-3, 1e-2)  # of the way from an edge to where it began
 
 
@@ -70,6 +71,48 @@ def edges_at_rest(routine: Routine, rows: FloatArray) -> FloatArray:
             still[:, j] = 0.0
             found.append(edges(routine, still))
     return np.concatenate(found)
+
+
+def edge_sequences(routine: Routine, found: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Sequences in which a comparison of a later call turns out just so, or just the other way.
+
+    Found by bisection between two sequences on either side, for every comparison at some calls.
+
+    Returns
+    -------
+    (calls, n, k)
+    """
+    sides = _sides_of_sequences(routine, found)  # (calls, comparisons, sequences)
+    calls, comparisons, _ = sides.shape
+    cases = []
+    for number in range(comparisons):
+        for call in rng.permutation(np.arange(1, calls))[:_LATE]:
+            yes, no = np.flatnonzero(sides[call, number]), np.flatnonzero(~sides[call, number])
+            if yes.size and no.size:
+                cases.append((call, number, rng.choice(yes), rng.choice(no)))
+    if not cases:
+        return found[:, :0]
+    at, which, yes, no = np.array(cases).T
+    start, stop = found[:, yes], found[:, no]
+    a, b, place = start.copy(), stop.copy(), np.arange(len(cases))
+    for _ in range(_LATE_BISECTIONS):
+        middle = 0.5 * (a + b)
+        here = _sides_of_sequences(routine, middle)[at, which, place][:, None]
+        a, b = np.where(here, middle, a), np.where(here, b, middle)
+    shares = [a + share * (start - a) for share in _NEAR[2:]]
+    return np.concatenate([*shares, *(b + share * (stop - b) for share in _NEAR[2:])], axis=1)
+
+
+def _sides_of_sequences(routine: Routine, arguments: FloatArray) -> Any:
+    """Which side of every comparison is the smaller one; ``(calls, comparisons, sequences)``."""
+    calls, count = arguments.shape[:2]
+    seen: list[Any] = []
+
+    def watch(a: Any, b: Any) -> None:
+        seen.append(np.broadcast_to(np.less(a, b), (count,)))
+
+    run(routine, arguments, replace(DOUBLE, watch=watch))
+    return np.array(seen, dtype=bool).reshape(calls, -1, count)
 
 
 def _sides(routine: Routine, rows: FloatArray) -> Any:

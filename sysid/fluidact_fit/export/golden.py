@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ..experiment import FloatArray
 from ..routines import Routine
-from .excitation import Rounded, edges, edges_at_rest, run, sequences, uniform
+from .excitation import Rounded, edge_sequences, edges, edges_at_rest, run, sequences, uniform
 from .mutants import mutants_of
 from .rounding import robust
 
@@ -109,7 +109,8 @@ def _pool(
     calls = max(min(_CALLS + late + late // 2, _LONGEST), len(ends) + late + 4)
     found = sequences(routine, calls, _SEQUENCES, rng, near)
     found[1 : 1 + len(ends), 0] = ends
-    return rounded(found), 1
+    late_edges = edge_sequences(routine, found[:, 1:], rng)
+    return rounded(np.concatenate([found, late_edges], axis=1)), 1
 
 
 def _with_nan(rows: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -134,6 +134,11 @@ def _changed_line(line: Line) -> Iterable[str | Lookup]:
             for other in _others(entry):
                 table = replace(value.table, entries=(*entries[:k], other, *entries[k + 1 :]))
                 yield replace(value, table=table)
+        pieces = value.table.pieces
+        for k, piece in enumerate(pieces[:-1]):
+            for other in _others(piece.last):
+                changed = (*pieces[:k], replace(piece, last=other), *pieces[k + 1 :])
+                yield replace(value, table=replace(value.table, pieces=changed))
         return
     for found in _CONSTANT.finditer(value):
         number = int(found[1])

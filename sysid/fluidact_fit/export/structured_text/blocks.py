@@ -69,7 +69,7 @@ class FunctionBlock:
         if r.keeps:
             about = "TRUE: forget what was kept, this is the first call"
             taken.append(f"{INDENT}reset : BOOL; {comment(about)}")
-            resets = ["IF reset THEN", *self._resets, "END_IF"]
+            resets = [f"IF reset OR NOT {self._begun} THEN", *self._resets, "END_IF"]
         given = [
             f"{INDENT}value : LREAL; {comment(f'[{r.unit}]')}",
             f"{INDENT}outside : BOOL; {comment('TRUE: an argument lay beyond its range')}",
@@ -116,9 +116,14 @@ class FunctionBlock:
         return name
 
     def _keep_states(self) -> None:
+        self._begun = ""
+        if self.routine.keeps:  # one place says where everything begins
+            self._begun = self._names.new("begun")
+            self._held.append(f"{INDENT}{self._begun} : BOOL;")
+            self._resets.append(f"{INDENT}{self._begun} := TRUE;")
         for s in self.routine.states:
             name = self._known[s.name] = self._states[s.name] = self._names.new(s.name)
-            self._held += number(name, s.initial)
+            self._held.append(f"{INDENT}{name} : LREAL;")
             self._resets.append(f"{INDENT}{name} := {literal(s.initial)};")
 
     def _clamp_all(self) -> None:
@@ -339,7 +344,7 @@ class FunctionBlock:
         n, size = len(s.output), s.delay + 2
         x, step = self._list(f"{s.name}_x", n, held=True), self._list(f"{s.name}_step", n)
         line, at = self._list(f"{s.name}_line", size, held=True), self._names.new(f"{s.name}_at")
-        self._held.append(f"{INDENT}{at} : DINT := 0;")
+        self._held.append(f"{INDENT}{at} : DINT;")
         out, late, soon = (
             self._vector(f"{s.name}_{word}", values)
             for word, values in (("output", s.output), ("late", s.late), ("soon", s.soon))
