@@ -34,7 +34,9 @@ def check_targets(targets: Mapping[str, str], inputs: Iterable[str], force: bool
 
 
 def _parts(path: str) -> list[str]:
-    """The files of a log: itself, or those that are merged in it."""
+    """The files of a log: itself, those that are merged in it, or what standard input is."""
+    if path == "-":
+        return ["/dev/stdin"]
     from fluidact_fit.logs.source import files_of
 
     return [str(part) for part in files_of(Path(path))] if "+" in path else [path]

@@ -114,7 +114,10 @@ def output(case: Case) -> Result:
         ([*fit, "-o", "n.yaml", "--report", target, "--", log], [log]),
         ([*fit, "--validate", log, "-o", target, "--", logs[0]], [log, logs[0]]),
         (["simulate", "-o", target, "--", "line.yaml", log], ["line.yaml", log]),
-        (["design", "line", "--from", "line.yaml", "-o", target], ["line.yaml"]),
+        (
+            ["design", "line", "--from", "line.yaml", "--duration", "1", "--sample-time", "0.05",
+             "-o", target], ["line.yaml"],
+        ),
         (["report", "-o", target, "--", "line.yaml"], ["line.yaml"]),
         (["export", "--to", "json", "-o", os.path.dirname(target) or ".", "--", "line.yaml"],
          ["line.yaml"]),

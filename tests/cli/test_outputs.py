@@ -6,6 +6,8 @@ import os
 import shutil
 import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -174,6 +176,18 @@ def test_a_result_knows_its_logs(files: Path) -> None:
         for name in ("p.csv", "q.csv", "a.csv", str(files / "a.csv"), "soft.csv"):
             with pytest.raises(OutputError, match="would be overwritten"):
                 result.save(name, overwrite=True)
+
+
+@posix
+def test_what_comes_by_standard_input_is_read(files: Path) -> None:
+    words = [sys.executable, "-m", "fluidact_fit_cli.main", "line", "-", "-f", "-o"]
+    for name in ("a.csv", "hard.csv", "soft.csv"):
+        with kept(files), (files / "a.csv").open("rb") as log:
+            done = subprocess.run(
+                [*words, name], stdin=log, capture_output=True, text=True, check=False
+            )
+        assert done.returncode == 2
+        assert "would be overwritten" in done.stderr
 
 
 def test_files_of_one_name_and_names_of_one_file(tmp_path: Path) -> None:

@@ -155,6 +155,7 @@ class _Work:
         """Note what came of a job, and what it wrote."""
         found = self._checksums(outcome.job) if outcome.exit == 0 else {}
         files = {name: checksum for name, checksum in found.items() if checksum}
+        files[self._name(self.targets[outcome.job].record)] = ""  # its own, whatever stands in it
         self.journal.add(replace(outcome, files=files))
 
     def _taken(self, of: Targets) -> list[Path]:
