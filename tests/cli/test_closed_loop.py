@@ -281,6 +281,8 @@ def test_a_force_loop_begins_where_its_reference_does(
     machine = Machine(controller_code(file, blocks).routines[-1])
     assert machine.states["now"] == pytest.approx(command[0], rel=1e-9)
     assert machine.states["last"] == 22.0
+    words = f"A reset begins at 22 N, with a command of {command[0]:.6g} V"
+    assert words in controller_code(file, blocks).remarks
 
 
 @pytest.mark.parametrize(

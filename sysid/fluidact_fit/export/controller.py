@@ -8,7 +8,7 @@ from math import isfinite
 from pathlib import Path
 
 from ..block import Block
-from ..control.controller_file import read_controller_file
+from ..control.controller_file import ControllerFile, read_controller_file
 from ..control.controller_numbers import numbers_of
 from ..control.controllers import (
     Controller,
@@ -58,13 +58,22 @@ def controller_code(
         routines = routines_of(controller, command)
     name, families = Path(path).name, plain_text(", ".join(b.family for b in blocks))
     remarks = [r for b in blocks for r in remarks_of(b)] + _stability(plant, controller)
-    remarks += controller.unreached
+    remarks += [*controller.unreached, *_beginning(file, controller, command)]
     return Code(
         safe_name(name), file_stem(name), f"{file.kind} controller of {families}", routines,
         arithmetic, tuple(map(plain_text, remarks)),
         tuple(Entry(*number) for number in numbers_of(controller, travel.unit, command)),
         origin=tuple(origins),
     )  # fmt: skip
+
+
+def _beginning(file: ControllerFile, controller: Controller, unit: str) -> list[str]:
+    """Where a reset begins, of a controller that holds the machine somewhere."""
+    travel, held = controller.travel, controller.begins
+    if len(held) > 1 or not any(held):
+        return []
+    place = file.reference.start or 0.0
+    return [f"A reset begins at {place:g} {travel.unit}, with a command of {held[0]:.6g} {unit}"]
 
 
 def _stability(plant: Plant, controller: Controller) -> list[str]:
