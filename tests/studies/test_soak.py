@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.soak import logs, options, parameters, processes, program
+from studies.soak import hostile, logs, options, parameters, processes, program
 from studies.soak.__main__ import PARTS
 from studies.soak.case import EXIT_1, HANG, LOSS, SEED, TRACEBACK, WRONG, Case, Part, Result
 from studies.soak.drafts import ROOT, Draft, recorded
@@ -200,6 +200,29 @@ def test_a_case_repeats_itself(part: Part, tmp_path: Path) -> None:
     assert first == second
     assert runs[0].about
     assert run_case(part, 4, SEED, tmp_path / "c").about != runs[0].about
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes and links")
+@pytest.mark.parametrize("number", range(3))
+@pytest.mark.parametrize("part", hostile.PARTS, ids=lambda part: part.name)
+def test_files_of_others_are_kept(part: Part, number: int, tmp_path: Path) -> None:
+    result = run_case(part, number, SEED, tmp_path)
+    assert result.failures == []
+
+
+def test_a_file_that_changed_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("kept", "changed", "lost", "asked for"):
+        Path(name).write_text(name, encoding="utf-8")
+    before, result = hostile._hashed(Path()), Result("")
+    Path("lost").unlink()
+    for name in ("changed", "asked for"):
+        Path(name).write_text("other", encoding="utf-8")
+    hostile._judge_files(before, result, lambda path: path == "./asked for")
+    assert sorted(what for _, what in result.failures) == [
+        "./changed has changed",
+        "./lost is lost",
+    ]
 
 
 def test_a_process_is_killed(tmp_path: Path) -> None:
