@@ -409,7 +409,7 @@ def _blaming_the_numbers() -> Iterator[None]:
     ) as error:
         found = str(error)
         if isinstance(error, ParameterFileError):
-            if not any("finite" in message for _, message in error.problems):
+            if not any("finite" in words or "in SI" in words for _, words in error.problems):
                 raise
             found = "; ".join(f"{path} {message}" for path, message in error.problems[:3])
         raise NotIdentifiedError(

@@ -18,6 +18,8 @@ LOGS = {
     "rows of semicolons behind a quote": ('"' + ";" * 4000 + "\n") * 60,
     "brackets above blanks": "time  " + "a(" * 40_000 + "\n" + ROWS.replace(";", "  "),
     "dashes above blanks": "time  x\n" + "-" * 40_000 + "x\n" + ROWS.replace(";", "  "),
+    "rows of nothing": "time;x\n" + ROWS + ";\n" * 10_000 + ROWS,
+    "entries below": "time;x\n" + ROWS + "a: 1\n" * 2000,
     "form feeds below": ROWS + "\f" * 60_000 + "x\n" + ROWS,
     "brackets that never close": "time;" + "a(" * 40_000 + "\n" + ROWS,
     "dashes": "time;x\n" + "-" * 40_000 + "\n" + ROWS,

@@ -366,9 +366,10 @@ def _with_numbers(
     for other in sorted(set(_cut_otherwise(bad, lines.size))):
         for k, texts in enumerate(columns):
             values[k][other], bad[k][other] = np.nan, texts[other].strip()
+    taken = split.taken
     for row in np.flatnonzero(np.logical_and.reduce([np.isnan(v) for v in values])):
         line = int(lines[row])
-        apart = line > lines[0] and line - 1 not in split.taken
+        apart = line > lines[0] and line - 1 not in taken
         refuse_other_header(split.rows[row], layout, line, name, apart=apart)
     data_lines = int(lines.size)
     if layout.groups:
@@ -445,7 +446,7 @@ def _split_rows(text: str, layout: Layout) -> _Lines:
         fields = line.split(delimiter) if simple else layout.split(line)
         while len(fields) > width and not fields[-1].strip():
             fields.pop()  # a separator too many at the end of the line
-        if width == 1 and _SEPARATED.search(line) and not layout.is_value(fields[0]):
+        if width == 1 and fields and _SEPARATED.search(line) and not layout.is_value(fields[0]):
             fields = _SEPARATED.split(line)  # no separator of one column is known
         if 0 < width - len(fields) <= layout.optional:
             fields = fields + [""] * (width - len(fields))

@@ -19,6 +19,7 @@ from ..errors import FluidactError, UsageError
 from ..specification import Described, ParameterSpec, Variant
 from .document import TAG, ParameterDocument, Part
 from .problems import Location, Problems, find_entries, suggest
+from .sizes import check_sizes
 from .yaml_io import check_plain
 
 Lookup = Callable[[str], Described]
@@ -55,6 +56,7 @@ def validate(
     family = _find_family(document, problems, lookup)
     variant = _find_variant(document, family, problems) if family else None
     if family and variant:
+        check_sizes(document, problems)
         _check_parameters(document, variant, problems)
         _check_units(document, variant, problems)
         _check_options(document, family, problems)

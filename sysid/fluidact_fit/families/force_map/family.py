@@ -62,7 +62,7 @@ from .training import fit_network, spike_notice, validation_notices
 
 
 def _spec(name: str, rank: Literal[0, 1, 2], text: str, optional: bool = False) -> ParameterSpec:
-    minimum = 1e-300 if name.endswith("scale") else -np.inf
+    minimum = 1e-30 if name.endswith("scale") else -np.inf
     return ParameterSpec(
         name, "1", text, rank=rank, optional=optional, minimum=minimum,
         remedy="Record command, position and force over their whole ranges.",

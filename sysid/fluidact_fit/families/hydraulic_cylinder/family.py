@@ -105,7 +105,7 @@ def _specs() -> tuple[ParameterSpec, ...]:
     gains = [
         ParameterSpec(
             f"valve_gain_{i}", GAIN_UNIT, f"gain of the orifices of chamber {i}, per volt",
-            minimum=0.0, optional=True, remedy=_GAIN_REMEDY,
+            minimum=1e-30, optional=True, remedy=_GAIN_REMEDY,
         )
         for i in (1, 2)
     ]  # fmt: skip

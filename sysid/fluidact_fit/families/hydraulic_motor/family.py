@@ -61,22 +61,22 @@ class HydraulicMotor(Family[MotorOptions]):
                 ),
                 ParameterSpec(
                     "gain", "rad/s/A", "slope of the speed just beyond the dead zone",
-                    minimum=0.0, ratio=("speed", "command"),
+                    minimum=1e-30, ratio=("speed", "command"),
                     remedy="Record three commands or more between dead zone and saturation.",
                 ),
                 ParameterSpec(
                     "curvature", "1/A", "rate at which the slope falls off with the command",
-                    neutral=0.0, minimum=0.0, ratio=("1", "command"),
+                    neutral=0.0, minimum=1e-30, ratio=("1", "command"),
                     remedy="Record three commands or more between dead zone and saturation.",
                 ),
                 ParameterSpec(
                     "saturation_command", "A", "command from which the speed grows no more",
-                    minimum=0.0, ratio=("command", "1"), optional=True,
+                    minimum=1e-30, ratio=("command", "1"), optional=True,
                     remedy="Record commands that rise until the speed grows no more.",
                 ),
                 ParameterSpec(
                     "hysteresis", "A", "width of the hysteresis, in command", neutral=0.0,
-                    minimum=0.0, ratio=("command", "1"),
+                    minimum=1e-30, ratio=("command", "1"),
                     remedy="Record the same commands going up and coming down.",
                 ),
                 ParameterSpec(

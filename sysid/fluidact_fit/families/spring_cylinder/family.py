@@ -90,13 +90,13 @@ class SpringCylinder(Family[SpringOptions]):
             Role("command", "V", "command of the pressure valve", hold="zoh",
                  alternatives=("A", "1")),
             ParameterSpec("pressure_gain", "N/V", "force per command: valve gain times area",
-                          minimum=1e-300, ratio=("force", "command"),
+                          minimum=1e-30, ratio=("force", "command"),
                           remedy="Record the force while the command is raised and lowered."),
         ),
         _make_variant(
             Role("pressure", "Pa", "pressure in the chamber, above atmosphere", hold="zoh",
                  gauge=True),
-            ParameterSpec("area", "m2", "piston area", minimum=1e-300,
+            ParameterSpec("area", "m2", "piston area", minimum=1e-30,
                           remedy="Record the force while the pressure is raised and lowered."),
         ),
     )  # fmt: skip
