@@ -26,6 +26,7 @@ _SMOOTH = 0.2  # turns by which a step may differ from the one before
 _FEW = 10
 _HEAD = 1000
 _NEARLY = 0.9  # of the range
+_LEAST = 1e-4  # of a turn: what moves less begins nothing again
 _RARE = 0.05  # of the steps
 _WITHIN = 3  # samples over which a filter spreads a jump
 
@@ -222,7 +223,7 @@ class _Steps:
 
     def seems_to_begin_again(self, turn: float) -> float:
         """After what the readings begin again as far as can be told; 0 where they do not."""
-        if not self.usual.size:
+        if not self.usual.size or self.span < _LEAST * turn:
             return 0.0
         back = self.far[1:] * self.far[:-1] < 0.0
         rare = self.far.size <= _RARE * self.usual.size
