@@ -62,6 +62,16 @@ def test_every_type_of_column(tmp_path: Path) -> None:
     assert {"list", "raw"} <= fates(log).keys()
 
 
+def test_instants_beyond_the_centuries_of_nanoseconds(tmp_path: Path) -> None:
+    far = pa.array([*INSTANTS[:3], dt.datetime(9999, 12, 31), dt.datetime(1, 1, 1)])
+    days = pa.array([dt.date(2024, 1, 1 + k) for k in range(5)])
+    log = read(tmp_path, {"stamp": far.cast(pa.timestamp("us")), "day": days})
+    np.testing.assert_allclose(log.columns[0].values[:3], T[:3], atol=1e-9)
+    assert log.columns[0].values[3] > 1e11
+    assert log.columns[0].values[4] < -1e10
+    np.testing.assert_array_equal(log.columns[1].values, 86_400.0 * np.arange(5))
+
+
 @pytest.mark.parametrize("name", [None, "when"])
 def test_an_index_of_instants_is_the_time(tmp_path: Path, name: str | None) -> None:
     index = pd.DatetimeIndex(pd.Timestamp("2024-05-31") + pd.to_timedelta(T, unit="s"), name=name)

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from ..errors import LogError
-from .sink import Sink, library, numbers_of, seconds_of
+from .sink import Sink, library, numbers_of
 
 _EXACT = 1 << 53
+_DATE = re.compile(r"\d[-:/.]\d")
+_PROBED = 200  # cells that show whether text may be instants
+_NONE = np.iinfo(np.int64).min
+_PARTS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9, "date32[day]": 1.0 / 86_400.0,
+          "date64[ms]": 1e3}  # fmt: skip
 
 
 def read(path: str, sink: Sink, *, batch: int) -> None:
@@ -102,7 +108,8 @@ class _Column:
         self.place = sink.room(header, rows, dtype, unit=unit, clock=self.clock)
         self.bad: dict[int, str] = {}
         self.holes: list[Any] = []  # rows without a value, of whole numbers
-        self.cells: list[str | None] = []  # of text
+        self.cells: list[str | None] = []  # of text that may be instants
+        self.dated: bool | None = None
 
     def fill(self, begin: int, values: Any) -> None:
         """Take the next rows."""
@@ -116,7 +123,9 @@ class _Column:
             self.holes.append(begin + none)
         if self.text:
             cells = values.to_pylist()
-            self.cells += cells
+            if self.dated is None:
+                self.dated = any(_DATE.search(cell) for cell in cells[:_PROBED] if cell)
+            self.cells += cells if self.dated else []
             place[:], bad = numbers_of(cells)
             room = 5000 - len(self.bad)
             self.bad |= {begin + row: text for row, text in list(bad.items())[:room]}
@@ -131,26 +140,26 @@ class _Column:
             place[:] = values.to_numpy(zero_copy_only=False)
 
     def _instants(self, values: Any) -> Any:
-        """Instants and durations in nanoseconds, none as the smallest number."""
+        """Instants and durations in the unit that they have, none as the smallest number."""
         pa = library("pyarrow")
-        kind = self.kind
-        if pa.types.is_time(kind):
-            values = values.cast(pa.time64("ns")).cast(pa.int64())
-        elif pa.types.is_duration(kind):
-            values = values.cast(pa.duration("ns")).cast(pa.int64())
-        else:
-            values = values.cast(pa.timestamp("ns", tz=getattr(kind, "tz", None))).cast(pa.int64())
-        return values.fill_null(np.iinfo(np.int64).min).to_numpy(zero_copy_only=False)
+        whole = values.cast(pa.int32()) if values.type.bit_width == 32 else values
+        return whole.cast(pa.int64()).fill_null(_NONE).to_numpy(zero_copy_only=False)
 
     def finish(self, sink: Sink) -> None:
         """Turn whole numbers into doubles in their place, unless these do not hold them."""
         sink.mark(self.number, self.bad)
-        if self.text and not np.isfinite(self.place).any():
+        if self.cells and not np.isfinite(self.place).any():
             sink.put_texts(self.number, self.cells)
         elif self.timed:
-            turned, since, _ = seconds_of(self.place.view("M8[ns]" if self.clock else "m8[ns]"))
-            self._replace(sink, turned)
-            sink.vectors[self.number]["since"] = since
+            known = self.place != _NONE
+            first = int(self.place[known][0]) if self.clock and known.any() else 0
+            parts = _PARTS[getattr(self.kind, "unit", str(self.kind))]
+            seconds = (self.place - first) / parts
+            seconds[~known] = np.nan
+            self.place.view(np.float64)[:] = seconds
+            entry = sink.vectors[self.number]
+            entry["kind"] = seconds.dtype.str
+            entry["since"] = round(first * 1e9 / parts)
             sink.convert(self.name, f"{self.kind} to seconds")
         elif self.whole:
             holes = np.concatenate(self.holes) if self.holes else np.empty(0, np.int64)
@@ -165,7 +174,3 @@ class _Column:
                 doubles[begin:end] = self.place[begin:end].astype(np.float64)
             doubles[holes] = np.nan
             sink.vectors[self.number]["kind"] = doubles.dtype.str
-
-    def _replace(self, sink: Sink, values: Any) -> None:
-        self.place.view(np.float64)[:] = values
-        sink.vectors[self.number]["kind"] = np.dtype(np.float64).str
