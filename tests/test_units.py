@@ -354,6 +354,11 @@ def test_what_has_no_whole_powers_of_base_units(unit: str) -> None:
         ("10 ms", "s", 1e-2),
         ("100ns", "s", 1e-7),
         ("%FS", "1", 0.01),
+        ("mVolt", "V", 1e-3),
+        ("kNewton", "N", 1e3),
+        ("milliamps", "A", 1e-3),
+        ("mm Hg", "Pa", 133.322387415),
+        ("in. H2O", "Pa", 249.08891),
         ("1/10 %", "1", 1e-3),
     ],
 )  # fmt: skip
@@ -389,6 +394,8 @@ def test_units_of_the_field(unit: str, si: str, factor: float | None) -> None:
         ("mm*10", "m", "not written as a unit"),
         ("attocarat", "kg", "not known"),
         ("furlong", "m", "not read"),
+        ("mNewton", "N", "not known"),
+        ("thousandths", "m", "not read"),
         ("0-10 V", "V", "not written as a unit"),
     ],
 )
@@ -499,6 +506,16 @@ def test_a_header_takes_what_the_option_takes_and_the_reverse(shape: str) -> Non
         ("u_kp", "u_kp", None),
         ("p_A/B", "p_A/B", None),
         ("Input 2 PSI", "Input 2", "PSI"),
+        ("p_bar_1", "p_1", "bar"),
+        ("F kN left", "F left", "kN"),
+        ("p1_bar_abs", "p1", "bar_abs"),
+        ("x_m_1", "x_m_1", None),
+        ("mm_pos", "mm_pos", None),
+        ("p (in. H2O)", "p", "in. H2O"),
+        ("x (thousandths)", "x", "thousandths"),
+        ("n (cycles/min)", "n", "cycles/min"),
+        ("n (U/s)", "n", "U/s"),
+        ("pressure (valve/side)", "pressure (valve/side)", None),
     ],
 )
 def test_what_is_written_as_a_unit_and_what_is_a_remark(

@@ -12,7 +12,7 @@ import re
 from functools import lru_cache
 from typing import NamedTuple
 
-from .reading import LONGEST, is_common_unit, is_unit, means_unit
+from .reading import LONGEST, is_common_unit, is_unit, means_unit, pressure_reference
 from .spelling import normalise_unit
 from .table import REFERENCED, TABLE
 from .words import CHARACTERS, REMARKS, UNIT_NAMES, fold
@@ -191,13 +191,16 @@ def is_remark(text: str) -> bool:
         return any(map(str.isdigit, text))
     if re.search("[:=]", text):
         return True
-    return any(map(_is_plain, words)) or all(len(word) == 1 for word in words)
+    return any(map(_is_plain, words)) or all(len(word) == 1 and word.isascii() for word in words)
 
 
 def _holds_unit(text: str) -> bool:
     """Whether a part of a text is surely a unit: behind a number, or a name of two letters."""
-    if re.search(r"\d ?(?:[mkMdu]?[NVAlm]|[°%s])\b", text):
+    if re.search(r"\d ?(?:[mkMdu]?[NVAlm]|[°%s])\b|H2O|Hg\b", text):
         return True
+    top, stroke, bottom = text.partition("/")
+    if stroke and " " not in text and text != "S/N" and (is_unit(top) or is_unit(bottom)):
+        return bool(top) and bool(bottom)
     words = re.findall(r"[^\W\d_]+", text)
     return any(
         len(word) > 1
@@ -239,7 +242,7 @@ def _of_words(text: str) -> tuple[str, str | None]:
     quotient = re.search("[/*^]", text) and looks_like_unit(text) and not _is_of_counts(text)
     found = _suffix(text) or _marked(text)
     if found is None and not quotient:
-        found = _stroke(text) or _last_words(text)
+        found = _stroke(text) or _last_words(text) or _amid(text)
     if found is None:
         return text, text if quotient else None
     return _with_size(
@@ -273,6 +276,8 @@ def _suffix(text: str) -> tuple[str, str] | None:
             continue  # "Position - mm", "x_0.01mm"
         if unit in SUFFIXES:
             return name, SUFFIXES[unit]
+        if k == 3 and pressure_reference(unit):
+            return name, unit
     name, _, unit = text.rpartition("_")
     if not name.strip("_"):
         return None
@@ -295,6 +300,19 @@ def _is_certain(word: str) -> bool:
     if len(word) < 3 and ord(max(word, default=" ")) < 0x2E80:
         return fold(word) in ("kn", "mm") or (len(word) == 2 and is_common_unit(word))
     return means_unit(word)
+
+
+def _amid(text: str) -> tuple[str, str] | None:
+    """Name and unit of ``p_bar_1`` and ``F kN left``: a symbol before a remark or an index."""
+    words = re.split("[ _]", text[:LONGEST])
+    found = [k for k, word in enumerate(words[:-1]) if len(word) > 1 and word in SUFFIXES]
+    if len(found) != 1 or not any(words[: found[0]]):
+        return None
+    if not all(map(is_remark, words[found[0] + 1 :])):
+        return None
+    start = len(" ".join(words[: found[0]]))
+    unit = words[found[0]]
+    return text[:start] + text[start + 1 + len(unit) :], unit
 
 
 def _fits(word: str, name: str) -> bool:

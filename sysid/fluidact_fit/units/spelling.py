@@ -36,7 +36,7 @@ def normalise_unit(unit: str) -> str:
     text = plain_powers(unit.strip())
     text = unicodedata.normalize("NFKC", text.translate(_LETTERS)).translate(_LETTERS)
     text = _PER.sub("/", re.sub(r"\s+", " ", text.replace("**", "^")))
-    text = re.sub(r" ?([/*^]) ?", r"\1", text)
+    text = re.sub(r" ?([/*^]) ?", r"\1", text.replace(". ", " "))
     text = re.sub(r"(?<=[^\W\d_])-(?=[^\W\d_])", " ", text)  # in-lb
     text = re.sub(r"(?<=[^\W_])\.(?=[^\W\d_])", " ", text)  # kg.m2
     text = text[:-1] if text.endswith(".") else text

@@ -167,6 +167,11 @@ _SPELLINGS = {
     "kgf cm": ("kp cm", "kgf*cm"),
     "kgf m": ("kp m", "kpm", "kgf*m"),
     "torr": ("Torr",),
+    "mmHg": ("mm Hg",),
+    "inHg": ("in Hg",),
+    "mmH2O": ("mm H2O", "mm WS", "mm WC"),
+    "cmH2O": ("cm H2O", "cm WC"),
+    "inH2O": ("in H2O", "in WC"),
     "at": ("kp/cm^2", "kgf/cm^2", "kg/cm^2"),
     "psi": ("lb/in^2", "lbs/in^2", "lbf/in^2", "psid", "lb/inch^2", "lbf/inch^2"),
     "psf": ("lb/ft^2", "lbs/ft^2", "lbf/ft^2"),
@@ -219,7 +224,11 @@ AMBIGUOUS = {
     **dict.fromkeys(("hp", "ps", "horsepower"), "metric or mechanical horsepower"),
 }
 # Units all the same, which are not read: no header with one of them is without a unit.
-_UNREAD = "dyn dyne dynes slug slugs stone poundal pdl baud db emu erg furlong"
+_UNREAD = (
+    "dyn dyne dynes slug slugs stone poundal pdl baud db emu erg furlong angstrom angstroms "
+    "tenths hundredths thousandths zehntel hundertstel tausendstel pixel pixels px rps samples "
+    "jiffies cycles microstrain mkp"
+)
 UNREAD = set(_UNREAD.split())
 
 # A pressure above the atmosphere, or above vacuum: barg, bar(a), psia, kPa abs.

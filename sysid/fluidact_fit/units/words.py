@@ -47,7 +47,7 @@ _NAMES = {
     "atm": "atmosphere atmospheres",
     "V": "volt volts voltios voltio 伏 伏特",
     "mV": "毫伏",
-    "A": "ampere amperes amperio amperios 安 安培",
+    "A": "ampere amperes amperio amperios amp amps 安 安培",
     "mA": "毫安",
     "W": "watt watts vatio vatios 瓦",
     "kW": "千瓦",
@@ -82,13 +82,21 @@ def fold(word: str) -> str:
     return "".join(c for c in apart if not unicodedata.combining(c))
 
 
+def _is_only(prefix: str, unit: str) -> bool:
+    """Whether a prefix before a name ("mVolt") is that one in any case."""
+    return len(prefix) == 1 and f"{prefix.swapcase()}{unit}" not in ATOMS and prefix != "M"
+
+
 def _words() -> dict[str, str]:
     words = {fold(w): unit for unit, names in _NAMES.items() for w in names.split()}
     for unit in _PREFIXED:
         names = [fold(w) for w in _NAMES[unit].split() if len(w) > 2]
         for prefix, spoken in _PREFIXES.items():
             if f"{prefix}{unit.split()[0]}" in ATOMS:
-                made = {p + n: f"{prefix}{unit}" for p in spoken.split() for n in names}
+                spoken_or_not = (
+                    [*spoken.split(), prefix] if _is_only(prefix, unit) else spoken.split()
+                )
+                made = {p + n: f"{prefix}{unit}" for p in spoken_or_not for n in names}
                 words = made | words
     return words
 
