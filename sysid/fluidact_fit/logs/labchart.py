@@ -94,9 +94,9 @@ def _refusal(
 
 def _blocks(lines: Sequence[str]) -> list[tuple[dict[str, list[str]], int, int]]:
     """What is said of every block, the index of its first line and of its first row."""
-    out = []
+    out, end = [], 0
     for begin, line in enumerate(lines):
-        if not line.startswith(_FIRST):
+        if begin < end or not line.startswith(_FIRST):
             continue
         keys, end = {}, begin
         while end < len(lines) and ((found := _KEY.match(lines[end])) or not lines[end].strip()):

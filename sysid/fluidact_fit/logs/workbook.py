@@ -14,6 +14,7 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
+from functools import lru_cache
 from importlib import import_module
 from itertools import zip_longest
 from typing import Any
@@ -183,18 +184,17 @@ def _rows(sheet: Any, formulas: Any, epoch: datetime, name: str) -> Iterator[lis
     for each in (sheet, formulas) if formulas is not None else (sheet,):
         each.reset_dimensions()  # which a file may state as it likes
     others = formulas.iter_rows() if formulas is not None else ()
-    formats = import_module("openpyxl.styles.numbers")
     for number, (row, other) in enumerate(zip_longest(sheet.iter_rows(), others), start=1):
         if number > _MOST_ROWS or len(row or ()) > _MOST_COLUMNS:
             raise _refusal(f"sheet '{sheet.title[:40]}' has too many rows or columns.", name)
-        cells = [_text(cell, epoch, formats) for cell in row or ()]
+        cells = [_text(cell, epoch) for cell in row or ()]
         for k, cell in enumerate(other or ()):
             if k < len(cells) and not cells[k] and cell.value is not None:
                 cells[k] = _clean(f"={str(cell.value).lstrip('=')}")  # never computed
         yield cells if any(cells) else []
 
 
-def _text(cell: Any, epoch: datetime, formats: Any) -> str:
+def _text(cell: Any, epoch: datetime) -> str:
     """A cell as text: numbers with all their digits, dates as stamps."""
     value = cell.value
     if value is None:
@@ -203,10 +203,10 @@ def _text(cell: Any, epoch: datetime, formats: Any) -> str:
         return str(value).casefold()
     if not isinstance(value, int | float):
         return _clean(str(value))
-    style = cell.number_format
-    if not formats.is_date_format(style) or not math.isfinite(value):
+    style = _kind_of(cell.number_format[:200])
+    if style == "number" or not math.isfinite(value):
         return repr(value)
-    if formats.is_timedelta_format(style):
+    if style == "duration":
         seconds, part = divmod(round(value * _DAY), 10**6)
         hours, rest = divmod(seconds, 3600)
         sign = "" if seconds >= 0 else "-"
@@ -219,6 +219,15 @@ def _text(cell: Any, epoch: datetime, formats: Any) -> str:
         return repr(value)  # no date
     instant = epoch + timedelta(microseconds=round(value * _DAY))
     return f"{instant:%H:%M:%S.%f}" if style == "time" else f"{instant:%Y-%m-%d %H:%M:%S.%f}"
+
+
+@lru_cache(maxsize=1024)
+def _kind_of(number_format: str) -> str:
+    """What numbers of a format are: ``number``, ``date`` or ``duration``."""
+    formats = import_module("openpyxl.styles.numbers")
+    if not formats.is_date_format(number_format):
+        return "number"
+    return "duration" if formats.is_timedelta_format(number_format) else "date"
 
 
 def _clean(text: str) -> str:
