@@ -15,6 +15,7 @@ from ..routines.evaluate import DOUBLE, Arithmetic
 Rounded = Callable[[FloatArray], FloatArray]
 _PAIRS = 6  # of rows on both sides, for each comparison
 _BISECTIONS = 60
+_FEWEST = 100  # sequences: of more, two rest at an end of all ranges
 _LATE, _LATE_BISECTIONS = 4, 30  # calls of a comparison in a sequence
 _NEAR = (0.0, 1e-6, 1e-4, 1e-3, 3e-3, 1e-2)  # of the way from an edge to where it began
 
@@ -150,6 +151,9 @@ def sequences(
                     other = np.full(calls, other[rng.integers(calls)])
                 values = np.clip(other + off * rng.choice([-1.0, 1.0]), a.low, a.high)
             found[:, s, j] = values
+    for s, end in enumerate(("low", "high")):  # what accumulates, does so most there
+        if count > _FEWEST:
+            found[:, s] = [getattr(a, end) for a in routine.arguments]
     return found
 
 

@@ -112,10 +112,10 @@ def _pd(c: PDController, unit: str) -> Routine:
     reference, measured = map(draft.argument, _arguments(c.travel))
     error = draft.let("error", reference - measured)
     low_pass = Butterworth(c.cutoff, c.sample_time)
-    command = c.gains.proportional * error
+    command = constant("proportional", c.gains.proportional) * error
     if c.gains.derivative:
         rate = _rate(draft, "error_rate", error, low_pass, c.sample_time)
-        command = command + c.gains.derivative * rate
+        command = command + constant("derivative", c.gains.derivative) * rate
     if c.holding:
         command = command + constant("holding", c.holding)
     f = c.friction
@@ -138,17 +138,20 @@ def _force(c: ImpedanceController) -> Routine:
     low_pass = Butterworth(c.cutoff, c.sample_time)
     z, f = c.impedance, c.friction
     coulomb = f.coulomb_positive or f.coulomb_negative
-    force = z.stiffness * (reference - measured)
+    force = constant("stiffness", z.stiffness) * (reference - measured)
     if z.damping or f.viscous or coulomb:
         speed = _rate(draft, "speed", measured, low_pass, c.sample_time)
     if z.damping:
         wanted = _rate(draft, "wanted_speed", reference, low_pass, c.sample_time)
-        force = force + z.damping * (wanted - speed)
+        force = force + constant("damping", z.damping) * (wanted - speed)
     if f.viscous:
-        force = force + f.viscous * speed
+        force = force + constant("viscous", f.viscous) * speed
     if coulomb:
-        sign = choose(speed, "<", -f.tolerance, -f.coulomb_negative, 0.0, jumps=True)
-        sign = choose(speed, ">", f.tolerance, f.coulomb_positive, sign, jumps=True)
+        up = constant("coulomb_positive", f.coulomb_positive)
+        down = constant("coulomb_negative", -f.coulomb_negative)
+        low, high = (constant("velocity_tolerance", way * f.tolerance) for way in (-1.0, 1.0))
+        sign = choose(speed, "<", low, down, 0.0, jumps=True)
+        sign = choose(speed, ">", high, up, sign, jumps=True)
         force = force + sign
     return _returned(draft, _limited(force, c.limits), c.limit(0.0))
 

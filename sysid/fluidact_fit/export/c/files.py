@@ -122,7 +122,8 @@ def _describe(f: Function) -> list[str]:
             f": {at_most(f.error.rounding)} by rounding, and {at_most(f.error.jump)} where rounding"
             " decides on which side of a jump of the equation a value falls"
         )
-    text += " (three times the largest difference found over many arguments)."
+    times = "twice" if r.keeps else "three times"
+    text += f" ({times} the largest difference found over many arguments)."
     return [*lines, *textwrap.wrap(text, 94)]
 
 
