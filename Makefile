@@ -130,6 +130,7 @@ red-team: $(INSTALLED)
 soak: $(INSTALLED)
 	$(BIN)/python -m studies.soak $(or $(SOAK),--write)
 	$(BIN)/python studies/reading_cases.py --write
+	$(BIN)/python studies/reading_scaling.py --write
 	$(BIN)/python -m studies.reading_differential --write
 
 # Other tools come from PyPI into environments of their own; MATLAB and Octave do not.

@@ -242,6 +242,25 @@ SOURCES = [
 ]  # fmt: skip
 FILES = [
     Case(
+        "validity up to 1e308", "`inf.0f` in the C of its export",
+        _changed("(inlet: .*high: )[0-9.e+]+", r"\11.0e+308"), 3, r"nothing in SI is above",
+    ),
+    Case(
+        "50,000 %TAG directives before a file", "hangs",
+        f"{FIT_LINE}; (seq 50000 | sed 's/.*/%TAG !t&! tag:a.org,2000:&/'; echo ---; cat line.yaml) > t.yaml; fluidact-fit report t.yaml",
+        3, r"has a directive",
+    ),
+    Case(
+        "rows of 4,000 semicolons behind a quote", "minutes",
+        "python -c 'print((chr(34) + chr(59) * 4000 + chr(10)) * 60)' > q.csv; fluidact-fit inspect q.csv",
+        3, r"no table of numbers",
+    ),
+    Case(
+        "a file of logs at constants of their own, with one of them", "no longer fits, preload moved",
+        "for x in 0 20 40; do awk -F, -v x=$x 'NR>1 {p=2e5-1.5e5*cos(NR/50); print NR/50 \",\" p \",\" 2e-4*p-0.5*x-3-(sin(NR/50)>0?2:-2)+0.1*sin(7.3*NR*NR)}' datasets/line/trial1.csv | (echo 'time,pressure,force'; head -900) > at$x.csv; done; fluidact-fit spring-cylinder at0.csv at20.csv at40.csv --set 'at0*:position=0 mm' --set 'at20*:position=20 mm' --set 'at40*:position=40 mm' -q -o s.yaml; fluidact-fit check s.yaml at40.csv",
+        0, r"the model still fits",
+    ),
+    Case(
         "`validity.X.high: [5.0]`", "exit 1",
         _changed("(inlet: .*high: )[0-9.e+]+", r"\1[5.0]"), 3, r"validity",
     ),

@@ -21,7 +21,6 @@ from fluidact_fit_cli.main import run
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "0.1.0"
 FAMILIES = sorted(path.stem for path in GOLDEN.glob("*.yaml"))
-TARGETS = ("c", "st")
 ABSURD = (1e31, 1e39, 1e300, -1e308)
 Raw = dict[str, Any]
 
@@ -96,14 +95,13 @@ def test_what_is_left_is_exported_or_refused(family: str, tmp_path: Path) -> Non
     scalars = [n for n in parameters_of(family)
                if isinstance(golden(family)["parameters"][n]["value"], float)]  # fmt: skip
     for name in scalars:
-        for number in (-0.0, 1e29):
-            for target in TARGETS:
-                status, err = export(with_value(family, name, number), tmp_path, target)
-                assert status in (0, 2, 3), (name, number, target, err)
-                for path in (tmp_path / target).glob("*.[chsm]*") if status == 0 else ():
-                    if path.suffix in (".c", ".h", ".st", ".m"):
-                        assert not re.search(r"(?<![\w.])-?(inf|nan)(\.0f?)?(?!\w)[,;)]",
-                                             path.read_text()), (name, number, path)  # fmt: skip
+        for number, target in ((-0.0, "st"), (1e29, "c")):
+            status, err = export(with_value(family, name, number), tmp_path, target)
+            assert status in (0, 2, 3), (name, number, target, err)
+            for path in (tmp_path / target).glob("*.[chsm]*") if status == 0 else ():
+                if path.suffix in (".c", ".h", ".st", ".m"):
+                    assert not re.search(r"(?<![\w.])-?(inf|nan)(\.0f?)?(?!\w)[,;)]",
+                                         path.read_text()), (name, number, path)  # fmt: skip
 
 
 def test_a_number_too_small_to_divide_by_is_refused(tmp_path: Path) -> None:

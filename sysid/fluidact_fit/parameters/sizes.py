@@ -45,6 +45,8 @@ def check_sizes(document: dict[str, Any], problems: Problems) -> None:
             if words := _strange(number, small=alone):
                 problems.add(place, f"{number!r} is {words}")
     for path in _SQUARES:
+        if not problems.intact(*path):
+            continue
         for place, number in _numbers(document, path):
             if abs(number) > _SQUARE:
                 problems.add(place, f"{number!r} is too large: nothing here is above {_SQUARE:.0e}")

@@ -1,0 +1,316 @@
+# ruff: noqa: T201, E501 (it prints its table; a piece of text is a line)
+"""How the time of reading grows with the size of a text that is made to defeat the reader.
+
+    python studies/reading_scaling.py [--write] [--only TEXT] [--every N] [--jobs N]
+
+Every reader of text (logs, headers and units, stamps, YAML, controller headers, lists of keys and
+of jobs) gets frames in which one repeated piece stands where a line, a cell, a name, a comment or a
+text in quotes may stand. Sizes grow from 10^3 to 10^6 characters until the time of the processor
+can be measured. The exponent is that of the upper sizes: 1 is a time in proportion to the text.
+Above ``BOUND`` in three runs the study fails. Each pattern runs in a process of its own, which a
+limit ends. ``--write`` writes ``docs/reading-scaling.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import resource
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from fluidact_fit.batch.jobs import read_jobs
+from fluidact_fit.consumer import read_consumer
+from fluidact_fit.control.controller_file import read_controller_file
+from fluidact_fit.control.loading import read_document
+from fluidact_fit.errors import FluidactError, in_python, visible
+from fluidact_fit.logs import describe, read_log
+from fluidact_fit.logs.stamps import read_stamp
+from fluidact_fit.logs.surgery import find_in_name, parse_constant, parse_exclusion
+from fluidact_fit.units import is_unit, looks_like_unit, normalise_unit, parse_unit_from_header
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "reading-scaling.md"
+GOLDEN = ROOT / "tests" / "golden" / "0.1.0"
+BOUND = 1.2  # exponent
+SIZES = tuple(round(10 ** (3 + k / 2)) for k in range(7))
+LIMIT = 5  # s of the processor for one size
+_ENOUGH = 1.0  # s, beyond which no larger size is tried
+_MEASURABLE = 0.05  # s
+_LEAST = 0.005  # s, of a time that counts for the exponent
+
+SIGNS = " \t\f\v\r\"'`,;:.|+-*/\\^_=<>()[]{}#%&!?@~$§°µ0aeEN1\x1f\u00a0\u2028é"
+PAIRS = (
+    "a ", " a", "1 ", "1,", ",1", "1.", ".1", "1;", ";1", "1e", "e1", "1:", ":1", "1-", "-1", "1/",
+    "1|", "a(", "(a", "a[", "[a", "{a", "a{", "a)", "()", "[]", "{}", ")(", "](", "([", "a/", "a*",
+    "a^", "a.", "a,", "a;", "a=", "=1", "a:", ": ", "- ", "-- ", "--a", "--a=", "---", "...", "//",
+    "/*", "*/", "/**/", "\\\\", '\\"', '""', '"a', "a\"", '","', '";"', "'a'", ", ", "; ", " / ", " in ",
+    "%a", "% of 1 ", "a in b ", "kg.m2/", "(a.", "1,000", "1 000 ", "1'000'", "12:30:00 ", "2020-01-01 ",
+    "#define a ", "float a", "float a,", "const ", "double ", "a,b(", "<a", "int<", "std::array<", "a_",
+    "__attribute__((", ".a=", "{.a=1,", "[1]", "[1][", "&a ", "*a ", "!a ", "|a", ">a", "? ", "a#",
+)  # fmt: skip
+LINES = (
+    "\n", "\r\n", "\r", "\n\n", "a\n", "1\n", "1;2\n", "1,2\n", "a;b\n", "#a\n", "# a: b\n", "%\n",
+    '"\n', "//a\n", "/*\n", "/* a */\n", "// a [\n", "a: 1\n", "- a\n", "%TAG ! a:\n", "%YAML 1.2\n",
+    "---\n", "...\n", "a [b]\n", "#define a 1\n", "float a;\n", "float a = 1; // b\n", "  \n", " a\n",
+    "{\n", "}\n", "){\n", "\\\n", ";\n", "a,b,c\n", "a.csv\n", "=1\n", "\t\n", "? a\n", "'\n", "*a\n",
+)  # fmt: skip
+
+
+_PAGE = """\
+# Time of reading against the size of a text
+
+Written by `studies/reading_scaling.py --write`, a part of `make soak`. Every reader of text gets
+frames in which one piece is repeated where a line, a cell, a name, a comment or a text in quotes may
+stand, from 10^3 to {largest} characters (`@` is where). The exponent is the slope of the processor
+time over the size, of the upper sizes; only what takes {least} s or more at the largest size can be
+measured. A pattern above {bound} is timed three times, and then fails the study.
+
+{patterns} patterns{part}: {measured} can be measured, {bad} grow faster than {bound}. ({seconds} s on
+{cores} cores beside other work.) The largest exponents:
+
+{table}
+"""
+
+
+class Pattern(NamedTuple):
+    """A reader, the frame of the text, and the piece that is repeated in it."""
+
+    reader: str
+    frame: str
+    piece: str
+
+    @property
+    def name(self) -> str:
+        frame = self.frame if len(self.frame) < 60 else self.frame[:28] + "…" + self.frame[-28:]
+        return f"{self.reader} | {frame!r} | {self.piece!r}"
+
+
+class Timing(NamedTuple):
+    """Sizes of a pattern and the seconds of the processor that each took."""
+
+    pattern: Pattern
+    sizes: tuple[int, ...]
+    seconds: tuple[float, ...]
+    ended: str
+
+    @property
+    def measured(self) -> bool:
+        return bool(self.ended) or (bool(self.seconds) and self.seconds[-1] >= _MEASURABLE)
+
+    @property
+    def exponent(self) -> float:
+        """Slope of the upper sizes, infinite where a limit ended the process."""
+        if self.ended:
+            return math.inf
+        pairs = [(n, s) for n, s in zip(self.sizes, self.seconds) if s >= _LEAST][-3:]
+        if len(pairs) < 2:
+            return 0.0
+        (n, s), (m, r) = pairs[0], pairs[-1]
+        return math.log(r / s) / math.log(m / n)
+
+
+def _of_file(suffix: str, read: Callable[[str], object]) -> Callable[[str], object]:
+    def call(text: str) -> object:
+        with tempfile.NamedTemporaryFile("w", suffix=suffix, newline="", encoding="utf-8",
+                                         dir=_scratch()) as file:  # fmt: skip
+            file.write(text)
+            file.flush()
+            return read(file.name)
+
+    return call
+
+
+def _scratch() -> str | None:
+    return "/dev/shm" if os.path.isdir("/dev/shm") else None
+
+
+def _described(path: str) -> object:
+    return describe(read_log(path))
+
+
+READERS: dict[str, Callable[[str], object]] = {
+    "log": _of_file(".csv", _described),
+    "header": parse_unit_from_header,
+    "unit": lambda text: (is_unit(text), looks_like_unit(text), normalise_unit(text)),
+    "stamp": read_stamp,
+    "constant": lambda text: parse_constant("a", text),
+    "exclusion": parse_exclusion,
+    "name of a log": lambda text: find_in_name("a", "a{mm}b", text),
+    "message": lambda text: in_python(visible(text)),
+    "parameter file": _of_file(".yaml", read_document),
+    "controller file": _of_file(".yaml", read_controller_file),
+    "jobs.csv": _of_file(".csv", read_jobs),
+    "jobs.yaml": _of_file(".yaml", read_jobs),
+    "header of a controller": _of_file(".h", read_consumer),
+    "list of keys": _of_file(".txt", read_consumer),
+    "declaration": _of_file(".yaml", read_consumer),
+}
+
+_ROWS = "".join(f"{k};{k / 7:.4f}\n" for k in range(60))
+_HALF = _ROWS.replace(";", ",")
+_TEXTS = ("@", "a @", "@ a", "1@", "(@", "a [@", '"@', "a (@)")
+FRAMES: dict[str, Sequence[str]] = {
+    "log": (
+        "@", f"@\n{_ROWS}", f"time;x @\n{_ROWS}", f"time;x (@\n{_ROWS}", f"time;x\ns;@\n{_ROWS}",
+        f"time;x\n{_ROWS}@\n{_ROWS}", f"time;x\n{_ROWS}1;@\n{_ROWS}", f'time;x\n{_ROWS}1;"@\n{_ROWS}',
+        f"time;x\n{_ROWS}@", f'"@\ntime;x\n{_ROWS}', f"time,x\n{_HALF}1,@\n{_HALF}", f'"@"\n{_HALF}',
+    ),
+    "parameter file": ("@", "a: @", "a: {@", 'a: "@', "a: [@", "a: |\n  @", "@" + "GOOD", "GOOD" + "@"),
+    "controller file": ("@", "a: @", 'a: "@'),
+    "jobs.csv": ("@", "job,family,logs\n@", "job,family,logs\na,line,@", 'job,family,logs\na,line,"@',
+                 "job,family,logs,options\na,line,a.csv,@"),
+    "jobs.yaml": ("@", "- {job: a, family: line, logs: a.csv, options: @", '- job: "@', "- @"),
+    "header of a controller": (
+        "@", "/* @", "// @", "#define a @", "float a = @", "float a[] = {@", "float @", "const @",
+        "float a = 1; // [@", "struct a {@", "void a() {@", 'char a[] = "@',
+    ),
+    "list of keys": ("@", "a [@", "a,@", "a @"),
+    "declaration": ("@", "a: @", 'a: {b: {type: double, description: "[@"}}'),
+}  # fmt: skip
+
+
+def patterns(only: str = "") -> Iterator[Pattern]:
+    """Yield every reader with every frame and piece."""
+    for reader in READERS:
+        lined = reader in FRAMES
+        for frame in FRAMES.get(reader, _TEXTS):
+            for piece in dict.fromkeys((*SIGNS, *PAIRS, *(LINES if lined else ()))):
+                pattern = Pattern(reader, frame, piece)
+                if only in pattern.name:
+                    yield pattern
+
+
+def text_of(pattern: Pattern, size: int) -> str:
+    """Return the text of a pattern with about ``size`` characters of its piece."""
+    frame = pattern.frame
+    if "GOOD" in frame:
+        frame = frame.replace("GOOD", (GOLDEN / "line.yaml").read_text(encoding="utf-8"))
+    before, _, behind = frame.partition("@")
+    count = max(1, size // len(pattern.piece))
+    return f"{before}{pattern.piece * count}{behind}"
+
+
+def measure(pattern: Pattern, largest: int = SIZES[-1]) -> Timing:
+    """Time a pattern in a process of its own, up to the size that takes long enough."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(reading)
+        _time_sizes(pattern, writing, [n for n in SIZES if n <= largest])
+        os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading, encoding="ascii") as pipe:
+        rows = [line.split() for line in pipe]
+    _, status = os.waitpid(child, 0)
+    ended = f"ended by {signal.Signals(status & 127).name}" if status & 127 else ""
+    if not ended and status:
+        ended = rows.pop()[0] if rows else f"exit {status >> 8}"
+    sizes, seconds = tuple(int(r[0]) for r in rows), tuple(float(r[1]) for r in rows)
+    return Timing(pattern, sizes, seconds, ended)
+
+
+def _time_sizes(pattern: Pattern, out: int, sizes: Sequence[int]) -> None:
+    """Write size and seconds of every size; runs in the child."""
+    devnull = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(devnull, 2)
+    resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
+    read, began = READERS[pattern.reader], time.process_time()
+    for size in sizes:
+        text = text_of(pattern, size)
+        spent = int(time.process_time() - began)
+        resource.setrlimit(resource.RLIMIT_CPU, (spent + LIMIT, spent + LIMIT + 1))
+        start = time.process_time()
+        try:
+            read(text)
+        except (FluidactError, ValueError) as error:
+            if not isinstance(error, FluidactError) and pattern.reader in FRAMES:
+                os.write(out, f"{type(error).__name__}\n".encode())
+                os._exit(1)
+        except Exception as error:  # a fault of the program, which is named
+            os.write(out, f"{type(error).__name__}\n".encode())
+            os._exit(1)
+        taken = time.process_time() - start
+        os.write(out, f"{size} {taken:.6f}\n".encode())
+        if taken > _ENOUGH:
+            return
+
+
+def measure_again(pattern: Pattern, largest: int) -> Timing:
+    """Time a pattern; where it seems to grow too fast, other work may have been in the way."""
+    found = measure(pattern, largest)
+    for _ in range(2):
+        if not found.measured or found.exponent <= BOUND:
+            break
+        found = min(found, measure(pattern, largest), key=lambda t: t.exponent)
+    return found
+
+
+def table(timings: Sequence[Timing], most: int = 30) -> str:
+    """Return the slowest growth and the slowest texts as Markdown."""
+    lines = [
+        "| reader | frame | repeated | largest size | seconds | exponent |",
+        "|---|---|---|---|---|---|",
+    ]
+    for t in timings[:most]:
+        frame = t.pattern.frame if len(t.pattern.frame) < 40 else t.pattern.frame[:12] + "…"
+        cells = [t.pattern.reader, _code(frame), _code(t.pattern.piece),
+                 f"{t.sizes[-1]:,}" if t.sizes else "", f"{t.seconds[-1]:.2f}" if t.seconds else "",
+                 t.ended or f"{t.exponent:.2f}"]  # fmt: skip
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _code(text: str) -> str:
+    return "`" + repr(text)[1:-1].replace("|", "&#124;").replace("`", "'") + "`"
+
+
+def main() -> int:
+    """Return 1 where a pattern grows faster than the bound."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true")
+    parser.add_argument("--only", default="", help="patterns whose name holds this text")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--every", type=int, default=1, help="run every Nth pattern only")
+    parser.add_argument("--largest", type=int, default=SIZES[-1], help="characters")
+    given = parser.parse_args()
+    chosen = list(patterns(given.only))[:: given.every]
+    began = time.perf_counter()
+    with ThreadPoolExecutor(given.jobs) as pool:
+        timings = []
+        for timing in pool.map(partial(measure_again, largest=given.largest), chosen):
+            timings.append(timing)
+            if timing.measured and timing.exponent > BOUND:
+                print(
+                    timing.pattern.name,
+                    timing.ended or f"{timing.exponent:.2f}",
+                    timing.sizes[-1:],
+                    timing.seconds[-1:],
+                    file=sys.stderr,
+                    flush=True,
+                )
+    known = [t for t in timings if t.measured]
+    bad = [t for t in known if t.exponent > BOUND]
+    known.sort(key=lambda t: (-t.exponent, -max(t.seconds, default=0.0)))
+    part = "" if given.every == 1 else f", every {given.every}th of all"
+    text = _PAGE.format(
+        patterns=len(timings), part=part, measured=len(known), bad=len(bad), bound=BOUND,
+        least=_MEASURABLE, cores=os.cpu_count(), largest=f"{given.largest:,}",
+        seconds=f"{time.perf_counter() - began:.0f}", table=table(known),
+    )  # fmt: skip
+    print(text)
+    if given.write:
+        PAGE.write_text(text, encoding="utf-8")
+    return int(bool(bad))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
