@@ -383,7 +383,9 @@ def main() -> None:
     text = "\n".join(parts)
     print(text)
     if given.write:
-        PAGE.write_text(_EXPLAINED + text + "\n", encoding="utf-8")
+        taken = f"{100.0 * given.scale:.3g} %"
+        share = f"Of the constants and of the random arguments {taken} were taken.\n"
+        PAGE.write_text(_EXPLAINED + share + "\n" + text + "\n", encoding="utf-8")
 
 
 def _rows(head: Sequence[str], lines: Sequence[str]) -> str:
