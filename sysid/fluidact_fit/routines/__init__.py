@@ -1,6 +1,5 @@
 """What a controller calls, as routines that every target of ``export`` translates."""
 
-from .draft import Draft
 from .evaluate import Machine
 from .expression import (
     Expression,
@@ -16,7 +15,7 @@ from .expression import (
     polynomial,
     sqrt,
 )
-from .routine import Argument, Filter, Routine, Solve
+from .routine import Argument, Draft, Filter, Routine, Solve
 
 __all__ = [
     "Argument", "Draft", "Expression", "Filter", "Machine", "Name", "Operand", "Routine", "Solve",

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .expression import Binary, Choose, Expression, Item, Name, Number, Unary
-from .routine import Filter, Flag, Layer, Let, Put, Routine, Solve, Statement
+from .statements import Filter, Flag, Layer, Let, Put, Routine, Solve, Statement
 
 _UNARY: Mapping[str, Callable[[Any], Any]] = {
     "neg": np.negative, "abs": np.abs, "sqrt": np.sqrt, "exp": np.exp, "log": np.log,

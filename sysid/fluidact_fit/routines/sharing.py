@@ -18,8 +18,8 @@ from .expression import (
     parts_of,
     with_parts,
 )
-from .routine import Filter, Flag, Layer, Let, Put, Routine, Solve, Statement
 from .simplify import change_statement
+from .statements import Filter, Flag, Layer, Let, Put, Routine, Solve, Statement
 
 _WORDS = {
     "+": "sum", "-": "difference", "*": "product", "/": "quotient", "min": "lower",

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from .evaluate import RELATIONS, value_of
 from .expression import Binary, Choose, Expression, Number, Unary, with_parts
-from .routine import Filter, Flag, Layer, Let, Put, Routine, Solve, Statement
+from .statements import Filter, Flag, Layer, Let, Put, Routine, Solve, Statement
 
 Rewrite = Callable[[Expression], Expression]
 
