@@ -17,7 +17,7 @@ from ..export.flat import flatten
 from ..export.target import Entry, safe_name
 from ..units import SUFFIXES, conversion_factor, is_known_unit, normalise_unit, same_dimension
 from .read import Key
-from .values import differing, literals_in
+from .values import differing, is_computed, literals_in
 
 # Words behind a name that say a unit, the longest first: a macro has no small letters.
 _SUFFIXES = {
@@ -169,6 +169,10 @@ def _ignored(entry: Entry) -> Row:
 def _compare_key(entry: Entry, key: Key) -> Row:
     """Compare units, and numbers where the controller has any."""
     row, literals = _compare_units(entry, key), literals_in(key.value)
+    if row.finding == "agrees" and is_computed(key.value):
+        shown = " ".join(key.value.split())
+        why = f"the controller computes it, {shown[:60]}; write the number itself to compare it"
+        return replace(row, finding="other value", message=f"{entry.key}: {why}.")
     if row.finding != "agrees" or literals is None or isinstance(entry.value, bool | str):
         return row
     factor = conversion_factor(entry.unit or "1", key.unit) if key.unit else 1.0

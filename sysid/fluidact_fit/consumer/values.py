@@ -10,9 +10,17 @@ import numpy as np
 
 from ..experiment import FloatArray
 
-_PART = re.compile(
-    r"\s*+(?:[{}(),]|(?P<number>[-+]?\s*+(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)(?:[fFlLuU]{0,3}))"
+_LITERAL = (
+    r"(?:0[xX][\da-fA-F]++\.?[\da-fA-F]*+(?:[pP][-+]?\d++)?"
+    r"|(?:\d++(?:'\d++)*+\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)"
 )
+_PART = re.compile(
+    rf"\s*+(?:(?P<number>[-+]?\s*+{_LITERAL})(?:[fF](?:16|32|64)|[dD]|[fFlLuU]{{0,3}})(?![\w.'])"
+    r"\s*+(?=[{}(),]|\Z)|[{}(),])"
+)
+_CAST = re.compile(r"\(\s*+(?:const\s++)?(?:long\s++)?(?:double|float|[a-z]\w*_[tT])\s*+\)")
+_SIGNED = re.compile(r"-\s*+\(([^()]*+)\)")
+_DIGIT = re.compile(r"(?<![\w.])\.?\d")
 _LOOSEST = 0.01  # of a value: a literal of few digits does not excuse more
 _SINGLE = 2.0**-23  # relative: the literal may be read in single precision
 
@@ -25,8 +33,11 @@ class Literal(NamedTuple):
 
 
 def literals_in(text: str) -> list[Literal] | None:
-    """Return the numbers of a constant or of a list of them; ``None`` where it is computed."""
-    text, at, found = text.strip(), 0, list[Literal]()
+    """Return the numbers of a constant or of a list of them; ``None`` where it is computed.
+
+    Casts and brackets around one are understood, and whole numbers in hexadecimal or octal.
+    """
+    text, at, found = _SIGNED.sub(r"-\1", _CAST.sub("", text)).strip(), 0, list[Literal]()
     while at < len(text):
         part = _PART.match(text, at)
         if part is None:
@@ -37,7 +48,17 @@ def literals_in(text: str) -> list[Literal] | None:
     return found or None
 
 
+def is_computed(text: str) -> bool:
+    """Whether a value holds numbers of its own that are not its value."""
+    return literals_in(text) is None and _DIGIT.search(text) is not None
+
+
 def _literal(text: str) -> Literal:
+    text = text.replace("'", "")
+    if "x" in text.lower():
+        return Literal(float.fromhex(text), 0.0)
+    if re.fullmatch(r"[-+]?0[0-7]+", text):
+        return Literal(float(int(text, 8)), 0.0)
     mantissa, _, exponent = text.lower().partition("e")
     _, point, digits = mantissa.partition(".")
     power = int(exponent or 0)
