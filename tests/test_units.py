@@ -507,6 +507,8 @@ def test_a_header_takes_what_the_option_takes_and_the_reverse(shape: str) -> Non
         ("p_A/B", "p_A/B", None),
         ("Input 2 PSI", "Input 2", "PSI"),
         ("p_bar_1", "p_1", "bar"),
+        ("p (in bra)", "p", "in bra"),
+        ("p (in chamber)", "p (in chamber)", None),
         ("F kN left", "F left", "kN"),
         ("p1_bar_abs", "p1", "bar_abs"),
         ("x_m_1", "x_m_1", None),

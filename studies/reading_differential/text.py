@@ -92,7 +92,8 @@ def _joined(rng: random.Random, cells: list[str], delimiter: str, quoted: bool) 
     if delimiter == " ":
         return rng.choice((" ", "  ", "   ")).join(f'"{c}"' if " " in c or quoted else c
                                                    for c in cells)  # fmt: skip
-    must = [quoted or delimiter in c or c.startswith('"') for c in cells]
+    # "force, kN" above decimals with commas would be two names above two columns
+    must = [quoted or delimiter in c or ("," in c and len(cells) == 1) for c in cells]
     return delimiter.join(f'"{c}"' if q else c for c, q in zip(cells, must))
 
 

@@ -396,6 +396,10 @@ def _is_unit(cell: str) -> bool:
     inner = text.rpartition("(")[2].rstrip(") ")
     if text.endswith(")") and text[0] != "(" and parse_unit_from_header(text)[1] == inner:
         return False  # "t (ms)" is a name with its unit, and "bar (g)" a unit
+    if re.fullmatch(r"[^\W\d_]+[*/][0-9.]+", text) and looks_like_unit(
+        text.rstrip("*/.0123456789")
+    ):
+        return True  # "bar*10", to be refused
     return bool(_BRACKETED.fullmatch(text) or looks_like_unit(text) or _CLOCK_FORM.fullmatch(text))
 
 

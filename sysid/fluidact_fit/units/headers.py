@@ -132,7 +132,9 @@ def _in_brackets(text: str, groups: list[_Group]) -> tuple[str, str | None] | No
     if not units and last.opening == "[" and last.end == len(text):
         units = [last]
     if not units:
-        units = [g for g in groups if g.text.strip() and not is_remark(_inner(g.text))]
+        units = [
+            g for g in groups if g.text.strip() and not is_remark(_SAYS_UNIT.sub("", g.text, 1))
+        ]
     if not units:
         return None
     chosen = units[-1]
