@@ -66,7 +66,7 @@ class HydraulicMotor(Family[MotorOptions]):
                 ),
                 ParameterSpec(
                     "curvature", "1/A", "rate at which the slope falls off with the command",
-                    neutral=0.0, minimum=1e-30, ratio=("1", "command"),
+                    neutral=0.0, minimum=0.0, ratio=("1", "command"),
                     remedy="Record three commands or more between dead zone and saturation.",
                 ),
                 ParameterSpec(
@@ -76,7 +76,7 @@ class HydraulicMotor(Family[MotorOptions]):
                 ),
                 ParameterSpec(
                     "hysteresis", "A", "width of the hysteresis, in command", neutral=0.0,
-                    minimum=1e-30, ratio=("command", "1"),
+                    minimum=0.0, ratio=("command", "1"),
                     remedy="Record the same commands going up and coming down.",
                 ),
                 ParameterSpec(
