@@ -32,7 +32,7 @@ class Named:
 
     ``values`` of shape ``(n,)``: numbers, text, instants or durations. Of a ``sparse`` one NaN
     are no samples. Of one that is ``own`` nobody else holds the values. ``bad`` has the text of
-    cells that were no number, a ``clock`` held instants.
+    cells that were no number, a ``clock`` held instants and counts from ``since`` [ns].
     """
 
     header: str
@@ -42,6 +42,7 @@ class Named:
     own: bool = False
     bad: Mapping[int, str] | None = None
     clock: bool = False
+    since: int = 0
 
 
 def log_of(data: Any, name: str = "data", *, path: str | Path | None = None) -> Log:
@@ -134,11 +135,13 @@ def _column(index: int, given: Named, name: str, notices: list[Notice]) -> Colum
     """A column as a file would have it."""
     values, unit = _numbers(given, name)
     header, clock, doubt = given.header.strip(), given.clock, ""
+    since = given.since or _first_instant(given)
     if unit is None and not np.isfinite(values).any():
         clocks = _clocks(given, index, name)
         clock, doubt = bool(clocks.seconds), clocks.doubts.get(index - 1, "")
         values, unit = clocks.seconds.get(index - 1, values), "s" if clock else None
         notices += clocks.notices
+        since = clocks.since
     written, in_header = parse_unit_from_header(header)
     unit = unit or given.unit or in_header
     finite = where_finite(values)
@@ -152,8 +155,17 @@ def _column(index: int, given: Named, name: str, notices: list[Notice]) -> Colum
     doubtful = given.unit is None and is_doubtful_suffix(header)
     whole = None if clock else _exact(given)
     return Column(
-        index, header, written, unit, doubtful, values, bad, given.sparse, clock, doubt, exact=whole
-    )
+        index, header, written, unit, doubtful, values, bad, given.sparse, clock, doubt,
+        exact=whole, since=since,
+    )  # fmt: skip
+
+
+def _first_instant(given: Named) -> int:
+    """The first of an array of instants [ns since 1970], 0 where it holds none."""
+    values = np.asarray(given.values)
+    if values.dtype.kind != "M" or np.isnat(values).all():
+        return 0
+    return int(values[~np.isnat(values)].ravel()[0].astype("datetime64[ns]").astype(np.int64))
 
 
 def _exact(given: Named) -> Exact | None:

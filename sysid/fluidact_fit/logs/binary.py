@@ -270,7 +270,9 @@ class _Assembly:
 
     def _named(self, k: int, header: str, sparse: bool = False) -> Named:
         v = self.vectors[k]
-        return Named(header, v.values, v.unit, sparse, own=True, bad=v.bad, clock=v.clock)
+        return Named(
+            header, v.values, v.unit, sparse, own=True, bad=v.bad, clock=v.clock, since=v.since
+        )
 
     def _joined(self, bases: Sequence[int], base_of: dict[int, int | None]) -> list[Named]:
         """Columns of several time bases, each at its own instants."""
@@ -301,7 +303,7 @@ class _Assembly:
                 self._leave(k, "no time beside it")
         self._count_invalid(bases, base_of)
         columns = joined([p for p in parts if len(p) > 1] or parts, self.name)
-        return [Named("time", columns[0].values, unit, own=True), *columns[1:]]
+        return [Named("time", columns[0].values, unit, own=True, since=first), *columns[1:]]
 
     def _count_invalid(self, bases: Sequence[int], base_of: dict[int, int | None]) -> None:
         """Name samples that are none, where holes mean that nothing was sampled."""

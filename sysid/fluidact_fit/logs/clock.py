@@ -22,6 +22,7 @@ _COMMA = re.compile(r"^([^,]*\d\d:\d\d:\d\d),(\d{3})(?=,)")
 _FILETIME = re.compile(r"\d{17,19}")  # units of 100 ns since 1601
 _LONGEST = 2**62  # what is counted in ns, 146 years
 _DAY = 86_400 * SECOND
+_EPOCH = date(1970, 1, 1).toordinal()
 _HOUR = 3_600 * SECOND
 _SET_BACK = {
     _HOUR: "the clock goes back by an hour, as at the end of summer time",
@@ -69,12 +70,14 @@ def _with_point(line: str) -> str:
 class Clocks(NamedTuple):
     """Columns of clock times by their index: seconds, shape ``(n_rows,)``, and notices.
 
-    ``doubts`` say why a column was not read, and below what to do.
+    ``doubts`` say why a column was not read, and below what to do. ``since`` is the instant that
+    the seconds count from [ns since 1970, or since midnight without a date].
     """
 
     seconds: dict[int, FloatArray]
     notices: tuple[Notice, ...] = ()
     doubts: Mapping[int, str] = MappingProxyType({})
+    since: int = 0
 
 
 def read_clocks(
@@ -129,7 +132,7 @@ def read_clocks(
         out[k] = np.full(len(values), np.nan)
         out[k][known] = since / SECOND
     doubts = {k: f"{c.doubt}\n{c.remedy}" for k, c in found.items() if c.doubt}
-    return Clocks(out, tuple(notices), doubts)
+    return Clocks(out, tuple(notices), doubts, origin)
 
 
 class _Instants(NamedTuple):
@@ -207,7 +210,8 @@ def _instant(stamp: Stamp, day_first: bool) -> int | None:
             day = date(year, *((b, a) if day_first else (a, b))).toordinal()
         except ValueError:
             return None
-    return (day or 0) * _DAY + (stamp.time or 0)
+    days = 0 if day is None else day - _EPOCH
+    return days * _DAY + (stamp.time or 0)
 
 
 def _go_on(

@@ -49,10 +49,11 @@ class Column:
     the role. ``values`` are as written, shape ``(n_rows,)``, NaN where a cell is not a finite
     number; ``bad`` has the text of such cells by row (the first few thousand). A ``sparse`` one was
     not sampled in every row: its NaN are no samples. A ``clock`` held dates or times of day, and
-    holds seconds since the first sample; of one that could not be read ``doubt`` says why, and
-    below what to do. One that holds but the fraction of a second is ``part_of`` the column of that
-    number, with which it was joined. ``also`` are the parts of a header that stood in several
-    rows. ``exact`` has the differences of stamps with more digits than the values hold.
+    holds seconds since the first sample, which was at ``since`` [ns]; of one that could not be read
+    ``doubt`` says why, and below what to do. One that holds but the fraction of a second is
+    ``part_of`` the column of that number, with which it was joined. ``also`` are the parts of a
+    header that stood in several rows. ``exact`` has the differences of stamps with more digits than
+    the values hold.
     """
 
     index: int
@@ -68,6 +69,7 @@ class Column:
     part_of: int = 0
     also: tuple[str, ...] = ()
     exact: Exact | None = None
+    since: int = 0
 
     @property
     def stamps(self) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import LogError
 from .arrays import Named, joined, make_log
-from .columns import time_candidate
+from .columns import Binding, time_candidate
 from .log import Column, Log
 from .timebase import split_runs
 
@@ -27,8 +27,8 @@ def merged(logs: Sequence[Log]) -> Log:
     parts, ends, notices = [], [], []
     taken: set[str] = set()
     times = [time_candidate(log) for log in logs]
-    firsts = [t.column.exact.first for t in times if t is not None and t.column.exact is not None]
-    origin = min(firsts) if len(firsts) == len(logs) else Decimal(0)
+    counted = [_counted_from(t) for t in times if t is not None]
+    origin = min(counted, default=Decimal(0)) if all(counted) else Decimal(0)
     for log, time in zip(logs, times):
         if time is None:
             raise LogError(
@@ -44,11 +44,9 @@ def merged(logs: Sequence[Log]) -> Log:
                 remedy="Cut the file into its runs.",
             )
         (run,) = runs
-        exact = time.column.exact
         instants = run.time
-        if exact is not None:  # counted from the first of the file: from that of them all
-            late = float(exact.first - origin) * abs(time.to_si)
-            instants = np.round(instants + late, 12)
+        if counted_from := _counted_from(time):  # the first of the file: now from that of them all
+            instants = np.round(instants + float(counted_from - origin), 12)
         notices += [*log.notices, *said]
         ends.append((float(instants[0]), float(instants[-1])))
         columns = [c for c in log.columns if c.index != time.column.index]
@@ -66,6 +64,14 @@ def merged(logs: Sequence[Log]) -> Log:
     found = joined(parts, name)
     path = Path("+".join(str(log.path) for log in logs))
     return make_log(found, name, "merged", path=path, sha256=checksum, notices=notices)
+
+
+def _counted_from(time: Binding) -> Decimal:
+    """Instant from which the stamps of a log count [s]; 0 where they are as they were written."""
+    exact = time.column.exact
+    if exact is None:
+        return Decimal(time.column.since) / 10**9
+    return exact.first * Decimal(repr(abs(time.to_si)))
 
 
 def _named(column: Column, log: Log, rows: np.ndarray, taken: set[str]) -> Named:

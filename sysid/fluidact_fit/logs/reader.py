@@ -306,6 +306,7 @@ def _name_columns(layout: Layout, table: Table) -> tuple[Column, ...]:
                 doubt=table.doubts.get(index - 1, ""),
                 also=tuple(also),
                 exact=table.exact.get(index - 1),
+                since=table.since if clock else 0,
             )
         )
     return tuple(columns)

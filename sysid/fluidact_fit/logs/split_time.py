@@ -39,11 +39,13 @@ def with_joined_time(log: Log) -> Log:
     if not pairs:
         return log
     columns, notices = list(log.columns), []
-    origin = min(_nanoseconds(*pair).min() for pair in pairs)
+    origin = int(min(_nanoseconds(*pair).min() for pair in pairs))
     for whole, part, base in pairs:
         seconds = np.full(whole.values.size, np.nan)
         seconds[_filled(whole, part)] = (_nanoseconds(whole, part, base) - origin) / _SECOND
-        columns[whole.index - 1] = replace(whole, values=seconds, unit="s", clock=True)
+        columns[whole.index - 1] = replace(
+            whole, values=seconds, unit="s", clock=True, since=origin
+        )
         columns[part.index - 1] = replace(part, part_of=whole.index)
         notices.append(
             Notice(

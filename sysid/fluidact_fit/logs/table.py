@@ -50,7 +50,7 @@ class Table:
     every row, ``left_out`` those that are no rows with the reason, ``notices`` says so in words.
     ``data_lines`` lines hold the rows: several in a line where columns have their own times.
     ``doubts`` say why columns of clock times were not read, and ``exact`` has the differences of
-    stamps with more digits than the values hold, by index.
+    stamps with more digits than the values hold, by index. Clock times count from ``since`` [ns].
     """
 
     values: tuple[FloatArray, ...]
@@ -61,6 +61,7 @@ class Table:
     data_lines: int
     doubts: Mapping[int, str] = field(default_factory=dict)
     exact: Mapping[int, Exact] = field(default_factory=dict)
+    since: int = 0
 
 
 def read_table(source: Source, layout: Layout) -> Table:
@@ -383,7 +384,8 @@ def _with_numbers(
         found = {k: of_cells(c, v, layout) for k, (c, v) in cells if k not in layout.clocks}
         exact = {k: differences for k, differences in found.items() if differences}
     out = tuple(sorted(left_out))
-    return Table(values, bad, lines, out, tuple(notices), data_lines, clocks.doubts, exact)
+    said = tuple(notices)
+    return Table(values, bad, lines, out, said, data_lines, clocks.doubts, exact, clocks.since)
 
 
 def _cut_otherwise(bad: Sequence[Mapping[int, str]], rows: int) -> Iterator[int]:
