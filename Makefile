@@ -132,6 +132,7 @@ soak: $(INSTALLED)
 	$(BIN)/python studies/reading_cases.py --write
 	$(BIN)/python studies/reading_scaling.py --write
 	$(BIN)/python -m studies.reading_differential --write
+	$(BIN)/python studies/logger_tables.py --write
 
 # Other tools come from PyPI into environments of their own; MATLAB and Octave do not.
 bench: $(INSTALLED)
