@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import LogError, Notice, UsageError, closest
 from ..experiment import is_finite
 from ..family import Role
-from ..units import conversion_factor, same_dimension, without_size
+from ..units import conversion_factor, same_dimension, unit_within, without_size
 from .carry import find_carry
 from .log import Column, Log
 from .stamps import names_time
@@ -235,6 +235,8 @@ def bind_role(log: Log, role: Role) -> Binding | None:
     assumed = unit is None and role.unit != "1"
     if assumed and role.name == TIME.name and role.name not in log.scales:
         unit = _unit_of_calendar(column)
+    if assumed and unit is None and role.name not in log.scales:
+        _refuse_stray_unit(log, column, role, where)
     role = in_unit(role, unit)
     scale = log.scales.get(role.name, 1.0)
     return Binding(
@@ -245,6 +247,24 @@ def bind_role(log: Log, role: Role) -> Binding | None:
         to_si=scale * (conversion_factor(unit, role.unit, where, role.name) if unit else 1.0),
         assumed=assumed,
     )
+
+
+def _refuse_stray_unit(log: Log, column: Column, role: Role, where: str) -> None:
+    """Refuse to take a column for SI whose name, or the words beside its numbers, say another."""
+    found = [(unit_within(column.header, role.unit), "in the middle of its name")]
+    for beside in (c for c in log.columns if c.index == column.index + 1):
+        words = {text.strip(" ,;[]()") for text in beside.bad.values()}
+        if len(words) == 1 and bool(np.isnan(beside.values).all()):
+            found.append((unit_within(words.pop(), role.unit), f"in column #{beside.index}"))
+    for unit, place in found:
+        if unit is not None:
+            raise LogError(
+                f"it may be in '{unit}', which stands {place}.",
+                where=where,
+                expected=f"Expected a unit behind the name, as in '[{unit}]'.",
+                remedy=f"Give --unit {role.name}={unit} if that is its unit, "
+                f"else --unit {role.name}='{role.unit}'.",
+            )
 
 
 def _unit_of_calendar(column: Column) -> str | None:

@@ -1,7 +1,13 @@
 """Units in and out: everything inside the package is SI, and converted here."""
 
 from .conversion import base_units, conversion_factor, dimension_name, same_dimension
-from .headers import SUFFIXES, is_doubtful_suffix, looks_like_unit, parse_unit_from_header
+from .headers import (
+    SUFFIXES,
+    is_doubtful_suffix,
+    looks_like_unit,
+    parse_unit_from_header,
+    unit_within,
+)
 from .reading import (
     after_number,
     as_share,
@@ -29,5 +35,6 @@ __all__ = [
     "parse_unit_from_header",
     "pressure_reference",
     "same_dimension",
+    "unit_within",
     "without_size",
 ]

@@ -12,6 +12,7 @@ import re
 from functools import lru_cache
 from typing import NamedTuple
 
+from .conversion import conversion_factor, same_dimension
 from .reading import LONGEST, is_common_unit, is_unit, means_unit, pressure_reference
 from .spelling import normalise_unit
 from .table import REFERENCED, TABLE
@@ -20,6 +21,7 @@ from .words import CHARACTERS, REMARKS, UNIT_NAMES, fold
 _WIDE = str.maketrans("［］【】〔〕（）｛｝＜＞", "[][][](){}<>")
 _CLOSING = {"[": "]", "(": ")", "{": "}", "<": ">"}
 _GROUPS = 16  # pairs of brackets, from the last, in which a unit is looked for
+_LONG = 400  # characters of a name that are looked at
 _TIME = "t"  # not a tonne where it stands as a name
 _WORDS_BEHIND = 4  # words that a unit may have without brackets
 # A name, what separates it from its unit, and that: "Zeit / ms", "Inlet, psi", "time in ms".
@@ -29,8 +31,8 @@ _SAYS_UNIT = re.compile(
 )
 # A size that stands with the name: "10 x pressure [bar]", "p*100 [bar]".
 _SIZE = re.compile(
-    r"(?:[*×]|(?<![^\W\d_])x) ?(?:1/)?(?:10{1,9}|0[.,]0{0,9}1)(?![\d.,])"
-    r"|(?<![\w.,/])(?:1/)?10{1,9} ?[*×x](?!\w)"
+    r"(?:[*×]|(?<![^\W\d_])x) ?(?:1/)?(?:10{1,9}|1[eE]-?[0-9]|0[.,]0{0,9}1)(?![\d.,])"
+    r"|(?<![\w.,/])(?:1/)?10{1,9} ?(?:[*×]|x(?!\w))|(?:^|(?<= ))/ ?10{1,9}(?![\w.,])"
 )
 
 _SIZES = r"[0-9]{1,9}/[0-9]{1,9}|0?[.,][0-9]{1,9}|1e-[0-9]|10\^-?[0-9]|10{1,9}"
@@ -186,7 +188,7 @@ def is_remark(text: str) -> bool:
     """
     if len(text) > 4 * LONGEST:
         return True
-    if re.search("[\ufffd?°µμ%‰]", text) or _holds_unit(text):
+    if re.search("[\ufffd?°µμ%‰]", text) or _holds_unit(text) or _SIZE.search(text):
         return False
     words = re.findall(r"[^\W\d_]+\d*", text)
     if not words:
@@ -227,6 +229,25 @@ def _is_plain(word: str) -> bool:
     if ord(max(word)) > 0x2E80:
         return not CHARACTERS.issuperset(word)
     return len(word) > 3
+
+
+def unit_within(header: str, si_unit: str) -> str | None:
+    """Return a unit of what ``si_unit`` measures, other than that, in the middle of a name.
+
+    ``kN`` of ``F_kN_filtered``, ``timeMs`` and ``kN Force``: nobody knows whether the column is in
+    it. Short words that name other things as well are left alone.
+    """
+    words: list[str] = []
+    for run in re.findall("[A-Za-zµμ]+|[^\x00-\x7f]+", header[:_LONG]):
+        words += [run] if is_common_unit(run) else re.split("(?<=[a-z])(?=[A-Z])", run)
+    for word in words:
+        unit = word if is_common_unit(word) or not word.istitle() else word.lower()
+        if len(unit) < 2 or unit in _DOUBTFUL_HEADERS | _PARTS | _NO_SUFFIXES:
+            continue
+        known = fold(unit) not in REMARKS and is_common_unit(unit)
+        if known and same_dimension(unit, si_unit) and conversion_factor(unit, si_unit) != 1.0:
+            return unit
+    return None
 
 
 def looks_like_unit(text: str) -> bool:

@@ -1,4 +1,4 @@
-"""The names of units in English, German, French, Spanish, Italian and Chinese.
+"""The names of units in English, German, French, Spanish, Italian and Chinese, some in others.
 
 Plain data for :mod:`.reading`. Names are looked up without regard to case and accents; each of
 them means one unit in all of the languages (a German ``Grad`` is a degree, a French one a gon).
@@ -12,17 +12,17 @@ from .table import ANY_CASE, ATOMS
 
 _NAMES = {
     "s": "s sec secs second seconds sek sekunde sekunden seconde secondes seg segs segundo "
-    "segundos secondo secondi 秒 秒钟",
-    "ms": "msec msecs millisec millisecs millis 毫秒",
+    "segundos secondo secondi 秒 秒钟 сек 초",
+    "ms": "msec msecs millisec millisecs millis 毫秒 мс ミリ秒 밀리초",
     "us": "usec usecs microsec micros 微秒",
     "ns": "nsec nanosec nanos 纳秒",
-    "min": "min mins minute minutes minuten minuto minutos minuti 分 分钟",
+    "min": "min mins minute minutes minuten minuto minutos minuti 分 分钟 мин 분",
     "h": "h hr hrs hour hours stunde stunden heure heures hora horas ora ore 小时",
     "d": "day days jour jours dias giorno giorni 天",
     "m": "meter meters metern metre metres metro metros metri 米",
     "um": "micron microns 微米",
-    "mm": "毫米",
-    "cm": "厘米",
+    "mm": "毫米 мм ミリメートル 밀리미터",
+    "cm": "厘米 см",
     "km": "千米 公里",
     "inch": "inch inches zoll pouce pouces pulgada pulgadas pollice pollici 英寸",
     "ft": "foot feet pied pieds 英尺",
@@ -34,7 +34,7 @@ _NAMES = {
     "lb": "pound pounds 磅",
     "oz": "ounce ounces",
     "N": "newton newtons 牛 牛顿",
-    "kN": "千牛 千牛顿",
+    "kN": "千牛 千牛顿 кн",
     "lbf": "poundforce poundsforce 磅力",
     "kgf": "kilopond kiloponds 公斤力 千克力",
     "N m": "newtonmeter newtonmeters newtonmetern newtonmetre newtonmetres 牛米 牛顿米",
@@ -42,7 +42,7 @@ _NAMES = {
     "Pa": "pascal pascals 帕 帕斯卡",
     "kPa": "千帕",
     "MPa": "兆帕",
-    "bar": "bar bars bares 巴",
+    "bar": "bar bars bares 巴 бар",
     "mbar": "毫巴",
     "atm": "atmosphere atmospheres",
     "V": "volt volts voltios voltio 伏 伏特",
@@ -55,10 +55,10 @@ _NAMES = {
     "kHz": "千赫",
     "ohm": "ohm ohms 欧 欧姆",
     "rad": "rad radian radians radiant radianten radiante radianti radianes 弧度",
-    "deg": "deg degree degrees winkelgrad grados grado gradi degre degres 度",
+    "deg": "deg degree degrees winkelgrad grados grado gradi degre degres 度 град градус 도",
     "gon": "gon neugrad gradian gradians",
     "rev": "rev revolution revolutions umdrehung umdrehungen umdr tours tour giri giro vueltas "
-    "vuelta revoluciones 转",
+    "vuelta revoluciones 转 об",
     "l": "l liter liters litre litres litro litros litri ltr 升",
     "gallon": "gallon gallons",
     "1": "count counts increment increments inkrement inkremente inkr impulses impulsi pulsos "
