@@ -421,6 +421,55 @@ def test_gains_that_were_chosen_are_shown_and_what_they_miss(
         assert any(words in w for w in found["warnings"])
 
 
+@pytest.mark.parametrize(
+    ("kind", "reference", "refused"),
+    [
+        ("sine", "{size: 1.0e-3, frequency: 200.0}", True),
+        ("sine", "{size: 1.0e-3, frequency: 50.0}", True),
+        ("sine", "{size: 1.0e-3, frequency: 20.0}", False),
+        ("triangle", "{size: 1.0e-3, speed: 1.0e+09}", True),
+        ("triangle", "{size: -1.0e-3, speed: 0.1}", True),
+        ("triangle", "{size: -1.0e-3, speed: 0.05}", False),
+        ("ramp-insertion", "{size: 1.0e-3, speed: 1.0e+09}", False),
+    ],
+)
+def test_a_reference_that_samples_cannot_show_is_refused(
+    kind: str, reference: str, refused: bool, here: Here, tmp_path: Path
+) -> None:
+    head = PD.partition("controller:")[0]
+    keys = f"controller: {{proportional: 3000.0, derivative: 0.0}}\nreference: {reference}\n"
+    line, file = save(tmp_path, "hydrostatic"), controller(tmp_path, head + keys)
+    done = here("simulate", line, "--controller", file, "--reference", kind, "--duration", "1")
+    assert done.status == (2 if refused else 0), done.err
+    assert ("show another course" in done.err) == refused
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("friction: none", "the viscous friction of the machine adds to it"),
+        ("friction: viscous", None),
+        ("friction: viscous, cutoff: 1.0", "velocity filter cuts off at 1 Hz"),
+    ],
+)
+def test_a_damping_ratio_that_friction_adds_to_is_named(
+    keys: str, words: str | None, here: Here, tmp_path: Path
+) -> None:
+    text = f"""\
+format: fluidact-controller
+format_version: 1
+kind: impedance
+sample_time: 0.005
+controller: {{stiffness: 500.0, damping_ratio: 0.8, sum_of_pressures: 8.0e+05, {keys}}}
+machine: {{mass: 2.0, area_1: 5.0e-4, area_2: 4.0e-4}}
+"""
+    files = [save(tmp_path, "cylinder-friction"), save(tmp_path, "valve")]
+    command = ["--controller", controller(tmp_path, text), "--reference", "step", "--duration", "1"]
+    done = here("simulate", *files, *command)
+    assert done.status == 0, done.err
+    assert (words in done.err) if words else ("damping" not in done.err)
+
+
 def test_an_impedance_that_is_unstable_is_named(here: Here, tmp_path: Path) -> None:
     files = [save(tmp_path, "cylinder-friction"), save(tmp_path, "valve")]
     text = """

@@ -12,14 +12,16 @@ import numpy as np
 import pytest
 
 import fluidact_fit as ff
+from fluidact_fit.control.closed_loop import with_values
+from fluidact_fit.control.loading import make_block, read_document
 from fluidact_fit.export import export
-from fluidact_fit.export.c import write_code
+from fluidact_fit.export.c import write, write_code
 from fluidact_fit.export.c.files import Function
 from fluidact_fit.export.controller import controller_code
 from fluidact_fit.export.golden import golden
 from fluidact_fit.export.mutants import mutants_of
 from fluidact_fit.export.rounding import difference, inward, single
-from fluidact_fit.export.target import Code
+from fluidact_fit.export.target import Code, Job
 from fluidact_fit.families.potentiometer.calibration import Calibration
 from fluidact_fit.families.potentiometer.routines import routines_of as potentiometer_routines
 from fluidact_fit.routines import Draft, Machine, Routine, constant
@@ -81,6 +83,27 @@ def test_curves_of_high_degree_compile_and_hold(degree: int, branches: int, tmp_
         (tmp_path / name).write_bytes(content)
         assert not re.search(rb"\b(nan|inf)", content)
     assert run([tmp_path / f"pot{end}" for end in (".h", ".c", "_selftest.c")]) == 0
+
+
+@needs_gcc
+@pytest.mark.parametrize("arithmetic", ["float32", "q15"])
+@pytest.mark.parametrize(
+    ("family", "names"),
+    [
+        ("hydrostatic", ["dead_zone_negative", "dead_zone_positive"]),
+        ("cylinder-friction", ["coulomb_positive", "coulomb_negative"]),
+        ("spring-cylinder", ["stiffness", "viscous"]),
+    ],
+)
+def test_arguments_that_nothing_depends_on_compile(
+    family: str, names: list[str], arithmetic: Any, tmp_path: Path
+) -> None:
+    document = with_values(read_document(GOLDEN / f"{family}.yaml"), dict.fromkeys(names, 0.0))
+    files = []
+    for name, content in write(Job("zero", make_block(document), arithmetic)).items():
+        files.append(tmp_path / name)
+        files[-1].write_bytes(content)
+    assert run(files) == 0
 
 
 NUMBER = re.compile(r"(?<![\w.])\d+\.\d+(?:e[-+]?\d+)?(?=f\b)")

@@ -213,6 +213,8 @@ def simulate_loop(
     blocks = build(documents)
     plant = make_plant(file, blocks)
     course, start, length = make_reference(kind, file.reference, plant.controlled.unit)
+    if isinstance(course, Reference):
+        course.check_sampling(file.sample_time)
     controller = make_controller(file, blocks, plant, start)
     span = length if duration is None else duration
     nominal = run_loop(plant, controller, course, span, start)

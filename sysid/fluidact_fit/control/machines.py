@@ -7,7 +7,7 @@ not asked.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import inf
+from math import inf, pi, sqrt
 from typing import Any
 
 from ..block import Block, Port
@@ -252,17 +252,22 @@ def _unreached(keys: PDKeys, gains: Gains, sample_time: float) -> Iterator[str]:
             f"alone gives {ratio:.3g}, so that K_d is 0. Choose a larger bandwidth or "
             "proportional gain, or expect that damping."
         )
-    half, frequency = 0.5 / sample_time, gains.natural_frequency
+    yield from _too_fast(gains.natural_frequency, gains.derivative, keys.cutoff, sample_time)
+
+
+def _too_fast(frequency: float, damping: float, cutoff: float, sample_time: float) -> Iterator[str]:
+    """What a natural frequency [Hz] asks for that the samples or the velocity filter do not do."""
+    half = 0.5 / sample_time
     if frequency >= half:
         yield (
             f"a natural frequency of {frequency:.4g} Hz cannot be reached in steps of "
             f"{sample_time:g} s: it is not below half the sampling frequency, {half:g} Hz. Choose "
             "smaller gains or a shorter sample time."
         )
-    elif gains.derivative > 0.0 and frequency >= keys.cutoff:
+    elif damping > 0.0 and frequency >= cutoff:
         yield (
-            f"the damping of K_d is not reached at the natural frequency of {frequency:.4g} Hz: "
-            f"the velocity filter cuts off at {keys.cutoff:g} Hz. Choose smaller gains or a larger "
+            f"the damping is not reached at the natural frequency of {frequency:.4g} Hz: "
+            f"the velocity filter cuts off at {cutoff:g} Hz. Choose smaller gains or a larger "
             "cutoff."
         )
 
@@ -310,10 +315,28 @@ def _impedance(
         (one.supply.gain, two.supply.gain), (one.offset, two.offset),
         (keys.lowest_pressure, high),
     )  # fmt: skip
-    return ImpedanceController(
+    controller = ImpedanceController(
         wanted, pressures, file.sample_time, known, travel=travel, cutoff=keys.cutoff,
         limits=limits,
     )  # fmt: skip
+    critical = 2.0 * sqrt(cylinder.mass * wanted.stiffness)
+    left = 0.5 * (law.viscous_positive + law.viscous_negative) - known.viscous
+    frequency = sqrt(wanted.stiffness / cylinder.mass) / (2.0 * pi)
+    controller.unreached = (
+        *_overdamped(keys.damping_ratio, (wanted.damping + left) / critical),
+        *_too_fast(frequency, wanted.damping, keys.cutoff, file.sample_time),
+    )
+    return controller
+
+
+def _overdamped(wanted: float | None, ratio: float) -> Iterator[str]:
+    """Whether friction that is not compensated adds to a damping ratio."""
+    if wanted is not None and not ratio <= wanted * (1.0 + _SAME):
+        yield (
+            f"damping_ratio {wanted:g} is not what the rod shows: the viscous friction of the "
+            f"machine adds to it, to {ratio:.3g}. Compensate it (friction: viscous), or expect "
+            "that damping."
+        )
 
 
 def _force(

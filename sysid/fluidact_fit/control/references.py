@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
+from math import inf, pi
 from typing import Literal
 
 import numpy as np
@@ -53,6 +53,18 @@ class Reference:
                 raise UsageError(f"the {name} of a reference is above 0")
         if self.size == 0.0:
             raise UsageError("a reference of size 0 goes nowhere")
+
+    def check_sampling(self, sample_time: float) -> None:
+        """Refuse one that repeats itself faster than samples can show (``UsageError``)."""
+        period = {"sine": 1.0 / self.frequency, "triangle": 2.0 * abs(self.size) / self.speed}
+        if period.get(self.kind, inf) <= 2.0 * sample_time:
+            raise UsageError(
+                f"the {self.kind} repeats itself every {period[self.kind]:.3g} s, and samples "
+                f"every {sample_time:g} s show another course",
+                expected="Expected more than two samples a period.",
+                remedy="Choose a lower reference.frequency or reference.speed, or a shorter "
+                "sample_time.",
+            )
 
     def __call__(self, time: FloatArray) -> FloatArray:
         """Value at instants ``(n,)`` [s]."""

@@ -41,7 +41,8 @@ class _Use:
 
 
 def shared(routine: Routine) -> Routine:
-    """Return a routine of the same results in which nothing is computed twice."""
+    """Return a routine of the same results in which nothing is computed twice or in vain."""
+    routine = replace(routine, body=tuple(_needed(routine)))
     taken = {a.name for a in routine.arguments} | {s.name for s in routine.states}
     taken |= {getattr(s, "name", "") for s in routine.body}
     taken |= {let.name for s in routine.body if isinstance(s, Solve) for let in s.body}
@@ -54,6 +55,18 @@ def shared(routine: Routine) -> Routine:
     *body, last = _shared([*body, Let(_RESULT, routine.value)], taken)
     assert isinstance(last, Let)
     return replace(routine, body=tuple(body), value=last.value)
+
+
+def _needed(routine: Routine) -> list[Statement]:
+    """The statements that the result, a flag or the next call depends on."""
+    found, read = list[Statement](), _names(routine.value)
+    for s in reversed(routine.body):
+        if isinstance(s, Let | Layer | Solve) and s.name not in read:
+            continue
+        found.append(s)
+        inside = (s.value, *(let.value for let in s.body)) if isinstance(s, Solve) else ()
+        read = read.union(*map(_names, (*expressions_of(s), *inside)))
+    return found[::-1]
 
 
 def expressions_of(s: Statement) -> tuple[Expression, ...]:

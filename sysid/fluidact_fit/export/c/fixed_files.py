@@ -26,7 +26,7 @@ from .files import (
 from .fixed import Fixed, Omitted, fixed
 from .fixed_run import Program
 from .fixed_table import Integers
-from .language import WIDTH, wrapped
+from .language import WIDTH, unread, wrapped
 
 _PLAIN = 6  # golden vectors that are drawn whatever they show
 _MOST = 240
@@ -220,6 +220,7 @@ def _function(f: Fixed) -> list[str]:
     for condition in f.flags:
         lines += [f"if ({condition}) {{", "    beyond = 1;", "}"]
     lines += ["if (outside != NULL) {", "    *outside = beyond;", "}", f"return {f.output.text};"]
+    lines = unread(lines, [f"{a.name}_used" for a in f.routine.arguments])
     inside = [*_tables(f, "\n".join(lines)), "int beyond = 0;", *lines]
     return [*macros, "", *wrapped(signature(f), ""), "{", *(f"    {i}" for i in inside), "}", ""]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -122,6 +123,18 @@ def wrapped(line: str, indent: str, further: str | None = None, width: int = WID
         line, width, initial_indent=indent, subsequent_indent=within,
         break_long_words=False, break_on_hyphens=False,
     )  # fmt: skip
+
+
+def unread(lines: Sequence[str], names: Iterable[str]) -> list[str]:
+    """The lines of a function, with no variable for an argument that nothing depends on.
+
+    It is still held against its range, for the flag.
+    """
+    text = "\n".join(lines)
+    for name in names:
+        if len(re.findall(rf"\b{name}\b", text)) == 1:
+            text = re.sub(rf"const \w+ {name} = ", "(void)", text)
+    return text.split("\n")
 
 
 def uses(routine: Routine, function: str) -> bool:

@@ -23,7 +23,7 @@ from ...routines.expression import (
 )
 from ...routines.routine import Filter, Flag, Layer, Let, Matrix, Put, Solve, State, Statement
 from ...routines.sharing import shared, word_of
-from .language import WIDTH, Folded, Names, Precision, fold, wrapped
+from .language import WIDTH, Folded, Names, Precision, fold, unread, wrapped
 
 _OPERATORS = {"+": "+", "-": "-", "*": "*", "/": "/"}
 _PLAIN = (0.0, 0.5, 1.0, 2.0)  # numbers that say nothing of a machine
@@ -475,13 +475,14 @@ class Writer:
 
     def function(self) -> list[str]:
         """The function itself."""
-        return [
+        lines = [
             *wrapped(self.signature, ""), "{", *(f"    {line}" for line in self._tables),
             "    int beyond = 0;", *(f"    int {name};" for name in self._counters),
             *self._body, "",
             "    if (outside != NULL) {", "        *outside = beyond;", "    }",
             *wrapped(f"return {self._result};", "    "), "}",
         ]  # fmt: skip
+        return unread(lines, [self._known[a.name] for a in self.routine.arguments])
 
 
 def _keeps_line(s: Filter) -> bool:
