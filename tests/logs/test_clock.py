@@ -332,3 +332,26 @@ def test_inspect_reads_the_time_as_a_fit_does(
     assert shown["unit"] == unit
     assert shown["start"] == one.time[0]
     assert shown["sample_time"] == pytest.approx(one.sample_time, rel=1e-5)
+
+
+def test_a_fraction_without_its_zeros_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"10:00:{k // 50:02d}.{k % 50 * 20},{k % 7}" for k in range(100)]
+    path.write_text("\n".join(["Time,x", *rows]))
+    assert "lost zeros" in read_log(path).columns[0].doubt
+
+
+def test_a_fraction_without_zeros_behind_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    stamps = [f"10:00:{k // 50:02d}" + f".{k % 50 * 2:02d}".rstrip("0.") for k in range(100)]
+    path.write_text("\n".join(["Time,x", *(f"{stamp},{k % 7}" for k, stamp in enumerate(stamps))]))
+    log = read_log(path)
+    np.testing.assert_allclose(log.columns[0].values, 0.02 * np.arange(100), atol=1e-9)
+
+
+def test_times_of_day_as_a_spreadsheet_counts_them_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{0.416666 + k / 86400:.8f},{k % 7}" for k in range(60)]
+    path.write_text("\n".join(["Time,x", *rows]))
+    notices = {n["code"]: n["message"] for n in describe(read_log(path))["notices"]}
+    assert "--unit time=d" in notices["time-unit-doubtful"]

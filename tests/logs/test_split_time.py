@@ -116,3 +116,34 @@ def test_columns_that_do_not_belong_together_stay_apart(tmp_path: Path, rows: li
     log = read_log(path)
     assert not any(c.part_of for c in log.columns)
     assert not log.notices
+
+
+@pytest.mark.parametrize(
+    ("header", "base"),
+    [
+        ("Date,Time,ms", 10**3),
+        ("Datum,Zeit,Millisekunden", 10**3),
+        ("Fecha,Hora,milisegundos", 10**3),
+        ("Date,Time,us", 10**6),
+    ],
+)
+def test_a_clock_of_seconds_is_joined_with_the_milliseconds_beside_it(
+    tmp_path: Path, header: str, base: int
+) -> None:
+    path = tmp_path / "log.csv"
+    rows = [
+        f"2024-05-06,10:00:{k * 37 // 1000:02d},{k * 37 % 1000 * base // 1000},{k % 7}.5"
+        for k in range(60)
+    ]
+    path.write_text("\n".join([f"{header},outlet", *rows]))
+    log = read_log(path)
+    assert [n.code for n in log.notices] == ["time-joined"]
+    np.testing.assert_allclose(log.columns[1].values, 0.037 * np.arange(60), atol=1e-12)
+    assert describe(log)["time"]["sample_time"] == pytest.approx(0.037)
+
+
+def test_milliseconds_that_do_not_belong_to_the_clock_are_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"10:00:{k:02d},{k * 137 % 900},{k % 7}.5" for k in range(60)]
+    path.write_text("\n".join(["Time,ms,outlet", *rows]))
+    assert not read_log(path).notices

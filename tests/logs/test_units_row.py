@@ -20,6 +20,7 @@ THREE = [f"{k};{k}.25;{k}.5" for k in range(40)]
         (["a;b;c", "[s];[V];[bar]"], "a b c", "s V bar"),
         (["a;b;c", "(ms);(V);(mA)"], "a b c", "ms V mA"),
         (["a;b;c", "(ms);(V);(mA)", ""], "a b c", "ms V mA"),
+        (["a;b;c", "in ms;in V;in mA"], "a b c", "ms V mA"),
         (["a;b;c", "s;V;°C"], "a b c", "s V °C"),
         (["a;b;c", "s;V;barg"], "a b c", "s V barg"),
         (["a;b;c", "s;;V"], "a b c", "s - V"),
@@ -141,3 +142,13 @@ def test_a_header_of_seven_rows(tmp_path: Path, names: str) -> None:
     assert [c.header for c in log.columns] == names.split(",")
     assert [c.unit for c in log.columns][-3:] == ["ms", "r/min", "%"]
     assert (log.rows, log.account.header_lines) == (50, 7)
+
+
+@pytest.mark.parametrize("below", [True, False])
+def test_units_of_either_row_of_names_count(tmp_path: Path, below: bool) -> None:
+    names = ["Time;Crosshead;Load", "t (ms);AI0 (mm);AI1 (kN)"]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([*(names if below else names[::-1]), *THREE]))
+    log = read_log(path)
+    assert [c.unit for c in log.columns] == ["ms", "mm", "kN"]
+    assert all("Load" in c.also for c in log.columns[2:])

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import date
+from itertools import pairwise
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ from .timecode import read_fourth
 
 _COMMA = re.compile(r"^([^,]*\d\d:\d\d:\d\d),(\d{3})(?=,)")
 _FILETIME = re.compile(r"\d{17,19}")  # units of 100 ns since 1601
+_FRACTION = re.compile(r":\d\d[.,](\d{1,9})")
 _LONGEST = 2**62  # what is counted in ns, 146 years
 _DAY = 86_400 * SECOND
 _EPOCH = date(1970, 1, 1).toordinal()
@@ -171,7 +173,22 @@ def _read_column(columns: Mapping[int, Sequence[str]], clock: int, dates: int | 
         found = _unread(cells, doubt, "Export the dates as 2024-05-31.")
         return found._replace(dates=True)
     instants = [None if s is None else _instant(s, day_first) for s in stamps]
+    if _drops_zeros(cells, instants):
+        return _unread(cells, "may have lost zeros of the fraction: '.5' before '.10'", remedy)
     return _Instants(instants, days=days, hourless=any(s.hourless for s in known))
+
+
+def _drops_zeros(cells: Sequence[str], instants: Sequence[int | None]) -> bool:
+    """Whether fractions of a second have fewer digits where they are small: 5 ms as ``.5``.
+
+    The clock then goes back within a second.
+    """
+    digits = [len(found[1]) if (found := _FRACTION.search(cell)) else 0 for cell in cells]
+    pairs = zip(pairwise(instants), pairwise(digits), strict=True)
+    return any(
+        a is not None and b is not None and 0 < a - b < SECOND and 0 < before < after
+        for (a, b), (before, after) in pairs
+    )
 
 
 def _unread(cells: Sequence[str], doubt: str, remedy: str) -> _Instants:

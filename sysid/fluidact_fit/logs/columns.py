@@ -29,7 +29,7 @@ _SINCE = (
 # Days since 1900, as spreadsheets count from 1982 to 2077, since the year 0 and of Julius Caesar
 _IN_DAYS = (30_000.0, 65_000.0), (725_000.0, 770_000.0), (2_440_000.0, 2_490_000.0)
 _DAYS_STEP = 2e-5  # below it numbers of that size are hardly seconds: 50,000 rows a second
-_UPPER_NAME = re.compile("time|zeit|stamp|clock|epoch|sec|min|hour|stunde|^(?:h|m|hh|mm)$", re.I)
+_UPPER_NAME = re.compile("time|zeit|stamp|clock|epoch|sec|min|hour|stunde|^(?:hh?|mm?|ss?)$", re.I)
 _PARTS = 60, 10**3, 10**6, 10**9  # of a minute, an hour or a second
 
 

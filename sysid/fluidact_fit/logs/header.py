@@ -19,6 +19,7 @@ _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 _BRACKETED = re.compile(r"\[.*\]|\(.*\)")
 _CLOCK_FORM = re.compile(r"[hmsdy]{1,4}([:./ -][hmsdyf0]{1,4})+", re.IGNORECASE)
 _SAYS_UNIT = re.compile(r"units?\s*[:=]\s*", re.IGNORECASE)
+_IN = re.compile(r"in\s+", re.IGNORECASE)
 _RULING = re.compile(r"(?=.*[=_-]{3})[\s|+:=_-]+")  # between names and rows of a printed table
 _NO_UNIT = {"", "-", "1", "none"}
 _UNIT_ITSELF = {"unit", "units", "einheit", "einheiten", "unité", "unidad", "unità"}
@@ -96,7 +97,7 @@ def find_header(
             index_row, *rows = rows
         found = (
             _pair(rows, cut)
-            or _beside_names(rows)
+            or _beside_names(rows, cut)
             or _names_alone(rows, cut, index_row is not None)
         )
     if found is None:
@@ -197,11 +198,14 @@ def _levels(names: _Row, rows: Sequence[_Row]) -> list[_Row]:
     return out
 
 
-def _beside_names(rows: Sequence[_Row]) -> tuple[_Row, _Row] | None:
+def _beside_names(rows: Sequence[_Row], cut: Cut) -> tuple[_Row, _Row] | None:
     """Rows of names of which one has units for some columns: ``ms`` below ``Time``, or above."""
     if len(rows) < 2 or any(not row.is_header or row.is_mixed for row in rows[:2]):
         return None
     for names, units in (rows[1::-1], rows[:2]):
+        both = [sum(map(_has_unit, row.cells)) for row in (names, units)]
+        if cut.delimiter != " " and 2 * both[1] > len(units.cells) and not both[0]:
+            return names, units  # a sentence has blanks, and no other separators
         for name, cell in zip(names.cells, units.cells):
             unit = _clean_unit(cell)
             timed = (names_time(name) or name.casefold() in ("t", "x", "x-axis")) and is_unit(unit)
@@ -392,7 +396,7 @@ def _are_units(cells: Iterable[str], needed: float) -> bool:
 
 
 def _is_unit(cell: str) -> bool:
-    text = _SAYS_UNIT.sub("", cell.strip(), count=1)
+    text = _without_words(cell.strip())
     inner = text.rpartition("(")[2].rstrip(") ")
     if text.endswith(")") and text[0] != "(" and parse_unit_from_header(text)[1] == inner:
         return False  # "t (ms)" is a name with its unit, and "bar (g)" a unit
@@ -401,6 +405,12 @@ def _is_unit(cell: str) -> bool:
     ):
         return True  # "bar*10", to be refused
     return bool(_BRACKETED.fullmatch(text) or looks_like_unit(text) or _CLOCK_FORM.fullmatch(text))
+
+
+def _without_words(text: str) -> str:
+    """A unit without the words that say that it is one: ``unit: mm``, ``in mm``."""
+    said = _SAYS_UNIT.match(text) or (None if looks_like_unit(text) else _IN.match(text))
+    return text[said.end() :] if said else text
 
 
 def _within(text: str) -> str:
@@ -417,6 +427,5 @@ def _clean_unit(cell: str) -> str:
     text, inner = cell.strip(), _within(cell.strip())
     while inner != text:
         text, inner = inner, _within(inner)
-    said = _SAYS_UNIT.match(text)
-    text = text[said.end() :] if said else text
+    text = _without_words(text)
     return "" if text.casefold() in _UNIT_ITSELF else text

@@ -20,6 +20,7 @@ from .groups import sparse_columns
 from .json_table import read_json
 from .layout import Layout, Written
 from .log import Account, Column, Dialect, Invalid, Log, StepInput, check_hold
+from .long_form import refuse_long_form
 from .merging import merged
 from .source import Source, files_of, make_source, name_of, read_bytes
 from .split_time import with_joined_time
@@ -123,6 +124,7 @@ def read_log(
         window=window,
         invalid=invalid,
     )
+    refuse_long_form(log)
     return without(with_constants(log, constants or {}, from_name or {}), given)
 
 

@@ -1,4 +1,4 @@
-"""A time in two columns: whole seconds in one, nano-, micro- or milliseconds in another."""
+"""A time in two columns: whole seconds or a clock in one, parts of a second in another."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from .log import Column, IntArray, Log
 
 _WHOLE = "secs|sec|seconds|second|s"
 _PARTS = {
-    10**9: "nsecs|nsec|nanosecs|nanosec|nanoseconds|nanos|ns",
-    10**6: "usecs|usec|microsecs|microsec|microseconds|micros|us|\u00b5s|\u03bcs",
-    10**3: "msecs|msec|millisecs|millisec|milliseconds|millis|ms",
+    10**9: r"nsecs|nsec|nanose[ckg]\w*|nanos|ns",
+    10**6: "usecs|usec|mi[ck]rose[ckg]\\w*|micros|us|\u00b5s|\u03bcs",
+    10**3: r"msecs|msec|mill?ise[ckg]\w*|millis|ms",
 }
 _NAMED = re.compile(
     rf"(?P<of>.*?)[\W_]*(?<![^\W_])(?:(?P<whole>{_WHOLE})|"
@@ -71,6 +71,7 @@ def _filled(whole: Column, part: Column) -> BoolArray:
 
 def _pairs(columns: Sequence[Column]) -> Iterator[tuple[Column, Column, int]]:
     """Columns that are called seconds, and a part of a second, of one thing."""
+    clocks = [c for c in columns if c.clock and not c.doubt]
     whole: dict[str, list[Column]] = {}
     parts: dict[str, list[tuple[Column, int]]] = {}
     for column in columns:
@@ -86,6 +87,12 @@ def _pairs(columns: Sequence[Column]) -> Iterator[tuple[Column, Column, int]]:
     for of in whole:
         if len(whole[of]) == len(parts.get(of, [])) == 1:
             yield whole[of][0], *parts[of][0]
+    beside = [(part, base) for found in parts.values() for part, base in found]
+    beside = [
+        (part, base) for part, base in beside if any(part.index == c.index + 1 for c in clocks)
+    ]
+    if not whole and len(clocks) == len(beside) == 1:
+        yield clocks[0], *beside[0]  # a clock of whole seconds, and their milliseconds
 
 
 def _belong_together(whole: Column, part: Column, base: int) -> bool:
@@ -100,7 +107,8 @@ def _belong_together(whole: Column, part: Column, base: int) -> bool:
     upper, lower = whole.values[at], part.values[at]
     carry = find_carry(upper, lower)
     grows = np.diff(upper) * base + np.diff(lower)
-    return bool(carry is None or carry.is_at(base)) and bool(np.mean(grows > 0) > 0.5)
+    fits = not whole.clock if carry is None else carry.is_at(base)  # a clock may tell all itself
+    return fits and bool(np.mean(grows > 0) > 0.5)
 
 
 def _is_whole(values: FloatArray) -> bool:

@@ -24,6 +24,8 @@ from .invalid import usable_rows
 from .log import MIN_RUN, Column, Log, count_of, name_lines
 
 WRAP = 2.0**32
+_DAY = 86_400.0  # s
+_CLOCKED = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 60.0)  # s, steps of slow loggers
 # Steps of whole numbers from which on they are likely to be such a part of a second.
 _SMALLER = ((1e5, "nanoseconds", "ns"), (1e3, "microseconds", "us"), (1.0, "milliseconds", "ms"))
 
@@ -46,8 +48,8 @@ def split_runs(log: Log, binding: Binding) -> tuple[list[Run], list[Notice]]:
     parts = repair.mend_ties(repair.cut_at_restarts(part), resolution)
     parts = repair.leave_out_short(parts)
     seconds = binding.unit == binding.role.unit and binding.scale == 1.0
-    if binding.assumed and seconds and resolution >= 1:
-        repair.doubt_unit(part.stamps)
+    if binding.assumed and seconds:
+        repair.doubt_unit(part.stamps, whole=resolution >= 1)
     factor = abs(binding.to_si)
     return [make_run(p.rows, p.stamps, resolution, factor) for p in parts], repair.notices
 
@@ -253,17 +255,26 @@ class _Repair:
             )
         return [p for p in parts if p.rows.size >= MIN_RUN]
 
-    def doubt_unit(self, stamps: FloatArray) -> None:
-        """Warn when seconds were assumed but the numbers look like a smaller unit of time."""
+    def doubt_unit(self, stamps: FloatArray, *, whole: bool) -> None:
+        """Warn when seconds were assumed but the numbers look like another unit of time."""
         steps = np.diff(stamps)
         usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-        if stamps.size >= 3 and usual >= 1:
+        if whole and stamps.size >= 3 and usual >= 1:
             name, unit = next(x for size, *x in _SMALLER if usual >= size)
             self.notice(
                 "time-unit-doubtful",
                 ": time has no unit and was taken as seconds, but its whole numbers "
                 f"step by {usual:g}. If they are {name}, give --unit time={unit}.",
             )
+        elif usual > 0.0 and stamps[0] > 0.0 and stamps.max() < 1.0:
+            even = _DAY * float(np.mean(steps[steps > 0]))  # [s], if these are parts of a day
+            if min(abs(even - size) for size in _CLOCKED) < 0.01:
+                self.notice(
+                    "time-unit-doubtful",
+                    ": time has no unit and was taken as seconds, but steps by parts of a day "
+                    f"({even:.3g} s), as times of day in spreadsheets do. If it is, give "
+                    "--unit time=d.",
+                )
 
 
 def _power(number: float) -> str:
