@@ -19,8 +19,11 @@ _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 _BRACKETED = re.compile(r"\[.*\]|\(.*\)")
 _CLOCK_FORM = re.compile(r"[hmsdy]{1,4}([:./ -][hmsdyf0]{1,4})+", re.IGNORECASE)
 _SAYS_UNIT = re.compile(r"units?\s*[:=]\s*", re.IGNORECASE)
+_ALL_QUOTED = re.compile(r'\s*"(.*)"\s*')
 _IN = re.compile(r"in\s+", re.IGNORECASE)
-_RULING = re.compile(r"(?=.*[=_-]{3})[\s|+:=_-]+")  # between names and rows of a printed table
+_RULING = re.compile(
+    r"(?=.*(?:[=_-]{3}|:-|-:))[\s|+:=_-]+"
+)  # between names and rows of a printed table
 _NO_UNIT = {"", "-", "1", "none"}
 _UNIT_ITSELF = {"unit", "units", "einheit", "einheiten", "unité", "unidad", "unità"}
 _BROKEN = 40  # lines that a header with line breaks in its names may take
@@ -204,8 +207,9 @@ def _beside_names(rows: Sequence[_Row], cut: Cut) -> tuple[_Row, _Row] | None:
         return None
     for names, units in (rows[1::-1], rows[:2]):
         both = [sum(map(_has_unit, row.cells)) for row in (names, units)]
-        if cut.delimiter != " " and 2 * both[1] > len(units.cells) and not both[0]:
-            return names, units  # a sentence has blanks, and no other separators
+        whole = cut.delimiter != " " and names.filled >= units.filled  # and no remark above
+        if whole and 2 * both[1] > len(units.cells) and not both[0]:
+            return names, units
         for name, cell in zip(names.cells, units.cells):
             unit = _clean_unit(cell)
             timed = (names_time(name) or name.casefold() in ("t", "x", "x-axis")) and is_unit(unit)
@@ -360,7 +364,10 @@ def header_cells(line: str, cut: Cut) -> list[str] | None:
     """Return the cells of a header line, ``None`` when the line is not one."""
     width = cut.width
     other = replace(cut, decimal="." if cut.decimal == "," else ",")
-    for text in (line, _COMMENT.sub("", line)):
+    texts = [line, _COMMENT.sub("", line)]
+    if quoted := _ALL_QUOTED.fullmatch(line):
+        texts.append(quoted[1].replace('""', '"'))
+    for text in texts:
         fields = cut.split(text)
         if cut.delimiter == " " and len(fields) != width:
             fields = _merge_units(text, width)

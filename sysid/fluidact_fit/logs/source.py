@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import contextlib
 import hashlib
 import re
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 from ..errors import LogError
 from .archives import unpack
 
+_WORD = 4  # bytes
 _PROBE = 1 << 16
 _CONTROL = bytes([*range(9), *range(14, 27), 28, 29, 30, 31])
 # Beginnings of files that people pass by mistake.
@@ -132,7 +134,7 @@ def _decode(raw: bytes, name: str) -> tuple[str, bytes]:
 
 
 def _checked(raw: bytes, name: str, encoding: str) -> tuple[str, bytes]:
-    """Return UTF-8 bytes as they are, anything else as Windows-1252."""
+    """Return UTF-8 bytes as they are, anything else as that of a code page."""
     head = raw[:_PROBE]
     control = len(head) - len(head.translate(None, _CONTROL))
     filled = raw.rstrip(b"\0")
@@ -153,8 +155,32 @@ def _checked(raw: bytes, name: str, encoding: str) -> tuple[str, bytes]:
         return encoding, raw
     except UnicodeDecodeError:
         pass
-    page = "cp949" if _is_korean(raw) else "cp1252"
+    page = _code_page(raw)
     return page, raw.decode(page, errors="replace").encode()
+
+
+def _code_page(raw: bytes) -> str:
+    """The code page of a text: that of a script whose words its bytes spell, else Windows-1252.
+
+    No Latin text has four bytes beyond ASCII in a row.
+    """
+    if _is_korean(raw):
+        return "cp949"
+    if re.search(rb"[\x81-\x9f]", raw[:_PROBE]):
+        with contextlib.suppress(UnicodeDecodeError):
+            if re.search("[\u3041-\u30ff\u4e00-\u9fff]{2}", raw.decode("cp932")[:_PROBE]):
+                return "cp932"
+    runs = re.findall(rb"[\x80-\xff]+", raw[:_PROBE])
+    if max(map(len, runs), default=0) < _WORD:
+        return "cp1252"
+    pairs = re.compile(rb"(?:[\xa1-\xfe]{2})+")
+    leads = [lead for run in runs for lead in run[::2]]
+    common = sum(0xB0 <= lead <= 0xD7 for lead in leads)  # the more common half of GB 2312
+    if all(map(pairs.fullmatch, runs)) and common > 0.7 * len(leads):
+        return "gb18030"
+    letters = b"".join(runs)
+    cyrillic = sum(c >= 0xC0 for c in letters)
+    return "cp1251" if cyrillic > 0.9 * len(letters) else "cp1252"
 
 
 def _is_korean(raw: bytes) -> bool:
