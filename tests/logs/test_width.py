@@ -113,3 +113,20 @@ def test_units_that_are_fewer_than_blank_separated_columns_are_refused(tmp_path:
     path.write_text(f"time force x\n  kN mm\n{rows}", encoding="utf-8")
     with pytest.raises(LogError, match="kN, mm"):
         read_log(path)
+
+
+@pytest.mark.parametrize("head", [[], ["dx = 0,01 s"], ["Rig, Test 3"], ["a,b"]])
+def test_decimal_commas_of_a_single_column_are_not_cut(tmp_path: Path, head: list[str]) -> None:
+    rows = [f"{'-' if k % 2 else ''}{k / 16:.4f}".replace(".", ",") for k in range(30)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([*head, *rows]))
+    with pytest.raises(LogError, match="may be one column or two"):
+        read_log(path)
+    assert len(read_log(path, decimal=",").columns) == 1
+    assert len(read_log(path, delimiter=",").columns) == 2
+
+
+def test_two_columns_of_whole_numbers_are_two(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(f"{k},{k * k % 170}" for k in range(30)))
+    assert len(read_log(path).columns) == 2

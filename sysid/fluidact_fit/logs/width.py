@@ -18,6 +18,7 @@ from .log import count_of
 
 _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 _COMMAS = re.compile(r"\s*-?\d+,\d+\s*")
+_DECIMAL_COMMA = re.compile(r"\s*(?:-?\d+,0\d+|-0,\d+)\s*")
 _ROWS = 50  # that are looked at
 _BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)")
 _ABOVE = 3  # lines with text in which the names are looked for
@@ -107,6 +108,23 @@ def _refuse_commas(lines: Sequence[str], start: int, index: int, cut: Cut, name:
         expected="Expected one name for every column.",
         remedy="If the comma stands before decimals, give --decimal ','; if it separates, correct "
         f"the header, or give --skip-rows {index + 1}.",
+    )
+
+
+def refuse_decimal_commas(lines: Sequence[str], start: int, name: str) -> None:
+    """Refuse rows of ``0,05`` and ``-0,5``: no second column counts with zeros before its digits.
+
+    They are decimals of a single column, cut in two.
+    """
+    rows = [line for line in lines[start : start + _ROWS] if line.strip()]
+    if not (all(map(_COMMAS.fullmatch, rows)) and any(map(_DECIMAL_COMMA.fullmatch, rows))):
+        return
+    raise LogError(
+        f"rows such as '{rows[0].strip()[:40]}' may be one column or two.",
+        where=f"{name}, line {start + 1}",
+        expected="Expected another sign between columns than before decimals.",
+        remedy="If the comma stands before decimals, give --decimal ','; if it separates, give "
+        "--delimiter ','.",
     )
 
 
