@@ -157,3 +157,19 @@ def test_time_below_a_row_of_units_and_names_is_in_milliseconds(tmp_path: Path) 
     )  # fmt: skip
     result = ff.fit("line", [log], hold={"inlet": "zoh"})
     assert result.parameters["time_constant"].value == pytest.approx(0.12, rel=0.02)
+
+
+@pytest.mark.parametrize("unit", ["milimetr", "MV", "bra", "\u00b110 V"])
+@pytest.mark.parametrize("names", ["Time,position", '"t","u"'])
+def test_a_cell_below_a_name_is_its_unit_though_the_time_has_none(
+    names: str, unit: str, tmp_path: Path
+) -> None:
+    rows = [f"2024-05-27T14:48:49.{k:02d}0Z,{0.25 * k}" for k in range(40)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([names, f",{unit}", *rows]), encoding="utf-8")
+    log = read_log(path)
+    assert [c.unit for c in log.columns][1] == unit
+    assert log.columns[1].name == names.split(",")[1].strip('"')
+    with pytest.raises(ff.FluidactError, match=r"units=\{'outlet': "):
+        ff.fit("line", path, columns={"time": "#1", "inlet": "#2", "outlet": "#2"},
+               units={"inlet": "bar"})  # fmt: skip

@@ -101,6 +101,7 @@ def find_header(
         found = (
             _pair(rows, cut)
             or _beside_names(rows, cut)
+            or _below_names(rows)
             or _names_alone(rows, cut, index_row is not None)
         )
     if found is None:
@@ -217,6 +218,19 @@ def _beside_names(rows: Sequence[_Row], cut: Cut) -> tuple[_Row, _Row] | None:
             if bracketed or (timed and looks_like_unit(cell) and same_dimension(unit, "s")):
                 return names, units
     return None
+
+
+def _below_names(rows: Sequence[_Row]) -> tuple[_Row, _Row] | None:
+    """A row that leaves the first column empty, below one that names them all: it has units.
+
+    Nothing else is written there. One that is not understood is refused where its column is used.
+    """
+    if len(rows) < 2 or any(not row.is_header or row.is_mixed for row in rows[:2]):
+        return None
+    below, names = rows[:2]
+    whole = names.distinct == names.filled == len(names.cells)
+    few = below.filled and not below.cells[0] and not any(map(is_wordy, below.cells))
+    return (names, replace(below, are_units=True)) if whole and few else None
 
 
 def join_quoted(lines: Sequence[str], start: int, cut: Cut) -> Sequence[str]:

@@ -98,6 +98,7 @@ def _dimension(quantity: Any) -> frozenset[tuple[str, float]]:
 
 
 def is_expression(text: str) -> bool:
+    """Return whether a text is a product of names and powers, which pint may be asked of."""
     return len(text) <= LONGEST and (text in FOR_PINT or bool(_EXPRESSION.fullmatch(text)))
 
 
