@@ -86,6 +86,19 @@ def test_curves_of_high_degree_compile_and_hold(degree: int, branches: int, tmp_
 
 
 @needs_gcc
+def test_branches_without_a_dead_band_compile_and_hold(tmp_path: Path) -> None:
+    weights = np.ones(2)
+    curves = ((np.array([0.0, 0.06]), weights), (np.array([0.001, 0.061]), weights))
+    calibration = Calibration(curves, 32.0, 991.0)
+    code = Code("pot", "pot", "a", tuple(potentiometer_routines(calibration, "1")))
+    files = []
+    for name, content in write_code(code).items():
+        files.append(tmp_path / name)
+        files[-1].write_bytes(content)
+    assert run(files) == 0
+
+
+@needs_gcc
 @pytest.mark.parametrize("arithmetic", ["float32", "q15"])
 @pytest.mark.parametrize(
     ("family", "names"),

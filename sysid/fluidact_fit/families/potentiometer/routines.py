@@ -24,6 +24,7 @@ from .calibration import Calibration
 from .rational_bezier import power_coefficients
 
 _HALVINGS = 30
+_LEAST_BAND = 1e-6  # of the readings: what is turned by less is beyond single precision
 _BRANCHES = ("curve", "falling")
 
 
@@ -88,7 +89,8 @@ def _tracking(c: Calibration, reading: Argument) -> Routine:
     x = draft.argument(reading)
     last, state, begun = draft.state("last"), draft.state("state"), draft.state("begun")
     moved = draft.let("moved", choose(begun, ">", 0.0, x - last, 0.0))
-    change = moved * constant("per_half_dead_band", 2.0 / max(c.dead_band, 1e-300))
+    band = max(c.dead_band, _LEAST_BAND * (c.high - c.low))
+    change = moved * constant("per_half_dead_band", 2.0 / band)
     draft.put(state, minimum(maximum(state + change, -1.0), 1.0))
     draft.put(last, x)
     draft.put(begun, 1.0)
