@@ -11,12 +11,16 @@ import numpy as np
 import pytest
 
 import fluidact_fit as ff
+from fluidact_fit.control import read_document
+from fluidact_fit.control.closed_loop import simulate_loop, with_values
+from fluidact_fit.control.controller_file import read_controller_file
 from fluidact_fit.export.controller import controller_code
 from fluidact_fit.families import get_family
 from fluidact_fit.family import Plant
 from fluidact_fit.parameters import make_document, save_document
 from fluidact_fit.routines import Machine
 
+GOLDEN = Path(__file__).parents[1] / "golden" / ff.__version__
 Here = Callable[..., Any]
 VALUES: dict[str, tuple[str | None, dict[str, float]]] = {
     "hydrostatic": (
@@ -442,6 +446,25 @@ def test_a_reference_that_samples_cannot_show_is_refused(
     done = here("simulate", line, "--controller", file, "--reference", kind, "--duration", "1")
     assert done.status == (2 if refused else 0), done.err
     assert ("show another course" in done.err) == refused
+
+
+@pytest.mark.parametrize(
+    ("family", "values"),
+    [
+        ("hydrostatic", {"mass": 1e-6}),
+        ("hydraulic-cylinder", {"bulk_modulus": 1e15}),
+        ("hydraulic-cylinder", {"viscous": 1e12}),
+    ],
+)
+def test_a_machine_too_fast_to_be_followed_is_refused(
+    family: str, values: dict[str, float], tmp_path: Path
+) -> None:
+    head = PD.partition("controller:")[0]
+    text = "controller: {proportional: 1.0e+5, derivative: 0.0}\nreference: {start: 0.1}\n"
+    file = read_controller_file(controller(tmp_path, head + text))
+    document = with_values(read_document(GOLDEN / f"{family}.yaml"), values)
+    with pytest.raises(ff.UsageError, match="too fast to be followed"):
+        simulate_loop([document], file, "step", duration=0.3)
 
 
 @pytest.mark.parametrize(

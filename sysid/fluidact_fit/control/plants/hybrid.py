@@ -22,11 +22,13 @@ from math import ceil, comb
 
 import numpy as np
 
+from ...errors import UsageError
 from ...experiment import FloatArray
 
 _DEGREE = 24  # of the series: 1 / 25! = 6e-26
 _ROUNDING = 1e-12  # of the largest coefficient: what is less below zero is not an event
 _HALVINGS = 50
+_MOST_STEPS = 2000  # of a sample: more take minutes for a second of a loop
 
 
 class Mode:
@@ -68,7 +70,13 @@ class Mode:
             What is left of the span [s].
         guard
             Which one became negative; ``None`` at the end of the span.
+
+        Raises
+        ------
+        UsageError
+            When the motion is too fast for the span.
         """
+        check_steps(self.step, span)
         while span > 0.0:
             share = min(span / self.step, 1.0)
             at, guard = self._first_event(z, share)
@@ -94,6 +102,18 @@ class Mode:
             table = table * share ** np.arange(_DEGREE + 1.0)
         at, guard = first_event(table)
         return at * share, guard
+
+
+def check_steps(step: float, span: float) -> None:
+    """Refuse a machine of too many steps [s] in the span of a sample (``UsageError``)."""
+    if not span <= _MOST_STEPS * step:
+        raise UsageError(
+            f"a part of the machine moves within about {step:.2g} s, too fast to be followed over "
+            f"the {span:.3g} s between samples",
+            expected=f"Expected at most {_MOST_STEPS} steps a sample.",
+            remedy="Choose a shorter sample_time, or look whether its mass, stiffness, damping or "
+            "natural frequency is right.",
+        )
 
 
 def first_event(guards: FloatArray) -> tuple[float, int | None]:

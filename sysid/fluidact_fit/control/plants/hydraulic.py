@@ -21,6 +21,7 @@ from ...errors import UsageError
 from ...estimation.friction_law import FrictionLaw
 from ...estimation.sampled import Sampled, sample
 from .base import UNLIMITED, Limits, Plant
+from .hybrid import check_steps
 
 _State = tuple[float, float, float, float]  # p1, p2, y, v
 _EVENTS = 8  # within a step; a piston that rattles faster rests for what is left of it
@@ -57,12 +58,15 @@ class HydraulicCylinder:
     def rate(self) -> float:
         """Runge-Kutta steps per second that follow the motion.
 
-        40 in the oil's own period, the piston between both chambers at position 0, and 2 in the
-        time in which a speed grows ``e``-fold where friction falls with it.
+        40 in the oil's own period, the piston between both chambers at position 0, 2 in the time
+        in which a speed grows ``e``-fold where friction falls with it, and 1 in that in which
+        viscous friction stops it.
         """
         stiffness = sum(a * a / v for a, v in zip(self.area, self.volume)) * self.bulk_modulus
         oil = sqrt(stiffness / self.mass) / (2.0 * pi)
-        return max(40.0 * oil, 2.0 * self.friction.fall / self.mass)
+        law = self.friction
+        viscous = max(law.viscous_positive, law.viscous_negative)
+        return max(40.0 * oil, 2.0 * law.fall / self.mass, viscous / self.mass)
 
     def step(self, sample_time: float) -> float:
         """Runge-Kutta step that divides a sample [s]."""
@@ -79,6 +83,7 @@ class HydraulicPlant(Plant):
         self.cylinder, self.sample_time, self.limits = cylinder, sample_time, (limits,)
         self.commands, self.controlled = (command,), Port("position", "m")
         self._step = cylinder.step(sample_time)
+        check_steps(self._step, sample_time)
         self.reset()
 
     def reset(self, output: float = 0.0, commands: Sequence[float] = ()) -> None:
