@@ -130,3 +130,36 @@ def test_two_columns_of_whole_numbers_are_two(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("\n".join(f"{k},{k * k % 170}" for k in range(30)))
     assert len(read_log(path).columns) == 2
+
+
+@pytest.mark.parametrize(
+    ("head", "sign"),
+    [
+        (["time(ms);force(kN);pos(mm)"], ","),
+        (["time(ms),force(kN),pos(mm)"], "\t"),
+        (["time_ms|force_kN|pos_mm"], ","),
+        (["Zeit / ms Kraft / kN Weg / mm"], "\t"),
+        (["# time(ms)  force(kN)  pos(mm)"], ","),
+        (["time ms force kN pos mm"], " "),
+        (["# columns: t[ms] F[kN] x[mm]"], " "),
+        (["# 1: t [ms]", "# 2: F [kN]", "# 3: x [mm]"], " "),
+        (["Spalte 1: t [ms]", "Spalte 2: F [kN]", "Spalte 3: x [mm]"], ";"),
+    ],
+)
+def test_units_of_a_header_that_is_not_read_are_not_dropped(
+    tmp_path: Path, head: list[str], sign: str
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([*head, *(row.replace(",", sign) for row in ROWS)]))
+    with pytest.raises(LogError, match=r"units stand above the first row|names? above rows"):
+        read_log(path)
+    assert len(read_log(path, skip_rows=len(head)).columns) == 3
+
+
+@pytest.mark.parametrize(
+    "head", [["Supply 200 bar, stroke 300 mm, 50 kN"], ["Rig 3, oil, warm"], ["Test in N and mm"]]
+)
+def test_a_remark_above_a_table_without_a_header_is_one(tmp_path: Path, head: list[str]) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([*head, *(row.replace(",", ";") for row in ROWS)]))
+    assert len(read_log(path).columns) == 3

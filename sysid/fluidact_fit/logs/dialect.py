@@ -35,7 +35,7 @@ from .source import Source
 from .stamps import is_stamp
 from .start import Start, find_start, holds_numbers, looks_like_row
 from .stray import find_stray, holds_digits, is_damaged_row
-from .width import fit_header, refuse_decimal_commas, refuse_other_names
+from .width import fit_header, refuse_decimal_commas, refuse_other_names, refuse_units_above
 
 MAX_COLUMNS = 4096
 
@@ -376,6 +376,7 @@ def _lay_out(
         refuse_commas_for_both(half.names, body, cut, name)
     if header.row is None and named is None and not (hints.names or hints.serial):
         refuse_other_names(lines, start, cut, name)
+        refuse_units_above(lines, start, cut, name)
     if cut.delimiter == "," and cut.width == 2 and written.delimiter is None:
         refuse_decimal_commas(lines, start, name)
     if hints.serial and header.row is None:

@@ -10,15 +10,17 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 from ..errors import LogError
-from ..units import looks_like_unit, parse_unit_from_header
+from ..units import SUFFIXES, looks_like_unit, parse_unit_from_header
 from .layout import Cut, says_nothing
 from .log import count_of
 
 _COMMENT = re.compile(r"^\s*(#+|%+|//+|;)\s*")
 _COMMAS = re.compile(r"\s*-?\d+,\d+\s*")
 _DECIMAL_COMMA = re.compile(r"\s*(?:-?\d+,0\d+|-0,\d+)\s*")
+_LONGEST_HEADER = 4000  # characters
 _ROWS = 50  # that are looked at
 _BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)")
 _ABOVE = 3  # lines with text in which the names are looked for
@@ -108,6 +110,30 @@ def _refuse_commas(lines: Sequence[str], start: int, index: int, cut: Cut, name:
         expected="Expected one name for every column.",
         remedy="If the comma stands before decimals, give --decimal ','; if it separates, correct "
         f"the header, or give --skip-rows {index + 1}.",
+    )
+
+
+def refuse_units_above(lines: Sequence[str], start: int, cut: Cut, name: str) -> None:
+    """Refuse a table without a header above which stand units of its columns, in another form.
+
+    ``time(ms),force(kN)`` above rows with semicolons, ``# 1: time [ms]``. What has a unit behind a
+    number is no name.
+    """
+    text = "\n".join(lines[i] for i in reversed(_above(lines, start)))[-_LONGEST_HEADER:]
+    words = re.split(r"[\s;,|/:_()\[\]{}]+", text)
+    units = [
+        word
+        for before, word in pairwise(words)
+        if word in SUFFIXES and not before[:1].isdigit() and (len(word) > 1 or f"[{word}]" in text)
+    ]
+    if len(units) < 2 or 2 * len(units) < cut.width:
+        return
+    raise LogError(
+        f"there is no header, but units stand above the first row: {', '.join(units[:4])}.",
+        where=f"{name}, line {start + 1}",
+        expected="Expected one name for every column, and the same separator in all lines.",
+        remedy=f"Write the header so, or give --skip-rows {start} and name columns and units, "
+        "--column ROLE=#N --unit ROLE=UNIT.",
     )
 
 
