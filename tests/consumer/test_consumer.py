@@ -310,6 +310,17 @@ def test_a_stale_number_is_found(literal: str, agrees: bool, form: str, tmp_path
     assert (named in row.message) == (not agrees)
 
 
+@pytest.mark.parametrize(("given", "finding"), [("1.5", "other value"), ("0.98", "agrees")])
+@pytest.mark.parametrize("quote", ["", '"'])
+def test_a_default_of_a_declaration_is_compared(
+    given: str, finding: str, quote: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "declaration.yaml"
+    path.write_text(f"line:\n  gain: {{type: double, default_value: {quote}{given}{quote}}}\n")
+    rows = compare(ff.load(GOLDEN / "line.yaml"), read_consumer(path)).rows
+    assert [r.finding for r in rows if r.parameter == "gain"] == [finding]
+
+
 def test_every_number_of_an_export_is_compared(tmp_path: Path) -> None:
     """Each macro of a header made one per cent larger, lists number by number."""
     for family in ("line", "force-map", "potentiometer", "hydraulic-cylinder"):

@@ -169,11 +169,13 @@ def _ignored(entry: Entry) -> Row:
 def _compare_key(entry: Entry, key: Key) -> Row:
     """Compare units, and numbers where the controller has any."""
     row, literals = _compare_units(entry, key), literals_in(key.value)
-    if row.finding == "agrees" and is_computed(key.value):
+    if row.finding != "agrees" or isinstance(entry.value, bool | str):
+        return row
+    if is_computed(key.value):
         shown = " ".join(key.value.split())
         why = f"the controller computes it, {shown[:60]}; write the number itself to compare it"
         return replace(row, finding="other value", message=f"{entry.key}: {why}.")
-    if row.finding != "agrees" or literals is None or isinstance(entry.value, bool | str):
+    if literals is None:
         return row
     factor = conversion_factor(entry.unit or "1", key.unit) if key.unit else 1.0
     numbers = np.atleast_1d(np.asarray(entry.value, dtype=float)) * factor

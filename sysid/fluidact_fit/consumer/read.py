@@ -134,7 +134,9 @@ def _leaves(tree: Mapping[str, Any], above: str) -> Iterator[Key]:
 
 
 def _default(value: Any) -> str:
-    """A default value of a declaration as code writes it; empty for what is no number."""
+    """A default value of a declaration as code writes it; empty for what is no number or text."""
+    if isinstance(value, str):
+        return value
     numbers = value if isinstance(value, list) else [value]
     if any(isinstance(v, bool) or not isinstance(v, int | float) for v in numbers):
         return ""
