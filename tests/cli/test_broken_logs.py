@@ -230,7 +230,7 @@ LINES = {
     "excel-error": (r"line 32\b", "#VALUE!"),
     "text-column": (r"line 2\b", "open"),
     "ragged": (r"line \d+", "field"),
-    "extra-cells": (r"line \d+", "field"),
+    "extra-cells": (r"line \d+", r"fields?|cells"),
     "mixed-decimal-commas": (r"line \d+", "field"),
     "huge": (r"line 2\b", "too large"),
     "tiny": (r"line 2\b", "too small"),

@@ -152,3 +152,11 @@ def test_units_of_either_row_of_names_count(tmp_path: Path, below: bool) -> None
     log = read_log(path)
     assert [c.unit for c in log.columns] == ["ms", "mm", "kN"]
     assert all("Load" in c.also for c in log.columns[2:])
+
+
+def test_signs_below_the_names_are_units_that_are_not_known(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["time;force;x", "??;@@;@@", *THREE]))
+    columns = read_log(path).columns
+    assert [c.header for c in columns] == ["time", "force", "x"]
+    assert [c.unit for c in columns] == ["??", "@@", "@@"]

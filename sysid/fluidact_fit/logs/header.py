@@ -418,6 +418,8 @@ def _are_units(cells: Iterable[str], needed: float) -> bool:
 
 def _is_unit(cell: str) -> bool:
     text = _without_words(cell.strip())
+    if text and not any(map(str.isalnum, text)):
+        return True  # "@@": no name, whatever it is
     inner = text.rpartition("(")[2].rstrip(") ")
     if text.endswith(")") and text[0] != "(" and parse_unit_from_header(text)[1] == inner:
         return False  # "t (ms)" is a name with its unit, and "bar (g)" a unit
