@@ -132,6 +132,31 @@ ROWS = [
     ),
 ]  # fmt: skip
 UNITS = [
+    Case(
+        "header `pressureMPa`", "SI, 10⁶ times wrong",
+        'sed "1s~p_valve (bar)~pressureMPa~" datasets/line/trial1.csv > u.csv; fluidact-fit line u.csv --column time=#1 --column inlet=#2 --column outlet=#3 -o u.yaml',
+        3, r"may be in 'MPa', which stands in the middle of its name",
+    ),
+    Case(
+        "names between semicolons, rows between commas", "names and units gone, SI",
+        'sed "1s~,~;~g" datasets/line/trial1.csv > u.csv; fluidact-fit inspect u.csv',
+        3, r"units stand above the first row",
+    ),
+    Case(
+        "Chinese headers in GBK", "SI, 1000 times wrong",
+        "(printf '时间(毫秒),压力(兆帕)\\n' | iconv -t GBK; seq 0 40 | sed 's/.*/&,0.&/') > u.csv; fluidact-fit inspect u.csv",
+        0, r"unit 毫秒",
+    ),
+    Case(
+        "a column of decimals with commas, without a name", "two columns",
+        "seq 10 60 | sed 's/.*/1,0&/' > u.csv; fluidact-fit inspect u.csv",
+        3, r"may be one column or two",
+    ),
+    Case(
+        "channels one below the other, named in a column", "one table of runs",
+        "(echo 'VarName;t;x'; seq 0 20 | sed 's/.*/p1;&;&,5/'; seq 0 20 | sed 's/.*/p2;&;&,7/') > u.csv; fluidact-fit inspect u.csv",
+        3, r"'p1', 'p2'\) that stand one below the other",
+    ),
     *(_unit_of_pressure(*case) for case in (
         ("p_valve (mpa)", "SI, 10⁶ times wrong", 3, r"'mpa' is not known in this case: 'MPa'"),
         ("p_valve_mpa", "SI", 3, r"'mpa' is not known in this case: 'MPa'"),
