@@ -160,3 +160,11 @@ def test_signs_below_the_names_are_units_that_are_not_known(tmp_path: Path) -> N
     columns = read_log(path).columns
     assert [c.header for c in columns] == ["time", "force", "x"]
     assert [c.unit for c in columns] == ["??", "@@", "@@"]
+
+
+@pytest.mark.parametrize("head", [["[Head]", "[Data]", "t (ms);p (bar);q (V)"],
+                                  ["t (ms);p (bar);q (V)", "[Data]"]])  # fmt: skip
+def test_the_name_of_a_section_is_no_unit(tmp_path: Path, head: list[str]) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([*head, *THREE]))
+    assert [c.unit for c in read_log(path).columns] == ["ms", "bar", "V"]

@@ -336,7 +336,8 @@ def _look_at(index: int, line: str, cut: Cut, counting: bool = False) -> _Row:
     for text in (line, _COMMENT.sub("", line)):
         cells = cut.split(text)
         said = len(cells) == 1 and _SAYS_UNIT.match(cells[0])  # of a block, not of its first column
-        short = 0 < len(cells) < cut.width and not said
+        section = len(cells) == 1 and not looks_like_unit(_within(cells[0].strip()))  # "[Data]"
+        short = 0 < len(cells) < cut.width and not said and not section
         if cut.delimiter != " " and short and _are_units(cells, 1.0):
             # Empty cells at the end were not written.
             return _Row(index, cells + [""] * (cut.width - len(cells)), False, True, mixed)
