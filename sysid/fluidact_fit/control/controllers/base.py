@@ -82,7 +82,7 @@ class Controller(ABC):
             self.outside = True
             self._interrupt(wanted)
         else:
-            self._given = self._step(measured, wanted)
+            self._given = self.compute(measured, wanted)
         return self._given
 
     def _readable(self, measured: Mapping[str, float]) -> bool:
@@ -95,7 +95,7 @@ class Controller(ABC):
         return
 
     @abstractmethod
-    def _step(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
+    def compute(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
         """Return the commands for readings that can be true."""
 
     def linear(self) -> System:

@@ -131,7 +131,7 @@ class FeedforwardForceController(Controller):
         if not isnan(wanted):
             self._wanted.step(wanted)
 
-    def _step(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
+    def compute(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
         """Command for readings that can be true.
 
         The way over ``n_s`` samples begins anew when the reference changes. The target itself

@@ -134,7 +134,7 @@ class ImpedanceController(Controller):
         force = z.stiffness * (reference - position) + z.damping * (wanted - speed)
         return self.limit(force + self.friction.compensate(speed))
 
-    def _step(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
+    def compute(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
         return self.pressures.commands(self.force(measured["position"], wanted))
 
     def linear(self) -> System:

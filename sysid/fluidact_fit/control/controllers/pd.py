@@ -168,7 +168,7 @@ class PDController(Controller):
         self._error_rate.interrupt()
         self._speed.interrupt()
 
-    def _step(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
+    def compute(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
         place = measured[self.travel.role]
         error = wanted - place
         rate, speed = self._error_rate.step(error), self._speed.step(place)
