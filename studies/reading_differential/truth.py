@@ -59,7 +59,7 @@ QUANTITIES: dict[str, tuple[str, dict[str, float | None]]] = {
     "torque": ("N m", {
         "N m": 1.0, "Nm": 1.0, "N·m": 1.0, "mNm": 1e-3, "N.m": 1.0, "kNm": 1e3, "Ncm": 1e-2,
         "lbf in": _POUND * 0.0254, "ft-lb": _POUND * 0.3048,
-        "Newtonmeter": 1.0, "kgf·cm": 0.0980665, "daNm": 10.0, "mN*m": 1e-3, "lb": None,
+        "Newtonmeter": 1.0, "kgf·cm": 0.0980665, "daNm": 10.0, "mN*m": 1e-3,
         "kgcm": None,
     }),
     "voltage": ("V", {

@@ -16,6 +16,7 @@ from fluidact_fit.batch.journal import NAME
 
 Log = Callable[..., Path]
 Run = Callable[..., Any]
+_FINISHED: dict[str, bytes] = {}
 posix = pytest.mark.skipif(os.name != "posix", reason="POSIX links, devices and pipes")
 
 
@@ -212,13 +213,22 @@ def test_only_regular_files(
         assert "not a regular file" in done.err
 
 
-@pytest.mark.parametrize("how", ["number", "type", "cut", "lost", "swapped", "parameter file"])
+@pytest.mark.parametrize(
+    "how",
+    ["number", "type", "parameter file",
+     *(pytest.param(how, marks=pytest.mark.slow) for how in ("cut", "lost", "swapped"))],
+)  # fmt: skip
 def test_a_journal_is_not_believed_blindly(how: str, inside: Path, valve: Log, apart: Run) -> None:
-    for k in range(3):
-        valve(f"v{k}.csv", seed=k)
-    _jobs(inside, *((f"u{k}", f"v{k}.csv", "") for k in range(3)))
     words = ("batch", "jobs.csv", "-o", "out", "--workers", "1")
-    assert apart(*words, cwd=inside).status == 0
+    if not _FINISHED:  # a finished batch is the same wherever it is put
+        for k in range(3):
+            valve(f"v{k}.csv", seed=k)
+        _jobs(inside, *((f"u{k}", f"v{k}.csv", "") for k in range(3)))
+        assert apart(*words, cwd=inside).status == 0
+        _FINISHED.update({str(Path(p).relative_to(inside)): b for p, b in _content(inside).items()})
+    for name, content in _FINISHED.items():
+        (inside / name).parent.mkdir(parents=True, exist_ok=True)
+        (inside / name).write_bytes(content)
     out = inside / "out"
     summary, file = (out / "summary.csv").read_bytes(), (out / "u1.yaml").read_text()
     head, *lines = (out / NAME).read_text(encoding="utf-8").splitlines()

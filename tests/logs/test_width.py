@@ -163,3 +163,10 @@ def test_a_remark_above_a_table_without_a_header_is_one(tmp_path: Path, head: li
     path = tmp_path / "log.csv"
     path.write_text("\n".join([*head, *(row.replace(",", ";") for row in ROWS)]))
     assert len(read_log(path).columns) == 3
+
+
+def test_a_unit_below_one_of_two_names_between_blanks_is_not_passed_over(tmp_path: Path) -> None:
+    """Nobody knows below which name it stands: numbers would be a thousand times too large."""
+    rows = [f"{0.01 * k:.2f}  {1.5 * k:.1f}" for k in range(40)]
+    with pytest.raises(LogError, match="1 name above rows of 2 cells: 1/1000 mm"):
+        read(tmp_path, ['"t" "pos"', '   "1/1000 mm"', *rows])

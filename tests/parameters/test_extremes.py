@@ -95,7 +95,8 @@ def test_what_is_left_is_exported_or_refused(family: str, tmp_path: Path) -> Non
     scalars = [n for n in parameters_of(family)
                if isinstance(golden(family)["parameters"][n]["value"], float)]  # fmt: skip
     for name in scalars:
-        for number, target in ((-0.0, "st"), (1e29, "c")):
+        # that of C runs the code at many arguments, which is for one of a family enough
+        for number, target in ((-0.0, "st"), (1e29, "c" if name == scalars[-1] else "st")):
             status, err = export(with_value(family, name, number), tmp_path, target)
             assert status in (0, 2, 3), (name, number, target, err)
             for path in (tmp_path / target).glob("*.[chsm]*") if status == 0 else ():

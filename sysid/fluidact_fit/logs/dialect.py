@@ -374,9 +374,12 @@ def _lay_out(
     if header.row is None and cut.width % 2 == 0:
         half = find_header(lines, start, replace(cut, width=cut.width // 2), hints, named)
         refuse_commas_for_both(half.names, body, cut, name)
-    if header.row is None and named is None and not (hints.names or hints.serial):
-        refuse_other_names(lines, start, cut, name)
-        refuse_units_above(lines, start, cut, name)
+    if named is None and not (hints.names or hints.serial):
+        nearest = next((i for i in range(start - 1, -1, -1) if lines[i].strip()), None)
+        if header.row is None or nearest not in header.taken:
+            refuse_other_names(lines, start, cut, name)
+        if header.row is None:
+            refuse_units_above(lines, start, cut, name)
     if cut.delimiter == "," and cut.width == 2 and written.delimiter is None:
         refuse_decimal_commas(lines, start, name)
     if hints.serial and header.row is None:

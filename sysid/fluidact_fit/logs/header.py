@@ -27,6 +27,7 @@ _RULING = re.compile(
 _NO_UNIT = {"", "-", "1", "none"}
 _UNIT_ITSELF = {"unit", "units", "einheit", "einheiten", "unité", "unidad", "unità"}
 _BROKEN = 40  # lines that a header with line breaks in its names may take
+_LETTERS = 3  # of a unit below a single name
 _ABOVE = 4  # lines with text in which names and units are looked for
 _ROWS = 100  # of which the second cells are looked at
 
@@ -46,6 +47,11 @@ class Header(NamedTuple):
     levels: tuple[int, ...] = ()
     parts: Mapping[int, tuple[str, ...]] = MappingProxyType({})
     no_units: tuple[int, ...] = ()
+
+    @property
+    def taken(self) -> set[int | None]:
+        """The lines that it was taken from."""
+        return {self.row, self.units_row, *self.levels, *self.no_units}
 
 
 @dataclass(frozen=True)
@@ -223,14 +229,17 @@ def _beside_names(rows: Sequence[_Row], cut: Cut) -> tuple[_Row, _Row] | None:
 def _below_names(rows: Sequence[_Row]) -> tuple[_Row, _Row] | None:
     """A row that leaves the first column empty, below one that names them all: it has units.
 
-    Nothing else is written there. One that is not understood is refused where its column is used.
+    So have few letters below the name of a single column. What is not understood is refused where
+    the column is used.
     """
     if len(rows) < 2 or any(not row.is_header or row.is_mixed for row in rows[:2]):
         return None
     below, names = rows[:2]
     whole = names.distinct == names.filled == len(names.cells)
-    few = below.filled and not below.cells[0] and not any(map(is_wordy, below.cells))
-    return (names, replace(below, are_units=True)) if whole and few else None
+    first, *rest = below.cells
+    few = any(rest) and not first and not any(map(is_wordy, rest))
+    alone = not rest and len(first) <= _LETTERS and len(names.cells[0]) > len(first)
+    return (names, replace(below, are_units=True)) if whole and (few or alone) else None
 
 
 def join_quoted(lines: Sequence[str], start: int, cut: Cut) -> Sequence[str]:
@@ -380,7 +389,7 @@ def header_cells(line: str, cut: Cut) -> list[str] | None:
     width = cut.width
     other = replace(cut, decimal="." if cut.decimal == "," else ",")
     texts = [line, _COMMENT.sub("", line)]
-    if quoted := _ALL_QUOTED.fullmatch(line):
+    if cut.delimiter != " " and (quoted := _ALL_QUOTED.fullmatch(line)):
         texts.append(quoted[1].replace('""', '"'))
     for text in texts:
         fields = cut.split(text)
