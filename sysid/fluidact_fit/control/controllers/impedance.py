@@ -135,6 +135,7 @@ class ImpedanceController(Controller):
         return self.limit(force + self.friction.compensate(speed))
 
     def compute(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
+        """The commands for the wanted impedance; see :meth:`Controller.compute`."""
         return self.pressures.commands(self.force(measured["position"], wanted))
 
     def linear(self) -> System:

@@ -169,6 +169,7 @@ class PDController(Controller):
         self._speed.interrupt()
 
     def compute(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
+        """The command against the deviation, with compensation; see :meth:`Controller.compute`."""
         place = measured[self.travel.role]
         error = wanted - place
         rate, speed = self._error_rate.step(error), self._speed.step(place)
