@@ -226,9 +226,15 @@ def _judge_cut(name: str, log: Log, result: Result) -> None:
         result.fail(LOSS, f"{_rows(name) - _count(log)} numbers lost without a word")
 
 
+def _most() -> list[int]:
+    """Memory that this process and the largest of its children have taken at most [kB]."""
+    whose = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    return [resource.getrusage(who).ru_maxrss for who in whose]
+
+
 def _read(case: Case, path: Path) -> tuple[Log | None, Result]:
     """Read a file; what is wrong with how that ends."""
-    before = _used()
+    before, held = _used(), _most()
     log, result = None, Result("refused")
     try:
         log = read_log(path)
@@ -240,8 +246,8 @@ def _read(case: Case, path: Path) -> tuple[Log | None, Result]:
     taken = _used() - before
     if taken > LIMIT:
         result.fail(HANG, f"{taken:.0f} s of processor time")
-    for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN):
-        if (most := resource.getrusage(who).ru_maxrss) > _MOST:
+    for most, already in zip(_most(), held):  # the largest ever: what was there is not the file's
+        if most > max(_MOST, already):
             result.fail(WRONG, f"{most / 1e6:.1f} GB of memory")
     if case.rng.random() < 0.1:
         ended = program.run(["inspect", str(path)])

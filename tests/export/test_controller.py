@@ -79,7 +79,7 @@ class Exported(Controller):
         super().reset()
         self.first = True
 
-    def _step(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
+    def compute(self, measured: Mapping[str, float], wanted: float) -> tuple[float, ...]:
         return self.called(measured, wanted)
 
     def called(self, measured: Mapping[str, float], reference: float) -> tuple[float, ...]:
