@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import os
-import signal
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import pytest
 
 from fluidact_fit.batch.journal import NAME
+from hanging import ended_after
 
 Log = Callable[..., Path]
 Run = Callable[..., Any]
@@ -23,18 +23,8 @@ posix = pytest.mark.skipif(os.name != "posix", reason="POSIX links, devices and 
 @pytest.fixture(autouse=True)
 def patience() -> Iterator[None]:
     """End a test that waits for ever."""
-    if os.name != "posix":
+    with ended_after(120):
         yield
-        return
-
-    def end(*_: Any) -> None:
-        raise TimeoutError("it hangs")
-
-    before = signal.signal(signal.SIGALRM, end)
-    signal.alarm(120)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
 
 
 def _jobs(folder: Path, *rows: tuple[str, str, str], name: str = "jobs.csv") -> Path:

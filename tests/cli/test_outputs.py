@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import socket
 import subprocess
 import sys
@@ -19,6 +18,7 @@ import pytest
 import fluidact_fit as ff
 from fluidact_fit.errors import OutputError
 from fluidact_fit.files import FileSet
+from hanging import ended_after
 
 Log = Callable[..., Path]
 Run = Callable[..., Any]
@@ -28,18 +28,8 @@ posix = pytest.mark.skipif(os.name != "posix", reason="POSIX links, devices and 
 @pytest.fixture(autouse=True)
 def patience() -> Iterator[None]:
     """End a test that waits for ever."""
-    if os.name != "posix":
+    with ended_after(60):
         yield
-        return
-
-    def end(*_: Any) -> None:
-        raise TimeoutError("it hangs")
-
-    before = signal.signal(signal.SIGALRM, end)
-    signal.alarm(60)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
 
 
 @contextmanager
