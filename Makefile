@@ -7,7 +7,7 @@ INSTALLED := $(VENV)/installed
 INSTALLED_DEV := $(VENV)/installed-dev
 OLDEST := .venv-oldest
 COG := $(BIN)/cog -P -I tools -p 'import docs_tables as docs' --verbosity 1
-PAGES := README.md $(wildcard docs/*.md)
+PAGES := README.md $(wildcard docs/*.md docs/*/*.md)
 
 # Where it is set, every process of the tests would compile the program anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -29,13 +29,13 @@ help:
 	@echo "make docs         write what the pages and the JSON Schema take from the program"
 	@echo "make schema       write the shipped JSON Schema only"
 	@echo "make lock         write uv.lock anew: the tools of developers are installed as it says"
-	@echo "make acceptance   every headline figure again, against docs/acceptance.md"
+	@echo "make acceptance   every headline figure again, against docs/evidence/acceptance.md"
 	@echo "make house        count lines, long functions, long signatures and uses of Any;"
 	@echo "                  HOUSE=--packages counts lines and tuning constants by package"
 	@echo "make study        efficiency, coverage and designs by repetition, written to docs/"
-	@echo "make red-team     attack the numbers with other simulators, written to docs/red-team.md"
-	@echo "make soak         attack reader, files and processes, written to docs/soak.md"
-	@echo "make bench        this project against other tools, written to docs/benchmark.md"
+	@echo "make red-team     attack the numbers with other simulators, written to docs/evidence/red-team.md"
+	@echo "make soak         attack reader, files and processes, written to docs/evidence/soak.md"
+	@echo "make bench        this project against other tools, written to docs/evidence/benchmark.md"
 	@echo "make clean        remove everything that make has made"
 	@echo "Another Python: make PYTHON=/path/to/python3.12 test"
 
@@ -110,8 +110,8 @@ study: $(INSTALLED_DEV)
 	$(BIN)/python -m pytest -m slow tests
 	$(BIN)/python studies/statistics_study.py $(STUDY)
 	$(BIN)/python studies/ball_screw.py
-	$(BIN)/python studies/design.py --output docs/design-study.md
-	$(BIN)/python studies/friction_coverage.py --output docs/friction-coverage.md
+	$(BIN)/python studies/design.py --output docs/evidence/design-study.md
+	$(BIN)/python studies/friction_coverage.py --output docs/evidence/friction-coverage.md
 	$(BIN)/python studies/hydraulic_cylinder.py coverage
 	$(BIN)/python -m studies.replay --write
 	$(BIN)/python studies/avr.py --write

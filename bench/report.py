@@ -1,6 +1,6 @@
-"""Writes ``docs/benchmark.md`` from what ``run.py`` and ``speed.py`` have measured.
+"""Writes ``docs/evidence/benchmark.md`` from what ``run.py`` and ``speed.py`` have measured.
 
-python bench/report.py [--directory .bench] [--output docs/benchmark.md]
+python bench/report.py [--directory .bench] [--output docs/evidence/benchmark.md]
 """
 
 from __future__ import annotations
@@ -304,7 +304,7 @@ def main() -> int:
     """Write the document."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--directory", type=Path, default=ROOT / ".bench")
-    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "benchmark.md")
+    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "evidence" / "benchmark.md")
     given = parser.parse_args()
     data = json.loads((given.directory / "head-to-head.json").read_text(encoding="utf-8"))
     lines = [_HEAD.format(equal=EQUAL, **{"load": "not recorded", **data}), "## Head to head"]

@@ -5,7 +5,7 @@
 Every routine of the golden parameter files and of the force network of the pneumatic paper
 (4 inputs, 7 hidden units), in single precision and in fixed point, is compiled with
 ``avr-gcc -O2`` (and ``-Os``) and run under simavr. Needs gcc, avr-gcc, avr-libc and simavr.
-``--write`` writes ``docs/export-avr.md``.
+``--write`` writes ``docs/evidence/export-avr.md``.
 """
 
 # ruff: noqa: T201 (it prints its results)
@@ -36,7 +36,7 @@ from fluidact_fit.export.target import Arithmetic, Job
 from fluidact_fit.routines import Machine, Routine
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "export-avr.md"
+PAGE = ROOT / "docs" / "evidence" / "export-avr.md"
 NETWORK = "force-network"
 CLOCK = 16e6  # Hz
 DRAWS = 20_000

@@ -1,6 +1,6 @@
 """How exact the ball-screw fit is, and how honest. Part of ``make study``.
 
-    python studies/ball_screw.py [--trials 40] [--output docs/stick-slip.md]
+    python studies/ball_screw.py [--trials 40] [--output docs/evidence/stick-slip.md]
 
 P4 of the benchmark (``bench/problems.py``: a torque chirp that never stands still, events
 solved in continuous time, an encoder of 2000 counts, 100 Hz, 10 s), fitted one log at a
@@ -118,7 +118,7 @@ def main() -> None:
     """Run the study and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trials", type=int, default=40)
-    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "stick-slip.md")
+    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "evidence" / "stick-slip.md")
     given = parser.parse_args()
     trials = [make_trial(P4, k) for k in range(given.trials)]
     plain = [fit([experiment(t, t.log.y, 0)]) for t in trials]

@@ -292,7 +292,7 @@ def main() -> None:
         "",
         f"Written by `python studies/design.py` (`make study`), {chosen.seeds} seeds. The standard",
         "errors are those that the fits state, in % of the value; the rms errors are against the",
-        "truth. See [design.md](design.md).",
+        "truth. See [design.md](../design.md).",
         "",
         "| log | parameter | own std error | designed std error | ratio | designed / predicted "
         "| own rms error | designed rms error |",

@@ -13,7 +13,7 @@ The bounds that headers state are compared with the largest error of the compile
 random arguments, those of what keeps something in 1,000 sequences of 1,000 calls.
 
 ``--scale`` takes that share of the constants and of the random arguments; ``--write`` writes
-`docs/export-mutation.md`. Needs gcc.
+`docs/evidence/export-mutation.md`. Needs gcc.
 """
 
 # ruff: noqa: T201 (it prints its results)
@@ -49,7 +49,7 @@ from fluidact_fit.routines import Routine
 
 ROOT = Path(__file__).parents[1]
 GOLDEN = ROOT / "tests" / "golden" / ff.__version__
-PAGE = ROOT / "docs" / "export-mutation.md"
+PAGE = ROOT / "docs" / "evidence" / "export-mutation.md"
 DRAWS = 1_000_000
 _HEAD = "format: fluidact-controller\nformat_version: 1\nsample_time: 0.01\n"
 _FORCE = (

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-PAGE = Path(__file__).parents[1] / "docs" / "fleet.md"
+PAGE = Path(__file__).parents[1] / "docs" / "evidence" / "fleet.md"
 _EXPLAINED = """# A fleet of actuators as one batch
 
 Written by `python -m studies.fleet --jobs 10000 --write`. Every unit is a transmission line with

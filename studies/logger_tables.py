@@ -8,7 +8,7 @@ Plain tables and binary formats are those of ``studies/reading_differential``.
 Names, units, instants and values are known; what the reader makes of a file is compared with
 them. A file may be refused: that is counted, with the reason. A file that is read to other names,
 units or numbers without a warning is a silent difference, and makes the study fail. ``--write``
-writes ``docs/logger-tables.md``.
+writes ``docs/evidence/logger-tables.md``.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from fluidact_fit.logs import Log, read_log
 from fluidact_fit.notices import CODES
 from fluidact_fit.units import conversion_factor
 
-PAGE = Path(__file__).parents[1] / "docs" / "logger-tables.md"
+PAGE = Path(__file__).parents[1] / "docs" / "evidence" / "logger-tables.md"
 _EXPLAINED = """\
 # Tables of loggers, written and read back
 

@@ -31,8 +31,8 @@ from pyarrow import csv, parquet
 
 Array = npt.NDArray[Any]
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "long-logs.md"
-PICTURE = ROOT / "docs" / "pictures" / "long-logs.png"
+PAGE = ROOT / "docs" / "evidence" / "long-logs.md"
+PICTURE = ROOT / "docs" / "evidence" / "pictures" / "long-logs.png"
 _EXPLAINED = """# Long logs
 
 Written by `python -m studies.long_logs --write`. Every log is sampled at 1 kHz with noise on its

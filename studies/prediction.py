@@ -7,7 +7,7 @@ A rig is drawn, three short logs of it are simulated and fitted, and the closed 
 from the parameter file with its uncertainty (``--draws`` of the command line). Then the true
 machine runs under the gains that the file gave. Machine and controller of the truth are a few lines
 of their own here: the equation that is fitted, and scipy's filter. No rig is left out: one that
-cannot be fitted is counted. ``--write`` writes ``docs/prediction.md``.
+cannot be fitted is counted. ``--write`` writes ``docs/evidence/prediction.md``.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from fluidact_fit.control.controller_file import (
 from fluidact_fit.errors import FluidactError
 from fluidact_fit.experiment import FloatArray
 
-PAGE = Path(__file__).parents[1] / "docs" / "prediction.md"
+PAGE = Path(__file__).parents[1] / "docs" / "evidence" / "prediction.md"
 SEED, DRAWS, DURATION, SAMPLES, NOISE = 8811, 60, 4.0, 400, 0.1
 METRICS = ("rms_error", "largest_error")
 STEP, SIZE, SPEED, CUTOFF = 0.01, 5e-3, 1e-2, 10.0

@@ -6,7 +6,7 @@
 Every case is a command line as a user would type it, run by a shell in an empty folder beside the
 datasets. What the program did before is what was seen when the case was found; a case whose exit
 status is another, or that does not say what it should, makes the study fail. ``--write`` writes
-``docs/reading-cases.md``.
+``docs/evidence/reading-cases.md``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "reading-cases.md"
+PAGE = ROOT / "docs" / "evidence" / "reading-cases.md"
 _LONGEST = 30.0  # s, beyond which a command hangs: a fit and a check of its file take two
 _EXPLAINED = """\
 # Logs, options and files that were once misread

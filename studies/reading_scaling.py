@@ -8,7 +8,7 @@ of jobs) gets frames in which one repeated piece stands where a line, a cell, a 
 text in quotes may stand. Sizes grow from 10^3 to 10^6 characters until the time of the processor
 can be measured. The exponent is that of the upper sizes: 1 is a time in proportion to the text.
 Above ``BOUND`` in three runs the study fails. Each pattern runs in a process of its own, which a
-limit ends. ``--write`` writes ``docs/reading-scaling.md``.
+limit ends. ``--write`` writes ``docs/evidence/reading-scaling.md``.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from fluidact_fit.logs.surgery import find_in_name, parse_constant, parse_exclus
 from fluidact_fit.units import is_unit, looks_like_unit, normalise_unit, parse_unit_from_header
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "reading-scaling.md"
+PAGE = ROOT / "docs" / "evidence" / "reading-scaling.md"
 GOLDEN = ROOT / "tests" / "golden" / "0.1.0"
 BOUND = 1.2  # exponent
 SIZES = tuple(round(10 ** (3 + k / 2)) for k in range(7))

@@ -4,7 +4,7 @@
     python studies/real_logs.py [DIRECTORY] [--write]
 
 Each file goes through ``inspect`` and a fit of a family that fits it, as an engineer would call
-them. ``--write`` writes ``docs/real-logs.md``. The logs are not part of this repository
+them. ``--write`` writes ``docs/evidence/real-logs.md``. The logs are not part of this repository
 (../shared/data); the study says so where they are missing.
 """
 
@@ -26,7 +26,7 @@ from typing import Any
 from fluidact_fit_cli.main import run
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "real-logs.md"
+PAGE = ROOT / "docs" / "evidence" / "real-logs.md"
 _EXPLAINED = """\
 # Recorded logs
 

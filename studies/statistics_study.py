@@ -13,7 +13,7 @@ with the truth:
   autoregressive noise of coefficient 0.9, and with a 12-bit converter.
 
 Run ``python studies/statistics_study.py --help`` for the options. The table is written
-into ``docs/statistics.md``; every number follows from the seed in it.
+into ``docs/evidence/statistics.md``; every number follows from the seed in it.
 """
 
 from __future__ import annotations
@@ -299,7 +299,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", choices=("coverage", "efficiency"), default=None)
     parser.add_argument("--rates", default="50,100,1000", help="rates of the efficiency table")
-    parser.add_argument("--output", type=Path, default=Path("docs/statistics.md"))
+    parser.add_argument("--output", type=Path, default=Path("docs/evidence/statistics.md"))
     given = parser.parse_args()
     coverage, efficiency = cells(given.scale)
     rates = {float(r) for r in given.rates.split(",")}

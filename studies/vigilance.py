@@ -5,7 +5,7 @@
 Every dataset is recorded anew by its own generator (``datasets/generators``), each time with
 other random numbers, and fitted as its README says; holds are not declared. A run is quiet where
 the verdict is ``pass`` without any warning beyond information. The single logs P1 to P3 are
-counted by ``make red-team RED_TEAM='--cells RUNS'``. ``--write`` writes ``docs/vigilance.md``.
+counted by ``make red-team RED_TEAM='--cells RUNS'``. ``--write`` writes ``docs/evidence/vigilance.md``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "vigilance.md"
+PAGE = ROOT / "docs" / "evidence" / "vigilance.md"
 SEED = 20_261_123
 _EXPLAINED = """\
 # What vigilance costs

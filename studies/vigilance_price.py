@@ -5,7 +5,7 @@
 
 The command of every dataset's README is run as a whole process, now and as it was, in turn; the
 median of the ratios counts. The commit is checked out into a folder of its own. ``--write`` writes
-``docs/vigilance-price.md``.
+``docs/evidence/vigilance-price.md``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "vigilance-price.md"
+PAGE = ROOT / "docs" / "evidence" / "vigilance-price.md"
 BEFORE = "ae15765"  # the last commit before the examinations
 _EXPLAINED = """\
 # What vigilance costs in time

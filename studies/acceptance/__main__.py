@@ -20,7 +20,7 @@ from .figures import Figure
 from .task import Task
 
 COMMITTED = Path(__file__).with_name("committed.json")
-PAGE = ROOT / "docs" / "acceptance.md"
+PAGE = ROOT / "docs" / "evidence" / "acceptance.md"
 WORKERS = 2
 GROUPS = (readme.GROUP, bench_problems.GROUP, *measured.GROUPS, timing.GROUP)
 _EXPLAINED = """\

@@ -5,7 +5,7 @@
 
 A table that is read to other values, another scale or other instants than were written, without a
 word, makes the study fail. Table ``k`` of a seed is always the same one. ``--write`` writes
-``docs/reading-differential.md``.
+``docs/evidence/reading-differential.md``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .judge import DOUBTED, REFUSED, RIGHT, SILENT, Outcome, judge
 from .text import Written
 from .truth import Truth, draw
 
-PAGE = Path(__file__).parents[2] / "docs" / "reading-differential.md"
+PAGE = Path(__file__).parents[2] / "docs" / "evidence" / "reading-differential.md"
 _SHARE = 0.75  # of tables that are text
 WORDS = (RIGHT, DOUBTED, REFUSED, SILENT)
 

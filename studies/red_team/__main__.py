@@ -1,8 +1,8 @@
 # ruff: noqa: T201 (it prints its table)
-"""Run all attacks and write what came of them into ``docs/red-team.md``.
+"""Run all attacks and write what came of them into ``docs/evidence/red-team.md``.
 
 With ``--cells`` only those whose coverage is counted, as often as it says, into
-``docs/red-team-coverage.md``.
+``docs/evidence/red-team-coverage.md``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .run import SEED, run
 from .table import page, shown
 
 _TASKS: list[tuple[Attack, int, int]] = []
-PAGE = Path(__file__).parents[2] / "docs" / "red-team.md"
+PAGE = Path(__file__).parents[2] / "docs" / "evidence" / "red-team.md"
 
 
 def _one(index: int) -> Result:

@@ -13,7 +13,7 @@ import numpy as np
 
 from .attack import Attack, Result
 
-PAGE = Path(__file__).parents[2] / "docs" / "red-team-coverage.md"
+PAGE = Path(__file__).parents[2] / "docs" / "evidence" / "red-team-coverage.md"
 CELLS = (
     ("hydrostatic", "nothing wrong: P1"),
     ("valve", "nothing wrong: P2"),
@@ -60,7 +60,7 @@ CELLS = (
 _EXPLAINED = """\
 # Coverage where the data are hard
 
-Written by `make red-team RED_TEAM='--cells RUNS --write'`: attacks of `docs/red-team.md`, recorded
+Written by `make red-team RED_TEAM='--cells RUNS --write'`: attacks of `docs/evidence/red-team.md`, recorded
 and fitted many times, each with other noise.
 
 - `quiet`: verdict `pass` and no warning.

@@ -12,7 +12,7 @@ from fluidact_fit.report import render
 from .page import page, run
 from .pictures import draw
 
-PAGE = Path(__file__).parents[2] / "docs" / "replay.md"
+PAGE = Path(__file__).parents[2] / "docs" / "evidence" / "replay.md"
 PICTURES = PAGE.with_name("pictures")
 _PATH = re.compile(rb' d="[^"]*"')
 
@@ -25,7 +25,7 @@ def _shorter(path: re.Match[bytes]) -> bytes:
 def main() -> None:
     """Print the page, or write it with its pictures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="write docs/replay.md and pictures")
+    parser.add_argument("--write", action="store_true", help="write docs/evidence/replay.md and pictures")
     chosen = parser.parse_args()
     runs = run()
     text = page(runs)

@@ -1,5 +1,5 @@
 # ruff: noqa: T201 (it prints its table)
-"""Run all parts of the attack and write what came of them into ``docs/soak.md``."""
+"""Run all parts of the attack and write what came of them into ``docs/evidence/soak.md``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .case import SEED, Part, Result
 from .pool import run_case, run_part
 from .table import page, shown
 
-PAGE = Path(__file__).parents[2] / "docs" / "soak.md"
+PAGE = Path(__file__).parents[2] / "docs" / "evidence" / "soak.md"
 PARTS: tuple[Part, ...] = (
     *logs.PARTS, *parameters.PARTS, *options.PARTS, *processes.PARTS, *batches.PARTS,
     *hostile.PARTS, *recordings.PARTS,

@@ -141,7 +141,7 @@ def test_figures_are_read_back_as_they_were_written(tmp_path: Path) -> None:
 
 def test_the_committed_table_and_its_figures_belong_together() -> None:
     figures = C.load(ROOT / "studies" / "acceptance" / "committed.json")
-    page = (ROOT / "docs" / "acceptance.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "evidence" / "acceptance.md").read_text(encoding="utf-8")
     rows = [line for line in page.splitlines() if line.startswith("| ")][2:]
     assert [row.split(" | ")[0].removeprefix("| ") for row in rows] == [f.row for f in figures]
     assert len({f.row for f in figures}) == len(figures)

@@ -44,12 +44,12 @@ def test_smoothing_takes_the_error_away_as_the_paper_says() -> None:
 
 
 def test_page_is_the_committed_one(runs: Any) -> None:
-    assert (ROOT / "docs" / "replay.md").read_text(encoding="utf-8") == page.page(runs)
+    assert (ROOT / "docs" / "evidence" / "replay.md").read_text(encoding="utf-8") == page.page(runs)
 
 
 def test_every_picture_is_drawn_committed_and_shown(runs: Any) -> None:
     drawn = {f"{name}.svg": figure for name, figure in pictures.draw(runs)}
-    folder = ROOT / "docs" / "pictures"
+    folder = ROOT / "docs" / "evidence" / "pictures"
     assert {p.name for p in folder.glob("replay-*")} == {*drawn}
     text = page.page(runs)
     for name, figure in drawn.items():
