@@ -32,7 +32,7 @@ help:
 	@echo "make acceptance   every headline figure again, against docs/evidence/acceptance.md"
 	@echo "make house        count lines, long functions, long signatures and uses of Any;"
 	@echo "                  HOUSE=--packages counts lines and tuning constants by package"
-	@echo "make study        efficiency, coverage and designs by repetition, written to docs/"
+	@echo "make study        efficiency, coverage and designs by repetition, written to docs/evidence/"
 	@echo "make red-team     attack the numbers with other simulators, written to docs/evidence/red-team.md"
 	@echo "make soak         attack reader, files and processes, written to docs/evidence/soak.md"
 	@echo "make bench        this project against other tools, written to docs/evidence/benchmark.md"
@@ -105,34 +105,17 @@ house:
 acceptance: $(INSTALLED)
 	$(BIN)/python -m studies.acceptance $(ACCEPTANCE)
 
-# Takes an hour or two on two cores; make study STUDY='--scale 0.1' is a taste of it.
+# `make -C studies` lists every study by itself; make -C studies statistics ARGS='--scale 0.1' is a
+# taste of one. make red-team RED_TEAM='--vary 0.4 --seed 7' attacks machines that nothing was
+# tuned on.
 study: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest -m slow tests
-	$(BIN)/python studies/statistics_study.py $(STUDY)
-	$(BIN)/python studies/ball_screw.py
-	$(BIN)/python studies/design.py --output docs/evidence/design-study.md
-	$(BIN)/python studies/friction_coverage.py --output docs/evidence/friction-coverage.md
-	$(BIN)/python studies/hydraulic_cylinder.py coverage
-	$(BIN)/python -m studies.replay --write
-	$(BIN)/python studies/avr.py --write
-	$(BIN)/python -m studies.prediction --write
-	rm -f .long-logs.jsonl
-	$(BIN)/python -m studies.long_logs --rows 1e5 1e6 1e7 --results .long-logs.jsonl
-	$(BIN)/python -m studies.long_logs --rows 1e5 1e6 1e7 1e8 --kind "even Parquet" \
-		--results .long-logs.jsonl --write
+	$(MAKE) --no-print-directory -C studies study
 
-# Half an hour on two cores; make red-team RED_TEAM='--family valve --verbose' runs a part, and
-# RED_TEAM='--vary 0.4 --seed 7' attacks machines that nothing was tuned on.
-red-team: $(INSTALLED)
-	$(BIN)/python -m studies.red_team $(or $(RED_TEAM),--write)
+red-team: $(INSTALLED_DEV)
+	$(MAKE) --no-print-directory -C studies red-team ARGS='$(RED_TEAM)'
 
-# Half an hour on two cores; make soak SOAK='--part logs --scale 0.1' runs a part.
-soak: $(INSTALLED)
-	$(BIN)/python -m studies.soak $(or $(SOAK),--write)
-	$(BIN)/python studies/reading_cases.py --write
-	$(BIN)/python studies/reading_scaling.py --write
-	$(BIN)/python -m studies.reading_differential --write
-	$(BIN)/python studies/logger_tables.py --write
+soak: $(INSTALLED_DEV)
+	$(MAKE) --no-print-directory -C studies $(if $(SOAK),attacks,soak) ARGS='$(SOAK)'
 
 # Other tools come from PyPI into environments of their own; MATLAB and Octave do not.
 bench: $(INSTALLED)

@@ -5,7 +5,8 @@
 Every dataset is recorded anew by its own generator (``datasets/generators``), each time with
 other random numbers, and fitted as its README says; holds are not declared. A run is quiet where
 the verdict is ``pass`` without any warning beyond information. The single logs P1 to P3 are
-counted by ``make red-team RED_TEAM='--cells RUNS'``. ``--write`` writes ``docs/evidence/vigilance.md``.
+counted by ``make red-team RED_TEAM='--cells RUNS'``. ``--write`` writes
+``docs/evidence/vigilance.md``.
 """
 
 from __future__ import annotations

@@ -60,8 +60,8 @@ CELLS = (
 _EXPLAINED = """\
 # Coverage where the data are hard
 
-Written by `make red-team RED_TEAM='--cells RUNS --write'`: attacks of `docs/evidence/red-team.md`, recorded
-and fitted many times, each with other noise.
+Written by `make red-team RED_TEAM='--cells RUNS --write'`: attacks of `docs/evidence/red-team.md`,
+recorded and fitted many times, each with other noise.
 
 - `quiet`: verdict `pass` and no warning.
 - `estimated`: how often the parameter was written as estimated; otherwise it was refused.

@@ -25,7 +25,7 @@ def _shorter(path: re.Match[bytes]) -> bytes:
 def main() -> None:
     """Print the page, or write it with its pictures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="write docs/evidence/replay.md and pictures")
+    parser.add_argument("--write", action="store_true", help="write the page and its pictures")
     chosen = parser.parse_args()
     runs = run()
     text = page(runs)
