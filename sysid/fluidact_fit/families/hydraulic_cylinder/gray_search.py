@@ -17,10 +17,10 @@ from functools import cached_property
 import numpy as np
 
 from ...estimation.least_squares import without
+from ...estimation.minimise import damped_step
 from ...estimation.named_model import Values
 from ...estimation.price import exhausted
 from ...estimation.problem import Unknown
-from ...estimation.separable import damped_step
 from ...estimation.uncertainty import Uncertainty, score_covariance
 from ...experiment import BoolArray, FloatArray
 from .case import LONG
