@@ -25,11 +25,11 @@ import numpy as np
 import numpy.typing as npt
 
 from fluidact_fit.errors import FluidactError
-from fluidact_fit.estimation.friction_law import FrictionLaw
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families.cylinder_friction.family import CylinderFriction
 from fluidact_fit.families.cylinder_friction.options import FrictionOptions
 from fluidact_fit.family import Request
+from fluidact_fit.mechanics.friction_law import FrictionLaw
 
 Array = npt.NDArray[np.float64]
 TRUTH = {"viscous": 45.0, "coulomb_positive": 2.4, "coulomb_negative": 2.4}

@@ -25,9 +25,9 @@ from pathlib import Path
 import numpy as np
 
 import fluidact_fit as ff
-from fluidact_fit.estimation.friction_law import FrictionLaw
 from fluidact_fit.experiment import Experiment
 from fluidact_fit.logs import experiments
+from fluidact_fit.mechanics.friction_law import FrictionLaw
 
 LOGS = Path(__file__).parents[1] / ".." / "shared" / "data" / "screwdrives"
 COLUMNS = {

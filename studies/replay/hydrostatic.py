@@ -14,8 +14,8 @@ from fluidact_fit.control.loop import Response, run_loop
 from fluidact_fit.control.margins import loop_margins
 from fluidact_fit.control.metrics import StepMetrics, step_metrics
 from fluidact_fit.control.plants.drive import DrivePlant, behind_screw, rigid_line
-from fluidact_fit.control.plants.tissue import Tissue
 from fluidact_fit.control.references import Reference, SampledReference
+from fluidact_fit.mechanics.tissue import Tissue
 
 from .table import STEP, row
 

@@ -17,7 +17,7 @@ from fluidact_fit.control.plants.linear import make_chain
 from fluidact_fit.control.plants.pneumatic import Chamber, Cylinder, PneumaticPlant
 from fluidact_fit.control.references import Reference
 from fluidact_fit.errors import UsageError
-from fluidact_fit.estimation.friction_law import FrictionLaw
+from fluidact_fit.mechanics.friction_law import FrictionLaw
 
 from .hydrostatic import NEEDLE, puncture
 from .table import STEP, Transfer, row, second_order

@@ -27,7 +27,7 @@ from fluidact_fit.control.metrics import step_metrics, tracking_metrics
 from fluidact_fit.control.plants.drive import Drive, DrivePlant
 from fluidact_fit.control.references import Reference, SampledReference
 from fluidact_fit.errors import UsageError
-from fluidact_fit.estimation.friction_law import FrictionLaw
+from fluidact_fit.mechanics.friction_law import FrictionLaw
 
 MASS, DAMPING = 53.7, 1720.5
 

@@ -23,13 +23,13 @@ from fluidact_fit.control.plants.drive import (
     rigid_line,
 )
 from fluidact_fit.control.plants.force import ForcePlant
-from fluidact_fit.control.plants.hybrid import first_negative
 from fluidact_fit.control.plants.hydraulic import HydraulicCylinder, HydraulicPlant
 from fluidact_fit.control.plants.linear import Chain, make_chain
 from fluidact_fit.control.plants.pneumatic import Chamber, Cylinder, PneumaticPlant
-from fluidact_fit.control.plants.tissue import Tissue
-from fluidact_fit.estimation.friction_law import FrictionLaw
 from fluidact_fit.families.transfer.block import TransferFunction
+from fluidact_fit.mechanics.friction_law import FrictionLaw
+from fluidact_fit.mechanics.hybrid import first_negative
+from fluidact_fit.mechanics.tissue import Tissue
 
 FORCE, PLACE = Port("force", "N"), Port("position", "m")
 LAW = FrictionLaw(2.0, 1.5, 8.0, 6.0, 3.0, 2.5)

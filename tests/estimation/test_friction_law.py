@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fluidact_fit.estimation.friction_law import FrictionLaw
+from fluidact_fit.mechanics.friction_law import FrictionLaw
 
 LAW = FrictionLaw(2.0, 1.6, 0.5, 0.25, 2.9, 1.9)
 

@@ -15,7 +15,6 @@ from studies.red_team.run import write
 
 import fluidact_fit as ff
 from fluidact_fit.errors import LogError, NotIdentifiedError, UsageError
-from fluidact_fit.estimation.friction_law import FrictionLaw
 from fluidact_fit.estimation.uncertainty import t_quantile
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families.cylinder_friction.block import FrictionBlock
@@ -23,6 +22,7 @@ from fluidact_fit.families.cylinder_friction.family import CylinderFriction
 from fluidact_fit.families.cylinder_friction.options import FrictionOptions
 from fluidact_fit.families.cylinder_friction.samples import prepare
 from fluidact_fit.family import Estimate, Plant, Request, Simulated
+from fluidact_fit.mechanics.friction_law import FrictionLaw
 
 FAMILY = CylinderFriction()
 VARIANTS = {v.name: v for v in FAMILY.variants}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from studies.red_team.attacks import cylinder_friction
 
 import fluidact_fit as ff
-from fluidact_fit.estimation.friction_law import FrictionLaw
+from fluidact_fit.mechanics.friction_law import FrictionLaw
 
 Array = NDArray[np.float64]
 LAW = {"viscous": 45.0, "coulomb_positive": 2.4, "coulomb_negative": 2.4}

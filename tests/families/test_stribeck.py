@@ -27,11 +27,11 @@ from studies.red_team.run import run, write
 import fluidact_fit as ff
 from fluidact_fit.block import Port
 from fluidact_fit.control.plants.hydraulic import HydraulicCylinder, HydraulicPlant
-from fluidact_fit.estimation.friction_law import FrictionLaw
 from fluidact_fit.experiment import FloatArray
 from fluidact_fit.families.hydraulic_cylinder.equations import Machine, chamber_flow
 from fluidact_fit.families.hydraulic_cylinder.gray_box import GrayBox, GrayLog
 from fluidact_fit.families.spring_cylinder.equation import SpringLaw
+from fluidact_fit.mechanics.friction_law import FrictionLaw
 from fluidact_fit.result import FitResult
 from fluidact_fit.routines import Machine as Interpreter
 

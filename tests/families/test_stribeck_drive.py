@@ -18,14 +18,14 @@ from drive_reference import SCREW, STEP, drive_log, reference, torque_of
 from fluidact_fit.block import Port
 from fluidact_fit.control.plants.drive import Drive, DrivePlant
 from fluidact_fit.errors import UsageError
-from fluidact_fit.estimation.friction_law import FrictionLaw
 from fluidact_fit.estimation.grid import make_grid
 from fluidact_fit.estimation.inputs import piecewise
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
-from fluidact_fit.families.ball_screw.motion import Motion, StickSlip
-from fluidact_fit.families.ball_screw.stick_slip import Passes, simulate_stick_slip
 from fluidact_fit.family import Estimate, Plant, Request
+from fluidact_fit.mechanics.friction_law import FrictionLaw
+from fluidact_fit.mechanics.motion import Motion, StickSlip
+from fluidact_fit.mechanics.stick_slip import Passes, simulate_stick_slip
 from fluidact_fit.parameters import make_document
 
 # an axis of order one, its viscous friction by direction

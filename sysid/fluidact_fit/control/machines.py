@@ -12,7 +12,8 @@ from typing import Any
 
 from ..block import Block, Port
 from ..errors import UsageError
-from ..estimation.friction_law import FrictionLaw
+from ..mechanics.friction_law import FrictionLaw
+from ..mechanics.tissue import Tissue
 from .controller_file import (
     ControllerFile,
     ForceKeys,
@@ -40,7 +41,6 @@ from .plants.force import Branches, ForcePlant
 from .plants.hydraulic import HydraulicCylinder, HydraulicPlant
 from .plants.linear import Chain, make_chain
 from .plants.pneumatic import Chamber, Cylinder, PneumaticPlant
-from .plants.tissue import Tissue
 
 _SAME = 1e-9  # of a damping ratio: what differs by less is rounding
 

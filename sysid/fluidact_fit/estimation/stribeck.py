@@ -1,8 +1,8 @@
 """How friction rises at low speed: option, parameters, search, and when the logs show none.
 
 The law, ``stribeck exp(-(v / stribeck_speed)^2)`` above the kinetic level, is that of
-:mod:`.friction_law`. It is linear in the level and not in the speed, which is therefore searched
-for over the range of the motion first.
+``mechanics.friction_law``. It is linear in the level and not in the speed, which is therefore
+searched for over the range of the motion first.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ travel. Divided by ``h``, this is a mass ``M = J r / h + m`` with friction ``b r
 the thesis found is half as large again.
 
 The hydrostatic line is the one of its file: a dead zone for the force that moves it, and no dry
-friction. Behind a screw both are one body with that dead zone inside (:mod:`.body`).
+friction. Behind a screw both are one body with that dead zone inside (``mechanics.body``).
 
 References
 ----------
@@ -27,12 +27,12 @@ import numpy as np
 
 from ...block import Port
 from ...errors import UsageError
-from ...estimation.friction_law import FrictionLaw
 from ...estimation.sampled import Sampled, sample
+from ...mechanics.body import Body, Dynamics
+from ...mechanics.friction_law import FrictionLaw
+from ...mechanics.tissue import Tissue
 from .base import UNLIMITED, Limits, Plant
-from .body import Body, Dynamics
 from .delay import HeldCommands
-from .tissue import Tissue
 
 
 @dataclass(frozen=True)

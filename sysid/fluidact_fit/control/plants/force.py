@@ -22,9 +22,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from ...block import Port
+from ...mechanics.hybrid import Mode
 from .base import UNLIMITED, Limits, Plant
 from .delay import HeldCommands
-from .hybrid import Mode
 from .linear import Chain
 
 Branches = Callable[[float], tuple[float, float]]

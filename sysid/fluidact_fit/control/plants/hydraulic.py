@@ -18,10 +18,10 @@ import numpy as np
 
 from ...block import Port
 from ...errors import UsageError
-from ...estimation.friction_law import FrictionLaw
 from ...estimation.sampled import Sampled, sample
+from ...mechanics.friction_law import FrictionLaw
+from ...mechanics.hybrid import check_steps
 from .base import UNLIMITED, Limits, Plant
-from .hybrid import check_steps
 
 _State = tuple[float, float, float, float]  # p1, p2, y, v
 _EVENTS = 8  # within a step; a piston that rattles faster rests for what is left of it

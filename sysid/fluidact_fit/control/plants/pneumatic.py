@@ -26,14 +26,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...block import Port
-from ...estimation.friction_law import FrictionLaw
 from ...estimation.sampled import Sampled, sample
 from ...experiment import FloatArray
+from ...mechanics.body import Body, Dynamics
+from ...mechanics.friction_law import FrictionLaw
+from ...mechanics.tissue import Tissue
 from .base import UNLIMITED, Limits, Plant
-from .body import Body, Dynamics
 from .delay import HeldCommands
 from .linear import Chain
-from .tissue import Tissue
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,15 @@ import numpy.typing as npt
 
 from ...block import DryDrive, DryDriveBlock, Port
 from ...errors import UsageError
-from ...estimation.friction_law import FrictionLaw
 from ...estimation.inputs import make_signal
 from ...experiment import Experiment, FloatArray, Hold
+from ...mechanics.curved import Slide, slide_of
+from ...mechanics.friction_law import FrictionLaw
+from ...mechanics.motion import Levels
+from ...mechanics.phi import phi_real
 from ...routines import Routine
 from ...specification import scalars
-from .curved import Slide, slide_of
 from .model import BREAKAWAY, SPEED, DriveModel, axis_of
-from .motion import Levels
-from .phi import phi_real
 
 
 class DriveBlock(DryDriveBlock):

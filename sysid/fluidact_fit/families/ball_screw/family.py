@@ -6,7 +6,7 @@
 Kinetic and static level may differ and both may differ by direction [1]_. Friction falls from the
 one to the other at once when the axis moves, or with ``--stribeck estimate`` over the speed:
 ``F = F_k + (F_s - F_k) exp(-(theta' / v_s)^2)``. A linear axis is the same with mass, force and
-position. The motion is solved with events (:mod:`.stick_slip`, :mod:`.curved`); nothing is smoothed
+position. The motion is solved with events (:mod:`fluidact_fit.mechanics`); nothing is smoothed
 in the estimate.
 
 Three stages: the inverse dynamics by linear least squares on smoothed derivatives, then

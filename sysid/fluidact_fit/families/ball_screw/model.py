@@ -21,8 +21,8 @@ from ...estimation.problem import Basis, Slopes
 from ...estimation.stribeck import EXPONENT
 from ...experiment import Array, Experiment, FloatArray, Signal
 from ...family import Variant
-from .motion import Motion, StickSlip
-from .stick_slip import Passes, simulate_stick_slip
+from ...mechanics.motion import Motion, StickSlip
+from ...mechanics.stick_slip import Passes, simulate_stick_slip
 
 SIDES: tuple[Literal["positive"], Literal["negative"]] = ("positive", "negative")
 BREAKAWAY: dict[str, str] = {s: f"breakaway_{s}" for s in SIDES}  # static level

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import sqrt
 
 from ...block import Port
-from ...estimation.friction_law import FrictionLaw
+from ...mechanics.friction_law import FrictionLaw
 from ...routines import Argument, Draft, Routine, by_sign, constant, maximum, minimum
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...block import Block
-from ...estimation.friction_law import FrictionLaw
 from ...experiment import Experiment, FloatArray
+from ...mechanics.friction_law import FrictionLaw
 from ...parameters.document import ParameterDocument
 from ...routines import Argument, Draft, Routine, exp
 from ...specification import Plant, Variant

@@ -46,7 +46,6 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.friction_law import FrictionLaw
 from ...estimation.named_model import check_request
 from ...estimation.stribeck import STRIBECK, rise_words, stribeck_specs
 from ...experiment import Experiment, Hold
@@ -65,6 +64,7 @@ from ...family import (
     StaticView,
     Variant,
 )
+from ...mechanics.friction_law import FrictionLaw
 from ...parameters.problems import find_entries
 from .axis import LINEAR, PRESSURES, ROTARY, Axis, axis_of, is_place, motion_role
 from .block import FrictionBlock

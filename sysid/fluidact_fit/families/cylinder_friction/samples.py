@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import LogError, NotIdentifiedError
-from ...estimation.friction_law import FrictionLaw, stribeck_share
 from ...estimation.input_noise import InputNoise
 from ...estimation.stribeck import with_speed
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Plant, Simulated, Variant
+from ...mechanics.friction_law import FrictionLaw, stribeck_share
 from .axis import Axis, axis_of, driven_by_pressure, motion_role
 from .filters import sensor_noise
 from .motion import SLOW, Motion, make_motions, match_force, quiet_acceleration

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from ...block import FlowBlock
 from ...errors import UsageError
-from ...estimation.friction_law import FrictionLaw
 from ...experiment import Experiment, FloatArray
+from ...mechanics.friction_law import FrictionLaw
 from ...routines import Argument, Routine
 from ...specification import scalars
 from .case import read_machine

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.friction_law import FrictionLaw
 from ...estimation.named_model import Values, make_unknowns
 from ...estimation.noise import noise_floor
 from ...estimation.results import Refusal, Solved, determine, left_open, refuse
@@ -16,6 +15,7 @@ from ...estimation.stribeck import STRIBECK, free_names, undetermined
 from ...estimation.uncertainty import enlarge
 from ...experiment import Experiment, FloatArray
 from ...family import Estimate, Quantity
+from ...mechanics.friction_law import FrictionLaw
 from .case import PART, Case
 from .command_noise import command_noise
 from .equations import GRAY_NAMES, THETA

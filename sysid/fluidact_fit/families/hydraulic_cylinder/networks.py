@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import LogError
-from ...estimation.friction_law import FrictionLaw
 from ...estimation.named_model import Values
 from ...experiment import BoolArray, FloatArray
 from ...family import Curve, Quantity, StaticView, Value, scalars
+from ...mechanics.friction_law import FrictionLaw
 from .case import Case
 from .equations import EDGES, chamber_flow
 from .windows import Windows

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...errors import LogError, NotIdentifiedError
-from ...estimation.friction_law import FrictionLaw
 from ...estimation.named_model import NamedModel, Values, make_unknowns
 from ...estimation.parametric import Fitted, fit_named
 from ...estimation.problem import Basis, Unknown
@@ -16,6 +15,7 @@ from ...estimation.stribeck import STRIBECK
 from ...estimation.uncertainty import covariance, t_quantile
 from ...experiment import FloatArray
 from ...family import Quantity
+from ...mechanics.friction_law import FrictionLaw
 from .case import PART, Case
 from .equations import LOSSES
 from .windows import Windows

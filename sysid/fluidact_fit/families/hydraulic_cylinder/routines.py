@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...estimation.friction_law import FrictionLaw
+from ...mechanics.friction_law import FrictionLaw
 from ...routines import (
     Argument,
     Draft,

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import LogError, UsageError
-from ...estimation.friction_law import FrictionLaw
 from ...estimation.named_model import Values
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Simulated
+from ...mechanics.friction_law import FrictionLaw
 from .case import check_volumes, read_machine
 from .equations import Machine, gray_values, mean_flow
 from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log, mean_command

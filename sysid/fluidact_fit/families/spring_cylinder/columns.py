@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from ...estimation.friction_law import stribeck_share
 from ...estimation.stribeck import STRIBECK, slowest_and_fastest
 from ...experiment import FloatArray
 from ...family import NoiseLevel
+from ...mechanics.friction_law import stribeck_share
 from ...specification import Variant
 from .data import Run
 from .equation import GAINS

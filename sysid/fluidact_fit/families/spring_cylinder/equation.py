@@ -33,9 +33,9 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from ...estimation.friction_law import FrictionLaw
 from ...estimation.stribeck import STRIBECK
 from ...experiment import FloatArray
+from ...mechanics.friction_law import FrictionLaw
 from ...routines import Expression, constant
 
 _Array = npt.ArrayLike

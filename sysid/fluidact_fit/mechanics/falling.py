@@ -15,8 +15,8 @@ from math import exp
 
 import numpy as np
 
-from ...estimation.runge_kutta import BETWEEN, ERROR, RESULT, STAGES
-from ...experiment import FloatArray
+from ..estimation.runge_kutta import BETWEEN, ERROR, RESULT, STAGES
+from ..experiment import FloatArray
 from .hybrid import first_event
 
 _TOLERANCE = 1e-9  # error of a step, in sizes of the state and its change

@@ -26,10 +26,10 @@ from math import comb, exp
 
 import numpy as np
 
-from ...estimation.grid import Grid
-from ...estimation.inputs import PiecewiseInput
-from ...estimation.recursion import run_recursion
-from ...experiment import Array, FloatArray
+from ..estimation.grid import Grid
+from ..estimation.inputs import PiecewiseInput
+from ..estimation.recursion import run_recursion
+from ..experiment import Array, FloatArray
 from .changes import Steps, Varied, with_changes
 from .curved import CurvedRun, motion_of
 from .motion import Levels, Motion, StickSlip

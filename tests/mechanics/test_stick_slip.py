@@ -6,7 +6,7 @@ import pytest
 from fluidact_fit.estimation.grid import make_grid
 from fluidact_fit.estimation.inputs import piecewise
 from fluidact_fit.experiment import Signal
-from fluidact_fit.families.ball_screw.stick_slip import Passes, StickSlip, simulate_stick_slip
+from fluidact_fit.mechanics.stick_slip import Passes, StickSlip, simulate_stick_slip
 
 # inertia, viscous, kinetic +/-, static +/-: an axis of the size of the thesis' drive, scaled to one
 AXIS = (1.2, 0.9, 1.0, 0.8, 1.4, 1.1)

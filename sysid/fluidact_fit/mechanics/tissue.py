@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from ...experiment import FloatArray
+from ..experiment import FloatArray
 
 # Away from it, pushing it, ahead of it as it recovers; and when punctured: within, away.
 Contact = Literal["off", "on", "lag", "within", "out"]

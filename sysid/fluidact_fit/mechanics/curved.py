@@ -7,7 +7,7 @@ with levels of the direction ``s``: the Stribeck curve [1]_ joins its static and
 For ``v_s -> 0`` this is the model of :mod:`.stick_slip`.
 
 Between two nodes of the torque the speed is followed by steps of Dormand and Prince's pair
-(:mod:`.runge_kutta`), divided where the error of a step would exceed ``1e-7 (v_s + |v|)``: they are
+(``estimation.runge_kutta``), divided where its error would exceed ``1e-7 (v_s + |v|)``: they are
 long in fast motion and short where friction falls. Beyond six speeds of the curve nothing is left
 of it, and the motion is that of a mass with viscous friction. Break-away and stop are solved inside
 the step, nothing is smoothed. The derivatives are those of the steps themselves, in whole arrays
@@ -34,10 +34,10 @@ from math import exp, inf
 
 import numpy as np
 
-from ...estimation.grid import Grid
-from ...estimation.inputs import PiecewiseInput
-from ...estimation.runge_kutta import ERROR, NODES, RESULT, STAGES
-from ...experiment import Array, FloatArray
+from ..estimation.grid import Grid
+from ..estimation.inputs import PiecewiseInput
+from ..estimation.runge_kutta import ERROR, NODES, RESULT, STAGES
+from ..experiment import Array, FloatArray
 from .changes import Steps, Varied, with_changes
 from .motion import Levels, Motion, StickSlip
 from .phi import Responses

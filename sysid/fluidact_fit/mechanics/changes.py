@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ...estimation.recursion import run_recursion
-from ...experiment import Array, FloatArray
+from ..estimation.recursion import run_recursion
+from ..experiment import Array, FloatArray
 from .motion import Motion, StickSlip
 
 

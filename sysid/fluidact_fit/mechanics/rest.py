@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...estimation.inputs import PiecewiseInput
-from ...experiment import FloatArray
+from ..estimation.inputs import PiecewiseInput
+from ..experiment import FloatArray
 
 _ITERATIONS = 100  # of which few are needed: bisection alone would end earlier
 

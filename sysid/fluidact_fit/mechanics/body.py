@@ -25,9 +25,9 @@ from typing import Literal
 
 import numpy as np
 
-from ...estimation.friction_law import FrictionLaw
-from ...experiment import FloatArray
+from ..experiment import FloatArray
 from .falling import FallingMode
+from .friction_law import FrictionLaw
 from .hybrid import Mode
 from .tissue import Contact, Tissue
 

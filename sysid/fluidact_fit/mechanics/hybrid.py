@@ -22,8 +22,8 @@ from math import ceil, comb
 
 import numpy as np
 
-from ...errors import UsageError
-from ...experiment import FloatArray
+from ..errors import UsageError
+from ..experiment import FloatArray
 
 _DEGREE = 24  # of the series: 1 / 25! = 6e-26
 _ROUNDING = 1e-12  # of the largest coefficient: what is less below zero is not an event

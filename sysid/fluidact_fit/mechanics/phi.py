@@ -10,7 +10,7 @@ from math import exp, factorial
 
 import numpy as np
 
-from ...experiment import Array, FloatArray
+from ..experiment import Array, FloatArray
 
 _INVERSE = [1.0 / factorial(n) for n in range(32)]
 _SERIES = [_INVERSE[n + 14 : n - 1 if n else None : -1] for n in range(18)]  # of phi_n, last first

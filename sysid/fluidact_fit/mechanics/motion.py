@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...experiment import Array
+from ..experiment import Array
 
 
 @dataclass(frozen=True)
