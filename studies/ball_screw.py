@@ -21,7 +21,7 @@ import numpy.typing as npt
 from fluidact_fit.estimation.inputs import settle_holds
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
-from fluidact_fit.family import Estimate, Request
+from fluidact_fit.family import Request, Solution
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "bench"))
@@ -73,14 +73,14 @@ def experiment(trial: Trial, y: Array, number: int) -> Experiment:
     return Experiment(f"log{number}", number, trial.log.t, signals, P4.sample_time, True)
 
 
-def fit(experiments: list[Experiment]) -> Estimate:
+def fit(experiments: list[Experiment]) -> Solution:
     """Fit the rotary drive."""
     family = get_family("ball-screw")
     request = Request(options=family.options_type())
     return family.estimate(family.variants[0], settle_holds(experiments), request)
 
 
-def table(estimates: list[Estimate]) -> list[str]:
+def table(estimates: list[Solution]) -> list[str]:
     """Errors, standard errors and coverage per parameter, a row each."""
     rows = []
     for key, name in NAMES.items():

@@ -91,7 +91,7 @@ def judge(network: str, train: list[Experiment], tests: Tests, seed: int) -> Non
         f", {spent:.0f} s"
     )
     for title, test in tests.items():
-        runs = family.simulate(found.plant(variant), test)
+        runs = family.simulate(found.plant, test)
         _, force, state = table(test)
         error = force - np.concatenate([r.output for r in runs])
         say(f"{hidden} {activation}, seed {seed}, {title}", error, state, more)

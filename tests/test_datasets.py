@@ -109,8 +109,8 @@ def test_potentiometer_curve_is_the_true_one_everywhere() -> None:
     signal = Signal("reading", np.zeros(0), reading, "1")
     run = Experiment("readings", 0, np.zeros(0), {"reading": signal}, 0.0, False)
     curves = [
-        family.simulate(Plant(result.variant, values, result.estimate.options), [run])[0].output
-        for values in (result.estimate.values, true)
+        family.simulate(Plant(result.variant, values, result.solution.options), [run])[0].output
+        for values in (result.solution.values, true)
     ]
     difference = curves[0] - curves[1]
     assert np.sqrt(np.mean(difference**2)) < 2e-5

@@ -63,7 +63,7 @@ def valve_design(valve: ff.FitResult) -> Design:
 @pytest.mark.parametrize("family", ["valve", "line", "hydrostatic"])
 def test_information_predicts_the_standard_errors_of_a_fit(family: str) -> None:
     result = fit_trial(family)
-    plant = result.estimate.plant(result.variant)
+    plant = result.solution.plant
     found = get_family(family).information(plant, result.experiments[0])
     assert found is not None
     names = [n for n in found.names if result.parameters[n].status == "estimated"]
@@ -76,7 +76,7 @@ def test_information_predicts_the_standard_errors_of_a_fit(family: str) -> None:
 
 def test_static_levels_are_bracketed_as_in_a_fit() -> None:
     result = fit_trial("ball-screw", 1)
-    plant = result.estimate.plant(result.variant)
+    plant = result.solution.plant
     found = get_family("ball-screw").information(plant, result.experiments[0])
     assert found is not None
     for name, width in found.floor.items():
@@ -150,7 +150,7 @@ def test_rate_and_stroke_are_kept() -> None:
         run.signals["force"], time=found.time, values=found.signals["force"], hold="smooth"
     )
     played = replace(run, time=found.time, signals={"force": signal})
-    (simulated,) = get_family("hydrostatic").simulate(data.estimate.plant(data.variant), [played])
+    (simulated,) = get_family("hydrostatic").simulate(data.solution.plant, [played])
     assert np.ptp(simulated.output) <= 0.004
     assert any("Start at position" in note for note in found.notes)
 

@@ -150,8 +150,8 @@ def _compare_curve(dataset: Dataset, result: FitResult, fit_percent: str) -> Row
     run = Experiment("points", 0, np.zeros(0), {role.name: signal}, 0.0, False)
     truth = {name: entry["value"] for name, entry in dataset.truth.items()}
     curves = [
-        family.simulate(Plant(variant, values, result.estimate.options), [run])[0].output
-        for values in (truth, result.estimate.values)
+        family.simulate(Plant(variant, values, result.solution.options), [run])[0].output
+        for values in (truth, result.solution.values)
     ]
     distance = float(np.max(np.abs(curves[0] - curves[1])))
     tolerance, unit = dataset.curve["tolerance"], dataset.curve["unit"]

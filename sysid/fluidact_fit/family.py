@@ -8,212 +8,40 @@ generic tests) iterates over the registry and knows families only through the ty
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Literal, TypeVar
 
-import numpy as np
-import numpy.typing as npt
-
 from .block import Block
-from .errors import Notice
-from .experiment import Experiment, FloatArray, Hold
+from .estimation.solution import NoiseModel, Solution, make_solution
+from .experiment import BoolArray, Experiment, FloatArray, Hold
 from .options import FamilyOptions
 from .parameters.document import ParameterDocument
 from .specification import (
+    Information,
+    NoiseLevel,
     ParameterSpec,
     Plant,
     Quantity,
-    ReadT,
+    Request,
     Role,
+    Simulate,
+    Simulated,
     Status,
+    UnmodelledEffect,
     Value,
     Variant,
     scalars,
 )
 
 __all__ = [
-    "Block", "Curve", "Departure", "Estimate", "Excitation", "Family", "FamilyOptions",
-    "Information", "ParameterDocument", "ParameterSpec", "Plant", "Quantity", "Request", "Role",
-    "Simulate", "Simulated", "StaticView", "Status", "Value", "Variant", "scalars",
+    "Block", "Curve", "Excitation", "Family", "FamilyOptions", "Information", "NoiseLevel",
+    "NoiseModel", "ParameterDocument", "ParameterSpec", "Plant", "Quantity", "Request", "Role",
+    "Simulate", "Simulated", "Solution", "StaticView", "Status", "UnmodelledEffect", "Value",
+    "Variant", "make_solution", "scalars",
 ]  # fmt: skip
 
 OptionsT = TypeVar("OptionsT", bound=FamilyOptions)
-Simulate = Callable[[Plant[Any], Sequence[Experiment]], Sequence["Simulated"]]
-
-
-@dataclass(frozen=True)
-class Departure:
-    """A way in which a machine may depart from the model, that no parameter stands for.
-
-    Attributes
-    ----------
-    name, words, remedy
-        What it is called in the file, what follows "the data fit better if", and what to do.
-    response
-        Derivatives of the channels of every experiment by its size, shape ``(n,)`` [SI] each, of
-        the experiments and what simulates them near the fit. A channel without stays as it is.
-    unit
-        Of its size; where it is ``of`` a role, that of the role.
-    positive
-        Whether its size cannot be negative, as that of friction cannot.
-    """
-
-    name: str
-    words: str
-    remedy: str
-    response: Callable[[Sequence[Experiment], Simulate], Sequence[Mapping[str, FloatArray]]]
-    unit: str = "1"
-    positive: bool = False
-    of: str = ""
-
-
-@dataclass(frozen=True)
-class Request(Generic[ReadT]):
-    """What the user chose: everything of a fit that is not data.
-
-    ``fixed``, ``start`` and ``bounds`` are in SI and keyed by parameter name; ``noise`` is the
-    standard deviation of white noise on measured inputs, in SI and keyed by role.
-    """
-
-    options: ReadT
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    start: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    noise: Mapping[str, float] = field(default_factory=dict)
-    seed: int = 0
-    progress: Callable[[str], None] = lambda message: None
-
-
-@dataclass(frozen=True)
-class NoiseLevel:
-    """White noise on a measured input.
-
-    ``sigma`` is its standard deviation [SI], ``relative`` the standard error of ``sigma**2`` as a
-    part of it: 0 where it was given.
-    """
-
-    sigma: float
-    relative: float = 0.0
-
-
-@dataclass(frozen=True)
-class Estimate(Generic[ReadT]):
-    """What a family returns from a fit.
-
-    What the model gives with these values is not part of it: that is computed by
-    :meth:`Family.simulate` from what is written, once for all readers.
-
-    Attributes
-    ----------
-    parameters
-        Every parameter of the variant's table (optional ones when used), by name.
-    derived
-        Numbers computed from them, with their own uncertainty.
-    covariance_order, covariance
-        Names (list entries as ``control_points[2]``) and the matrix, shape ``(p, p)``
-        [product of the units]. Both empty when there is no covariance.
-    options
-        The options with everything settled that the fit chose: sizes asked for as ``auto``,
-        dead bands and filters found from the noise. The file holds them.
-    notices
-        Warnings.
-    details
-        Anything else worth keeping in the file under ``fit`` (method, starts, filter). Tables
-        under ``comparisons``, rows by title, are shown by the report.
-    sensitivity
-        Optional: derivative of every experiment's output by the first entries of
-        ``covariance_order``, unknowns of single logs projected out, shape ``(n_i, q)``.
-        Lets the fit be examined without being repeated.
-    sensitivity_also
-        The same of other channels that were fitted beside the output, by role, one mapping
-        per experiment; :meth:`Family.simulate` gives what the model says of them.
-    nearby
-        Optional: simulates the experiments, or their beginnings, with slightly other values, inputs
-        or options as :meth:`Family.simulate` does, but what belongs to single logs to first order
-        from the fit. For families that would search for it at length.
-    represented
-        Optional: the same with what stands in for measured inputs that carry noise in their
-        place. For families that estimate with instruments: the noise of such an input is in the
-        residual and in every derivative of the output alike, but not in these.
-    input_noise
-        Noise on measured inputs that the estimate allows for, by role. The residual then holds
-        what the model makes of it.
-    independent
-        How many independent samples would show the size of the errors as well as the residuals
-        that the covariance was made of; infinite where those are white or more is known of them.
-    """
-
-    parameters: Mapping[str, Quantity]
-    derived: Mapping[str, Quantity]
-    covariance_order: tuple[str, ...]
-    covariance: FloatArray
-    options: ReadT
-    notices: Sequence[Notice] = ()
-    details: Mapping[str, Any] = field(default_factory=dict)
-    sensitivity: Sequence[FloatArray] = ()
-    sensitivity_also: Sequence[Mapping[str, FloatArray]] = ()
-    nearby: Callable[[Plant[ReadT], Sequence[Experiment]], list[Simulated]] | None = None
-    represented: Callable[[Plant[ReadT], Sequence[Experiment]], list[Simulated]] | None = None
-    input_noise: Mapping[str, NoiseLevel] = field(default_factory=dict)
-    independent: float = np.inf
-
-    @property
-    def values(self) -> dict[str, Value]:
-        """Plain values by name."""
-        return {k: q.value for k, q in self.parameters.items()}
-
-    def plant(self, variant: Variant) -> Plant[ReadT]:
-        """The model with the numbers that are written."""
-        return Plant(variant, self.values, self.options)
-
-
-@dataclass(frozen=True)
-class Simulated:
-    """What the model gives for one run.
-
-    Attributes
-    ----------
-    output
-        At the log's own instants, shape ``(n,)`` [SI].
-    used
-        Samples that the model claims to describe, shape ``(n,)``; ``None`` means all. Slow
-        samples of a friction map and clipped readings are excluded.
-    offset
-        Offset of the output that belongs to this log [SI]; ``None`` where there is none.
-    also
-        Other measured channels that the model gives, by role, shape ``(n,)`` each [SI]. They
-        are judged as the output is.
-    """
-
-    output: FloatArray
-    used: npt.NDArray[np.bool_] | None = None
-    offset: float | None = None
-    also: Mapping[str, FloatArray] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Information:
-    """Sensitivity of one experiment's output to the parameters.
-
-    Attributes
-    ----------
-    names
-        Of the columns of ``jacobian``.
-    jacobian
-        Derivative of the output, unknowns of the log projected out, shape ``(n, p)``
-        [unit of the output per unit of the parameter].
-    output
-        Simulated output from rest, shape ``(n,)`` [SI].
-    floor
-        Standard errors of parameters that are bracketed and not fitted: a static level
-        lies between two commanded ones, however small the noise [unit of the parameter].
-    """
-
-    names: tuple[str, ...]
-    jacobian: FloatArray
-    output: FloatArray
-    floor: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -280,7 +108,7 @@ class StaticView:
     x: FloatArray
     measured: FloatArray
     fitted: FloatArray
-    used: npt.NDArray[np.bool_]
+    used: BoolArray
     curves: Sequence[Curve] = ()
     points: Curve | None = None
 
@@ -331,7 +159,7 @@ class Family(ABC, Generic[OptionsT]):
     @abstractmethod
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[OptionsT]
-    ) -> Estimate[OptionsT]:
+    ) -> Solution[OptionsT]:
         """Fit the family to the experiments.
 
         Raises
@@ -372,8 +200,8 @@ class Family(ABC, Generic[OptionsT]):
         """
         return None
 
-    def departures(self, plant: Plant[OptionsT]) -> Sequence[Departure]:
-        """Return what every fit is to be tested for, beside parameters, delays and lags."""
+    def unmodelled_effects(self, plant: Plant[OptionsT]) -> Sequence[UnmodelledEffect]:
+        """Return effects that every fit is tested for, besides parameters, delays and lags."""
         return ()
 
     def excitation(self, variant: Variant, document: ParameterDocument) -> Excitation:

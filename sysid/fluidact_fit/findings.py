@@ -23,13 +23,13 @@ from .errors import Notice
 from .experiment import Experiment, Hold, all_of, where_finite
 from .families import get_family
 from .family import (
-    Estimate,
     Family,
     FamilyOptions,
     ParameterDocument,
     Plant,
     Request,
     Simulated,
+    Solution,
     Variant,
 )
 from .outcome import Simulation, agreement, common_level, pair
@@ -51,7 +51,7 @@ class Examined:
 
 @dataclass(frozen=True)
 class Findings:
-    """An estimate with everything that it came from.
+    """A solution with everything that it came from.
 
     ``sources`` are the entries of the logs for the file, ``declared`` the roles whose hold the
     user has given. The logs themselves are not kept: their numbers stand in the experiments.
@@ -63,18 +63,18 @@ class Findings:
     declared: Collection[str]
     experiments: Sequence[Experiment]
     request: Request[FamilyOptions]
-    estimate: Estimate[FamilyOptions]
+    solution: Solution[FamilyOptions]
     outliers: Sequence[Outlier] = ()
 
     @cached_property
     def plant(self) -> Plant[FamilyOptions]:
         """The model with the values and options that are written."""
-        return self.estimate.plant(self.variant)
+        return self.solution.plant
 
     @cached_property
     def simulated(self) -> list[Simulated]:
         """What it gives for the logs."""
-        return self.family.simulate(self.plant, self.experiments)
+        return [run.simulated for run in self.solution.runs]
 
     @cached_property
     def fitted(self) -> list[Simulation]:
@@ -84,10 +84,10 @@ class Findings:
     @cached_property
     def examined(self) -> Examined:
         """What the derivatives of the fit show; they themselves are not kept."""
-        at = make_optimum(self.family, self.variant, self.estimate, self.fitted)
+        at = make_optimum(self.family, self.variant, self.solution, self.fitted)
         outliers = find_outliers(at)
         details, notices = diagnose(
-            self.family, self.variant, self.estimate, self.fitted, at, self.declared
+            self.family, self.variant, self.solution, self.fitted, at, self.declared
         )
         return Examined(details, notices, outliers)
 
@@ -114,7 +114,7 @@ def make_parameter_document(
     command: str | None,
 ) -> tuple[ParameterDocument, list[Notice]]:
     """Assemble and check the parameter document; returns it with all warnings."""
-    family, variant, estimate, request = found.family, found.variant, found.estimate, found.request
+    family, variant, solution, request = found.family, found.variant, found.solution, found.request
     fitted = found.fitted
     output = variant.output.name
     unit = found.experiments[0].signals[output].unit
@@ -124,8 +124,8 @@ def make_parameter_document(
         warned = [*warned, outlier_notice(found.outliers)]
     level = common_level(fitted)
     overall = agreement(fitted, level)
-    white = residual_whiteness(fitted, len(estimate.covariance_order))
-    notices = list(dict.fromkeys([*notices, *estimate.notices, *warned]))
+    white = residual_whiteness(fitted, len(solution.names))
+    notices = list(dict.fromkeys([*notices, *solution.notices, *warned]))
     verdict, reasons = judge(overall, notices, details.get("residual_to_noise"), white)
     every = list(dict.fromkeys([*notices, *reasons]))
     period = min(e.sample_time for e in found.experiments) if sample_time is None else sample_time
@@ -137,12 +137,12 @@ def make_parameter_document(
         "format_version": 1,
         "family": family.name,
         "variant": variant.name,
-        "options": estimate.options.given(),
-        "parameters": dict(estimate.parameters),
-        "derived": dict(estimate.derived),
+        "options": solution.options.given(),
+        "parameters": dict(solution.parameters),
+        "derived": dict(solution.derived),
         "covariance": {
-            "order": list(estimate.covariance_order),
-            "matrix": np.asarray(estimate.covariance).tolist(),
+            "order": list(solution.names),
+            "matrix": np.asarray(solution.covariance).tolist(),
         },
         "model": model,
         "validity": _validity(variant, fitted),
@@ -154,7 +154,7 @@ def make_parameter_document(
             "verdict": verdict,
             "logs": [_log_entry(s, unit, level) for s in fitted],
             "details": {
-                **estimate.details,
+                **solution.details,
                 **details,
                 "residual_sum_of_squares": overall.sum_of_squares,
                 "output_resolution": max(e.signals[output].resolution for e in found.experiments),
@@ -175,7 +175,7 @@ def make_parameter_document(
             },
         },
     }
-    if not estimate.covariance_order:
+    if not solution.names:
         del document["covariance"]
     return make_document(document, get_family), every
 

@@ -18,7 +18,7 @@ from .estimation.inputs import settle_holds
 from .estimation.price import Price, counting
 from .experiment import Experiment
 from .families import get_family
-from .family import Estimate, Family, FamilyOptions, ParameterDocument, Quantity, Request, Variant
+from .family import Family, FamilyOptions, ParameterDocument, Quantity, Request, Solution, Variant
 from .findings import Findings, make_parameter_document
 from .logs import (
     Log,
@@ -143,11 +143,11 @@ def fit(
     variant = given.variant.measured_in({r: u for e in experiments for r, u in e.units.items()})
     request.progress("fitting")
     with _naming_placeholders(notices):
-        estimate = _estimate(chosen, variant, experiments, request)
+        solution = _solve(chosen, variant, experiments, request)
     with _blaming_the_numbers():
         sources, declared = given.sources, given.declared
         found = _without_outliers(
-            Findings(chosen, variant, sources, declared, experiments, request, estimate)
+            Findings(chosen, variant, sources, declared, experiments, request, solution)
         )
         validation: list[Simulation] = []
         if given.judged:
@@ -162,7 +162,7 @@ def fit(
         )
         view = chosen.static_view(found.plant, found.experiments, found.simulated)
         return FitResult(
-            family, variant, found.estimate, found.fitted, validation, document, said, view,
+            family, variant, found.solution, found.fitted, validation, document, said, view,
             given.inputs,
         )  # fmt: skip
 
@@ -313,15 +313,15 @@ def refit(
         progress=progress or (lambda message: None),
     )
     experiments, _ = _prepare(logs, plant.variant)
-    return _estimate(family, plant.variant, experiments, request).parameters
+    return _solve(family, plant.variant, experiments, request).parameters
 
 
-def _estimate(
+def _solve(
     family: Family[FamilyOptions],
     variant: Variant,
     experiments: Sequence[Experiment],
     request: Request[FamilyOptions],
-) -> Estimate[FamilyOptions]:
+) -> Solution[FamilyOptions]:
     """Let the family fit; where the arithmetic fails, the data are to blame."""
     samples = sum(e.samples for e in experiments)
     try:
@@ -340,7 +340,7 @@ def _estimate(
         ) from error
 
 
-def _priced(found: Estimate[FamilyOptions], price: Price) -> Estimate[FamilyOptions]:
+def _priced(found: Solution[FamilyOptions], price: Price) -> Solution[FamilyOptions]:
     """The estimate with what its search has cost, where it has simulated anything."""
     if not price.spent:
         return found
@@ -375,10 +375,10 @@ def _without_outliers(found: Findings) -> Findings:
             return found
         runs = set_aside(now.experiments, more)
         try:
-            estimate = _estimate(found.family, found.variant, runs, found.request)
+            solution = _solve(found.family, found.variant, runs, found.request)
         except NotIdentifiedError:
             return found
-        now = replace(now, experiments=runs, estimate=estimate, outliers=gone)
+        now = replace(now, experiments=runs, solution=solution, outliers=gone)
     return found
 
 

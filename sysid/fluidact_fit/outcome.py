@@ -11,7 +11,7 @@ import numpy as np
 from .errors import Notice
 from .estimation.blocks import joined
 from .experiment import Experiment, FloatArray, all_of, where_finite
-from .family import Estimate, FamilyOptions, Quantity, Simulated, StaticView, Variant
+from .family import FamilyOptions, Quantity, Simulated, Solution, StaticView, Variant
 from .parameters.document import ParameterDocument
 from .rows import blocks, by_rows
 
@@ -167,8 +167,8 @@ class Outcome:
     ----------
     family, variant
         What was fitted.
-    estimate
-        Parameters, covariance, settled options (:class:`.family.Estimate`).
+    solution
+        Parameters, covariance, settled options (:class:`.estimation.solution.Solution`).
     fitted
         Every run that was fitted, simulated with the values that are written.
     validation
@@ -185,7 +185,7 @@ class Outcome:
 
     family: str
     variant: Variant
-    estimate: Estimate[FamilyOptions]
+    solution: Solution[FamilyOptions]
     fitted: Sequence[Simulation]
     validation: Sequence[Simulation]
     document: ParameterDocument
@@ -196,12 +196,12 @@ class Outcome:
     @property
     def parameters(self) -> Mapping[str, Quantity]:
         """Parameters by name: value, unit, standard error, interval, status."""
-        return self.estimate.parameters
+        return self.solution.parameters
 
     @property
     def derived(self) -> Mapping[str, Quantity]:
         """Numbers computed from the parameters."""
-        return self.estimate.derived
+        return self.solution.derived
 
     @property
     def verdict(self) -> str:

@@ -38,12 +38,12 @@ class FitResult(Outcome):
     @property
     def covariance(self) -> FloatArray:
         """Covariance matrix in the order of :attr:`covariance_order`, shape ``(p, p)``."""
-        return self.estimate.covariance
+        return self.solution.covariance
 
     @property
     def covariance_order(self) -> tuple[str, ...]:
         """Names of the rows of :attr:`covariance`."""
-        return self.estimate.covariance_order
+        return self.solution.names
 
     def summary(self) -> str:
         """Verdict, parameters with intervals, and warnings, as text."""

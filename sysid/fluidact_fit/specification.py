@@ -6,13 +6,13 @@ without knowing each other.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 
-from .experiment import Hold
+from .experiment import BoolArray, Experiment, FloatArray, Hold
 from .options import FamilyOptions
 
 Value = float | list[float] | list[list[float]]
@@ -187,6 +187,112 @@ class Plant(Generic[ReadT]):
     def numbers(self) -> dict[str, float]:
         """The single-valued parameters [SI]."""
         return scalars(self.values)
+
+
+@dataclass(frozen=True)
+class Request(Generic[ReadT]):
+    """What the user chose: everything of a fit that is not data.
+
+    ``fixed``, ``start`` and ``bounds`` are in SI and keyed by parameter name; ``noise`` is the
+    standard deviation of white noise on measured inputs, in SI and keyed by role.
+    """
+
+    options: ReadT
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    start: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
+    progress: Callable[[str], None] = lambda message: None
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """White noise on a measured input.
+
+    ``sigma`` is its standard deviation [SI], ``relative`` the standard error of ``sigma**2`` as a
+    part of it: 0 where it was given.
+    """
+
+    sigma: float
+    relative: float = 0.0
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What the model gives for one run.
+
+    Attributes
+    ----------
+    output
+        At the log's own instants, shape ``(n,)`` [SI].
+    used
+        Samples that the model claims to describe, shape ``(n,)``; ``None`` means all. Slow
+        samples of a friction map and clipped readings are excluded.
+    offset
+        Offset of the output that belongs to this log [SI]; ``None`` where there is none.
+    also
+        Other measured channels that the model gives, by role, shape ``(n,)`` each [SI]. They
+        are judged as the output is.
+    """
+
+    output: FloatArray
+    used: BoolArray | None = None
+    offset: float | None = None
+    also: Mapping[str, FloatArray] = field(default_factory=dict)
+
+
+Simulate = Callable[[Plant[Any], Sequence[Experiment]], Sequence[Simulated]]
+
+
+@dataclass(frozen=True)
+class UnmodelledEffect:
+    """An effect that a machine may show and for which the model has no parameter.
+
+    Attributes
+    ----------
+    name, words, remedy
+        What it is called in the file, what follows "the data fit better if", and what to do.
+    response
+        Derivatives of the channels of every experiment by its size, shape ``(n,)`` [SI] each, of
+        the experiments and what simulates them near the fit. A channel without stays as it is.
+    unit
+        Of its size; where it is ``of`` a role, that of the role.
+    positive
+        Whether its size cannot be negative, as that of friction cannot.
+    """
+
+    name: str
+    words: str
+    remedy: str
+    response: Callable[[Sequence[Experiment], Simulate], Sequence[Mapping[str, FloatArray]]]
+    unit: str = "1"
+    positive: bool = False
+    of: str = ""
+
+
+@dataclass(frozen=True)
+class Information:
+    """Sensitivity of one experiment's output to the parameters.
+
+    Attributes
+    ----------
+    names
+        Of the columns of ``jacobian``.
+    jacobian
+        Derivative of the output, unknowns of the log projected out, shape ``(n, p)``
+        [unit of the output per unit of the parameter].
+    output
+        Simulated output from rest, shape ``(n,)`` [SI].
+    floor
+        Standard errors of parameters that are bracketed and not fitted: a static level
+        lies between two commanded ones, however small the noise [unit of the parameter].
+    """
+
+    names: tuple[str, ...]
+    jacobian: FloatArray
+    output: FloatArray
+    floor: Mapping[str, float] = field(default_factory=dict)
 
 
 class Described(Protocol):

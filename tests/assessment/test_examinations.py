@@ -44,7 +44,7 @@ def an_attack(**machine):
 
 def optimum_of(result):
     """The fit as the examinations see it."""
-    at = make_optimum(get_family(result.family), result.variant, result.estimate, result.fitted)
+    at = make_optimum(get_family(result.family), result.variant, result.solution, result.fitted)
     assert at is not None
     return at
 

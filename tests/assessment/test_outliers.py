@@ -34,7 +34,7 @@ def test_a_bad_sample_beside_the_model_does_not_move_the_estimate(tmp_path):
     spoilt = ff.fit("valve", log_of(tmp_path, {451: 0.4}))
     assert clean.verdict == "pass"
     assert codes(spoilt) == {"outliers"}
-    for name in clean.estimate.covariance_order:
+    for name in clean.solution.names:
         q = clean.parameters[name]
         # one of a thousand samples is not there: that moves an estimate by next to nothing
         assert spoilt.parameters[name].value == pytest.approx(q.value, abs=0.1 * q.std_error)

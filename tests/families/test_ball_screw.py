@@ -15,7 +15,7 @@ from fluidact_fit.families import get_family
 from fluidact_fit.families.ball_screw import brackets
 from fluidact_fit.families.ball_screw.brackets import Bracket, narrowing_edges, search_level
 from fluidact_fit.families.ball_screw.stages import first_stages
-from fluidact_fit.family import Estimate, Plant, Request, Simulated
+from fluidact_fit.family import Plant, Request, Simulated, Solution
 from fluidact_fit.parameters import make_document
 
 STEP, N = 0.01, 1000
@@ -72,7 +72,7 @@ def drive_log(seed: int, hold: str = "foh") -> Experiment:
     return experiment(u, read, hold)
 
 
-def fit(logs: list[Experiment], **request) -> Estimate:
+def fit(logs: list[Experiment], **request) -> Solution:
     return FAMILY.estimate(ROTARY, logs, Request(FAMILY.options_type(), **request))
 
 

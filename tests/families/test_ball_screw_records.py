@@ -17,7 +17,7 @@ from fluidact_fit.families import get_family
 from fluidact_fit.families.ball_screw import brackets
 from fluidact_fit.families.ball_screw import fit as whole_fit
 from fluidact_fit.families.ball_screw.brackets import search_level
-from fluidact_fit.family import Estimate, Request
+from fluidact_fit.family import Request, Solution
 
 STEP, N = 0.01, 500
 COUNT = 2 * np.pi / 2000
@@ -64,7 +64,7 @@ def record(lost: float = 0.0, noise: float = 0.0, hold: str = "zoh") -> Experime
     return Experiment("log", 0, time, {"torque": torque, "angle": angle}, STEP, not lost)
 
 
-def fit(log: Experiment) -> Estimate:
+def fit(log: Experiment) -> Solution:
     return FAMILY.estimate(FAMILY.variants[0], [log], Request(FAMILY.options_type()))
 
 

@@ -21,7 +21,7 @@ from fluidact_fit.families.cylinder_friction.block import FrictionBlock
 from fluidact_fit.families.cylinder_friction.family import CylinderFriction
 from fluidact_fit.families.cylinder_friction.options import FrictionOptions
 from fluidact_fit.families.cylinder_friction.samples import prepare
-from fluidact_fit.family import Estimate, Plant, Request, Simulated
+from fluidact_fit.family import Plant, Request, Simulated, Solution
 from fluidact_fit.mechanics.friction_law import FrictionLaw
 
 FAMILY = CylinderFriction()
@@ -102,7 +102,7 @@ def record(
 
 def fit(
     experiments: list[Experiment], fixed: dict[str, float] | None = None, **options: Any
-) -> Estimate[FrictionOptions]:
+) -> Solution[FrictionOptions]:
     """Fit logs with the variant of the role there is."""
     request = Request(options=FrictionOptions.read(options), fixed=fixed or {})
     logs = [replace(e, log=i) for i, e in enumerate(experiments)]
@@ -113,17 +113,17 @@ def variant_of(experiment: Experiment) -> Any:
     return VARIANTS["velocity" if "velocity" in experiment else "position"]
 
 
-def simulate(e: Estimate[FrictionOptions], log: Experiment) -> Simulated:
+def simulate(e: Solution[FrictionOptions], log: Experiment) -> Simulated:
     """Simulate a log with an estimate and everything that its fit settled."""
-    (found,) = FAMILY.simulate(e.plant(variant_of(log)), [log])
+    (found,) = FAMILY.simulate(e.plant, [log])
     return found
 
 
-def number(estimate: Estimate[FrictionOptions], name: str) -> float:
+def number(estimate: Solution[FrictionOptions], name: str) -> float:
     return float(estimate.parameters[name].value)  # type: ignore[arg-type]
 
 
-def codes(estimate: Estimate[FrictionOptions]) -> list[str]:
+def codes(estimate: Solution[FrictionOptions]) -> list[str]:
     return [n.code for n in estimate.notices]
 
 
@@ -146,7 +146,7 @@ def test_known_truth_is_recovered_within_its_errors(motion: str) -> None:
     assert e.parameters["viscous"].std_error < 2.0 * _bound(e, log)  # type: ignore[operator]
 
 
-def _bound(e: Estimate[FrictionOptions], log: Experiment) -> float:
+def _bound(e: Solution[FrictionOptions], log: Experiment) -> float:
     v = strokes(TWO_SPEEDS)[simulate(e, log).used]
     a = np.column_stack((v > 0.0, -(v < 0.0).astype(float), v))
     return 0.05 * float(np.sqrt(np.linalg.inv(a.T @ a)[2, 2]))
@@ -278,7 +278,7 @@ def test_one_speed_refuses_viscous_and_says_which_stroke_to_add() -> None:
     assert "one stroke" in notice.message
     # 1.5 times the fastest there was, and the slowest by 1.5
     assert "at 0.15 m/s or faster, or 0.066 m/s or slower, in the positive" in notice.message
-    assert e.covariance_order == ("coulomb_positive", "coulomb_negative")
+    assert e.names == ("coulomb_positive", "coulomb_negative")
     # the levels hold all friction at that speed
     assert number(e, "coulomb_positive") == pytest.approx(8.0 + 40.0 * 0.1, abs=0.05)
 
@@ -424,7 +424,7 @@ def test_two_pressures_stand_in_for_the_force() -> None:
     e = FAMILY.estimate(variant, [log], request)
     for name, true in TRUTH.items():
         assert number(e, name) == pytest.approx(true, abs=0.3)
-    plant = e.plant(variant)
+    plant = e.plant
     simulated = FAMILY.simulate(plant, [log])
     (found,) = simulated
     # the output is the pressure of the first chamber
@@ -747,8 +747,8 @@ def test_corners_between_readings_are_left_out_of_strokes_at_20_hz(tmp_path: Pat
     for k in range(4):
         (log,) = recorded(np.random.default_rng(k))
         found = ff.fit("cylinder-friction", write(tmp_path / "log.csv", log, UNITS), mass=0.14)
-        assert found.estimate.options.turn_limit
-        assert found.estimate.details["left_out"]["turning"] > 0
+        assert found.solution.options.turn_limit
+        assert found.solution.details["left_out"]["turning"] > 0
         # the bound without corners: levels and slope from white noise of the force alone
         t = step * np.arange(n)
         v = move(np.random.default_rng(k), t)[1]
@@ -764,5 +764,5 @@ def test_corners_between_readings_are_left_out_of_strokes_at_20_hz(tmp_path: Pat
 def test_motion_that_turns_everywhere_keeps_all_samples(tmp_path: Path) -> None:
     (log,) = cylinder_friction.record(np.random.default_rng(1), sigma=0.02, step=0.05, n=1200)
     found = ff.fit("cylinder-friction", write(tmp_path / "log.csv", log, UNITS), mass=0.14)
-    assert found.estimate.options.turn_limit is None
-    assert found.estimate.details["left_out"]["turning"] == 0
+    assert found.solution.options.turn_limit is None
+    assert found.solution.details["left_out"]["turning"] == 0

@@ -22,7 +22,7 @@ from fluidact_fit.estimation.problem import Unknown
 from fluidact_fit.estimation.separable import evaluate
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
-from fluidact_fit.family import Estimate, Request
+from fluidact_fit.family import Request, Solution
 from fluidact_fit.outcome import Simulation
 
 STEP, N = 0.01, 1000
@@ -38,16 +38,16 @@ def experiment(roles: dict[str, np.ndarray], hold: str, name: str = "log", log: 
     return Experiment(name, log, TIME, signals, STEP, True)
 
 
-def fit(family: str, logs: list[Experiment], **request) -> Estimate:
+def fit(family: str, logs: list[Experiment], **request) -> Solution:
     chosen = get_family(family)
     options = chosen.options_type.read(request.pop("options", {}))
     return chosen.estimate(chosen.variants[0], settle_holds(logs), Request(options, **request))
 
 
-def simulate(family: str, estimate: Estimate, logs: list[Experiment]) -> list[Simulation]:
+def simulate(family: str, estimate: Solution, logs: list[Experiment]) -> list[Simulation]:
     chosen = get_family(family)
     variant = chosen.variants[0]
-    found = chosen.simulate(estimate.plant(variant), logs)
+    found = chosen.simulate(estimate.plant, logs)
     return [Simulation.of(e, s, variant.output.name) for e, s in zip(logs, found)]
 
 
@@ -94,7 +94,7 @@ def hydrostatic_log(seed, mass=53.7, damping=1720.5, low=-3.0, high=1.2, noise=0
     return experiment({"force": u[::FINE], "position": y}, "auto", f"hydro{seed}", log)
 
 
-def within(estimate: Estimate, truth: dict[str, float], sigmas: float = 4.0) -> None:
+def within(estimate: Solution, truth: dict[str, float], sigmas: float = 4.0) -> None:
     for name, value in truth.items():
         q = estimate.parameters[name]
         assert q.status == "estimated"
@@ -217,7 +217,7 @@ def test_fixed_started_and_bounded(seed: int) -> None:
     log = line_log(seed)
     fixed = fit("line", [log], fixed={"gain": 1.0, "dead_time": 0.0147})
     assert fixed.parameters["gain"].status == "fixed"
-    assert fixed.covariance_order == ("time_constant",)
+    assert fixed.names == ("time_constant",)
     free = fit("line", [log])
     started = fit("line", [log], start={"dead_time": 0.05, "time_constant": 0.3})
     for name, q in free.parameters.items():

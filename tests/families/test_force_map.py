@@ -24,7 +24,7 @@ from fluidact_fit.families.force_map.block import ForceMapBlock
 from fluidact_fit.families.force_map.equation import NetworkMap
 from fluidact_fit.families.force_map.family import ForceMap
 from fluidact_fit.families.force_map.options import ForceMapOptions
-from fluidact_fit.family import Estimate, Request, Simulated, Value
+from fluidact_fit.family import Request, Simulated, Solution, Value
 from fluidact_fit.result import FitResult
 
 ROOT = Path(__file__).parents[2]
@@ -79,7 +79,7 @@ def force_map(values: Mapping[str, Value], x: FloatArray) -> FloatArray:
 def errors(target: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Error and measured output on the test positions, branch, and samples since a reversal."""
     result, e = fitted(target), test_log()
-    (run,) = ForceMap().simulate(result.estimate.plant(result.variant), [e])
+    (run,) = ForceMap().simulate(result.solution.plant, [e])
     simulated = run.output
     u = e["command"]
     steps = np.sign(np.diff(u, prepend=u[0]) * (np.abs(np.diff(u, prepend=u[0])) > 0.02))
@@ -196,7 +196,7 @@ def test_block_from_file(tmp_path: Path) -> None:
 
 
 def test_sizes_that_do_not_agree_are_refused() -> None:
-    values = dict(fitted("command").estimate.values)
+    values = dict(fitted("command").solution.values)
     with pytest.raises(UsageError, match="input_offset has 1 entries"):
         NetworkMap.of({**values, "input_offset": [0.0]})
     with pytest.raises(UsageError, match="biases_1"):
@@ -209,8 +209,8 @@ def test_sizes_that_do_not_agree_are_refused() -> None:
 
 @pytest.mark.parametrize("change", [lambda w: -w, lambda w: 1.05 * w, lambda w: 0.0])
 def test_any_weight_changed_by_hand_changes_the_model(change: Callable[[float], float]) -> None:
-    estimate, family = fitted("command").estimate, ForceMap()
-    plant, values = estimate.plant(family.variants[0]), estimate.values
+    estimate, family = fitted("command").solution, ForceMap()
+    plant, values = estimate.plant, estimate.values
 
     def sums(changed: Mapping[str, Value]) -> Any:
         return family.model(replace(plant, values=changed), 0.0, "zoh")["network"]["checksums"]
@@ -231,7 +231,7 @@ def test_the_motion_state_is_known_without_the_output() -> None:
     result, e = fitted("command"), test_log()
     inputs = replace(e, signals={k: s for k, s in e.signals.items() if k != "command"})
     block = make_block(result.document)
-    (run,) = ForceMap().simulate(result.estimate.plant(result.variant), [inputs])
+    (run,) = ForceMap().simulate(result.solution.plant, [inputs])
     np.testing.assert_array_equal(block.predict(e), run.output)
     assert rms(run.output - e["command"]) < 0.1
 
@@ -322,18 +322,18 @@ def make(**columns: Any) -> Experiment:
     return Experiment("hand.csv", 0, np.zeros(0), signals, 0.0, False)
 
 
-def estimate(e: Experiment, **options: Any) -> Estimate[ForceMapOptions]:
+def estimate(e: Experiment, **options: Any) -> Solution[ForceMapOptions]:
     return train([e], **options)
 
 
-def train(logs: list[Experiment], **options: Any) -> Estimate[ForceMapOptions]:
+def train(logs: list[Experiment], **options: Any) -> Solution[ForceMapOptions]:
     family, chosen = ForceMap(), ForceMapOptions.read(options)
     return family.estimate(family.variant(chosen.target), logs, Request(options=chosen))
 
 
-def simulate(found: Estimate[ForceMapOptions], logs: list[Experiment]) -> list[Simulated]:
+def simulate(found: Solution[ForceMapOptions], logs: list[Experiment]) -> list[Simulated]:
     family = ForceMap()
-    return family.simulate(found.plant(family.variant(found.options.target)), logs)
+    return family.simulate(found.plant, logs)
 
 
 def cycles(n: int = 2000) -> FloatArray:
@@ -414,11 +414,11 @@ def specimens(lengths: tuple[float, ...], odd: float) -> list[Experiment]:
     return out
 
 
-def fit_specimens(logs: list[Experiment], hidden: str = "4") -> Estimate[ForceMapOptions]:
+def fit_specimens(logs: list[Experiment], hidden: str = "4") -> Solution[ForceMapOptions]:
     return train(logs, target="force", inputs="command,length,direction", hidden=hidden, starts=4)
 
 
-def at_length(found: Estimate[ForceMapOptions], length: float) -> FloatArray:
+def at_length(found: Solution[ForceMapOptions], length: float) -> FloatArray:
     """Force in the middle of both branches."""
     x = np.array([[2.5, length, 1.0], [2.5, length, -1.0]])
     return force_map({k: q.value for k, q in found.parameters.items()}, x)
@@ -462,12 +462,12 @@ def muscles(test: int, lengths: tuple[int, ...] = (10, 15, 20, 30)) -> list[Expe
     return out
 
 
-def train_muscles(logs: list[Experiment], hidden: str) -> Estimate[ForceMapOptions]:
+def train_muscles(logs: list[Experiment], hidden: str) -> Solution[ForceMapOptions]:
     inputs = "pressure,contraction,length,state"
     return train(logs, target="force", inputs=inputs, hidden=hidden)
 
 
-def misses(found: Estimate[ForceMapOptions], logs: list[Experiment]) -> FloatArray:
+def misses(found: Solution[ForceMapOptions], logs: list[Experiment]) -> FloatArray:
     runs = simulate(found, logs)
     return np.concatenate([e["force"] - r.output for e, r in zip(logs, runs)])
 

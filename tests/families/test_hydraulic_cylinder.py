@@ -678,7 +678,7 @@ def test_a_log_without_pressures_is_simulated_all_the_same() -> None:
     run = fitted().experiments[0]
     kept = {r: s for r, s in run.signals.items() if not r.startswith("pressure")}
     family = ff.get_family("hydraulic-cylinder")
-    plant = fitted().estimate.plant(fitted().variant)
+    plant = fitted().solution.plant
     (found,) = family.simulate(plant, [replace(run, signals=kept)])
     assert np.sqrt(np.mean((found.output - run["position"]) ** 2)) < 5.5e-5
 
@@ -707,7 +707,7 @@ def test_flow_from_rest_follows_a_measured_pressure() -> None:
     inputs = {r: s for r, s in run.signals.items() if r != "position"}
     family = ff.get_family("hydraulic-cylinder")
     result = without_mass()
-    plant = result.estimate.plant(result.variant)
+    plant = result.solution.plant
     (found,) = family.simulate(plant, [replace(run, signals=inputs)])
     assert found.used is not None
     assert found.used.sum() > 0.95 * run.samples

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,7 @@ from fluidact_fit.families.potentiometer.rational_bezier import (
     rational_bezier,
     rational_bezier_slope,
 )
-from fluidact_fit.family import Estimate, ParameterDocument, Plant, Quantity, Request
+from fluidact_fit.family import ParameterDocument, Plant, Quantity, Request, Solution
 from fluidact_fit.outcome import pair
 from fluidact_fit.parameters import make_document
 
@@ -59,17 +58,17 @@ class Fitted:
     """An estimate with what is simulated from it: measured is NaN where a sample is left out."""
 
     def __init__(
-        self, estimate: Estimate[PotentiometerOptions], experiments: Sequence[Experiment]
+        self, estimate: Solution[PotentiometerOptions], experiments: Sequence[Experiment]
     ) -> None:
-        self.estimate = estimate
-        found = FAMILY.simulate(estimate.plant(VARIANT), experiments)
+        self.solution = estimate
+        found = FAMILY.simulate(estimate.plant, experiments)
         self.simulated = [f.output for f in found]
         self.measured = [
             np.where(f.used, x["reference"], np.nan) for f, x in zip(found, experiments)
         ]
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self.estimate, name)
+        return getattr(self.solution, name)
 
 
 def fit(*experiments: Experiment, **options: Any) -> Fitted:
@@ -129,17 +128,19 @@ def test_derivatives_of_long_logs_are_the_differences_of_simulations(
     rng = np.random.default_rng(3)
     x = 0.5 + 0.5 * np.sin(0.02 * np.arange(1200))
     run = experiment(2.0 + 3.0 * x, saturating(x) + 1e-4 * rng.standard_normal(1200), 0.01)
-    assert not fit(run, degree="3").sensitivity
+    plain = fit(run, degree="3").solution
+    assert not plain.minimised
     monkeypatch.setattr(rows, "LONG", 1000)
     monkeypatch.setattr(rows, "BLOCK_ROWS", 300)
-    estimate = fit(run, degree="3").estimate
+    estimate = fit(run, degree="3").solution
     found = []
-    for known in (estimate, replace(estimate, sensitivity=())):
-        simulated = FAMILY.simulate(known.plant(VARIANT), [run])
+    assert estimate.minimised
+    for known in (estimate, plain):
+        simulated = FAMILY.simulate(known.plant, [run])
         at = make_optimum(FAMILY, VARIANT, known, pair([run], simulated, VARIANT))
         assert at is not None
         found.append((at.names, at.jacobians[0]))
-    assert found[0][0] == found[1][0] == estimate.covariance_order
+    assert found[0][0] == found[1][0] == estimate.names
     size = np.abs(found[1][1]).max(axis=0)
     np.testing.assert_allclose(found[0][1] / size, found[1][1] / size, atol=1e-5)
 
@@ -226,7 +227,7 @@ def test_kirby2_certified_standard_error() -> None:
         return complex(c[2] / span**2 / at_zero)
 
     w = numbers(result, "weights").astype(complex)
-    rows = [result.covariance_order.index(f"weights[{i}]") for i in (1, 2)]
+    rows = [result.names.index(f"weights[{i}]") for i in (1, 2)]
     step = np.eye(3) * 1e-30j
     gradient = np.array([b5(w + step[i]).imag / 1e-30 for i in (1, 2)])
     variance = gradient @ result.covariance[np.ix_(rows, rows)] @ gradient
@@ -336,7 +337,7 @@ def test_intervals_cover_the_truth(endpoints: str, repeats: int) -> None:
 
 def test_covariance_goes_with_its_order() -> None:
     result = fit(sample(np.random.default_rng(2)), degree="2")
-    assert result.covariance_order == (
+    assert result.names == (
         "control_points[0]", "control_points[1]", "control_points[2]", "weights[1]", "weights[2]",
     )  # fmt: skip
     errors = [
@@ -481,9 +482,9 @@ def test_another_log_is_judged_by_the_rails_of_the_file() -> None:
     log = experiment(
         np.clip(np.round(20.0 + 18000.0 * x), 100.0, 1023.0), x + 5e-5 * rng.standard_normal(600)
     )
-    found = fit(log).estimate
+    found = fit(log).solution
     other = experiment([50.0, 100.0, 101.0, 1022.0, 1023.0, np.nan], np.zeros(6))
-    (run,) = FAMILY.simulate(found.plant(VARIANT), [other])
+    (run,) = FAMILY.simulate(found.plant, [other])
     assert run.used is not None
     assert run.used.tolist() == [False, False, True, True, False, False]
 
@@ -494,7 +495,7 @@ def test_a_fit_with_everything_settled_is_the_same_fit(options: dict[str, Any]) 
     lone = experiment([0.0, 2.0, *range(60, 1000, 60)], np.r_[-6e-4, 1e-5 * np.r_[2, 60:1000:60]]
                       + 2e-6 * rng.standard_normal(18))  # fmt: skip
     log = with_hysteresis(1500) if options else lone
-    first = fit(log, **options).estimate
+    first = fit(log, **options).solution
     again = FAMILY.estimate(VARIANT, [log], Request(options=first.options))
     assert again.values == first.values
     assert again.options == first.options
@@ -592,7 +593,7 @@ def test_weights_of_a_straight_line_are_not_identified() -> None:
     assert result.parameters["weights"].status == "not_identified"
     assert result.parameters["weights"].value == [1.0] * 4
     assert "not-identified" in codes(result)
-    assert not any(n.startswith("weights") for n in result.covariance_order)
+    assert not any(n.startswith("weights") for n in result.names)
 
 
 @pytest.mark.parametrize(
@@ -635,7 +636,7 @@ def test_block_from_a_document() -> None:
     with pytest.raises(ValueError, match="outside the calibrated range"):
         pot.inverse(1.0)
     assert pot.inverse(1.0, clamp=True) == 1000.0
-    section = FAMILY.model(result.plant(VARIANT), 0.0, "zoh")["curve"]
+    section = FAMILY.model(result.plant, 0.0, "zoh")["curve"]
     assert section["type"] == "rational-bezier"
     t = (500.0 - 20.0) / 980.0
     top, bottom = (
@@ -763,7 +764,7 @@ def test_of_each_row_of_a_long_log_a_number_is_kept_beside_input_and_output(
     tracemalloc.start()
     try:
         estimate = FAMILY.estimate(VARIANT, [run], request)
-        FAMILY.simulate(estimate.plant(VARIANT), [run])
+        FAMILY.simulate(estimate.plant, [run])
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

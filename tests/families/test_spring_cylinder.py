@@ -22,7 +22,7 @@ from fluidact_fit.families.spring_cylinder.equation import SpringLaw
 from fluidact_fit.families.spring_cylinder.family import SpringCylinder
 from fluidact_fit.families.spring_cylinder.instruments import differentiate
 from fluidact_fit.families.spring_cylinder.options import SpringOptions
-from fluidact_fit.family import Estimate, Request
+from fluidact_fit.family import Request, Solution
 from fluidact_fit.result import FitResult
 
 DATA = Path(__file__).parents[2] / "datasets" / "spring-cylinder"
@@ -45,7 +45,7 @@ def test_truth_of_the_dataset() -> None:
         q = result.parameters[name]
         assert q.status == "estimated"
         assert abs(q.value - true) < 4.0 * q.std_error, name  # type: ignore[operator]
-    details = result.estimate.details
+    details = result.solution.details
     assert set(details["branches"]) == {"loading", "unloading"}
     assert "--fix preload" in details["levels"]  # what was assumed, and what would tell
 
@@ -100,7 +100,7 @@ def make(
     return Experiment("hand.csv", 0, t if timed else np.zeros(0), signals, 0.01 * timed, timed)
 
 
-def estimate(e: Experiment, variant: int = 0, **request: Any) -> Estimate[SpringOptions]:
+def estimate(e: Experiment, variant: int = 0, **request: Any) -> Solution[SpringOptions]:
     family = SpringCylinder()
     options = SpringOptions.read(request.pop("options", {}))
     return family.estimate(family.variants[variant], [e], Request(options=options, **request))
@@ -163,7 +163,7 @@ def test_spikes_do_not_pull() -> None:
     assert 30 <= found.details["spikes"] <= 40
     assert [n.code for n in found.notices] == ["force-spikes"]
     family = SpringCylinder()
-    (again,) = family.simulate(found.plant(family.variants[0]), [log])
+    (again,) = family.simulate(found.plant, [log])
     # whoever simulates the log leaves out the same samples
     out = found.details["left_out"]["unknown_motion_state_or_reversal"]
     assert np.sum(~again.used) == out + found.details["spikes"]

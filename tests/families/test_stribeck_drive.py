@@ -22,7 +22,7 @@ from fluidact_fit.estimation.grid import make_grid
 from fluidact_fit.estimation.inputs import piecewise
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
-from fluidact_fit.family import Estimate, Plant, Request
+from fluidact_fit.family import Plant, Request, Solution
 from fluidact_fit.mechanics.friction_law import FrictionLaw
 from fluidact_fit.mechanics.motion import Motion, StickSlip
 from fluidact_fit.mechanics.stick_slip import Passes, simulate_stick_slip
@@ -226,7 +226,7 @@ def test_the_levels_are_joined_only_where_no_rise_is_given() -> None:
     assert (given.rise(1.0), given.rise(-1.0)) == (0.2, 0.2)
 
 
-def fit(log: Experiment, **options: str) -> Estimate:
+def fit(log: Experiment, **options: str) -> Solution:
     return FAMILY.estimate(ROTARY, [log], Request(FAMILY.options_type(**options)))
 
 

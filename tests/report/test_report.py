@@ -17,7 +17,7 @@ import fluidact_fit as ff
 from fluidact_fit.errors import OutputError, UsageError
 from fluidact_fit.experiment import Experiment, Signal
 from fluidact_fit.families import get_family
-from fluidact_fit.family import Curve, Estimate, Quantity, StaticView
+from fluidact_fit.family import Curve, NoiseModel, Quantity, StaticView, make_solution
 from fluidact_fit.outcome import Simulation
 from fluidact_fit.report import (
     plot_result,
@@ -75,7 +75,9 @@ def make(
     covariance = np.array([[1e-4, -1e-5], [-1e-5, 4e-6]])
     family = get_family("line")
     options = family.options_type()
-    estimate = Estimate(parameters, {}, ("gain", "time_constant"), covariance, options)
+    logs = [s.experiment for s in fitted]
+    noise, names = NoiseModel(covariance, 100), ("gain", "time_constant")
+    estimate = make_solution(family.simulate, logs, variant, options, parameters, names, noise)
     document = {
         "format": "fluidact-parameters",
         "format_version": 1,
@@ -83,7 +85,7 @@ def make(
         "variant": "line",
         "parameters": parameters,
         "covariance": {"order": ["gain", "time_constant"], "matrix": covariance},
-        "model": family.model(estimate.plant(variant), 0.01, "zoh"),
+        "model": family.model(estimate.plant, 0.01, "zoh"),
         "validity": {"inlet": {"low": 0.0, "high": 4e5, "unit": "Pa"}},
         "fit": {
             "samples": samples * runs,

@@ -17,7 +17,7 @@ from ..errors import Notice
 from ..estimation.noise import noise_floor
 from ..estimation.uncertainty import whiteness
 from ..experiment import FloatArray
-from ..family import Estimate, Family, FamilyOptions
+from ..family import Family, FamilyOptions, Solution
 from ..options import describe
 from ..outcome import Simulation
 
@@ -27,14 +27,14 @@ _FEWEST = 50
 
 
 def judge_channels(
-    family: Family[FamilyOptions], estimate: Estimate[FamilyOptions], fitted: Sequence[Simulation]
+    family: Family[FamilyOptions], solution: Solution[FamilyOptions], fitted: Sequence[Simulation]
 ) -> tuple[dict[str, Any], list[Notice]]:
     """Judge the channels beside the output: entries for the file, and warnings."""
     table: dict[str, Any] = {}
     missed = []
     for role in dict.fromkeys(role for s in fitted for role in s.also):
         pairs = [s.others[role] for s in fitted if role in s.also]
-        found = _judged(pairs, len(estimate.covariance_order))
+        found = _judged(pairs, len(solution.names))
         if found is None:
             continue
         table[role] = found
@@ -44,7 +44,7 @@ def judge_channels(
                 f"'{role}' by {signal.text(found['rmse'])} "
                 f"({found['times_noise']:.2g} times its noise)"
             )
-    return table, [_notice(family, estimate, missed)] if missed else []
+    return table, [_notice(family, solution, missed)] if missed else []
 
 
 def _judged(pairs: Sequence[tuple[FloatArray, FloatArray]], unknowns: int) -> dict[str, Any] | None:
@@ -79,12 +79,12 @@ def _noise(measured: FloatArray, residual: FloatArray) -> float:
 
 
 def _notice(
-    family: Family[FamilyOptions], estimate: Estimate[FamilyOptions], missed: Sequence[str]
+    family: Family[FamilyOptions], solution: Solution[FamilyOptions], missed: Sequence[str]
 ) -> Notice:
     given = [
         f"--{o.name}"
         for o in describe(family.options_type)
-        if o.kind == "float" and getattr(estimate.options, o.name.replace("-", "_"))
+        if o.kind == "float" and getattr(solution.options, o.name.replace("-", "_"))
     ]
     numbers = f"the given numbers ({', '.join(given)}), " if given else ""
     return Notice(

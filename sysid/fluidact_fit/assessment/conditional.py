@@ -63,7 +63,7 @@ def _entry(d: Dependence) -> dict[str, Any]:
 
 
 def _held(at: Optimum) -> Iterator[str]:
-    for name, q in at.estimate.parameters.items():
+    for name, q in at.solution.parameters.items():
         if q.status == "not_identified" and isinstance(q.value, float):
             yield name
 

@@ -18,9 +18,10 @@ from ..estimation.blocks import joined
 from ..estimation.inputs import choose_hold
 from ..estimation.least_squares import scaled_least_squares
 from ..estimation.noise import noise_floor
+from ..estimation.solution import moved, number
 from ..estimation.uncertainty import fit_autoregression, innovations
 from ..experiment import FloatArray, Hold, Signal, all_of, where_finite
-from ..family import Estimate, Family, FamilyOptions, Plant, Value, Variant
+from ..family import Family, FamilyOptions, Plant, Solution, Value, Variant
 from ..outcome import Simulation, sum_of_squares
 from ..units import as_share
 from .channels import judge_channels
@@ -28,7 +29,7 @@ from .conditional import find_conditional
 from .given import find_reliance
 from .independence import find_independent_samples
 from .influence import find_deciding_samples, find_disagreeing_parts
-from .optimum import Optimum, moved, number
+from .optimum import Optimum
 from .structure import find_missing_response
 
 _EXAMINATIONS = {
@@ -61,7 +62,7 @@ _WORDS: dict[Hold, str] = {
 def diagnose(
     family: Family[FamilyOptions],
     variant: Variant,
-    estimate: Estimate[FamilyOptions],
+    solution: Solution[FamilyOptions],
     fitted: Sequence[Simulation],
     at: Optimum | None,
     declared: Collection[str] = (),
@@ -73,15 +74,15 @@ def diagnose(
     the data contradict them.
     """
     details, notices = _examined(at)
-    details["channels"], missed = judge_channels(family, estimate, fitted)
+    details["channels"], missed = judge_channels(family, solution, fitted)
     notices += missed
     if not all(s.experiment.time.size for s in fitted):
         return details, notices
     holds, doubts = _other_holds(at, declared) if at is not None else ({}, [])
-    correlation, feedback = _cross_correlation(variant, fitted, estimate.input_noise)
+    correlation, feedback = _cross_correlation(variant, fitted, solution.noise.inputs)
     found = {
         "residual_to_noise": _noise_or_model(
-            fitted, _noise_through_model(family, variant, estimate, fitted)
+            fitted, _noise_through_model(family, variant, solution, fitted)
         ),
         "intersample": holds,
         "cross_correlation": correlation,
@@ -108,21 +109,21 @@ def _examined(at: Optimum | None) -> tuple[dict[str, Any], list[Notice]]:
 def _noise_through_model(
     family: Family[FamilyOptions],
     variant: Variant,
-    estimate: Estimate[FamilyOptions],
+    solution: Solution[FamilyOptions],
     fitted: Sequence[Simulation],
 ) -> list[float]:
     """Mean square that noise of the inputs adds to the residual of every run."""
-    if not estimate.input_noise:
+    if not solution.noise.inputs:
         return [0.0] * len(fitted)
     rng = np.random.default_rng(0)
     moved = []
     for s in fitted:
         e = s.experiment
-        for role, noise in estimate.input_noise.items():
+        for role, noise in solution.noise.inputs.items():
             x = e.signals[role].values
             e = e.with_readings(role, x + noise.sigma * rng.standard_normal(x.size))
         moved.append(e)
-    again = family.simulate(estimate.plant(variant), moved)
+    again = family.simulate(solution.plant, moved)
     return [float(np.nanmean((a.output - s.simulated) ** 2)) for a, s in zip(again, fitted)]
 
 
@@ -178,14 +179,14 @@ def _other_holds(at: Optimum, declared: Collection[str]) -> tuple[dict[str, Any]
         others = [h for h in _WORDS if h != (taken or "zoh")]
         tried = [t for h in others if (t := _shift(at, role.name, h))]
         # no command carries noise: what does was measured, and may have moved in between
-        noisy = role.hold == "auto" and role.name in at.estimate.input_noise
-        if not at.estimate.sensitivity and not (noisy and taken == "zoh"):
+        noisy = role.hold == "auto" and role.name in at.solution.noise.inputs
+        if not at.solution.minimised and not (noisy and taken == "zoh"):
             tried = [t for t in tried if _explains_forces(at, t)]
         found = _best_hold(tried, [e.signals[role.name] for e in driving])
         if found is None:
             continue
         table[role.name] = asdict(found)
-        said = _hold_notice(role.name, found, at.estimate.values)
+        said = _hold_notice(role.name, found, at.solution.values)
         unsure = role.name not in declared and _looks_otherwise(at.fitted, role.name, found.hold)
         if said and (said.code == "hold-doubtful" or unsure):
             notices.append(said)

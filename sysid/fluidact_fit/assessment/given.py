@@ -17,9 +17,10 @@ import numpy as np
 
 from ..errors import Notice
 from ..estimation.least_squares import scaled_least_squares
+from ..estimation.solution import moved
 from ..experiment import FloatArray
 from ..options import describe
-from .optimum import Optimum, delayed, moved
+from .optimum import Optimum, delayed
 
 _PERCENT = 0.01
 
@@ -74,7 +75,7 @@ def _late(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
 
 def _other_numbers(at: Optimum) -> Iterator[tuple[str, list[FloatArray]]]:
     """Every fixed parameter and every number among the options one per cent larger."""
-    for name, q in at.estimate.parameters.items():
+    for name, q in at.solution.parameters.items():
         if q.status == "fixed" and isinstance(q.value, float) and q.value:
             yield name, at.change(plant=moved(at.plant, name, _PERCENT * q.value))
     for option in describe(at.family.options_type):

@@ -6,7 +6,7 @@ the same residuals. Where these are worth hardly more samples than there are unk
 has taken the slow part of the errors for its own, and no residual shows how large it was.
 
 An autoregression of few lags does not see what wanders over seconds below a louder white noise,
-and that is just what adds up in an estimate. What the residuals of a block of rows contribute
+and that is just what adds up in an solution. What the residuals of a block of rows contribute
 to the estimate shows it [1]_: with errors that are forgotten within a block, the sum of squares of
 ``B`` such contributions has the variance of the estimate for its mean.
 
@@ -145,7 +145,7 @@ def _contribution(
 
 def _count_independent(at: Optimum) -> tuple[dict[str, Any], list[Notice]]:
     """How many independent samples would show the size of the errors as well."""
-    independent, unknowns = at.estimate.independent, len(at.names)
+    independent, unknowns = at.solution.noise.independent, len(at.names)
     if not np.isfinite(independent):
         return {}, []
     if len(at.roles) == 1 and not at.instruments:

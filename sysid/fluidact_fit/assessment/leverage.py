@@ -29,7 +29,7 @@ _CLOSE = 1.0 - 1e-9  # of a limit; rounding does not pass over what lies between
 
 @dataclass(frozen=True)
 class Effect:
-    """What one sample does to the estimate.
+    """What one sample does to the solution.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class Influence:
-    """What the samples do to the estimate.
+    """What the samples do to the solution.
 
     Attributes
     ----------

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..estimation.input_noise import make_filters
+from ..estimation.solution import FittedRun, differences
 from ..estimation.whitening import Whitening
 from ..experiment import Experiment, FloatArray
 from ..outcome import Simulation
@@ -29,22 +30,22 @@ def beside_copies(at: Optimum) -> Optimum:
     One that was estimated with instruments has those to tell noise by. Where a score was corrected
     for the noise, the output alone was compared.
     """
-    if not at.estimate.input_noise or at.instruments:
+    if not at.solution.noise.inputs or at.instruments:
         return at
     at = at.beginning(_ROWS)
-    runs = at.experiments
     draws = _draws(at)
-    every = [*runs, *(run for draw in draws for run in draw)]
-    output = at.variant.output.name
-    fitted = [
-        Simulation.of(e, found, output)
-        for e, found in zip(every, at.family.simulate(at.plant, every), strict=True)
-    ]
-    plain = replace(at.estimate, sensitivity=(), nearby=None)  # those know the recording only
+    every = [*at.experiments, *(run for draw in draws for run in draw)]
+    output, simulated = at.variant.output.name, at.family.simulate(at.plant, every)
+    fitted = [Simulation.of(e, found, output) for e, found in zip(every, simulated, strict=True)]
+    runs = [FittedRun(e, s, {}) for e, s in zip(every, simulated, strict=True)]
+    names, covariance = at.solution.names, at.solution.covariance
+    tables = differences(at.family.simulate, at.plant, runs, names, covariance)
+    runs = [replace(run, jacobians={output: j}) for run, j in zip(runs, tables)]
+    plain = replace(at.solution, runs=runs, simulate_near=at.family.simulate)
     found = make_optimum(at.family, at.variant, plain, fitted)
     assert found is not None  # it is made of the same series
     filters = _filters(at, draws)
-    relative = max(noise.relative for noise in at.estimate.input_noise.values())
+    relative = max(noise.relative for noise in at.solution.noise.inputs.values())
     return replace(found, copies=Copies(filters, relative, found.jacobians, found.residuals))
 
 
@@ -54,7 +55,7 @@ def whitened(at: Optimum) -> Optimum:
     Itself where inputs are exact or stand-ins tell their noise. Left out are the first rows, in
     which the filter settles: the level and the state that a run began with fit them as they like.
     """
-    if not at.estimate.input_noise or at.instruments:
+    if not at.solution.noise.inputs or at.instruments:
         return at
     at = at.beginning(_ROWS)
     white = [
@@ -80,7 +81,7 @@ def _draw(at: Optimum, rng: np.random.Generator) -> list[Experiment]:
     """All runs with noise added; the level that one starts from belongs to its offset."""
     out = []
     for e in at.experiments:
-        for role, noise in at.estimate.input_noise.items():
+        for role, noise in at.solution.noise.inputs.items():
             drawn = noise.sigma * rng.standard_normal(e.signals[role].values.size)
             drawn[0] = 0.0
             e = e.with_readings(role, e.signals[role].values + drawn)

@@ -14,11 +14,12 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from ..estimation.solution import differences, moved, number
 from ..estimation.uncertainty import covariance
 from ..experiment import Experiment, FloatArray, Signal, all_of, is_finite, where_finite
-from ..family import Estimate, Family, FamilyOptions, Plant, Simulated, Variant
+from ..family import Family, FamilyOptions, Plant, Simulated, Solution, Variant
 from ..outcome import Simulation
-from ..rows import BLOCK_ROWS, square_sum
+from ..rows import square_sum
 from ..units import after_number
 from .beside import Beside
 from .copies import Copies
@@ -26,7 +27,6 @@ from .leverage import Influence, measure_influence
 
 LEAST = 5e-4  # part of a parameter: no bench is better than that
 _SAME = 1.0 - 1e-9  # correlation of two names for one unknown
-_STEP = 0.02  # of a standard error, for differences of a simulation
 _LATE = 0.1  # sample times by which a time is moved for a derivative
 _SMALL = 1e-3  # part of itself by which another value is moved at first
 _PART = 0.3  # standard deviations of the residual by which the output then changes
@@ -75,7 +75,7 @@ class Optimum:
 
     Attributes
     ----------
-    family, variant, estimate, fitted
+    family, variant, solution, fitted
         The fit. ``fitted`` are its runs, simulated with the values that are written.
     names, errors
         Parameters that were estimated, and their standard errors, shape ``(p,)``.
@@ -94,7 +94,7 @@ class Optimum:
 
     family: Family[FamilyOptions]
     variant: Variant
-    estimate: Estimate[FamilyOptions]
+    solution: Solution[FamilyOptions]
     fitted: Sequence[Simulation]
     names: tuple[str, ...]
     errors: FloatArray
@@ -107,7 +107,7 @@ class Optimum:
     @property
     def plant(self) -> Plant[FamilyOptions]:
         """The model with the values and options that are written."""
-        return self.estimate.plant(self.variant)
+        return self.solution.plant
 
     @property
     def experiments(self) -> list[Experiment]:
@@ -135,7 +135,7 @@ class Optimum:
             return self
         runs = [e.beginning(rows) for e in self.experiments]
         output = self.variant.output.name
-        simulate = self.estimate.nearby or self.family.simulate
+        simulate = self.solution.simulate_near
         fitted = [
             Simulation.of(e, found, output)
             for e, found in zip(runs, simulate(self.plant, runs), strict=True)
@@ -165,10 +165,10 @@ class Optimum:
 
         ``represented``: with what stands in for noisy inputs in their place.
         """
-        simulate = self.estimate.nearby or self.family.simulate
+        simulate = self.solution.simulate_near
         before = [s.simulated for s in self.series]
-        if represented and self.estimate.represented:
-            simulate, before = self.estimate.represented, self._stand_ins
+        if represented and self.solution.noise.represented:
+            simulate, before = self.solution.noise.represented, self._stand_ins
         found = self._outputs(simulate(plant or self.plant, experiments or self.experiments))
         out = []
         for s, values, old in zip(self.series, found, before, strict=True):
@@ -183,7 +183,7 @@ class Optimum:
     @cached_property
     def _stand_ins(self) -> list[FloatArray]:
         """What the model gives with what stands in for noisy inputs, shape ``(n,)`` each."""
-        represented = self.estimate.represented or self.family.simulate
+        represented = self.solution.noise.represented or self.family.simulate
         return self._outputs(represented(self.plant, self.experiments))
 
     def _outputs(self, found: Sequence[Simulated]) -> list[FloatArray]:
@@ -254,7 +254,7 @@ class Optimum:
 
     def unit(self, name: str) -> str:
         """Unit of a parameter as it follows its value in a text."""
-        return after_number(self.estimate.parameters[name.partition("[")[0]].unit)
+        return after_number(self.solution.parameters[name.partition("[")[0]].unit)
 
     def place(self, series: int, row: int) -> str:
         """Where a used sample stands: log, instant or number, and channel if there are more."""
@@ -287,70 +287,70 @@ def root_mean_square(parts: Sequence[FloatArray]) -> float:
 def make_optimum(
     family: Family[FamilyOptions],
     variant: Variant,
-    estimate: Estimate[FamilyOptions],
+    solution: Solution[FamilyOptions],
     fitted: Sequence[Simulation],
 ) -> Optimum | None:
     """The fit with its derivatives; ``None`` where it has none to be examined by."""
-    names = estimate.covariance_order
+    names = solution.names
     errors = (
-        np.sqrt(np.maximum(np.diag(estimate.covariance), 0.0))
-        if estimate.covariance.size
+        np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
+        if solution.covariance.size
         else np.zeros(0)
     )
-    series, residuals = _series(variant, estimate, fitted)
+    series, residuals = _series(variant, solution, fitted)
     if not names or min((r.size for r in residuals), default=0) < _FEWEST:
         return None
     if not np.all(np.isfinite(errors)) or not np.all(errors > 0.0):
         return None
-    blank = Optimum(family, variant, estimate, fitted, names, errors, series, residuals, ())
-    if not estimate.sensitivity:
-        kept, column = _without_doubles(blank)
-        instruments = _differences(blank, column, represented=True) if estimate.represented else ()
-        return replace(
-            blank,
-            names=tuple(names[k] for k in kept),
-            errors=errors[kept],
-            jacobians=_differences(blank, column),
-            instruments=instruments,
-        )
+    q = next(iter(solution.runs[0].jacobians.values())).shape[1]
+    names, errors = names[:q], errors[:q]
+    column = _places(solution.covariance[:q, :q] / np.outer(errors, errors), errors)
+    kept = [column.index(k) for k in range(max(column) + 1)]
     jacobians = []
     for s in series:
-        output = s.role == variant.output.name
-        j = estimate.sensitivity[s.run] if output else estimate.sensitivity_also[s.run][s.role]
-        j = all_of(j, s.used) if j.shape[0] == s.used.size else j
+        j = _merged(solution.runs[s.run].jacobians[s.role], column)
         jacobians.append(j if s.scale == 1.0 else j / s.scale)
-    if any(j.shape[0] != r.size for j, r in zip(jacobians, residuals)):
-        return None
-    q = jacobians[0].shape[1]
-    return replace(blank, names=names[:q], errors=errors[:q], jacobians=jacobians)
+    instruments = _differences(solution, column) if solution.noise.represented else ()
+    return Optimum(
+        family, variant, solution, fitted, tuple(names[k] for k in kept), errors[kept], series,
+        residuals, jacobians, instruments,
+    )  # fmt: skip
 
 
-def _without_doubles(at: Optimum) -> tuple[list[int], list[int]]:
-    """Which unknowns there are once, and the place of every one among them.
+def _places(correlations: FloatArray, errors: FloatArray) -> list[int]:
+    """Place of every name among the unknowns: two names can stand for one that moves both."""
+    column: list[int] = []
+    for k in range(errors.size):
+        same = (i for i in range(k) if correlations[i, k] > _SAME and errors[i] == errors[k])
+        column.append(next((column[i] for i in same), max(column, default=-1) + 1))
+    return column
 
-    Two names can stand for one unknown that moves both.
-    """
-    c = at.estimate.covariance / np.outer(at.errors, at.errors)
-    kept: list[int] = []
-    column = []
-    for k in range(len(at.names)):
-        same = [i for i in kept if c[i, k] > _SAME and at.errors[i] == at.errors[k]]
-        kept += [] if same else [k]
-        column.append(kept.index(same[0]) if same else len(kept) - 1)
-    return kept, column
+
+def _merged(jacobian: FloatArray, column: Sequence[int]) -> FloatArray:
+    """Derivatives by the unknowns from those by their names."""
+    unknowns = max(column) + 1
+    return jacobian if unknowns == len(column) else jacobian @ np.eye(unknowns)[list(column)]
+
+
+def _differences(solution: Solution[FamilyOptions], column: Sequence[int]) -> list[FloatArray]:
+    """Derivatives of the output with what stands in for noisy inputs in their place."""
+    represented = solution.noise.represented or solution.simulate_near
+    found = differences(
+        represented, solution.plant, solution.runs, solution.names, solution.covariance
+    )
+    return [_merged(j, column) for j in found]
 
 
 def _series(
-    variant: Variant, estimate: Estimate[FamilyOptions], fitted: Sequence[Simulation]
+    variant: Variant, solution: Solution[FamilyOptions], fitted: Sequence[Simulation]
 ) -> tuple[list[Series], list[FloatArray]]:
     """The channels that were fitted, run by run, and their residuals."""
     series, residuals = [], []
     output = variant.output.name
     for run, s in enumerate(fitted):
         channels = {output: (s.measured, s.simulated, s.residual)}
-        if estimate.sensitivity_also:
-            fits = estimate.sensitivity_also[run]
-            channels |= {r: (y, x, y - x) for r, (y, x) in s.others.items() if r in fits}
+        fits = solution.runs[run].jacobians
+        channels |= {r: (y, x, y - x) for r, (y, x) in s.others.items() if r in fits}
         for role, (measured, simulated, residual) in channels.items():
             used = where_finite(measured)
             level = role == output and s.offset is not None
@@ -364,43 +364,6 @@ def _series(
         size[role] = float(np.sqrt(np.mean(every**2))) or 1.0
     scaled = [replace(s, scale=size[s.role]) for s in series]
     return scaled, [r / s.scale for s, r in zip(scaled, residuals)]
-
-
-def _differences(at: Optimum, column: Sequence[int], represented: bool = False) -> list[FloatArray]:
-    """Derivatives of the output by central differences of simulations, ``(n_i, q)``.
-
-    ``column`` is the one that the derivative by every parameter belongs to.
-    """
-    # of long records each derivative lies together: they are filled in one by one
-    out = [
-        np.zeros((r.size, max(column) + 1), order="F" if r.size > BLOCK_ROWS else "C")
-        for r in at.residuals
-    ]
-    for name, error, k in zip(at.names, at.errors, column):
-        ends = [
-            at.change(plant=moved(at.plant, name, s * _STEP * error), represented=represented)
-            for s in (1.0, -1.0)
-        ]
-        for j, up, down in zip(out, *ends, strict=True):
-            up -= down
-            up /= 2.0 * _STEP * error
-            j[:, k] += up
-        del ends, up, down  # of a long log not to be kept beside the next
-    return out
-
-
-def number(plant: Plant[FamilyOptions], name: str) -> float:
-    """Value of a plant, or one entry of a list, ``levels[2]`` [SI]."""
-    key, _, index = name.partition("[")
-    return float(np.ravel(plant.values[key])[int(index.rstrip("]") or 0)])
-
-
-def moved(plant: Plant[FamilyOptions], name: str, by: float) -> Plant[FamilyOptions]:
-    """The same with a value moved; ``name`` may be an entry of a list, ``levels[2]``."""
-    key, _, index = name.partition("[")
-    entries = np.array(plant.values[key], dtype=float)
-    entries.flat[int(index.rstrip("]") or 0)] += by
-    return replace(plant, values={**plant.values, key: entries.tolist()})
 
 
 def delayed(experiment: Experiment, role: str, by: float) -> Experiment:

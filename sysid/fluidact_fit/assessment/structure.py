@@ -22,7 +22,7 @@ from ..errors import Notice
 from ..estimation.noise import noise_floor
 from ..estimation.recursion import run_recursion
 from ..experiment import FloatArray, Signal, all_of
-from ..family import Departure, ParameterSpec
+from ..family import ParameterSpec, UnmodelledEffect
 from ..options import describe
 from ..rows import blocks, by_rows
 from ..units import after_number, as_share
@@ -85,7 +85,7 @@ def _terms(at: Optimum) -> Iterator[Term]:
     """What is always there: what the family offers, delays, lags, shapes."""
     runs = at.experiments
     yield from _offered(at)
-    yield from _departures(at)
+    yield from _unmodelled(at)
     if not all(e.time.size for e in runs):
         return
     step = min(e.sample_time for e in runs)
@@ -161,7 +161,7 @@ def _beside(name: str, signal: Signal, size: float) -> str:
 def _offered(at: Optimum) -> Iterator[Term]:
     """Parameters of the family that were not estimated."""
     freed = {o.frees: o for o in describe(at.family.options_type) if o.frees}
-    parameters = at.estimate.parameters
+    parameters = at.solution.parameters
     given = [n for n, q in parameters.items() if q.status == "fixed" and isinstance(q.value, float)]
     for name in dict.fromkeys((*given, *(n for n in freed if n not in parameters))):
         spec = at.variant.parameter(name)
@@ -185,12 +185,12 @@ def _offered(at: Optimum) -> Iterator[Term]:
         )  # fmt: skip
 
 
-def _departures(at: Optimum) -> Iterator[Term]:
+def _unmodelled(at: Optimum) -> Iterator[Term]:
     """What a machine of this family may do that no parameter stands for."""
     if at.instruments:
         return  # the inputs are noisy, and what stands in for them is not known here
-    for d in at.family.departures(at.plant):
-        found = d.response(at.experiments, at.estimate.nearby or at.family.simulate)
+    for d in at.family.unmodelled_effects(at.plant):
+        found = d.response(at.experiments, at.solution.simulate_near)
         if not any(found):
             continue  # not known of these runs
         columns = [
@@ -204,7 +204,7 @@ def _departures(at: Optimum) -> Iterator[Term]:
         yield Term(d.name, unit, words, d.remedy, columns, positive=d.positive)
 
 
-def _departed(departure: Departure, size: float) -> str:
+def _departed(departure: UnmodelledEffect, size: float) -> str:
     if departure.positive and size < 0.0:
         return _impossible(departure.name, size, departure.unit)
     return departure.words

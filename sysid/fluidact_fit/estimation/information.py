@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..experiment import FloatArray
-from ..family import Information
+from ..specification import Information
 from .least_squares import project_out
 from .named_model import NamedModel, Values
 from .problem import Basis, differentiate

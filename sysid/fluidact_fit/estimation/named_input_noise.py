@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
-from ..family import NoiseLevel
+from ..specification import NoiseLevel
 from .input_noise import Corrected, InputNoise, correct
 from .parametric import Fitted
 from .problem import Problem

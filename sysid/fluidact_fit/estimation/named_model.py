@@ -10,7 +10,8 @@ import numpy as np
 
 from ..errors import UsageError
 from ..experiment import Array, FloatArray
-from ..family import FamilyOptions, ParameterSpec, Request
+from ..options import FamilyOptions
+from ..specification import ParameterSpec, Request
 from ..units import after_number
 from .problem import Basis, Problem, Slopes, Solution, Unknown
 from .uncertainty import Uncertainty, covariance, score_covariance

@@ -15,8 +15,9 @@ import numpy as np
 
 from ..errors import Notice
 from ..experiment import Experiment, FloatArray
-from ..family import FamilyOptions, NoiseLevel, ParameterSpec, Request
+from ..options import FamilyOptions
 from ..rows import by_rows, square_sum
+from ..specification import NoiseLevel, ParameterSpec, Request
 from ..units import after_number, as_share
 from .agreement_of_logs import Drift, compare_logs
 from .blocks import condensed

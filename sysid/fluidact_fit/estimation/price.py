@@ -57,6 +57,16 @@ def counting(samples: int) -> Iterator[Price]:
         _price.reset(token)
 
 
+@contextmanager
+def uncounted() -> Iterator[None]:
+    """Count no simulations: those that describe a finished search are none of it."""
+    token = _price.set(None)
+    try:
+        yield
+    finally:
+        _price.reset(token)
+
+
 def simulated(samples: float | None = None, passes: int = 1) -> None:
     """Count passes of a model over so many samples, all of them by default, where anyone counts.
 

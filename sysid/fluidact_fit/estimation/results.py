@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import Notice, NotIdentifiedError
 from ..experiment import FloatArray
-from ..family import ParameterSpec, Quantity
+from ..specification import ParameterSpec, Quantity
 from ..units import after_number
 from .profile_likelihood import Interval
 from .uncertainty import t_quantile

@@ -16,8 +16,8 @@ import numpy as np
 
 from ..errors import Notice, NotIdentifiedError, UsageError
 from ..experiment import Experiment, FloatArray
-from ..family import Departure, ParameterSpec, Simulate
 from ..options import choice
+from ..specification import ParameterSpec, Simulate, UnmodelledEffect
 from .price import simulated
 from .results import Refusal, Solved
 
@@ -83,12 +83,12 @@ def rise_words(values: Mapping[str, Any], sign: str, speed: str = "v") -> str:
 
 def another_fall(
     response: Callable[[Sequence[Experiment], Simulate], Sequence[Mapping[str, FloatArray]]],
-) -> Departure:
+) -> UnmodelledEffect:
     """Friction that falls off from rest as ``exp(-(v / stribeck_speed)^m)``, ``m`` less than 2.
 
     ``response`` has the derivatives by ``-m``.
     """
-    return Departure(
+    return UnmodelledEffect(
         "fall of friction",
         "friction falls off from rest otherwise than as exp(-(v / stribeck_speed)^2)",
         "The levels at rest and stribeck_speed depend on the shape that is supposed: use them "

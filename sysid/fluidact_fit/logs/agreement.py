@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ..errors import Notice, UnitError
-from ..family import Variant
+from ..specification import Variant
 from ..units import (
     conversion_factor,
     dimension_name,

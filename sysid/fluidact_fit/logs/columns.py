@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import LogError, Notice, UsageError, closest
 from ..experiment import is_finite
-from ..family import Role
+from ..specification import Role
 from ..units import conversion_factor, same_dimension, unit_within, without_size
 from .carry import find_carry
 from .log import Column, Log

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import LogError, Notice
 from ..experiment import Experiment
-from ..family import Role
+from ..specification import Role
 from ..units import conversion_factor, same_dimension
 from .checks import check_placeholders, check_sampling, smallest_step
 from .columns import TIME, Binding, bind_role, time_candidate

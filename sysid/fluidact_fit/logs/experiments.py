@@ -10,8 +10,8 @@ import numpy as np
 
 from ..errors import LogError, Notice, UsageError
 from ..experiment import Experiment, Signal, at_rows
-from ..family import Role, Variant
 from ..options import plausible
+from ..specification import Role, Variant
 from ..units import conversion_factor
 from .agreement import absolute_notice, overridden_notice, require_agreement
 from .checks import check_sampling, check_signals, find_suspects, smallest_step

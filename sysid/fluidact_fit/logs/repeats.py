@@ -10,8 +10,8 @@ import numpy as np
 
 from ..errors import LogError, Notice
 from ..experiment import Experiment, FloatArray, where_changed
-from ..family import Variant
 from ..rows import blocks
+from ..specification import Variant
 from .columns import Binding
 from .log import Log
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from ..errors import Notice
 from ..experiment import BoolArray, Experiment, FloatArray, IndexArray, Signal
-from ..family import Variant
 from ..rows import blocks, median_of
+from ..specification import Variant
 from .log import count_of
 
 _FARTHER = 5.0  # times the largest other jump of the record

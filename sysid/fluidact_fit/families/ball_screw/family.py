@@ -31,8 +31,6 @@ from ...estimation.information import sensitivity
 from ...estimation.inputs import settled_hold
 from ...experiment import Experiment, Hold
 from ...family import (
-    Departure,
-    Estimate,
     Excitation,
     Family,
     Information,
@@ -42,6 +40,8 @@ from ...family import (
     Request,
     Role,
     Simulated,
+    Solution,
+    UnmodelledEffect,
     Variant,
 )
 from .block import DriveBlock
@@ -121,9 +121,9 @@ class BallScrew(Family[BallScrewOptions]):
         variant: Variant,
         experiments: Sequence[Experiment],
         request: Request[BallScrewOptions],
-    ) -> Estimate[BallScrewOptions]:
+    ) -> Solution[BallScrewOptions]:
         """Fit inertia and friction in three stages; see :meth:`Family.estimate`."""
-        return fit_drive(variant, experiments, request)
+        return fit_drive(variant, experiments, request, self.simulate)
 
     def simulate(
         self,
@@ -160,8 +160,8 @@ class BallScrew(Family[BallScrewOptions]):
             section["discrete"] = {"sample_time": sample_time, "hold": "zoh"}
         return section
 
-    def departures(self, plant: Plant[BallScrewOptions]) -> Sequence[Departure]:
-        """Another fall from static to kinetic friction; see :meth:`Family.departures`."""
+    def unmodelled_effects(self, plant: Plant[BallScrewOptions]) -> Sequence[UnmodelledEffect]:
+        """Another fall from static to kinetic friction; see :meth:`Family.unmodelled_effects`."""
         values = plant.numbers
         return [fall_of(axis_of(plant.variant), values)] if values.get(SPEED) else []
 

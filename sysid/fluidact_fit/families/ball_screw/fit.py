@@ -11,7 +11,7 @@ import numpy as np
 from ...estimation.named_model import check_request
 from ...estimation.parametric import Fitted, fit_named
 from ...experiment import Experiment, FloatArray
-from ...family import Estimate, Request, Variant
+from ...family import NoiseModel, Request, Simulate, Solution, Variant, make_solution
 from .beyond import (
     BEYOND_HELP,
     DECISIVE,
@@ -55,8 +55,11 @@ _KNOWN = 0.02  # of a kinetic level, to which a drive in lost rows has to be kno
 
 
 def fit_drive(
-    variant: Variant, experiments: Sequence[Experiment], request: Request[BallScrewOptions]
-) -> Estimate[BallScrewOptions]:
+    variant: Variant,
+    experiments: Sequence[Experiment],
+    request: Request[BallScrewOptions],
+    simulate: Simulate,
+) -> Solution[BallScrewOptions]:
     """Fit inertia and friction of a drive, in three stages; see :meth:`.Family.estimate`."""
     check_request(variant.parameters, request)
     axis = axis_of(variant)
@@ -68,7 +71,7 @@ def fit_drive(
             # a search that began beside a static level may never have broken away there
             again = _levels_and_forces(with_high_levels(stage), request)
             ready = ready if again.beyond else again
-        return _finish(_fit_position(variant, ready, request), variant, request)
+        return _finish(_fit_position(variant, ready, request), variant, request, simulate)
     units = variant.parameter(SPEED).unit, variant.parameter("coulomb_positive").unit
     refusal = without_level(stage)
     if refusal is None:
@@ -82,10 +85,10 @@ def fit_drive(
         found = _fit_position(variant, curved, request)
         refusal = undetermined(found.fitted, fastest(experiments, axis), *units)
     if refusal is None:
-        return _finish(found, variant, request)
+        return _finish(found, variant, request, simulate)
     plain = replace(without_idle_levels(stage), names=(*stage.names, SPEED)).refuse(refusal)
     found = _fit_position(variant, _levels_and_forces(plain, request), request)
-    return _finish(found, variant, request)
+    return _finish(found, variant, request, simulate)
 
 
 @dataclass(frozen=True)
@@ -139,8 +142,11 @@ def _fit_position(variant: Variant, ready: _Ready, request: Request[BallScrewOpt
 
 
 def _finish(
-    found: _Found, variant: Variant, request: Request[BallScrewOptions]
-) -> Estimate[BallScrewOptions]:
+    found: _Found,
+    variant: Variant,
+    request: Request[BallScrewOptions],
+    simulate: Simulate,
+) -> Solution[BallScrewOptions]:
     """What stands in the file: levels for excesses, errors of the drive, and what to say."""
     stage, drive, beyond = found.ready.stage, found.drive, found.ready.beyond
     experiments = stage.experiments
@@ -159,15 +165,19 @@ def _finish(
         *warn_of_held_noise(stage.axis, experiments),
         *([beyond_notice(parameters)] if beyond else []),
     ]
-    return Estimate(
+    options = replace(request.options, compared="derivatives" if beyond else "position")
+    return make_solution(
+        simulate,
+        experiments,
+        variant,
+        options,
         parameters,
-        derived_numbers(solved, stage.axis.inertia, variant.role(stage.axis.drive).unit),
         order,
-        covariance,
-        replace(request.options, compared="derivatives" if beyond else "position"),
-        notices,
-        {**fitted.details(), **table, "stages": ["inverse dynamics", "increments", last]},
-        fitted.sensitivity(),
+        NoiseModel(covariance, solved.degrees),
+        jacobians=[{variant.output.name: j} for j in fitted.sensitivity()],
+        derived=derived_numbers(solved, stage.axis.inertia, variant.role(stage.axis.drive).unit),
+        notices=notices,
+        details={**fitted.details(), **table, "stages": ["inverse dynamics", "increments", last]},
     )
 
 

@@ -25,7 +25,7 @@ from ...estimation.separable import solve
 from ...estimation.stribeck import EXPONENT, another_fall
 from ...estimation.uncertainty import covariance, t_quantile
 from ...experiment import Experiment, FloatArray
-from ...family import Departure, FamilyOptions, Quantity, Request, Simulate
+from ...family import FamilyOptions, Quantity, Request, Simulate, UnmodelledEffect
 from .brackets import Bracket, levels_above
 from .model import (
     BREAKAWAY,
@@ -82,7 +82,7 @@ def with_curve(stage: Stage, request: Request[FamilyOptions]) -> Stage:
     return replace(stage, names=names, unknowns=unknowns, start=start)
 
 
-def fall_of(axis: Axis, values: Mapping[str, float]) -> Departure:
+def fall_of(axis: Axis, values: Mapping[str, float]) -> UnmodelledEffect:
     """Another fall of friction; the derivative goes through the events."""
 
     def response(

@@ -51,18 +51,20 @@ from ...estimation.stribeck import STRIBECK, rise_words, stribeck_specs
 from ...experiment import Experiment, Hold
 from ...family import (
     Curve,
-    Estimate,
     Excitation,
     Family,
     Information,
+    NoiseModel,
     ParameterDocument,
     ParameterSpec,
     Plant,
     Request,
     Role,
     Simulated,
+    Solution,
     StaticView,
     Variant,
+    make_solution,
 )
 from ...mechanics.friction_law import FrictionLaw
 from ...parameters.problems import find_entries
@@ -173,7 +175,7 @@ class CylinderFriction(Family[FrictionOptions]):
         variant: Variant,
         experiments: Sequence[Experiment],
         request: Request[FrictionOptions],
-    ) -> Estimate[FrictionOptions]:
+    ) -> Solution[FrictionOptions]:
         """Fit levels and viscous friction; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         data, options = prepare(variant, experiments, request.options)
@@ -196,9 +198,10 @@ class CylinderFriction(Family[FrictionOptions]):
             "stroke_ends": smooth - count_kept(fit.data),
         }
         parameters, order, matrix = fit.solved.quantities(variant.parameters)
-        return Estimate(
-            parameters, fit.derived(), order, matrix, fit.options, notices,
-            fit_details(fit, counts), independent=fit.solved.independent,
+        noise = NoiseModel(matrix, fit.solved.degrees, fit.solved.independent)
+        return make_solution(
+            self.simulate, experiments, variant, fit.options, parameters, order, noise,
+            derived=fit.derived(), notices=notices, details=fit_details(fit, counts),
         )  # fmt: skip
 
     def simulate(

@@ -42,15 +42,17 @@ from ...errors import UsageError
 from ...estimation.named_model import check_request
 from ...experiment import Experiment, Hold
 from ...family import (
-    Estimate,
     Family,
+    NoiseModel,
     ParameterDocument,
     ParameterSpec,
     Plant,
     Request,
     Simulated,
+    Solution,
     StaticView,
     Variant,
+    make_solution,
 )
 from .block import ForceMapBlock, branch_curves
 from .certificates import certificate_notice, certify
@@ -108,7 +110,7 @@ class ForceMap(Family[ForceMapOptions]):
 
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[ForceMapOptions]
-    ) -> Estimate[ForceMapOptions]:
+    ) -> Solution[ForceMapOptions]:
         """Train the network; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         if request.fixed or request.start or request.bounds:
@@ -118,19 +120,21 @@ class ForceMap(Family[ForceMapOptions]):
             )
         fit, options = fit_network(experiments, request)
         certificate = certify(fit.map, fit.data)
-        return Estimate(
-            file_parameters(fit),
-            {},
-            (),
-            np.zeros((0, 0)),
+        return make_solution(
+            self.simulate,
+            experiments,
+            variant,
             options,
-            [
+            file_parameters(fit),
+            (),  # no covariance: what the weights of a network are, others may be as well
+            NoiseModel(np.zeros((0, 0)), int(fit.data.used.sum())),
+            notices=[
                 *data_notices(fit.data),
                 *certificate_notice(certificate, fit.data, options.driver, options.target),
                 *spike_notice(fit),
                 *validation_notices(fit),
             ],
-            fit_details(fit, certificate, options),
+            details=fit_details(fit, certificate, options),
         )
 
     def simulate(

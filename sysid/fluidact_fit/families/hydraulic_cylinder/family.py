@@ -48,15 +48,14 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice, NotIdentifiedError
-from ...estimation.departures import soft_edges
 from ...estimation.named_model import check_request
 from ...estimation.results import refuse
 from ...estimation.stribeck import another_fall, free_names, rise_words, stribeck_specs
+from ...estimation.unmodelled_effects import soft_edges
 from ...experiment import Experiment, Hold
 from ...family import (
-    Departure,
-    Estimate,
     Family,
+    NoiseModel,
     ParameterDocument,
     ParameterSpec,
     Plant,
@@ -64,8 +63,11 @@ from ...family import (
     Request,
     Role,
     Simulated,
+    Solution,
     StaticView,
+    UnmodelledEffect,
     Variant,
+    make_solution,
     scalars,
 )
 from .block import HydraulicBlock
@@ -76,7 +78,7 @@ from .nearby import fall_slopes
 from .networks import LAYERS, NETWORKS, fit_networks, flow_view
 from .options import HydraulicCylinderOptions
 from .regression import GAIN_UNIT, directional_gains, fit_flow, fit_friction, friction_levels
-from .simulation import simulate_run
+from .simulation import simulate_runs
 
 _SLOWEST = 2.5e-3  # s: at slower sampling the pressure resonance cannot be followed
 _GAIN_REMEDY = "Record strokes at two commands or more, each held until the speed settles."
@@ -176,7 +178,7 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         variant: Variant,
         experiments: Sequence[Experiment],
         request: Request[HydraulicCylinderOptions],
-    ) -> Estimate[HydraulicCylinderOptions]:
+    ) -> Solution[HydraulicCylinderOptions]:
         """Fit the cylinder; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         case = make_case(variant, experiments, request)
@@ -192,7 +194,6 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         return replace(
             found,
             parameters={**found.parameters, **layers},
-            options=replace(found.options, window=case.window, rest_position=case.rest_position),
             details={**found.details, **({"comparisons": tables} if tables else {})},
         )
 
@@ -203,7 +204,7 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         offset: float | None = None,
     ) -> list[Simulated]:
         """Position from the command, or from command and pressure; see :meth:`Family.simulate`."""
-        return [simulate_run(e, plant.numbers, plant.options) for e in experiments]
+        return simulate_runs(plant, experiments)
 
     def static_view(
         self,
@@ -217,8 +218,10 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         case = make_case(plant.variant, experiments, Request(plant.options))
         return flow_view(case, plant.values)
 
-    def departures(self, plant: Plant[HydraulicCylinderOptions]) -> Sequence[Departure]:
-        """Soft edges, another fall of friction from rest; see :meth:`Family.departures`."""
+    def unmodelled_effects(
+        self, plant: Plant[HydraulicCylinderOptions]
+    ) -> Sequence[UnmodelledEffect]:
+        """Soft edges, another fall of friction from rest; see :meth:`Family.unmodelled_effects`."""
         if plant.options.stage != "gray-box":
             return []
         low, high = (plant.numbers[edge] for edge in EDGES)
@@ -271,7 +274,7 @@ def _stage(case: Case) -> str:
     return stage
 
 
-def _by_gray_box(case: Case) -> Estimate[HydraulicCylinderOptions] | None:
+def _by_gray_box(case: Case) -> Solution[HydraulicCylinderOptions] | None:
     """All states; None where the equations cannot follow the logs at all."""
     try:
         return fit_gray(case)
@@ -294,7 +297,7 @@ def _left_out(case: Case) -> Notice:
 
 def _by_flow_balance(
     case: Case, stage: str, notices: Sequence[Notice] = ()
-) -> Estimate[HydraulicCylinderOptions]:
+) -> Solution[HydraulicCylinderOptions]:
     """Flow balance over windows, friction beside it; ``notices`` come first."""
     from scipy.linalg import block_diag
 
@@ -329,10 +332,14 @@ def _by_flow_balance(
         if i not in case.chambers
     ]
     gains = directional_gains(case, {n: q.number for n, q in parameters.items()})
-    return Estimate(
-        parameters, {**friction_levels(case), **gains}, order, matrix,
-        replace(case.options, stage=stage), notices,
-        {
+    options = replace(
+        case.options, stage=stage, window=case.window, rest_position=case.rest_position
+    )
+    return make_solution(
+        simulate_runs, case.experiments, case.variant, options, parameters, order,
+        NoiseModel(matrix, first.degrees), derived={**friction_levels(case), **gains},
+        notices=notices,
+        details={
             "method": "flow balance over windows",
             "windows": sum(w.first.size for w in case.windows),
             "covariance": first.details()["covariance"],

@@ -14,7 +14,7 @@ from ...estimation.results import Refusal, Solved, determine, left_open, refuse
 from ...estimation.stribeck import STRIBECK, free_names, undetermined
 from ...estimation.uncertainty import enlarge
 from ...experiment import Experiment, FloatArray
-from ...family import Estimate, Quantity
+from ...family import NoiseModel, Quantity, Solution, make_solution
 from ...mechanics.friction_law import FrictionLaw
 from .case import PART, Case
 from .command_noise import command_noise
@@ -25,6 +25,7 @@ from .gray_search import GrayProblem, GraySolution, moving_speeds, solve_gray_bo
 from .nearby import Nearby
 from .options import HydraulicCylinderOptions
 from .regression import begin_flow, directional_gains, fit_friction, not_shown, sensible_widths
+from .simulation import simulate_runs
 
 _MARGIN = 1.5  # by which friction may fall more steeply than where the search for it ended
 _RISE = 4_000  # samples in which a Stribeck rise is looked for
@@ -169,7 +170,7 @@ def _solved(solution: GraySolution) -> Solved:
     return Solved(solution.values, names, matrix, solution.uncertainty.degrees)
 
 
-def fit_gray(case: Case) -> Estimate[HydraulicCylinderOptions]:
+def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
     """Output error of pressures and position, refusing what the data do not determine."""
     search = _Search(case)
     fixed = {n: float(v) for n, v in case.request.fixed.items() if n in THETA}
@@ -197,23 +198,22 @@ def fit_gray(case: Case) -> Estimate[HydraulicCylinderOptions]:
     parameters, order, matrix = solved.quantities(case.variant.parameters)
     sigma = solution.problem.sigma.tolist()
     options = replace(
-        case.options, stage="gray-box",
+        case.options, stage="gray-box", window=case.window, rest_position=case.rest_position,
         residual_pressure_1=sigma[0], residual_pressure_2=sigma[1], residual_position=sigma[2],
     )  # fmt: skip
     gains = directional_gains(case, {n: q.number for n, q in parameters.items()})
-    slopes = _slopes(solution)
-    return Estimate(
-        parameters, {**gains, **_resonance(case, solved)}, order, matrix, options, notices,
-        {
+    return make_solution(
+        simulate_runs, case.experiments, case.variant, options, parameters, order,
+        NoiseModel(matrix, solved.degrees), jacobians=_slopes(solution),
+        simulate_near=Nearby(solution), derived={**gains, **_resonance(case, solved)},
+        notices=notices,
+        details={
             "method": "gray-box output error of pressures and position (multiple shooting)",
             "iterations": solution.iterations,
             "converged": solution.converged,
             "covariance": "long-run variance of the scores",
             "command_noise": noise,
         },
-        sensitivity=[s.pop("position") for s in slopes],
-        sensitivity_also=slopes,
-        nearby=Nearby(solution),
     )  # fmt: skip
 
 

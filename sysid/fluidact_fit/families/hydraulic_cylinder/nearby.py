@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from ...estimation.departures import slopes
 from ...estimation.least_squares import orthonormal, without
 from ...estimation.stribeck import EXPONENT, with_speed
+from ...estimation.unmodelled_effects import slopes
 from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulate, Simulated
 from .case import read_machine

@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import LogError, UsageError
 from ...estimation.named_model import Values
 from ...experiment import Experiment, FloatArray, Signal
-from ...family import Simulated
+from ...family import Plant, Simulated
 from ...mechanics.friction_law import FrictionLaw
 from .case import check_volumes, read_machine
 from .equations import Machine, gray_values, mean_flow
@@ -24,6 +24,13 @@ from .options import HydraulicCylinderOptions
 from .windows import cut_windows
 
 _NAME = "hydraulic-cylinder"
+
+
+def simulate_runs(
+    plant: Plant[HydraulicCylinderOptions], experiments: Sequence[Experiment]
+) -> list[Simulated]:
+    """Simulate runs with the numbers and options of a fit."""
+    return [simulate_run(e, plant.numbers, plant.options) for e in experiments]
 
 
 def simulate_run(e: Experiment, values: Values, options: HydraulicCylinderOptions) -> Simulated:

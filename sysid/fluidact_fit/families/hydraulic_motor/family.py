@@ -9,22 +9,24 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice, UsageError
-from ...estimation.departures import soft_edges
 from ...estimation.discrete import discretise
 from ...estimation.named_model import Values, check_request
 from ...estimation.parametric import Fitted
+from ...estimation.unmodelled_effects import soft_edges
 from ...experiment import Experiment, Hold
 from ...family import (
-    Departure,
-    Estimate,
     Family,
+    NoiseModel,
     ParameterDocument,
     ParameterSpec,
     Plant,
     Request,
     Role,
     Simulated,
+    Solution,
+    UnmodelledEffect,
     Variant,
+    make_solution,
 )
 from .block import MotorBlock
 from .command import command_noise, held_levels
@@ -96,7 +98,7 @@ class HydraulicMotor(Family[MotorOptions]):
 
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[MotorOptions]
-    ) -> Estimate[MotorOptions]:
+    ) -> Solution[MotorOptions]:
         """Fit curve, hysteresis and lag; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         _check_dead_time(experiments, request)
@@ -116,16 +118,24 @@ class HydraulicMotor(Family[MotorOptions]):
             int(np.sum(np.abs(e["speed"] - m) > limit))
             for e, m in zip(experiments, fitted.solution.simulate())
         ]
-        return Estimate(
+        settled = replace(
+            request.options, residual_limit=limit, command_noise=noise if levels else None
+        )
+        unit = experiments[0].units["speed"]
+        return make_solution(
+            self.simulate,
+            experiments,
+            variant,
+            settled,
             parameters,
-            fitted.derive({"saturation_speed": experiments[0].units["speed"]}, _saturation_speed),
             order,
-            matrix,
-            replace(request.options, residual_limit=limit, command_noise=noise if levels else None),
-            [*notices, *fitted.notices],
-            {**fitted.details(), "samples_of_less_weight": counts},
-            [j / w[:, None] for j, w in zip(fitted.sensitivity(), found.weights)],
-            independent=fitted.independent,
+            NoiseModel(matrix, fitted.degrees, fitted.independent),
+            jacobians=[
+                {"speed": j / w[:, None]} for j, w in zip(fitted.sensitivity(), found.weights)
+            ],
+            derived=fitted.derive({"saturation_speed": unit}, _saturation_speed),
+            notices=[*notices, *fitted.notices],
+            details={**fitted.details(), "samples_of_less_weight": counts},
         )
 
     def simulate(
@@ -140,8 +150,8 @@ class HydraulicMotor(Family[MotorOptions]):
         experiments = (held_levels(experiments, noise) if noise else None) or experiments
         return [simulate_run(e, plant.numbers, limit, offset) for e in experiments]
 
-    def departures(self, plant: Plant[MotorOptions]) -> Sequence[Departure]:
-        """Soft edges of the dead zone; see :meth:`Family.departures`."""
+    def unmodelled_effects(self, plant: Plant[MotorOptions]) -> Sequence[UnmodelledEffect]:
+        """Soft edges of the dead zone; see :meth:`Family.unmodelled_effects`."""
         edge = plant.numbers["dead_zone"]
         return [soft_edges(plant, "command", (-edge, edge))]
 

@@ -30,9 +30,9 @@ from ...estimation.named_model import check_request
 from ...experiment import Experiment, Hold, where_both
 from ...family import (
     Curve,
-    Estimate,
     Excitation,
     Family,
+    NoiseModel,
     ParameterDocument,
     ParameterSpec,
     Plant,
@@ -40,8 +40,10 @@ from ...family import (
     Request,
     Role,
     Simulated,
+    Solution,
     StaticView,
     Variant,
+    make_solution,
 )
 from .block import PotentiometerBlock
 from .calibration import Calibration
@@ -118,7 +120,7 @@ class Potentiometer(Family[PotentiometerOptions]):
         variant: Variant,
         experiments: Sequence[Experiment],
         request: Request[PotentiometerOptions],
-    ) -> Estimate[PotentiometerOptions]:
+    ) -> Solution[PotentiometerOptions]:
         """Fit the curve; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         data, options, notices = prepare(experiments, request.options)
@@ -150,18 +152,25 @@ class Potentiometer(Family[PotentiometerOptions]):
             parameters["hysteresis_dead_band"] = Quantity(
                 band, data.unit, "fixed" if given else "derived"
             )
-        return Estimate(
-            {s.name: parameters[s.name] for s in variant.parameters if s.name in parameters},
-            derived_quantities(fit, spread, scaled),
+        ordered = [s.name for s in variant.parameters if s.name in parameters]
+        settled = replace(
+            options,
+            degree=str(fit.shape.degree),
+            monotone=fit.monotone if options.monotone is None else options.monotone,
+            dead_band=band,
+        )
+        slopes = sensitivity(fit, spread, scaled, [e.sampled("reading") for e in experiments])
+        return make_solution(
+            self.simulate,
+            experiments,
+            variant,
+            settled,
+            {name: parameters[name] for name in ordered},
             order,
-            matrix,
-            replace(
-                options,
-                degree=str(fit.shape.degree),
-                monotone=fit.monotone if options.monotone is None else options.monotone,
-                dead_band=band,
-            ),
-            [
+            NoiseModel(matrix, spread.degrees, spread.independent),
+            jacobians=[{variant.output.name: j} for j in slopes],
+            derived=derived_quantities(fit, spread, scaled),
+            notices=[
                 *notices,
                 *turned,
                 *unsure,
@@ -170,9 +179,7 @@ class Potentiometer(Family[PotentiometerOptions]):
                 *misfit_notice(misfit, scaled, data.unit),
                 *direction_notice(fit, partial(free_jacobian, fit, scaled), scaled, data),
             ],
-            fit_details(fit, spread, scores, scaled),
-            sensitivity(fit, spread, scaled, [e.sampled("reading") for e in experiments]),
-            independent=spread.independent,
+            details=fit_details(fit, spread, scores, scaled),
         )
 
     def simulate(

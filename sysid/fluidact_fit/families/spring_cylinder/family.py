@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 
 from ...errors import Notice, NotIdentifiedError, UsageError
-from ...estimation.departures import slopes
 from ...estimation.named_model import check_request
 from ...estimation.stribeck import rise_words, stribeck_specs, with_speed
+from ...estimation.unmodelled_effects import slopes
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
     Curve,
-    Departure,
-    Estimate,
     Family,
+    NoiseModel,
     ParameterDocument,
     ParameterSpec,
     Plant,
@@ -29,8 +28,11 @@ from ...family import (
     Role,
     Simulate,
     Simulated,
+    Solution,
     StaticView,
+    UnmodelledEffect,
     Variant,
+    make_solution,
 )
 from .block import SpringCylinderBlock
 from .columns import fitted_velocities, input_noise, instrumented
@@ -104,7 +106,7 @@ class SpringCylinder(Family[SpringOptions]):
 
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[SpringOptions]
-    ) -> Estimate[SpringOptions]:
+    ) -> Solution[SpringOptions]:
         """Solve the regression; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         if request.bounds or request.start:
@@ -131,13 +133,18 @@ class SpringCylinder(Family[SpringOptions]):
                 lambda v: {"hysteresis_width": v[LEVELS[0]] + v[LEVELS[1]]},
             )
         settled = replace(options, spike=found.spike)
-        return Estimate(
-            parameters, derived, order, matrix, settled,
-            [*notices, *_remarks(found, samples)], _details(found, runs, options.settle),
-            nearby=_Nearby(runs, settled),
-            represented=_simulate_represented if found.instrumented else None,
-            input_noise=input_noise(variant, runs) if found.instrumented else {},
-            independent=solved.independent,
+        noise = NoiseModel(matrix, solved.degrees, solved.independent)
+        if found.instrumented:
+            noise = replace(
+                noise,
+                inputs=input_noise(variant, runs),
+                represented=_simulate_represented,
+            )
+        return make_solution(
+            self.simulate, experiments, variant, settled, parameters, order, noise,
+            simulate_near=_Nearby(runs, settled), derived=derived,
+            notices=[*notices, *_remarks(found, samples)],
+            details=_details(found, runs, options.settle),
         )  # fmt: skip
 
     def simulate(
@@ -149,10 +156,10 @@ class SpringCylinder(Family[SpringOptions]):
         """Force from command or pressure and motion; see :meth:`Family.simulate`."""
         return _simulate(plant, prepare(plant.variant, experiments, plant.options)[0])
 
-    def departures(self, plant: Plant[SpringOptions]) -> Sequence[Departure]:
-        """Viscous friction of its own for every direction; see :meth:`Family.departures`."""
+    def unmodelled_effects(self, plant: Plant[SpringOptions]) -> Sequence[UnmodelledEffect]:
+        """Viscous friction by direction; see :meth:`Family.unmodelled_effects`."""
         return [
-            Departure(
+            UnmodelledEffect(
                 "viscous friction by direction",
                 "viscous friction differs between extending and retracting",
                 "The value is a mean of both: fit strokes of one direction by themselves "
@@ -255,7 +262,7 @@ class _Nearby:
 def _simulate_represented(
     plant: Plant[SpringOptions], experiments: Sequence[Experiment]
 ) -> list[Simulated]:
-    """The force by the instruments of noisy columns; see :attr:`.Estimate.represented`."""
+    """The force by the instruments of noisy columns; see :attr:`.NoiseModel.represented`."""
     runs, _ = prepare(plant.variant, experiments, plant.options)
     return _simulate(plant, [instrumented(d) for d in runs])
 

@@ -15,27 +15,29 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.departures import soft_edges
 from ...estimation.discrete import discretise
 from ...estimation.information import sensitivity
 from ...estimation.named_model import Values, bind, check_request, make_unknowns
 from ...estimation.parametric import Fitted
 from ...estimation.problem import Unknown
 from ...estimation.results import Refusal
+from ...estimation.unmodelled_effects import soft_edges
 from ...experiment import Experiment, FloatArray, Hold
 from ...family import (
-    Departure,
-    Estimate,
     Excitation,
     Family,
     FamilyOptions,
     Information,
+    NoiseModel,
     ParameterDocument,
     Plant,
     Quantity,
     Request,
     Simulated,
+    Solution,
+    UnmodelledEffect,
     Variant,
+    make_solution,
 )
 from ...options import settled
 from .block import TransferBlock
@@ -206,7 +208,7 @@ class TransferFamily(Family[T], Generic[T]):
 
     def estimate(
         self, variant: Variant, experiments: Sequence[Experiment], request: Request[T]
-    ) -> Estimate[T]:
+    ) -> Solution[T]:
         """Output-error fit from several starts; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         plan = self.plan(experiments, request)
@@ -246,22 +248,24 @@ class TransferFamily(Family[T], Generic[T]):
         parameters, order, covariance = fitted.quantities(variant.parameters, experiments[0].units)
         table, drift = fitted.compare_logs(experiments)
         derived, said = self.derive(fitted, request.options)
-        return Estimate(
+        settled = replace(
+            request.options,
+            initial_state="rest" if rest else "free",
+            offset_of="log" if common else "run",
+            unrecorded=unrecorded,
+        )
+        return make_solution(
+            self.simulate,
+            experiments,
+            variant,
+            settled,
             parameters,
-            derived,
             order,
-            covariance,
-            replace(
-                request.options,
-                initial_state="rest" if rest else "free",
-                offset_of="log" if common else "run",
-                unrecorded=unrecorded,
-            ),
-            [*fitted.notices, *drift, *said],
-            {**fitted.details(), **table},
-            fitted.sensitivity(),
-            input_noise=fitted.input_noise,
-            independent=fitted.independent,
+            NoiseModel(covariance, fitted.degrees, fitted.independent, fitted.input_noise),
+            jacobians=[{variant.output.name: j} for j in fitted.sensitivity()],
+            derived=derived,
+            notices=[*fitted.notices, *drift, *said],
+            details={**fitted.details(), **table},
         )
 
     def simulate(
@@ -308,8 +312,8 @@ class TransferFamily(Family[T], Generic[T]):
             section["discrete"] = discretise(numerator, denominator, sample_time, dead_time)
         return section
 
-    def departures(self, plant: Plant[T]) -> Sequence[Departure]:
-        """Soft edges of a dead zone; see :meth:`Family.departures`."""
+    def unmodelled_effects(self, plant: Plant[T]) -> Sequence[UnmodelledEffect]:
+        """Soft edges of a dead zone; see :meth:`Family.unmodelled_effects`."""
         if not self.dead_zone:
             return []
         v, (role,) = plant.numbers, plant.variant.driving

@@ -30,7 +30,7 @@ from ...estimation.problem import Unknown
 from ...estimation.results import Refusal
 from ...estimation.separable import solve
 from ...experiment import Experiment, FloatArray
-from ...family import Departure, ParameterSpec, Plant, Quantity, Request, Role, Variant
+from ...family import ParameterSpec, Plant, Quantity, Request, Role, UnmodelledEffect, Variant
 from ...options import choice
 from ...rows import made, upper_quantile
 from .base import ASKED, Plan, Searched, TransferFamily, TransferOptions
@@ -198,9 +198,9 @@ class Hydrostatic(TransferFamily[HydrostaticOptions]):
             out.append(start)
         return out
 
-    def departures(self, plant: Plant[HydrostaticOptions]) -> Sequence[Departure]:
-        """Soft edges, and losses of another law; see :meth:`Family.departures`."""
-        return [*super().departures(plant), *other_losses(plant)]
+    def unmodelled_effects(self, plant: Plant[HydrostaticOptions]) -> Sequence[UnmodelledEffect]:
+        """Soft edges, and losses of another law; see :meth:`Family.unmodelled_effects`."""
+        return [*super().unmodelled_effects(plant), *other_losses(plant)]
 
     def derive(
         self, fitted: Fitted, options: HydrostaticOptions

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ...estimation.departures import slopes
 from ...estimation.inputs import beyond_dead_zone
+from ...estimation.unmodelled_effects import slopes
 from ...experiment import Experiment, FloatArray
-from ...family import Departure, Plant, Simulate, Simulated
+from ...family import Plant, Simulate, Simulated, UnmodelledEffect
 
 _EDGES = ("dead_zone_negative", "dead_zone_positive")
 Forces = tuple[list[FloatArray], float]
@@ -26,9 +26,9 @@ Lossy = Callable[[Plant[Any], Sequence[Experiment], Sequence[Simulated]], Forces
 """What gives them, of the runs as recorded and as simulated; ``None`` where there is no loss."""
 
 
-def other_losses(plant: Plant[Any]) -> list[Departure]:
-    """What every hydrostatic machine is tried for; see :meth:`.Family.departures`."""
-    turbulent = Departure(
+def other_losses(plant: Plant[Any]) -> list[UnmodelledEffect]:
+    """What every hydrostatic machine is tried for; see :meth:`.Family.unmodelled_effects`."""
+    turbulent = UnmodelledEffect(
         "turbulent losses",
         "losses grow with the square of the speed, not with the speed alone",
         "Damping and edges are those of the speeds of these logs: record each range of "
@@ -39,7 +39,7 @@ def other_losses(plant: Plant[Any]) -> list[Departure]:
     )
     if "stiffness" in plant.values:  # friction and spring: see the spring cylinder
         return [turbulent]
-    dry = Departure(
+    dry = UnmodelledEffect(
         "dry friction",
         "dry friction acts on the piston, with a force that changes sign with its speed",
         "The model has a dead zone, which is no friction: it lets the piston run on within "

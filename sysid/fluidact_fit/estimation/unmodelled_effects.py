@@ -1,4 +1,4 @@
-"""Ways in which machines of several families depart from their models; see :class:`.Departure`."""
+"""Effects outside the models of several families; see :class:`.UnmodelledEffect`."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 
 from ..experiment import Experiment, FloatArray
-from ..family import Departure, Plant, Simulate, Simulated
+from ..specification import Plant, Simulate, Simulated, UnmodelledEffect
 
 _SOFT = 0.03  # of the range of a command, over which an edge is tried to open
 
 
-def soft_edges(plant: Plant[Any], role: str, edges: tuple[float, float]) -> Departure:
+def soft_edges(plant: Plant[Any], role: str, edges: tuple[float, float]) -> UnmodelledEffect:
     """A dead zone whose edges open by and by, as those of a spool with notches do.
 
     Beyond the edge ``a`` the effective command is ``r ln(1 + exp((u - a) / r))`` in place of
     ``max(u - a, 0)``, ``r`` a small part of the range: the largest change is ``r ln 2``, at the
     edge itself.
     """
-    return Departure(
+    return UnmodelledEffect(
         "soft edges of the dead zone",
         f"'{role}' acts by and by, not all at once, where it leaves the dead zone",
         "Edges and slope beside them depend on the shape that is supposed: use them within the "
