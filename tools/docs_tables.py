@@ -245,7 +245,7 @@ def _codes_table(codes: Mapping[str, Code]) -> str:
 # What the document's own types do not say: parts that are text, or free in form.
 _PARTS = {
     "format": "always `fluidact-parameters`",
-    "format_version": "version of the layout; older files are migrated when they are read",
+    "format_version": "version of the layout",
     "family": "the model family",
     "variant": "which of the family's variants",
     "options": "the family's options as the fit settled them",

@@ -235,19 +235,10 @@ def test_a_document_says_in_one_line_what_it_is(document, lookup):
     assert str(read) == repr(read)
 
 
-def test_early_names_of_holds_are_understood(document, lookup):
-    columns = document["provenance"]["logs"][0]["columns"]
-    early = {
-        "time": ("linear", None, "foh"),
-        "force": ("foh", "cubic", "smooth"),
-        "reading": ("zoh", None, "zoh"),
-        "position": ("foh", "linear", "foh"),
-    }
-    for role, (hold, interpolation, _) in early.items():
-        columns[role] = {"header": role, "unit": "s", "hold": hold, "interpolation": interpolation}
-    read = make_document(document, lookup).provenance.logs[0].columns
-    assert {role: read[role].hold for role in early} == {k: v[2] for k, v in early.items()}
-    assert "interpolation" in columns["force"]  # the given one is left alone
+@pytest.mark.parametrize("version", [0, 2, -1, True, "1", None])
+def test_a_version_that_is_not_this_one_is_refused(version, document, lookup):
+    document["format_version"] = version
+    assert "format_version" in problems_of(document, lookup)
 
 
 def test_all_problems_are_named_at_once(document, lookup):

@@ -13,7 +13,7 @@ from ..parameters import read_document as _read
 
 
 def read_document(path: str | os.PathLike[str]) -> ParameterDocument:
-    """Read, migrate and check a parameter file.
+    """Read and check a parameter file.
 
     Raises
     ------

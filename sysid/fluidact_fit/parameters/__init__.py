@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from .load import make_document as make_document
     from .load import read_document as read_document
     from .load import save_document as save_document
-    from .migrations import CURRENT_VERSION as CURRENT_VERSION
     from .schema import build_schema as build_schema
     from .schema import shipped_schema as shipped_schema
+    from .version import CURRENT_VERSION as CURRENT_VERSION
     from .yaml_io import dump_yaml as dump_yaml
     from .yaml_io import read_yaml as read_yaml
 
@@ -26,7 +26,7 @@ _HOMES = {
     "atomic": ["write_atomically"],
     "document": ["ParameterDocument"],
     "load": ["dump_document", "make_document", "read_document", "save_document"],
-    "migrations": ["CURRENT_VERSION"],
+    "version": ["CURRENT_VERSION"],
     "schema": ["build_schema", "shipped_schema"],
     "yaml_io": ["dump_yaml", "read_yaml"],
 }

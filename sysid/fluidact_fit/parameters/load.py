@@ -19,9 +19,9 @@ from ..experiment import Hold
 from ..specification import Described
 from .atomic import write_atomically
 from .document import ParameterDocument
-from .migrations import is_newer, migrate
 from .problems import Location, Problems, format_path
 from .validation import Lookup, validate
+from .version import check_version, is_newer
 from .yaml_io import YamlText, dump_yaml, parse_yaml, read_yaml, to_plain
 
 Problem = tuple[Location, str]
@@ -36,7 +36,7 @@ _ALIKE = 0.05  # relative; an error may be rounded to two digits
 
 
 def read_document(path: str | os.PathLike[str], lookup: Lookup) -> ParameterDocument:
-    """Read, migrate and check a parameter file; ``lookup`` finds a family by name.
+    """Read and check a parameter file; ``lookup`` finds a family by name.
 
     Raises
     ------
@@ -107,8 +107,8 @@ def _refuse_controller(data: Mapping[str, Any], where: str) -> None:
 def _check(text: YamlText, lookup: Lookup, where: str) -> ParameterDocument:
     _refuse_controller(text.data, where)
     # What a newer version calls a problem is unknown here: nothing else is worth saying.
-    migrated = migrate(text.data, text.problems)
-    document = None if is_newer(text.data) else validate(migrated, text.problems, lookup)
+    check_version(text.data, text.problems)
+    document = None if is_newer(text.data) else validate(text.data, text.problems, lookup)
     if document is None:
         raise ParameterFileError(where, text.problems.listed(text.lines), _REMEDY)
     return document

@@ -55,9 +55,6 @@ class HydraulicCylinderOptions(FamilyOptions):
     rest_position: float | None = settled(
         "float", "mean position of the logs, where a run without one begins", unit="m"
     )
-    slip: float | None = _found(
-        "speed over which the first files rounded off dry friction; not used any more", "m/s"
-    )
     residual_pressure_1: float | None = _residual("pressure 1", "Pa")
     residual_pressure_2: float | None = _residual("pressure 2", "Pa")
     residual_position: float | None = _residual("the position", "m")
