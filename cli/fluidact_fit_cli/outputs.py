@@ -14,7 +14,11 @@ from fluidact_fit.parameters.atomic import names_directory, write_together
 
 from .errors import Invocation
 
-_SUFFIXES = {"--plot": (".png", ".pdf", ".svg"), "--report": (".html", ".htm")}
+_SUFFIXES = {
+    "--plot": (".png", ".pdf", ".svg"),
+    "--report": (".html", ".htm"),
+    "--details": (".json",),
+}
 
 
 def check_targets(targets: Mapping[str, str], inputs: Iterable[str], force: bool) -> None:

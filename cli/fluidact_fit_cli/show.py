@@ -103,8 +103,13 @@ def echo_table(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> None
 
 
 def echo_json(document: Any) -> None:
-    """Print a document as JSON, nothing else; ASCII, so that no encoding can spoil it."""
-    echo_result(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    """Print a document as JSON, nothing else."""
+    echo_result(json_text(document))
+
+
+def json_text(document: Any) -> str:
+    """Return a document as JSON in ASCII, so that no encoding can spoil it."""
+    return json.dumps(document, indent=2, allow_nan=False) + "\n"
 
 
 def echo_warnings(notices: Iterable[Any]) -> None:

@@ -34,6 +34,7 @@ from .family import (
 )
 from .outcome import Simulation, agreement, common_level, pair
 from .parameters import make_document
+from .parameters.rounding import round_numbers
 from .version import __version__
 
 
@@ -146,21 +147,25 @@ def make_parameter_document(
         },
         "model": model,
         "validity": _validity(variant, fitted),
-        "fit": {
-            "samples": overall.samples,
-            "rmse": {"value": overall.rmse, "unit": unit},
-            "fit_percent": overall.fit_percent,
-            "residual_whiteness": asdict(white),
-            "verdict": verdict,
-            "logs": [_log_entry(s, unit, level) for s in fitted],
-            "details": {
-                **solution.details,
-                **details,
-                "residual_sum_of_squares": overall.sum_of_squares,
-                "output_resolution": max(e.signals[output].resolution for e in found.experiments),
-            },
-        },
-        "validation": [_log_entry(s, unit, level) for s in validation],
+        "fit": round_numbers(
+            {
+                "samples": overall.samples,
+                "rmse": {"value": overall.rmse, "unit": unit},
+                "fit_percent": overall.fit_percent,
+                "residual_whiteness": asdict(white),
+                "verdict": verdict,
+                "logs": [_log_entry(s, unit, level) for s in fitted],
+                "details": {
+                    **solution.details,
+                    **details,
+                    "residual_sum_of_squares": overall.sum_of_squares,
+                    "output_resolution": max(
+                        e.signals[output].resolution for e in found.experiments
+                    ),
+                },
+            }
+        ),
+        "validation": round_numbers([_log_entry(s, unit, level) for s in validation]),
         "warnings": every,
         "provenance": {
             "tool": {"name": "fluidact-fit", "version": __version__},

@@ -34,7 +34,7 @@ from ..outputs import check_targets, write_all
 from ..parse import parse_number, parse_positive, parse_range, parse_window
 from ..progress import Progress
 from ..recorded import recorded_command
-from ..show import echo, echo_json, echo_parameters, echo_warnings
+from ..show import echo, echo_json, echo_parameters, echo_warnings, json_text
 
 if TYPE_CHECKING:
     from fluidact_fit.family import Family, FamilyOptions
@@ -108,6 +108,9 @@ def _output_options(name: str) -> list[click.Parameter]:
         Option(["--plot"], metavar="FILE", group=group,
                help="Picture of measured and simulated output: png, pdf or svg."),
         Option(["--report"], metavar="FILE.html", group=group, help="Report as a web page."),
+        Option(["--details"], metavar="FILE.json", group=group,
+               help="Everything that the fit and its examination found, as JSON; the parameter "
+               "file has the short entries."),
         flag("--json", "as_json", group=group,
              help="The parameter document as JSON on standard output, and nothing else. A file "
              "is then written only if -o names one."),
@@ -140,7 +143,7 @@ def targets_of(name: str, params: Mapping[str, Any]) -> dict[str, str]:
     output = params["output"]
     if output is None and not params["as_json"]:
         output = f"{name}.yaml"
-    asked = {"--plot": params["plot"], "--report": params["report"], "-o": output}
+    asked = {f"--{name}": params[name] for name in ("plot", "report", "details")} | {"-o": output}
     return {option: path for option, path in asked.items() if path is not None}
 
 
@@ -263,6 +266,8 @@ def _render(result: FitResult, targets: Mapping[str, str]) -> dict[str, bytes | 
             contents[path] = render(plot_result(result), Path(path).suffix.lower()[1:])
         elif option == "--report":
             contents[path] = result_page(result)
+        elif option == "--details":
+            contents[path] = json_text(result.document.fit.details or {})
         else:
             contents[path] = dump_document(result.document)
     return contents

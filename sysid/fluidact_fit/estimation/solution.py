@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import Notice
 from ..experiment import BoolArray, Experiment, FloatArray, all_of, is_finite, where_finite
 from ..options import FamilyOptions
+from ..parameters.rounding import round_covariance, round_quantity
 from ..rows import BLOCK_ROWS, by_rows
 from ..specification import (
     NoiseLevel,
@@ -193,6 +194,10 @@ def make_solution(
         or over those used. Without them those of the output are differences of simulations.
     """
     near = simulate_near or simulate
+    # all that follows is computed from the numbers that are written
+    parameters = {name: round_quantity(q) for name, q in parameters.items()}
+    derived = {name: round_quantity(q) for name, q in (derived or {}).items()}
+    noise = replace(noise, covariance=round_covariance(noise.covariance))
     plant = Plant(variant, {name: q.value for name, q in parameters.items()}, options)
     with uncounted():
         found = simulate(plant, experiments)
@@ -206,7 +211,7 @@ def make_solution(
             tables = differences(near, plant, runs, names, noise.covariance)
             runs = [replace(run, jacobians={output: j}) for run, j in zip(runs, tables)]
     return Solution(
-        variant, parameters, names, runs, noise, options, near, minimised, derived or {},
+        variant, parameters, names, runs, noise, options, near, minimised, derived,
         notices, details or {},
     )  # fmt: skip
 

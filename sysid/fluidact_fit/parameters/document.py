@@ -268,11 +268,11 @@ class _KnownDetails(BaseModel):
 class Fit(Part):
     """How well the model describes the data it was fitted to."""
 
-    samples: Count
-    rmse: Deviation
-    fit_percent: Percent | None = None
-    residual_whiteness: Whiteness | None = None
     verdict: Verdict
+    fit_percent: Percent | None = None
+    rmse: Deviation
+    samples: Count
+    residual_whiteness: Whiteness | None = None
     method: str | None = None
     logs: list[LogFit] = []
     details: Free | None = None
@@ -393,16 +393,16 @@ class ParameterDocument(Part):
     format_version: Literal[1]
     family: str
     variant: str | None = None
-    options: Free | None = None
     accepted_failed: bool | None = None
     parameters: dict[str, Parameter]
     derived: dict[str, Derived] = {}
-    covariance: Covariance | None = None
     model: Free = {}
-    validity: dict[str, Range] = {}
+    warnings: list[WarningEntry] = []
     fit: Fit
     validation: list[LogFit] = []
-    warnings: list[WarningEntry] = []
+    validity: dict[str, Range] = {}
+    options: Free | None = None
+    covariance: Covariance | None = None
     provenance: Provenance
 
     @field_validator("covariance")

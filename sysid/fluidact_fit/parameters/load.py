@@ -32,6 +32,8 @@ _CHANGED = "One of the two was changed by hand. Fit again with --fix NAME=VALUE 
 _SAME = 1e-4  # relative; an edited parameter shows, one rounded to six digits does not
 _SMALL = 1e-9  # of the largest number of a list
 _LEAST = 1e-150  # an error whose square is no number any more
+_DETAILS = 20  # lines
+_ONE = len(dump_yaml({"key": 0}).splitlines())  # lines of a text with a single entry
 _ALIKE = 0.05  # relative; an error may be rounded to two digits
 
 
@@ -68,8 +70,16 @@ def make_document(
 
 
 def dump_document(document: ParameterDocument) -> str:
-    """Return a document as the text of a parameter file."""
-    return dump_yaml(document.to_dict())
+    """Return a document as the text of a parameter file.
+
+    Of the details of the fit the file has those that take a line each, ``_DETAILS`` at most; the
+    document has all of them.
+    """
+    plain = document.to_dict()
+    details = plain["fit"].get("details") or {}
+    short = {k: v for k, v in details.items() if len(dump_yaml({k: v}).splitlines()) == _ONE}
+    plain["fit"]["details"] = {k: short[k] for k in list(short)[:_DETAILS]} or None
+    return dump_yaml(plain)
 
 
 def save_document(
