@@ -40,7 +40,7 @@ def test_what_was_given_stays_as_it_is() -> None:
 
 def test_entries_of_a_list_are_rounded_one_by_one() -> None:
     found = round_quantity(Quantity([1.23456789, 9.87654321e-5], "m", "estimated", [0.1, 1e-7]))
-    assert found.value == [1.23457, 9.8765432e-05]
+    assert found.value == [1.23457, 9.876543e-05]
 
 
 @given(st.integers(2, 6), st.integers(0, 10_000), st.floats(0.0, 12.0))
