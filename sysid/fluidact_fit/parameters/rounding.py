@@ -44,6 +44,8 @@ def round_quantity(q: Quantity) -> Quantity:
 
 def round_covariance(matrix: FloatArray) -> FloatArray:
     """Return a covariance, shape ``(p, p)``, to as few digits as keep it positive semidefinite."""
+    if not matrix.size:
+        return matrix
     for digits in _OF_COVARIANCE:
         rounded = significant(matrix, digits)
         spread = np.sqrt(np.maximum(np.diag(rounded), np.finfo(float).tiny))
