@@ -42,9 +42,14 @@ PAGE = ROOT / "docs" / "evidence" / "reading-scaling.md"
 GOLDEN = ROOT / "tests" / "golden" / "0.1.0"
 BOUND = 1.2  # exponent
 SIZES = tuple(round(10 ** (3 + k / 2)) for k in range(7))
-LIMIT = 5  # s of the processor for one size
-_ENOUGH = 1.0  # s, beyond which no larger size is tried
-_MEASURABLE = 0.05  # s
+LIMIT = 5.0  # s of the processor for one size
+_STEP = math.sqrt(10.0)  # from one size to the next
+_ENOUGH = 0.2  # s; a size of which more is to be expected is not tried
+_MEASURABLE = 0.02  # s
+_TOGETHER = 100  # patterns that one process times
+# What an error that is none of the program's own ends a process with.
+_NAMES = ("", "error", "ValueError", "TypeError", "IndexError", "KeyError", "RecursionError",
+          "MemoryError", "AttributeError", "OverflowError", "AssertionError")  # fmt: skip
 _LEAST = 0.005  # s, of a time that counts for the exponent
 
 SIGNS = " \t\f\v\r\"'`,;:.|+-*/\\^_=<>()[]{}#%&!?@~$§°µ0aeEN1\x1f\u00a0\u2028é"
@@ -70,12 +75,14 @@ _PAGE = """\
 
 Written by `studies/reading_scaling.py --write`, a part of `make soak`. Every reader of text gets
 frames in which one piece is repeated where a line, a cell, a name, a comment or a text in quotes may
-stand, from 10^3 to {largest} characters (`@` is where). The exponent is the slope of the processor
-time over the size, of the upper sizes; only what takes {least} s or more at the largest size can be
-measured. A pattern above {bound} is timed three times, and then fails the study.
+stand (`@` is where). The text grows by half decades from 10^3 characters to {largest}, or to the size
+of which the next would take more than {enough} s in proportion. The exponent is the slope of the
+processor time over the two largest sizes; a pattern can be measured where the largest takes {least} s.
+One above {bound} is timed three times, each in a process of its own, and then fails the study.
 
-{patterns} patterns{part}: {measured} can be measured, {bad} grow faster than {bound}. ({seconds} s on
-{cores} cores beside other work.) The largest exponents:
+{patterns} patterns{part}, {whole} of them up to {largest} characters and {tenth} up to a tenth or more:
+{measured} can be measured, {bad} grow faster than {bound}. ({seconds} s of the processor, beside other
+work.) The largest exponents:
 
 {table}
 """
@@ -108,10 +115,10 @@ class Timing(NamedTuple):
 
     @property
     def exponent(self) -> float:
-        """Slope of the upper sizes, infinite where a limit ended the process."""
+        """Slope of the two upper sizes, infinite where a limit ended the process."""
         if self.ended:
             return math.inf
-        pairs = [(n, s) for n, s in zip(self.sizes, self.seconds) if s >= _LEAST][-3:]
+        pairs = [(n, s) for n, s in zip(self.sizes, self.seconds) if s >= _LEAST][-2:]
         if len(pairs) < 2:
             return 0.0
         (n, s), (m, r) = pairs[0], pairs[-1]
@@ -199,59 +206,100 @@ def text_of(pattern: Pattern, size: int) -> str:
     return f"{before}{pattern.piece * count}{behind}"
 
 
-def measure(pattern: Pattern, largest: int = SIZES[-1]) -> Timing:
-    """Time a pattern in a process of its own, up to the size that takes long enough."""
-    reading, writing = os.pipe()
-    child = os.fork()
-    if child == 0:
-        os.close(reading)
-        _time_sizes(pattern, writing, [n for n in SIZES if n <= largest])
-        os._exit(0)
-    os.close(writing)
-    with os.fdopen(reading, encoding="ascii") as pipe:
-        rows = [line.split() for line in pipe]
-    _, status = os.waitpid(child, 0)
-    ended = f"ended by {signal.Signals(status & 127).name}" if status & 127 else ""
-    if not ended and status:
-        ended = rows.pop()[0] if rows else f"exit {status >> 8}"
-    sizes, seconds = tuple(int(r[0]) for r in rows), tuple(float(r[1]) for r in rows)
-    return Timing(pattern, sizes, seconds, ended)
+def measure(patterns: Sequence[Pattern], largest: int = SIZES[-1]) -> Iterator[Timing]:
+    """Time patterns in a process of its own, in another one after each that a limit ended."""
+    left = list(patterns)
+    while left:
+        reading, writing = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.close(reading)
+            _time_all(left, writing, [n for n in SIZES if n <= largest])
+            os._exit(0)
+        os.close(writing)
+        taken: dict[int, float] = {}
+        with os.fdopen(reading, encoding="ascii") as pipe:
+            for what, number in map(str.split, pipe):
+                if what != "done":
+                    taken[int(what)] = float(number)
+                    continue
+                yield Timing(left.pop(0), *_sorted(taken), "")
+                taken = {}
+        _, status = os.waitpid(child, 0)
+        if status:
+            ended = signal.Signals(status & 127).name if status & 127 else _NAMES[status >> 8]
+            yield Timing(left.pop(0), *_sorted(taken), f"ended by {ended}")
 
 
-def _time_sizes(pattern: Pattern, out: int, sizes: Sequence[int]) -> None:
-    """Write size and seconds of every size; runs in the child."""
+def _sorted(taken: dict[int, float]) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    sizes = tuple(sorted(taken))
+    return sizes, tuple(taken[n] for n in sizes)
+
+
+def _time_all(patterns: Sequence[Pattern], out: int, sizes: Sequence[int]) -> None:
+    """Write size and seconds of every size of every pattern; runs in the child."""
     devnull = os.open(os.devnull, os.O_WRONLY)
     os.dup2(devnull, 2)
     resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
-    read, began = READERS[pattern.reader], time.process_time()
-    for size in sizes:
-        text = text_of(pattern, size)
-        spent = int(time.process_time() - began)
-        resource.setrlimit(resource.RLIMIT_CPU, (spent + LIMIT, spent + LIMIT + 1))
-        start = time.process_time()
-        try:
-            read(text)
-        except (FluidactError, ValueError) as error:
-            if not isinstance(error, FluidactError) and pattern.reader in FRAMES:
-                os.write(out, f"{type(error).__name__}\n".encode())
-                os._exit(1)
-        except Exception as error:  # a fault of the program, which is named
-            os.write(out, f"{type(error).__name__}\n".encode())
-            os._exit(1)
-        taken = time.process_time() - start
-        os.write(out, f"{size} {taken:.6f}\n".encode())
-        if taken > _ENOUGH:
-            return
+    for pattern in patterns:
+        _time_sizes(pattern, out, sizes)
+        os.write(out, b"done 0\n")
 
 
-def measure_again(pattern: Pattern, largest: int) -> Timing:
-    """Time a pattern; where it seems to grow too fast, other work may have been in the way."""
-    found = measure(pattern, largest)
-    for _ in range(2):
-        if not found.measured or found.exponent <= BOUND:
-            break
-        found = min(found, measure(pattern, largest), key=lambda t: t.exponent)
+def _time_sizes(pattern: Pattern, out: int, sizes: Sequence[int]) -> None:
+    """Find the largest size that takes long enough, and time it and the one below it."""
+    taken: dict[int, float] = {}
+
+    def take(k: int) -> float:
+        if k not in taken:
+            taken[k] = _time(pattern, sizes[k])
+            os.write(out, f"{sizes[k]} {taken[k]:.6f}\n".encode())
+        return taken[k]
+
+    k, most = 0, len(sizes) - 1
+    while k < most and take(k) * _STEP < _ENOUGH:
+        # as far as a time in proportion allows, so that few sizes are timed
+        k = min(most, k + max(1, int(math.log(_ENOUGH / max(take(k), 1e-6), _STEP))))
+    take(k)
+    if k and taken[k] >= _LEAST:
+        take(k - 1)
+
+
+def _time(pattern: Pattern, size: int) -> float:
+    text = text_of(pattern, size)
+    signal.setitimer(signal.ITIMER_PROF, LIMIT)
+    start = time.process_time()
+    try:
+        READERS[pattern.reader](text)
+    except FluidactError:
+        pass
+    except Exception as error:
+        if not isinstance(error, ValueError) or pattern.reader in FRAMES:
+            os._exit(_NAMES.index(type(error).__name__) if type(error).__name__ in _NAMES else 1)
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+    return time.process_time() - start
+
+
+def measure_again(patterns: Sequence[Pattern], largest: int) -> list[Timing]:
+    """Time patterns; where one seems to grow too fast, other work may have been in the way."""
+    found = []
+    for timing in measure(patterns, largest):
+        for _ in range(2):
+            if not timing.measured or timing.exponent <= BOUND:
+                break
+            timing = _quickest(timing, *measure([timing.pattern], largest))
+        found.append(timing)
     return found
+
+
+def _quickest(timing: Timing, again: Timing) -> Timing:
+    """The shorter time of every size that both reached, of the runs that no limit ended."""
+    if timing.ended or again.ended:
+        return again if timing.ended else timing
+    one, two = dict(zip(timing.sizes, timing.seconds)), dict(zip(again.sizes, again.seconds))
+    both = {n: min(one[n], two[n]) for n in one if n in two}
+    return Timing(timing.pattern, *_sorted(both), "")
 
 
 def table(timings: Sequence[Timing], most: int = 30) -> str:
@@ -273,38 +321,39 @@ def _code(text: str) -> str:
     return "`" + repr(text)[1:-1].replace("|", "&#124;").replace("`", "'") + "`"
 
 
+def _up_to(timings: Sequence[Timing], size: float) -> int:
+    return sum(t.sizes[-1] >= size for t in timings if t.sizes)
+
+
 def main() -> int:
     """Return 1 where a pattern grows faster than the bound."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--only", default="", help="patterns whose name holds this text")
-    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--every", type=int, default=1, help="run every Nth pattern only")
     parser.add_argument("--largest", type=int, default=SIZES[-1], help="characters")
     given = parser.parse_args()
     chosen = list(patterns(given.only))[:: given.every]
-    began = time.perf_counter()
+    parts = [chosen[k : k + _TOGETHER] for k in range(0, len(chosen), _TOGETHER)]
+    timings: list[Timing] = []
     with ThreadPoolExecutor(given.jobs) as pool:
-        timings = []
-        for timing in pool.map(partial(measure_again, largest=given.largest), chosen):
-            timings.append(timing)
-            if timing.measured and timing.exponent > BOUND:
-                print(
-                    timing.pattern.name,
-                    timing.ended or f"{timing.exponent:.2f}",
-                    timing.sizes[-1:],
-                    timing.seconds[-1:],
-                    file=sys.stderr,
-                    flush=True,
-                )
+        for found in pool.map(partial(measure_again, largest=given.largest), parts):
+            timings += found
+            for t in found:
+                if t.measured and t.exponent > BOUND:
+                    print(t.pattern.name, t.ended or f"{t.exponent:.2f}", t.sizes, t.seconds,
+                          file=sys.stderr, flush=True)  # fmt: skip
     known = [t for t in timings if t.measured]
     bad = [t for t in known if t.exponent > BOUND]
     known.sort(key=lambda t: (-t.exponent, -max(t.seconds, default=0.0)))
     part = "" if given.every == 1 else f", every {given.every}th of all"
+    seconds = sum(os.times()[:4])
     text = _PAGE.format(
         patterns=len(timings), part=part, measured=len(known), bad=len(bad), bound=BOUND,
-        least=_MEASURABLE, cores=os.cpu_count(), largest=f"{given.largest:,}",
-        seconds=f"{time.perf_counter() - began:.0f}", table=table(known),
+        enough=_ENOUGH, least=_MEASURABLE, largest=f"{given.largest:,}", table=table(known),
+        whole=_up_to(timings, given.largest), tenth=_up_to(timings, given.largest / 10.0),
+        seconds=f"{seconds:.0f}",
     )  # fmt: skip
     print(text)
     if given.write:

@@ -533,6 +533,13 @@ def test_a_long_header_is_looked_at_once(header: str) -> None:
     assert unit is None or reading.read_unit(unit).fault or len(unit) < 60
 
 
+@pytest.mark.parametrize("text", ["m2/" * 30 + "s", "µ" * 61, "bar " * 20 + "m2"])
+def test_a_text_too_long_for_a_unit_is_left_alone(text: str) -> None:
+    assert units.normalise_unit(f" {text} ") == text
+    assert not units.looks_like_unit(text)
+    assert units.normalise_unit(" " * 70 + "m2" + " " * 70) == "m^2"
+
+
 @pytest.mark.parametrize(
     ("cell", "unit"),
     [("[mm]", "mm"), ("bar(g)", "bar(g)"), ("(bar(g))", "bar(g)"), ("[(mm)]", "mm"), ("[]", ""),

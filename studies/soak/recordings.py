@@ -10,14 +10,21 @@ import bz2
 import contextlib
 import gzip
 import io
+import json
 import lzma
+import os
 import random
 import resource
+import select
+import signal
 import struct
+import subprocess
+import sys
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +36,7 @@ from pyarrow import parquet
 from scipy.io import netcdf_file, savemat
 
 from fluidact_fit.errors import LogError
+from fluidact_fit.formats import worker
 from fluidact_fit.logs import Log, read_log
 
 from . import program
@@ -237,7 +245,8 @@ def _read(case: Case, path: Path) -> tuple[Log | None, Result]:
     before, held = _used(), _most()
     log, result = None, Result("refused")
     try:
-        log = read_log(path)
+        with _forked():
+            log = read_log(path)
         result.outcome = "read"
     except LogError as error:
         result.message = error.text
@@ -250,12 +259,73 @@ def _read(case: Case, path: Path) -> tuple[Log | None, Result]:
         if most > max(_MOST, already):
             result.fail(WRONG, f"{most / 1e6:.1f} GB of memory")
     if case.rng.random() < 0.1:
-        ended = program.run(["inspect", str(path)])
+        with _forked() if case.rng.random() < 0.9 else contextlib.nullcontext():
+            ended = program.run(["inspect", str(path)])
         program.judge(ended, result, (0, 3))
         if (ended.status == 0) is not (log is not None):
             what = f"inspect ends with {ended.status}, and the file was {result.outcome}"
             result.fail(WRONG, what)
     return log, result
+
+
+class _Fork:
+    """The process of a reader, forked from this one: the libraries are loaded once for all cases.
+
+    Its limits are those of the program, but that what is loaded here does not count as memory.
+    """
+
+    def __init__(self, words: Sequence[str], **_: Any) -> None:
+        task = json.loads(words[-1])
+        self._code: int | None = None
+        self._number = os.fork()
+        if self._number == 0:
+            try:
+                for number in (signal.SIGPROF, signal.SIGALRM):
+                    signal.signal(number, signal.SIG_DFL)
+                pages = int(Path("/proc/self/statm").read_text().split()[0])
+                task["memory"] += pages * resource.getpagesize() - _LOADED
+                sys.argv[1:] = [json.dumps(task)]
+                worker.main()
+            finally:
+                os._exit(1)
+        self._pidfd = os.pidfd_open(self._number)
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for the end; returns the status, negative for that of a signal."""
+        if self._code is None:
+            if not select.select([self._pidfd], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired("reader", timeout or 0.0)
+            self._code = os.waitstatus_to_exitcode(os.waitpid(self._number, 0)[1])
+            os.close(self._pidfd)
+        return self._code
+
+    def poll(self) -> int | None:
+        """Return the status of a process that ended."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.wait(0.0)
+        return self._code
+
+    def kill(self) -> None:
+        """End it."""
+        os.kill(self._number, signal.SIGKILL)
+
+
+_LOADED = 3 << 27  # bytes of addresses that a reader's process of its own has with its library
+
+
+@contextlib.contextmanager
+def _forked() -> Iterator[None]:
+    """Let readers start by a fork; of each hundredth case ``inspect`` starts them as ever."""
+    for name in ("asammdf", *(f"fluidact_fit.formats.{n}" for n in (*worker.READERS, "sink"))):
+        with contextlib.suppress(ImportError):
+            import_module(name)
+    pa.set_memory_pool(pa.system_memory_pool())  # the usual one sets a GB of addresses aside
+    kept = subprocess.Popen
+    subprocess.Popen = _Fork  # type: ignore[assignment, misc]
+    try:
+        yield
+    finally:
+        subprocess.Popen = kept  # type: ignore[misc]
 
 
 def _used() -> float:

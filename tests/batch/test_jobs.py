@@ -69,6 +69,7 @@ HEAD = "job,family,logs,options\n"
         (HEAD + "a,line, ; ,\n", "names no log"),
         (HEAD + "a,line,-,\n", "name of no file"),
         (HEAD + 'a,line,b.csv,"--unit \'x"\n', "No closing quotation"),
+        (HEAD + "a,line,b.csv," + "0" * 30_000, "line 2: the options have 30000 characters"),
         (HEAD + 'a,line,"b.csv,\n', "is not CSV"),
         (HEAD + "../a,line,b.csv,\n", "cannot be that of a file"),
         (HEAD + ".a,line,b.csv,\n", "cannot be that of a file"),

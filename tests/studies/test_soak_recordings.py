@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from studies.soak import recordings
 from studies.soak.case import LOSS, SEED, WRONG, Case, Part, Result, numbers
 from studies.soak.pool import run_case
 
-from fluidact_fit.logs import read_log
+from fluidact_fit.errors import LogError
+from fluidact_fit.logs import native, read_log
 
 
 @pytest.mark.parametrize("part", recordings.PARTS, ids=lambda part: part.name)
@@ -43,3 +48,39 @@ def test_too_much_memory_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         _, result = recordings._read(case, path)
         found.append([kind for kind, _ in result.failures])
     assert found == [[], [WRONG]]
+
+
+@pytest.mark.parametrize("name", ["log.h5", "log.parquet"])
+def test_a_forked_reader_finds_the_same(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(recordings._whole(name) or b"")
+    with recordings._forked():
+        log = read_log(path)
+    assert log.sha256 == read_log(path).sha256
+    for forked, other in zip(log.columns, read_log(path).columns, strict=True):
+        assert forked.label == other.label
+        np.testing.assert_array_equal(forked.values, other.values)
+
+
+@pytest.mark.parametrize(
+    ("does", "seconds", "says"),
+    [
+        (lambda: os.kill(os.getpid(), 15), 60, "SIGTERM"),
+        (lambda: time.sleep(99), 0, "takes more than"),
+    ],
+)
+def test_a_forked_reader_that_does_not_return_is_refused(
+    does: Callable[[], None],
+    seconds: int,
+    says: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = tmp_path / "v4.mat"
+    path.write_bytes(recordings._whole("v4.mat") or b"")
+    monkeypatch.setattr(recordings.worker, "main", does)
+    monkeypatch.setattr(native, "_WAIT", 0.1)
+    limits = {"room": 1, "memory": 1, "seconds": seconds}
+    monkeypatch.setattr(native, "_limits", lambda size: limits)
+    with recordings._forked(), pytest.raises(LogError, match=says):
+        read_log(path)

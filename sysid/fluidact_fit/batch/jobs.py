@@ -22,6 +22,7 @@ from .patterns import expand
 _KEYS = ("job", "family", "logs", "options")
 _NEEDED = _KEYS[:3]
 _LARGEST = 500_000_000  # bytes: a million jobs have some 100 MB
+_MOST_OPTIONS = 20_000  # characters: the time of taking words apart grows with their square
 _NAME = re.compile(r"[^\x00-\x1f\x7f/\\:*?\"<>|]{1,180}")
 # Windows keeps these names for devices, whatever follows a dot.
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
@@ -294,6 +295,11 @@ def _list(values: Sequence[Any], key: str, place: str) -> list[str]:
 
 
 def _words(text: str, place: str, kind: type[JobsFileError | UsageError]) -> tuple[str, ...]:
+    if len(text) > _MOST_OPTIONS:
+        raise kind(
+            f"the options have {len(text)} characters, more than {_MOST_OPTIONS}.", where=place,
+            remedy="Give the job fewer options.",
+        )  # fmt: skip
     try:
         return tuple(shlex.split(text))
     except ValueError as error:

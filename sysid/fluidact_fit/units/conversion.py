@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from ..errors import UnitError
 from .reading import (
     FOR_PINT,
-    LONGEST,
     SCALE,
     STANDARD,
     is_expression,
@@ -16,7 +15,7 @@ from .reading import (
     pint_registry,
     read_unit,
 )
-from .spelling import normalise_unit, split_reference
+from .spelling import LONGEST, normalise_unit, split_reference
 from .table import NUMBER, QUANTITIES
 
 # The force that the name of a mass may mean.

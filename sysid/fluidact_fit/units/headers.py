@@ -13,8 +13,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from .conversion import conversion_factor, same_dimension
-from .reading import LONGEST, is_common_unit, is_unit, means_unit, pressure_reference
-from .spelling import normalise_unit
+from .reading import is_common_unit, is_unit, means_unit, pressure_reference
+from .spelling import LONGEST, normalise_unit
 from .table import REFERENCED, TABLE
 from .words import CHARACTERS, REMARKS, UNIT_NAMES, fold
 
@@ -252,6 +252,8 @@ def unit_within(header: str, si_unit: str) -> str | None:
 
 def looks_like_unit(text: str) -> bool:
     """Return whether text that may as well be a name is a unit, one that is not read included."""
+    if len(text) > LONGEST:
+        return False
     unit = normalise_unit(text)
     if unit in ("degC", "degF", "K") or is_common_unit(text) or _is_certain(text):
         return True

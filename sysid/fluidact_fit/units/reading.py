@@ -13,7 +13,7 @@ import re
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from .spelling import NAME, normalise_unit, plain_powers, split_reference
+from .spelling import LONGEST, NAME, normalise_unit, plain_powers, split_reference
 from .table import ALIASES, AMBIGUOUS, ATOMS, QUANTITIES, STANDARD_FLOW, TABLE, UNREAD
 from .words import fold
 
@@ -26,7 +26,6 @@ _POWER = r"(?:\^-?(?:[1-9]|0\.5))?"
 _FACTOR = rf"(?:1|%|{NAME}){_POWER}"
 _GROUP = rf"\({_FACTOR}(?:[ .*/]{_FACTOR})*\)(?:\^-?[1-3])?"
 _EXPRESSION = re.compile(rf"(?:{_FACTOR}|{_GROUP})(?:[ .*/](?:{_FACTOR}|{_GROUP}))*")
-LONGEST = 60
 FOR_PINT = {"1": "dimensionless"}
 
 # Motor controllers record in percent of what the motor is rated for.

@@ -16,6 +16,7 @@ _LETTERS = str.maketrans(
 )  # fmt: skip
 _PER = re.compile(r" (?:per|pro|par|por|al|je|por cada) ", re.IGNORECASE)
 NAME = r"[^\W\d_]\w*"
+LONGEST = 60  # characters; nothing longer is a unit
 
 _SIEMENS = {"S", "mS", "uS", "MS"}  # taken for seconds where they stand alone only
 _IN_PRODUCTS = {
@@ -32,8 +33,14 @@ def plain_powers(text: str) -> str:
 
 
 def normalise_unit(unit: str) -> str:
-    """Return a unit in the spelling of the table: ``µ`` as ``u``, ``m²`` and ``m2`` as ``m^2``."""
-    text = plain_powers(unit.strip())
+    """Return a unit in the spelling of the table: ``µ`` as ``u``, ``m²`` and ``m2`` as ``m^2``.
+
+    What is too long for a unit stays as it is.
+    """
+    text = unit.strip()
+    if len(text) > LONGEST:
+        return text
+    text = plain_powers(text)
     text = unicodedata.normalize("NFKC", text.translate(_LETTERS)).translate(_LETTERS)
     text = _PER.sub("/", re.sub(r"\s+", " ", text.replace("**", "^")))
     text = re.sub(r" ?([/*^]) ?", r"\1", text.replace(". ", " "))
