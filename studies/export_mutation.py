@@ -7,7 +7,9 @@ golden parameter files and for one controller of each kind is made one per cent 
 time; the export is compiled (or interpreted) again and its self-test run. Not changed are 0, 1/2,
 1 and 2 in expressions, which belong to equations (a mean, a half, "has begun"), sizes, indices and
 shifts, and in fixed point powers of two, which are units. A whole number of which one per cent is
-less than a half is below the resolution of its format; both are counted.
+less than a half is below the resolution of its format; both are counted. A change that no self-test
+finds has no effect where over 10^6 random arguments of every function, ends and edges among them,
+no flag is another and no output is off by more than the stated bound, in fixed point by a bit.
 
 The bounds that headers state are compared with the largest error of the compiled code over 10^6
 random arguments, those of what keeps something in 1,000 sequences of 1,000 calls.
@@ -25,7 +27,7 @@ import re
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -41,7 +43,7 @@ from fluidact_fit.export.c.constants import macros_of
 from fluidact_fit.export.c.files import Function
 from fluidact_fit.export.c.fixed import Fixed, fixed
 from fluidact_fit.export.controller import controller_code
-from fluidact_fit.export.excitation import run, sequences, uniform
+from fluidact_fit.export.excitation import edges, edges_at_rest, run, sequences, uniform
 from fluidact_fit.export.flat import code_of
 from fluidact_fit.export.rounding import CALLS, both, single
 from fluidact_fit.export.target import Arithmetic, Code, Job
@@ -79,7 +81,10 @@ _FIXED = re.compile(
 )
 _TABLE = re.compile(r"static const int(?:16|32)_t [^=]*= \{\n(.*?)\n *\};", re.DOTALL)
 _REAL = re.compile(r"(?<![\w.\[])\d+\.\d+(?:E[-+]?\d+)?")
-_COUNTED = ("killed", "survived", "structural", "below resolution")
+_COUNTED = ("killed", "survived", "no effect", "structural", "below resolution")
+_MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None  # much is compiled
+_GCC = ("gcc", "-std=c99", "-O0", "-w", "-pipe")
+_STEPS = 200  # calls of a sequence in which an effect is looked for
 _EXPLAINED = """\
 # What self-tests find, and how tight the bounds are
 
@@ -90,6 +95,11 @@ one at a time, and its self-test run again.
   of two, which are units and shifts. They are not changed.
 - `below resolution`: whole numbers of which one per cent is less than a half: changed by one per
   cent they are the same number.
+- `no effect`: no self-test can find the change, because over 10^6 random arguments of every
+  function (ends of ranges and edges of comparisons among them; sequences of 200 calls of what keeps
+  something) no flag is another and no output is off by more than the stated bound, in fixed point
+  by a bit. They guard what the ranges of the arguments do not reach, or begin what a first call
+  replaces; they are listed.
 - Structured Text is run by the interpreter of the tests; the constants are those of the blocks. The
   global constants, which no block reads, stand beside them for code of your own.
 - MATLAB, ROS 2 and JSON hold numbers alone: tests read them back to the last bit.
@@ -117,6 +127,7 @@ class Count:
 
     times: Counter[str] = field(default_factory=Counter)
     survivors: list[str] = field(default_factory=list)
+    equivalent: list[str] = field(default_factory=list)
 
     def row(self, name: str, kind: str) -> str:
         """A line of the table."""
@@ -197,18 +208,16 @@ def _run(command: Sequence[str], folder: Path) -> int:
 
 def mutate_c(code: Code, share: float, rng: np.random.Generator) -> Count:
     """Change every constant of the source and the header."""
-    count = Count()
+    count, effects = Count(), Effects(code, share)
     files = {name: text.decode() for name, text in c.write_code(code).items()}
     source, test = f"{code.file}.c", f"{code.file}_selftest.c"
-    with TemporaryDirectory() as name:
+    with TemporaryDirectory(dir=_MEMORY) as name:
         folder = Path(name)
         for file, text in files.items():
             (folder / file).write_text(text)
-        gcc = ["gcc", "-std=c99", "-O0", "-w"]
-        assert _run([*gcc, source, test, "-lm", "-o", "test"], folder) == 0
+        assert _run([*_GCC, "-c", test, "-o", "test.o"], folder) == 0
+        assert _run([*_GCC, source, "test.o", "-lm", "-o", "test"], folder) == 0
         assert _run(["./test"], folder) == 0, code.name
-        assert _run([*gcc, "-c", test, "-o", "test.o"], folder) == 0
-        assert _run([*gcc, "-c", source, "-o", "source.o"], folder) == 0
         places = [
             p for f in (source, f"{code.file}.h") for p in places_in(f, files[f], code.arithmetic)
         ]
@@ -220,17 +229,67 @@ def mutate_c(code: Code, share: float, rng: np.random.Generator) -> Count:
                 count.times[why] += 1
                 continue
             whole = files[place.file]
-            (folder / place.file).write_text(whole[: place.start] + text + whole[place.end :])
+            other = whole[: place.start] + text + whole[place.end :]
+            (folder / place.file).write_text(other)
             header = place.file.endswith(".h")  # the test includes it too
             parts = [source, test if header else "test.o"]
-            built = _run([*gcc, *parts, "-lm", "-o", "test"], folder)
-            killed = built != 0 or _run(["./test"], folder) != 0
-            count.times["killed" if killed else "survived"] += 1
-            if not killed:
-                line = whole[: place.start].count("\n")
-                count.survivors.append(f"{place.file}: {whole.splitlines()[line].strip()[:90]}")
+            built = _run([*_GCC, *parts, "-lm", "-o", "test"], folder)
+            if built != 0 or _run(["./test"], folder) != 0:
+                count.times["killed"] += 1
+            else:
+                line = whole.splitlines()[whole[: place.start].count("\n")].strip()
+                none = not effects.of({**files, place.file: other})
+                count.times["no effect" if none else "survived"] += 1
+                kept = count.equivalent if none else count.survivors
+                kept.append(f"{place.file} ({code.arithmetic}): {line[:80]}")
             (folder / place.file).write_text(whole)
     return count
+
+
+class Effects:
+    """Outputs and flags of the functions of an export over many arguments."""
+
+    def __init__(self, code: Code, share: float) -> None:
+        self.code, self.share = code, share
+        self._due: list[tuple[Routine, str, npt.NDArray[np.float64], float]] = []
+
+    def _prepare(self) -> None:
+        rng, count = np.random.default_rng(17), max(int(DRAWS * self.share), 1000)
+        macros = macros_of(self.code)
+        for r in self.code.routines:
+            if self.code.arithmetic == "q15":
+                f = fixed(r, self.code.name)
+                if isinstance(f, Fixed):
+                    rows = np.round(_many(f.routine, count, rng) / 2.0 ** np.array(f.units))
+                    rows = np.clip(rows + rng.integers(-2, 3, rows.shape), -32768, 32767)
+                    self._due.append((f.routine, f.name, rows, 0.0))
+                continue
+            g = Function.of(r, self.code.name, macros)
+            rows = single(_many(g.routine, count, rng))
+            self._due.append((g.routine, g.writer.name, rows, g.error.rounding))
+
+    def of(self, files: dict[str, str]) -> bool:
+        """Whether a changed export does anything else."""
+        if not self._due:
+            self._prepare()
+            whole = {name: text.decode() for name, text in c.write_code(self.code).items()}
+            self._outputs = [_compiled(self.code, r, x, whole, n) for r, n, x, _ in self._due]
+        for (r, name, rows, allowed), (due, flags) in zip(self._due, self._outputs):
+            found, others = _compiled(self.code, r, rows, files, name)
+            with np.errstate(invalid="ignore"):
+                off = ~(np.abs(found - due) <= allowed) & ~(np.isnan(found) & np.isnan(due))
+            if np.any(off | (flags != others)):
+                return True
+        return False
+
+
+def _many(r: Routine, count: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
+    """Arguments ``(calls, n, k)``, ends and edges among them."""
+    some = uniform(r, 400, rng)
+    near = np.concatenate([edges(r, some), edges_at_rest(r, some)])
+    if r.keeps:
+        return sequences(r, _STEPS, max(count // _STEPS, 4), rng, near)
+    return np.concatenate([uniform(r, count, rng), near])[None]
 
 
 def mutate_st(code: Code, share: float, rng: np.random.Generator) -> Count:
@@ -301,7 +360,7 @@ def _worst(code: Code, r: Routine, share: float, rng: np.random.Generator) -> fl
         low, high = np.array([[a.low, a.high] for a in r.arguments]).T
         rows = single(rng.uniform(low, high, (1, count, low.size)))
     exact, _, agree = both(r, rows)
-    found = _compiled(code, r, rows)
+    found, _ = _compiled(code, r, rows)
     off = np.abs(found - exact)[agree & np.isfinite(exact) & np.isfinite(found)]
     return float(off.max(initial=0.0))
 
@@ -313,38 +372,42 @@ def _worst_fixed(code: Code, r: Routine, count: int, rng: np.random.Generator) -
     rows = rng.integers(low, high + 1, (count, low.size))
     units = 2.0 ** np.array(f.units)
     exact, _ = run(f.routine, (rows * units)[None])
-    found = _compiled(code, r, rows[None].astype(float), "int16_t", f.name)
+    found, _ = _compiled(code, r, rows[None].astype(float), name=f.name)
     return float(np.abs(found * f.output.unit - exact).max())
 
 
 def _compiled(
-    code: Code, r: Routine, rows: npt.NDArray[np.float64], kind: str = "float", name: str = ""
-) -> npt.NDArray[np.float64]:
-    """Outputs of the compiled function for sequences of calls, each after a reset."""
+    code: Code, r: Routine, rows: npt.NDArray[np.float64],
+    files: Mapping[str, str] | None = None, name: str = "",
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int_]]:  # fmt: skip
+    """Outputs and flags of the compiled function for sequences of calls, each after a reset."""
     name = name or f"{code.name}_{r.name}"
+    kind, real = ("int16_t", np.int16) if code.arithmetic == "q15" else ("float", np.float32)
     calls, count, width = rows.shape
     state = f"    {name}_state state;\n" if r.keeps else ""
     reset = f"{name}_reset(&state);" if r.keeps else ""
-    given = ", ".join(["&state"] * r.keeps + [f"in[{j}]" for j in range(width)] + ["0"])
+    given = ", ".join(["&state"] * r.keeps + [f"in[{j}]" for j in range(width)] + ["flags++"])
     driver = (
-        f'#include "{code.file}.h"\nvoid drive(int n, int m, const {kind} *in, {kind} *out)\n{{\n'
+        f'#include "{code.file}.h"\n'
+        f"void drive(int n, int m, const {kind} *in, {kind} *out, int *flags)\n{{\n"
         f"{state}    for (int i = 0; i < n; i++) {{ {reset}\n"
         f"        for (int k = 0; k < m; k++, in += {width}) *out++ = {name}({given}); }}\n}}\n"
     )
-    real: Any = np.float32 if kind == "float" else np.int16
-    with TemporaryDirectory() as place:
+    whole = files or {file: text.decode() for file, text in c.write_code(code).items()}
+    with TemporaryDirectory(dir=_MEMORY) as place:
         folder = Path(place)
-        for file, text in c.write_code(code).items():
-            (folder / file).write_bytes(text)
+        for file, text in whole.items():
+            (folder / file).write_text(text)
         (folder / "drive.c").write_text(driver)
-        command = ["gcc", "-std=c99", "-O2", "-shared", "-fPIC", f"{code.file}.c", "drive.c", "-lm"]
+        sources = [f"{code.file}.c", "drive.c"]
+        command = ["gcc", "-std=c99", "-O1", "-w", "-shared", "-fPIC", *sources, "-lm"]
         assert _run([*command, "-o", "drive.so"], folder) == 0
         library = ctypes.CDLL(str(folder / "drive.so"))
         inputs = np.ascontiguousarray(rows.swapaxes(0, 1), dtype=real)
-        outputs = np.empty((count, calls), dtype=real)
-        pointers = [x.ctypes.data_as(ctypes.c_void_p) for x in (inputs, outputs)]
+        outputs, flags = np.empty((count, calls), real), np.empty((count, calls), np.intc)
+        pointers = [x.ctypes.data_as(ctypes.c_void_p) for x in (inputs, outputs, flags)]
         library.drive(count, calls, *pointers)
-    return outputs.T.astype(float)
+    return outputs.T.astype(float), flags.T
 
 
 def main() -> None:
@@ -357,7 +420,7 @@ def main() -> None:
     rng = np.random.default_rng(5)
     lines, table = [], []
     whole: dict[str, Count] = {}
-    survivors = []
+    survivors, equivalent = [], []
     for model in models(given.only):
         for kind in ("float32", "q15", "st"):
             code = model.in_("q15" if kind == "q15" else "float32")
@@ -369,13 +432,17 @@ def main() -> None:
             except UsageError:  # nothing of it in fixed point
                 continue
             lines.append(count.row(model.name, kind))
-            print(lines[-1], *(f"    {s}" for s in count.survivors), sep="\n", flush=True)
+            listed = [*count.survivors, *(f"no effect: {s}" for s in count.equivalent)]
+            print(lines[-1], *(f"    {s}" for s in listed), sep="\n", flush=True)
             whole.setdefault(kind, Count()).times.update(count.times)
             survivors += count.survivors
+            equivalent += count.equivalent
     lines += [count.row("all", kind) for kind, count in whole.items()]
     head = ["export", "constants in", *_COUNTED, "found"]
     parts = [_rows(head, lines), "\n## Constants whose change was not found\n"]
     parts += [f"- `{s}`" for s in survivors] or ["None."]
+    parts += ["\n## Constants whose change has no effect\n"]
+    parts += [f"- `{s}`" for s in equivalent] or ["None."]
     parts += ["\n## Bounds against errors found\n"]
     parts.append(
         _rows(["export", "routine", "arithmetic", "stated", "found", "ratio", "jump"], table)

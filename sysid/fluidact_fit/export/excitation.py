@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..experiment import FloatArray
-from ..routines import Machine, Routine
+from ..routines import Argument, Filter, Machine, Routine
 from ..routines.evaluate import DOUBLE, Arithmetic
 
 Rounded = Callable[[FloatArray], FloatArray]
+Beyond = Callable[[Argument, float, float], Sequence[float]]
+_PROBE = 400  # rows among which those without a flag are looked for
+LONGEST = 40  # dead time of what sequences are looked for with [calls]
 _PAIRS = 6  # of rows on both sides, for each comparison
 _BISECTIONS = 60
 _FEWEST = 100  # sequences: of more, two rest at an end of all ranges
@@ -40,27 +43,71 @@ def uniform(routine: Routine, count: int, rng: np.random.Generator) -> FloatArra
     return np.column_stack(columns) if columns else np.zeros((count, 0))
 
 
+def hurried(routine: Routine) -> Routine:
+    """The routine with dead times of at most :data:`LONGEST` calls: longer ones show no more."""
+    body = tuple(
+        replace(s, delay=min(s.delay, LONGEST)) if isinstance(s, Filter) else s
+        for s in routine.body
+    )
+    return replace(routine, body=body)
+
+
+def dead_time(routine: Routine) -> int:
+    """Longest dead time of a routine, in calls."""
+    return max((f.delay for f in routine.filters), default=0)
+
+
+def ends(routine: Routine, beyond: Beyond, tries: int, rng: np.random.Generator) -> FloatArray:
+    """Values at both ends of every range; the other arguments set no flag, if that can be.
+
+    Parameters
+    ----------
+    routine
+        What is called.
+    beyond
+        Gives the values for an argument, its end, and 1 or -1 for the way out of the range.
+    tries
+        Rows for each value.
+
+    Returns
+    -------
+    (n, k)
+    """
+    found, rows = [], uniform(routine, _PROBE, rng)
+    for j, a in enumerate(routine.arguments):
+        for end, way in ((a.low, -1.0), (a.high, 1.0)):
+            rows[:, j] = end
+            clear = np.flatnonzero(~run(routine, rows[None])[1][0])
+            for place in rng.choice(clear if clear.size else len(rows), tries):
+                for value in beyond(a, end, way):
+                    found.append(rows[place].copy())
+                    found[-1][j] = value
+        rows[:, j] = uniform(routine, _PROBE, rng)[:, j]
+    return np.array(found).reshape(-1, len(routine.arguments))
+
+
 def edges(routine: Routine, rows: FloatArray) -> FloatArray:
     """Arguments at which a comparison of a first call turns out the other way, from both sides.
 
     Found by bisection between rows on either side, for every comparison that the rows tell apart.
     """
-    found = []
-    sides = _sides(routine, rows)
-    for number in range(sides.shape[0]):
-        yes, no = np.flatnonzero(sides[number]), np.flatnonzero(~sides[number])
-        if not (yes.size and no.size):
-            continue
-        pick = np.arange(_PAIRS)
-        a, b = rows[yes[pick % yes.size]], rows[no[(7 * pick) % no.size]]
-        start, stop = a.copy(), b.copy()
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (a + b)
-            here = _sides(routine, middle)[number][:, None]
-            a, b = np.where(here, middle, a), np.where(here, b, middle)
-        for share in _NEAR:
-            found += [a + share * (start - a), b + share * (stop - b)]
-    return np.concatenate(found) if found else rows[:0]
+    cases: list[tuple[int, int, int]] = []
+    pick = np.arange(_PAIRS)
+    for number, sides in enumerate(_sides(routine, rows)):
+        yes, no = np.flatnonzero(sides), np.flatnonzero(~sides)
+        if yes.size and no.size:
+            cases += zip(pick * 0 + number, yes[pick % yes.size], no[(7 * pick) % no.size])
+    if not cases:
+        return rows[:0]
+    which, yes, no = np.array(cases).T
+    start, stop, place = rows[yes], rows[no], np.arange(len(cases))
+    a, b = start.copy(), stop.copy()
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (a + b)
+        here = _sides(routine, middle)[which, place][:, None]
+        a, b = np.where(here, middle, a), np.where(here, b, middle)
+    shares = [(a + share * (start - a), b + share * (stop - b)) for share in _NEAR]
+    return np.concatenate([side for sides in shares for side in sides])
 
 
 def edges_at_rest(routine: Routine, rows: FloatArray) -> FloatArray:

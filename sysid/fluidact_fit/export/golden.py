@@ -14,8 +14,19 @@ import numpy as np
 import numpy.typing as npt
 
 from ..experiment import FloatArray
-from ..routines import Routine
-from .excitation import Rounded, edge_sequences, edges, edges_at_rest, run, sequences, uniform
+from ..routines import Argument, Routine
+from .excitation import (
+    Rounded,
+    dead_time,
+    edge_sequences,
+    edges,
+    edges_at_rest,
+    ends,
+    hurried,
+    run,
+    sequences,
+    uniform,
+)
 from .mutants import mutants_of
 from .rounding import robust
 
@@ -23,11 +34,10 @@ Tolerance = Callable[[Routine, FloatArray], float]
 
 _SEED = 20_260
 _PROBE = 400  # among which edges are looked for
-_TRIES = 8  # places at which ends of ranges are looked at
+_TRIES = 3  # places at which ends of ranges are looked at
 _POOL = 2000  # arguments to choose from
 _SEQUENCES = 64  # or sequences
 _CALLS = 24  # of a sequence, beside what a dead time takes
-_LONGEST = 240
 _PLAIN = 6  # vectors of a static routine that are drawn whatever they show
 _CLEAR = 2.5  # times the tolerance: how far a changed constant has to move the output
 _MOST = 80  # vectors, or
@@ -76,20 +86,26 @@ def golden(
     nan
         Whether the target can write what is not a number. A careful routine gets it as well.
     """
-    rng = np.random.default_rng(_SEED)
-    pool, count = _pool(routine, rng, rounded, nan)
-    fine = robust(routine, pool)
-    outputs, outside = run(routine, pool)
-    fine &= np.isfinite(outputs).all(axis=0)
-    if not fine.any():
-        fine[:] = True
-    wanted = int(fine[:count].sum())
-    pool, outputs, outside = pool[:, fine], outputs[:, fine], outside[:, fine]
-    allowed = tolerance(routine, pool)
-    chosen = _chosen(routine, pool, (outputs, outside), allowed, wanted)
-    in_order = (x[:, chosen].swapaxes(0, 1) for x in (pool, outputs, outside))
+    rng, quick = np.random.default_rng(_SEED), hurried(routine)
+    pool, count = _pool(quick, rng, rounded, nan)
+    fine = _usable(quick, pool)
+    pool, wanted = pool[:, fine], int(fine[:count].sum())
+    allowed = tolerance(quick, pool)
+    chosen = pool[:, _chosen(quick, pool, allowed, wanted)]
+    rest = dead_time(routine) - dead_time(quick)
+    if rest:  # until the last output has come
+        chosen = np.concatenate([chosen, np.repeat(chosen[-1:], rest, axis=0)])
+        chosen = chosen[:, _usable(routine, chosen)]
+        allowed = max(allowed, tolerance(routine, chosen))
+    in_order = (x.swapaxes(0, 1) for x in (chosen, *run(routine, chosen)))
     arguments, values, flags = (x.reshape(-1, *x.shape[2:]) for x in in_order)
-    return Golden(arguments, values, flags.astype(bool), len(pool), allowed)
+    return Golden(arguments, values, flags.astype(bool), len(chosen), allowed)
+
+
+def _usable(routine: Routine, pool: FloatArray) -> Any:
+    """Sequences of numbers of which rounding decides nothing; all, if there are none."""
+    fine = robust(routine, pool) & np.isfinite(run(routine, pool)[0]).all(axis=0)
+    return fine if fine.any() else ~fine
 
 
 def _pool(
@@ -97,18 +113,19 @@ def _pool(
 ) -> tuple[FloatArray, int]:
     """What is chosen from, ``(calls, count, k)``, and how many of the first are taken anyway."""
     plain = uniform(routine, _POOL, rng)
-    ends, some = _ends(routine, rng), plain[:_PROBE]
+    at_ends, some = _ends(routine, rng, 1), plain[:_PROBE]
     near = np.concatenate([edges(routine, some), edges_at_rest(routine, some)])
     if not routine.keeps:
-        more = [_ends(routine, rng) for _ in range(_TRIES)]  # where no flag hides them
-        rows = np.concatenate([ends, plain[:_PLAIN], *more, near, plain[_PLAIN:]])
-        return rounded(rows)[None], len(ends) + _PLAIN
+        more = _ends(routine, rng, _TRIES)
+        rows = np.concatenate([at_ends, plain[:_PLAIN], more, near, plain[_PLAIN:]])
+        return rounded(rows)[None], len(at_ends) + _PLAIN
     if routine.careful and nan:
-        ends = _with_nan(ends, rng)
-    late = max((f.delay for f in routine.filters), default=0)
-    calls = max(min(_CALLS + late + late // 2, _LONGEST), len(ends) + late + 4)
+        at_ends = _with_nan(at_ends, rng)
+    late = dead_time(routine)
+    calls = max(_CALLS + late + late // 2, len(at_ends) + late + 4)
     found = sequences(routine, calls, _SEQUENCES, rng, near)
-    found[1 : 1 + len(ends), 0] = ends
+    found[1 : 1 + len(at_ends), 0] = at_ends
+    found[: len(at_ends), 1] = at_ends[::-1]  # begins where there may be nothing to compute from
     late_edges = edge_sequences(routine, found[:, 1:], rng)
     return rounded(np.concatenate([found, late_edges], axis=1)), 1
 
@@ -120,26 +137,20 @@ def _with_nan(rows: FloatArray, rng: np.random.Generator) -> FloatArray:
     return np.concatenate([rows, more])
 
 
-def _ends(routine: Routine, rng: np.random.Generator) -> FloatArray:
+def _ends(routine: Routine, rng: np.random.Generator, tries: int) -> FloatArray:
     """Both ends of every range and what lies just beyond them, and all far beyond."""
-    rows = []
+
+    def beyond(a: Argument, end: float, way: float) -> tuple[float, float]:
+        return end, end + way * max(abs(end) * _BESIDE, (a.high - a.low) * _BESIDE * 1e-3)
+
     low, high = (np.array([getattr(a, e) for a in routine.arguments]) for e in ("low", "high"))
-    for j, a in enumerate(routine.arguments):
-        for end, way in ((a.low, -1.0), (a.high, 1.0)):
-            least = max(abs(end) * _BESIDE, (a.high - a.low) * _BESIDE * 1e-3)
-            for value in (end, end + way * least):
-                row = low + (high - low) * rng.uniform(0.1, 0.9, low.size)
-                row[j] = value
-                rows.append(row)
-    span = high - low
-    return np.array([*rows, low - _FAR * span, high + _FAR * span])
+    far = _FAR * (high - low)
+    return np.vstack([ends(routine, beyond, tries, rng), low - far, high + far])
 
 
-def _chosen(
-    routine: Routine, pool: FloatArray, model: tuple[FloatArray, Any], allowed: float, wanted: int
-) -> list[int]:
+def _chosen(routine: Routine, pool: FloatArray, allowed: float, wanted: int) -> list[int]:
     """Places in the pool that together tell every mutant from the routine, if any can."""
-    outputs, outside = model
+    outputs, outside = run(routine, pool)
     shows = []
     for mutant in mutants_of(routine):
         other, flags = run(mutant.routine, pool)

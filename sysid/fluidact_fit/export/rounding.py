@@ -24,7 +24,7 @@ from ..experiment import FloatArray
 from ..routines import Routine
 from ..routines.evaluate import DOUBLE, SINGLE, Arithmetic
 from ..routines.expression import Choose
-from .excitation import edges, run, sequences, uniform
+from .excitation import edges, hurried, run, sequences, uniform
 
 UNIT = 2.0**-24
 CALLS = 1000  # from a reset, for a routine whose error can grow from call to call
@@ -83,6 +83,7 @@ def error_of(routine: Routine) -> Error:
     routine
         With ranges that single precision holds, see :func:`inward`.
     """
+    routine = hurried(routine)  # so that something comes out within the calls
     arguments = single(_arguments(routine))
     return Error(difference(routine, arguments), _jump(routine, arguments))
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...routines import Routine
+from ...routines.sharing import shared
 from ..golden import golden
 from ..rounding import CALLS, Error, difference, error_of, inward, single
 from ..target import Code, without_reading
@@ -47,7 +48,7 @@ class Function:
         UsageError
             When a number of it is beyond single precision.
         """
-        narrow = inward(routine)
+        narrow = inward(shared(routine))
         error = error_of(narrow)
         if not np.isfinite(error.total):
             raise UsageError(

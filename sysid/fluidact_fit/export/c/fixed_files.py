@@ -5,11 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from ...errors import UsageError
-from ..excitation import edges, edges_at_rest, run, uniform
-from ..golden import cover
 from ..target import Code, plain_text
 from .constants import Macro, macros_of
 from .files import (
@@ -24,16 +20,9 @@ from .files import (
     table_macros,
 )
 from .fixed import Fixed, Omitted, fixed
-from .fixed_run import Program
-from .fixed_table import Integers
+from .fixed_golden import vectors_of
 from .language import WIDTH, unread, wrapped
 
-_PLAIN = 6  # golden vectors that are drawn whatever they show
-_MOST = 240
-_TRIES = 4  # places at which ends of ranges are looked at
-_EACH = 3  # rows for every place of a table
-_POOL = 3000  # arguments to choose from
-_SEED = 20_262
 _ABOUT_TEST = (
     "golden vectors. main returns 0 when all hold to the last bit, otherwise the number of the "
     "function that failed; the last number stands for the macros of the header. Each lies within "
@@ -237,50 +226,6 @@ def _self_test(code: Code, functions: Sequence[Fixed], numbers: Sequence[Macro])
     if test:
         lines += read_macro(code, "READ_FLOAT", "pgm_read_float")
     return [*lines, *test, *main_of(len(functions) + bool(test))]
-
-
-def vectors_of(f: Fixed) -> list[list[int]]:
-    """Golden vectors in mantissas: arguments, output and flag, as the integers of the code are.
-
-    Raises
-    ------
-    AssertionError
-        If one of them is farther from the model than the header says.
-    """
-    program = Program.of(f)
-    given = _pool(f, program)
-    outputs, outside = program(given)
-    units = 2.0 ** np.array(f.units)
-    model, _ = run(f.routine, (given * units)[None])
-    off = np.abs(outputs * f.output.unit - model[0])[~outside]
-    assert off.max(initial=0.0) <= f.bound + f.output.unit, "fixed point beyond its bound"
-    shows = []
-    for mutant in program.mutants():
-        other, flags = mutant(given)
-        shows.append((other != outputs) | (flags != outside))
-    chosen = cover(shows, _PLAIN + 6 * len(units), _MOST)
-    rows = np.column_stack([given, outputs, outside]).astype(int)[chosen]
-    return [list(map(int, row)) for row in rows]
-
-
-def _pool(f: Fixed, program: Program) -> Integers:
-    """Arguments in mantissas: both ends of every range, what lies beyond, and many within."""
-    rng, units = np.random.default_rng(_SEED), 2.0 ** np.array(f.units)
-    low, high = np.array(f.ends).T
-    ends = []
-    for j in [*range(low.size)] * _TRIES:
-        for value in (low[j], low[j] - 1, high[j], high[j] + 1, low[j] - 999, high[j] + 999):
-            row = rng.integers(low, high + 1)
-            row[j] = value
-            ends.append(row)
-    within = uniform(f.routine, _POOL, rng)
-    some = within[:400]
-    near = np.concatenate([edges(f.routine, some), edges_at_rest(f.routine, some)])
-    many = np.round(np.concatenate([within, near]) / units).astype(int)
-    around = many[_POOL:] + rng.integers(-1, 2, many[_POOL:].shape)
-    more = np.round(uniform(f.routine, 10 * _POOL, rng) / units).astype(int)
-    spread = program.spread(np.clip(more, low, high), _EACH, rng)
-    return np.clip(np.concatenate([ends, many, around, spread]), -32768, 32767)
 
 
 def _test_of(code: Code, f: Fixed, number: int) -> list[str]:

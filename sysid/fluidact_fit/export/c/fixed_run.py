@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from math import isqrt
 from typing import Any
 
 import numpy as np
@@ -113,6 +112,9 @@ class Program:
             for value in _changed_line(line):
                 lines = (*self.lines[:k], replace(line, value=value), *self.lines[k + 1 :])
                 yield replace(self, lines=lines)
+        for k, condition in enumerate(self.flags):
+            for text in _changed_text(condition):
+                yield replace(self, flags=(*self.flags[:k], text, *self.flags[k + 1 :]))
         for layer, rows in self.biases.items():
             for i, row in enumerate(rows):
                 for j, bias in enumerate(row):
@@ -140,11 +142,15 @@ def _changed_line(line: Line) -> Iterable[str | Lookup]:
                 changed = (*pieces[:k], replace(piece, last=other), *pieces[k + 1 :])
                 yield replace(value, table=replace(value.table, pieces=changed))
         return
-    for found in _CONSTANT.finditer(value):
+    yield from _changed_text(value)
+
+
+def _changed_text(text: str) -> Iterable[str]:
+    for found in _CONSTANT.finditer(text):
         number = int(found[1])
         if number & (number - 1):
             for other in _others(number):
-                yield f"{value[: found.start(1)]}{other}{value[found.end(1) :]}"
+                yield f"{text[: found.start(1)]}{other}{text[found.end(1) :]}"
 
 
 def _cells(lookup: Lookup, place: Any) -> Integers:
@@ -175,6 +181,13 @@ def _looked_up(lookup: Lookup, place: Any) -> Integers:
         low, above = entries[piece.start + cell], entries[piece.start + cell + 1]
         found[here] = low + (((above - low) * part + 0x8000) >> 16)
     return found
+
+
+def _whole_root(radicand: Any) -> Integers:
+    """Whole part of a square root of up to 62 bits: the nearest double, put right by one."""
+    root = np.asarray(np.sqrt(radicand)).astype(np.int64)
+    root -= root * root > radicand
+    return root + ((root + 1) * (root + 1) <= radicand)
 
 
 class _Reader:
@@ -238,8 +251,7 @@ class _Reader:
         value = self._bias() if word.endswith("_READ_LONG") else self.choice()
         self._expect(")")
         if "_sqrt" in word:
-            roots = [isqrt(max(int(v), 0)) for v in np.ravel(value)]
-            return np.array(roots, dtype=np.int64).reshape(np.shape(value))
+            return _whole_root(np.maximum(value, 0))
         return value
 
     def _bias(self) -> Any:

@@ -1,36 +1,18 @@
-"""Routines as C99: expressions and statements, in single or in double precision.
-
-Numbers other than 0, 1, 2 and a half stand under names: those of the parameters where the header
-has them, else of the routine.
-"""
+"""Routines as C99: statements and functions, in single or in double precision."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 from ...routines import Argument, Routine
 from ...routines.evaluate import SINGLE_HALVINGS
-from ...routines.expression import (
-    Binary,
-    Choose,
-    Expression,
-    Item,
-    Name,
-    Number,
-    Unary,
-    parts_of,
-)
-from ...routines.routine import Filter, Flag, Layer, Let, Matrix, Put, Solve, State, Statement
-from ...routines.sharing import shared, word_of
-from .language import WIDTH, Folded, Names, Precision, fold, unread, wrapped
-
-_OPERATORS = {"+": "+", "-": "-", "*": "*", "/": "/"}
-_PLAIN = (0.0, 0.5, 1.0, 2.0)  # numbers that say nothing of a machine
-_LONG = 84  # signs of an expression: what is longer and part of another gets a name
+from ...routines.expression import Item, Name
+from ...routines.routine import Filter, Flag, Layer, Let, Matrix, Put, Solve, Statement
+from .expressions import Expressions
+from .language import WIDTH, Folded, Precision, fold, unread, wrapped
 
 
-class Writer:
+class Writer(Expressions):
     """One routine as lines of C.
 
     Parameters
@@ -49,19 +31,9 @@ class Writer:
         self, routine: Routine, prefix: str, precision: Precision,
         macros: Mapping[str, float] | None = None,
     ) -> None:  # fmt: skip
-        self.routine, self.prefix, self.precision = shared(routine), prefix, precision
-        named, times = macros or {}, Counter((macros or {}).values())
-        # two parameters of one value: which is meant is not known
-        self._macros = {value: name for name, value in named.items() if times[value] == 1}
-        self._constants: dict[str, float] = {}
-        self._named = dict(named)
-        self._names = Names(a.name for a in routine.arguments)
-        self._known = {s.name: f"state->{s.name}" for s in routine.states}
+        super().__init__(routine, prefix, precision, macros)
         self._counters: list[str] = []
         self._tables: list[str] = []
-        self._body: list[str] = []
-        self._depth, self._whole = 1, False
-        self._context = ""
         self._starts = {s.name: self._start_of(s) for s in routine.states}
         self._clamp_all()
         interrupts = self.routine.careful and self.routine.keeps
@@ -77,135 +49,6 @@ class Writer:
         self._result = self._text_of(self.routine.value)
         if self.routine.careful and not self.routine.keeps:
             self._result = self._numbers_only(self._result)
-
-    @property
-    def name(self) -> str:
-        """Name of the function."""
-        return f"{self.prefix}_{self.routine.name}"
-
-    # ------------------------------------------------------------------------- constants
-
-    def _number(self, value: float, name: str = "") -> str:
-        """A number by its name; negative ones in parentheses."""
-        if abs(value) in _PLAIN and not name:
-            text = self.precision.literal(abs(value))
-            return f"(-{text})" if value < 0.0 else text
-        for sign, text in ((1.0, "{}"), (-1.0, "(-{})")):
-            own = f"{self.prefix}_{name}".upper()
-            if self._named.get(own) == sign * value:
-                return text.format(own)
-            if sign * value in self._macros:
-                return text.format(self._macros[sign * value])
-        if value < 0.0:
-            return f"(-{self._number(-value, name)})"
-        wanted = f"{self.name}_{name or self._context}".upper()
-        number, macro = 0, wanted
-        while macro in self._named or self._constants.get(macro, value) != value:
-            number += 1
-            macro = f"{wanted}_{number}"
-        self._constants[macro] = value
-        return macro
-
-    def _start_of(self, s: State) -> str:
-        """What a state is after a reset, by its name where it belongs to the machine."""
-        plain = abs(s.initial) in _PLAIN
-        return self._number(s.initial, "" if plain else f"{s.name}_start")
-
-    def _limit(self, value: float, name: str) -> str:
-        """A number that has a name even where it is a plain one, such as the end of a range."""
-        macro = f"{self.name}_{name}".upper()
-        self._constants[macro] = value
-        return macro
-
-    # ----------------------------------------------------------------------- expressions
-
-    def _say(self, *lines: str) -> None:
-        for line in lines:
-            indent = "    " * self._depth + line[: len(line) - len(line.lstrip())]
-            self._body += wrapped(line.lstrip(), indent)
-
-    def _text_of(self, e: Expression) -> str:
-        """An expression that stands alone."""
-        text = self._written(e)
-        return text[1:-1] if isinstance(e, Binary | Choose) and _enclosed(text) else text
-
-    def _text(self, e: Expression) -> str:
-        """An expression, in parentheses where it has an operator.
-
-        What is long becomes a statement that stands before.
-        """
-        text = self._written(e)
-        if len(text) > _LONG and isinstance(e, Unary | Binary) and not self._whole:
-            name = self._names.new(word_of(e))
-            bare = text[1:-1] if _enclosed(text) else text
-            self._say(f"const {self.precision.type} {name} = {bare};")
-            return name
-        return text
-
-    def _written(self, e: Expression) -> str:
-        match e:
-            case Number():
-                return self._number(e.value, e.name)
-            case Name():
-                return self._known[e.name]
-            case Item():
-                return f"{self._known[e.name]}[{e.index}]"
-            case Unary(function="neg"):
-                return f"(-{self._text(e.x)})"
-            case Unary():
-                function = "fabs" if e.function == "abs" else e.function
-                return f"{function}{self.precision.suffix}({self._text_of(e.x)})"
-            case Binary() if e.function in _OPERATORS:
-                return f"({self._left(e)} {e.function} {self._text(e.b)})"
-            case Binary():
-                return f"{self.prefix}_{e.function}({self._text_of(e.a)}, {self._text_of(e.b)})"
-            case Choose():
-                if _is_short(e):
-                    return f"({self._condition(e)} ? {self._text(e.yes)} : {self._text(e.no)})"
-                chosen = self._names.new("chosen")
-                self._assign(chosen, e, declare=True)
-                return chosen
-        raise TypeError(e)
-
-    def _left(self, e: Binary) -> str:
-        """The left side of an operator; a chain of one operator needs no parentheses."""
-        text = self._text(e.a)
-        if isinstance(e.a, Binary) and e.a.function == e.function and _enclosed(text):
-            return text[1:-1]
-        return text
-
-    def _condition(self, e: Choose | Flag) -> str:
-        relation = e.relation if isinstance(e, Choose) else "<"
-        return f"({self._text(e.a)} {relation} {self._text(e.b)})"
-
-    def _assign(self, target: str, e: Expression, declare: bool = False) -> None:
-        """Give a variable a value: a long choice by branches, of which one is computed."""
-        if not isinstance(e, Choose) or _is_short(e):
-            kind = f"const {self.precision.type} " if declare else ""
-            self._say(f"{kind}{target} = {self._text_of(e)};")
-            return
-        if declare:
-            self._say(f"{self.precision.type} {target};")
-        word = "if"
-        while True:
-            self._whole = word != "if"  # before an else there is no place for a statement
-            condition = self._condition(e)
-            self._whole = False
-            self._say(f"{word} {condition} {{")
-            self._nested(target, e.yes)
-            rest = e.no
-            # a condition that is a long choice itself needs statements before it
-            if not isinstance(rest, Choose) or _has_choice(rest.a) or _has_choice(rest.b):
-                break
-            e, word = rest, "} else if"
-        self._say("} else {")
-        self._nested(target, rest)
-        self._say("}")
-
-    def _nested(self, target: str, e: Expression) -> None:
-        self._depth += 1
-        self._assign(target, e)
-        self._depth -= 1
 
     # ------------------------------------------------------------------------ statements
 
@@ -402,17 +245,6 @@ class Writer:
         self._say(*(f"{x}[{k}] += {move};" for k, move in enumerate(moves)))
         self._known[s.name] = out
 
-    def _sum(self, terms: Sequence[tuple[float, str, str]]) -> str:
-        """Sum of products with constants, by value and name; those with zero are left out."""
-        products = [
-            x if c == 1.0 else f"({self._number(c, f'{self._context}_{name}')} * {x})"
-            for c, name, x in terms
-            if c != 0.0
-        ]
-        if len(products) == 1 and _enclosed(products[0]):
-            return products[0][1:-1]
-        return " + ".join(products) or self.precision.literal(0.0)
-
     # -------------------------------------------------------------------------- function
 
     @property
@@ -487,28 +319,3 @@ class Writer:
 
 def _keeps_line(s: Filter) -> bool:
     return s.delay > 0 or any(s.late)
-
-
-def _has_choice(e: Expression) -> bool:
-    return isinstance(e, Choose) or any(map(_has_choice, parts_of(e)))
-
-
-def _is_short(e: Choose) -> bool:
-    """Whether a choice is between values that are at hand."""
-    if _has_choice(e.a) or _has_choice(e.b):
-        return False
-    return all(isinstance(x, Number | Name | Item) or _is_negated(x) for x in (e.yes, e.no))
-
-
-def _is_negated(e: Expression) -> bool:
-    return isinstance(e, Unary) and e.function == "neg" and isinstance(e.x, Name)
-
-
-def _enclosed(text: str) -> bool:
-    """Whether the first parenthesis of a text is closed by its last sign."""
-    depth = 0
-    for k, sign in enumerate(text):
-        depth += {"(": 1, ")": -1}.get(sign, 0)
-        if depth == 0:
-            return k == len(text) - 1 and text[0] == "("
-    return False

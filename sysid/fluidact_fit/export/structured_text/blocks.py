@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from ...routines import Argument, Routine
 from ...routines.expression import Binary, Choose, Expression, Item, Name, Number, Unary
 from ...routines.routine import Filter, Flag, Layer, Let, Matrix, Put, Solve, Statement
+from ...routines.sharing import shared
+from ..branches import Branches, Words
 from .words import INDENT, Names, array, block_comment, comment, literal, number, section, wrapped
 
 _LEVELS = {"+": 1, "-": 1, "*": 2, "/": 2}
@@ -14,7 +16,7 @@ _CALLS = {"abs": "ABS", "sqrt": "SQRT", "exp": "EXP", "log": "LN", "min": "MIN",
 _ALONE, _ATOM = 0, 3
 
 
-class FunctionBlock:
+class FunctionBlock(Branches):
     """A routine as a function block.
 
     ``value`` and ``outside`` are its outputs; where something is kept between calls, a call with
@@ -25,11 +27,13 @@ class FunctionBlock:
     name
         Of the function block.
     routine
-        What it does.
+        What it does; what it computes twice is computed once.
     """
 
+    words = Words("IF {} THEN", "ELSIF {} THEN", "ELSE", "END_IF")
+
     def __init__(self, name: str, routine: Routine) -> None:
-        self.name, self.routine = name, routine
+        self.name, self.routine = name, (routine := shared(routine))
         self._names = Names()
         self._known: dict[str, str] = {}  # name in the routine: identifier that holds it now
         self._states: dict[str, str] = {}
@@ -218,26 +222,14 @@ class FunctionBlock:
         return text if own >= level else f"({text})"
 
     def _assign(self, target: str, e: Expression) -> None:
-        if not isinstance(e, Choose):
+        if isinstance(e, Choose):
+            self._branch(target, e)
+        else:
             self._say(f"{target} := {self._text(e)};")
-            return
-        word = "IF"
-        while True:
-            self._say(f"{word} {self._text(e.a, 1)} {e.relation} {self._text(e.b, 1)} THEN")
-            self._nested(target, e.yes)
-            rest, word = e.no, "ELSIF"
-            # a condition that is a choice itself needs statements before it
-            if not isinstance(rest, Choose) or _has_choice(rest.a) or _has_choice(rest.b):
-                break
-            e = rest
-        self._say("ELSE")
-        self._nested(target, rest)
-        self._say("END_IF")
 
-    def _nested(self, target: str, e: Expression) -> None:
-        self._depth += 1
-        self._assign(target, e)
-        self._depth -= 1
+    def _condition(self, e: Choose | Flag) -> str:
+        relation = e.relation if isinstance(e, Choose) else "<"
+        return f"{self._text(e.a, 1)} {relation} {self._text(e.b, 1)}"
 
     # ---------------------------------------------------------------------------- statements
 
@@ -255,11 +247,7 @@ class FunctionBlock:
             case Filter():
                 self._filter(s)
             case Flag():
-                self._say(
-                    f"IF {self._text(s.a, 1)} < {self._text(s.b, 1)} THEN",
-                    f"{INDENT}outside := TRUE;",
-                    "END_IF",
-                )
+                self._say(f"IF {self._condition(s)} THEN", f"{INDENT}outside := TRUE;", "END_IF")
 
     def _let(self, s: Let) -> None:
         name = self._temporary(s.name)
@@ -375,17 +363,6 @@ class FunctionBlock:
             f"{at} := ({at} + 1) MOD {size};",
         )
         self._known[s.name] = y
-
-
-def _has_choice(e: Expression) -> bool:
-    match e:
-        case Choose():
-            return True
-        case Unary():
-            return _has_choice(e.x)
-        case Binary():
-            return _has_choice(e.a) or _has_choice(e.b)
-    return False
 
 
 def described(a: Argument) -> str:
