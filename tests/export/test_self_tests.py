@@ -14,17 +14,26 @@ import pytest
 import fluidact_fit as ff
 from fluidact_fit.control.closed_loop import with_values
 from fluidact_fit.control.loading import make_block, read_document
-from fluidact_fit.export import export
+from fluidact_fit.export import excitation, export
 from fluidact_fit.export.c import write, write_code
 from fluidact_fit.export.c.files import Function
 from fluidact_fit.export.controller import controller_code
 from fluidact_fit.export.golden import golden
 from fluidact_fit.export.mutants import mutants_of
-from fluidact_fit.export.rounding import difference, inward, single
+from fluidact_fit.export.rounding import difference, error_of, inward, single
 from fluidact_fit.export.target import Code, Job
 from fluidact_fit.families.potentiometer.calibration import Calibration
 from fluidact_fit.families.potentiometer.routines import routines_of as potentiometer_routines
-from fluidact_fit.routines import Draft, Machine, Routine, constant
+from fluidact_fit.routines import (
+    Draft,
+    Filter,
+    Machine,
+    Routine,
+    constant,
+    maximum,
+    minimum,
+    polynomial,
+)
 from fluidact_fit.routines.evaluate import SINGLE
 from fluidact_fit.routines.routine import Argument
 from fluidact_fit.routines.sharing import shared
@@ -150,8 +159,6 @@ def routines_of(name: str, folder: Path) -> list[Routine]:
 @pytest.mark.parametrize("name", [*FAMILIES, "pd"])
 def test_golden_vectors_tell_mutants_from_the_routine(name: str, tmp_path: Path) -> None:
     """Run again from the vectors alone: sequence by sequence, with the reset that they say."""
-    from fluidact_fit.export import excitation
-
     seen = missed = 0
     for routine in map(inward, routines_of(name, tmp_path)):
         vectors = golden(routine, difference, single)
@@ -194,6 +201,43 @@ def test_the_jump_of_compensation_is_part_of_the_bound(tmp_path: Path) -> None:
     stated = re.search(r"by\s+at most ([\d.]+)", header.replace("\n * ", " "))
     assert stated is not None
     assert float(stated[1]) >= error.total
+
+
+def test_a_dead_time_of_thousands_of_samples_is_waited_for() -> None:
+    draft = Draft("late", "", "1", 0.01)
+    x = draft.argument(Argument("x", "1", "x", -2.0, 2.0))
+    lag = Filter("lag", ((-0.2,),), (0.15,), (0.05,), (1.0,), 2000, x * constant("a", 3.0))
+    routine = draft.returns(draft.filter(lag))
+    vectors = golden(routine, difference, single)
+    assert vectors.length > 2000
+    outputs = vectors.outputs.reshape(-1, vectors.length)
+    assert not outputs[:, :2000].any()
+    assert np.abs(outputs[:, 2001:]).max() > 0.1
+    assert error_of(routine).rounding > 1e-8  # of what comes out, not of the rest before
+
+
+def test_both_sides_of_an_end_are_tried_where_nothing_else_sets_the_flag() -> None:
+    draft = Draft("f", "", "1")
+    x, y = (draft.argument(Argument(n, "1", n, 0.0, 1.0)) for n in "xy")
+    draft.flag(0.1, y)  # only a tenth of the places is without a flag
+    vectors = golden(draft.returns(x), difference, single)
+    for end in (0.0, 1.0):
+        flags = vectors.outside[vectors.arguments[:, 0] == end]
+        assert not flags.all()
+        beside = np.abs(vectors.arguments[:, 0] - end) < 1e-5
+        assert vectors.outside[beside].any()
+
+
+def test_what_two_choices_share_is_compared_once() -> None:
+    """The search for edges takes as many runs for a long polynomial as for a short one."""
+    runs = []
+    for terms in (2, 14):
+        draft = Draft("f", "", "1")
+        u = draft.argument(Argument("u", "1", "u", -2.0, 2.0))
+        x = maximum(minimum(u, constant("top", 1.5)) - 0.25, 0.0)
+        routine = Function.of(draft.returns(polynomial([1.0] * terms, x, "c")), "x").routine
+        runs.append(excitation.edges(routine, np.linspace(-2.0, 2.0, 50)[:, None]).shape)
+    assert runs[0] == runs[1]
 
 
 # ------------------------------------------------------------------------------- the text

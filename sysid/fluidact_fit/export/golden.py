@@ -38,6 +38,7 @@ _TRIES = 3  # places at which ends of ranges are looked at
 _POOL = 2000  # arguments to choose from
 _SEQUENCES = 64  # or sequences
 _CALLS = 24  # of a sequence, beside what a dead time takes
+_INTERRUPTED = 24  # of them, of a careful routine, by a call with nothing to compute from
 _PLAIN = 6  # vectors of a static routine that are drawn whatever they show
 _CLEAR = 2.5  # times the tolerance: how far a changed constant has to move the output
 _MOST = 80  # vectors, or
@@ -126,6 +127,9 @@ def _pool(
     found = sequences(routine, calls, _SEQUENCES, rng, near)
     found[1 : 1 + len(at_ends), 0] = at_ends
     found[: len(at_ends), 1] = at_ends[::-1]  # begins where there may be nothing to compute from
+    if routine.careful:
+        for s in range(2, 2 + _INTERRUPTED):
+            found[rng.integers(1, calls - 1), s] = at_ends[-1]
     late_edges = edge_sequences(routine, found[:, 1:], rng)
     return rounded(np.concatenate([found, late_edges], axis=1)), 1
 

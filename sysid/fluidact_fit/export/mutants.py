@@ -1,4 +1,4 @@
-"""Routines with one constant changed: what a self-test has to find."""
+"""Routines with one constant changed, or one rule forgotten: what a self-test has to find."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Value = Callable[[Key, float], float]
 
 @dataclass(frozen=True)
 class Mutant:
-    """A routine in which one constant is another."""
+    """A routine in which one constant is another, or one rule is left out."""
 
     constant: str
     routine: Routine
@@ -28,8 +28,14 @@ class Mutant:
 def mutants_of(routine: Routine, share: float = SHARE) -> Iterator[Mutant]:
     """Yield a routine with each of its constants larger, and smaller, by a share of it.
 
-    Zeros stay, and so do 1, 2 and 1/2 where no name says that they belong to the machine.
+    Zeros stay, and so do 1, 2 and 1/2 where no name says that they belong to the machine. Of a
+    careful one, also as if it were not, and without each of what an interruption changes.
     """
+    if routine.careful:
+        yield Mutant("careful", replace(routine, careful=False))
+    for k, put in enumerate(routine.interrupted):
+        others = (*routine.interrupted[:k], *routine.interrupted[k + 1 :])
+        yield Mutant(f"interrupted.{put.state}", replace(routine, interrupted=others))
     keys: dict[Key, float] = {}
 
     def note(key: Key, value: float) -> float:
