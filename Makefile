@@ -14,10 +14,11 @@ unexport PYTHONDONTWRITEBYTECODE
 
 MATRIX ?= 3.11 3.12 3.13
 
-.PHONY: help demo test suite test-oldest test-matrix lint style types format docs schema lock house acceptance study bench red-team soak clean
+.PHONY: help demo check test suite test-oldest test-matrix lint style types format docs schema lock house acceptance study bench red-team soak clean
 
 help:
 	@echo "make demo         fit the datasets into demo-output/"
+	@echo "make check        style of what changed, and one fast test a promise: a minute"
 	@echo "make test         style, types, layers, tests and notebooks, with the newest dependencies"
 	@echo "make test-oldest  part of the tests with the oldest dependencies that are supported"
 	@echo "make test-matrix  the demo and quick tests on every Python that is supported"
@@ -42,6 +43,16 @@ help:
 demo: $(INSTALLED)
 	rm -rf demo-output
 	$(BIN)/fluidact-fit demo demo-output
+
+# Between two edits: the style of the files that differ from main, and the tests of
+# tests/promises.txt.
+CHANGED = $(shell git diff --name-only --diff-filter=d main -- '*.py') \
+	$(shell git ls-files --others --exclude-standard -- '*.py')
+check: $(INSTALLED_DEV)
+	$(if $(strip $(CHANGED)),$(BIN)/ruff check $(CHANGED))
+	$(if $(strip $(CHANGED)),$(BIN)/ruff format --check $(CHANGED))
+	$(BIN)/lint-imports --no-cache --no-logo > /dev/null
+	$(BIN)/python -m pytest -n 2 -q @tests/promises.txt
 
 # The types are checked beside the tests: one process, that would leave the other core idle.
 test: style
