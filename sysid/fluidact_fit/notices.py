@@ -345,9 +345,8 @@ _FAMILIES = {
         "Give a lower `--degree`, or record more samples over the whole range.",
     ),
     "directions-differ": _warning(
-        "One calibration curve was fitted, and the position differs between rising and falling "
-        "readings.",
-        "Give `--branches two`, or look for play and for a delay between the signals.",
+        "One static map was fitted, and its output differs between rising and falling inputs.",
+        "Give `--branches two` where there is one, or look for play, hysteresis and delays.",
     ),
     "few-positions": _warning(
         "So few positions (or lengths) were recorded, or so wide a gap was left between them, that "
@@ -385,6 +384,10 @@ _FAMILIES = {
     "input-constant": _warning(
         "An input of the network is the same in all logs, so other values of it are unknown.",
         "Record logs with other values, or leave it out of `--inputs`.",
+    ),
+    "kept-monotone": _information(
+        "The best curve would reverse direction, insignificantly, and was kept from doing so.",
+        "Nothing; give `--no-monotone` for the free curve.",
     ),
     "logs-disagree": _warning(
         "The logs do not share one friction.",

@@ -149,7 +149,6 @@ def test_file_says_what_the_network_is(target: str) -> None:
     assert set(details["branches"]) == {"rmse", "loading", "unloading"}
     assert set(details["validation"]) >= {"loading", "unloading"}
     assert details["validation"]["split_by"] == "position"
-    assert details["cubic_polynomial"]["terms"] == {"command": 20, "force": 35}[target]
     assert details["certificate"]["exact"]
     assert details["certificate"]["rises_with"]["certified"]
     for name, quantity in result.parameters.items():
@@ -428,20 +427,11 @@ def test_an_odd_one_of_three_does_not_bend_the_map() -> None:
     found = fit_specimens(specimens((0.1, 0.15, 0.3), odd=0.1))
     ends = at_length(found, 0.1), at_length(found, 0.3)
     assert np.allclose(at_length(found, 0.2), 0.5 * (ends[0] + ends[1]), rtol=0.01)
-    assert found.details["straight"]["judged"] == []
 
 
-def test_of_four_each_is_met_and_between_them_is_judged() -> None:
+def test_of_four_each_is_met() -> None:
     found = fit_specimens(specimens((0.1, 0.15, 0.2, 0.3), odd=0.05))
-    straight = found.details["straight"]
-    assert [row["strength"] for row in straight["judged"]] == [0.03, 0.0, 1.0]
     assert np.allclose(at_length(found, 0.15), 0.95 * 1.15 * 2.5, rtol=0.01)
-
-
-def test_a_length_that_moves_names_no_specimen() -> None:
-    u = cycles(1000)
-    e = make(command=u, position=0.01, length=np.linspace(0.1, 0.3, u.size), force=10.0 * u)
-    assert "straight" not in fit_specimens([e], "2").details
 
 
 # ------------------------------------------------------------------------------ real muscles
@@ -481,7 +471,6 @@ def test_muscles_on_another_repeat(hidden: str, limit: float) -> None:
     runs = simulate(found, muscles(8))
     left_out = sum(int(np.sum(~r.used)) for r in runs if r.used is not None)
     assert left_out == found.details["spikes"] > 0
-    assert found.details["cubic_polynomial"]["rmse"] > found.details["branches"]["rmse"]
 
 
 @pytest.mark.slow

@@ -1,20 +1,11 @@
-"""Small feed-forward networks: exact Jacobians, Levenberg-Marquardt from many starts.
+"""Small feed-forward networks as maps: exact Jacobians, trained from many starts.
 
     a_0 = x,  a_l = phi(W_l a_(l-1) + b_l),  y = W_L a_(L-1) + b_L
 
-with ``phi(z) = max(z, 0)`` or ``tanh(z)``. A network of a few dozen parameters is a
-nonlinear least-squares problem, not one for a deep-learning framework: Gauss-Newton steps
-with damping [1]_ reach the accuracy of the structure in tens of iterations. Everything
-works on whole arrays and in blocks of rows, so that time and memory grow linearly.
-
-Starts are made by orthogonal matching pursuit: hinges through random samples, each taken
-for what it adds to those there are. The best of many short searches go on to the end. The
-searches use rounded kinks, which are sharpened step by step: a hinge can only move by the
-samples that lie on its kink, and a rounded one feels them from afar.
-
-An input of which only a few values were recorded, each with another specimen, leaves the
-network free in between. :class:`Chords` hold it near a straight line there, weakly enough for
-it to pass through every specimen that was recorded.
+with ``phi(z) = max(z, 0)`` or ``tanh(z)``: a nonlinear least-squares problem of a few dozen
+unknowns for damped Gauss-Newton steps [1]_. Rows are worked on in blocks, so that time and memory
+grow linearly. Starts are hinges through random samples, chosen by orthogonal matching pursuit;
+searches begin with rounded kinks, which samples beside them can move, and sharpen them.
 
 References
 ----------
@@ -25,7 +16,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -33,16 +24,16 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..experiment import BoolArray, FloatArray
-from .price import exhausted, simulated
+from ..experiment import FloatArray
+from .map import robust_deviation
+from .minimise import minimise
+from .price import simulated
 
 Activation = Literal["relu", "tanh"]
 
 _BLOCK = 4096  # rows per block: their derivatives are a few megabytes
 _MANY = 40_000  # rows of the fit before the last
 _HUBER = 1.5  # threshold in robust standard deviations: nearly as efficient as squares
-_CHORDS = 1500  # lines along an input that is to be straight
-_GOLDEN = 0.6180339887  # steps of this, modulo one, spread evenly
 _SHARPER = (3.0, 6.0, 15.0, 40.0)  # sharpness of rounded kinks, in widths of the data
 
 
@@ -198,7 +189,7 @@ def _gradient(
     return np.concatenate(parts)
 
 
-# ---------------------------------------------------------------- Levenberg-Marquardt
+# -------------------------------------------------------------------------- what is minimised
 
 
 @dataclass(frozen=True)
@@ -206,7 +197,9 @@ class Chords:
     """Lines along one input from whose chord the output is to deviate little.
 
     ``strength * mean((y(x_i) - (1 - t_i) y(low_i) - t_i y(high_i))^2)`` joins the cost, with
-    ``x_i`` at the share ``t_i`` of the way from one end of the input's range to the other.
+    ``x_i`` at the share ``t_i`` of the way from one end of the input's range to the other. An input
+    of which few values were recorded, each with another specimen, leaves a network free in
+    between; this holds it there, weakly enough to pass through every specimen.
 
     ``points`` has shape ``(3, m, inputs)``: low, between, high; ``shares`` ``(3, m)`` holds
     the factors of their outputs.
@@ -219,24 +212,12 @@ class Chords:
     @classmethod
     def along(cls, x: FloatArray, column: int, strength: float) -> Chords:
         """Chords through evenly spaced rows of ``x``, shape ``(n, inputs)``; half at most."""
-        rows = x[thin(x.shape[0], min(_CHORDS, (x.shape[0] + 1) // 2))]
+        rows = x[thin(x.shape[0], min(1500, (x.shape[0] + 1) // 2))]
         low, high = float(x[:, column].min()), float(x[:, column].max())
-        t = np.mod(_GOLDEN * np.arange(rows.shape[0]), 1.0)
+        t = np.mod(0.6180339887 * np.arange(rows.shape[0]), 1.0)  # golden section: evenly spread
         points = np.repeat(rows[None, :, :], 3, axis=0)
         points[:, :, column] = low + (high - low) * np.vstack((0.0 * t, t, 0.0 * t + 1.0))
         return cls(points, np.vstack((t - 1.0, np.ones(t.size), -t)), strength)
-
-    def blocks(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Points, samples last and all low ones first, and shares of a few chords each."""
-        parts = _parts(self.shares.shape[1], _BLOCK // 3)
-        points = [self.points[:, part].reshape(-1, self.points.shape[2]) for part in parts]
-        return [(samples_last(z), self.shares[:, part]) for z, part in zip(points, parts)]
-
-
-def huber_cost(residual: FloatArray, limit: float) -> float:
-    """Sum of ``r^2`` up to the limit and of straight lines beyond [2]_."""
-    size = np.abs(residual)
-    return float(np.where(size <= limit, size**2, limit * (2.0 * size - limit)).sum())
 
 
 @dataclass(frozen=True)
@@ -249,7 +230,7 @@ class Cost:
         Weight decay per sample, at outputs of unit variance. There is none of biases: it
         bends no curve towards the origin.
     limit
-        Residual beyond which the cost grows linearly; infinite for least squares.
+        Residual beyond which ``rho`` grows linearly [2]_; infinite for least squares.
     chords
         Lines along which the output is to be nearly straight.
     """
@@ -258,90 +239,95 @@ class Cost:
     limit: float = np.inf
     chords: Chords | None = None
 
-    def ridge(self, net: Network, rows: int) -> FloatArray:
-        """Factor of every squared parameter."""
-        ones, zeros = map(np.ones_like, net.weights), map(np.zeros_like, net.biases)
-        return rows * self.decay * replace(net, weights=tuple(ones), biases=tuple(zeros)).vector()
+
+def huber_cost(residual: FloatArray, limit: float) -> float:
+    """Sum of ``r^2`` up to the limit and of straight lines beyond [2]_."""
+    size = np.abs(residual)
+    return float(np.where(size <= limit, size**2, limit * (2.0 * size - limit)).sum())
 
 
-def _parts(rows: int, most: int) -> list[slice]:
-    return [slice(begin, begin + most) for begin in range(0, rows, most)]
+@dataclass(frozen=True)
+class _Block:
+    """Rows whose ``target`` (m,) is met by ``k`` outputs, each times its share ``(k, m)``.
+
+    ``points`` are the inputs of all outputs, shape ``(inputs, k m)``.
+    """
+
+    points: FloatArray
+    shares: FloatArray
+    target: FloatArray
+    weight: float
+    limit: float
+
+    def roots(self, residual: FloatArray) -> FloatArray:
+        """Square roots of the weights of rows, those beyond the limit counting less."""
+        share = np.ones(residual.size)
+        if np.isfinite(self.limit):
+            share = self.limit / np.maximum(np.abs(residual), self.limit)
+        return np.asarray(np.sqrt(self.weight * share))
 
 
 @dataclass(frozen=True)
 class _Point:
-    """A network with its :class:`Cost` times the number of rows.
-
-    What its derivatives need is kept block by block: inputs of the layers, and residuals of
-    the rows or deviations of the chords.
-    """
+    """A network with its cost, inputs of its layers and residuals of every block."""
 
     network: Network
     cost: float
-    rows: Sequence[tuple[Sequence[FloatArray], FloatArray]]
-    chords: Sequence[tuple[Sequence[FloatArray], FloatArray]]
+    layers: Sequence[Sequence[FloatArray]]
+    residuals: Sequence[FloatArray]
 
 
 class _Problem:
-    """A cost on given rows, which are gone through block by block."""
+    """A cost on given rows, times their number, gone through block by block."""
 
     def __init__(self, net: Network, x: FloatArray, y: FloatArray, cost: Cost) -> None:
-        self._limit, self._ridge = cost.limit, cost.ridge(net, y.size)
-        self._rows = [(samples_last(x[part]), y[part]) for part in _parts(y.size, _BLOCK)]
-        self._chords = [] if cost.chords is None else cost.chords.blocks()
-        count = sum(shares.shape[1] for _, shares in self._chords)
-        self._weight = 0.0 if cost.chords is None else cost.chords.strength * y.size / count
+        ones, zeros = map(np.ones_like, net.weights), map(np.zeros_like, net.biases)
+        weights = replace(net, weights=tuple(ones), biases=tuple(zeros)).vector()
+        self.network, self._ridge = net, y.size * cost.decay * weights
+        self._blocks = [
+            _Block(samples_last(x[k : k + _BLOCK]), np.ones((1, part.size)), part, 1.0, cost.limit)
+            for k, part in ((k, y[k : k + _BLOCK]) for k in range(0, y.size, _BLOCK))
+        ]
+        if (c := cost.chords) is not None:
+            weight = c.strength * y.size / c.shares.shape[1]
+            points, none = (
+                samples_last(c.points.reshape(-1, x.shape[1])),
+                np.zeros(c.shares[0].size),
+            )
+            self._blocks.append(_Block(points, c.shares, none, weight, np.inf))
+        self._widest = max(b.shares.size for b in self._blocks)
 
-    def at(self, net: Network, most: float = np.inf) -> _Point:
-        """Evaluate a network, and give up once its cost has passed the most it may be."""
-        simulated(sum(y.size for _, y in self._rows))
-        cost = float(self._ridge @ net.vector() ** 2)
-        rows, chords = [], []
-        for points, shares in self._chords:
-            layers = net.layer_inputs(points)
-            deviation = (shares * net.output(layers).reshape(3, -1)).sum(axis=0)
-            cost += self._weight * float(deviation @ deviation)
-            chords.append((layers, deviation))
-        for x, y in self._rows:
-            if cost >= most:
-                break
-            layers = net.layer_inputs(x)
-            residual = y - net.output(layers)
-            cost += huber_cost(residual, self._limit)
-            rows.append((layers, residual))
-        return _Point(net, cost, rows, chords)
+    def at(self, p: FloatArray) -> _Point:
+        """Evaluate a network of some parameters."""
+        simulated(sum(b.shares.size for b in self._blocks))
+        net, cost = self.network.from_vector(p), float(self._ridge @ p**2)
+        layers = [net.layer_inputs(b.points) for b in self._blocks]
+        residuals = [
+            b.target - (b.shares * net.output(a).reshape(b.shares.shape)).sum(axis=0)
+            for b, a in zip(self._blocks, layers)
+        ]
+        cost += sum(b.weight * huber_cost(r, b.limit) for b, r in zip(self._blocks, residuals))
+        return _Point(net, cost, layers, residuals)
 
     def normal_equations(self, point: _Point) -> tuple[FloatArray, FloatArray]:
-        """``J'WJ`` and ``J'Wr``, penalties included.
+        """``J'Wr`` and ``J'WJ``, weight decay included.
 
         The matrix only shapes a step and is made in single precision; where the steps end is
         for the gradient and the cost to say.
         """
-        net, size, root = point.network, point.network.parameters, np.sqrt(self._weight)
-        simulated(sum(y.size for _, y in self._rows))
-        matrix, gradient = np.diag(self._ridge), -self._ridge * net.vector()
-        table = np.empty((size, _BLOCK), dtype=np.float32)
-        for layers, residual in point.rows:
-            block, roots = table[:, : residual.size], self._roots(residual)
-            back = propagate_back(net, layers, roots)
-            gradient += _gradient(back, layers, roots * residual)
-            write_derivatives(back, layers, block)
-            matrix += block @ block.T
-        for (layers, deviation), (_, shares) in zip(point.chords, self._chords):
-            block, ends = table[:, : deviation.size], table[:, : shares.size]
-            back = propagate_back(net, layers, root * shares.ravel())
-            gradient += _gradient(back, layers, np.tile(-root * deviation, 3))
-            write_derivatives(back, layers, ends)
-            low, between, high = ends.reshape(size, 3, -1).transpose(1, 0, 2)
-            block[:] = low + between + high
-            matrix += block @ block.T
-        return matrix, gradient
-
-    def _roots(self, residual: FloatArray) -> FloatArray:
-        """Square roots of the weights of rows."""
-        if not np.isfinite(self._limit):
-            return np.ones(residual.size)
-        return np.asarray(np.sqrt(self._limit / np.maximum(np.abs(residual), self._limit)))
+        net, p = point.network, point.network.vector()
+        simulated(sum(b.shares.size for b in self._blocks))
+        matrix, gradient = np.diag(self._ridge), -self._ridge * p
+        table = np.empty((p.size, self._widest), dtype=np.float32)
+        for b, layers, residual in zip(self._blocks, point.layers, point.residuals):
+            roots, own = b.roots(residual), table[:, : b.shares.size]
+            back = propagate_back(net, layers, (roots * b.shares).ravel())
+            gradient += _gradient(back, layers, np.tile(roots * residual, b.shares.shape[0]))
+            write_derivatives(back, layers, own)
+            if b.shares.shape[0] > 1:
+                own = own.reshape(p.size, *b.shares.shape).sum(axis=1)
+            matrix += own @ own.T
+        return gradient, matrix
 
 
 @dataclass(frozen=True)
@@ -372,24 +358,13 @@ def train_from(
     iterations, tolerance
         Most steps, and the relative gain of one below which the search ends.
     """
-    problem = _Problem(net, x, y, cost)
-    here, damping, done, count = problem.at(net), 1e-2, False, 0
-    while count < iterations and not done and not exhausted():
-        count += 1
-        matrix, gradient = problem.normal_equations(here)
-        diagonal = np.diag(matrix)
-        scale = np.maximum(diagonal, 1e-8 * diagonal.max() + 1e-12)
-        for _ in range(12):
-            step = np.linalg.solve(matrix + damping * np.diag(scale), gradient)
-            there = problem.at(net.from_vector(here.network.vector() + step), here.cost)
-            if there.cost < here.cost:
-                break
-            damping *= 4.0
-        else:
-            break
-        done = here.cost - there.cost <= tolerance * here.cost
-        here, damping = there, max(damping / 4.0, 1e-10)
-    return Trained(here.network, here.cost / y.size, count)
+    problem, start = _Problem(net, x, y, cost), net.vector()
+    free = np.full(start.size, np.inf)
+    found = minimise(
+        problem.at, problem.normal_equations, start, (-free, free), rows=y.size,
+        least_gain=tolerance, max_iterations=iterations, damping=1e-2,
+    )  # fmt: skip
+    return Trained(found.point.network, found.point.cost / y.size, found.iterations)
 
 
 # ------------------------------------------------------------------------------- starts
@@ -496,11 +471,6 @@ def thin(rows: int, most: int) -> npt.NDArray[np.intp]:
     return np.linspace(0, rows - 1, min(rows, most)).round().astype(np.intp)
 
 
-def robust_deviation(residual: FloatArray) -> float:
-    """Standard deviation from the median absolute residual; never zero."""
-    return max(1.4826 * float(np.median(np.abs(residual))), 1e-9)
-
-
 def search(
     x: FloatArray,
     y: FloatArray,
@@ -540,35 +510,3 @@ def _sharpen(net: Network, x: FloatArray, y: FloatArray, cost: Cost, iterations:
             start = replace(net, sharpness=sharpness)
             net = train_from(start, x, y, cost, iterations, 1e-3).network
     return replace(net, sharpness=np.inf)
-
-
-def cross_validate(
-    x: FloatArray,
-    y: FloatArray,
-    folds: Sequence[BoolArray],
-    training: Training,
-    seed: int,
-    chords: Callable[[FloatArray], Chords | None] = lambda x: None,
-) -> FloatArray:
-    """Errors on rows that were not trained, fold by fold.
-
-    Parameters
-    ----------
-    folds
-        Rows that are held out together, ``(n,)`` each. Whole positions or whole logs:
-        neighbouring samples are nearly copies of each other.
-    chords
-        Makes the chords from the rows that are trained.
-
-    Returns
-    -------
-    (n,) errors, NaN where a row was in no fold.
-    """
-    error = np.full(y.size, np.nan)
-    for k, held in enumerate(folds):
-        rest = np.flatnonzero(~held)
-        rest = rest[thin(rest.size, training.rows)]
-        rng = np.random.default_rng([seed, k])
-        found = search(x[rest], y[rest], training, rng, chords(x[rest]))
-        error[held] = y[held] - found.best.network(x[held])
-    return error

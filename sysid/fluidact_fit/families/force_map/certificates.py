@@ -1,4 +1,14 @@
-"""Bounds of a network's slopes inside the data's box: does it rise with the force?"""
+"""Slopes of a ReLU network inside the data's box: does the output rise with the force?
+
+A ReLU network is affine in every region of constant activation pattern. For few units the
+regions that meet a box are enumerated by linear programs, which makes the range of the
+gradient exact [1]_.
+
+References
+----------
+.. [1] G. Montufar, R. Pascanu, K. Cho, Y. Bengio, "On the number of linear regions of deep
+   neural networks", NIPS 2014.
+"""
 
 from __future__ import annotations
 
@@ -9,28 +19,110 @@ import numpy as np
 
 from ...errors import Notice
 from ...estimation.network import Network
-from ...experiment import FloatArray
+from ...experiment import BoolArray, FloatArray
 from .data import Data, state_column
 from .equation import NetworkMap
-from .slope_bounds import activation_regions, gradient_interval
 
 ENUMERATED = 8  # hidden units up to which the regions are enumerated
+_NARROWEST = 1e-9  # radius of a region, in widths of the box, below which it is no region
+
+
+@dataclass(frozen=True)
+class Region:
+    """A part of the box in which a ReLU network is affine.
+
+    ``pattern`` says which units are active, ``inside`` is a point of the region and
+    ``gradient`` the derivative of the output there, all standardised.
+    """
+
+    pattern: tuple[bool, ...]
+    inside: FloatArray
+    gradient: FloatArray
+
+
+def activation_regions(net: Network, low: FloatArray, high: FloatArray) -> list[Region]:
+    """All regions of a ReLU network of one hidden layer that meet a box.
+
+    The box is cut by one unit after the other. Each region carries a point inside; the
+    side that holds it is known to be there, the other one is asked for by a linear
+    program (largest ball). An input with ``low == high`` is held.
+
+    Parameters
+    ----------
+    low, high : (inputs,)
+        Corners of the box, standardised.
+    """
+    if net.activation != "relu" or len(net.weights) != 2:
+        raise ValueError("regions can be enumerated for one hidden layer of ReLU units only")
+    free = high > low
+    span = np.where(free, high - low, 1.0)
+    w = net.weights[0][:, free] * span[free]
+    b = net.biases[0] + net.weights[0] @ low
+    size = np.linalg.norm(w, axis=1)
+    flat = size <= 1e-12
+    w, b = w / np.where(flat, 1.0, size)[:, None], b / np.where(flat, 1.0, size)
+    found: list[tuple[tuple[bool, ...], FloatArray]] = [((), np.full(int(free.sum()), 0.5))]
+    for k in range(b.size):
+        found = [
+            ((*pattern, side), point)
+            for pattern, old in found
+            for side, point in _sides(w[: k + 1], b[: k + 1], pattern, old)
+        ]
+    out = []
+    for pattern, point in found:
+        inside = low.copy()
+        inside[free] += point * span[free]
+        gradient = (net.weights[1][0] * np.array(pattern, dtype=float)) @ net.weights[0]
+        out.append(Region(pattern, inside, gradient))
+    return out
+
+
+def _sides(
+    w: FloatArray, b: FloatArray, pattern: tuple[bool, ...], point: FloatArray
+) -> list[tuple[bool, FloatArray]]:
+    """Which sides of the last unit's hyperplane a region reaches, with a point each."""
+    if np.minimum(w[-1], 0.0).sum() + b[-1] >= -_NARROWEST:
+        return [(True, point)]
+    if np.maximum(w[-1], 0.0).sum() + b[-1] <= _NARROWEST:
+        return [(False, point)]
+    here, out = float(w[-1] @ point + b[-1]), []
+    for side, known in ((False, here < -_NARROWEST), (True, here > _NARROWEST)):
+        inside = point if known else _largest_ball(w, b, np.array([*pattern, side]))
+        if inside is not None:
+            out.append((side, inside))
+    return out
+
+
+def _largest_ball(w: FloatArray, b: FloatArray, sides: BoolArray) -> FloatArray | None:
+    """Centre of the largest ball in a region of the unit box, ``None`` when it is empty."""
+    from scipy.optimize import linprog
+
+    sign = np.where(sides, 1.0, -1.0)
+    size = np.linalg.norm(w, axis=1)
+    d = w.shape[1]
+    # sign (w x + b) >= r |w|, and r <= x <= 1 - r
+    rows = np.vstack(
+        (np.column_stack((-sign[:, None] * w, size)),
+         np.column_stack((-np.eye(d), np.ones(d))),
+         np.column_stack((np.eye(d), np.ones(d))))
+    )  # fmt: skip
+    right = np.concatenate((sign * b, np.zeros(d), np.ones(d)))
+    answer = linprog(np.append(np.zeros(d), -1.0), rows, right, bounds=(None, None))
+    found = answer.status == 0 and answer.x is not None and answer.x[-1] > _NARROWEST
+    return np.asarray(answer.x[:-1]) if found else None
 
 
 @dataclass(frozen=True)
 class Certificate:
     """Range of the slopes of a network inside the data's box, per input [SI].
 
-    ``exact`` says whether the regions were enumerated (``regions`` of them); otherwise the
-    bounds are safe and wider than the truth. ``worst`` is a point of the smallest slope of
-    each input.
+    ``regions`` were enumerated; ``worst`` is a point of the smallest slope of each input.
     """
 
     names: tuple[str, ...]
     low: FloatArray
     high: FloatArray
     worst: FloatArray
-    exact: bool
     regions: int
 
     def monotone(self, name: str) -> bool:
@@ -44,7 +136,7 @@ def is_enumerable(net: Network) -> bool:
 
 
 def certify(network: NetworkMap, data: Data) -> Certificate:
-    """Bound the slopes of a network for each motion state inside the data's box."""
+    """Bound the slopes of an enumerable network for each motion state inside the data's box."""
     net, s, x = network.network, network.scaling, data.x[data.used]
     boxes = [(s.inputs(x.min(axis=0)), s.inputs(x.max(axis=0)))]
     state = state_column(data.names)
@@ -54,45 +146,38 @@ def certify(network: NetworkMap, data: Data) -> Certificate:
             (np.where(held, at, boxes[0][0]), np.where(held, at, boxes[0][1]))
             for at in np.unique(x[:, state])
         ]
-    factor = s.span / s.scale
-    if is_enumerable(net):
-        regions = [r for low, high in boxes for r in activation_regions(net, low, high)]
-        slopes = np.array([r.gradient for r in regions]) * factor
-        points = np.array([r.inside for r in regions]) * s.scale + s.offset
-        worst = points[slopes.argmin(axis=0)]
-        return Certificate(
-            data.names, slopes.min(axis=0), slopes.max(axis=0), worst, True, len(regions)
-        )
-    bounds = np.array([gradient_interval(net, low, high) for low, high in boxes]) * factor
-    nowhere = np.full((len(data.names), len(data.names)), np.nan)
-    smallest, largest = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-    return Certificate(data.names, smallest, largest, nowhere, False, 0)
+    regions = [r for low, high in boxes for r in activation_regions(net, low, high)]
+    slopes = np.array([r.gradient for r in regions]) * (s.span / s.scale)
+    points = np.array([r.inside for r in regions]) * s.scale + s.offset
+    worst = points[slopes.argmin(axis=0)]
+    return Certificate(data.names, slopes.min(axis=0), slopes.max(axis=0), worst, len(regions))
 
 
-def certificate_details(c: Certificate, data: Data, source: str) -> dict[str, Any]:
-    """The certificate for the file."""
+def certificate_details(c: Certificate | None, data: Data, source: str) -> dict[str, Any]:
+    """The certificate for the file; nothing is certified of a network that is too large."""
+    if c is None:
+        return {"exact": False}
     x = data.x[data.used]
     ends = np.column_stack((x.min(axis=0), x.max(axis=0))).tolist()
     slopes = dict(zip(c.names, np.column_stack((c.low, c.high)).tolist()))
     slopes.pop("direction", None)
     out: dict[str, Any] = {
-        "method": f"{c.regions} activation regions enumerated" if c.exact else "interval bound",
-        "exact": c.exact,
+        "method": f"{c.regions} activation regions enumerated",
+        "exact": True,
         "inside": dict(zip(data.names, ends)),
         "slopes": slopes,
-        "lipschitz": {n: max(abs(low), abs(high)) for n, (low, high) in slopes.items()},
     }
     if source in c.names:
         out["rises_with"] = {"input": source, "certified": c.monotone(source)}
-        if not c.monotone(source) and c.exact:
+        if not c.monotone(source):
             worst = c.worst[c.names.index(source)]
             out["rises_with"]["violated_at"] = dict(zip(c.names, worst.tolist()))
     return out
 
 
-def certificate_notice(c: Certificate, data: Data, source: str, target: str) -> list[Notice]:
+def certificate_notice(c: Certificate | None, data: Data, source: str, target: str) -> list[Notice]:
     """Warn of a certified place where the output falls with what it has to rise with."""
-    if c.monotone(source) or not c.exact:
+    if c is None or c.monotone(source):
         return []
     k = c.names.index(source)
     where = ", ".join(

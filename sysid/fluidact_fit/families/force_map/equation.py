@@ -10,9 +10,10 @@ from typing import Self
 import numpy as np
 
 from ...errors import UsageError
-from ...estimation.motion_state import fill_start, running_median
+from ...estimation.map import lone_samples
+from ...estimation.motion_state import fill_start
 from ...estimation.network import Activation, Network
-from ...experiment import BoolArray, Experiment, FloatArray
+from ...experiment import Experiment, FloatArray
 from ...family import Simulated, Value
 from .data import Scaling, branch_of, column_of, input_table, is_known, state_column
 from .options import ForceMapOptions, default_inputs
@@ -127,23 +128,6 @@ def predict_runs(
             measured = column_of(e, options.target)
             there = np.isfinite(measured)
             level, rest = np.where(there, (measured - network.scaling.base, measured - y), 0.0)
-            used &= there & ~find_spikes(level, rest, branch_of(e, options)[1])
+            used &= there & ~lone_samples(level, rest, branch_of(e, options)[1])
         out.append(Simulated(y, used))
     return out
-
-
-def find_spikes(output: FloatArray, residual: FloatArray, settled: BoolArray) -> BoolArray:
-    """Samples that stand alone: off the fit, off their neighbours' residuals, and off them.
-
-    Misfit of the network lasts for many samples; a load-cell spike for one to three. A jump
-    of an input, as of a velocity, moves the residual but not what was measured. Just after a
-    reversal a lone sample is the seal's creep. All arrays are of one run.
-    """
-    if residual.size < 8:
-        return np.zeros(residual.size, dtype=bool)
-    off = np.abs(residual - running_median(residual, 3))
-    floor = 1e-6 * float(np.abs(output).max())
-    limit = max(10.0 * 1.4826 * float(np.median(off)), floor)
-    jump = np.abs(output - running_median(output, 3))
-    far = 3.0 * 1.4826 * float(np.median(np.abs(residual)))
-    return np.asarray((np.minimum(off, jump) > limit) & (off > far) & settled)

@@ -20,8 +20,6 @@ are held out for validation, never random rows.
 A ``length`` that is the same throughout each log names the specimen. Specimens differ by more
 than their lengths: a curve through all of them is no guide to the next, so that between the
 recorded lengths the output is held near a straight line (:class:`...estimation.network.Chords`).
-How near is judged on the recorded logs alone: by the error on whole lengths held out, and by
-the error on the lengths there are.
 
 References
 ----------
@@ -55,12 +53,11 @@ from ...family import (
     make_solution,
 )
 from .block import ForceMapBlock, branch_curves
-from .certificates import certificate_notice, certify
+from .certificates import certificate_details, certificate_notice, certify, is_enumerable
 from .data import column_of, data_notices, input_table
 from .equation import NetworkMap, checksums, predict_runs
 from .options import ROLES, TARGETS, ForceMapOptions
-from .results import file_parameters, fit_details
-from .training import fit_network, spike_notice, validation_notices
+from .training import file_parameters, fit_details, fit_network, training_notices
 
 
 def _spec(name: str, rank: Literal[0, 1, 2], text: str, optional: bool = False) -> ParameterSpec:
@@ -119,7 +116,7 @@ class ForceMap(Family[ForceMapOptions]):
                 remedy="Leave out --fix, --start and --bounds; --hidden and --seed choose.",
             )
         fit, options = fit_network(experiments, request)
-        certificate = certify(fit.map, fit.data)
+        certificate = certify(fit.map, fit.data) if is_enumerable(fit.map.network) else None
         return make_solution(
             self.simulate,
             experiments,
@@ -131,10 +128,12 @@ class ForceMap(Family[ForceMapOptions]):
             notices=[
                 *data_notices(fit.data),
                 *certificate_notice(certificate, fit.data, options.driver, options.target),
-                *spike_notice(fit),
-                *validation_notices(fit),
+                *training_notices(fit),
             ],
-            details=fit_details(fit, certificate, options),
+            details={
+                **fit_details(fit, options),
+                "certificate": certificate_details(certificate, fit.data, options.driver),
+            },
         )
 
     def simulate(

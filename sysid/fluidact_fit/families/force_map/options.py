@@ -85,10 +85,6 @@ class ForceMapOptions(FamilyOptions):
     force_dead_band: float | None = settled(
         "float", "change of the force that reverses the motion state, in its SI unit", minimum=0.0
     )
-    weight_decay: float | None = settled("float", "weight decay of the training", minimum=0.0)
-    straightness: float | None = settled(
-        "float", "how near a straight line the output is held along the length", minimum=0.0
-    )
 
     def __post_init__(self) -> None:
         """Refuse the target among the inputs."""

@@ -1,52 +1,181 @@
-"""From experiments to a trained network: choice of the layers, training, spikes."""
+"""From experiments to a trained network: choice of the layers, training, what is said of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any, Self
 
 import numpy as np
 
 from ...errors import Notice
-from ...estimation.network import Cost, Search, Training, search, train_from
+from ...estimation.map import (
+    Index,
+    cross_validate,
+    fold_squares,
+    interior_folds,
+    robust_deviation,
+    smallest_sufficient,
+)
+from ...estimation.network import Chords, Cost, Search, Training, search, thin, train_from
+from ...estimation.noise import noise_floor
 from ...experiment import BoolArray, Experiment, FloatArray
-from ...family import Request, Simulated
+from ...family import Quantity, Request, Simulated
 from .certificates import ENUMERATED, certify, is_enumerable
-from .data import Data, check_data, gather, settle_dead_bands
+from .data import Data, Scaling, check_data, gather, is_known, settle_dead_bands
 from .equation import NetworkMap, predict_runs
 from .options import PAPER_UNITS, ForceMapOptions, default_inputs, has_velocity, input_layers
-from .validation import (
-    DECAYS,
-    Rows,
-    Trial,
-    clipped_rms,
-    positions_held_out,
-    smallest_sufficient,
-    straighten,
-    sweep,
-    try_layer,
-)
 
+_SWEEP = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 20)  # hidden units that are tried
+_DECAY = 1e-5  # weight decay
+_STRAIGHT = (0.03, 1.0)  # strength of chords along a length, of many lengths and of few
+_MOST_LENGTHS = 8  # with more of them the data say what is between
+_SPIKE = 12.0  # errors beyond this many robust standard deviations do not choose a network
 _WORSE = 2.0  # held-out over training error from which it is said
+
+
+# ------------------------------------------------------------------------------ what is fitted
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The used rows of the data, standardised, and the folds that they are held out in.
+
+    Rows of the ``groups`` inside are held out together; ``length`` is the column of a length that
+    names the specimens.
+    """
+
+    data: Data
+    scaling: Scaling
+    x: FloatArray
+    y: FloatArray
+    folds: Index
+    split_by: str
+    groups: int
+    length: int | None
+    request: Request[ForceMapOptions]
+
+    @classmethod
+    def of(
+        cls,
+        experiments: Sequence[Experiment],
+        names: tuple[str, ...],
+        request: Request[ForceMapOptions],
+    ) -> Self:
+        """Gather, check, standardise and split the used rows."""
+        data = gather(experiments, names, request.options)
+        check_data(data, request.options)
+        s = Scaling.of(data)
+        x, y = s.inputs(data.x[data.used]), s.output(data.y[data.used])
+        return cls(data, s, x, y, *_split(data, request.seed), _length_column(data), request)
+
+    def chords(self, x: FloatArray) -> Chords | None:
+        """Chords along the length, for some of the rows: an odd one of few would bend the map."""
+        if self.length is None:
+            return None
+        few = np.unique(self.x[:, self.length]).size <= 3
+        return Chords.along(x, self.length, _STRAIGHT[int(few)])
+
+    def held_out(self, hidden: tuple[int, ...]) -> FloatArray:
+        """Errors on rows that were not trained, by short searches, shape ``(n,)``."""
+        few = max(1200, 12 * sum(hidden) * (self.x.shape[1] + 1))
+        brief = Training(
+            hidden, self.request.options.activation, _DECAY, 4, few, iterations=25, finalists=2
+        )
+
+        def predict(rest: BoolArray, held: BoolArray, fold: int) -> FloatArray:
+            kept = np.flatnonzero(rest)
+            kept = kept[thin(kept.size, few)]
+            rng, x = np.random.default_rng([self.request.seed, fold]), self.x[kept]
+            found = search(x, self.y[kept], brief, rng, self.chords(x))
+            return self.y[held] - found.best.network(self.x[held])
+
+        return cross_validate(self.folds, predict)
+
+
+def _split(data: Data, seed: int) -> tuple[Index, str, int]:
+    """Fold the used rows by position, by log, or by stretches of the record.
+
+    The outermost positions are never held out: beyond them a network extrapolates.
+    Returns the fold of each row, what they were split by, and the number of groups.
+    """
+    position, logs = data.position[data.used], data.log[data.used]
+    levels = _levels(position)
+    count, records = int(levels.max()) + 1, np.unique(logs)
+    if count >= 5 or (count >= 3 and records.size < 3):
+        by, labels, inner = "position", levels, np.arange(1, count - 1)
+    elif records.size >= 3:
+        means = np.array([position[logs == k].mean() for k in records])
+        outer = (means == means.min()) | (means == means.max())
+        alone = outer & (np.sum(means[:, None] == means, axis=0) == 1)
+        by, labels, inner = "log", logs, records[~alone]
+    else:
+        by, labels = "stretch of the record", np.arange(position.size) * 6 // position.size
+        inner = np.arange(1, 5)
+    return interior_folds(labels, inner, 4, seed), by, inner.size
+
+
+def _levels(position: FloatArray) -> Index:
+    """Number of the position level of each sample: gaps of 3 % of the range divide them.
+
+    A few samples by themselves, as noise makes them, are no level but belong to the one below,
+    and so do those whose gap is lost in the scatter of the level on either side.
+    """
+    order = np.argsort(position, kind="stable")
+    ascending = position[order]
+    label = np.concatenate(([0], np.cumsum(np.diff(ascending) > 0.03 * np.ptp(position))))
+    own = np.bincount(label) >= max(5, position.size // 100)
+    level = np.maximum(np.cumsum(own) - 1, 0)[label]
+    first = np.flatnonzero(np.diff(level)) + 1
+    scatter = np.array([part.std() for part in np.split(ascending, first)])
+    wide = np.maximum(scatter[:-1], scatter[1:])
+    apart = ascending[first] - ascending[first - 1] > wide
+    out = np.empty(position.size, dtype=np.intp)
+    out[order] = np.concatenate(([0], np.cumsum(apart)))[level]
+    return out
+
+
+def _positions_held_out(data: Data) -> bool:
+    """Whether positions between others were recorded, so that some can be held out.
+
+    A position that moves all the time is as good as many; one that only shows its noise is one.
+    """
+    position = data.position[data.used]
+    highest = int(_levels(position).max())
+    floor = max(noise_floor(position, 1, robust=False), 1e-300)
+    return highest >= 2 or (highest == 0 and float(np.ptp(position)) > 20.0 * floor)
+
+
+def _length_column(data: Data) -> int | None:
+    """Column of a length that names the specimens; ``None`` where there is none."""
+    if "length" not in data.names:
+        return None
+    k = data.names.index("length")
+    fixed = all(np.ptp(part) == 0.0 for part in np.split(data.x[:, k], data.cuts))
+    return k if fixed and 2 <= np.unique(data.x[:, k]).size <= _MOST_LENGTHS else None
+
+
+# ------------------------------------------------------------------------ choice and training
 
 
 @dataclass(frozen=True)
 class Fit:
     """A trained network, and how it came about.
 
-    ``data.used`` are the samples that it claims to describe, ``rows`` those it was chosen with;
-    ``predicted`` is its output at all samples, shape ``(n,)`` [SI].
+    ``data.used`` are the samples that it claims to describe, ``rows`` those it was chosen with,
+    ``error`` what it missed held-out rows by, standardised; ``predicted`` is its output at all
+    samples, shape ``(n,)`` [SI].
     """
 
     data: Data
     map: NetworkMap
-    trial: Trial
     rows: Rows
+    error: FloatArray
     found: Search
     predicted: FloatArray
     iterations: int
-    tables: Mapping[str, Any]
+    tables: dict[str, Any] = field(default_factory=dict)
 
     @property
     def spikes(self) -> int:
@@ -61,92 +190,79 @@ def fit_network(
     options = settle_dead_bands(experiments, request.options)
     request = replace(request, options=options)
     tables: dict[str, Any] = {}
+    units = options.layers or (PAPER_UNITS[options.target],)
     names = options.names or default_inputs(options, experiments)
     if options.inputs == "compare":
-        names, tables["input_layers"] = _compare_layers(experiments, request)
-    rows = _prepare(experiments, names, request)
-    span, units = rows.scaling.span, options.layers
-    if not units:
-        swept = sweep(rows, request.progress)
-        tables["hidden_units"] = [t.row(span) for t in swept]
-        units = smallest_sufficient(swept).hidden
-    trial, judged = _choose_training(rows, units, options)
-    if rows.length is not None:
-        tables["straight"] = {"along": "length", "strength": trial.straightness, "judged": judged}
-    options = replace(
-        options, inputs=",".join(names), hidden=",".join(map(str, units)),
-        weight_decay=trial.decay, straightness=None if rows.length is None else trial.straightness,
-    )  # fmt: skip
-    return _train(experiments, rows, trial, replace(request, options=options), tables), options
+        layers = [
+            n for n in input_layers(options.target)
+            if "velocity" not in n or has_velocity(experiments)
+        ]  # fmt: skip
+        tried = [Rows.of(experiments, n, request) for n in layers]
+        chosen, tables["input_layers"] = _compare([(r, units) for r in tried], request)
+        names = layers[chosen]
+    rows = Rows.of(experiments, names, request)
+    if not options.layers:
+        chosen, tables["hidden_units"] = _compare([(rows, (n,)) for n in _SWEEP], request)
+        units = (_SWEEP[chosen],)
+    options = replace(options, inputs=",".join(names), hidden=",".join(map(str, units)))
+    error = rows.held_out(units)
+    return _train(experiments, rows, units, replace(request, options=options), error, tables)
 
 
-def _compare_layers(
-    experiments: Sequence[Experiment], request: Request[ForceMapOptions]
-) -> tuple[tuple[str, ...], list[dict[str, Any]]]:
-    """Cross-validate the input layers of the paper; the cheapest good one, and the table."""
-    target = request.options.target
-    units, trials, table = request.options.layers or (PAPER_UNITS[target],), [], []
-    for layer in input_layers(target):
-        if "velocity" in layer and not has_velocity(experiments):
-            continue
-        request.progress("validating inputs " + ", ".join(layer))
-        rows = _prepare(experiments, layer, request)
-        trials.append(try_layer(rows, units, DECAYS[:1]))
-        table.append(trials[-1].row(rows.scaling.span))
-    return smallest_sufficient(trials).names, table
+def _compare(
+    candidates: Sequence[tuple[Rows, tuple[int, ...]]], request: Request[ForceMapOptions]
+) -> tuple[int, list[dict[str, Any]]]:
+    """Cross-validate candidates, cheapest first: the simplest sufficient one, and a table.
 
-
-def _choose_training(
-    rows: Rows, units: tuple[int, ...], options: ForceMapOptions
-) -> tuple[Trial, list[dict[str, float]]]:
-    """Weight decay and straightness, as settled or by validation.
-
-    Judging rivals for a network of two layers would cost ten times its training.
+    More and more units are tried until three in a row gain nothing.
     """
-    if options.weight_decay is not None:
-        return try_layer(rows, units, (options.weight_decay,), options.straightness), []
-    if len(units) > 1:
-        return try_layer(rows, units, DECAYS[:1]), []
-    return straighten(rows, try_layer(rows, units))
-
-
-def _prepare(
-    experiments: Sequence[Experiment], names: tuple[str, ...], request: Request[ForceMapOptions]
-) -> Rows:
-    data = gather(experiments, names, request.options)
-    check_data(data, request.options)
-    return Rows.of(data, request.options.activation, request.seed)
+    scores: list[FloatArray] = []
+    table = []
+    for rows, units in candidates:
+        request.progress(f"validating {', '.join(rows.data.names)} with {units} hidden units")
+        error = rows.held_out(units)
+        held = np.isfinite(error)
+        limit = _SPIKE * robust_deviation(error[held])
+        scores.append(fold_squares(np.clip(error, -limit, limit), rows.folds))
+        sizes = (len(rows.data.names), *units, 1)
+        weights = sum(a * b for a, b in pairwise(sizes))
+        table.append({
+            "inputs": ",".join(rows.data.names), "hidden": list(units),
+            "validation_rms": rms(error) * rows.scaling.span,
+            "parameters": weights + sum(sizes[1:]), "multiplications": weights,
+        })  # fmt: skip
+        if len(scores) > 4 and smallest_sufficient(scores) < len(scores) - 3:
+            break
+    return smallest_sufficient(scores), table
 
 
 def _train(
-    experiments: Sequence[Experiment], rows: Rows, trial: Trial,
-    request: Request[ForceMapOptions], tables: Mapping[str, Any],
-) -> Fit:  # fmt: skip
+    experiments: Sequence[Experiment], rows: Rows, hidden: tuple[int, ...],
+    request: Request[ForceMapOptions], error: FloatArray, tables: dict[str, Any],
+) -> tuple[Fit, ForceMapOptions]:  # fmt: skip
     """Train the final network on all used rows, spikes left out."""
     options, data, s = request.options, rows.data, rows.scaling
-    request.progress(f"training {len(data.names)}-{'-'.join(map(str, trial.hidden))}-1")
-    rng = np.random.default_rng([request.seed, 7])
-    chords = rows.chords(rows.x, trial.straightness)
+    request.progress(f"training {len(data.names)}-{'-'.join(map(str, hidden))}-1")
+    chords = rows.chords(rows.x)
     # a larger network has more to tell apart, and more optima nearly as good
-    weights = sum(trial.hidden) * (rows.x.shape[1] + 1)
+    weights = sum(hidden) * (rows.x.shape[1] + 1)
     training = Training(
-        trial.hidden, options.activation, trial.decay, options.starts,
+        hidden, options.activation, _DECAY, options.starts,
         rows=int(np.clip(100 * weights, 3000, 8000)),
-        finalists=3 if sum(trial.hidden) <= ENUMERATED else 6,
+        finalists=3 if sum(hidden) <= ENUMERATED else 6,
     )  # fmt: skip
-    found = search(rows.x, rows.y, training, rng, chords)
-
+    found = search(rows.x, rows.y, training, np.random.default_rng([request.seed, 7]), chords)
     best = _choose_candidate(found, rows, options.driver)
     kept = _described(predict_runs(best, experiments, options))
     last = train_from(
         best.network, s.inputs(data.x[kept]), s.output(data.y[kept]),
-        Cost(trial.decay, found.limit, chords), iterations=10, tolerance=1e-5,
+        Cost(_DECAY, found.limit, chords), iterations=10, tolerance=1e-5,
     )  # fmt: skip
     made = NetworkMap(last.network, s)
     runs = predict_runs(made, experiments, options)
     output = np.concatenate([r.output for r in runs])
     data = replace(data, used=_described(runs))
-    return Fit(data, made, trial, rows, found, output, last.iterations, tables)
+    return Fit(data, made, rows, error, found, output, last.iterations, tables), options
 
 
 def _described(runs: Sequence[Simulated]) -> BoolArray:
@@ -162,10 +278,33 @@ def _choose_candidate(found: Search, rows: Rows, source: str) -> NetworkMap:
     return next((m for m in maps if certify(m, rows.data).monotone(source)), maps[0])
 
 
-def validation_notices(fit: Fit) -> list[Notice]:
-    """Warn where the held-out error says little, or says that the map does not carry over."""
+# ------------------------------------------------------------------------- what is said of it
+
+
+def rms(error: FloatArray) -> float:
+    """Root mean square of what is finite."""
+    found = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(found**2))) if found.size else float("nan")
+
+
+def _clipped_rms(error: FloatArray) -> float:
+    """Root mean square with spikes cut off."""
+    found = error[np.isfinite(error)]
+    limit = _SPIKE * robust_deviation(found)
+    return rms(np.clip(found, -limit, limit))
+
+
+def training_notices(fit: Fit) -> list[Notice]:
+    """Warn of spikes, and of a held-out error that says little or that is large."""
     data, rows, out = fit.data, fit.rows, []
-    if "position" in data.names and not positions_held_out(data):
+    if fit.spikes:
+        share = 100.0 * fit.spikes / (fit.spikes + int(data.used.sum()))
+        text = (
+            f"{fit.spikes} samples ({share:.2g} %) stand alone far off their neighbours: spikes "
+            "of the load cell. They were left out."
+        )
+        out.append(Notice("force-spikes", text))
+    if "position" in data.names and not _positions_held_out(data):
         text = (
             "no position between others was recorded, so that none could be held out: the "
             "validation error is that of the recorded positions, and the map may be off by any "
@@ -173,14 +312,14 @@ def validation_notices(fit: Fit) -> list[Notice]:
             "position out of --inputs and use the map where it was recorded."
         )
         out.append(Notice("few-positions", text))
-    if rows.length is not None and len(rows.held_lengths()) < 1:
+    if rows.length is not None and np.unique(rows.x[:, rows.length]).size < 3:
         text = (
             "only two lengths were recorded: between them the map is a straight line that nothing "
             "has tested. Record at least one length in between."
         )
         out.append(Notice("few-positions", text))
-    held = rows.scaling.span * clipped_rms(fit.trial.error)
-    here = clipped_rms((data.y - fit.predicted)[data.used])
+    held = rows.scaling.span * _clipped_rms(fit.error)
+    here = _clipped_rms((data.y - fit.predicted)[data.used])
     if held > _WORSE * here:
         text = (
             f"the map misses what was held out by {held:.3g}, {held / here:.1f} times as much as "
@@ -191,13 +330,61 @@ def validation_notices(fit: Fit) -> list[Notice]:
     return out
 
 
-def spike_notice(fit: Fit) -> list[Notice]:
-    """Say how many spikes were left out, where they are more than a curiosity."""
-    if not fit.spikes:
-        return []
-    share = 100.0 * fit.spikes / (fit.spikes + int(fit.data.used.sum()))
-    text = (
-        f"{fit.spikes} samples ({share:.2g} %) stand alone far off their neighbours: spikes "
-        "of the load cell. They were left out."
-    )
-    return [Notice("force-spikes", text)]
+def file_parameters(fit: Fit) -> dict[str, Quantity]:
+    """Layers and scalings as they stand in the file."""
+    out: dict[str, Quantity] = {}
+    net, s, x = fit.map.network, fit.map.scaling, fit.data.x[fit.data.used]
+    for k, (w, b) in enumerate(zip(net.weights, net.biases), start=1):
+        out[f"weights_{k}"] = Quantity(w.tolist(), "1")
+        out[f"biases_{k}"] = Quantity(b.tolist(), "1")
+    for name, value in (
+        ("input_offset", s.offset.tolist()), ("input_scale", s.scale.tolist()),
+        ("input_low", x.min(axis=0).tolist()), ("input_high", x.max(axis=0).tolist()),
+        ("output_offset", s.base), ("output_scale", s.span),
+    ):  # fmt: skip
+        out[name] = Quantity(value, "1", "derived")
+    return out
+
+
+def fit_details(fit: Fit, options: ForceMapOptions) -> dict[str, Any]:
+    """Training and errors for the file."""
+    data, net, rows = fit.data, fit.map.network, fit.rows
+    held = np.full(data.y.size, np.nan)
+    held[is_known(data.x, data.names) & np.isfinite(data.y)] = rows.scaling.span * fit.error
+    return {
+        "target": options.target,
+        "inputs": list(data.names),
+        "input_units": list(data.units),
+        "hidden": list(net.hidden),
+        "activation": net.activation,
+        "network_parameters": net.parameters,
+        "multiplications": net.multiplications,
+        "training": {
+            "starts": fit.found.tried,
+            "huber_limit": fit.found.limit * rows.scaling.span,
+            "iterations": fit.iterations,
+        },
+        "spikes": fit.spikes,
+        "correlation": float(np.corrcoef(data.y[data.used], fit.predicted[data.used])[0, 1]),
+        "branches": _scores(data, data.y - fit.predicted),
+        "validation": {
+            "split_by": rows.split_by,
+            "groups_held_out": rows.groups,
+            "folds": int(rows.folds.max()) + 1,
+            **_scores(replace(data, used=np.isfinite(held)), held),
+        },
+        **fit.tables,
+    }
+
+
+def _scores(data: Data, error: FloatArray) -> dict[str, Any]:
+    """Errors over all used samples, by branch, and well within the branches [SI]."""
+    out: dict[str, Any] = {"rmse": rms(error[data.used])}
+    for name, sign in (("loading", 1.0), ("unloading", -1.0)):
+        branch = data.used & (data.direction == sign)
+        if branch.any():
+            inside = branch & data.settled
+            out[name] = {"samples": int(branch.sum()), "rmse": rms(error[branch])}
+            if inside.any():
+                out[name]["in_branch_rmse"] = rms(error[inside])
+    return out

@@ -1,29 +1,27 @@
-"""Samples that are fitted: gathered, checked, scaled, merged where they are many."""
+"""Samples that are fitted: gathered, freed of clipped readings, checked, scaled, merged."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
-from ...errors import LogError, NotIdentifiedError
+from ...errors import LogError, Notice, NotIdentifiedError
 from ...estimation.blocks import joined
+from ...estimation.map import MapFit, MapRows, position_edges
+from ...estimation.noise import noise_floor
+from ...estimation.uncertainty import t_quantile
 from ...experiment import BoolArray, Experiment, FloatArray, all_of, where_both, where_finite
-from ...rows import by_rows
+from ...rows import blocks, by_rows, ends_of
 from .calibration import rising_share
-from .rational_bezier import CurveFit, Rows, Shape
-from .readings import Readings
+from .options import PotentiometerOptions
 
-COARSE, FINE = 600, 4096  # rows that searches and the final fit work on
-MANY = 20_000  # rows that are worth merging
-LONG = 200_000  # rows from which the colour of residuals is that of an excerpt
-_BLOCKS = 8  # of an excerpt
-_MOST_POSITIONS = 100  # beyond them readings are as good as a sweep
-_BREAK = 4.0  # ratio of the gap between two positions to those between readings of one
+FINE = 4096  # rows that searches work on
+_NEAR = 21  # readings beside an extreme one
+_SURE = 0.995  # of an extreme reading off the course of its neighbours: thousands are looked at
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class Data:
     """All logs in one row of samples; ``parts`` are the logs, ``used`` what is fitted.
 
     ``in_order`` says that one sample follows the other in time: they have a time, or the
-    reading goes to and fro. A table may have been sorted.
+    reading moves both ways. A table may have been sorted.
     """
 
     reading: FloatArray
@@ -41,53 +39,35 @@ class Data:
     in_order: bool
     unit: str
 
-    @cached_property
-    def distinct(self) -> Readings:
-        """Distinct readings of the used samples."""
-        return Readings.of(self.kept(self.reading), self.kept(self.reference))
-
     def kept(self, values: FloatArray) -> FloatArray:
         """Values at the used samples."""
         return all_of(values, self.used)
 
-    @property
-    def sizes(self) -> list[int]:
-        """Number of used samples of each log that has any."""
-        counts = (int(np.count_nonzero(self.used[p])) for p in self.parts)
-        return [n for n in counts if n]
+    def by_log(self, values: FloatArray) -> list[FloatArray]:
+        """Values of used samples, cut into the logs that have any."""
+        sizes = [int(np.count_nonzero(self.used[p])) for p in self.parts]
+        ends = np.cumsum([0, *(n for n in sizes if n)]).tolist()
+        return [values[a:b] for a, b in pairwise(ends)]
 
-
-def contiguous_parts(sizes: Sequence[int]) -> list[slice]:
-    """The rows of every log; of long records contiguous parts, spread over all of them."""
-    ends = np.cumsum(sizes).tolist()
-    if ends[-1] <= LONG:
-        return [slice(end - size, end) for end, size in zip(ends, sizes)]
-    length = LONG // 4 // _BLOCKS
-    out = []
-    for k in np.linspace(0, ends[-1] - length, _BLOCKS).astype(int).tolist():
-        log_end = ends[int(np.searchsorted(ends, k, side="right"))]
-        out.append(slice(k, min(k + length, log_end)))
-    return [p for p in out if p.stop - p.start > 200]
+    def rising(self, dead_band: float) -> FloatArray:
+        """Share of the rising branch of the used samples; each log from its own start."""
+        shares = [rising_share(self.reading[p], dead_band) for p in self.parts]
+        return self.kept(joined(shares))
 
 
 def gather(experiments: Sequence[Experiment]) -> Data:
     """All samples of all logs, in order."""
-    reading = joined([e["reading"] for e in experiments])
-    reference = joined([e["reference"] for e in experiments])
-    ends = np.cumsum([e["reading"].size for e in experiments]).tolist()
-    parts = tuple(slice(begin, end) for begin, end in pairwise([0, *ends]))
+    readings = [e["reading"] for e in experiments]
+    reading, reference = joined(readings), joined([e["reference"] for e in experiments])
+    ends = np.cumsum([0, *(x.size for x in readings)]).tolist()
+    parts = tuple(slice(begin, end) for begin, end in pairwise(ends))
     used = where_both(where_finite(reading), where_finite(reference))
-    timed = all(e.time.size > 0 for e in experiments)
-    in_order = timed or _goes_to_and_fro([reading[p] for p in parts])
-    unit = experiments[0].signals["reading"].unit
-    return Data(reading, reference, parts, used, in_order, unit)
-
-
-def _goes_to_and_fro(readings: Sequence[FloatArray]) -> bool:
-    """Whether a reading rises as well as it falls."""
-    return all(
+    both_ways = all(
         any(bool(way(x[:-1], x[1:]).any()) for x in readings) for way in (np.less, np.greater)
     )
+    in_order = both_ways or all(e.time.size > 0 for e in experiments)
+    unit = experiments[0].signals["reading"].unit
+    return Data(reading, reference, parts, used, in_order, unit)
 
 
 def check_data(data: Data) -> None:
@@ -100,7 +80,7 @@ def check_data(data: Data) -> None:
         )
     for name, values in (("reading", data.reading), ("reference", data.reference)):
         kept = data.kept(values)
-        low, high = float(kept.min()), float(kept.max())
+        low, high = ends_of(kept)
         if high - low <= 1e-12 * max(high, -low):
             raise NotIdentifiedError(
                 f"the {name} is {kept[0]:g} in all {kept.size} samples.",
@@ -109,143 +89,224 @@ def check_data(data: Data) -> None:
             )
 
 
+# ---------------------------------------------------------------------- clipped readings
+
+
+def prepare(
+    experiments: Sequence[Experiment], options: PotentiometerOptions
+) -> tuple[Data, PotentiometerOptions, list[Notice]]:
+    """All samples and which of them can be used; the options with the rails settled."""
+    data = gather(experiments)
+    check_data(data)
+    notices: list[Notice] = []
+    if options.clipped is None:
+        rails, notices = _settle_rails(data, options.rails)
+        inside = where_both(data.used, between(data.reading, rails))
+        options = replace(options, rails=rails, clipped=not np.array_equal(inside, data.used))
+    used = where_both(data.used, between(data.reading, options.rails))
+    if not np.array_equal(used, data.used):
+        data = replace(data, used=used)
+        check_data(data)
+    return data, options, notices
+
+
+def between(reading: FloatArray, rails: tuple[float, float] | None) -> BoolArray:
+    """Readings that are finite and inside the rails, if there are any."""
+    if rails is None:
+        return where_finite(reading)
+    return np.concatenate(
+        [(reading[at] > rails[0]) & (reading[at] < rails[1]) for at in blocks(reading.size)]
+    )
+
+
+def _settle_rails(
+    data: Data, given: tuple[float, float] | None
+) -> tuple[tuple[float, float] | None, list[Notice]]:
+    """Rails that are given, or found at the extreme readings; ``None`` where both are sound.
+
+    Of a noisy reading that is clipped, those just inside a rail are the ones whose noise
+    happened to point inwards, and would bend the ends of the curve: beside a rail that
+    clips, readings within three standard deviations of their noise are left out as well.
+    """
+    x, y = data.kept(data.reading), data.kept(data.reference)
+    low, high = ends_of(x)
+    margin, notices = 0.1 * (high - low), []
+    rails = given or (low - margin, high + margin)
+    for k, end in enumerate((low, high)):
+        if given is not None:
+            clips = x <= rails[0] if k == 0 else x >= rails[1]
+            count, kind = int(np.count_nonzero(clips)), "rails"
+        else:
+            count, kind = _resting(x, y, end)
+        if not count:
+            continue
+        inside = 0.0
+        if count >= 3:
+            kept = between(x, rails if given else (low, high))
+            inside = 3.0 * _reading_noise(x[kept], y[kept])
+        at = rails[k] if given else end
+        rails = (at + inside, rails[1]) if k == 0 else (rails[0], at - inside)
+        every = f"{low - margin:g}:{high + margin:g}"
+        notices.append(_rails_notice(kind, count, at, inside, every))
+    return (rails if given is not None or notices else None), notices
+
+
+def _resting(x: FloatArray, y: FloatArray, end: float) -> tuple[int, str]:
+    """How many samples are clipped at an extreme reading, and the code of the notice of it.
+
+    Three or more whose references spread three times wider than those of the readings beside it
+    (their scatter about a straight line, and the slope of that line over one step of the
+    converter) are; so is a lone one off the course of its neighbours.
+    """
+    distinct = np.unique(x[:: max(x.size // 200_000, 1)])
+    if distinct.size < 6:
+        return 0, ""
+    if end > distinct[0]:
+        distinct = distinct[::-1]
+    at, near = x == end, distinct[distinct != end][:_NEAR]
+    count = int(np.count_nonzero(at))
+    if count >= 3:
+        beside = (x >= near.min()) & (x <= near.max())
+        line = np.polynomial.Polynomial.fit(x[beside], y[beside], 1)
+        scatter = float(np.std(y[beside] - line(x[beside])))
+        slope = abs(float(line.convert().coef[-1]))
+        finest = float(np.abs(np.diff(distinct)).min())
+        return (count, "rails") if np.std(y[at]) > 3.0 * (scatter + slope * finest) else (0, "")
+    means = np.array([y[x == v].mean() for v in near[:9]])
+    off = _is_off_course(near[:9] - end, means - float(y[at].mean()))
+    return (count, "rails-suspected") if off else (0, "")
+
+
+def _is_off_course(x: FloatArray, y: FloatArray) -> bool:
+    """Whether an extreme at the origin is not where the next readings lead.
+
+    Neither by line nor by parabola, and by a step out of proportion.
+    """
+    if x.size < 7:
+        return False
+    steps = np.abs(np.diff(y[:5], prepend=0.0) / np.diff(x[:5], prepend=0.0))
+    if 1.0 / 3.0 < steps[0] / max(float(np.median(steps[1:])), 1e-300) < 3.0:
+        return False
+    for degree, points in ((1, 7), (2, 9)):
+        columns = np.vander(x[:points] / x[-1], degree + 1, increasing=True)
+        found = np.linalg.lstsq(columns, y[:points], rcond=None)[0]
+        rest = y[:points] - columns @ found
+        free = max(rest.size - degree - 1, 1)
+        leverage = float(np.linalg.inv(columns.T @ columns)[0, 0])
+        error = float(np.sqrt(rest @ rest / free * (1.0 + leverage)))
+        if abs(found[0]) <= t_quantile(_SURE, free) * error + 1e-9 * np.ptp(y):
+            return False
+    return True
+
+
+def _reading_noise(reading: FloatArray, reference: FloatArray) -> float:
+    """Noise of the reading at a position [unit of the reading]; 0 where it cannot be told.
+
+    In the order of the position, whose own noise counts as well. Few samples, or ones far
+    apart, say nothing of it.
+    """
+    if reading.size < 200:
+        return 0.0
+    x = reading[np.argsort(reference, kind="stable")]
+    noise = noise_floor(x, 3)
+    return noise if noise <= 0.01 * float(np.ptp(x)) else 0.0
+
+
+def _rails_notice(kind: str, count: int, rail: float, inside: float, every: str) -> Notice:
+    samples = "1 sample" if count == 1 else f"{count} samples"
+    if kind == "rails-suspected":
+        text = (
+            f"the extreme reading {rail:g} looks clipped, as its position does not follow from "
+            f"the readings beside it: {samples} left out. Give --rails {every} to keep all."
+        )
+        return Notice("rails-suspected", text)
+    near = ""
+    if inside:
+        near = f", and those within {inside:.3g} of it, three standard deviations of the noise"
+    text = f"{samples} at or beyond the reading {rail:g}{near}: left out, as a clipped reading "
+    return Notice("rails", f"{text}says nothing about the position.")
+
+
+# -------------------------------------------------------------------- scaled to order one
+
+
 @dataclass(frozen=True)
 class Scaled:
-    """Used samples scaled to order one.
+    """Used samples scaled to order one: place and share of the rising branch, and position.
 
     ``rows`` are all of them, in the order of the logs; of long logs they are made where they are
-    asked for. ``merged`` are those that share a reading in one, where that says the same, and
-    ``scatter`` is the sum of the squares by which the samples of each of these miss their mean.
+    asked for. ``few`` are those that share a reading, or a narrow bin, in one.
     """
 
-    rows: Rows
+    rows: MapRows
     low: float
     span: float
     base: float
     stroke: float
-    merged: Rows
-    scatter: FloatArray | None = None
-
-    @property
-    def scattered(self) -> float:
-        """Sum of squares that no curve explains: of samples beside their mean at one reading."""
-        return 0.0 if self.scatter is None else float(self.scatter.sum())
+    few: MapRows
 
     @cached_property
-    def positions(self) -> npt.NDArray[np.intp] | None:
-        """Which of the positions at which readings were taken each of ``merged`` belongs to."""
-        return find_positions(self.merged.t, self.rows.t.size)
+    def edges(self) -> FloatArray | None:
+        """Edges between the positions at which readings were taken."""
+        return position_edges(self.few.x[:, 0], self.rows.y.size)
 
-    def beside(self, fit: CurveFit) -> FloatArray:
-        """What a curve leaves of all rows, shape ``(n,)``."""
-        return by_rows(
-            lambda t, y, rising: y - fit.evaluate(t, rising),
-            self.rows.t, self.rows.y, self.rows.rising,
-        )  # fmt: skip
+    @property
+    def positions(self) -> int:
+        """At how many positions they were; in a sweep at as many as there are."""
+        return np.unique(self.few.x[:, 0]).size if self.edges is None else self.edges.size + 1
 
-    def squares(self, fit: CurveFit) -> float:
-        """Weighted sum of squared residuals over all rows."""
-        rest = self.merged.y - fit.evaluate(self.merged.t, self.merged.rising)
-        return self.scattered + float((self.merged.count * rest) @ rest)
+    def millimetres(self, scaled: float) -> str:
+        """A length in words."""
+        return f"{1e3 * scaled * self.stroke:.3g} mm"
+
+    def squares(self, fit: MapFit) -> float:
+        """Sum of squared residuals of all rows."""
+        return self.rows.squares(fit)
 
 
 def scale_samples(data: Data, dead_band: float | None = None) -> Scaled:
     """Scale the used samples; without a dead band between branches there is one curve."""
     x, y = data.kept(data.reading), data.kept(data.reference)
-    low, span, base, stroke = float(x.min()), float(np.ptp(x)), float(y.min()), float(np.ptp(y))
-    alike = np.broadcast_to(1.0, x.shape)  # takes no memory
-    share = alike
-    if dead_band is not None:  # each log from its own start
-        shares = [rising_share(data.reading[p], dead_band) for p in data.parts]
-        share = data.kept(joined(shares))
-    t, level = partial(_scaled, low=low, span=span), partial(_scaled, low=base, span=stroke)
-    rows = Rows(by_rows(t, x), by_rows(level, y), alike, share)
-    if dead_band is None and x.size > MANY and 4 * data.distinct.reading.size < x.size:
-        found = data.distinct
-        same = np.broadcast_to(1.0, found.count.shape)
-        merged = Rows(t(found.reading), level(found.mean), found.count, same)
-        return Scaled(rows, low, span, base, stroke, merged, found.scatter / stroke**2)
-    return Scaled(rows, low, span, base, stroke, rows)
+    (low, high), (base, top) = ends_of(x), ends_of(y)
+    span, stroke = high - low, top - base
+    share = np.broadcast_to(1.0, x.shape) if dead_band is None else data.rising(dead_band)
+    table = by_rows(lambda r, s: np.column_stack(((r - low) / span, s)), x, share)
+    level = by_rows(lambda r: (r - base) / stroke, y)
+    rows = MapRows(table, level, np.broadcast_to(1.0, x.shape))
+    return Scaled(rows, low, span, base, stroke, _merged(rows))
 
 
-def _scaled(values: FloatArray, low: float, span: float) -> FloatArray:
-    out = values - low
-    out /= span
-    return out
+def _merged(rows: MapRows) -> MapRows:
+    """Rows at equal places, or of one narrow bin, merged into their means.
 
-
-def find_positions(t: FloatArray, samples: int | None = None) -> npt.NDArray[np.intp] | None:
-    """Which of the positions at which readings were taken each place belongs to, shape ``(n,)``.
-
-    Readings that were taken at rest lie in groups, as far apart as the positions are and no
-    wider than the noise: the gaps between sorted places then fall into small and large ones.
-    ``None`` where they do not: a sweep, or one reading at each position. ``samples`` says how
-    many there are where a place stands for several.
+    Where the places are those of a converter the fit is exactly the same. Otherwise the bins are
+    so narrow that the curve is straight within them.
     """
-    order = np.argsort(t, kind="stable")
-    found = _divide(t[order], t.size if samples is None else samples)
-    if found is None:
-        return None
-    key = np.empty(t.size, dtype=np.intp)
-    key[order] = found
-    return key
+    if rows.y.size <= FINE:
+        return MapRows(np.asarray(rows.x), np.asarray(rows.y), np.asarray(rows.count))
+    distinct = np.unique(rows.x[:: max(rows.y.size // (8 * FINE), 1), 0])
+    edges = np.linspace(0.0, 1.0, FINE + 1)
+    if distinct.size <= FINE:
+        edges = np.concatenate(([-1.0], 0.5 * (distinct[1:] + distinct[:-1]), [2.0]))
+    sums = np.zeros((4, 5 * edges.size))
+    for at in blocks(rows.y.size):
+        t, share = rows.x[at].T
+        place = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, edges.size - 2)
+        key = place * 5 + np.round(share * 4.0).astype(np.int64)
+        for total, values in zip(sums, (None, t, share, rows.y[at])):
+            total += np.bincount(key, values, minlength=total.size)
+    count, *means = sums[:, sums[0] > 0.0]
+    t, share, y = (m / count for m in means)
+    return MapRows(np.column_stack((t, share)), y, count)
 
 
-def _divide(places: FloatArray, samples: int) -> npt.NDArray[np.intp] | None:
-    """The same for places in order, at each of which some of the samples lie."""
-    gaps = np.diff(places)
-    size = np.sort(gaps[gaps > 0.0])
-    apart = 0.0
-    if size.size:
-        ratios = size[1:] / size[:-1]
-        k = int(np.argmax(ratios)) if ratios.size else 0
-        apart = float(size[k + 1]) if ratios.size and ratios[k] > _BREAK else float(size[0])
-    groups = 1 + int(np.count_nonzero(gaps >= apart)) if apart else 0
-    if not 3 <= groups <= min(_MOST_POSITIONS, samples // 2):
-        return None
-    if float(size[size >= apart].sum()) < 0.8 * float(size.sum()):
-        return None
-    return np.concatenate(([0], np.cumsum(gaps >= apart)))
-
-
-def position_count(rows: Rows) -> int:
-    """At how many positions the readings were taken; in a sweep at as many as there are."""
-    key = find_positions(rows.t)
-    return int(np.unique(rows.t).size if key is None else key.max() + 1)
-
-
-def sample_count(rows: Rows) -> int:
-    """How many samples the rows stand for; one of little weight is one."""
-    return int(np.maximum(rows.count, 1.0).sum())
-
-
-def check_enough(rows: Rows, shape: Shape) -> None:
-    """Refuse a curve with more unknowns than the samples can determine."""
-    samples, distinct = sample_count(rows), int(np.unique(rows.t).size)
-    needed = shape.unknowns // shape.branches
-    if samples >= shape.unknowns + 2 and distinct >= needed:
-        return
-    lower = f" or give a --degree below {shape.degree}" if shape.degree > 1 else ""
-    raise NotIdentifiedError(
-        f"{samples} samples at {distinct} distinct readings cannot determine a curve of degree "
-        f"{shape.degree}, which has {shape.unknowns} unknowns.",
-        expected=f"At least {shape.unknowns + 2} samples at {needed} distinct readings.",
-        remedy=f"Record more positions{lower}.",
-    )
-
-
-def check_both_directions(rows: Rows) -> None:
+def check_both_directions(rows: MapRows) -> None:
     """Refuse two branches of a recording that moves one way only."""
-    for name, share in (("rising", rows.rising), ("falling", 1.0 - rows.rising)):
+    for name, share in (("rising", rows.x[:, 1]), ("falling", 1.0 - rows.x[:, 1])):
         there = share >= 0.999
-        if np.count_nonzero(there) < 5 or np.ptp(rows.t[there]) < 0.5:
+        if np.count_nonzero(there) < 5 or np.ptp(rows.x[there, 0]) < 0.5:
             raise NotIdentifiedError(
                 f"the data cannot determine the {name} branch: the reading hardly moves that way.",
                 expected="Readings over at least half of the range in both directions.",
                 remedy="Record a stroke there and back, or give --branches pooled.",
             )
-
-
-def mean_ends(rows: Rows) -> tuple[float, float]:
-    """Mean reference of the extreme readings."""
-    return float(rows.y[rows.t == 0.0].mean()), float(rows.y[rows.t == 1.0].mean())

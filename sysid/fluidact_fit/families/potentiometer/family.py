@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -47,22 +46,11 @@ from ...family import (
 )
 from .block import PotentiometerBlock
 from .calibration import Calibration
-from .data import check_both_directions, check_enough, gather, mean_ends, scale_samples
-from .misfit import direction_notice, find_misfit, misfit_notice
+from .data import between, check_both_directions, gather, prepare, scale_samples
+from .fit import find_dead_band, fit_curve, is_rising_or_falling
 from .options import PotentiometerOptions
-from .rails import between, prepare
-from .rational_bezier import Shape, power_coefficients, rational_bezier
-from .results import derived_quantities, fit_details, fit_quantities
-from .selection import (
-    bound_notice,
-    drop_weights,
-    few_positions_notice,
-    find_dead_band,
-    make_monotone,
-    search_degree,
-    weigh_suspects,
-)
-from .spread import find_spread, free_jacobian, sensitivity
+from .rational_bezier import power_coefficients, rational_bezier
+from .results import curve_quantities, derived_quantities, fit_details
 
 
 class Potentiometer(Family[PotentiometerOptions]):
@@ -125,25 +113,12 @@ class Potentiometer(Family[PotentiometerOptions]):
         check_request(variant.parameters, request)
         data, options, notices = prepare(experiments, request.options)
         request = replace(request, options=options)
-        two = options.branches == "two"
-        band = find_dead_band(data, request) if two else None
+        band = find_dead_band(data, request) if options.branches == "two" else None
         scaled = scale_samples(data, band)
-        if two:
+        if band is not None:
             check_both_directions(scaled.rows)
-        ends = mean_ends(scaled.merged) if options.endpoints == "fixed" else None
-        shape = Shape(options.degree_wanted, 2 if two else 1, 0, ends)
-        check_enough(scaled.merged, shape if shape.degree else replace(shape, degree=1))
-        scaled = weigh_suspects(scaled, data, shape, request)
-        fit, scores = search_degree(scaled.merged, shape, request)
-        fit, turned = make_monotone(scaled, fit, options.monotone)
-        misfit = find_misfit(fit, scaled)
-        spread = find_spread(fit, scaled, data, misfit)
-        chosen, unsure = drop_weights(scaled, fit, spread)
-        if chosen is not fit:
-            fit, turned = make_monotone(scaled, chosen, options.monotone)
-            misfit = find_misfit(fit, scaled)
-            spread = find_spread(fit, scaled, data, misfit)
-        parameters, order, matrix = fit_quantities(fit, spread, scaled)
+        found = fit_curve(data, scaled, request)
+        parameters, order, matrix, _ = curve_quantities(found, scaled)
         parameters["reading_range"] = Quantity(
             [scaled.low, scaled.low + scaled.span], data.unit, "derived"
         )
@@ -152,34 +127,18 @@ class Potentiometer(Family[PotentiometerOptions]):
             parameters["hysteresis_dead_band"] = Quantity(
                 band, data.unit, "fixed" if given else "derived"
             )
-        ordered = [s.name for s in variant.parameters if s.name in parameters]
-        settled = replace(
-            options,
-            degree=str(fit.shape.degree),
-            monotone=fit.monotone if options.monotone is None else options.monotone,
-            dead_band=band,
-        )
-        slopes = sensitivity(fit, spread, scaled, [e.sampled("reading") for e in experiments])
+        monotone = is_rising_or_falling(found.fit) if options.monotone is None else options.monotone
         return make_solution(
             self.simulate,
             experiments,
             variant,
-            settled,
-            {name: parameters[name] for name in ordered},
+            replace(options, degree=str(found.model.degree), monotone=monotone, dead_band=band),
+            {s.name: parameters[s.name] for s in variant.parameters if s.name in parameters},
             order,
-            NoiseModel(matrix, spread.degrees, spread.independent),
-            jacobians=[{variant.output.name: j} for j in slopes],
-            derived=derived_quantities(fit, spread, scaled),
-            notices=[
-                *notices,
-                *turned,
-                *unsure,
-                *bound_notice(fit),
-                *few_positions_notice(scaled, fit, scores),
-                *misfit_notice(misfit, scaled, data.unit),
-                *direction_notice(fit, partial(free_jacobian, fit, scaled), scaled, data),
-            ],
-            details=fit_details(fit, spread, scores, scaled),
+            NoiseModel(matrix, found.spread.degrees, found.spread.independent),
+            derived=derived_quantities(found, scaled),
+            notices=[*notices, *found.notices],
+            details=fit_details(found, scaled),
         )
 
     def simulate(

@@ -40,7 +40,6 @@ class PotentiometerOptions(FamilyOptions):
         help="readings at or beyond these are clipped and left out"
     )
     clipped: bool | None = settled("flag", "whether samples were left out for a clipped reading")
-    suspects: str | None = settled("text", "extreme readings that look clipped and count little")
     dead_band: float | None = settled(
         "float", "change of the reading over which the branches change over", minimum=0.0
     )
@@ -49,8 +48,3 @@ class PotentiometerOptions(FamilyOptions):
     def degree_wanted(self) -> int:
         """Degree as a number; 0 for ``auto``."""
         return 0 if self.degree == "auto" else int(self.degree)
-
-    @property
-    def suspected(self) -> tuple[float, ...]:
-        """The readings of ``suspects``."""
-        return tuple(float(word) for word in (self.suspects or "").split(",") if word)

@@ -1,106 +1,92 @@
-"""What the file says of a fitted curve, and its positions."""
+"""What the file says of a fitted curve."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from ...estimation.uncertainty import Uncertainty, t_quantile
+from ...estimation.uncertainty import t_quantile
 from ...experiment import FloatArray
 from ...family import Quantity
 from .calibration import SECOND
 from .data import Scaled
-from .rational_bezier import LOG_WEIGHT_LIMIT, CurveFit, Score, rational_bezier
-from .spread import std_errors
+from .fit import CurveFit, is_rising_or_falling, std_errors
+from .rational_bezier import LOG_WEIGHT_LIMIT, curves_of, rational_bezier
 
 
-def fit_quantities(
-    fit: CurveFit, spread: Uncertainty, scaled: Scaled
-) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray]:
-    """Parameters of all branches, and the covariance of those that were estimated.
+def curve_quantities(
+    found: CurveFit, scaled: Scaled
+) -> tuple[dict[str, Quantity], tuple[str, ...], FloatArray, FloatArray]:
+    """Parameters of all branches, names and covariance of those estimated, scales of all.
 
     Weights are positive: their intervals are made of their logarithms.
     """
-    quantile = t_quantile(0.975, spread.degrees)
-    n = fit.shape.degree + 1
+    quantile, n = t_quantile(0.975, found.spread.degrees), found.model.degree + 1
+    errors = std_errors(found.spread, n - 1)
     out: dict[str, Quantity] = {}
     names: list[str] = []
-    factors: list[FloatArray] = []
-    for suffix, (p, w), (points, logs) in zip(SECOND, fit.curves, std_errors(spread, n - 1)):
+    scales: list[FloatArray] = []
+    for suffix, (p, w), (points, logs) in zip(SECOND, curves_of(found.fit), errors):
         error = points * scaled.stroke
         value, half = scaled.base + scaled.stroke * p, quantile * error
         out[f"control_points{suffix}"] = Quantity(
             value.tolist(), "m", "estimated", error.tolist(),
             np.column_stack((value - half, value + half)).tolist(), "wald",
         )  # fmt: skip
-        out[f"weights{suffix}"] = _weights(w, logs, quantile, fit.shape.rational)
-        names += [
-            f"{kind}{suffix}[{i}]" for kind in ("control_points", "weights") for i in range(n)
-        ]
-        factors += [np.full(n, scaled.stroke), w]
-    scale = np.concatenate(factors)
-    matrix = spread.covariance * np.outer(scale, scale)
-    kept = np.flatnonzero(np.diag(spread.covariance) > 0.0)
-    return out, tuple(names[i] for i in kept), matrix[np.ix_(kept, kept)]
+        out[f"weights{suffix}"] = Quantity(w.tolist(), "1", "not_identified")
+        if found.model.rational:
+            limit = 2.0 * LOG_WEIGHT_LIMIT + 1e-9
+            ends = np.log(w)[:, None] + np.outer(quantile * logs, (-1.0, 1.0))
+            interval = np.exp(np.clip(ends, -limit, limit))
+            interval = np.column_stack(
+                (np.minimum(interval[:, 0], w), np.maximum(interval[:, 1], w))
+            )
+            out[f"weights{suffix}"] = Quantity(
+                w.tolist(), "1", "estimated", (w * logs).tolist(), interval.tolist(), "wald-log"
+            )
+        names += [f"control_points{suffix}[{i}]" for i in range(n)]
+        names += [f"weights{suffix}[{i}]" for i in range(n)]
+        scales += [np.full(n, scaled.stroke), w]
+    scale = np.concatenate(scales)
+    matrix = found.spread.covariance * np.outer(scale, scale)
+    kept = np.flatnonzero(np.diag(matrix) > 0.0)
+    return out, tuple(names[i] for i in kept), matrix[np.ix_(kept, kept)], scale
 
 
-def _weights(w: FloatArray, error: FloatArray, quantile: float, rational: bool) -> Quantity:
-    if not rational:
-        return Quantity(w.tolist(), "1", "not_identified")
-    limit = 2.0 * LOG_WEIGHT_LIMIT + 1e-9
-    low = np.exp(np.clip(np.log(w) - quantile * error, -limit, limit))
-    high = np.exp(np.clip(np.log(w) + quantile * error, -limit, limit))
-    bounds = np.column_stack((np.minimum(low, w), np.maximum(high, w)))
-    return Quantity(w.tolist(), "1", "estimated", (w * error).tolist(), bounds.tolist(), "wald-log")
-
-
-def derived_quantities(fit: CurveFit, spread: Uncertainty, scaled: Scaled) -> dict[str, Quantity]:
+def derived_quantities(found: CurveFit, scaled: Scaled) -> dict[str, Quantity]:
     """Stroke between the extreme readings, and the width of the hysteresis."""
-    n = fit.shape.degree
-    p = fit.curves[0][0]
-    c = spread.covariance
+    n, curves = found.model.degree, curves_of(found.fit)
+    p, c = curves[0][0], found.spread.covariance
     error = float(np.sqrt(max(c[0, 0] + c[n, n] - 2.0 * c[0, n], 0.0)))
     stroke = abs(float(p[-1] - p[0])) * scaled.stroke
     out = {"stroke": Quantity(stroke, "m", "derived", error * scaled.stroke)}
-    if fit.shape.branches == 2:
-        t = np.linspace(0.0, 1.0, 1001)
-        rise, fall = (rational_bezier(t, points, w) for points, w in fit.curves)
+    if len(curves) == 2:
+        rise, fall = (rational_bezier(np.linspace(0.0, 1.0, 1001), *c) for c in curves)
         width = float(np.mean(np.abs(rise - fall))) * scaled.stroke
         out["hysteresis"] = Quantity(width, "m", "derived")
     return out
 
 
-def fit_details(
-    fit: CurveFit, spread: Uncertainty, scores: Sequence[Score], scaled: Scaled
-) -> dict[str, Any]:
-    """Method, degree, starts and residuals for the file."""
+def fit_details(found: CurveFit, scaled: Scaled) -> dict[str, Any]:
+    """Degree, starts and residuals for the file."""
+    fit, spread = found.fit, found.spread
     details: dict[str, Any] = {
-        "method": "variable projection",
-        "degree": fit.shape.degree,
-        "degree_chosen_by": "cross-validation" if scores else "user or number of samples",
-        "monotone": fit.monotone,
-        "monotone_constraint": bool(fit.shape.direction),
-        "starts": {
-            "tried": fit.search.tried,
-            "agreeing": fit.search.agreeing,
-            "rivals": len(fit.search.rivals),
-        },
-        "iterations": fit.search.best.iterations,
-        "converged": fit.search.best.converged,
+        "degree": found.model.degree,
+        "degree_chosen_by": "cross-validation" if found.scores else "user or number of samples",
+        "monotone": is_rising_or_falling(fit),
+        "monotone_constraint": bool(found.model.direction),
+        "starts": {"tried": fit.tried, "agreeing": fit.agreeing},
+        "iterations": fit.iterations,
+        "converged": fit.converged,
         "residual_std": spread.sigma * scaled.stroke,
         "covariance": f"autoregressive residuals of order {spread.order}"
         if spread.order
         else "white",
     }
-    if scores:
+    if found.scores:
         details["cross_validation"] = [
-            {
-                "degree": s.degree,
-                "rms": s.rms * scaled.stroke,
-                "mean_square_std_error": s.std_error * scaled.stroke**2,
-            }
-            for s in scores
+            {"degree": k, "rms": float(np.sqrt(square)) * scaled.stroke}
+            for k, square in found.scores
         ]
     return details

@@ -1,0 +1,392 @@
+"""Estimator of static maps: a curve or a network that gives one quantity at some inputs.
+
+A family declares a :class:`MapModel`: the value of the map for its unknowns, the derivatives, and
+bounds, which also declare monotony. What every map needs is here, once: the search from several
+starts, cross-validation over whole positions or logs, the choice between candidates, the price of
+monotony, samples that stand alone, and an examination of what a map leaves (positions that it
+misses, a direction of motion).
+
+References
+----------
+.. [1] T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical Learning, 2nd ed.,
+   2009, section 7.10: cross-validation and the one-standard-error rule.
+.. [2] N. Draper, H. Smith, Applied Regression Analysis, 3rd ed., 1998, section 2.1: lack of
+   fit and pure error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from ..experiment import BoolArray, FloatArray
+from ..rows import blocks, by_rows, square_sum
+from .minimise import Minimum, minimise
+from .motion_state import running_median
+from .uncertainty import Uncertainty, covariance, enlarge, middle_of
+
+_BY_CHANCE = 0.01  # probability of a ratio of mean squares that is no accident
+_MOST_POSITIONS = 100  # beyond them readings are as good as a sweep
+_BREAK = 4.0  # ratio of the gap between two positions to those between readings of one
+_STRETCHES = 60  # of a sweep, whose samples are taken together
+_SPIKE = 10.0  # robust standard deviations by which a spike stands off its neighbours
+
+Index = npt.NDArray[np.intp]
+
+
+class MapModel(Protocol):
+    """A map with unknowns ``theta``, shape ``(p,)``, of inputs ``x``, shape ``(n, inputs)``."""
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest values of the unknowns, shape ``(p,)`` each; may be infinite."""
+
+    def value(self, theta: FloatArray, x: FloatArray) -> FloatArray:
+        """The map, shape ``(n,)``."""
+
+    def slopes(self, theta: FloatArray, x: FloatArray) -> FloatArray:
+        """Its derivatives by the unknowns, shape ``(n, p)``."""
+
+
+@dataclass(frozen=True)
+class MapRows:
+    """Samples of a map: inputs ``(n, inputs)``, output ``(n,)`` and weights ``(n,)``.
+
+    A row that is the mean of several samples weighs as many.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    count: FloatArray
+
+    def take(self, index: BoolArray | Index) -> MapRows:
+        """Return some of the rows."""
+        return MapRows(self.x[index], self.y[index], self.count[index])
+
+    def residual(self, fit: MapFit) -> FloatArray:
+        """What a fit leaves of the rows, shape ``(n,)``; of long records made where asked for."""
+        return by_rows(lambda x, y: y - fit.model.value(fit.theta, x), self.x, self.y)
+
+    def slopes(self, fit: MapFit) -> FloatArray:
+        """Derivatives by its unknowns that are not on a bound, shape ``(n, q)``."""
+        return by_rows(lambda x: fit.model.slopes(fit.theta, x)[:, fit.free], self.x)
+
+    def squares(self, fit: MapFit) -> float:
+        """Weighted sum of squared residuals."""
+        return square_sum(by_rows(lambda r, n: r * np.sqrt(n), self.residual(fit), self.count))
+
+
+@dataclass(frozen=True)
+class MapFit:
+    """A fitted map: unknowns, which of them are off their bounds, and how the search ended.
+
+    ``tried`` starts were tried, ``agreeing`` of them ended at this optimum.
+    """
+
+    model: MapModel
+    theta: FloatArray
+    free: BoolArray
+    cost: float
+    tried: int
+    agreeing: int
+    iterations: int
+    converged: bool
+
+
+@dataclass(frozen=True)
+class _Point:
+    theta: FloatArray
+    residuals: Sequence[FloatArray]
+
+    @property
+    def cost(self) -> float:
+        return sum(float(r @ r) for r in self.residuals)
+
+
+def fit_map(
+    model: MapModel, rows: MapRows, starts: Sequence[FloatArray], tolerance: float = 1e-5
+) -> MapFit:
+    """Fit a map by weighted least squares from several starts, the best one kept.
+
+    Parameters
+    ----------
+    starts
+        Values of the unknowns, shape ``(p,)`` each.
+    tolerance
+        Standard errors to which the unknowns are settled.
+    """
+    parts, roots = list(blocks(rows.y.size)), np.sqrt(rows.count)
+
+    def evaluate(theta: FloatArray) -> _Point:
+        return _Point(
+            theta, [roots[at] * (rows.y[at] - model.value(theta, rows.x[at])) for at in parts]
+        )
+
+    def normal(point: _Point) -> tuple[FloatArray, FloatArray]:
+        gradient, curvature = np.zeros(point.theta.size), np.zeros(2 * point.theta.shape)
+        for at, r in zip(parts, point.residuals):
+            j = model.slopes(point.theta, rows.x[at]) * roots[at, None]
+            gradient = gradient + j.T @ r
+            curvature = curvature + j.T @ j
+        return gradient, curvature
+
+    def solve(start: FloatArray) -> Minimum[_Point]:
+        return minimise(
+            evaluate, normal, start, model.bounds, rows=rows.y.size, tolerance=tolerance,
+            max_iterations=80,
+        )  # fmt: skip
+
+    found = sorted(map(solve, starts), key=lambda m: m.point.cost)
+    best, (low, high) = found[0], model.bounds
+    agreeing = sum(m.point.cost <= best.point.cost * (1.0 + 1e-6) + 1e-300 for m in found)
+    return MapFit(
+        model, best.x, (best.x > low) & (best.x < high), best.point.cost, len(found), agreeing,
+        best.iterations, best.converged,
+    )  # fmt: skip
+
+
+# ------------------------------------------------------------------------- choice of a map
+
+
+def interior_folds(labels: Index, inner: Index, most: int, seed: int | None = None) -> Index:
+    """Number of the fold that each row is held out in, -1 for never, shape ``(n,)``.
+
+    Rows of one label, a position or a log, are held out together; only those of ``inner``, so
+    that no map has to extrapolate. Neighbours are dealt to different folds, or shuffled.
+    """
+    order = inner if seed is None else np.random.default_rng(seed).permutation(inner)
+    fold = np.full(int(labels.max()) + 1, -1)
+    fold[order] = np.arange(order.size) % min(most, max(order.size, 1))
+    return fold[labels]
+
+
+def cross_validate(
+    folds: Index, predict: Callable[[BoolArray, BoolArray, int], FloatArray]
+) -> FloatArray:
+    """Errors on rows that were not fitted, shape ``(n,)``; NaN where a row is in no fold.
+
+    ``predict(rest, held, fold)`` fits the rows ``rest`` and returns the errors on ``held``.
+    """
+    error = np.full(folds.size, np.nan)
+    for k in range(int(folds.max(initial=-1)) + 1):
+        held = folds == k
+        error[held] = predict(~held, held, k)
+    return error
+
+
+def fold_squares(error: FloatArray, folds: Index, count: FloatArray | None = None) -> FloatArray:
+    """Mean square of every fold's errors, shape ``(folds,)``."""
+    weight = np.ones(error.size) if count is None else count
+    parts = [folds == k for k in range(int(folds.max()) + 1)]
+    return np.array([np.average(error[p] ** 2, weights=weight[p]) for p in parts])
+
+
+def smallest_sufficient(scores: Sequence[FloatArray]) -> int:
+    """Number of the first candidate within one standard error of the best one [1]_.
+
+    ``scores`` are mean squares of the folds, simplest candidate first.
+    """
+    means = [float(s.mean()) for s in scores]
+    best = scores[int(np.argmin(means))]
+    error = float(best.std(ddof=1) / np.sqrt(best.size)) if best.size > 1 else 0.0
+    allowed = float(best.mean()) + max(error, 1e-18)  # what rounding leaves of exact data
+    return next(k for k, mean in enumerate(means) if mean <= allowed)
+
+
+def excess_tail(worse: float, better: float, extra: int, samples: int, unknowns: int) -> float:
+    """Probability of an F statistic as large as that of a restricted fit.
+
+    ``worse`` and ``better`` are sums of squares without and with ``extra`` unknowns, ``unknowns``
+    those of the better one.
+    """
+    from scipy.special import fdtrc
+
+    free = samples - unknowns
+    if worse <= better or free < 1 or extra < 1:
+        return 1.0
+    return float(fdtrc(extra, free, (worse - better) / extra / max(better / free, 1e-28)))
+
+
+# --------------------------------------------------------------------- samples and positions
+
+
+def lone_samples(output: FloatArray, residual: FloatArray, settled: BoolArray) -> BoolArray:
+    """Samples that stand alone: off the fit, off their neighbours' residuals, and off them.
+
+    Misfit of a map lasts for many samples; a spike for one to three. A jump of an input moves
+    the residual but not what was measured. Just after a reversal, where nothing is ``settled``, a
+    lone sample may be creep. All arrays are of one run, shape ``(n,)``.
+    """
+    if residual.size < 8:
+        return np.zeros(residual.size, dtype=bool)
+    off = np.abs(residual - running_median(residual, 3))
+    jump = np.abs(output - running_median(output, 3))
+    limit = max(_SPIKE * robust_deviation(off), 1e-6 * float(np.abs(output).max()))
+    far = off > 3.0 * robust_deviation(residual)
+    return np.asarray((np.minimum(off, jump) > limit) & far & settled)
+
+
+def robust_deviation(residual: FloatArray) -> float:
+    """Standard deviation from the median absolute residual; never zero."""
+    return max(1.4826 * float(np.median(np.abs(residual))), 1e-9)
+
+
+def position_edges(x: FloatArray, samples: int) -> FloatArray | None:
+    """Edges between the positions at which readings were taken, shape ``(positions - 1,)``.
+
+    Readings that were taken at rest lie in groups, as far apart as the positions are and no
+    wider than the noise: the gaps between sorted places then fall into small and large ones.
+    ``None`` where they do not: a sweep, or one reading at each position. ``samples`` says how
+    many there are where a place stands for several.
+    """
+    places = np.unique(x)
+    gaps = np.diff(places)
+    size = np.sort(gaps)
+    if not size.size:
+        return None
+    ratios = size[1:] / size[:-1]
+    k = int(np.argmax(ratios)) if ratios.size else 0
+    apart = float(size[k + 1]) if ratios.size and ratios[k] > _BREAK else float(size[0])
+    wide = gaps >= apart
+    groups = 1 + int(np.count_nonzero(wide))
+    if not 3 <= groups <= min(_MOST_POSITIONS, samples // 2):
+        return None
+    if float(gaps[wide].sum()) < 0.8 * float(gaps.sum()):
+        return None
+    return np.asarray((places[:-1] + places[1:])[wide] / 2.0)
+
+
+def widest_gap(x: FloatArray) -> tuple[float, float] | None:
+    """Part of the range in which nothing was recorded, though elsewhere it was; its ends."""
+    places = np.unique(x)
+    gaps = np.diff(places)
+    k = int(np.argmax(gaps))
+    far = max(0.2 * float(np.ptp(places)), 5.0 * float(np.median(gaps)))
+    return (float(places[k]), float(places[k + 1])) if gaps.size > 6 and gaps[k] > far else None
+
+
+# --------------------------------------------------------------------- what a map leaves over
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Residuals by position: mean squares between and within positions [2]_.
+
+        between = sum_b n_b mean_b(r)^2 / (B - p),   within = sum_b sum (r - mean_b(r))^2 / (n - B)
+
+    agree where every sample has an error of its own; ``probability`` is that of their ratio.
+    ``rms`` is what the map misses the positions by beyond the scatter, ``worst`` the place of the
+    largest miss and ``at_rest`` whether readings were taken at rest.
+    """
+
+    between: float
+    within: float
+    probability: float
+    degrees: int
+    rms: float
+    worst: float
+    at_rest: bool
+
+    def matters(self, least: float) -> bool:
+        """Whether the miss is larger than the scatter, and than what is worth saying."""
+        return self.rms > least and self.rms**2 > self.within
+
+
+def find_misfit(
+    x: FloatArray, residual: FloatArray, unknowns: int, edges: FloatArray | None
+) -> Misfit | None:
+    """Compare the scatter of positions, or of stretches of a sweep, with that of samples.
+
+    ``x`` is the input along which the positions lie, shape ``(n,)``; ``None`` where they are few.
+    """
+    from scipy.special import fdtrc
+
+    n, at_rest = x.size, edges is not None
+    if edges is None:
+        few = np.asarray(x[:: max(n // 100_000, 1)])
+        count = max(min(_STRETCHES, n // 5), 1)
+        edges = np.unique(np.quantile(few, np.arange(1, count) / count))
+    size, total = np.zeros(edges.size + 1), np.zeros(edges.size + 1)
+    for at in blocks(n):
+        key = np.searchsorted(edges, x[at], side="right")
+        size += np.bincount(key, minlength=size.size)
+        total += np.bincount(key, residual[at], minlength=size.size)
+    used = np.flatnonzero(size)
+    mean, size = total[used] / size[used], size[used]
+    degrees, free, explained = size.size - unknowns, n - size.size, float(size @ mean**2)
+    if degrees < 1 or free < 10:
+        return None
+    between, within = explained / degrees, max(square_sum(residual) - explained, 0.0) / free
+    floor = 1e-28  # what rounding leaves of outputs of order one
+    probability = float(fdtrc(degrees, free, (between + floor) / (within + floor)))
+    rms = float(np.sqrt(max(between - within, 0.0) * degrees / n))
+    ends = np.concatenate(([float(np.min(x))], edges, [float(np.max(x))]))
+    worst = int(used[np.argmax(np.abs(mean) * np.sqrt(size))])
+    place = float(0.5 * (ends[worst] + ends[worst + 1]))
+    return Misfit(between, within, probability, degrees, rms, place, at_rest)
+
+
+def find_uncertainty(
+    jacobians: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+    misfit: Misfit | None,
+    least: float,
+    in_order: bool,
+) -> Uncertainty:
+    """Covariance of the unknowns of a map, per log derivatives ``(n_i, p)`` and residuals.
+
+    Samples that follow one another may have errors that do; those at one position share the error
+    of its reference, and a curve that is too stiff misses all of them alike: they then count as
+    one. ``least`` is as of :meth:`Misfit.matters`.
+    """
+    white = covariance(jacobians, residuals, robust=False)
+    found = covariance(jacobians, residuals, small_sample=True) if in_order else white
+    if misfit is None or misfit.probability > _BY_CHANCE:
+        return found
+    if not (misfit.at_rest or misfit.matters(least)):
+        return found  # a sweep tells noise from misfit by neighbours only: less sure
+    shared = np.diag(white.covariance) * (misfit.between / max(white.sigma**2, 1e-300))
+    return replace(
+        found,
+        covariance=enlarge(found.covariance, shared),
+        degrees=min(found.degrees, misfit.degrees),
+    )
+
+
+@dataclass(frozen=True)
+class DirectionEffect:
+    """Difference of a map between rising and falling inputs, its error, and the scatter."""
+
+    width: float
+    std_error: float
+    scatter: float
+
+    def matters(self, least: float) -> bool:
+        """Whether it is sure, and larger than half the scatter and than what is worth saying."""
+        sure = self.width > 5.0 * self.std_error
+        return sure and self.width >= max(0.5 * self.scatter, least)
+
+
+def find_direction_effect(
+    jacobians: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+    rising: Sequence[FloatArray],
+) -> DirectionEffect:
+    """Regress residuals on the direction of motion, the unknowns of the map beside it.
+
+    Per log: derivatives ``(n_i, p)``, residuals and the share of rising motion ``(n_i,)``, 0 to 1.
+    """
+    parts = [middle_of(len(r)) for r in residuals]
+    residuals = [np.asarray(r[at]) for r, at in zip(residuals, parts)]
+    tables = [np.column_stack((j[at], r[at] - 0.5)) for j, r, at in zip(jacobians, rising, parts)]
+    scale = np.sqrt(sum(np.sum(t**2, axis=0) for t in tables))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    tables = [t / scale for t in tables]
+    found = np.linalg.lstsq(np.vstack(tables), np.concatenate(list(residuals)), rcond=1e-10)[0]
+    spread = covariance(tables, [r - t @ found for t, r in zip(tables, residuals)])
+    error = float(np.sqrt(spread.covariance[-1, -1])) / scale[-1]
+    return DirectionEffect(abs(float(found[-1])) / scale[-1], error, spread.sigma)
