@@ -633,7 +633,7 @@ STRUCTURE = [
     Case(
         "`Channel 2` where `Channel 1` stood above the first block", "one table of runs",
         "(echo 'Channel 1'; cat datasets/line/trial1.csv; echo 'Channel 2'; cat datasets/line/trial2.csv) > t.csv; fluidact-fit inspect t.csv",
-        3, r"a second block begins here: 'Channel 2'",
+        3, r"a second block begins here: 'Channel 2'; above the first one it is 'Channel 1'\.",
     ),
     Case(
         "a small table of another width below the first", "left out as partly written lines",

@@ -98,20 +98,20 @@ def refuse_other_blocks(
     for (number, fields), below in pairwise(ragged):
         if below == (number + 1, fields) and fields not in (1, layout.width):
             _refuse_names_above_row(lines, number, layout, name)
-    labels: dict[str, str] = {}
+    labels: dict[str, tuple[str, str]] = {}
     for index, line in enumerate(lines[: layout.first_row]):
         if index in (layout.header_row, layout.units_row):
             continue
         key, value = _label(line)
-        labels.setdefault(key, value)
+        labels.setdefault(key, (value, line.strip()))
     for number, _ in ragged:
         key, value = _label(lines[number - 1])
-        before = labels.get(key)
+        before, written = labels.get(key, (None, ""))
         channel = _CHANNEL.fullmatch(key) is not None
         if number > last or (before is None and not channel) or not key or before == value:
             continue
         if channel or _letters(value) != _letters(before or ""):
-            above = f"it is '{before[:40]}'" if before else "nothing like it stands"
+            above = f"it is '{written[:80]}'" if before else "nothing like it stands"
             raise LogError(
                 f"a second block begins here: '{lines[number - 1].strip()[:80]}'; above the first "
                 f"one {above}.",
