@@ -25,21 +25,21 @@ from fluidact_fit.estimation.inputs import beyond_dead_zone
 from fluidact_fit.estimation.problem import Unknown
 from fluidact_fit.experiment import Experiment, FloatArray, Signal
 from fluidact_fit.families.hydraulic_cylinder.block import HydraulicBlock
-from fluidact_fit.families.hydraulic_cylinder.equations import (
-    GRAY_NAMES,
-    Machine,
-    chamber_flow,
-    orifice_flow,
-)
 from fluidact_fit.families.hydraulic_cylinder.gray_box import (
+    SLOPES,
     GrayBox,
     GrayLog,
     make_gray_log,
     mean_command,
 )
 from fluidact_fit.families.hydraulic_cylinder.gray_search import GrayProblem, solve_gray_box
-from fluidact_fit.families.hydraulic_cylinder.windows import Windows
 from fluidact_fit.logs import StepInput
+from fluidact_fit.mechanics.hydraulic_cylinder import (
+    GRAY_NAMES,
+    Machine,
+    chamber_flow,
+    orifice_flow,
+)
 from fluidact_fit.result import FitResult
 from fluidact_fit.simulation import simulate_logs, simulate_steps
 
@@ -193,30 +193,14 @@ def reversal() -> GrayLog:
     return gray_log(simulate(np.where(np.arange(120) < 60, 1.0, -2.0)))
 
 
-def test_sensitivities_are_the_derivatives_of_the_scheme() -> None:
+def test_a_search_comes_from_far_away() -> None:
     log = reversal()
-    box = GrayBox([log], MACHINE, 3600.0, segment=40)
-    nodes = box.nodes_of(log.guess)
-    free = ("valve_gain_1", "line_loss_3", "bulk_modulus", "dead_zone_positive", "coulomb")
-    states, slopes = box.integrate(log, nodes, truth(), free)
-    for k, name in enumerate(free):
-        step = 1e-6 * abs(truth()[name])
-        ends = [
-            box.integrate(log, nodes, {**truth(), name: truth()[name] + s * step}, free)[0]
-            for s in (1.0, -1.0)
-        ]
-        due = (ends[0] - ends[1]) / (2.0 * step)
-        size = np.abs(due).max(axis=(0, 1))
-        assert np.all(np.abs(slopes[:, :, :, 4 + k] - due).max(axis=(0, 1)) <= 1e-4 * size + 1e-12)
-    assert np.isfinite(states).all()
-
-
-def test_multiple_shooting_comes_from_far_away() -> None:
-    box = GrayBox([reversal()], MACHINE, 3600.0)
+    box = GrayBox.following([log], MACHINE, 3600.0, 0.0)
     free = ("valve_gain_1", "valve_gain_2", "bulk_modulus")
     start = {**truth(), "valve_gain_1": 1e-8, "valve_gain_2": 4e-8, "bulk_modulus": 3e8}
     unknowns = [Unknown(n, 0.01 * truth()[n], 100.0 * truth()[n], truth()[n]) for n in free]
-    found = solve_gray_box(GrayProblem(box, unknowns, np.array([2e4, 2e4, 5e-5])), start)
+    problem = GrayProblem(box, [log], unknowns, np.array([2e4, 2e4, 5e-5]))
+    found = solve_gray_box(problem, start)
     assert found.converged
     for n in free:
         assert found.values[n] == pytest.approx(truth()[n], rel=0.05)
@@ -236,7 +220,7 @@ def test_friction_sticks_slips_and_turns_like_an_independent_simulation(coulomb:
     command = attacks.commands(np.random.default_rng(3), time.size, 6.0, plant.edges)
     rows = attacks.simulate(plant, time, command)
     log = gray_log(np.column_stack((time, command, rows)))
-    box = GrayBox([log], MACHINE, 3600.0)
+    box = GrayBox.following([log], MACHINE, 3600.0, 0.0)
     states = box.simulate(log, np.append(rows[0], 0.0), plant.truth())
     assert np.sum(np.diff(np.flatnonzero(states[:, 3] == 0.0)) > 1) >= 2  # it stuck and broke away
     assert np.abs(states[:, :3] - rows).max(axis=0) == pytest.approx(0.0, abs=3e3)
@@ -246,7 +230,10 @@ def test_friction_sticks_slips_and_turns_like_an_independent_simulation(coulomb:
 @pytest.mark.parametrize(
     ("plant", "free"),
     [
-        (replace(attacks.Plant(), coulomb=900.0), ("coulomb", "dead_zone_positive", "viscous")),
+        (
+            replace(attacks.Plant(), coulomb=900.0),
+            ("coulomb", "dead_zone_positive", "viscous", "valve_gain_1", "line_loss_3"),
+        ),
         (
             replace(attacks.Plant(), coulomb=200.0, stiction=100.0, shape=2.0),
             ("coulomb", "stribeck", "stribeck_speed"),
@@ -260,28 +247,27 @@ def test_sensitivities_go_through_stops_and_break_aways(
     command = attacks.commands(np.random.default_rng(3), time.size, 6.0, plant.edges)
     rows = attacks.simulate(plant, time, command)
     log = gray_log(np.column_stack((time, command, rows)))
-    box = GrayBox([log], MACHINE, 3600.0, segment=599)
+    box = GrayBox.following([log], MACHINE, 3600.0, 0.0)
     start, values = np.append(rows[0], 0.0), plant.truth()
-    slopes = box.integrate(log, start[None], values, free)[1][0]
+    slopes = box.slopes(log, start, values)[1:]
     noise = np.array([2e4, 2e4, 5e-5])
-    for k, name in enumerate(free):
+    for name in free:
         step = 1e-6 * values[name]
         ends = [
             box.simulate(log, start, {**values, name: values[name] + s * step})[1:, :3]
             for s in (1.0, -1.0)
         ]
         due = (ends[0] - ends[1]) / (2.0 * step) / noise
-        found = slopes[:, :3, 4 + k] / noise
+        found = slopes[:, :3, 4 + SLOPES.index(name)] / noise
         assert np.abs(found - due).max() < 5e-3 * np.abs(due).max(), name
 
 
 def test_a_piston_at_rest_forgets_the_speed_that_it_was_said_to_have() -> None:
     rows = exact(np.zeros(60))
     log = gray_log(rows)
-    box = GrayBox([log], MACHINE, 3600.0, segment=59)
+    box = GrayBox.following([log], MACHINE, 3600.0, 0.0)
     start = np.append(rows[0, 2:], 0.0)
-    _, slopes = box.integrate(log, start[None], truth(), ("coulomb",))
-    assert np.all(slopes[0, :, :, 3] == 0.0)
+    assert np.all(box.slopes(log, start, truth())[1:, :, 3] == 0.0)
     assert np.all(box.simulate(log, start, truth())[:, 3] == 0.0)
 
 
@@ -806,39 +792,12 @@ def test_a_single_sample_is_refused(tmp_path: Path) -> None:
         check_logs(fitted().document, [log])
 
 
-def test_a_long_log_is_begun_where_the_piston_moves_most() -> None:
-    """It rests, moves over samples 600 to 799, and rests again."""
+def test_a_search_in_a_long_log_begins_with_pieces_from_all_over_it() -> None:
     guess = np.zeros((1000, 4))
-    guess[:, 2] = np.clip(np.arange(1000.0) - 600.0, 0.0, 200.0)
     command, step = np.arange(999.0), np.full(999, 1e-3)
     log = GrayLog(command, step, (2,), guess[None, :, 2], guess)
-    part = log.liveliest(300)
-    assert part.samples == 300
-    assert part.command.size == part.step.size == 299
-    assert np.ptp(part.guess[:, 2]) == 200.0
-    assert np.array_equal(part.measured[0], part.guess[:, 2])
-    assert 500.0 <= part.command[0] <= 600.0
-    assert log.liveliest(1000) is log
-    pieces = log.telling(400)  # what is slow or elsewhere is among them
-    assert pieces[0].samples == 200
-    assert np.ptp(pieces[0].guess[:, 2]) == pytest.approx(199.0, abs=1.0)
-    assert [p.samples for p in pieces[1:]] == [50] * 4
-    assert [p.command[0] for p in pieces[1:]] == [0.0, 316.0, 633.0, 950.0]
-
-
-def test_windows_of_a_long_log_are_begun_with_where_most_flows() -> None:
-    """Motion in windows 60 to 79; the part keeps its flow balance."""
-    first = np.arange(0, 990, 10)
-    motion = np.where((first >= 600) & (first < 800), 2.0, 0.0)
-    time = 1e-3 * np.arange(1000)
-    windows = Windows(
-        0, 1, first, first + 10, np.full(99, 1e-2), motion, np.zeros(99),
-        np.zeros(999), np.diff(time), np.arange(1000.0),
-    )  # fmt: skip
-    part = windows.liveliest(300)
-    assert part.motion.sum() == motion.sum()
-    assert part.command.size == part.step.size == part.pressure.size - 1 <= 300
-    begin = int(part.pressure[0])
-    kept = np.isin(windows.first, part.first + begin)
-    np.testing.assert_allclose(part.mean_pressure, windows.mean_pressure[kept])
-    assert windows.liveliest(1000) is windows
+    pieces = log.pieces(400)
+    assert [p.samples for p in pieces] == [100] * 4
+    assert [p.command[0] for p in pieces] == [0.0, 300.0, 600.0, 900.0]
+    assert all(p.command.size == p.step.size == 99 for p in pieces)
+    assert log.pieces(1000)[0] is log

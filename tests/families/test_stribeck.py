@@ -28,7 +28,6 @@ import fluidact_fit as ff
 from fluidact_fit.block import Port
 from fluidact_fit.control.plants.hydraulic import HydraulicCylinder, HydraulicPlant
 from fluidact_fit.experiment import FloatArray
-from fluidact_fit.families.hydraulic_cylinder.equations import Machine, chamber_flow
 from fluidact_fit.families.hydraulic_cylinder.gray_box import GrayBox, GrayLog
 from fluidact_fit.families.spring_cylinder.equation import SpringLaw
 from fluidact_fit.mechanics.friction_law import FrictionLaw
@@ -298,7 +297,7 @@ def test_sticking_and_slipping_is_that_of_located_events(
     due = by_events(m, time, command)
     assert np.sum(np.diff(np.flatnonzero(due[:, 3] == 0.0)) > 1) >= 2  # it stuck and broke away
     log = bare_log(time, command, due[0])
-    box = GrayBox([log], machine(m), m.viscous, fall=0.86 * rise / speed)
+    box = GrayBox.following([log], machine(m), m.viscous, 0.86 * rise / speed)
     found = box.simulate(log, due[0], m.truth())
     assert np.abs(found - due)[:, :2].max() < 3e3  # Pa; orifices are rounded off below 0.1 bar
     assert np.abs(found - due)[:, 2].max() < 1e-6
@@ -310,7 +309,7 @@ def test_no_rise_moves_as_the_model_without() -> None:
     time, command = slow_and_fast(PLANT, 200)
     start = np.append(hydraulic.simulate(PLANT, time[:2], command[:2])[0], 0.0)
     log = bare_log(time, command, start)
-    box = GrayBox([log], machine(PLANT), PLANT.viscous)
+    box = GrayBox.following([log], machine(PLANT), PLANT.viscous, 0.0)
     values = replace(PLANT, stiction=0.0).truth()
     without = {n: v for n, v in values.items() if n not in BOTH}
     assert np.array_equal(box.simulate(log, start, values), box.simulate(log, start, without))

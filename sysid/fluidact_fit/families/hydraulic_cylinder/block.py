@@ -14,10 +14,10 @@ from ...block import FlowBlock
 from ...errors import UsageError
 from ...experiment import Experiment, FloatArray
 from ...mechanics.friction_law import FrictionLaw
+from ...mechanics.hydraulic_cylinder import EDGES, FRICTION, LOSSES, Machine, chamber_flow
 from ...routines import Argument, Routine
 from ...specification import scalars
 from .case import read_machine
-from .equations import EDGES, FRICTION, LOSSES, Machine, chamber_flow
 from .networks import NETWORKS, Network, network_of
 from .options import HydraulicCylinderOptions
 from .simulation import simulate_run

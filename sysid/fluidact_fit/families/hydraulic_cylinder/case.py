@@ -11,13 +11,10 @@ import numpy as np
 from ...errors import LogError, UsageError
 from ...experiment import BoolArray, Experiment, FloatArray
 from ...family import Plant, Request, Variant
+from ...mechanics.hydraulic_cylinder import SIGN, Machine
 from ...signals import smooth
-from .equations import SIGN, Machine
 from .options import HydraulicCylinderOptions
 from .windows import Windows, cut_windows, window_length
-
-LONG = 20_000  # samples of all logs, beyond which a search begins in part of each
-PART = 12_000  # samples of that
 
 
 @dataclass(frozen=True)
@@ -62,11 +59,6 @@ class Case:
     def samples(self) -> int:
         """Number of samples of all logs."""
         return sum(e.samples for e in self.experiments)
-
-    @property
-    def is_long(self) -> bool:
-        """Whether a search is to begin in part of the logs."""
-        return self.samples > LONG
 
     @property
     def both(self) -> bool:

@@ -70,9 +70,9 @@ from ...family import (
     make_solution,
     scalars,
 )
+from ...mechanics.hydraulic_cylinder import EDGES, THETA
 from .block import HydraulicBlock
 from .case import Case, check_settled, make_case
-from .equations import EDGES, THETA
 from .gray_fit import fit_gray
 from .nearby import fall_slopes
 from .networks import LAYERS, NETWORKS, fit_networks, flow_view

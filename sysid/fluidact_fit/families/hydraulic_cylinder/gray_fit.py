@@ -11,26 +11,27 @@ from ...errors import Notice
 from ...estimation.named_model import Values, make_unknowns
 from ...estimation.noise import noise_floor
 from ...estimation.results import Refusal, Solved, determine, left_open, refuse
-from ...estimation.stribeck import STRIBECK, free_names, undetermined
-from ...estimation.uncertainty import enlarge
+from ...estimation.stribeck import STRIBECK, free_names, slowest_and_fastest, undetermined
 from ...experiment import Experiment, FloatArray
 from ...family import NoiseModel, Quantity, Solution, make_solution
 from ...mechanics.friction_law import FrictionLaw
-from .case import PART, Case
+from ...mechanics.hydraulic_cylinder import GRAY_NAMES, THETA
+from .case import Case
 from .command_noise import command_noise
-from .equations import GRAY_NAMES, THETA
 from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log
-from .gray_rise import find_rise
 from .gray_search import GrayProblem, GraySolution, moving_speeds, solve_gray_box
 from .nearby import Nearby
 from .options import HydraulicCylinderOptions
-from .regression import begin_flow, directional_gains, fit_friction, not_shown, sensible_widths
+from .regression import directional_gains, fit_flow, fit_friction, not_shown, sensible_widths
 from .simulation import simulate_runs
 
-_MARGIN = 1.5  # by which friction may fall more steeply than where the search for it ended
-_RISE = 4_000  # samples in which a Stribeck rise is looked for
-_ROUGH = 1e-3  # part of the cost: a fit from which a rise is looked for ends with steps below it
-_SHORTEST = 400  # samples of a part
+_PART = 4_000  # samples in which a search begins
+_MANY = 4  # times as many samples: of longer logs all searches begin in part of them
+_SHORTEST = 400  # samples of such a part of one log
+_SPEEDS = 6  # at which the search for a Stribeck rise begins
+_SHARES = (0.3, 0.6)  # of the dry friction that are Stribeck rise at first
+_ROUNDS = ((2, 4), (6, 2), (20, 1))  # steps from each start, and how many of them go on
+_MARGIN = 1.5  # by which friction may fall more steeply than where that search ended
 _CERTAIN = 0.3  # half-width of an interval of the bulk modulus that still says something
 
 
@@ -39,86 +40,84 @@ class _Search:
 
     def __init__(self, case: Case) -> None:
         self.case = case
-        first = begin_flow(case)
+        first = fit_flow(case, lenient=True)
         self.start, scales = _start(case, first.values)
         friction = make_unknowns(case.variant.parameters, (*scales,), scales, case.request)
         self.unknowns = {**first.unknowns, **friction}
-        logs = [make_gray_log(e, case.machine) for e in case.experiments]
-        self.fall = FrictionLaw.of(case.request.fixed).fall
-        self.viscous = scales["viscous"]
-        self.box = self._box_of(logs)
-        self.initial: list[FloatArray] | None = None  # where the last search in long logs ended
+        self.logs = [make_gray_log(e, case.machine) for e in case.experiments]
+        fall = FrictionLaw.of(case.request.fixed).fall
+        self.box = GrayBox.following(self.logs, case.machine, scales["viscous"], fall)
+        self.initial: list[FloatArray] | None = None
         self.sigma = _noise(case.experiments)
         self.low = free_names(case.options.stribeck == "estimate", case.request.fixed)
 
     def solve(self, held: Mapping[str, float]) -> GraySolution:
-        """Estimate what is not held, a Stribeck rise from several speeds."""
+        """Estimate what is not held, of long logs first in part of them."""
         low = [n for n in self.low if n not in held]
-        if not low or self.start.get("stribeck_speed"):
-            return self._refine(held, low)
-        first = self.start
-        many = self.case.samples > _RISE
-        box = self._part(_RISE) if many else self.box
-        plain = self._settle(box, {**held, **dict.fromkeys(low, 0.0)}, enough=_ROUGH)
-        found = find_rise(plain, first, low, held, self.case, near=many)
-        self.unknowns |= {u.name: u for u in found.problem.free}
-        self.start = found.values
-        self.fall = _MARGIN * FrictionLaw.of(found.values).fall
-        self.viscous = found.values["viscous"]
-        self.box = self._box_of(self.box.logs)
-        return self._refine(held, low, None if many else found.initial)
-
-    def _box_of(self, logs: Sequence[GrayLog]) -> GrayBox:
-        return GrayBox(logs, self.case.machine, self.viscous, fall=self.fall)
-
-    def _part(self, samples: int) -> GrayBox:
-        """Parts of long logs, each as long as its log's share of so many samples."""
-        share = samples / self.case.samples
-        lengths = [max(round(share * log.samples), _SHORTEST) for log in self.box.logs]
-        return self._box_of([p for log, n in zip(self.box.logs, lengths) for p in log.telling(n)])
-
-    def _refine(
-        self, held: Mapping[str, float], low: Sequence[str] = (),
-        initial: Sequence[FloatArray] | None = None,
-    ) -> GraySolution:  # fmt: skip
-        """Search from the last values, of long logs first in part of them."""
-        near = self.case.is_long and (self.initial is not None or self._begin_in_part(held, low))
-        solution = self._settle(self.box, held, low, self.initial or initial, near)
-        if self.case.is_long:
-            self.initial = solution.initial
+        part = [p for log in self.logs for p in log.pieces(self._share(log))]
+        if low and not self.start.get("stribeck_speed"):
+            plain = self._settle(part, {**held, **dict.fromkeys(low, 0.0)})
+            self._begin_rise(plain, low, held)
+        if self.initial is None and self.case.samples > _MANY * _PART:
+            self._settle(part, held, low)
+        solution = self._settle(self.logs, held, low, self.initial)
+        self.initial = solution.initial
         return solution
 
-    def _begin_in_part(self, held: Mapping[str, float], low: Sequence[str]) -> bool:
-        """Go where part of long logs leads to, from where the whole takes few steps.
-
-        A Stribeck rise has been found in a smaller part already. Returns whether it led anywhere.
-        """
-        before = self.start, self.sigma
-        self.case.request.progress("gray box: part of the logs")
-        if self._settle(self._part(PART), held, low, near=bool(low)).converged:
-            return True
-        self.start, self.sigma = before
-        return False
+    def _share(self, log: GrayLog) -> int:
+        return max(round(_PART / self.case.samples * log.samples), _SHORTEST)
 
     def _settle(
-        self, box: GrayBox, held: Mapping[str, float], low: Sequence[str] = (),
-        initial: Sequence[FloatArray] | None = None, near: bool = False, enough: float = 0.0,
+        self, logs: Sequence[GrayLog], held: Mapping[str, float], low: Sequence[str] = (),
+        initial: Sequence[FloatArray] | None = None,
     ) -> GraySolution:  # fmt: skip
         """Search from the last values; the weights follow the residuals."""
         free = [self.unknowns[n] for n in (*GRAY_NAMES, *low) if n not in held]
         begin = {**self.start, **held}
         for _ in range(3):
-            problem = GrayProblem(box, free, self.sigma)
-            solution = solve_gray_box(problem, begin, initial, near=near, enough=enough)
+            problem = GrayProblem(self.box, logs, free, self.sigma)
+            solution = solve_gray_box(problem, begin, initial)
             begin, initial = solution.values, solution.initial
             self.case.request.progress(
                 f"gray box: {solution.iterations} steps, weighted error {solution.cost:.6g}"
             )
-            old, self.sigma = self.sigma, _spread(box.logs, solution)
+            old, self.sigma = self.sigma, _spread(solution)
             if np.all(np.abs(self.sigma / old - 1.0) < 0.05):
                 break
         self.start = solution.values
         return solution
+
+    def _begin_rise(
+        self, plain: GraySolution, low: Sequence[str], held: Mapping[str, float]
+    ) -> None:
+        """Go to the best of several Stribeck speeds, from a fit without a rise.
+
+        Stick and slip make the output anything but linear in that speed; from a wrong one the
+        search ends in a minimum where the piston sticks at other times.
+        """
+        request = self.case.request
+        slowest, fastest = slowest_and_fastest(moving_speeds(plain))
+        dry = max(plain.values["coulomb"], self.unknowns["coulomb"].scale)
+        scales = {"stribeck": dry, "stribeck_speed": float(np.sqrt(slowest * fastest))}
+        limits = {"stribeck_speed": (0.5 * slowest, 2.0 * fastest)}
+        self.unknowns |= make_unknowns(self.case.variant.parameters, low, scales, request, limits)
+        free = [*plain.problem.free, *(self.unknowns[n] for n in low)]
+        problem = replace(plain.problem, free=free)
+        starts: list[tuple[Values, Sequence[FloatArray]]] = []
+        for speed in np.geomspace(slowest, fastest, _SPEEDS + 2)[1:-1]:
+            for share in _SHARES:
+                begin = {"stribeck": share * dry, "stribeck_speed": float(speed)}
+                begin = {n: request.start.get(n, held.get(n, begin[n])) for n in STRIBECK}
+                if "coulomb" not in held:
+                    begin["coulomb"] = (1.0 - share) * plain.values["coulomb"]
+                starts.append(({**plain.values, **begin}, plain.initial))
+        for steps, most in _ROUNDS:
+            ends = [solve_gray_box(problem, *s, max_iterations=steps) for s in starts]
+            ends.sort(key=lambda s: s.cost)
+            starts = [(s.values, s.initial) for s in ends[:most]]
+        self.start = ends[0].values
+        fall = _MARGIN * FrictionLaw.of(self.start).fall
+        self.box = GrayBox.following(self.logs, self.case.machine, self.start["viscous"], fall)
 
     def undetermined(self, solution: GraySolution) -> list[Refusal]:
         """The parameter whose interval says least, if it says nothing."""
@@ -150,7 +149,7 @@ class _Search:
         if "bulk_modulus" not in names or len(every) == len(names):
             return
         wide = replace(solution.problem, free=every)
-        again = solve_gray_box(wide, solution.values, solution.initial, max_iterations=0)
+        again = replace(solution, problem=wide, end=replace(solution.end, problem=wide))
         k = wide.names.index("bulk_modulus")
         half = 1.96 * float(np.sqrt(max(again.uncertainty.covariance[k, k], 0.0)))
         if not half <= _CERTAIN * solution.values["bulk_modulus"]:
@@ -189,11 +188,10 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
                 "supply pressure, or give --start values.",
             )
         )
-    variances, noise = command_noise(solution)
+    by_command, noise = command_noise(solution)
     solved = Solved(
-        solution.values, solution.problem.names,
-        enlarge(solution.uncertainty.covariance, variances), solution.uncertainty.degrees,
-        fixed, found.refused,
+        solution.values, solution.problem.names, solution.uncertainty.covariance + by_command,
+        solution.uncertainty.degrees, fixed, found.refused,
     )  # fmt: skip
     parameters, order, matrix = solved.quantities(case.variant.parameters)
     sigma = solution.problem.sigma.tolist()
@@ -220,7 +218,7 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
 def _slopes(solution: GraySolution) -> list[dict[str, FloatArray]]:
     """Derivatives of every measured channel of every log by the free parameters, ``(n, q)``."""
     out = []
-    for log, rows in zip(solution.problem.box.logs, solution.jacobian):
+    for log, rows in zip(solution.problem.logs, solution.jacobian):
         parts = rows.reshape(len(log.channels), log.samples, -1)
         sigma = solution.problem.sigma
         out.append({CHANNELS[c]: sigma[c] * part for c, part in zip(log.channels, parts)})
@@ -254,10 +252,10 @@ def _noise(experiments: Sequence[Experiment]) -> FloatArray:
     return np.array([max(values, default=1.0) for values in found])
 
 
-def _spread(logs: Sequence[GrayLog], solution: GraySolution) -> FloatArray:
+def _spread(solution: GraySolution) -> FloatArray:
     """Root mean square of the residuals of each channel over all logs [Pa, Pa, m]."""
     total, count = np.zeros(3), np.zeros(3)
-    for log, states in zip(logs, solution.states):
+    for log, states in zip(solution.problem.logs, solution.states):
         rows = list(log.channels)
         total[rows] += np.sum((log.measured - states.T[rows]) ** 2, axis=1)
         count[rows] += log.samples

@@ -11,7 +11,7 @@ from ...estimation.unmodelled_effects import slopes
 from ...experiment import Experiment, FloatArray
 from ...family import Plant, Simulate, Simulated
 from .case import read_machine
-from .gray_box import CHANNELS, GrayBox, GrayLog, mean_command
+from .gray_box import CHANNELS, GrayBox, mean_command
 from .gray_search import GraySolution, moving_speeds
 from .options import HydraulicCylinderOptions
 
@@ -44,32 +44,25 @@ class Nearby:
         self, plant: Plant[HydraulicCylinderOptions], experiments: Sequence[Experiment]
     ) -> list[Simulated]:
         """Simulate the fitted runs or their beginnings, in their order; see `.Family.simulate`."""
-        box = self.solution.problem.box
         plain = with_speed(plant.numbers, moving_speeds(self.solution))
-        machine = read_machine(plant.options, (1, 2))
-        other = GrayBox(box.logs, machine, plain["viscous"], box.segment)
-        other.steps = box.steps  # another step would be another error of integration
-        return [self._run(k, e, other, plain) for k, e in enumerate(experiments)]
+        box = replace(self.solution.problem.box, machine=read_machine(plant.options, (1, 2)))
+        return [self._run(k, e, box, plain) for k, e in enumerate(experiments)]
 
     def _run(self, k: int, e: Experiment, box: GrayBox, values: Mapping[str, float]) -> Simulated:
-        sigma, old, n = self.solution.problem.sigma, box.logs[k], e.samples
+        problem, n = self.solution.problem, e.samples
         states = self.solution.states[k][:n]
-        log = GrayLog(
-            mean_command(e), old.step[: n - 1], old.channels, old.measured[:, :n], old.guess[:n]
-        )
+        log = replace(problem.logs[k].cut(0, n), command=mean_command(e))
         change = (box.simulate(log, states[0], values) - states).T[: len(CHANNELS)]
-        channels = list(log.channels)
-        seen = (change[channels] / sigma[channels, None]).ravel()
-        kept = without(self._basis(k, n), seen).reshape(len(channels), -1)
-        change[channels] = kept * sigma[channels, None]
+        channels, basis = list(log.channels), self._basis(k, n)
+        kept = without(basis, problem.weighted(log, change.T)).reshape(len(channels), -1)
+        change[channels] = kept * problem.sigma[channels, None]
         found = dict(zip(CHANNELS, states.T[: len(CHANNELS)] + change))
         return Simulated(found.pop(CHANNELS[-1]), also=found)
 
     def _basis(self, k: int, samples: int) -> FloatArray:
         """What the initial states of a run can say of its first samples, orthonormal."""
         whole = self.solution.start_basis[k]
-        channels = len(self.solution.problem.box.logs[k].channels)
-        parts = whole.reshape(channels, -1, whole.shape[1])
-        if samples == parts.shape[1]:
+        if samples == self.solution.problem.logs[k].samples:
             return whole
+        parts = whole.reshape(-1, self.solution.problem.logs[k].samples, whole.shape[1])
         return orthonormal(parts[:, :samples].reshape(-1, whole.shape[1]))

@@ -12,8 +12,8 @@ from ...estimation.named_model import Values
 from ...experiment import BoolArray, FloatArray
 from ...family import Curve, Quantity, StaticView, Value, scalars
 from ...mechanics.friction_law import FrictionLaw
+from ...mechanics.hydraulic_cylinder import EDGES, chamber_flow
 from .case import Case
-from .equations import EDGES, chamber_flow
 from .windows import Windows
 
 NETWORKS = ("flow_1", "flow_2", "friction")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...errors import LogError, NotIdentifiedError
+from ...errors import LogError
 from ...estimation.named_model import NamedModel, Values, make_unknowns
 from ...estimation.parametric import Fitted, fit_named
 from ...estimation.problem import Basis, Unknown
@@ -16,8 +16,8 @@ from ...estimation.uncertainty import covariance, t_quantile
 from ...experiment import FloatArray
 from ...family import Quantity
 from ...mechanics.friction_law import FrictionLaw
-from .case import PART, Case
-from .equations import LOSSES
+from ...mechanics.hydraulic_cylinder import LOSSES
+from .case import Case
 from .windows import Windows
 
 GAIN_UNIT = "m3/(s V Pa^0.5)"
@@ -97,18 +97,6 @@ def _levels(case: Case, chamber: int, sign: float) -> FloatArray:
 def _one_level(size: FloatArray) -> bool:
     """Whether there is only one size of command."""
     return bool(size.size and np.quantile(size, 0.95) < 1.2 * np.quantile(size, 0.05))
-
-
-def begin_flow(case: Case) -> Fitted:
-    """Where a search may begin: the flow over the liveliest windows of long logs."""
-    if case.is_long:
-        share = PART / case.samples
-        part = [w.liveliest(round(share * w.pressure.size)) for w in case.windows]
-        try:
-            return fit_flow(case, lenient=True, windows=part)
-        except NotIdentifiedError:  # the others may tell
-            pass
-    return fit_flow(case, lenient=True)
 
 
 def fit_flow(case: Case, lenient: bool, windows: Sequence[Windows] | None = None) -> Fitted:

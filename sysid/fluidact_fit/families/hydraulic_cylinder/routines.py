@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...mechanics.friction_law import FrictionLaw
+from ...mechanics.hydraulic_cylinder import LOSSES, Machine, chamber_flow
 from ...routines import (
     Argument,
     Draft,
@@ -24,7 +25,6 @@ from ...routines import (
     minimum,
     sqrt,
 )
-from .equations import LOSSES, Machine, chamber_flow
 from .networks import Network
 
 _LEAST = 1e-3  # of the supply pressure has to be left to find a command for a speed

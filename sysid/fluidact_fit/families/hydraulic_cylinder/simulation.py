@@ -16,12 +16,12 @@ from ...estimation.named_model import Values
 from ...experiment import Experiment, FloatArray, Signal
 from ...family import Plant, Simulated
 from ...mechanics.friction_law import FrictionLaw
+from ...mechanics.hydraulic_cylinder import Machine
 from .case import check_volumes, read_machine
-from .equations import Machine, gray_values, mean_flow
 from .gray_box import CHANNELS, GrayBox, GrayLog, make_gray_log, mean_command
 from .gray_search import GrayProblem, solve_gray_box
 from .options import HydraulicCylinderOptions
-from .windows import cut_windows
+from .windows import cut_windows, mean_flow
 
 _NAME = "hydraulic-cylinder"
 
@@ -92,21 +92,21 @@ def _all_states(
     e: Experiment, machine: Machine, values: Values, options: HydraulicCylinderOptions
 ) -> FloatArray:
     """States of the gray box, ``(n, 4)``; the first is fitted where there is a position."""
-    fall = FrictionLaw.of(values).fall
+    fall, viscous = FrictionLaw.of(values).fall, values["viscous"]
     if "position" in e:
-        box = GrayBox([make_gray_log(e, machine)], machine, values["viscous"], fall=fall)
+        log = make_gray_log(e, machine)
         sigma = np.array([getattr(options, f"residual_{c}") or 1.0 for c in CHANNELS])
-        problem = GrayProblem(box, (), sigma)
-        solution = solve_gray_box(problem, gray_values(values), near=problem.is_long)
-        return solution.states[0]
+        box = GrayBox.following([log], machine, viscous, fall)
+        return solve_gray_box(GrayProblem(box, [log], (), sigma), values).states[0]
     rest = machine.at_rest(options.rest_position or 0.0)
     log = GrayLog(
         mean_command(e), np.diff(e.time), (), np.zeros((0, e.samples)),
         np.tile(rest, (e.samples, 1)),
     )  # fmt: skip
-    box = GrayBox([log], machine, values["viscous"], fall=fall)
-    states = box.simulate(log, rest, values)
-    _require_oil(e, machine, states[:, 2], [box.least_volume(i, values) for i in (1, 2)])
+    box = GrayBox.following([log], machine, viscous, fall)
+    states, step = box.simulate(log, rest, values), float(np.max(log.step))
+    least = [box.least_volume(i, step, values) for i in (1, 2)]
+    _require_oil(e, machine, states[:, 2], least)
     return states
 
 

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ...estimation.named_model import Values
 from ...estimation.noise import noise_floor
 from ...experiment import Array, BoolArray, Experiment, FloatArray
-from .equations import Machine, mean_flow
+from ...mechanics.hydraulic_cylinder import Machine, chamber_flow
 
 _LEAST_DROP = 0.04  # of supply above tank: below it the piston stands at the end of its stroke
 _STEADY = 0.01 * 0.7e9 / 0.5  # Pa/m: 1 % of the motion, compressing half a metre of oil of 0.7 GPa
@@ -58,24 +58,6 @@ class Windows:
         names = ("first", "last", "duration", "motion", "swelling")
         return replace(self, **{n: getattr(self, n)[rows] for n in names})
 
-    def liveliest(self, samples: int) -> Windows:
-        """Windows in a row over so many samples through which most flows, of that part of the log.
-
-        All where there are no more.
-        """
-        if self.pressure.size <= samples:
-            return self
-        flow = np.append(0.0, np.cumsum(np.abs(self.motion * self.duration)))
-        after = np.searchsorted(self.last, self.first + samples)  # windows that end within
-        k = int(np.argmax(flow[after] - flow[:-1]))
-        kept = self.chosen(slice(k, max(int(after[k]), k + 1)))
-        begin, end = int(kept.first[0]), int(kept.last[-1])
-        return replace(
-            kept, first=kept.first - begin, last=kept.last - begin,
-            command=self.command[begin:end], step=self.step[begin:end],
-            pressure=self.pressure[begin : end + 1],
-        )  # fmt: skip
-
     def mean(self, per_interval: Array) -> Array:
         """Time average of a value per interval of the log over every window."""
         total = np.concatenate(([0.0], np.cumsum(per_interval * self.step)))
@@ -100,6 +82,15 @@ class Windows:
         flow = self.flow(values, machine)
         beta = values.get("bulk_modulus")
         return flow if beta is None else flow + self.swelling / beta
+
+
+def mean_flow(
+    chamber: int, command: Array, pressure: Array, values: Values, machine: Machine
+) -> Array:
+    """`chamber_flow` over the intervals between ``(n,)`` pressures, mean of that at both ends."""
+    ends = pressure[:-1], pressure[1:]
+    before, after = (chamber_flow(chamber, command, p, values, machine) for p in ends)
+    return 0.5 * (before + after)
 
 
 def window_length(experiments: Sequence[Experiment]) -> float:

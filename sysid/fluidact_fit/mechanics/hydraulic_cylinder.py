@@ -1,18 +1,33 @@
-"""Equations of the valve and its two chambers, and what is given of the machine.
+"""Equations of a servo valve, its two chambers and the piston, and what is given of the machine.
 
-Numbers of equations are those of the paper that :mod:`.family` names.
+    M y'' = p1 A1 - p2 A2 - B y' - (F_c + F_s exp(-(|y'| / v_s)^2)) sgn(y')            (1)
+    p1' =  beta / (V1 + A1 y) (Q1 - A1 y')                                             (2)
+    p2' = -beta / (V2 - A2 y) (Q2 - A2 y')                                             (3)
+    Q1 = K1 u sqrt(p_s - p1 - l1), u >= 0;  K1 u sqrt(p1 - p_0 - l3), u < 0
+    Q2 = K2 u sqrt(p2 - p_0 - l4), u >= 0;  K2 u sqrt(p_s - p2 - l2), u < 0            (4)
+    l = r |Q|
+
+with ``u`` the command beyond the dead zone of the valve. The equations are those of [1]_ with its
+typing errors corrected, which ``docs/theory/hydraulic-cylinder.md`` lists.
+
+References
+----------
+.. [1] "A hydraulic actuator model using feedforward neural networks", 25th ABCM
+   International Congress of Mechanical Engineering (COBEM), 2019, equations 1 to 9, table 1.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ...estimation.inputs import beyond_dead_zone
-from ...estimation.named_model import Values
-from ...estimation.stribeck import EXPONENT, STRIBECK
-from ...experiment import Array, BoolArray, FloatArray
+from ..estimation.inputs import beyond_dead_zone
+from ..estimation.named_model import Values
+from ..estimation.stribeck import EXPONENT, STRIBECK
+from ..experiment import Array, BoolArray, FloatArray
+from .coupled import CoupledSystem
 
 EDGES = ("dead_zone_negative", "dead_zone_positive")
 GRAY_NAMES = (
@@ -25,10 +40,8 @@ LOSSES = {1: ("line_loss_1", "line_loss_3"), 2: ("line_loss_4", "line_loss_2")}
 SIGN = {1: 1.0, 2: -1.0}  # of the motion that makes a chamber larger
 
 
-def gray_values(values: Values) -> dict[str, float]:
-    """What the gray box needs of the parameters of a file, with a Stribeck rise if there is one."""
-    absent = {**dict.fromkeys(STRIBECK, 0.0), EXPONENT: 2.0}
-    return {n: float(values.get(n, absent[n]) if n in absent else values[n]) for n in THETA}
+_GIVEN = ("area_1", "area_2", "dead_volume_1", "dead_volume_2", "mass", "supply", "tank")
+_ROUND = 1e4  # Pa: pressure drop below which the square root of an orifice is rounded off
 
 
 @dataclass(frozen=True)
@@ -138,10 +151,61 @@ def chamber_flow(
     return orifice_flow(beyond, drop, values[f"valve_gain_{chamber}"], loss)
 
 
-def mean_flow(
-    chamber: int, command: Array, pressure: Array, values: Values, machine: Machine
-) -> Array:
-    """`chamber_flow` over the intervals between ``(n,)`` pressures, mean of that at both ends."""
-    ends = pressure[:-1], pressure[1:]
-    before, after = (chamber_flow(chamber, command, p, values, machine) for p in ends)
-    return 0.5 * (before + after)
+def parameter_vector(values: Values, machine: Machine) -> FloatArray:
+    """Parameters of :data:`SYSTEM`, ``(p,)``; a file without a Stribeck rise has none."""
+    absent = {**dict.fromkeys(STRIBECK, 0.0), EXPONENT: 2.0}
+    numbers = {n: float(values.get(n, absent[n]) if n in absent else values[n]) for n in THETA}
+    if numbers["stribeck_speed"] <= 0.0:  # no rise, whatever its speed
+        numbers |= {"stribeck": 0.0, "stribeck_speed": 1.0}
+    return np.array([*numbers.values(), *(getattr(machine, n) for n in _GIVEN)], dtype=float)
+
+
+def _named(p: Any) -> dict[str, Any]:
+    """Parameters of :data:`SYSTEM` by name."""
+    return {n: p[k] for k, n in enumerate((*THETA, *_GIVEN))}
+
+
+def _push(x: Any, p: Any) -> Any:
+    v = _named(p)
+    return x[0] * v["area_1"] - x[1] * v["area_2"]
+
+
+def _level_at_rest(p: Any) -> Any:
+    v = _named(p)
+    return v["coulomb"] + v["stribeck"]
+
+
+def _rates(x: Any, u: Any, p: Any, way: Any) -> list[Any]:
+    """Equations 1 to 4 as CasADi expressions; the states are p1, p2, y and y'."""
+    import casadi as ca
+
+    v = _named(p)
+    beyond = ca.fmax(u - v["dead_zone_positive"], 0.0) + ca.fmin(u - v["dead_zone_negative"], 0.0)
+    extending = beyond >= 0.0
+    sign = ca.if_else(extending, 1.0, -1.0)
+
+    def flow(chamber: int, pressure: Any) -> Any:
+        drops = v["supply"] - pressure, pressure - v["tank"]
+        drop = ca.if_else(extending, *(drops if chamber == 1 else reversed(drops)))
+        loss = ca.if_else(extending, *(v[name] for name in LOSSES[chamber]))
+        k = v[f"valve_gain_{chamber}"] * beyond * sign
+        # without loss the root has an infinite slope at zero drop: rounded off below 0.1 bar
+        size = ca.sqrt(drop * drop + _ROUND**2)
+        return sign * 2.0 * k * drop / (k * loss + ca.sqrt((k * loss) ** 2 + 4.0 * size))
+
+    p1, p2, y, speed = (x[k] for k in range(4))
+    volume_1 = v["dead_volume_1"] + v["area_1"] * y
+    volume_2 = v["dead_volume_2"] - v["area_2"] * y
+    slow = ca.fabs(speed) / v["stribeck_speed"]
+    level = v["coulomb"] + v["stribeck"] * ca.exp(-(slow ** v[EXPONENT]))
+    slipping = (_push(x, p) - v["viscous"] * speed - level * way) / v["mass"]
+    return [
+        v["bulk_modulus"] / volume_1 * (flow(1, p1) - v["area_1"] * speed),
+        -v["bulk_modulus"] / volume_2 * (flow(2, p2) - v["area_2"] * speed),
+        speed,
+        ca.if_else(way == 0.0, 0.0, slipping),
+    ]
+
+
+SYSTEM = CoupledSystem(4, len(THETA) + len(_GIVEN), 3, _rates, _push, _level_at_rest)
+"""States p1, p2 [Pa], y [m] and y' [m/s]; the input is the command [V]."""
