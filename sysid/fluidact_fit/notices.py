@@ -372,11 +372,6 @@ _FAMILIES = {
         "Another law of friction over speed, with as many unknowns, fits as well or better.",
         "Use the law within the speeds of the logs only; record steady strokes at more speeds.",
     ),
-    "gray-box-left-out": _warning(
-        "The equations of pressure and motion cannot follow the logs, so the gains and losses "
-        "come from the plateaus alone.",
-        "Record both pressures at 1 kHz; check mass, dead volumes and supply pressure.",
-    ),
     "inertia-matters": _warning(
         "Inertia is a large part of the force in most samples and was not subtracted.",
         "Weigh the moving parts and give `--mass`.",

@@ -31,6 +31,7 @@ from fluidact_fit.experiment import FloatArray
 from fluidact_fit.families.hydraulic_cylinder.gray_box import GrayBox, GrayLog
 from fluidact_fit.families.spring_cylinder.equation import SpringLaw
 from fluidact_fit.mechanics.friction_law import FrictionLaw
+from fluidact_fit.mechanics.hydraulic_cylinder import Machine, chamber_flow
 from fluidact_fit.result import FitResult
 from fluidact_fit.routines import Machine as Interpreter
 

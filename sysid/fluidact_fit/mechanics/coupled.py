@@ -90,9 +90,9 @@ def motion(
 ) -> Any:
     """CasADi function that follows a system over a row of samples, ``steps`` to each.
 
-    ``(z, [u; h], p) -> z`` after every sample, with ``u`` held over a sample of ``h`` seconds. ``z``
-    holds the states and, unless ``free`` is ``None``, column by column their derivatives by the
-    initial state and by those parameters. The variational equations run through the same
+    ``(z, [u; h], p) -> z`` after every sample, with ``u`` held over a sample of ``h`` seconds.
+    ``z`` holds the states and, unless ``free`` is ``None``, column by column their derivatives by
+    the initial state and by those parameters. The variational equations run through the same
     Runge-Kutta scheme, which makes them its exact derivative.
     """
     import casadi as ca
@@ -133,7 +133,7 @@ class _Step:
     def through(self) -> Any:
         """One step through whatever events lie in it, ``(z, u, t, p) -> z``."""
         ca, begin = self.ca, self._begin
-        args = z, u, time, p, way = self._arguments(ca.MX)
+        args = z, u, time, p, _ = self._arguments(ca.MX)
         trial = ca.MX.sym("trial", self.size)
         keep = ca.Function("keep", [*args, trial], [trial])
         # where one event follows the other, it rests for what is left

@@ -18,7 +18,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -95,10 +95,6 @@ class Machine:
         """Whether the gray box can be simulated."""
         given = (self.area_1, self.area_2, self.dead_volume_1, self.dead_volume_2, self.mass)
         return all(v is not None for v in given)
-
-    def plain(self) -> Machine:
-        """The machine without mass and volumes: what the plateaus alone use."""
-        return replace(self, dead_volume_1=None, dead_volume_2=None, mass=None)
 
     def at_rest(self, position: float) -> FloatArray:
         """Pressures, position and speed at rest with the valve closed, ``(4,)``.

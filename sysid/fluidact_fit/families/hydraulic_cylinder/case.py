@@ -165,8 +165,6 @@ def make_case(
     chambers = tuple(i for i in (1, 2) if any(f"pressure_{i}" in e for e in experiments))
     machine = read_machine(request.options, chambers)
     check_volumes(machine, experiments)
-    if request.options.stage == "plateaus":
-        machine = machine.plain()
     window = request.options.window or window_length(experiments)
     return Case(variant, experiments, request, machine, chambers, window)
 

@@ -1,10 +1,7 @@
 """Noise on the logged command of a gray box, and what it does to the estimates.
 
-A simulation takes its input for exact. Where the logged command is a reading rather than the number
-that the controller sent, its noise passes through valve and oil and ends as a random walk of the
-position, most of which the fit absorbs: gains and dead zone scatter several times as far as
-the residuals show. A controller that closes a loop over a noisy position sends a noisy command,
-and then the log is right.
+A reading of the command carries noise that the machine did not see; a controller that closes a
+loop over a noisy position sends its noise. See ``docs/theory/hydraulic-cylinder.md``.
 """
 
 from __future__ import annotations

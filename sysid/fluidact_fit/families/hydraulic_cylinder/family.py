@@ -1,41 +1,11 @@
 """Servo-hydraulic cylinder: valve gains, line losses, bulk modulus, dead zone, friction.
 
-    M y'' = p1 A1 - p2 A2 - B y' - F_c sgn(y')                             (1)
-            - F_s exp(-(y' / v_s)^2) sgn(y')  with ``--stribeck``
-    p1' =  beta / (V1 + A1 y) (Q1 - A1 y')                                 (2)
-    p2' = -beta / (V2 - A2 y) (Q2 - A2 y')                                 (3)
-    Q1 = K1 u sqrt(p_s - p1 - l1), u >= 0;  K1 u sqrt(p1 - p_0 - l3), u < 0
-    Q2 = K2 u sqrt(p2 - p_0 - l4), u >= 0;  K2 u sqrt(p_s - p2 - l2), u < 0    (4)
-    l = r |Q|
-
-with ``u`` the command beyond the dead zone of the valve. The equations are those of [1]_ with
-its typing errors corrected:
-
-- Equation 5 writes ``f = beta / (v + A y)`` with a dot, and (6) repeats it; ``f`` is a
-  shorthand and no derivative (the units of (2) and (6) agree only without the dot).
-- Equation 8 has ``M y'`` where Newton's law and equation 1 have ``M y''``.
-- Table 1 gives ``l = r Q`` with the sign of the flow. For ``u < 0`` both flows are negative and
-  the loss would drive them; a loss brakes, so ``l = r |Q|``. The flow is then implicit and is
-  solved in closed form: ``Q = sgn(u) (-k^2 r + sqrt(k^4 r^2 + 4 k^2 dp)) / 2``, ``k = K |u|``.
-- Table 1 gives ``K_v`` in m3/(s sqrt(Pa)); the catalogue's rated flow (24 l/min at 70 bar and
-  10 V) gives the same number per volt, and only so do the units of (4) agree.
-- Equation 9 trains a network on the flow per volt, which is 0/0 at zero command;
-  ``--flow mlp`` trains on the flow.
-
-What is estimated follows from what is given. Areas and supply pressure give gains, losses
-and dead zone from the plateaus; the dead volumes add the bulk modulus; the mass adds the gray
-box, in which all four states are simulated and compared with both pressures and the position.
-The option ``stage`` of the file says which it was.
+The equations are those of :mod:`fluidact_fit.mechanics.hydraulic_cylinder`; derivations and what is
+fitted when are in ``docs/theory/hydraulic-cylinder.md``.
 
 A run without position is simulated from rest at the mean position of the fitted logs: the gray
 box from the command alone and from the pressures of a leaking closed valve, the others from
 command and pressure.
-
-References
-----------
-.. [1] "A hydraulic actuator model using feedforward neural networks", 25th ABCM
-   International Congress of Mechanical Engineering (COBEM), 2019, equations 1 to 9, table 1.
-.. [2] J. Watton, Fundamentals of Fluid Power Control, 2012.
 """
 
 from __future__ import annotations
@@ -182,14 +152,7 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         """Fit the cylinder; see :meth:`Family.estimate`."""
         check_request(variant.parameters, request)
         case = make_case(variant, experiments, request)
-        stage = _stage(case)
-        found = _by_gray_box(case) if stage == "gray-box" else None
-        if found is None and stage == "gray-box":
-            plain = replace(case, machine=case.machine.plain())
-            found = _by_flow_balance(plain, "plateaus", [_left_out(case)])
-            case = plain
-        elif found is None:
-            found = _by_flow_balance(case, stage)
+        found = fit_gray(case) if _is_gray_box(case) else _by_flow_balance(case)
         layers, tables = fit_networks(case, scalars(found.values))
         return replace(
             found,
@@ -253,17 +216,17 @@ class HydraulicCylinder(Family[HydraulicCylinderOptions]):
         return HydraulicBlock(document, variant)
 
 
-def _stage(case: Case) -> str:
-    """What to fit: as the file says, else as much as is given and was recorded."""
-    complete = case.machine.complete and case.chambers == (1, 2)
-    stage = case.options.stage or ("gray-box" if complete else "flow-balance")
-    if stage != "gray-box":
-        return stage
-    if not complete:
+def _is_gray_box(case: Case) -> bool:
+    """Whether to fit all states: as the file says, else if as much is given and was recorded."""
+    if case.options.stage == "flow-balance" or not case.machine.complete:
+        return False
+    if not case.both:
+        if case.options.stage is None:
+            return False
         raise NotIdentifiedError(
-            "the file's pressure dynamics cannot be fitted to logs of one chamber",
+            "the file's pressure dynamics cannot be fitted to logs of one pressure each",
             expected="Expected pressure_1 and pressure_2.",
-            remedy="Record both pressures.",
+            remedy="Record both pressures in every log.",
         )
     slow = max(e.sample_time for e in case.experiments)
     if slow > _SLOWEST and "bulk_modulus" not in case.request.fixed:
@@ -271,40 +234,17 @@ def _stage(case: Case) -> str:
             case.variant.parameter("bulk_modulus"),
             f"the logs are sampled every {slow * 1e3:.3g} ms, too slowly to follow the pressures.",
         )
-    return stage
+    return True
 
 
-def _by_gray_box(case: Case) -> Solution[HydraulicCylinderOptions] | None:
-    """All states; None where the equations cannot follow the logs at all."""
-    try:
-        return fit_gray(case)
-    except (np.linalg.LinAlgError, NotIdentifiedError) as error:
-        if case.options.stage or (case.both and isinstance(error, NotIdentifiedError)):
-            raise
-        return None
-
-
-def _left_out(case: Case) -> Notice:
-    missing = "" if case.both else " Each log holds the pressure of one chamber only."
-    return Notice(
-        "gray-box-left-out",
-        "with the given mass and dead volumes the equations of pressure and motion "
-        f"cannot follow these logs.{missing} Gains and losses are those of the plateaus; "
-        "mass and volumes are not used. Record both pressures in every log, at 1 kHz, "
-        "and check volumes, mass and whether the supply pressure is steady.",
-    )
-
-
-def _by_flow_balance(
-    case: Case, stage: str, notices: Sequence[Notice] = ()
-) -> Solution[HydraulicCylinderOptions]:
-    """Flow balance over windows, friction beside it; ``notices`` come first."""
+def _by_flow_balance(case: Case) -> Solution[HydraulicCylinderOptions]:
+    """Flow balance over windows, friction beside it."""
     from scipy.linalg import block_diag
 
     low = free_names(case.options.stribeck == "estimate", case.request.fixed)
     first, rows, specs = fit_flow(case, lenient=False), case.friction, case.variant.parameters
     parameters, order, matrix = first.quantities(specs)
-    notices = [*notices, *first.notices]
+    notices = [*first.notices]
     if rows.speed.size >= 4 and rows.moving.sum() >= 4:
         friction = fit_friction(case)
         more, names, block = friction.quantities(specs)
@@ -333,7 +273,10 @@ def _by_flow_balance(
     ]
     gains = directional_gains(case, {n: q.number for n, q in parameters.items()})
     options = replace(
-        case.options, stage=stage, window=case.window, rest_position=case.rest_position
+        case.options,
+        stage="flow-balance",
+        window=case.window,
+        rest_position=case.rest_position,
     )
     return make_solution(
         simulate_runs, case.experiments, case.variant, options, parameters, order,

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...errors import Notice
+from ...errors import Notice, NotIdentifiedError
 from ...estimation.named_model import Values, make_unknowns
 from ...estimation.noise import noise_floor
 from ...estimation.results import Refusal, Solved, determine, left_open, refuse
@@ -77,6 +77,13 @@ class _Search:
         for _ in range(3):
             problem = GrayProblem(self.box, logs, free, self.sigma)
             solution = solve_gray_box(problem, begin, initial)
+            if not np.isfinite(solution.cost):
+                raise NotIdentifiedError(
+                    "the equations of pressure and motion cannot follow these logs",
+                    expected="Nothing was written.",
+                    remedy="Check areas, volumes, mass and whether the supply pressure is steady; "
+                    "or leave out --mass: gains then follow from the balance of the flows.",
+                )
             begin, initial = solution.values, solution.initial
             self.case.request.progress(
                 f"gray box: {solution.iterations} steps, weighted error {solution.cost:.6g}"
@@ -206,7 +213,7 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
         simulate_near=Nearby(solution), derived={**gains, **_resonance(case, solved)},
         notices=notices,
         details={
-            "method": "gray-box output error of pressures and position (multiple shooting)",
+            "method": "gray-box output error of pressures and position",
             "iterations": solution.iterations,
             "converged": solution.converged,
             "covariance": "long-run variance of the scores",

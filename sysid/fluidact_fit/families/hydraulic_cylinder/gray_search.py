@@ -206,6 +206,7 @@ def _descend(begin: _Point, max_iterations: int) -> GraySolution:
         values = {**begin.values, **dict(zip(names, x[:p].tolist()))}
         return _Point(problem, values, list(x[p:].reshape(-1, 4)))
 
+    @np.errstate(all="ignore")  # a simulation that has run away
     def slopes(point: _Point) -> tuple[FloatArray, FloatArray]:
         gradient, curvature = np.zeros(size.size), np.zeros((size.size, size.size))
         for k, (j, log, states) in enumerate(zip(point.jacobians, problem.logs, point.states)):

@@ -8,7 +8,7 @@ from typing import Any
 from ...estimation.stribeck import stribeck_choice
 from ...options import FamilyOptions, choice, number, settled
 
-STAGES = ("gray-box", "flow-balance", "plateaus")
+STAGES = ("gray-box", "flow-balance")
 
 
 def _given(help: str, unit: str) -> Any:
@@ -47,8 +47,8 @@ class HydraulicCylinderOptions(FamilyOptions):
     stribeck: str = stribeck_choice()
     stage: str | None = settled(
         "choice",
-        "what was fitted: all states, the flow over short windows with the compression of the oil "
-        "where its volume is given, or the flow over plateaus with mass and volumes left aside",
+        "what was fitted: all states, or the flow over short windows with the compression of the "
+        "oil where its volume is given",
         choices=STAGES,
     )
     window: float | None = _found("length of the windows over which the flow is compared", "s")

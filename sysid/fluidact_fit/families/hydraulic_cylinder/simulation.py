@@ -58,8 +58,6 @@ def simulate_run(e: Experiment, values: Values, options: HydraulicCylinderOption
         states = _all_states(e, machine, values, options)
         also = {role: states[:, c] for c, role in enumerate(CHANNELS[:2])}
         return Simulated(states[:, 2], also=also)
-    if options.stage == "plateaus":
-        machine = machine.plain()
     chambers = [i for i in known if f"pressure_{i}" in e]
     if not chambers:
         raise _no_pressure(e, known)

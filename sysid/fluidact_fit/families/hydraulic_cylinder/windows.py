@@ -1,10 +1,4 @@
-"""Flow balance over short windows.
-
-    A1 dy + (1/beta) int (V1 + A1 y) dp1 = int Q1(u, p1) dt
-    A2 dy - (1/beta) int (V2 - A2 y) dp2 = int Q2(u, p2) dt
-
-which needs no derivative of a noisy pressure.
-"""
+"""Windows of the logs over which the flow balances; see ``docs/theory/hydraulic-cylinder.md``."""
 
 from __future__ import annotations
 
