@@ -77,13 +77,6 @@ class _Search:
         for _ in range(3):
             problem = GrayProblem(self.box, logs, free, self.sigma)
             solution = solve_gray_box(problem, begin, initial)
-            if not np.isfinite(solution.cost):
-                raise NotIdentifiedError(
-                    "the equations of pressure and motion cannot follow these logs",
-                    expected="Nothing was written.",
-                    remedy="Check areas, volumes, mass and whether the supply pressure is steady; "
-                    "or leave out --mass: gains then follow from the balance of the flows.",
-                )
             begin, initial = solution.values, solution.initial
             self.case.request.progress(
                 f"gray box: {solution.iterations} steps, weighted error {solution.cost:.6g}"
@@ -181,10 +174,18 @@ def fit_gray(case: Case) -> Solution[HydraulicCylinderOptions]:
     search = _Search(case)
     fixed = {n: float(v) for n, v in case.request.fixed.items() if n in THETA}
     specs = {s.name: s for s in case.variant.parameters}
-    found = determine(
-        search.solve, search.undetermined, specs, fixed=fixed,
-        refusals=not_shown(case, dynamic=True),
-    )  # fmt: skip
+    try:
+        found = determine(
+            search.solve, search.undetermined, specs, fixed=fixed,
+            refusals=not_shown(case, dynamic=True),
+        )  # fmt: skip
+    except np.linalg.LinAlgError as error:
+        raise NotIdentifiedError(
+            "the equations of pressure and motion cannot follow these logs",
+            expected="Nothing was written.",
+            remedy="Check areas, volumes, mass and whether the supply pressure is steady; or leave "
+            "out --mass: gains then follow from the balance of the flows.",
+        ) from error
     solution, notices = found.solution, found.notices
     search.check_bulk_modulus(solution)
     if not solution.converged:

@@ -186,12 +186,20 @@ def solve_gray_box(
 
     Noise of the pressures may put a piston that sticks beyond its friction; it then slips in the
     simulation, and no small step of the search brings it back. Rest is therefore tried as well.
+
+    Raises
+    ------
+    LinAlgError
+        Where no simulation follows the logs.
     """
     moving = list(initial or [log.guess[0] for log in problem.logs])
     starts = [_Point(problem, dict(start), x) for x in (moving, _rested(problem, moving))]
     if problem.free:
         starts = [min(starts, key=lambda s: s.cost)]
-    return min((_descend(s, max_iterations) for s in starts), key=lambda s: s.cost)
+    found = min((_descend(s, max_iterations) for s in starts), key=lambda s: s.cost)
+    if not np.isfinite(found.cost):
+        raise np.linalg.LinAlgError("the simulation leaves every measured range")
+    return found
 
 
 def _descend(begin: _Point, max_iterations: int) -> GraySolution:
@@ -224,8 +232,7 @@ def _descend(begin: _Point, max_iterations: int) -> GraySolution:
         (np.append(low / scales, -open_end), np.append(high / scales, open_end)),
         rows=problem.rows, tolerance=_TOLERANCE, max_iterations=max_iterations,
     )  # fmt: skip
-    settled = found.converged and bool(np.isfinite(found.point.cost))
-    return GraySolution(problem, found.point, found.iterations, settled)
+    return GraySolution(problem, found.point, found.iterations, found.converged)
 
 
 def _rested(problem: GrayProblem, initial: Sequence[FloatArray]) -> list[FloatArray]:
